@@ -1,0 +1,1 @@
+"""Samples and robots: simulated and measured data sets, and the reader for one's own."""

@@ -1,0 +1,1 @@
+"""Robots: URDF files and the reader that turns one into a frozen `Robot`."""

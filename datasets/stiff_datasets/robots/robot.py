@@ -1,0 +1,165 @@
+"""URDF -> `Robot`, through Pinocchio."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.resources import as_file, files
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from stiff_protocols.errors import DataError
+from stiff_protocols.types import FloatArray, JointType, Robot
+
+logger = logging.getLogger(__name__)
+
+LONGEST_TCP_M = 5.0
+"""No tool is longer; a larger number was written in mm."""
+
+
+@dataclass(frozen=True)
+class ChainModel:
+    """Pinocchio's model of a serial chain.
+
+    Attributes:
+        model: Pinocchio model, fixed base.
+        name: name of the robot.
+        tcp: (3,) tool centre point in the last joint's frame, m.
+    """
+
+    model: pin.Model
+    name: str
+    tcp: FloatArray
+
+
+def read_chain(urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0)) -> ChainModel:
+    """Read a URDF whose moving joints form one serial chain.
+
+    Args:
+        urdf: the file; its meshes are not needed.
+        tcp: (3,) tool centre point in the frame of the URDF's last link, m.
+
+    Raises:
+        DataError: the file is no URDF, or its joints are no single serial chain.
+    """
+    model = _parse(urdf)
+    if model.njoints < 2:
+        raise DataError(f"{urdf}: no moving joint; a stiffness model needs at least one")
+    for joint in range(1, model.njoints):
+        if model.parents[joint] != joint - 1:
+            raise DataError(
+                f"{urdf}: joint {model.names[joint]!r} branches off {model.names[joint - 1]!r}; "
+                "only one serial chain of revolute or prismatic joints is supported"
+            )
+    offset = np.asarray(tcp, dtype=np.float64)
+    if offset.shape != (3,) or not np.isfinite(offset).all() or abs(offset).max() > LONGEST_TCP_M:
+        raise DataError(
+            f"tcp {list(tcp)} is no tool centre point: three finite lengths in m, "
+            f"each within +-{LONGEST_TCP_M:g}"
+        )
+    return ChainModel(model, model.name, _tip_placement(model, urdf).act(offset))
+
+
+def load_robot(urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0)) -> Robot:
+    """Read a URDF into a frozen `Robot`; arguments and errors as `read_chain`."""
+    chain = read_chain(urdf, tcp=tcp)
+    model = chain.model
+    joints = range(1, model.njoints)
+    kinds_and_axes = [_type_and_axis(model, joint, urdf) for joint in joints]
+    lower, upper = _limits(model)
+    return Robot(
+        name=chain.name,
+        joint_names=tuple(model.names[joint] for joint in joints),
+        joint_types=tuple(kind for kind, _ in kinds_and_axes),
+        placements=np.stack([model.jointPlacements[joint].homogeneous for joint in joints]),
+        axes=np.stack([axis for _, axis in kinds_and_axes]),
+        lower=lower,
+        upper=upper,
+        masses=np.array([model.inertias[joint].mass for joint in joints]),
+        centres_of_mass=np.stack([model.inertias[joint].lever for joint in joints]),
+        tcp=chain.tcp,
+    )
+
+
+def shipped_chain(name: str, *, tcp: Sequence[float]) -> ChainModel:
+    """Read one of stiffbench's own URDF files, named without its ending."""
+    with as_file(files("stiff_datasets.robots") / f"{name}.urdf") as path:
+        return read_chain(path, tcp=tcp)
+
+
+def shipped_robot(name: str, *, tcp: Sequence[float]) -> Robot:
+    """Read one of stiffbench's own URDF files, named without its ending, into a `Robot`."""
+    with as_file(files("stiff_datasets.robots") / f"{name}.urdf") as path:
+        return load_robot(path, tcp=tcp)
+
+
+def _parse(urdf: Path) -> pin.Model:
+    try:
+        text = urdf.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"{urdf}: cannot read the URDF: {error}") from error
+    try:
+        # parsed from text: Pinocchio's file reader prints its own errors on the terminal
+        return pin.buildModelFromXML(text)
+    except (ValueError, RuntimeError) as error:
+        raise DataError(f"{urdf}: not a robot description (URDF): {error}") from error
+
+
+def _type_and_axis(model: pin.Model, joint: int, urdf: Path) -> tuple[JointType, FloatArray]:
+    """Read the joint's kind and axis off its motion subspace (linear part first)."""
+    joint_model = model.joints[joint]
+    if joint_model.nv != 1:
+        raise DataError(
+            f"{urdf}: joint {model.names[joint]!r} has {joint_model.nv} degrees of freedom; "
+            "only revolute, continuous and prismatic joints are supported"
+        )
+    data = joint_model.createData()
+    at_zero = np.zeros(joint_model.nq)
+    if joint_model.nq == 2:  # a continuous joint is stored as cosine and sine
+        at_zero[0] = 1.0
+    joint_model.calc(data, at_zero)
+    subspace = np.asarray(data.S, dtype=np.float64).reshape(6)
+    if np.abs(subspace[:3]).max() > 0.0:
+        return "prismatic", subspace[:3]
+    return "revolute", subspace[3:]
+
+
+def _limits(model: pin.Model) -> tuple[FloatArray, FloatArray]:
+    lower, upper = [], []
+    for joint in range(1, model.njoints):
+        entry = model.joints[joint].idx_q
+        bounded = model.joints[joint].nq == 1
+        lower.append(model.lowerPositionLimit[entry] if bounded else -np.inf)
+        upper.append(model.upperPositionLimit[entry] if bounded else np.inf)
+    return np.array(lower), np.array(upper)
+
+
+def _tip_placement(model: pin.Model, urdf: Path) -> pin.SE3:
+    """Return the pose of the last link in the last joint's frame."""
+    bodies = [
+        index for index, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY
+    ]
+    parents = {_parent_body(model, index) for index in bodies}
+    tips = [
+        index
+        for index in bodies
+        if model.frames[index].parentJoint == model.njoints - 1 and index not in parents
+    ]
+    if len(tips) != 1:
+        names = ", ".join(model.frames[index].name for index in tips)
+        raise DataError(
+            f"{urdf}: the last link is not unique ({names}); keep one of them, so that the "
+            "tool centre point has a frame"
+        )
+    return model.frames[tips[0]].placement
+
+
+def _parent_body(model: pin.Model, frame: int) -> int:
+    """Return the nearest body frame above a frame (frames of joints lie between)."""
+    above = model.frames[frame].parentFrame
+    while above != 0 and model.frames[above].type != pin.FrameType.BODY:
+        above = model.frames[above].parentFrame
+    return int(above)

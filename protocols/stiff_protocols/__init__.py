@@ -1,0 +1,1 @@
+"""What a fair comparison of robot stiffness models is: types, splits, metrics, records."""

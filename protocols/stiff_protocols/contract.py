@@ -1,0 +1,80 @@
+"""What the engine asks of a model, a data set and a protocol: structural types, no base class.
+
+A model has scikit-learn *semantics*: a constructor with keyword-only arguments that only
+stores them, `fit` that computes, fitted attributes that end in an underscore, `get_params`
+and `set_params` (inherit `sklearn.base.BaseEstimator` for them, or write them).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol, Self, runtime_checkable
+
+from stiff_protocols.types import BenchmarkData, FloatArray, Robot, Samples, Split
+
+
+@runtime_checkable
+class StiffnessModel(Protocol):
+    """Predicts the deflection of a robot's end-effector under a known wrench."""
+
+    def fit(
+        self,
+        train: Samples,
+        *,
+        robot: Robot,
+        validation: Samples | None = None,
+        seed: int = 0,
+    ) -> Self:
+        """Learn from `train`.
+
+        Args:
+            train: the only samples the parameters may be fitted to.
+            robot: kinematics of the robot that was measured.
+            validation: samples that may choose an epoch, never fit a parameter; None: none.
+            seed: seed of everything random; the same seed gives the same model.
+        """
+
+    def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the (n, 3) deflection [m] for (n, n_joints) `q` [rad] and (n, 6) `wrench`."""
+
+    def get_params(self, deep: bool = True) -> dict[str, Any]:
+        """Return the constructor's arguments as stored."""
+
+    def set_params(self, **params: Any) -> Self:
+        """Store new values of constructor arguments."""
+
+
+@runtime_checkable
+class ReportsDiagnostics(Protocol):
+    """Optional power: numbers worth printing under a table, such as identified stiffnesses.
+
+    Attributes:
+        diagnostics_: name with unit -> value, available after `fit`.
+    """
+
+    diagnostics_: Mapping[str, float]
+
+
+@runtime_checkable
+class StiffnessDataset(Protocol):
+    """Makes or reads one data set; constructor arguments are its options."""
+
+    def load(self) -> BenchmarkData:
+        """Return samples and robot; the same options give the same numbers."""
+
+
+@runtime_checkable
+class EvaluationProtocol(Protocol):
+    """Says how a data set is divided and which part may choose an epoch.
+
+    Attributes:
+        selects_on_test: the validation rows are the test rows, so results are optimistic.
+        pooled: the metrics are computed once over the predictions of all splits (as in
+            leave-one-out), not once a split.
+    """
+
+    selects_on_test: bool
+    pooled: bool
+
+    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
+        """Return the splits; the same arguments give the same splits."""

@@ -1,0 +1,48 @@
+"""The one root of every error that stiffbench raises on purpose, and its few children."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class StiffBenchError(Exception):
+    """Something the user can mend; the message names the thing, its value and what is valid."""
+
+
+class ConfigError(StiffBenchError):
+    """A key, option or parameter is unknown, or its value has the wrong type or range."""
+
+
+class DataError(StiffBenchError):
+    """A file of samples, a robot description or an array cannot be what it claims to be."""
+
+
+class ModelError(StiffBenchError):
+    """A model cannot be fitted or returned something that is no prediction."""
+
+
+class NotFittedError(ModelError):
+    """`predict` was called before `fit`."""
+
+
+class StoreError(StiffBenchError):
+    """A result cannot be written or read."""
+
+
+class StiffBenchWarning(UserWarning):
+    """A finding that does not stop a run but must stand beside its result."""
+
+
+def unknown_name(kind: str, name: str, valid: Iterable[str]) -> ConfigError:
+    """Return the error for a name that is not registered, with the nearest valid one.
+
+    Args:
+        kind: what the name should have been, e.g. "model".
+        name: what the user wrote.
+        valid: every name that would have been accepted.
+    """
+    names = sorted(valid)
+    near = difflib.get_close_matches(name, names, n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return ConfigError(f"unknown {kind} {name!r}{hint} (valid: {', '.join(names) or 'none'})")

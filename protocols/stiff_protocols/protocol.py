@@ -1,0 +1,80 @@
+"""The evaluation protocols: a way to divide a data set and a rule for choosing an epoch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated
+
+from annotated_types import Gt, Lt
+
+from stiff_protocols import splits
+from stiff_protocols.errors import ConfigError
+from stiff_protocols.types import Samples, Split
+
+Fraction = Annotated[float, Gt(0.0), Lt(1.0)]
+
+
+class Holdout:
+    """Random 80/20 division by pose; a fifth of the training side chooses the epoch."""
+
+    selects_on_test = False
+    pooled = False
+
+    def __init__(
+        self, *, test_fraction: Fraction = 0.2, validation_fraction: Fraction = 0.2
+    ) -> None:
+        """Store the fractions: of all poses, and of the training side's poses."""
+        self.test_fraction = test_fraction
+        self.validation_fraction = validation_fraction
+
+    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
+        """Return `n_splits` (default 1) divisions."""
+        return splits.holdout_by_pose(
+            samples,
+            n_splits=n_splits or 1,
+            test_fraction=self.test_fraction,
+            validation_fraction=self.validation_fraction,
+            seed=seed,
+        )
+
+
+class PaperHoldout:
+    """The source paper's division: 80/20 at random, and the 20 % also picks the best epoch."""
+
+    selects_on_test = True
+    pooled = False
+
+    def __init__(self, *, test_fraction: Fraction = 0.2) -> None:
+        """Store the fraction of all samples."""
+        self.test_fraction = test_fraction
+
+    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
+        """Return `n_splits` (default 1) divisions."""
+        return splits.holdout_at_random(
+            samples, n_splits=n_splits or 1, test_fraction=self.test_fraction, seed=seed
+        )
+
+
+class LeaveOneOut:
+    """Each pose is tested once; the metrics are computed over the predictions of all poses."""
+
+    selects_on_test = False
+    pooled = True
+
+    def __init__(self, *, validation_fraction: Fraction = 0.2) -> None:
+        """Store the fraction of the training side's poses that chooses an epoch."""
+        self.validation_fraction = validation_fraction
+
+    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
+        """Return one division a pose.
+
+        Raises:
+            ConfigError: a number of splits was asked for; the poses give it.
+        """
+        if n_splits is not None:
+            raise ConfigError(
+                f"--splits {n_splits}: leave-one-out has one split a pose; leave --splits out"
+            )
+        return splits.leave_one_pose_out(
+            samples, validation_fraction=self.validation_fraction, seed=seed
+        )
