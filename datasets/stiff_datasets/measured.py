@@ -1,0 +1,213 @@
+"""Measured data as CSV: the schema, its reader and its checks.
+
+Columns, one row a load at a pose: ``pose_id, load_id, group, q1_deg .. qn_deg, fx_N, fy_N, fz_N,
+tx_Nm, ty_Nm, tz_Nm, dx_mm, dy_mm, dz_mm``. The wrench acts at the TCP; wrench and deflection are
+expressed in the robot base frame; a deflection is the loaded minus the unloaded position.
+"""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from stiff_protocols.errors import DataError
+from stiff_protocols.types import BenchmarkData, FloatArray, Robot, Samples
+
+ID_COLUMNS = ("pose_id", "load_id", "group")
+WRENCH_COLUMNS = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")
+DEFLECTION_COLUMNS = ("dx_mm", "dy_mm", "dz_mm")
+
+LARGEST_DEFLECTION_MM = 50.0
+"""No industrial robot gives way so far under a load it may carry."""
+SMALLEST_DEFLECTION_MM = 0.01
+"""What trackers repeat; a file that never exceeds it holds metres, not millimetres."""
+FULL_TURN_RAD = 2.0 * np.pi
+
+
+def joint_columns(n_joints: int) -> tuple[str, ...]:
+    """Return the names of the joint angle columns."""
+    return tuple(f"q{joint + 1}_deg" for joint in range(n_joints))
+
+
+def read_samples(path: Path, robot: Robot) -> Samples:
+    """Read and check a CSV file of measured samples.
+
+    Args:
+        path: the file.
+        robot: the robot that was measured; gives the number of joints and their limits.
+
+    Raises:
+        DataError: the file is unreadable, empty or wrongly headed, or a value cannot be; the
+            message names file, row (1 is the header), column, value and what is valid.
+    """
+    table = _read_table(path)
+    columns = (*ID_COLUMNS, *joint_columns(robot.n_joints), *WRENCH_COLUMNS, *DEFLECTION_COLUMNS)
+    _check_header(path, list(table.columns), columns)
+    if table.empty:
+        raise DataError(f"{path}: no data rows below the header")
+    _check_ids(path, table)
+    q_deg = _numbers(path, table, joint_columns(robot.n_joints))
+    wrench = _numbers(path, table, WRENCH_COLUMNS)
+    deflection_mm = _numbers(path, table, DEFLECTION_COLUMNS)
+    _check_angles(path, q_deg, robot)
+    _check_deflections(path, deflection_mm)
+    _check_poses(path, table["pose_id"], q_deg)
+    return Samples(
+        q=_to_si(q_deg, robot),
+        wrench=wrench,
+        deflection=deflection_mm / 1000.0,
+        pose_id=table["pose_id"].to_numpy(dtype=str),
+        load_id=table["load_id"].to_numpy(dtype=str),
+        group=table["group"].to_numpy(dtype=str),
+    )
+
+
+class MeasuredData:
+    """A user's own measurement: a CSV file in the schema and the robot's URDF.
+
+    Attributes:
+        csv: the samples.
+        urdf: the robot.
+        tcp: (3,) tool centre point in the frame of the URDF's last link, m.
+    """
+
+    def __init__(self, *, csv: Path, urdf: Path, tcp: tuple[float, float, float]) -> None:
+        """Store the paths."""
+        self.csv = csv
+        self.urdf = urdf
+        self.tcp = tcp
+
+    def load(self) -> BenchmarkData:
+        """Read both files.
+
+        Raises:
+            DataError: see `read_samples` and `stiff_datasets.robots.robot.read_chain`.
+        """
+        from stiff_datasets.robots.robot import load_robot
+
+        robot = load_robot(self.urdf, tcp=self.tcp)
+        return BenchmarkData(read_samples(self.csv, robot), robot)
+
+
+def _read_table(path: Path) -> pd.DataFrame:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            # read as text, so that a message can show a wrong value as it was written
+            table = pd.read_csv(path, dtype=str, skipinitialspace=True, index_col=False)
+    except pd.errors.EmptyDataError:
+        raise DataError(f"{path}: the file is empty") from None
+    except (pd.errors.ParserError, pd.errors.ParserWarning, UnicodeDecodeError) as error:
+        raise DataError(f"{path}: not a CSV table: {' '.join(str(error).split())}") from error
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
+    return table.rename(columns=str.strip)
+
+
+def _check_header(path: Path, found: list[str], wanted: tuple[str, ...]) -> None:
+    problems = []
+    missing = [name for name in wanted if name not in found]
+    unknown = [name for name in found if name not in wanted]
+    repeated = sorted({name for name in found if found.count(name) > 1})
+    for label, names in (("missing", missing), ("unknown", unknown), ("repeated", repeated)):
+        if names:
+            problems.append(f"{label} {', '.join(names)}")
+    if problems:
+        raise DataError(f"{path}: header: {'; '.join(problems)} (valid: {','.join(wanted)})")
+
+
+def _check_ids(path: Path, table: pd.DataFrame) -> None:
+    for column in ID_COLUMNS:
+        empty = np.flatnonzero(table[column].isna())
+        if len(empty):
+            raise _bad(path, empty[0], column, "", "a name")
+    again = np.flatnonzero(table.duplicated(["pose_id", "load_id"]))
+    if len(again):
+        row = again[0]
+        name = f"{table['pose_id'].iloc[row]},{table['load_id'].iloc[row]}"
+        raise _bad(path, row, "pose_id,load_id", name, "a pair that no earlier row has")
+
+
+def _numbers(path: Path, table: pd.DataFrame, columns: tuple[str, ...]) -> FloatArray:
+    """Return the columns as (n, len(columns)) finite numbers, in the file's units."""
+    values = np.empty((len(table), len(columns)))
+    for i, column in enumerate(columns):
+        values[:, i] = pd.to_numeric(table[column], errors="coerce")
+        wrong = np.flatnonzero(~np.isfinite(values[:, i]))
+        if len(wrong):
+            text = table[column].iloc[wrong[0]]
+            raise _bad(path, wrong[0], column, "" if pd.isna(text) else text, "a finite number")
+    return values
+
+
+def _is_revolute(robot: Robot) -> FloatArray:
+    return np.array([kind == "revolute" for kind in robot.joint_types])
+
+
+def _to_si(q: FloatArray, robot: Robot) -> FloatArray:
+    """Convert joint positions: deg -> rad; a prismatic joint's column holds mm -> m."""
+    return np.asarray(np.where(_is_revolute(robot), np.deg2rad(q), q / 1000.0))
+
+
+def _check_angles(path: Path, q_deg: FloatArray, robot: Robot) -> None:
+    if len(q_deg) >= 5 and (np.abs(q_deg) <= FULL_TURN_RAD).all() and np.ptp(q_deg) > 0.0:
+        raise DataError(
+            f"{path}: every joint angle lies within +-{FULL_TURN_RAD:.2f} deg; the columns "
+            "q1_deg.. are in degrees, these look like radians"
+        )
+    to_file_unit = np.where(_is_revolute(robot), 180.0 / np.pi, 1000.0)
+    lower, upper = robot.lower * to_file_unit, robot.upper * to_file_unit
+    slack = 1e-6  # deg; a limit written with rounding
+    outside = np.argwhere((q_deg < lower - slack) | (q_deg > upper + slack))
+    if len(outside):
+        row, joint = outside[0]
+        raise _bad(
+            path,
+            row,
+            f"q{joint + 1}_deg",
+            f"{q_deg[row, joint]:g}",
+            f"{lower[joint]:g}..{upper[joint]:g}, the limits of joint "
+            f"{robot.joint_names[joint]} of {robot.name}",
+        )
+
+
+def _check_deflections(path: Path, deflection_mm: FloatArray) -> None:
+    size = np.abs(deflection_mm)
+    too_large = np.argwhere(size > LARGEST_DEFLECTION_MM)
+    if len(too_large):
+        row, axis = too_large[0]
+        raise _bad(
+            path,
+            row,
+            DEFLECTION_COLUMNS[axis],
+            f"{deflection_mm[row, axis]:g}",
+            f"mm within +-{LARGEST_DEFLECTION_MM:g}; is the file in another unit?",
+        )
+    if size.max() < SMALLEST_DEFLECTION_MM:
+        raise DataError(
+            f"{path}: no deflection exceeds {SMALLEST_DEFLECTION_MM:g} mm (largest "
+            f"{size.max():g}); the columns dx_mm.. are in mm, these look like metres"
+        )
+
+
+def _check_poses(path: Path, pose_id: pd.Series[str], q_deg: FloatArray) -> None:
+    """A pose's rows must have the same joint angles, or a split by pose would mean nothing."""
+    first_row: dict[str, int] = {}
+    for row, name in enumerate(pose_id):
+        first = first_row.setdefault(name, row)
+        if not np.allclose(q_deg[row], q_deg[first], rtol=0.0, atol=1e-3):
+            joint = int(np.argmax(np.abs(q_deg[row] - q_deg[first])))
+            raise _bad(
+                path,
+                row,
+                f"q{joint + 1}_deg",
+                f"{q_deg[row, joint]:g}",
+                f"{q_deg[first, joint]:g}, as in row {first + 2} of the same pose {name!r}",
+            )
+
+
+def _bad(path: Path, row: int, column: str, value: object, valid: str) -> DataError:
+    return DataError(f"{path}: row {int(row) + 2}, column {column}: {value!r}, expected {valid}")
