@@ -1,0 +1,143 @@
+"""The simulated source domain: many poses and wrenches whose deflection a VJM supplies.
+
+A design is a set of poses and some wrenches a pose. The Jacobian is computed once a pose and
+shared by that pose's wrenches.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from stiff_models.kinematics import jacobian
+from stiff_protocols.errors import ConfigError
+from stiff_protocols.types import FloatArray, Robot, Samples
+
+SourceKind = Literal["auto", "paper", "data"]
+
+PAPER_ROBOT = "kr10_r1100_2"
+_PAPER_GRID_DEG = (  # source paper, Table 4: A1..A6
+    range(-45, 46, 15),
+    range(-180, 1, 10),
+    range(0, 157, 10),
+    (0,),
+    range(0, 91, 10),
+    (0,),
+)
+PAPER_WRENCHES = np.array(  # source paper, Table 5: N, N m
+    [
+        [100.0, 40.0, -20.0, 10.0, 10.0, 2.0],
+        [80.0, 30.0, -40.0, 8.0, 8.0, 1.0],
+        [60.0, 20.0, -60.0, 6.0, 6.0, 0.0],
+        [40.0, 10.0, -80.0, 4.0, 4.0, -1.0],
+        [20.0, 5.0, -100.0, 2.0, 2.0, -2.0],
+    ]
+)
+POSE_BUDGET = 21_280  # poses of the paper's grid; a grid of ours has no more
+WRENCHES_A_POSE = len(PAPER_WRENCHES)
+
+
+@dataclass(frozen=True, eq=False)
+class SourceDesign:
+    """Where the source domain is sampled.
+
+    Attributes:
+        q: (n_poses, n_joints) rad.
+        wrench: (n_poses, n_wrenches, 6) or (1, n_wrenches, 6) when all poses share them.
+    """
+
+    q: FloatArray
+    wrench: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class SourceDomain:
+    """Simulated samples, pose by pose: every array has n_poses * n_wrenches rows.
+
+    Attributes:
+        q: (n, n_joints) rad.
+        wrench: (n, 6) N and N m.
+        deflection: (n, 3) m.
+    """
+
+    q: FloatArray
+    wrench: FloatArray
+    deflection: FloatArray
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.q)
+
+
+def source_design(kind: SourceKind, robot: Robot, train: Samples, seed: int) -> SourceDesign:
+    """Return the paper's design, or one with joint ranges and loads like `train`'s.
+
+    Args:
+        kind: "paper" (Tables 4 and 5), "data", or "auto": the paper's for its own robot,
+            the data's for any other.
+        robot: the robot.
+        train: the training samples; no other part of a data set may shape the source.
+        seed: seed of the drawn loads ("data" only).
+
+    Raises:
+        ConfigError: "paper" was asked for a robot without six joints.
+    """
+    if kind == "paper" or (kind == "auto" and robot.name == PAPER_ROBOT):
+        if robot.n_joints != len(_PAPER_GRID_DEG):
+            raise ConfigError(
+                f"source=paper: Table 4 has {len(_PAPER_GRID_DEG)} joints, robot "
+                f"{robot.name!r} has {robot.n_joints} (valid: auto, data)"
+            )
+        return SourceDesign(_grid([np.deg2rad(axis) for axis in _PAPER_GRID_DEG]), PAPER_WRENCHES[None])
+    return SourceDesign(*_design_like(train, np.random.default_rng(seed)))
+
+
+def simulate(robot: Robot, compliance: FloatArray, design: SourceDesign) -> SourceDomain:
+    """Return the deflections of joint springs over a design.
+
+    Args:
+        robot: the robot.
+        compliance: (n_joints,) rad/(N m).
+        design: poses and wrenches.
+    """
+    rows = jacobian(robot, design.q)  # (p, 6, n_joints): once a pose
+    n_poses, n_wrenches = len(design.q), design.wrench.shape[1]
+    wrench = np.broadcast_to(design.wrench, (n_poses, n_wrenches, 6))
+    bent = (wrench @ rows) * compliance  # (p, w, n_joints): joint angles, rad
+    deflection = bent @ rows[:, :3].transpose(0, 2, 1)  # (p, w, 3)
+    return SourceDomain(
+        q=np.repeat(design.q, n_wrenches, axis=0),
+        wrench=np.ascontiguousarray(wrench.reshape(-1, 6)),
+        deflection=deflection.reshape(-1, 3),
+    )
+
+
+def _grid(axes: list[FloatArray]) -> FloatArray:
+    return np.array(list(itertools.product(*axes)), dtype=np.float64)
+
+
+def _design_like(train: Samples, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Return a pose grid over the samples' joint ranges, and loads drawn like theirs.
+
+    Every moving joint gets the same number of values, as many as the budget of poses allows. The
+    loads are a smoothed bootstrap: a training wrench drawn at random plus normal scatter with
+    the training wrenches' covariance, narrowed by Scott's factor n^(-1/(d+4)), d = 6.
+    """
+    lower, upper = train.q.min(axis=0), train.q.max(axis=0)
+    moving = upper > lower
+    n_values = int(POSE_BUDGET ** (1.0 / moving.sum())) if moving.any() else 1
+    axes = [
+        np.linspace(low, high, n_values) if moves else np.array([low])
+        for low, high, moves in zip(lower, upper, moving, strict=True)
+    ]
+    q = _grid(axes)
+    n_train = len(train)
+    drawn = rng.integers(n_train, size=(len(q), WRENCHES_A_POSE))
+    weights = rng.normal(size=(len(q), WRENCHES_A_POSE, n_train))
+    centred = train.wrench - train.wrench.mean(axis=0)
+    scatter = weights @ centred / np.sqrt(max(n_train - 1, 1))  # normal, the data's covariance
+    bandwidth = n_train ** (-1.0 / (6 + 4))
+    return q, train.wrench[drawn] + bandwidth * scatter
