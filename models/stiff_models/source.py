@@ -14,7 +14,7 @@ import numpy as np
 
 from stiff_models.kinematics import jacobian
 from stiff_protocols.errors import ConfigError
-from stiff_protocols.types import FloatArray, Robot, Samples
+from stiff_protocols.types import FloatArray, IntArray, Robot, Samples
 
 SourceKind = Literal["auto", "paper", "data"]
 
@@ -70,6 +70,10 @@ class SourceDomain:
     def __len__(self) -> int:
         """Return the number of samples."""
         return len(self.q)
+
+    def take(self, rows: IntArray) -> SourceDomain:
+        """Return the samples of the given row numbers, in that order."""
+        return SourceDomain(self.q[rows], self.wrench[rows], self.deflection[rows])
 
 
 def source_design(kind: SourceKind, robot: Robot, train: Samples, seed: int) -> SourceDesign:

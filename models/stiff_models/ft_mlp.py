@@ -1,0 +1,150 @@
+"""`ft-mlp`: pre-trained on the simulated source domain, fine-tuned on the measurements.
+
+The method of the source paper: VJM identified on the training part -> source domain ->
+pre-training -> fine-tuning of the layers that a freeze strategy leaves free, on the mean
+absolute error.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Self
+
+import torch
+from annotated_types import Ge
+
+from stiff_models.freeze import Stage, stages
+from stiff_models.mlp import Epochs, LearningRate, Selection
+from stiff_models.mlp_pretrained import MlpPretrained, Recipe
+from stiff_models.networks import linear_layers
+from stiff_models.training import Curve, Rows, Trainable, TrainingPlan, train_network
+from stiff_protocols.types import Robot, Samples
+
+FINE_TUNING: dict[Recipe, TrainingPlan] = {
+    "fast": TrainingPlan(steps=300, learning_rate=3e-4, loss="mae", optimizer="adam"),
+    # exactly the paper's: rate 0.03, 50,000 epochs, mean absolute error; plain gradient descent
+    "paper": TrainingPlan(steps=50_000, learning_rate=0.03, loss="mae", optimizer="sgd"),
+}
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class FtMlp(MlpPretrained):
+    """Fine-tuned MLP.
+
+    Attributes:
+        freeze: which layers move in fine-tuning, see `stiff_models.freeze`.
+        training: "best" keeps the best epoch on the validation rows, "normal" the last.
+        epochs: of fine-tuning; None: the recipe's.
+        learning_rate: of fine-tuning; None: the recipe's.
+        unfreeze_every: epochs between two layers of freeze="gradual".
+        l2sp_alpha: strength of the penalty of freeze="l2sp", on the weights that the
+            standardised network has.
+    """
+
+    freeze: str = "layers:1,2"
+    training: Selection = "best"
+    epochs: Epochs | None = None
+    learning_rate: LearningRate | None = None
+    unfreeze_every: Annotated[int, Ge(1)] = 50
+    l2sp_alpha: Annotated[float, Ge(0.0)] = 1.0
+
+    def check_params(self) -> None:
+        """Check options that depend on one another.
+
+        Raises:
+            ConfigError: the freeze strategy does not fit the network.
+        """
+        self._stages(epochs=1)
+
+    def fit(
+        self,
+        train: Samples,
+        *,
+        robot: Robot,
+        validation: Samples | None = None,
+        seed: int = 0,
+    ) -> Self:
+        """Pre-train as `mlp-pretrained`, then fine-tune on `train`.
+
+        `validation` chooses the epoch, and without it the last is kept.
+
+        Raises:
+            ConfigError: the freeze strategy does not fit the network.
+            ModelError: no joint can be identified, or a training diverged.
+        """
+        self.check_params()
+        super().fit(train, robot=robot, seed=seed)
+        self.source_network_ = copy.deepcopy(self.network_)
+        rows = self._measured_rows(train)
+        held_out = None if validation is None else self._measured_rows(validation)
+        plan = self._fine_tuning_plan(keep_best=held_out is not None)
+        self.fine_tuning_ = fine_tune(
+            self.network_, rows, plan, self._stages(plan.steps), validation=held_out, seed=seed
+        )
+        return self
+
+    def _fine_tuning_plan(self, *, keep_best: bool) -> TrainingPlan:
+        plan = FINE_TUNING[self.recipe]
+        return replace(
+            plan,
+            steps=plan.steps if self.epochs is None else self.epochs,
+            learning_rate=plan.learning_rate if self.learning_rate is None else self.learning_rate,
+            keep_best=keep_best and self.training == "best",
+        )
+
+    def _stages(self, epochs: int) -> tuple[Stage, ...]:
+        return stages(
+            self.freeze,
+            hidden_layers=self.layers,
+            epochs=epochs,
+            unfreeze_every=self.unfreeze_every,
+            l2sp_alpha=self.l2sp_alpha,
+        )
+
+
+def fine_tune(
+    network: torch.nn.Sequential,
+    rows: Rows,
+    plan: TrainingPlan,
+    steps: Sequence[Stage],
+    *,
+    validation: Rows | None,
+    seed: int,
+) -> list[Curve]:
+    """Train `network` in place, stage after stage, and return each stage's curve.
+
+    A stage goes on from the last weights of the stage before; with `plan.keep_best` the best
+    weights of all stages are put back at the end.
+    """
+    curves = []
+    best_loss, best_weights = math.inf, copy.deepcopy(network.state_dict())
+    for number, stage in enumerate(steps):
+        phase = "fine-tune" if len(steps) == 1 else f"fine-tune {number + 1}/{len(steps)}"
+        curve = train_network(
+            network,
+            rows,
+            replace(plan, steps=stage.epochs),
+            seed=seed,
+            phase=phase,
+            trainable=_trainable(network, stage),
+            validation=validation,
+        )
+        curves.append(curve)
+        if curve.best_loss < best_loss:
+            best_loss, best_weights = curve.best_loss, copy.deepcopy(network.state_dict())
+    if plan.keep_best:
+        network.load_state_dict(best_weights)
+    return curves
+
+
+def _trainable(network: torch.nn.Sequential, stage: Stage) -> Trainable:
+    rates = {}
+    for number, layer in enumerate(linear_layers(network)):
+        if number in stage.rates:
+            rates[layer.bias] = stage.rates[number]
+            if not stage.biases_only:
+                rates[layer.weight] = stage.rates[number]
+    return Trainable(rates, stage.pull)

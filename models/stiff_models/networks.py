@@ -1,0 +1,66 @@
+"""The base network of all learned families, and where it runs."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+
+from stiff_protocols.errors import ConfigError
+
+Activation = Literal["relu", "tanh", "sigmoid", "gelu"]
+Device = Literal["auto", "cpu", "cuda"]
+
+_ACTIVATIONS = {
+    "relu": torch.nn.ReLU,
+    "tanh": torch.nn.Tanh,
+    "sigmoid": torch.nn.Sigmoid,
+    "gelu": torch.nn.GELU,
+}
+
+
+def build_network(
+    n_inputs: int, *, layers: int, width: int, activation: Activation, seed: int
+) -> torch.nn.Sequential:
+    """Return a fully connected network with `layers` hidden layers and 3 linear outputs.
+
+    Weights are torch's default initialisation drawn from `seed`; torch's own random state is
+    left as it was.
+    """
+    sizes = [n_inputs, *[width] * layers]
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        modules: list[torch.nn.Module] = []
+        for n_in, n_out in zip(sizes[:-1], sizes[1:], strict=True):
+            modules += [torch.nn.Linear(n_in, n_out), _ACTIVATIONS[activation]()]
+        modules.append(torch.nn.Linear(sizes[-1], 3))
+    return torch.nn.Sequential(*modules)
+
+
+def linear_layers(network: torch.nn.Sequential) -> list[torch.nn.Linear]:
+    """Return the hidden layers, then the output layer."""
+    return [module for module in network if isinstance(module, torch.nn.Linear)]
+
+
+def torch_device(device: Device) -> torch.device:
+    """Return the device a network runs on; "auto" takes a GPU where there is one.
+
+    Raises:
+        ConfigError: "cuda" was asked for and there is none.
+    """
+    if device == "cuda" and not torch.cuda.is_available():
+        raise ConfigError("device 'cuda': no CUDA device is available here (valid: auto, cpu)")
+    if device == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    return torch.device(device)
+
+
+def has_fast_bfloat16(device: torch.device) -> bool:
+    """Say whether bfloat16 products run in hardware there; in emulation they only cost."""
+    if device.type == "cuda":
+        return torch.cuda.is_bf16_supported()
+    checks = (
+        getattr(torch.cpu, name, lambda: False)
+        for name in ("_is_avx512_bf16_supported", "_is_amx_tile_supported")
+    )
+    return any(check() for check in checks)
