@@ -28,3 +28,11 @@ DATASETS = (
         ),
     ),
 )
+
+MEASURED_FILE = DatasetInfo(
+    key="file",
+    target="stiff_datasets.measured:MeasuredData",
+    kind="measured",
+    summary="a user's own CSV file and URDF (bench run --data FILE.csv --urdf FILE.urdf)",
+)
+"""Stands for the file that `--data` names; the engine gives it that file's name as its key."""

@@ -1,0 +1,1 @@
+"""The engine: registry, command line, runner, store and tables."""

@@ -1,0 +1,168 @@
+"""What `bench run` was asked for, checked before anything is computed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from stiff_datasets.catalog import MEASURED_FILE
+
+from stiff_bench.options import options_of, parse_settings
+from stiff_bench.registry import Registry, lookup
+from stiff_protocols.errors import ConfigError
+from stiff_protocols.metrics import Metric, metric
+from stiff_protocols.plugin import DatasetInfo, PluginInfo
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """The words of a `bench run` command line.
+
+    Attributes:
+        models, datasets, protocols, metrics: keys.
+        splits: number of splits; None: the protocol's own.
+        seed: of splits and models.
+        settings: ``KEY.option=value`` words.
+        device: "auto", "cpu" or "cuda", for models that have a choice.
+        output: folder of the results.
+        data, urdf, tcp: a measured CSV file, its robot, and "x,y,z" of the TCP in m.
+        command: the command line, for the record.
+    """
+
+    models: tuple[str, ...]
+    datasets: tuple[str, ...]
+    protocols: tuple[str, ...]
+    metrics: tuple[str, ...]
+    splits: int | None
+    seed: int
+    settings: tuple[str, ...]
+    device: str
+    output: Path
+    data: Path | None
+    urdf: Path | None
+    tcp: str
+    command: str
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A catalogue line with the options that were set.
+
+    Attributes:
+        info: the line.
+        cls: its class.
+        params: what was set, for the record; the rest is default.
+        context: arguments that do not belong to the result's identity (the device).
+    """
+
+    info: PluginInfo
+    cls: type
+    params: dict[str, Any]
+    context: dict[str, Any]
+
+    def make(self) -> Any:
+        """Return a new object."""
+        return self.cls(**self.params, **self.context)
+
+
+@dataclass(frozen=True)
+class RunPlan:
+    """A checked request."""
+
+    models: tuple[Choice, ...]
+    datasets: tuple[Choice, ...]
+    protocols: tuple[Choice, ...]
+    metrics: tuple[Metric, ...]
+    splits: int | None
+    seed: int
+    output: Path
+    command: str
+
+
+def plan_run(request: RunRequest, registry: Registry) -> RunPlan:
+    """Check a request against the registry.
+
+    Raises:
+        ConfigError: a key, option or value is unknown or wrong.
+    """
+    if not request.models:
+        raise ConfigError(f"give at least one --model (valid: {', '.join(registry.models)})")
+    models = [lookup(registry.models, "model", key) for key in _unique(request.models)]
+    datasets = _datasets(request, registry)
+    protocols = [lookup(registry.protocols, "protocol", key) for key in _unique(request.protocols)]
+    infos: list[PluginInfo] = [*models, *datasets, *protocols]
+    classes = {info.key: info.load() for info in infos}
+    params = parse_settings(request.settings, classes)
+    choices = {
+        info.key: Choice(info, classes[info.key], params[info.key], {}) for info in infos
+    }
+    if request.data is not None:
+        own = choices[request.data.name]
+        choices[request.data.name] = replace(own, context=_own_files(request))
+    for info in models:
+        choices[info.key] = _on_device(choices[info.key], request.device)
+        _check_model(choices[info.key])
+    return RunPlan(
+        models=tuple(choices[info.key] for info in models),
+        datasets=tuple(choices[info.key] for info in datasets),
+        protocols=tuple(choices[info.key] for info in protocols),
+        metrics=tuple(metric(key) for key in _unique(request.metrics)),
+        splits=request.splits,
+        seed=request.seed,
+        output=request.output,
+        command=request.command,
+    )
+
+
+def _unique(keys: Sequence[str]) -> list[str]:
+    return list(dict.fromkeys(keys))
+
+
+def _datasets(request: RunRequest, registry: Registry) -> list[DatasetInfo]:
+    keys = _unique(request.datasets)
+    if request.data is None:
+        if request.urdf is not None or request.tcp:
+            raise ConfigError("--urdf and --tcp describe the robot of --data FILE.csv; give it too")
+        keys = keys or ["kr10-twin"]
+    infos = [lookup(registry.datasets, "dataset", key) for key in keys]
+    if request.data is not None:
+        infos.append(replace(MEASURED_FILE, key=request.data.name))
+    return infos
+
+
+def _own_files(request: RunRequest) -> dict[str, Any]:
+    """Return the constructor's arguments for the user's own file."""
+    if request.urdf is None:
+        raise ConfigError(f"--data {request.data}: needs its robot too: --urdf FILE.urdf")
+    return {"csv": request.data, "urdf": request.urdf, "tcp": _tcp(request.tcp)}
+
+
+def _tcp(text: str) -> tuple[float, float, float]:
+    words = (text or "0,0,0").split(",")
+    try:
+        x, y, z = (float(word) for word in words)
+    except ValueError:
+        raise ConfigError(f"--tcp {text!r}: expected three lengths in m, x,y,z") from None
+    if not all(math.isfinite(value) for value in (x, y, z)):
+        raise ConfigError(f"--tcp {text!r}: expected three finite lengths in m, x,y,z")
+    return x, y, z
+
+
+def _on_device(choice: Choice, device: str) -> Choice:
+    """Give the device to a model that has a choice and was not told by --set."""
+    if "device" in options_of(choice.cls) and "device" not in choice.params:
+        return replace(choice, context={"device": device})
+    return choice
+
+
+def _check_model(choice: Choice) -> None:
+    model = choice.make()
+    missing = [name for name in ("fit", "predict") if not callable(getattr(model, name, None))]
+    if missing:
+        raise ConfigError(f"model {choice.info.key!r} has no {' and no '.join(missing)} method")
+    check = getattr(model, "check_params", None)
+    if check is not None:
+        check()

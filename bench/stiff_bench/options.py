@@ -1,0 +1,133 @@
+"""Options of models, data sets and protocols: read off their constructors, checked on the way in.
+
+An option's type is the constructor argument's annotation (with `annotated_types` bounds), or the
+type of its default where there is no annotation.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, is_dataclass
+from typing import Any, get_type_hints
+
+from pydantic import TypeAdapter, ValidationError
+
+from stiff_protocols.errors import ConfigError, unknown_name
+
+
+@dataclass(frozen=True)
+class Option:
+    """A constructor argument.
+
+    Attributes:
+        name: of the argument.
+        annotation: its type.
+        default: its default; `inspect.Parameter.empty` where it has none.
+        description: from the class's docstring.
+    """
+
+    name: str
+    annotation: Any
+    default: Any
+    description: str
+
+    @property
+    def type_text(self) -> str:
+        """The type as a user reads it."""
+        schema = TypeAdapter(self.annotation).json_schema()
+        return " or ".join(_schema_text(part) for part in schema.get("anyOf", [schema]))
+
+
+def options_of(cls: type) -> dict[str, Option]:
+    """Return the constructor's options by name."""
+    init = cls.__init__  # type: ignore[misc]
+    hints = get_type_hints(cls if is_dataclass(cls) else init, include_extras=True)
+    descriptions = _descriptions(cls)
+    options = {}
+    for name, parameter in inspect.signature(cls).parameters.items():
+        if parameter.kind in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL):
+            continue
+        annotation = hints.get(name)
+        if annotation is None:
+            plain = isinstance(parameter.default, bool | int | float | str)
+            annotation = type(parameter.default) if plain else str
+        options[name] = Option(name, annotation, parameter.default, descriptions.get(name, ""))
+    return options
+
+
+def parse_settings(
+    settings: Sequence[str], classes: Mapping[str, type]
+) -> dict[str, dict[str, Any]]:
+    """Turn ``KEY.option=value`` words into checked values by key and option.
+
+    Args:
+        settings: the words.
+        classes: every key of the run and its class.
+
+    Raises:
+        ConfigError: a word is malformed, names what is not in the run, or its value is wrong.
+    """
+    parsed: dict[str, dict[str, Any]] = {key: {} for key in classes}
+    for setting in settings:
+        target, equals, text = setting.partition("=")
+        key, dot, name = target.rpartition(".")
+        if not (equals and dot and key and name):
+            raise ConfigError(f"--set {setting!r}: expected KEY.option=value")
+        if key not in classes:
+            error = unknown_name("key", key, classes)
+            raise ConfigError(f"--set {setting!r}: {error} in this run")
+        options = options_of(classes[key])
+        if name not in options:
+            raise ConfigError(f"--set {setting!r}: {unknown_name(f'{key} option', name, options)}")
+        parsed[key][name] = _value(setting, options[name], text)
+    return parsed
+
+
+def _value(setting: str, option: Option, text: str) -> Any:
+    adapter = TypeAdapter(option.annotation)
+    if text.lower() == "none" and option.default is None:
+        return None
+    try:
+        return adapter.validate_strings(text)
+    except ValidationError as error:
+        reasons = {_lower_first(str(problem["msg"])) for problem in error.errors()}
+        raise ConfigError(
+            f"--set {setting!r}: {text!r} is no valid {option.name}: "
+            f"{'; '.join(sorted(reasons))} (valid: {option.type_text})"
+        ) from None
+
+
+def _lower_first(message: str) -> str:
+    return message[:1].lower() + message[1:]
+
+
+_SCHEMA_BOUNDS = (
+    ("minimum", ">="),
+    ("exclusiveMinimum", ">"),
+    ("maximum", "<="),
+    ("exclusiveMaximum", "<"),
+)
+
+
+def _schema_text(schema: Mapping[str, Any]) -> str:
+    if "enum" in schema:
+        return " | ".join(map(str, schema["enum"]))
+    if "const" in schema:
+        return str(schema["const"])
+    names = {"integer": "whole number", "string": "text", "null": "none", "boolean": "true | false"}
+    kind = schema.get("type", "value")
+    bounds = [f"{sign} {schema[word]:g}" for word, sign in _SCHEMA_BOUNDS if word in schema]
+    return " ".join([names.get(kind, kind), *bounds])
+
+
+def _descriptions(cls: type) -> dict[str, str]:
+    """Return the entries of the "Attributes:" or "Args:" sections, base classes first."""
+    found = {}
+    for base in reversed(cls.__mro__):
+        doc = inspect.cleandoc(vars(base).get("__doc__") or "")
+        for section in re.findall(r"^(?:Attributes|Args):\n((?:[ ]{4}.*\n?|\n)+)", doc, re.MULTILINE):
+            for name, text in re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", section, re.MULTILINE):
+                found[name] = " ".join(text.split())
+    return found

@@ -1,0 +1,140 @@
+"""All models, data sets and protocols that can be named: ours, installed plugins', files'."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import TypeVar
+
+from stiff_datasets.catalog import DATASETS
+from stiff_models.catalog import MODELS
+
+from stiff_protocols.catalog import PROTOCOLS
+from stiff_protocols.errors import ConfigError, unknown_name
+from stiff_protocols.plugin import DatasetInfo, ModelInfo, PluginInfo, ProtocolInfo
+
+Info = TypeVar("Info", bound=PluginInfo)
+_KINDS: dict[str, type[PluginInfo]] = {
+    "models": ModelInfo,
+    "datasets": DatasetInfo,
+    "protocols": ProtocolInfo,
+}
+
+
+@dataclass
+class Registry:
+    """Catalogue lines by key.
+
+    Attributes:
+        models, datasets, protocols: key -> line.
+        origins: key -> where the line came from.
+        broken: one line for each installed plugin that could not be loaded.
+    """
+
+    models: dict[str, ModelInfo] = field(default_factory=dict)
+    datasets: dict[str, DatasetInfo] = field(default_factory=dict)
+    protocols: dict[str, ProtocolInfo] = field(default_factory=dict)
+    origins: dict[str, str] = field(default_factory=dict)
+    broken: list[str] = field(default_factory=list)
+
+    def add(self, infos: Iterable[object], origin: str) -> None:
+        """Register catalogue lines.
+
+        Raises:
+            ConfigError: a line is none of ours, or its key is taken.
+        """
+        for info in infos:
+            for kind, line in _KINDS.items():
+                if isinstance(info, line):
+                    self._add_one(getattr(self, kind), info, origin)
+                    break
+            else:
+                raise ConfigError(
+                    f"{origin}: {info!r} is no ModelInfo, DatasetInfo or ProtocolInfo"
+                )
+
+    def _add_one(self, table: dict[str, Info], info: Info, origin: str) -> None:
+        # one key, one thing: `bench show KEY` and `--set KEY.option` do not name the kind
+        if info.key in self.origins:
+            raise ConfigError(
+                f"{origin}: key {info.key!r} is taken by {self.origins[info.key]}; rename it"
+            )
+        table[info.key] = info
+        self.origins[info.key] = origin
+
+    def find(self, key: str) -> PluginInfo:
+        """Return the line of a key of any kind.
+
+        Raises:
+            ConfigError: there is none.
+        """
+        every: dict[str, PluginInfo] = {**self.models, **self.datasets, **self.protocols}
+        return lookup(every, "key", key)
+
+
+def lookup(table: dict[str, Info], kind: str, key: str) -> Info:
+    """Return the line of `key`, or raise ConfigError with the nearest valid key."""
+    if key not in table:
+        raise unknown_name(kind, key, table)
+    return table[key]
+
+
+def build_registry(plugin_files: Sequence[Path] = ()) -> Registry:
+    """Collect the shipped catalogues, installed plugins, and plugin files.
+
+    An installed plugin that cannot be loaded is noted in `broken`; a file that the user named
+    must load.
+
+    Raises:
+        ConfigError: two lines have one key, or a plugin file cannot be used.
+    """
+    registry = Registry()
+    for infos in (MODELS, DATASETS, PROTOCOLS):
+        registry.add(infos, "stiffbench")
+    for kind in _KINDS:
+        for point in entry_points(group=f"stiffbench.{kind}"):
+            _add_installed(registry, point)
+    for path in plugin_files:
+        registry.add(_lines_of(_import_file(path), path), str(path))
+    return registry
+
+
+def _add_installed(registry: Registry, point: EntryPoint) -> None:
+    origin = f"{point.dist.name if point.dist else 'plugin'} ({point.group}: {point.name})"
+    try:
+        loaded = point.load()
+    except Exception as error:  # whatever a stranger's module does on import
+        registry.broken.append(f"{origin}: {type(error).__name__}: {error}")
+        return
+    registry.add(loaded if isinstance(loaded, list | tuple) else [loaded], origin)
+
+
+def _import_file(path: Path) -> ModuleType:
+    if not path.is_file():
+        raise ConfigError(f"--plugin {path}: no such file")
+    name = f"stiffbench_plugin_{path.stem}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise ConfigError(f"--plugin {path}: not a Python file (valid: a file that ends in .py)")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses and type hints look their module up here
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise ConfigError(f"--plugin {path}: {type(error).__name__}: {error}") from error
+    return module
+
+
+def _lines_of(module: ModuleType, path: Path) -> list[object]:
+    lines = [info for kind in _KINDS for info in getattr(module, kind.upper(), ())]
+    if not lines:
+        raise ConfigError(
+            f"--plugin {path}: defines nothing (valid: a list MODELS, DATASETS or PROTOCOLS of "
+            "ModelInfo, DatasetInfo or ProtocolInfo)"
+        )
+    return lines

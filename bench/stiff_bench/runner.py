@@ -1,0 +1,191 @@
+"""Runs the cells of a plan: (model, data set, protocol, split, seed) -> results in a store."""
+
+from __future__ import annotations
+
+import time
+import traceback
+import uuid
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+
+import numpy as np
+
+from stiff_bench.config import Choice, RunPlan
+from stiff_bench.provenance import environment, peak_memory_bytes
+from stiff_bench.store import ResultStore
+from stiff_protocols.contract import EvaluationProtocol, StiffnessModel
+from stiff_protocols.errors import ModelError, StiffBenchError
+from stiff_protocols.metrics import Metric
+from stiff_protocols.plugin import ModelInfo
+from stiff_protocols.record import Cell, CellResult, ResultRecord, RunManifest
+from stiff_protocols.types import AXES, BenchmarkData, Prediction, Samples, Split
+
+
+@dataclass(frozen=True, eq=False)
+class CellTask:
+    """A cell and all that is needed to compute it."""
+
+    cell: Cell
+    model: Choice
+    dataset: Choice
+    protocol: Choice
+    data: BenchmarkData
+    split: Split
+    selects_on_test: bool
+    n_splits: int
+
+
+Watcher = Callable[[int, int, CellTask], None]
+"""Is told the number of the cell that starts, how many there are, and the cell."""
+
+
+def cell_tasks(plan: RunPlan) -> list[CellTask]:
+    """Load the data, divide it, and list every cell: data set by protocol by split by model.
+
+    Raises:
+        StiffBenchError: a data set cannot be loaded or divided.
+    """
+    tasks = []
+    for dataset in plan.datasets:
+        data: BenchmarkData = dataset.make().load()
+        data_sha256 = data.sha256
+        for choice in plan.protocols:
+            protocol: EvaluationProtocol = choice.make()
+            splits = protocol.splits(data.samples, n_splits=plan.splits, seed=plan.seed)
+            tasks += [
+                CellTask(
+                    cell=Cell(
+                        model=model.info.key,
+                        model_params=model.params,
+                        dataset=dataset.info.key,
+                        dataset_params=dataset.params,
+                        data_sha256=data_sha256,
+                        protocol=choice.info.key,
+                        protocol_params=choice.params,
+                        split_index=split.index,
+                        split_sha256=split.sha256,
+                        seed=plan.seed,
+                    ),
+                    model=model,
+                    dataset=dataset,
+                    protocol=choice,
+                    data=data,
+                    split=split,
+                    selects_on_test=protocol.selects_on_test,
+                    n_splits=len(splits),
+                )
+                for split in splits
+                for model in plan.models
+            ]
+    return tasks
+
+
+def run_cells(
+    tasks: Sequence[CellTask], plan: RunPlan, store: ResultStore, watcher: Watcher
+) -> Iterator[CellResult]:
+    """Compute the cells one after another, store each as it ends, and yield it.
+
+    The run's manifest is written first and completed at the end, also when it is interrupted.
+    """
+    started = time.perf_counter()
+    manifest = RunManifest(
+        run_id=f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{uuid.uuid4().hex[:6]}",
+        command=plan.command,
+        started=datetime.now(UTC).isoformat(timespec="seconds"),
+        status="running",
+        environment=environment(),
+        cells=tuple(task.cell.key for task in tasks),
+    )
+    store.write_manifest(manifest)
+    done = 0
+    try:
+        for number, task in enumerate(tasks):
+            watcher(number, len(tasks), task)
+            result = compute_cell(task, plan.metrics, manifest.run_id)
+            store.write_cell(result)
+            done += 1
+            yield result
+    finally:
+        store.write_manifest(
+            replace(
+                manifest,
+                status="finished" if done == len(tasks) else "interrupted",
+                wall_s=time.perf_counter() - started,
+                peak_memory_bytes=peak_memory_bytes(),
+            )
+        )
+
+
+def compute_cell(task: CellTask, metrics: Sequence[Metric], run_id: str) -> CellResult:
+    """Fit, predict and score one cell; what goes wrong in the model becomes a failed result."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        warnings.simplefilter("ignore", DeprecationWarning)
+        try:
+            result = _fit_predict_score(task, metrics, run_id)
+        except StiffBenchError as error:
+            result = CellResult(task.cell, run_id, "failed", failure=str(error))
+        except Exception as error:  # whatever a plugin raises is that cell's failure alone
+            where = traceback.extract_tb(error.__traceback__)[-1]
+            result = CellResult(
+                task.cell,
+                run_id,
+                "failed",
+                failure=f"{type(error).__name__}: {error} ({where.filename}:{where.lineno})",
+            )
+    messages = dict.fromkeys(str(warning.message) for warning in caught)
+    return replace(result, warnings=tuple(messages))
+
+
+def _fit_predict_score(task: CellTask, metrics: Sequence[Metric], run_id: str) -> CellResult:
+    train, validation = _training_side(task)
+    test = task.data.samples.take(task.split.test)
+    model: StiffnessModel = task.model.make()
+    start = time.perf_counter()
+    model.fit(train, robot=task.data.robot, validation=validation, seed=task.cell.model_seed)
+    fitted = time.perf_counter()
+    predicted = np.asarray(model.predict(test.q, test.wrench))
+    predicted_at = time.perf_counter()
+    if predicted.shape != (len(test), 3) or not np.isfinite(predicted).all():
+        raise ModelError(
+            f"predict returned shape {predicted.shape} with "
+            f"{int((~np.isfinite(predicted)).sum())} values that are not finite, expected "
+            f"({len(test)}, 3) finite numbers"
+        )
+    prediction = Prediction(task.split.test, predicted, test.deflection)
+    return CellResult(
+        cell=task.cell,
+        run_id=run_id,
+        status="ok",
+        records=tuple(
+            ResultRecord(metric.key, axis, float(value), metric.unit)
+            for metric in metrics
+            for axis, value in zip(AXES, metric(prediction), strict=True)
+        ),
+        prediction=prediction,
+        fit_s=fitted - start,
+        predict_s=predicted_at - fitted,
+        diagnostics={
+            str(name): float(value)
+            for name, value in getattr(model, "diagnostics_", {}).items()
+        },
+    )
+
+
+def _training_side(task: CellTask) -> tuple[Samples, Samples | None]:
+    """Return training and validation samples.
+
+    A model that chooses no epoch has no use for validation rows; it learns from all of the
+    training side instead. Where the validation rows are the test rows, nobody learns from them.
+    """
+    samples, split = task.data.samples, task.split
+    uses_validation = isinstance(task.model.info, ModelInfo) and task.model.info.uses_validation
+    if uses_validation:
+        validation = samples.take(split.validation) if len(split.validation) else None
+        return samples.take(split.train), validation
+    rows = split.train
+    if not task.selects_on_test:
+        rows = np.sort(np.concatenate([split.train, split.validation]))
+    return samples.take(rows), None

@@ -1,0 +1,169 @@
+"""Results on disk: one file a cell and one a run, each written whole or not at all.
+
+::
+
+    OUTPUT/cells/<key>.json   a cell: identity, metric values, predictions, timings, or its failure
+    OUTPUT/runs/<run id>.json a run's manifest
+
+Numbers are stored in SI units at full precision, with a checksum over the content.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import tempfile
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stiff_protocols.errors import StoreError
+from stiff_protocols.record import SCHEMA, Cell, CellResult, ResultRecord, RunManifest
+from stiff_protocols.types import Prediction
+
+
+class ResultStore:
+    """A folder of results.
+
+    Args:
+        folder: made if it does not exist.
+
+    Raises:
+        StoreError: it cannot be written.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Make the folder and see that it can be written."""
+        self.folder = folder
+        try:
+            for part in ("cells", "runs"):
+                (folder / part).mkdir(parents=True, exist_ok=True)
+                with tempfile.TemporaryFile(dir=folder / part):
+                    pass  # only whether it can be made
+        except OSError as error:
+            raise StoreError(
+                f"--output {folder}: cannot be written: {error.strerror or error}"
+            ) from error
+
+    def write_cell(self, result: CellResult) -> Path:
+        """Store a cell's result, replacing an older one of the same key."""
+        path = self.folder / "cells" / f"{result.cell.key}.json"
+        _write_atomically(path, _cell_content(result))
+        return path
+
+    def write_manifest(self, manifest: RunManifest) -> Path:
+        """Store a run's manifest, replacing an older state of it."""
+        path = self.folder / "runs" / f"{manifest.run_id}.json"
+        _write_atomically(path, asdict(manifest))
+        return path
+
+    def read_cell(self, key: str) -> CellResult:
+        """Read a cell's result.
+
+        Raises:
+            StoreError: there is none, or it is damaged.
+        """
+        content = _read_checked(self.folder / "cells" / f"{key}.json")
+        return _cell_result(content)
+
+    def read_manifest(self, run_id: str) -> RunManifest:
+        """Read a run's manifest.
+
+        Raises:
+            StoreError: there is none, or it is damaged.
+        """
+        content = _read_checked(self.folder / "runs" / f"{run_id}.json")
+        return RunManifest(**{**content, "cells": tuple(content["cells"])})
+
+
+def _cell_content(result: CellResult) -> dict[str, Any]:
+    prediction = result.prediction
+    return {
+        "cell": asdict(result.cell),
+        "run_id": result.run_id,
+        "status": result.status,
+        "records": [asdict(record) for record in result.records],
+        "prediction": None
+        if prediction is None
+        else {
+            "rows": prediction.rows.tolist(),
+            "predicted_m": prediction.predicted.tolist(),
+            "measured_m": prediction.measured.tolist(),
+        },
+        "fit_s": result.fit_s,
+        "predict_s": result.predict_s,
+        # JSON has no infinity (a rigid joint) and no NaN (one that cannot be identified)
+        "diagnostics": {
+            name: value if math.isfinite(value) else str(value)
+            for name, value in result.diagnostics.items()
+        },
+        "warnings": list(result.warnings),
+        "failure": result.failure,
+    }
+
+
+def _cell_result(content: dict[str, Any]) -> CellResult:
+    prediction = content["prediction"]
+    return CellResult(
+        cell=Cell(**content["cell"]),
+        run_id=content["run_id"],
+        status=content["status"],
+        records=tuple(ResultRecord(**record) for record in content["records"]),
+        prediction=None
+        if prediction is None
+        else Prediction(
+            rows=np.array(prediction["rows"], dtype=np.int64),
+            predicted=np.array(prediction["predicted_m"]),
+            measured=np.array(prediction["measured_m"]),
+        ),
+        fit_s=content["fit_s"],
+        predict_s=content["predict_s"],
+        diagnostics={name: float(value) for name, value in content["diagnostics"].items()},
+        warnings=tuple(content["warnings"]),
+        failure=content["failure"],
+    )
+
+
+def _checksum(content: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _write_atomically(path: Path, content: dict[str, Any]) -> None:
+    """Write beside the target, flush to the disk, then rename: readers see all or nothing."""
+    content = json.loads(json.dumps(content))  # as it will be read: the checksum is over that
+    text = json.dumps(
+        {"schema": SCHEMA, "sha256": _checksum(content), "content": content},
+        indent=1,
+        allow_nan=False,
+    )
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=".tmp")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(name, path)
+    except BaseException as error:
+        Path(name).unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise
+
+
+def _read_checked(path: Path) -> dict[str, Any]:
+    try:
+        stored = json.loads(path.read_text(encoding="utf-8"))
+        content, checksum, schema = stored["content"], stored["sha256"], stored["schema"]
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise StoreError(f"{path}: damaged: {error}") from error
+    if schema != SCHEMA:
+        raise StoreError(f"{path}: stored format {schema}, this stiffbench reads {SCHEMA}")
+    if _checksum(content) != checksum:
+        raise StoreError(f"{path}: damaged: its checksum does not match its content")
+    return dict(content)
