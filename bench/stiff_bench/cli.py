@@ -1,0 +1,212 @@
+"""The `bench` command.
+
+Only click is imported here; what a command needs comes when it runs, so that help answers at once.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from stiff_protocols.errors import ConfigError, StiffBenchError
+
+if TYPE_CHECKING:
+    from stiff_bench.registry import Registry
+
+USAGE_ERROR, CELLS_FAILED, INTERRUPTED = 2, 1, 130
+MOST_THREADS = 4  # the networks here are too small to feed more
+
+debug_option = click.option(
+    "--debug", is_flag=True, expose_value=False, help="Show the traceback of an error."
+)
+plugin_option = click.option(
+    "--plugin",
+    "plugins",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    metavar="FILE.py",
+    help="A file that defines MODELS, DATASETS or PROTOCOLS; may be repeated.",
+)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line and leave with its exit status.
+
+    0: done; 1: a cell failed; 2: bad input; 130: interrupted.
+    """
+    words = sys.argv[1:] if arguments is None else arguments
+    debug = "--debug" in words
+    try:
+        status = bench.main(args=words, prog_name="bench", standalone_mode=False)
+    except (click.Abort, KeyboardInterrupt):
+        _say("interrupted; cells that were finished are kept")
+        status = INTERRUPTED
+    except (click.ClickException, StiffBenchError) as error:
+        if debug:
+            raise
+        message = error.format_message() if isinstance(error, click.ClickException) else str(error)
+        _say(f"error: {' '.join(message.split())}")
+        status = USAGE_ERROR
+    except BrokenPipeError:  # the reader of our output has left: not our error
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        status = 0
+    except Exception as error:
+        if debug:
+            raise
+        _say(f"internal error: {type(error).__name__}: {error} (--debug shows where)")
+        status = CELLS_FAILED
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+def _say(message: str) -> None:
+    click.echo(f"bench: {message}", err=True)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="stiffbench", prog_name="bench")
+@debug_option
+def bench() -> None:
+    """Benchmark stiffness models of industrial robots."""
+    threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    os.environ.setdefault("OMP_NUM_THREADS", str(min(MOST_THREADS, threads or 1)))
+
+
+@bench.command()
+@click.option("--model", "models", multiple=True, metavar="KEY", help="A model; may be repeated.")
+@click.option(
+    "--dataset",
+    "datasets",
+    multiple=True,
+    metavar="KEY",
+    help="A data set; may be repeated.  [default: kr10-twin]",
+)
+@click.option(
+    "--protocol",
+    "protocols",
+    multiple=True,
+    metavar="KEY",
+    default=("holdout",),
+    show_default="holdout",
+    help="A protocol; may be repeated.",
+)
+@click.option(
+    "--metric",
+    "metrics",
+    multiple=True,
+    metavar="KEY",
+    default=("mae", "stde", "me"),
+    show_default="mae, stde, me",
+    help="A metric; may be repeated.",
+)
+@click.option(
+    "--splits",
+    type=click.IntRange(1, 10_000),
+    default=None,
+    help="Number of splits.  [default: the protocol's]",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0, 2**32 - 20_000),
+    default=0,
+    show_default=True,
+    help="Seed of splits and models.",
+)
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY.OPTION=VALUE",
+    help="An option of a model, data set or protocol of this run; `bench show KEY` lists them.",
+)
+@click.option(
+    "--data",
+    type=click.Path(path_type=Path),
+    metavar="FILE.csv",
+    help="Your own measurement, with --urdf.",
+)
+@click.option("--urdf", type=click.Path(path_type=Path), metavar="FILE.urdf", help="Its robot.")
+@click.option(
+    "--tcp",
+    default="",
+    metavar="X,Y,Z",
+    help="Its tool centre point in the frame of the URDF's last link, in m.  [default: 0,0,0]",
+)
+@plugin_option
+@click.option(
+    "--device",
+    type=click.Choice(["auto", "cpu", "cuda"]),
+    default="auto",
+    show_default=True,
+    help="Where networks run.",
+)
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path),
+    default=Path("results/runs"),
+    show_default=True,
+    metavar="DIR",
+    help="Where results are stored.",
+)
+@click.option(
+    "--format",
+    "fmt",
+    type=click.Choice(["github", "latex", "csv", "html", "json"]),
+    default="github",
+    show_default=True,
+    help="Of the tables on standard output.",
+)
+@debug_option
+def run(plugins: tuple[Path, ...], fmt: str, **words: Any) -> int:
+    """Fit and test models and print a table for each data set and protocol."""
+    from stiff_bench.config import RunRequest, plan_run
+
+    request = RunRequest(**words, command=shlex.join(["bench", *sys.argv[1:]]))
+    plan = plan_run(request, _registry(plugins))
+    from stiff_bench.run import execute
+
+    return execute(plan, fmt)
+
+
+@bench.command("list")
+@click.argument("kind", type=click.Choice(["models", "datasets", "protocols"]))
+@plugin_option
+@debug_option
+def list_(kind: str, plugins: tuple[Path, ...]) -> None:
+    """List what can be named: models, data sets or protocols."""
+    from tabulate import tabulate
+
+    lines = getattr(_registry(plugins), kind).values()
+    rows = [
+        [line.key, *([line.kind] if kind == "datasets" else []), line.summary] for line in lines
+    ]
+    headers = ["key", *(["kind"] if kind == "datasets" else []), "what it is"]
+    click.echo(tabulate(rows, headers=headers))
+
+
+@bench.command()
+@click.argument("key")
+@plugin_option
+@debug_option
+def show(key: str, plugins: tuple[Path, ...]) -> None:
+    """Show what a model, data set or protocol is and which options it has."""
+    from stiff_bench.describe import describe
+
+    click.echo(describe(_registry(plugins).find(key)))
+
+
+def _registry(plugins: tuple[Path, ...]) -> Registry:
+    from stiff_bench.registry import build_registry
+
+    registry = build_registry(plugins)
+    for line in registry.broken:
+        _say(f"warning: plugin left out: {line}")
+    return registry
+
+
+if __name__ == "__main__":
+    main()

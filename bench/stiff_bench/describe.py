@@ -1,0 +1,43 @@
+"""The text of `bench show KEY`."""
+
+from __future__ import annotations
+
+import inspect
+
+from tabulate import tabulate
+
+from stiff_bench.options import options_of
+from stiff_protocols.plugin import DatasetInfo, PluginInfo, ProtocolInfo
+
+
+def describe(info: PluginInfo) -> str:
+    """Return summary, reference, caveats and options of a catalogue line."""
+    parts = [f"{info.key}: {info.summary}"]
+    if info.reference:
+        parts.append(f"reference: {info.reference}")
+    if isinstance(info, DatasetInfo):
+        parts.append(f"kind: {info.kind}")
+        parts += [f"caveat: {caveat}" for caveat in info.caveats]
+    if isinstance(info, ProtocolInfo) and info.warning:
+        parts.append(f"warning: {info.warning}")
+    options = options_of(info.load()).values()
+    if not options:
+        return "\n".join([*parts, "", "no options"])
+    rows = [
+        [
+            f"{info.key}.{option.name}",
+            option.type_text,
+            "-" if option.default is inspect.Parameter.empty else str(option.default).lower()
+            if option.default is None
+            else str(option.default),
+            option.description,
+        ]
+        for option in options
+    ]
+    table = tabulate(
+        rows,
+        headers=["--set", "valid", "default", "what it does"],
+        maxcolwidths=[None, 40, None, 60],
+        disable_numparse=True,
+    )
+    return "\n".join([*parts, "", table])

@@ -1,0 +1,37 @@
+"""The source paper's tables, as shipped in `results/published`."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+
+MARK = "published"
+NOTE = "published, KR10 measured, not comparable in absolute terms"
+
+
+@dataclass(frozen=True)
+class PublishedRow:
+    """A method of a published table.
+
+    Attributes:
+        method: its name in the paper.
+        values_mm: (metric key, axis) -> value, mm.
+    """
+
+    method: str
+    values_mm: Mapping[tuple[str, str], float]
+
+
+def published_rows(table: str) -> list[PublishedRow]:
+    """Return the rows of a published error table, one a method."""
+    text = (files("stiff_published") / f"{table}.csv").read_text(encoding="utf-8")
+    lines = list(csv.DictReader(text.splitlines()))
+    methods = [name for name in lines[0] if name not in ("axis", "error")]
+    return [
+        PublishedRow(
+            method, {(line["error"], line["axis"]): float(line[method]) for line in lines}
+        )
+        for method in methods
+    ]

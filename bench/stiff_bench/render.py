@@ -1,0 +1,135 @@
+"""Tables -> text: github, latex (booktabs), csv, html or json."""
+
+from __future__ import annotations
+
+import csv
+import html
+import io
+import json
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from tabulate import tabulate
+
+from stiff_bench.tables import Row, Table, Value
+from stiff_protocols.types import AXES
+
+FORMATS = ("github", "latex", "csv", "html", "json")
+DECIMALS = 4  # of mm, as in the source paper's Table 10
+
+
+def render(tables: Sequence[Table], fmt: str, command: str) -> str:
+    """Return the tables as text of the given format, with the command that makes them."""
+    if fmt == "csv":
+        return _csv(tables)
+    if fmt == "json":
+        return json.dumps(
+            {"command": command, "tables": [_plain(table) for table in tables]}, indent=2
+        )
+    parts = {"github": _github, "latex": _latex, "html": _html}[fmt]
+    return "\n\n".join(parts(table, command) for table in tables)
+
+
+def _header(table: Table) -> list[str]:
+    return ["model", *(f"{axis.upper()} {m.label}" for axis in AXES for m in table.metrics)]
+
+
+def _cells(table: Table, row: Row) -> list[str]:
+    keys = [(m.key, axis) for axis in AXES for m in table.metrics]
+    return [row.label, *(_text(row.values.get(key)) for key in keys)]
+
+
+def _text(value: Value | None) -> str:
+    if value is None:
+        return "-"
+    text = f"{value.mean:.{DECIMALS}f}"
+    return text if math.isnan(value.std) else f"{text} ± {value.std:.{DECIMALS}f}"
+
+
+def _body(table: Table, fmt: str) -> str:
+    rows = [_cells(table, row) for row in table.rows]
+    align = ["left", *["right"] * (len(rows[0]) - 1)]
+    return tabulate(
+        rows, headers=_header(table), tablefmt=fmt, colalign=align, disable_numparse=True
+    )
+
+
+def _github(table: Table, command: str) -> str:
+    notes = [f"- {note}" for note in (*table.notes, f"made by: `{command}`")]
+    return "\n".join([f"**{table.title}**", "", _body(table, "github"), "", *notes])
+
+
+def _latex(table: Table, command: str) -> str:
+    body = _body(table, "latex_booktabs").replace("±", r"$\pm$")
+    notes = [f"% {note}" for note in (table.title, *table.notes, f"made by: {command}")]
+    return "\n".join([*notes, body])
+
+
+def _html(table: Table, command: str) -> str:
+    notes = "".join(f"<li>{html.escape(note)}</li>" for note in table.notes)
+    return "\n".join(
+        [
+            "<section>",
+            f"<h2>{html.escape(table.title)}</h2>",
+            _body(table, "html"),
+            f"<ul>{notes}<li>made by: <code>{html.escape(command)}</code></li></ul>",
+            "</section>",
+        ]
+    )
+
+
+def _csv(tables: Sequence[Table]) -> str:
+    """Return one line a row and metric and axis, at full precision."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(
+        ["dataset", "kind", "protocol", "splits", "seed", "model", "source", "mark"]
+        + ["axis", "metric", "value_mm", "std_mm"]
+    )
+    for table in tables:
+        about = [table.dataset, table.kind, table.protocol, table.n_splits, table.seed]
+        for row in table.rows:
+            for axis in AXES:
+                for metric in table.metrics:
+                    value = row.values.get((metric.key, axis))
+                    numbers = ["", ""] if value is None else [repr(value.mean), _std(value)]
+                    writer.writerow(
+                        [*about, row.name, row.source, row.mark, axis, metric.key, *numbers]
+                    )
+    return out.getvalue().rstrip("\n")
+
+
+def _std(value: Value) -> str:
+    return "" if math.isnan(value.std) else repr(value.std)
+
+
+def _plain(table: Table) -> dict[str, Any]:
+    return {
+        "title": table.title,
+        "dataset": table.dataset,
+        "kind": table.kind,
+        "protocol": table.protocol,
+        "splits": table.n_splits,
+        "pooled": table.pooled,
+        "seed": table.seed,
+        "unit": "mm",
+        "notes": list(table.notes),
+        "rows": [
+            {
+                "model": row.name,
+                "source": row.source,
+                "mark": row.mark,
+                "values": [
+                    {
+                        "axis": axis,
+                        "metric": metric,
+                        "value": value.mean,
+                        "std": None if math.isnan(value.std) else value.std,
+                    }
+                    for (metric, axis), value in row.values.items()
+                ],
+            }
+            for row in table.rows
+        ],
+    }

@@ -1,0 +1,41 @@
+"""`bench run`: from a checked plan to tables on standard output."""
+
+from __future__ import annotations
+
+import time
+
+import click
+
+from stiff_bench.config import RunPlan
+from stiff_bench.progress import display
+from stiff_bench.provenance import peak_memory_bytes
+from stiff_bench.render import render
+from stiff_bench.runner import cell_tasks, run_cells
+from stiff_bench.store import ResultStore
+from stiff_bench.tables import build_tables
+from stiff_protocols.plugin import ProtocolInfo
+
+
+def execute(plan: RunPlan, fmt: str) -> int:
+    """Run a plan, print its tables, and return the exit status: 1 if a cell failed.
+
+    Raises:
+        StiffBenchError: the data cannot be loaded or divided, or the output not written.
+    """
+    start = time.perf_counter()
+    tasks = cell_tasks(plan)
+    store = ResultStore(plan.output)
+    for choice in plan.protocols:
+        if isinstance(choice.info, ProtocolInfo) and choice.info.warning:
+            click.echo(f"bench: warning: {choice.info.warning}", err=True)
+    with display() as shown:
+        results = list(run_cells(tasks, plan, store, shown.cell))
+    click.echo(render(build_tables(tasks, results, plan.metrics), fmt, plan.command))
+    failed = sum(result.status == "failed" for result in results)
+    click.echo(
+        f"bench: {len(results) - failed} cells ok, {failed} failed; "
+        f"{time.perf_counter() - start:.1f} s, peak memory "
+        f"{peak_memory_bytes() / 2**20:.0f} MiB; stored in {plan.output}",
+        err=True,
+    )
+    return 1 if failed else 0
