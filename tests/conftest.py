@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from stiff_datasets.robots.robot import ChainModel, shipped_chain, shipped_robot
 
+from stiff_datasets.robots.robot import ChainModel, shipped_chain, shipped_robot
 from stiff_protocols.types import Robot
 
 KR10_TCP = (0.06, 0.0, 0.08)

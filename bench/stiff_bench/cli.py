@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from stiff_protocols.errors import ConfigError, StiffBenchError
+from stiff_protocols.errors import StiffBenchError
 
 if TYPE_CHECKING:
     from stiff_bench.registry import Registry

@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from stiff_datasets.catalog import MEASURED_FILE
-
 from stiff_bench.options import options_of, parse_settings
 from stiff_bench.registry import Registry, lookup
+from stiff_datasets.catalog import MEASURED_FILE
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.metrics import Metric, metric
 from stiff_protocols.plugin import DatasetInfo, PluginInfo
@@ -96,9 +95,7 @@ def plan_run(request: RunRequest, registry: Registry) -> RunPlan:
     infos: list[PluginInfo] = [*models, *datasets, *protocols]
     classes = {info.key: info.load() for info in infos}
     params = parse_settings(request.settings, classes)
-    choices = {
-        info.key: Choice(info, classes[info.key], params[info.key], {}) for info in infos
-    }
+    choices = {info.key: Choice(info, classes[info.key], params[info.key], {}) for info in infos}
     if request.data is not None:
         own = choices[request.data.name]
         choices[request.data.name] = replace(own, context=_own_files(request))

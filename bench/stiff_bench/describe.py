@@ -27,7 +27,9 @@ def describe(info: PluginInfo) -> str:
         [
             f"{info.key}.{option.name}",
             option.type_text,
-            "-" if option.default is inspect.Parameter.empty else str(option.default).lower()
+            "-"
+            if option.default is inspect.Parameter.empty
+            else str(option.default).lower()
             if option.default is None
             else str(option.default),
             option.description,

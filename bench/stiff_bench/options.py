@@ -127,7 +127,9 @@ def _descriptions(cls: type) -> dict[str, str]:
     found = {}
     for base in reversed(cls.__mro__):
         doc = inspect.cleandoc(vars(base).get("__doc__") or "")
-        for section in re.findall(r"^(?:Attributes|Args):\n((?:[ ]{4}.*\n?|\n)+)", doc, re.MULTILINE):
+        for section in re.findall(
+            r"^(?:Attributes|Args):\n((?:[ ]{4}.*\n?|\n)+)", doc, re.MULTILINE
+        ):
             for name, text in re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", section, re.MULTILINE):
                 found[name] = " ".join(text.split())
     return found

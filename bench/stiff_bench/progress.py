@@ -5,6 +5,7 @@ Both go to standard error, so that standard output holds the tables alone.
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Iterator
@@ -25,6 +26,7 @@ from stiff_bench.runner import CellTask
 from stiff_protocols.progress import Progress, listening
 
 SECONDS_BETWEEN_LINES = 5.0
+SECONDS_BETWEEN_CELLS = 1.0
 
 
 class Display(Protocol):
@@ -76,17 +78,22 @@ class BarDisplay:
 
 
 class LineDisplay:
-    """A line for each cell and phase, and every few seconds in between."""
+    """A line for each cell and phase, and every few seconds in between.
+
+    Cells that last less than a second share a line: a leave-one-out run has hundreds.
+    """
 
     def __init__(self) -> None:
         """Start the clocks."""
-        self._phase = ""
-        self._phase_start = self._last_line = time.monotonic()
+        self._phase = self._unsaid = ""
+        self._phase_start = time.monotonic()
+        self._last_line = -math.inf
 
     def cell(self, number: int, total: int, task: CellTask) -> None:
-        """Print the cell's name."""
-        self._phase = ""
-        self._print(name_of(number, total, task))
+        """Print the cell's name, not too often."""
+        self._phase, self._unsaid = "", name_of(number, total, task)
+        if time.monotonic() - self._last_line >= SECONDS_BETWEEN_CELLS or number + 1 == total:
+            self._say_name()
 
     def step(self, progress: Progress) -> None:
         """Print where the phase is, not too often."""
@@ -95,14 +102,22 @@ class LineDisplay:
             self._phase, self._phase_start = progress.phase, now
         elif now - self._last_line < SECONDS_BETWEEN_LINES and progress.step < progress.total:
             return
+        self._say_name()
         loss = "" if progress.loss is None else f", loss {progress.loss:.3g}"
-        self._print(f"  {progress.phase} {progress.step}/{progress.total}{loss}{self._left(progress)}")
+        self._print(
+            f"  {progress.phase} {progress.step}/{progress.total}{loss}{self._left(progress)}"
+        )
 
     def _left(self, progress: Progress) -> str:
         if not 0 < progress.step < progress.total:
             return ""
         a_step = (time.monotonic() - self._phase_start) / progress.step
         return f", {a_step * (progress.total - progress.step):.0f} s left"
+
+    def _say_name(self) -> None:
+        if self._unsaid:
+            self._print(self._unsaid)
+            self._unsaid = ""
 
     def _print(self, line: str) -> None:
         self._last_line = time.monotonic()

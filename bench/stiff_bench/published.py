@@ -30,8 +30,6 @@ def published_rows(table: str) -> list[PublishedRow]:
     lines = list(csv.DictReader(text.splitlines()))
     methods = [name for name in lines[0] if name not in ("axis", "error")]
     return [
-        PublishedRow(
-            method, {(line["error"], line["axis"]): float(line[method]) for line in lines}
-        )
+        PublishedRow(method, {(line["error"], line["axis"]): float(line[method]) for line in lines})
         for method in methods
     ]

@@ -13,7 +13,6 @@ from typing import TypeVar
 
 from stiff_datasets.catalog import DATASETS
 from stiff_models.catalog import MODELS
-
 from stiff_protocols.catalog import PROTOCOLS
 from stiff_protocols.errors import ConfigError, unknown_name
 from stiff_protocols.plugin import DatasetInfo, ModelInfo, PluginInfo, ProtocolInfo

@@ -16,6 +16,8 @@ from stiff_bench.tables import Row, Table, Value
 from stiff_protocols.types import AXES
 
 FORMATS = ("github", "latex", "csv", "html", "json")
+_CSV_ABOUT_TABLE = ("dataset", "kind", "protocol", "splits", "seed")
+_CSV_ABOUT_ROW = ("model", "source", "mark")
 DECIMALS = 4  # of mm, as in the source paper's Table 10
 
 
@@ -83,10 +85,7 @@ def _csv(tables: Sequence[Table]) -> str:
     """Return one line a row and metric and axis, at full precision."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(
-        ["dataset", "kind", "protocol", "splits", "seed", "model", "source", "mark"]
-        + ["axis", "metric", "value_mm", "std_mm"]
-    )
+    writer.writerow([*_CSV_ABOUT_TABLE, *_CSV_ABOUT_ROW, "axis", "metric", "value_mm", "std_mm"])
     for table in tables:
         about = [table.dataset, table.kind, table.protocol, table.n_splits, table.seed]
         for row in table.rows:

@@ -168,8 +168,7 @@ def _fit_predict_score(task: CellTask, metrics: Sequence[Metric], run_id: str) -
         fit_s=fitted - start,
         predict_s=predicted_at - fitted,
         diagnostics={
-            str(name): float(value)
-            for name, value in getattr(model, "diagnostics_", {}).items()
+            str(name): float(value) for name, value in getattr(model, "diagnostics_", {}).items()
         },
     )
 

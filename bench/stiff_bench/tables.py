@@ -126,7 +126,9 @@ def _table(group: list[tuple[CellTask, CellResult]], metrics: tuple[Metric, ...]
     for cells in by_model.values():
         notes += _model_notes([result for _, result in cells])
     if dataset.published:
-        rows += [_published_row(row.method, row.values_mm) for row in published_rows(dataset.published)]
+        rows += [
+            _published_row(row.method, row.values_mm) for row in published_rows(dataset.published)
+        ]
         notes.append(f"[{MARK}]: {NOTE}.")
     return Table(
         dataset=dataset.key,

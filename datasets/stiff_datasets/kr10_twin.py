@@ -22,8 +22,8 @@ TCP = (0.06, 0.0, 0.08)
 the TCP on the axis of A6 that joint could not be identified from translations."""
 
 HOOK = (0.06, 0.04, 0.07)
-"""m, from the TCP, frame of the last joint; assumption: a lever of 0.1 m turns 100 N into the 10 N m that
-the source paper's Table 5 has."""
+"""m, from the TCP, frame of the last joint; assumption: a lever of 0.1 m turns 100 N into the
+10 N m that the source paper's Table 5 has."""
 
 GEARS = {  # catalogue; rated torques: assumption
     14: GearSize((0.47e4, 0.61e4, 0.71e4), (2.0, 6.9), 7.8),

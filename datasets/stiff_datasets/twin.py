@@ -177,9 +177,7 @@ class DigitalTwin:
         )
         return np.asarray(rows.T @ wrench - gravity)
 
-    def torque_derivative(
-        self, q: FloatArray, theta: FloatArray, wrench: FloatArray
-    ) -> FloatArray:
+    def torque_derivative(self, q: FloatArray, theta: FloatArray, wrench: FloatArray) -> FloatArray:
         """Return the derivative of `torque` by theta, (3 n_joints, 3 n_joints), N m/rad."""
         x = self._positions(q, theta)
         result = -pin.computeGeneralizedGravityDerivatives(self._model, self._data, x)

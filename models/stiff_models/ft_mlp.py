@@ -116,7 +116,7 @@ def fine_tune(
 ) -> list[Curve]:
     """Train `network` in place, stage after stage, and return each stage's curve.
 
-    A stage goes on from the last weights of the stage before; with `plan.keep_best` the best
+    A stage goes on from the weights that the stage before kept; with `plan.keep_best` the best
     weights of all stages are put back at the end.
     """
     curves = []
@@ -141,7 +141,7 @@ def fine_tune(
 
 
 def _trainable(network: torch.nn.Sequential, stage: Stage) -> Trainable:
-    rates = {}
+    rates: dict[torch.Tensor, float] = {}
     for number, layer in enumerate(linear_layers(network)):
         if number in stage.rates:
             rates[layer.bias] = stage.rates[number]

@@ -109,9 +109,7 @@ def _z_aligned(robot: Robot) -> tuple[list[_Link], FloatArray]:
     """Rewrite the chain so that every joint's axis is its frame's z; returns links and tool."""
     links = []
     basis = np.eye(3)  # the previous joint's z-aligned frame, seen from its own URDF frame
-    for placement, axis, kind in zip(
-        robot.placements, robot.axes, robot.joint_types, strict=True
-    ):
+    for placement, axis, kind in zip(robot.placements, robot.axes, robot.joint_types, strict=True):
         aligned = _basis_with_z(axis)
         links.append(
             _Link(

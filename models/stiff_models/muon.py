@@ -28,7 +28,7 @@ class Muon(torch.optim.Optimizer):
     """
 
     def __init__(
-        self, parameters: Iterable[torch.nn.Parameter], *, lr: float, low_precision: bool
+        self, parameters: Iterable[torch.Tensor], *, lr: float, low_precision: bool
     ) -> None:
         """Store the step length."""
         super().__init__(list(parameters), {"lr": lr})
@@ -47,7 +47,7 @@ class Muon(torch.optim.Optimizer):
             ):
                 weight.add_(direction.to(weight.dtype), alpha=-group["lr"])
 
-    def _averaged_gradient(self, weight: torch.nn.Parameter) -> torch.Tensor:
+    def _averaged_gradient(self, weight: torch.Tensor) -> torch.Tensor:
         assert weight.grad is not None  # for the type checker; `step` has filtered
         average = self.state[weight].setdefault("average", torch.zeros_like(weight))
         average.lerp_(weight.grad, 1.0 - MOMENTUM)
@@ -58,7 +58,7 @@ def orthogonalised(matrices: torch.Tensor) -> torch.Tensor:
     """Return, for (k, n, n) matrices, nearly orthogonal ones with the same singular vectors."""
     a, b, c = _QUINTIC
     size = matrices.flatten(1).norm(dim=1).clamp_min(1e-7)
-    x = matrices / size[:, None, None]
+    x: torch.Tensor = matrices / size[:, None, None]
     for _ in range(ITERATIONS):
         gram = x @ x.mT
         x = torch.baddbmm(x, torch.baddbmm(gram, gram, gram, beta=b, alpha=c), x, beta=a)

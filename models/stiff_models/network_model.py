@@ -57,7 +57,7 @@ class NetworkModel(BaseEstimator):  # type: ignore[misc]
     ) -> FloatArray:
         inputs = self._inputs(q, wrench)
         with torch.no_grad():
-            outputs = [network(part) for part in inputs.split(8192)]
+            outputs = [network(part) for part in torch.split(inputs, 8192)]
         standardised = torch.cat(outputs).cpu().numpy().astype(np.float64)
         return self.output_scaler_.undo(standardised)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Literal
 
 import torch
@@ -31,7 +32,7 @@ def build_network(
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         modules: list[torch.nn.Module] = []
-        for n_in, n_out in zip(sizes[:-1], sizes[1:], strict=True):
+        for n_in, n_out in itertools.pairwise(sizes):
             modules += [torch.nn.Linear(n_in, n_out), _ACTIVATIONS[activation]()]
         modules.append(torch.nn.Linear(sizes[-1], 3))
     return torch.nn.Sequential(*modules)
@@ -58,7 +59,7 @@ def torch_device(device: Device) -> torch.device:
 def has_fast_bfloat16(device: torch.device) -> bool:
     """Say whether bfloat16 products run in hardware there; in emulation they only cost."""
     if device.type == "cuda":
-        return torch.cuda.is_bf16_supported()
+        return bool(torch.cuda.is_bf16_supported())
     checks = (
         getattr(torch.cpu, name, lambda: False)
         for name in ("_is_avx512_bf16_supported", "_is_amx_tile_supported")

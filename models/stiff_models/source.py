@@ -95,7 +95,9 @@ def source_design(kind: SourceKind, robot: Robot, train: Samples, seed: int) -> 
                 f"source=paper: Table 4 has {len(_PAPER_GRID_DEG)} joints, robot "
                 f"{robot.name!r} has {robot.n_joints} (valid: auto, data)"
             )
-        return SourceDesign(_grid([np.deg2rad(axis) for axis in _PAPER_GRID_DEG]), PAPER_WRENCHES[None])
+        return SourceDesign(
+            _grid([np.deg2rad(axis) for axis in _PAPER_GRID_DEG]), PAPER_WRENCHES[None]
+        )
     return SourceDesign(*_design_like(train, np.random.default_rng(seed)))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import torch
@@ -71,7 +71,7 @@ class Trainable:
         pull: strength alpha of the penalty alpha/2 |w - w0|^2 towards the first weights w0.
     """
 
-    rates: Mapping[torch.nn.Parameter, float]
+    rates: Mapping[torch.Tensor, float]
     pull: float = 0.0
 
     @classmethod
@@ -81,22 +81,33 @@ class Trainable:
 
 
 @dataclass(frozen=True)
+class CurvePoint:
+    """A recorded step of a training.
+
+    Attributes:
+        step: its number.
+        train_loss: the loss before it.
+        validation_loss: mean absolute error of the validation rows, standardised; NaN: none.
+    """
+
+    step: int
+    train_loss: float
+    validation_loss: float
+
+
+@dataclass(frozen=True)
 class Curve:
     """What happened in a training.
 
     Attributes:
-        step: numbers of the recorded steps.
-        train_loss: loss before each of them.
-        validation_loss: mean absolute error of the validation rows, standardised; NaN: none.
+        points: the recorded steps.
         best_step: the step whose weights were kept (the last one without validation rows).
         best_loss: its validation loss; NaN where there are no validation rows.
     """
 
-    step: list[int] = field(default_factory=list)
-    train_loss: list[float] = field(default_factory=list)
-    validation_loss: list[float] = field(default_factory=list)
-    best_step: int = 0
-    best_loss: float = math.nan
+    points: tuple[CurvePoint, ...]
+    best_step: int
+    best_loss: float
 
 
 def train_network(
@@ -170,7 +181,7 @@ class _Run:
         self.generator = torch.Generator().manual_seed(seed)
         self.order = torch.empty(0, dtype=torch.int64)
         self.moving = list(trainable.rates)
-        self.curve: list[tuple[int, float, float]] = []
+        self.points: list[CurvePoint] = []
         self.validation_loss = math.nan
         self.best_step, self.best_loss = 0, math.inf
         self.best_weights: list[torch.Tensor] = []
@@ -205,25 +216,17 @@ class _Run:
         return loss.detach()
 
     def note(self, step: int, train_loss: float) -> None:
-        self.curve.append((step, train_loss, self.validation_loss))
+        self.points.append(CurvePoint(step, train_loss, self.validation_loss))
 
     def finish(self) -> Curve:
         """Judge the last weights, put the best ones back, and return what happened."""
-        best_step = self.plan.steps
-        if self.validation is not None:
-            with torch.no_grad():
-                self._judge(self.plan.steps, self.tail(self.validation.inputs))
-                for parameter, weights in zip(self.moving, self.best_weights, strict=True):
-                    parameter.copy_(weights)
-            best_step = self.best_step
-        steps, train_loss, validation_loss = zip(*self.curve, strict=True) if self.curve else ((),) * 3
-        return Curve(
-            list(steps),
-            list(train_loss),
-            list(validation_loss),
-            best_step,
-            self.best_loss if self.validation is not None else math.nan,
-        )
+        if self.validation is None:
+            return Curve(tuple(self.points), self.plan.steps, math.nan)
+        with torch.no_grad():
+            self._judge(self.plan.steps, self.tail(self.validation.inputs))
+            for parameter, weights in zip(self.moving, self.best_weights, strict=True):
+                parameter.copy_(weights)
+        return Curve(tuple(self.points), self.best_step, self.best_loss)
 
     def _batch(self) -> tuple[torch.Tensor, torch.Tensor]:
         batch = self.plan.batch
@@ -253,8 +256,9 @@ def _split_at_first_moving(
     """Return the part from the first moving layer on, and the frozen part before it."""
     for index, module in enumerate(network):
         if any(parameter in trainable.rates for parameter in module.parameters()):
-            return network[index:], network[:index]
-    return network[len(network) :], network
+            modules = list(network)
+            return torch.nn.Sequential(*modules[index:]), torch.nn.Sequential(*modules[:index])
+    return torch.nn.Sequential(), network
 
 
 def _through(part: torch.nn.Sequential, rows: Rows) -> Rows:
@@ -290,10 +294,8 @@ def _optimizers(
     return optimizers
 
 
-def _groups(
-    rates: Mapping[torch.nn.Parameter, float], learning_rate: float
-) -> list[dict[str, object]]:
-    by_rate: dict[float, list[torch.nn.Parameter]] = {}
+def _groups(rates: Mapping[torch.Tensor, float], learning_rate: float) -> list[dict[str, object]]:
+    by_rate: dict[float, list[torch.Tensor]] = {}
     for parameter, rate in rates.items():
         by_rate.setdefault(rate, []).append(parameter)
     return [{"params": group, "lr": rate * learning_rate} for rate, group in by_rate.items()]
@@ -301,7 +303,7 @@ def _groups(
 
 @torch.no_grad()
 def _pull_back(
-    moving: list[torch.nn.Parameter],
+    moving: list[torch.Tensor],
     origin: list[torch.Tensor],
     trainable: Trainable,
     learning_rate: float,

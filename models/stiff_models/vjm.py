@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import nnls
 from sklearn.base import BaseEstimator
 
@@ -86,13 +87,15 @@ def identify_joints(robot: Robot, samples: Samples) -> IdentifiedJoints:
         rank=int(kept.sum()),
         condition=float(singular[0] / singular[kept][-1]),
         unidentifiable=tuple(
-            name for name, identified in zip(robot.joint_names, known, strict=True) if not identified
+            name
+            for name, identified in zip(robot.joint_names, known, strict=True)
+            if not identified
         ),
     )
 
 
 def _least_squares(
-    matrix: FloatArray, target: FloatArray, known: FloatArray
+    matrix: FloatArray, target: FloatArray, known: NDArray[np.bool_]
 ) -> tuple[FloatArray, FloatArray]:
     """Return compliances [rad/(N m)] and the stiffnesses' standard errors [N m/rad]."""
     compliance = np.zeros(len(known))

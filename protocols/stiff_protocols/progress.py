@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Progress:
-    """One report: `step` of `total` in `phase`, with the newest training loss where there is one."""
+    """One report: `step` of `total` in `phase`, with the newest training loss if any."""
 
     phase: str
     step: int

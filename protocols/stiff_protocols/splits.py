@@ -54,8 +54,7 @@ def leave_one_pose_out(samples: Samples, *, validation_fraction: float, seed: in
     """Return one division a pose, in the order of the data set's first rows of each pose."""
     require_poses(samples, 4)
     splits = [
-        (train, test)
-        for train, test in LeaveOneGroupOut().split(samples.q, groups=samples.pose_id)
+        (train, test) for train, test in LeaveOneGroupOut().split(samples.q, groups=samples.pose_id)
     ]
     splits.sort(key=lambda rows: int(rows[1][0]))
     result = []

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+
 from stiff_datasets.robots.robot import load_robot
 from stiff_models.kinematics import CHUNK, jacobian
-
 from stiff_protocols.errors import DataError
 
 
@@ -15,7 +15,9 @@ def pinocchio_jacobians(model, tcp, q):
     """One Pinocchio call a sample: the independent truth."""
     data = model.createData()
     frame = model.addFrame(
-        pin.Frame("truth_tcp", model.njoints - 1, 0, pin.SE3(np.eye(3), tcp), pin.FrameType.OP_FRAME)
+        pin.Frame(
+            "truth_tcp", model.njoints - 1, 0, pin.SE3(np.eye(3), tcp), pin.FrameType.OP_FRAME
+        )
     )
     data = model.createData()
     out = np.empty((len(q), 6, model.nv))

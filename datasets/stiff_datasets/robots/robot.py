@@ -139,9 +139,7 @@ def _limits(model: pin.Model) -> tuple[FloatArray, FloatArray]:
 
 def _tip_placement(model: pin.Model, urdf: Path) -> pin.SE3:
     """Return the pose of the last link in the last joint's frame."""
-    bodies = [
-        index for index, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY
-    ]
+    bodies = [index for index, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY]
     parents = {_parent_body(model, index) for index in bodies}
     tips = [
         index

@@ -1,0 +1,33 @@
+# `make run` and `make test` do all set-up themselves; the README shows the pip lines behind them.
+PYTHON ?= python3
+VENV ?= .venv
+BIN = $(VENV)/bin
+READY = $(VENV)/.ready
+
+.PHONY: run test slow-test bench-speed lint clean
+
+run: $(READY)
+	$(BIN)/bench run --model ft-mlp
+
+test: $(READY)
+	$(BIN)/python -m pytest
+
+slow-test: $(READY)
+	$(BIN)/python -m pytest -m slow
+
+bench-speed: $(READY)
+	$(BIN)/python -m pytest tests/speed --benchmark-only
+
+lint: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+$(READY): pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --constraint constraints.txt --editable ".[dev]"
+	touch $(READY)
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info

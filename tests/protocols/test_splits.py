@@ -1,0 +1,79 @@
+"""Divisions: what is kept apart stays apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stiff_protocols.errors import ConfigError
+from stiff_protocols.protocol import Holdout, LeaveOneOut, PaperHoldout
+from stiff_protocols.types import Samples
+
+
+def samples_with(n_poses: int, loads: int) -> Samples:
+    n = n_poses * loads
+    return Samples(
+        q=np.zeros((n, 6)),
+        wrench=np.zeros((n, 6)),
+        deflection=np.zeros((n, 3)),
+        pose_id=np.repeat([f"p{i}" for i in range(n_poses)], loads),
+        load_id=np.tile([f"l{i}" for i in range(loads)], n_poses),
+        group=np.full(n, "all"),
+    )
+
+
+@pytest.mark.parametrize("protocol", [Holdout(), LeaveOneOut()])
+def test_no_pose_stands_on_two_sides_of_a_split(protocol):
+    samples = samples_with(20, 5)
+    for split in protocol.splits(samples, n_splits=None, seed=3):
+        parts = [
+            set(samples.pose_id[rows]) for rows in (split.train, split.validation, split.test)
+        ]
+        assert all(parts)
+        assert sum(map(len, parts)) == len(set.union(*parts)) == 20
+
+
+@pytest.mark.parametrize("protocol", [Holdout(), LeaveOneOut()])
+def test_every_row_stands_in_exactly_one_part(protocol):
+    for split in protocol.splits(samples_with(20, 2), n_splits=None, seed=0):
+        rows = np.concatenate([split.train, split.validation, split.test])
+        np.testing.assert_array_equal(np.sort(rows), np.arange(40))
+
+
+def test_holdout_tests_a_fifth_of_the_poses_and_validates_on_a_fifth_of_the_rest():
+    (split,) = Holdout().splits(samples_with(150, 1), n_splits=1, seed=0)
+    assert [len(split.train), len(split.validation), len(split.test)] == [96, 24, 30]
+
+
+def test_leave_one_out_tests_every_pose_once_in_the_order_of_the_data():
+    splits = LeaveOneOut().splits(samples_with(12, 1), n_splits=None, seed=0)
+    assert [int(split.test[0]) for split in splits] == list(range(12))
+
+
+def test_paper_holdout_validates_on_its_test_rows_and_says_so():
+    protocol = PaperHoldout()
+    (split,) = protocol.splits(samples_with(151, 1), n_splits=None, seed=0)
+    assert protocol.selects_on_test
+    np.testing.assert_array_equal(split.validation, split.test)
+    assert not set(split.train) & set(split.test)
+    assert len(split.test) == 31
+
+
+def test_the_same_seed_gives_the_same_splits_and_another_seed_others():
+    samples = samples_with(50, 1)
+    first, again = (Holdout().splits(samples, n_splits=3, seed=7) for _ in range(2))
+    other = Holdout().splits(samples, n_splits=3, seed=8)
+    assert [s.sha256 for s in first] == [s.sha256 for s in again]
+    assert not {s.sha256 for s in first} & {s.sha256 for s in other}
+    assert len({s.sha256 for s in first}) == 3
+
+
+def test_a_number_of_splits_is_refused_where_the_poses_give_it():
+    with pytest.raises(ConfigError, match="one split a pose"):
+        LeaveOneOut().splits(samples_with(10, 1), n_splits=2, seed=0)
+
+
+@pytest.mark.parametrize("protocol", [Holdout(), LeaveOneOut(), PaperHoldout()])
+def test_too_few_poses_are_refused_with_their_number(protocol):
+    with pytest.raises(ConfigError, match="the data set has 1 poses"):
+        protocol.splits(samples_with(1, 5), n_splits=None, seed=0)
