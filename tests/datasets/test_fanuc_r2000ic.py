@@ -29,7 +29,12 @@ def dh_tcp(q):
     """The TCP by the published modified Denavit-Hartenberg rows, without a URDF."""
     pose = np.eye(4)
     for (alpha, a, offset, d), angle in zip(DH_ROWS, q, strict=True):
-        ca, sa, ct, st = np.cos(alpha), np.sin(alpha), np.cos(angle + offset), np.sin(angle + offset)
+        ca, sa, ct, st = (
+            np.cos(alpha),
+            np.sin(alpha),
+            np.cos(angle + offset),
+            np.sin(angle + offset),
+        )
         pose = pose @ np.array(
             [
                 [ct, -st, 0, a],
@@ -63,7 +68,13 @@ def test_the_data_card_names_source_licence_and_checksum():
     folder = files("stiff_datasets") / "data"
     card = (folder / "fanuc_r2000ic.md").read_text()
     assert sha256((folder / "fanuc_r2000ic.csv").read_bytes()).hexdigest() == CSV_SHA256
-    for fact in (CSV_SHA256, "e5c2f795", "MIT", "Copyright (c) 2026 longton2001-pixel", "drill tip"):
+    for fact in (
+        CSV_SHA256,
+        "e5c2f795",
+        "MIT",
+        "Copyright (c) 2026 longton2001-pixel",
+        "drill tip",
+    ):
         assert fact in card
 
 

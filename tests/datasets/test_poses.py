@@ -17,7 +17,13 @@ def test_the_joint_space_group_has_61_different_poses():
 
 @pytest.mark.parametrize(
     ("a3", "a2_first", "a2_last", "count"),
-    [(0, -90, 0, 7), (30, -120, -30, 7), (60, -150, -30, 9), (120, -180, -60, 9), (150, -180, -60, 9)],
+    [
+        (0, -90, 0, 7),
+        (30, -120, -30, 7),
+        (60, -150, -30, 9),
+        (120, -180, -60, 9),
+        (150, -180, -60, 9),
+    ],
 )
 def test_a2_sweeps_as_in_table_1(a3, a2_first, a2_last, count):
     q = np.rad2deg(joint_space_poses()[:-1])

@@ -35,7 +35,8 @@ def test_the_kr10s_flange_stands_where_its_data_sheet_says(kr10_chain, q_deg, fl
 
 
 @pytest.mark.parametrize(
-    ("q_deg", "torque"), [((0, 0, 0, 0, 0, 0), (140.3, 32.2)), ((0, -90, 90, 0, 0, 0), (31.4, 32.2))]
+    ("q_deg", "torque"),
+    [((0, 0, 0, 0, 0, 0), (140.3, 32.2)), ((0, -90, 90, 0, 0, 0), (31.4, 32.2))],
 )
 def test_gravity_loads_a2_and_a3_as_published(kr10_chain, q_deg, torque):
     model = kr10_chain.model

@@ -26,9 +26,7 @@ def samples_with(n_poses: int, loads: int) -> Samples:
 def test_no_pose_stands_on_two_sides_of_a_split(protocol):
     samples = samples_with(20, 5)
     for split in protocol.splits(samples, n_splits=None, seed=3):
-        parts = [
-            set(samples.pose_id[rows]) for rows in (split.train, split.validation, split.test)
-        ]
+        parts = [set(samples.pose_id[rows]) for rows in (split.train, split.validation, split.test)]
         assert all(parts)
         assert sum(map(len, parts)) == len(set.union(*parts)) == 20
 

@@ -1,0 +1,116 @@
+"""Results on disk: whole or absent, checked, and at full precision."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stiff_bench.store import ResultStore
+from stiff_protocols.errors import StoreError
+from stiff_protocols.record import Cell, CellResult, ResultRecord, RunManifest
+from stiff_protocols.types import Prediction
+
+CELL = Cell("m", {"a": 1, "b": 2.5}, "d", {}, "00", "p", {}, 0, "11", 0)
+
+
+def result(**changes) -> CellResult:
+    numbers = np.array([[1 / 3, 2e-17, -0.1]])
+    return CellResult(
+        **(
+            {
+                "cell": CELL,
+                "run_id": "r",
+                "status": "ok",
+                "records": (ResultRecord("mae", "x", 1 / 3, "m"),),
+                "prediction": Prediction(np.array([4]), numbers, numbers * 7),
+                "diagnostics": {"k1": math.nan, "k2": math.inf, "k3": 0.1},
+                "warnings": ("careful",),
+            }
+            | changes
+        )
+    )
+
+
+def test_a_cell_comes_back_as_it_was_written_to_the_last_bit(tmp_path):
+    store = ResultStore(tmp_path)
+    store.write_cell(result())
+    back = store.read_cell(CELL.key)
+    assert back.cell == CELL and back.records == result().records
+    np.testing.assert_array_equal(back.prediction.predicted, result().prediction.predicted)
+    np.testing.assert_array_equal(back.prediction.measured, result().prediction.measured)
+    assert math.isnan(back.diagnostics["k1"]) and back.diagnostics["k2"] == math.inf
+
+
+def test_stored_files_are_strict_json(tmp_path):
+    path = ResultStore(tmp_path).write_cell(result())
+
+    def refuse(word):
+        raise ValueError(word)
+
+    json.loads(path.read_text(), parse_constant=refuse)
+
+
+def test_a_changed_or_cut_file_is_found_damaged(tmp_path):
+    store = ResultStore(tmp_path)
+    path = store.write_cell(result())
+    text = path.read_text()
+    for damage in (text.replace("careful", "careless"), text[: len(text) // 2], ""):
+        path.write_text(damage)
+        with pytest.raises(StoreError, match="damaged"):
+            store.read_cell(CELL.key)
+
+
+def test_a_write_that_fails_leaves_the_old_result_and_no_rubbish(tmp_path, monkeypatch):
+    store = ResultStore(tmp_path)
+    path = store.write_cell(result())
+    before = path.read_text()
+
+    def full_disk(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.replace", full_disk)
+    with pytest.raises(StoreError, match="No space left"):
+        store.write_cell(result(failure="other"))
+    assert path.read_text() == before
+    assert [item.name for item in path.parent.iterdir()] == [path.name]
+
+
+def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StoreError, match="cannot be written"):
+        ResultStore(tmp_path / "file" / "results")
+
+
+def test_a_manifest_comes_back_as_it_was_written(tmp_path):
+    store = ResultStore(tmp_path)
+    manifest = RunManifest("r", "bench run", "2026-01-01", "finished", {"numpy": "2"}, ("k",))
+    store.write_manifest(manifest)
+    assert store.read_manifest("r") == manifest
+
+
+def test_a_cells_key_does_not_depend_on_the_order_of_options():
+    assert replace(CELL, model_params={"b": 2.5, "a": 1}).key == CELL.key
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"model": "x"},
+        {"model_params": {}},
+        {"dataset": "x"},
+        {"dataset_params": {"seed": 1}},
+        {"data_sha256": "x"},
+        {"protocol": "x"},
+        {"protocol_params": {"f": 1}},
+        {"split_index": 1},
+        {"split_sha256": "x"},
+        {"seed": 1},
+    ],
+)
+def test_a_cells_key_and_seed_change_with_everything_that_can_change_its_result(change):
+    other = replace(CELL, **change)
+    assert other.key != CELL.key and other.model_seed != CELL.model_seed
