@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -24,3 +27,37 @@ def kr10_chain() -> ChainModel:
 @pytest.fixture()
 def rng() -> np.random.Generator:
     return np.random.default_rng(20261121)
+
+
+PLUGIN = '''"""A model in ten lines."""
+import numpy as np
+from sklearn.base import BaseEstimator
+from stiff_protocols.plugin import ModelInfo
+
+
+class MeanDeflection(BaseEstimator):
+    def __init__(self, *, factor: float = 1.0):
+        self.factor = factor
+
+    def fit(self, train, *, robot, validation=None, seed=0):
+        self.mean_ = self.factor * train.deflection.mean(axis=0)
+        return self
+
+    def predict(self, q, wrench):
+        return np.tile(self.mean_, (len(q), 1))
+
+
+MODELS = [ModelInfo(key="KEY", target=MeanDeflection, summary="mean of the training part")]
+'''
+
+
+@pytest.fixture()
+def plugin_file(tmp_path: Path) -> Callable[[str], Path]:
+    """A function that writes the ten-line model under a key and returns its file."""
+
+    def write(key: str) -> Path:
+        path = tmp_path / "my_model.py"
+        path.write_text(PLUGIN.replace("KEY", key))
+        return path
+
+    return write

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Sequence
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 
 from stiff_protocols.errors import DataError
 from stiff_protocols.types import FloatArray, JointType, Robot
-
-logger = logging.getLogger(__name__)
 
 LONGEST_TCP_M = 5.0
 """No tool is longer; a larger number was written in mm."""
@@ -102,10 +103,30 @@ def _parse(urdf: Path) -> pin.Model:
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(f"{urdf}: cannot read the URDF: {error}") from error
     try:
-        # parsed from text: Pinocchio's file reader prints its own errors on the terminal
-        return pin.buildModelFromXML(text)
+        ElementTree.fromstring(text)
+        with _captured_stderr() as printed:
+            return pin.buildModelFromXML(text)
+    except ElementTree.ParseError as error:
+        raise DataError(f"{urdf}: not a robot description (URDF): not XML: {error}") from error
     except (ValueError, RuntimeError) as error:
-        raise DataError(f"{urdf}: not a robot description (URDF): {error}") from error
+        reason = " ".join([str(error), *printed])
+        raise DataError(f"{urdf}: not a robot description (URDF): {reason}") from error
+
+
+@contextmanager
+def _captured_stderr() -> Iterator[list[str]]:
+    """Catch what the C++ parser prints on standard error, and give it as lines afterwards."""
+    lines: list[str] = []
+    with tempfile.TemporaryFile() as file:
+        kept = os.dup(2)
+        os.dup2(file.fileno(), 2)
+        try:
+            yield lines
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+            file.seek(0)
+            lines += file.read().decode(errors="replace").split("\n")
 
 
 def _type_and_axis(model: pin.Model, joint: int, urdf: Path) -> tuple[JointType, FloatArray]:
