@@ -16,7 +16,7 @@ slow-test: $(READY)
 	$(BIN)/python -m pytest -m slow
 
 bench-speed: $(READY)
-	$(BIN)/python -m pytest tests/speed --benchmark-only
+	$(BIN)/python -m pytest tests/speed/speed_*.py --benchmark-columns=median,iqr,rounds --benchmark-group-by=group
 
 lint: $(READY)
 	$(BIN)/ruff check .

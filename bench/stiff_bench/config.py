@@ -11,6 +11,7 @@ from typing import Any
 from stiff_bench.options import options_of, parse_settings
 from stiff_bench.registry import Registry, lookup
 from stiff_datasets.catalog import MEASURED_FILE
+from stiff_protocols.contract import ChecksParams
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.metrics import Metric, metric
 from stiff_protocols.plugin import DatasetInfo, PluginInfo
@@ -160,6 +161,5 @@ def _check_model(choice: Choice) -> None:
     missing = [name for name in ("fit", "predict") if not callable(getattr(model, name, None))]
     if missing:
         raise ConfigError(f"model {choice.info.key!r} has no {' and no '.join(missing)} method")
-    check = getattr(model, "check_params", None)
-    if check is not None:
-        check()
+    if isinstance(model, ChecksParams):
+        model.check_params()

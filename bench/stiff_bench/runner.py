@@ -15,7 +15,7 @@ import numpy as np
 from stiff_bench.config import Choice, RunPlan
 from stiff_bench.provenance import environment, peak_memory_bytes
 from stiff_bench.store import ResultStore
-from stiff_protocols.contract import EvaluationProtocol, StiffnessModel
+from stiff_protocols.contract import EvaluationProtocol, ReportsDiagnostics, StiffnessModel
 from stiff_protocols.errors import ModelError, StiffBenchError
 from stiff_protocols.metrics import Metric
 from stiff_protocols.plugin import ModelInfo
@@ -167,9 +167,11 @@ def _fit_predict_score(task: CellTask, metrics: Sequence[Metric], run_id: str) -
         prediction=prediction,
         fit_s=fitted - start,
         predict_s=predicted_at - fitted,
-        diagnostics={
-            str(name): float(value) for name, value in getattr(model, "diagnostics_", {}).items()
-        },
+        diagnostics=(
+            {str(name): float(value) for name, value in model.diagnostics_.items()}
+            if isinstance(model, ReportsDiagnostics)
+            else {}
+        ),
     )
 
 

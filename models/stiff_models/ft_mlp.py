@@ -52,11 +52,12 @@ class FtMlp(MlpPretrained):
     l2sp_alpha: Annotated[float, Ge(0.0)] = 1.0
 
     def check_params(self) -> None:
-        """Check options that depend on one another.
+        """Check what a single option's type cannot.
 
         Raises:
-            ConfigError: the freeze strategy does not fit the network.
+            ConfigError: the device is not there, or the freeze strategy does not fit the network.
         """
+        super().check_params()
         self._stages(epochs=1)
 
     def fit(

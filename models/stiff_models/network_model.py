@@ -38,6 +38,14 @@ class NetworkModel(BaseEstimator):  # type: ignore[misc]
     angle_encoding: AngleEncoding = "sincos"
     device: Device = "auto"
 
+    def check_params(self) -> None:
+        """Check what a single option's type cannot.
+
+        Raises:
+            ConfigError: the device is not there.
+        """
+        torch_device(self.device)
+
     def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """Return the (n, 3) deflection, m, base frame.
 

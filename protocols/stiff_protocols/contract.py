@@ -56,6 +56,14 @@ class ReportsDiagnostics(Protocol):
 
 
 @runtime_checkable
+class ChecksParams(Protocol):
+    """Optional power: refuse options that do not fit together before anything is computed."""
+
+    def check_params(self) -> None:
+        """Raise ConfigError, naming the option, its value and what is valid."""
+
+
+@runtime_checkable
 class StiffnessDataset(Protocol):
     """Makes or reads one data set; constructor arguments are its options."""
 
