@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,6 +12,8 @@ import pytest
 
 from stiff_datasets.robots.robot import ChainModel, shipped_chain, shipped_robot
 from stiff_protocols.types import Robot
+
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # as the command does; before torch comes
 
 KR10_TCP = (0.06, 0.0, 0.08)
 
@@ -29,35 +33,17 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(20261121)
 
 
-PLUGIN = '''"""A model in ten lines."""
-import numpy as np
-from sklearn.base import BaseEstimator
-from stiff_protocols.plugin import ModelInfo
-
-
-class MeanDeflection(BaseEstimator):
-    def __init__(self, *, factor: float = 1.0):
-        self.factor = factor
-
-    def fit(self, train, *, robot, validation=None, seed=0):
-        self.mean_ = self.factor * train.deflection.mean(axis=0)
-        return self
-
-    def predict(self, q, wrench):
-        return np.tile(self.mean_, (len(q), 1))
-
-
-MODELS = [ModelInfo(key="KEY", target=MeanDeflection, summary="mean of the training part")]
-'''
+README = Path(__file__).parents[1] / "README.md"
 
 
 @pytest.fixture()
 def plugin_file(tmp_path: Path) -> Callable[[str], Path]:
-    """A function that writes the ten-line model under a key and returns its file."""
+    """A function that writes the README's ten-line model under a key and returns its file."""
+    (example,) = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
 
     def write(key: str) -> Path:
         path = tmp_path / "my_model.py"
-        path.write_text(PLUGIN.replace("KEY", key))
+        path.write_text(example.replace('key="mean-deflection"', f'key="{key}"'))
         return path
 
     return write

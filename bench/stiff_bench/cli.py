@@ -72,8 +72,10 @@ def _say(message: str) -> None:
 @debug_option
 def bench() -> None:
     """Benchmark stiffness models of industrial robots."""
-    threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    os.environ.setdefault("OMP_NUM_THREADS", str(min(MOST_THREADS, threads or 1)))
+    # Read by OpenMP when torch is imported. Threads that spin while they wait make small networks
+    # a hundred times slower as soon as another process wants their core.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    os.environ.setdefault("OMP_NUM_THREADS", str(min(MOST_THREADS, usable_cores())))
 
 
 @bench.command()
