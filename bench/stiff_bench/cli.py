@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from stiff_bench.provenance import usable_cores
 from stiff_protocols.errors import StiffBenchError
 
 if TYPE_CHECKING:
