@@ -6,15 +6,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic
 
 from stiff_bench.options import options_of, parse_settings
-from stiff_bench.registry import Registry, lookup
+from stiff_bench.registry import Info, Registry, lookup
 from stiff_datasets.catalog import MEASURED_FILE
 from stiff_protocols.contract import ChecksParams
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.metrics import Metric, metric
-from stiff_protocols.plugin import DatasetInfo, PluginInfo
+from stiff_protocols.plugin import DatasetInfo, ModelInfo, PluginInfo, ProtocolInfo
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class RunRequest:
 
 
 @dataclass(frozen=True)
-class Choice:
+class Choice(Generic[Info]):
     """A catalogue line with the options that were set.
 
     Attributes:
@@ -58,7 +58,7 @@ class Choice:
         context: arguments that do not belong to the result's identity (the device).
     """
 
-    info: PluginInfo
+    info: Info
     cls: type
     params: dict[str, Any]
     context: dict[str, Any]
@@ -72,9 +72,9 @@ class Choice:
 class RunPlan:
     """A checked request."""
 
-    models: tuple[Choice, ...]
-    datasets: tuple[Choice, ...]
-    protocols: tuple[Choice, ...]
+    models: tuple[Choice[ModelInfo], ...]
+    datasets: tuple[Choice[DatasetInfo], ...]
+    protocols: tuple[Choice[ProtocolInfo], ...]
     metrics: tuple[Metric, ...]
     splits: int | None
     seed: int
@@ -96,23 +96,23 @@ def plan_run(request: RunRequest, registry: Registry) -> RunPlan:
     infos: list[PluginInfo] = [*models, *datasets, *protocols]
     classes = {info.key: info.load() for info in infos}
     params = parse_settings(request.settings, classes)
-    choices = {info.key: Choice(info, classes[info.key], params[info.key], {}) for info in infos}
-    if request.data is not None:
-        own = choices[request.data.name]
-        choices[request.data.name] = replace(own, context=_own_files(request))
-    for info in models:
-        choices[info.key] = _on_device(choices[info.key], request.device)
-        _check_model(choices[info.key])
-    return RunPlan(
-        models=tuple(choices[info.key] for info in models),
-        datasets=tuple(choices[info.key] for info in datasets),
-        protocols=tuple(choices[info.key] for info in protocols),
+
+    def chosen(info: Info) -> Choice[Info]:
+        return Choice(info, classes[info.key], params[info.key], {})
+
+    plan = RunPlan(
+        models=tuple(_on_device(chosen(info), request.device) for info in models),
+        datasets=tuple(_with_files(chosen(info), request) for info in datasets),
+        protocols=tuple(chosen(info) for info in protocols),
         metrics=tuple(metric(key) for key in _unique(request.metrics)),
         splits=request.splits,
         seed=request.seed,
         output=request.output,
         command=request.command,
     )
+    for model in plan.models:
+        _check_model(model)
+    return plan
 
 
 def _unique(keys: Sequence[str]) -> list[str]:
@@ -131,11 +131,14 @@ def _datasets(request: RunRequest, registry: Registry) -> list[DatasetInfo]:
     return infos
 
 
-def _own_files(request: RunRequest) -> dict[str, Any]:
-    """Return the constructor's arguments for the user's own file."""
+def _with_files(choice: Choice[DatasetInfo], request: RunRequest) -> Choice[DatasetInfo]:
+    """Give the user's own files to the data set that stands for them."""
+    if request.data is None or choice.info.target != MEASURED_FILE.target:
+        return choice
     if request.urdf is None:
         raise ConfigError(f"--data {request.data}: needs its robot too: --urdf FILE.urdf")
-    return {"csv": request.data, "urdf": request.urdf, "tcp": _tcp(request.tcp)}
+    files = {"csv": request.data, "urdf": request.urdf, "tcp": _tcp(request.tcp)}
+    return replace(choice, context=files)
 
 
 def _tcp(text: str) -> tuple[float, float, float]:
@@ -149,14 +152,14 @@ def _tcp(text: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _on_device(choice: Choice, device: str) -> Choice:
+def _on_device(choice: Choice[ModelInfo], device: str) -> Choice[ModelInfo]:
     """Give the device to a model that has a choice and was not told by --set."""
     if "device" in options_of(choice.cls) and "device" not in choice.params:
         return replace(choice, context={"device": device})
     return choice
 
 
-def _check_model(choice: Choice) -> None:
+def _check_model(choice: Choice[ModelInfo]) -> None:
     model = choice.make()
     missing = [name for name in ("fit", "predict") if not callable(getattr(model, name, None))]
     if missing:

@@ -6,7 +6,7 @@ import inspect
 
 from tabulate import tabulate
 
-from stiff_bench.options import options_of
+from stiff_bench.options import Option, options_of
 from stiff_protocols.plugin import DatasetInfo, PluginInfo, ProtocolInfo
 
 
@@ -24,16 +24,7 @@ def describe(info: PluginInfo) -> str:
     if not options:
         return "\n".join([*parts, "", "no options"])
     rows = [
-        [
-            f"{info.key}.{option.name}",
-            option.type_text,
-            "-"
-            if option.default is inspect.Parameter.empty
-            else str(option.default).lower()
-            if option.default is None
-            else str(option.default),
-            option.description,
-        ]
+        [f"{info.key}.{option.name}", option.type_text, _default(option), option.description]
         for option in options
     ]
     table = tabulate(
@@ -43,3 +34,9 @@ def describe(info: PluginInfo) -> str:
         disable_numparse=True,
     )
     return "\n".join([*parts, "", table])
+
+
+def _default(option: Option) -> str:
+    if option.default is inspect.Parameter.empty:
+        return "-"
+    return "none" if option.default is None else str(option.default)

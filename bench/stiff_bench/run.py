@@ -13,7 +13,6 @@ from stiff_bench.render import render
 from stiff_bench.runner import cell_tasks, run_cells
 from stiff_bench.store import ResultStore
 from stiff_bench.tables import build_tables
-from stiff_protocols.plugin import ProtocolInfo
 
 
 def execute(plan: RunPlan, fmt: str) -> int:
@@ -26,7 +25,7 @@ def execute(plan: RunPlan, fmt: str) -> int:
     tasks = cell_tasks(plan)
     store = ResultStore(plan.output)
     for choice in plan.protocols:
-        if isinstance(choice.info, ProtocolInfo) and choice.info.warning:
+        if choice.info.warning:
             click.echo(f"bench: warning: {choice.info.warning}", err=True)
     with display() as shown:
         results = list(run_cells(tasks, plan, store, shown.cell))

@@ -18,7 +18,7 @@ from stiff_bench.store import ResultStore
 from stiff_protocols.contract import EvaluationProtocol, ReportsDiagnostics, StiffnessModel
 from stiff_protocols.errors import ModelError, StiffBenchError
 from stiff_protocols.metrics import Metric
-from stiff_protocols.plugin import ModelInfo
+from stiff_protocols.plugin import DatasetInfo, ModelInfo, ProtocolInfo
 from stiff_protocols.record import Cell, CellResult, ResultRecord, RunManifest
 from stiff_protocols.types import AXES, BenchmarkData, Prediction, Samples, Split
 
@@ -28,9 +28,9 @@ class CellTask:
     """A cell and all that is needed to compute it."""
 
     cell: Cell
-    model: Choice
-    dataset: Choice
-    protocol: Choice
+    model: Choice[ModelInfo]
+    dataset: Choice[DatasetInfo]
+    protocol: Choice[ProtocolInfo]
     data: BenchmarkData
     split: Split
     selects_on_test: bool
@@ -182,8 +182,7 @@ def _training_side(task: CellTask) -> tuple[Samples, Samples | None]:
     training side instead. Where the validation rows are the test rows, nobody learns from them.
     """
     samples, split = task.data.samples, task.split
-    uses_validation = isinstance(task.model.info, ModelInfo) and task.model.info.uses_validation
-    if uses_validation:
+    if task.model.info.uses_validation:
         validation = samples.take(split.validation) if len(split.validation) else None
         return samples.take(split.train), validation
     rows = split.train

@@ -17,7 +17,6 @@ from stiff_bench.runner import CellTask
 from stiff_protocols.contract import EvaluationProtocol
 from stiff_protocols.errors import StoreError
 from stiff_protocols.metrics import Metric
-from stiff_protocols.plugin import DatasetInfo, ModelInfo, ProtocolInfo
 from stiff_protocols.record import CellResult
 from stiff_protocols.types import AXES, Prediction
 
@@ -113,7 +112,6 @@ def build_tables(
 def _table(group: list[tuple[CellTask, CellResult]], metrics: tuple[Metric, ...]) -> Table:
     first = group[0][0]
     dataset, protocol = first.dataset.info, first.protocol.info
-    assert isinstance(dataset, DatasetInfo) and isinstance(protocol, ProtocolInfo)
     made: EvaluationProtocol = first.protocol.make()
     by_model: dict[str, list[tuple[CellTask, CellResult]]] = {}
     for task, result in group:
@@ -158,7 +156,7 @@ def _model_row(
     task = cells[0][0]
     results = [result for _, result in cells]
     info = task.model.info
-    picked = task.selects_on_test and isinstance(info, ModelInfo) and info.uses_validation
+    picked = task.selects_on_test and info.uses_validation
     failed = sum(result.status == "failed" for result in results)
     if failed:
         return Row(info.key, "ours", f"FAILED in {failed} of {len(results)} splits", {})

@@ -1,7 +1,7 @@
 """Measured data as CSV: the schema, its reader and its checks.
 
 Columns, one row a load at a pose: ``pose_id, load_id, group, q1_deg .. qn_deg, fx_N, fy_N, fz_N,
-tx_Nm, ty_Nm, tz_Nm, dx_mm, dy_mm, dz_mm``. The wrench acts at the TCP; wrench and deflection are
+tx_Nm, ty_Nm, tz_Nm, dx_mm, dy_mm, dz_mm`` (``q2_mm`` where joint 2 is prismatic). The wrench acts at the TCP; wrench and deflection are
 expressed in the robot base frame; a deflection is the loaded minus the unloaded position.
 """
 
@@ -27,9 +27,10 @@ SMALLEST_DEFLECTION_MM = 0.01
 FULL_TURN_RAD = 2.0 * np.pi
 
 
-def joint_columns(n_joints: int) -> tuple[str, ...]:
-    """Return the names of the joint angle columns."""
-    return tuple(f"q{joint + 1}_deg" for joint in range(n_joints))
+def joint_columns(robot: Robot) -> tuple[str, ...]:
+    """Return the names of the joint columns, base to tip, with their units."""
+    units = {"revolute": "deg", "prismatic": "mm"}
+    return tuple(f"q{i + 1}_{units[kind]}" for i, kind in enumerate(robot.joint_types))
 
 
 def read_samples(path: Path, robot: Robot) -> Samples:
@@ -44,19 +45,19 @@ def read_samples(path: Path, robot: Robot) -> Samples:
             message names file, row (1 is the header), column, value and what is valid.
     """
     table = _read_table(path)
-    columns = (*ID_COLUMNS, *joint_columns(robot.n_joints), *WRENCH_COLUMNS, *DEFLECTION_COLUMNS)
+    columns = (*ID_COLUMNS, *joint_columns(robot), *WRENCH_COLUMNS, *DEFLECTION_COLUMNS)
     _check_header(path, list(table.columns), columns)
     if table.empty:
         raise DataError(f"{path}: no data rows below the header")
     _check_ids(path, table)
-    q_deg = _numbers(path, table, joint_columns(robot.n_joints))
+    q_file = _numbers(path, table, joint_columns(robot))  # deg, and mm of prismatic joints
     wrench = _numbers(path, table, WRENCH_COLUMNS)
     deflection_mm = _numbers(path, table, DEFLECTION_COLUMNS)
-    _check_angles(path, q_deg, robot)
+    _check_angles(path, q_file, robot)
     _check_deflections(path, deflection_mm)
-    _check_poses(path, table["pose_id"], q_deg)
+    _check_poses(path, table["pose_id"], q_file, robot)
     return Samples(
-        q=_to_si(q_deg, robot),
+        q=q_file / _file_units(robot),
         wrench=wrench,
         deflection=deflection_mm / 1000.0,
         pose_id=table["pose_id"].to_numpy(dtype=str),
@@ -143,32 +144,29 @@ def _numbers(path: Path, table: pd.DataFrame, columns: tuple[str, ...]) -> Float
     return values
 
 
-def _is_revolute(robot: Robot) -> FloatArray:
-    return np.array([kind == "revolute" for kind in robot.joint_types])
+def _file_units(robot: Robot) -> FloatArray:
+    """Return (n_joints,) how many of the file's units make one rad or one m."""
+    return np.array([180.0 / np.pi if k == "revolute" else 1000.0 for k in robot.joint_types])
 
 
-def _to_si(q: FloatArray, robot: Robot) -> FloatArray:
-    """Convert joint positions: deg -> rad; a prismatic joint's column holds mm -> m."""
-    return np.asarray(np.where(_is_revolute(robot), np.deg2rad(q), q / 1000.0))
-
-
-def _check_angles(path: Path, q_deg: FloatArray, robot: Robot) -> None:
-    if len(q_deg) >= 5 and (np.abs(q_deg) <= FULL_TURN_RAD).all() and np.ptp(q_deg) > 0.0:
+def _check_angles(path: Path, q_file: FloatArray, robot: Robot) -> None:
+    angles = q_file[:, [kind == "revolute" for kind in robot.joint_types]]
+    small = angles.size > 0 and (np.abs(angles) <= FULL_TURN_RAD).all() and np.ptp(angles) > 0.0
+    if len(q_file) >= 5 and small:
         raise DataError(
             f"{path}: every joint angle lies within +-{FULL_TURN_RAD:.2f} deg; the columns "
             "q1_deg.. are in degrees, these look like radians"
         )
-    to_file_unit = np.where(_is_revolute(robot), 180.0 / np.pi, 1000.0)
-    lower, upper = robot.lower * to_file_unit, robot.upper * to_file_unit
-    slack = 1e-6  # deg; a limit written with rounding
-    outside = np.argwhere((q_deg < lower - slack) | (q_deg > upper + slack))
+    lower, upper = robot.lower * _file_units(robot), robot.upper * _file_units(robot)
+    slack = 1e-6  # deg or mm; a limit written with rounding
+    outside = np.argwhere((q_file < lower - slack) | (q_file > upper + slack))
     if len(outside):
         row, joint = outside[0]
         raise _bad(
             path,
             row,
-            f"q{joint + 1}_deg",
-            f"{q_deg[row, joint]:g}",
+            joint_columns(robot)[joint],
+            f"{q_file[row, joint]:g}",
             f"{lower[joint]:g}..{upper[joint]:g}, the limits of joint "
             f"{robot.joint_names[joint]} of {robot.name}",
         )
@@ -193,19 +191,19 @@ def _check_deflections(path: Path, deflection_mm: FloatArray) -> None:
         )
 
 
-def _check_poses(path: Path, pose_id: pd.Series[str], q_deg: FloatArray) -> None:
+def _check_poses(path: Path, pose_id: pd.Series[str], q_file: FloatArray, robot: Robot) -> None:
     """A pose's rows must have the same joint angles, or a split by pose would mean nothing."""
     first_row: dict[str, int] = {}
     for row, name in enumerate(pose_id):
         first = first_row.setdefault(name, row)
-        if not np.allclose(q_deg[row], q_deg[first], rtol=0.0, atol=1e-3):
-            joint = int(np.argmax(np.abs(q_deg[row] - q_deg[first])))
+        if not np.allclose(q_file[row], q_file[first], rtol=0.0, atol=1e-3):
+            joint = int(np.argmax(np.abs(q_file[row] - q_file[first])))
             raise _bad(
                 path,
                 row,
-                f"q{joint + 1}_deg",
-                f"{q_deg[row, joint]:g}",
-                f"{q_deg[first, joint]:g}, as in row {first + 2} of the same pose {name!r}",
+                joint_columns(robot)[joint],
+                f"{q_file[row, joint]:g}",
+                f"{q_file[first, joint]:g}, as in row {first + 2} of the same pose {name!r}",
             )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from stiff_datasets.measured import read_samples
+from stiff_datasets.robots.robot import load_robot
 from stiff_protocols.errors import DataError
 
 HEADER = (
@@ -100,3 +101,18 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path, kr10):
     (tmp_path / "binary.csv").write_bytes(bytes(range(256)))
     with pytest.raises(DataError, match=r"binary\.csv: not a CSV table"):
         read_samples(tmp_path / "binary.csv", kr10)
+
+
+def test_a_prismatic_joints_column_is_in_millimetres(tmp_path):
+    path = tmp_path / "slide.urdf"
+    path.write_text(
+        '<robot name="slide"><link name="a"/><link name="b"/><joint name="j" type="prismatic">'
+        '<parent link="a"/><child link="b"/><axis xyz="1 0 0"/>'
+        '<limit lower="0" upper="2" effort="1" velocity="1"/></joint></robot>'
+    )
+    robot = load_robot(path)
+    header = "pose_id,load_id,group,q1_mm," + ",".join(HEADER.split(",")[9:])
+    row = "P1,1,all,1500," + ",".join(GOOD.split(",")[9:])
+    assert read_samples(write(tmp_path, header, row), robot).q.tolist() == [[1.5]]
+    with pytest.raises(DataError, match=r"column q1_mm: '2500', expected 0..2000"):
+        read_samples(write(tmp_path, header, row.replace("1500", "2500")), robot)
