@@ -1,8 +1,9 @@
 """Measured data as CSV: the schema, its reader and its checks.
 
 Columns, one row a load at a pose: ``pose_id, load_id, group, q1_deg .. qn_deg, fx_N, fy_N, fz_N,
-tx_Nm, ty_Nm, tz_Nm, dx_mm, dy_mm, dz_mm`` (``q2_mm`` where joint 2 is prismatic). The wrench acts at the TCP; wrench and deflection are
-expressed in the robot base frame; a deflection is the loaded minus the unloaded position.
+tx_Nm, ty_Nm, tz_Nm, dx_mm, dy_mm, dz_mm`` (``q2_mm`` where joint 2 is prismatic). The wrench
+acts at the TCP; wrench and deflection are expressed in the robot base frame; a deflection is the
+loaded minus the unloaded position.
 """
 
 from __future__ import annotations
