@@ -10,6 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stiff_bench.config import RunRequest, plan_run
+from stiff_bench.registry import build_registry
+from stiff_bench.runner import CellTask, cell_tasks
 from stiff_datasets.robots.robot import ChainModel, shipped_chain, shipped_robot
 from stiff_protocols.types import Robot
 
@@ -47,3 +50,33 @@ def plugin_file(tmp_path: Path) -> Callable[[str], Path]:
         return path
 
     return write
+
+
+@pytest.fixture()
+def tasks_of() -> Callable[..., list[CellTask]]:
+    """A function that lists the cells of a run without running them."""
+
+    def make(
+        models: tuple[str, ...] = ("vjm",),
+        dataset: str = "kr10-twin",
+        protocol: str = "holdout",
+        splits: int | None = None,
+    ) -> list[CellTask]:
+        request = RunRequest(
+            models=models,
+            datasets=(dataset,),
+            protocols=(protocol,),
+            metrics=("mae", "stde", "me"),
+            splits=splits,
+            seed=0,
+            settings=(),
+            device="cpu",
+            output=Path("unused"),
+            data=None,
+            urdf=None,
+            tcp="",
+            command="bench run",
+        )
+        return cell_tasks(plan_run(request, build_registry()))
+
+    return make

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from stiff_bench.config import RunRequest, plan_run
-from stiff_bench.registry import build_registry
-from stiff_bench.runner import cell_tasks, compute_cell
+from stiff_bench.runner import compute_cell
 from stiff_models.source import source_design
 from stiff_models.vjm import identify_joints
 from stiff_protocols.metrics import metric
@@ -29,23 +26,9 @@ class Witness:
         return np.zeros((len(q), 3))
 
 
-def tasks(model, protocol, dataset="fanuc-r2000ic"):
-    request = RunRequest(
-        models=(model,),
-        datasets=(dataset,),
-        protocols=(protocol,),
-        metrics=("mae",),
-        splits=None,
-        seed=0,
-        settings=(),
-        device="cpu",
-        output=Path("unused"),
-        data=None,
-        urdf=None,
-        tcp="",
-        command="",
-    )
-    return cell_tasks(plan_run(request, build_registry()))
+@pytest.fixture()
+def tasks(tasks_of):
+    return lambda model, protocol: tasks_of((model,), "fanuc-r2000ic", protocol)
 
 
 def given(task):
@@ -68,7 +51,7 @@ def rows(samples):
 
 @pytest.mark.parametrize("model", ["vjm", "mlp", "mlp-pretrained", "ft-mlp"])
 @pytest.mark.parametrize("protocol", ["holdout", "leave-one-out"])
-def test_no_fair_protocol_gives_a_model_a_test_deflection(model, protocol):
+def test_no_fair_protocol_gives_a_model_a_test_deflection(model, protocol, tasks):
     for task in tasks(model, protocol)[:5]:
         train, validation, test = given(task)
         learned = rows(train) | (rows(validation) if validation is not None else set())
@@ -76,18 +59,18 @@ def test_no_fair_protocol_gives_a_model_a_test_deflection(model, protocol):
         assert len(learned) == 43 - len(test)  # and it gets all of the training side
 
 
-def test_models_that_choose_no_epoch_learn_from_the_whole_training_side():
+def test_models_that_choose_no_epoch_learn_from_the_whole_training_side(tasks):
     train, validation, _ = given(tasks("vjm", "holdout")[0])
     assert validation is None and len(train) == 34
 
 
-def test_models_that_choose_an_epoch_get_an_inner_validation_part():
+def test_models_that_choose_an_epoch_get_an_inner_validation_part(tasks):
     train, validation, _ = given(tasks("ft-mlp", "holdout")[0])
     assert len(validation) == 7 and len(train) == 27
     assert not rows(train) & rows(validation)
 
 
-def test_under_the_papers_protocol_test_rows_choose_an_epoch_and_nothing_else():
+def test_under_the_papers_protocol_test_rows_choose_an_epoch_and_nothing_else(tasks):
     train, validation, test = given(tasks("ft-mlp", "paper-holdout")[0])
     assert rows(validation) == rows(test)
     assert not rows(train) & rows(test)
@@ -95,7 +78,7 @@ def test_under_the_papers_protocol_test_rows_choose_an_epoch_and_nothing_else():
     assert validation is None and not rows(train) & rows(test)
 
 
-def test_test_deflections_do_not_reach_the_source_domain():
+def test_test_deflections_do_not_reach_the_source_domain(tasks):
     """The springs and the design come from the training rows: change the others, nothing moves."""
     task = tasks("ft-mlp", "holdout")[0]
     samples, split = task.data.samples, task.split
@@ -114,7 +97,7 @@ def test_test_deflections_do_not_reach_the_source_domain():
 
 
 @pytest.mark.parametrize("model", ["vjm", "mlp", "ft-mlp"])
-def test_predictions_do_not_change_with_the_test_deflections(model):
+def test_predictions_do_not_change_with_the_test_deflections(model, tasks):
     small = {
         "vjm": {},
         "mlp": {"width": 8, "epochs": 20},

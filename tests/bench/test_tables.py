@@ -7,16 +7,12 @@ import io
 import json
 import math
 import statistics
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from stiff_bench.config import RunRequest, plan_run
 from stiff_bench.published import published_rows
-from stiff_bench.registry import build_registry
 from stiff_bench.render import render
-from stiff_bench.runner import cell_tasks
 from stiff_bench.tables import build_tables
 from stiff_protocols.errors import StoreError
 from stiff_protocols.metrics import metric
@@ -24,25 +20,6 @@ from stiff_protocols.record import CellResult, ResultRecord
 from stiff_protocols.types import AXES, Prediction
 
 METRICS = [metric(key) for key in ("mae", "stde", "me")]
-
-
-def tasks_of(models=("vjm",), dataset="kr10-twin", protocol="holdout", splits=2):
-    request = RunRequest(
-        models=models,
-        datasets=(dataset,),
-        protocols=(protocol,),
-        metrics=("mae", "stde", "me"),
-        splits=splits,
-        seed=0,
-        settings=(),
-        device="cpu",
-        output=Path("unused"),
-        data=None,
-        urdf=None,
-        tcp="",
-        command="bench run",
-    )
-    return cell_tasks(plan_run(request, build_registry()))
 
 
 def result(task, error_m, **changes):
@@ -58,7 +35,7 @@ def result(task, error_m, **changes):
     return CellResult(cell=task.cell, run_id="r", **fields)
 
 
-def test_a_row_is_the_mean_and_the_sample_deviation_over_the_splits_in_mm():
+def test_a_row_is_the_mean_and_the_sample_deviation_over_the_splits_in_mm(tasks_of):
     tasks = tasks_of(splits=3)
     errors = [1e-4, 2e-4, 6e-4]
     results = [result(task, e) for task, e in zip(tasks, errors, strict=True)]
@@ -68,13 +45,13 @@ def test_a_row_is_the_mean_and_the_sample_deviation_over_the_splits_in_mm():
     assert value.std == pytest.approx(statistics.stdev([0.1, 0.2, 0.6]))
 
 
-def test_one_split_has_no_deviation():
+def test_one_split_has_no_deviation(tasks_of):
     tasks = tasks_of(splits=1)
     (table,) = build_tables(tasks, [result(tasks[0], 1e-4)], METRICS)
     assert math.isnan(table.rows[0].values["mae", "x"].std)
 
 
-def test_leave_one_out_scores_all_poses_together():
+def test_leave_one_out_scores_all_poses_together(tasks_of):
     tasks = tasks_of(dataset="fanuc-r2000ic", protocol="leave-one-out", splits=None)
     errors = np.linspace(1e-5, 5e-4, len(tasks))
     results = [result(task, e) for task, e in zip(tasks, errors, strict=True)]
@@ -85,7 +62,7 @@ def test_leave_one_out_scores_all_poses_together():
     assert values["me", "z"].mean == pytest.approx(0.5)
 
 
-def test_a_failed_cell_is_a_visible_row_with_its_reason_and_no_number():
+def test_a_failed_cell_is_a_visible_row_with_its_reason_and_no_number(tasks_of):
     tasks = tasks_of(splits=2)
     results = [
         result(tasks[0], 1e-4),
@@ -98,7 +75,7 @@ def test_a_failed_cell_is_a_visible_row_with_its_reason_and_no_number():
     assert table.rows[0].values == {}
 
 
-def test_a_protocol_that_selects_on_test_marks_the_models_that_select():
+def test_a_protocol_that_selects_on_test_marks_the_models_that_select(tasks_of):
     tasks = tasks_of(models=("vjm", "mlp"), protocol="paper-holdout", splits=1)
     (table,) = build_tables(tasks, [result(task, 1e-4) for task in tasks], METRICS)
     labels = [row.label for row in table.rows[:2]]
@@ -106,7 +83,7 @@ def test_a_protocol_that_selects_on_test_marks_the_models_that_select():
     assert any("optimistic" in note for note in table.notes)
 
 
-def test_rows_of_different_splits_never_meet():
+def test_rows_of_different_splits_never_meet(tasks_of):
     ours, other = tasks_of(models=("vjm",)), tasks_of(models=("mlp",))
     from dataclasses import replace
 
@@ -116,7 +93,7 @@ def test_rows_of_different_splits_never_meet():
         build_tables(tasks, [result(task, 1e-4) for task in tasks], METRICS)
 
 
-def test_the_published_rows_stand_beneath_the_kr10_and_nowhere_else():
+def test_the_published_rows_stand_beneath_the_kr10_and_nowhere_else(tasks_of):
     kr10, fanuc = tasks_of(splits=1), tasks_of(dataset="fanuc-r2000ic", splits=1)
     with_rows, without = (
         build_tables(tasks, [result(tasks[0], 1e-4)], METRICS)[0] for tasks in (kr10, fanuc)
@@ -140,7 +117,7 @@ def test_table_10_is_typed_right_the_claimed_reductions_recompute():
             assert 100 * (1 - new / old) == pytest.approx(per_cent, abs=1.0 if key == "me" else 0.9)
 
 
-def test_every_format_holds_the_same_numbers():
+def test_every_format_holds_the_same_numbers(tasks_of):
     tasks = tasks_of(splits=2)
     results = [result(task, e) for task, e in zip(tasks, (1e-4, 3e-4), strict=True)]
     tables = build_tables(tasks, results, METRICS)
@@ -154,7 +131,7 @@ def test_every_format_holds_the_same_numbers():
     assert table["rows"][0]["values"][0]["value"] == float(rows[0]["value_mm"])
 
 
-def test_html_escapes_what_users_name():
+def test_html_escapes_what_users_name(tasks_of):
     tasks = tasks_of(splits=1)
     tables = build_tables(tasks, [result(tasks[0], 1e-4, warnings=("<script>",))], METRICS)
     assert "<script>" not in render(tables, "html", "bench run --output '<script>'")
