@@ -54,7 +54,7 @@ class Choice(Generic[Info]):
     Attributes:
         info: the line.
         cls: its class.
-        params: what was set, for the record; the rest is default.
+        params: what was set; the rest is default.
         context: arguments that do not belong to the result's identity (the device).
     """
 
@@ -63,9 +63,33 @@ class Choice(Generic[Info]):
     params: dict[str, Any]
     context: dict[str, Any]
 
+    @property
+    def identity(self) -> dict[str, Any]:
+        """Every option and its value, defaults too, but for the context: what a key hashes.
+
+        A default spelled out is the same result, and a default that changes is another one.
+        """
+        defaults = {name: option.default for name, option in options_of(self.cls).items()}
+        merged = {**defaults, **self.params}
+        plain = (str, int, float, bool, type(None))
+        return {
+            name: value if isinstance(value, plain) else str(value)
+            for name, value in merged.items()
+            if name not in self.context
+        }
+
     def make(self) -> Any:
-        """Return a new object."""
-        return self.cls(**self.params, **self.context)
+        """Return a new object.
+
+        Raises:
+            ConfigError: the constructor, which may be a stranger's, refuses.
+        """
+        try:
+            return self.cls(**self.params, **self.context)
+        except Exception as error:
+            raise ConfigError(
+                f"{self.info.key!r} cannot be made: {type(error).__name__}: {error}"
+            ) from error
 
 
 @dataclass(frozen=True)
@@ -94,8 +118,11 @@ def plan_run(request: RunRequest, registry: Registry) -> RunPlan:
     datasets = _datasets(request, registry)
     protocols = [lookup(registry.protocols, "protocol", key) for key in _unique(request.protocols)]
     infos: list[PluginInfo] = [*models, *datasets, *protocols]
+    _refuse_ambiguous(request, infos)
     classes = {info.key: info.load() for info in infos}
     params = parse_settings(request.settings, classes)
+    if request.data is not None and params[request.data.name]:
+        raise ConfigError(f"--set {request.data.name}...: a file has no options; use --urdf, --tcp")
 
     def chosen(info: Info) -> Choice[Info]:
         return Choice(info, classes[info.key], params[info.key], {})
@@ -112,11 +139,21 @@ def plan_run(request: RunRequest, registry: Registry) -> RunPlan:
     )
     for model in plan.models:
         _check_model(model)
+    for dataset in plan.datasets:
+        _require_methods(dataset.info, dataset.make(), "load")
+    for protocol in plan.protocols:
+        _require_methods(protocol.info, protocol.make(), "splits")
     return plan
 
 
 def _unique(keys: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(keys))
+
+
+def _refuse_ambiguous(request: RunRequest, infos: Sequence[PluginInfo]) -> None:
+    keys = [info.key for info in infos]
+    if request.data is not None and keys.count(request.data.name) > 1:
+        raise ConfigError(f"--data {request.data}: its name is also a key of this run; rename it")
 
 
 def _datasets(request: RunRequest, registry: Registry) -> list[DatasetInfo]:
@@ -153,16 +190,21 @@ def _tcp(text: str) -> tuple[float, float, float]:
 
 
 def _on_device(choice: Choice[ModelInfo], device: str) -> Choice[ModelInfo]:
-    """Give the device to a model that has a choice and was not told by --set."""
-    if "device" in options_of(choice.cls) and "device" not in choice.params:
-        return replace(choice, context={"device": device})
-    return choice
+    """Give the device to a model that has a choice; --set has the last word."""
+    if "device" not in options_of(choice.cls):
+        return choice
+    params = dict(choice.params)
+    return replace(choice, context={"device": params.pop("device", device)}, params=params)
 
 
 def _check_model(choice: Choice[ModelInfo]) -> None:
     model = choice.make()
-    missing = [name for name in ("fit", "predict") if not callable(getattr(model, name, None))]
-    if missing:
-        raise ConfigError(f"model {choice.info.key!r} has no {' and no '.join(missing)} method")
+    _require_methods(choice.info, model, "fit", "predict")
     if isinstance(model, ChecksParams):
         model.check_params()
+
+
+def _require_methods(info: PluginInfo, made: object, *names: str) -> None:
+    missing = [name for name in names if not callable(getattr(made, name, None))]
+    if missing:
+        raise ConfigError(f"{info.key!r} has no {' and no '.join(missing)} method")

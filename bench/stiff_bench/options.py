@@ -7,12 +7,13 @@ type of its default where there is no annotation.
 from __future__ import annotations
 
 import inspect
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from typing import Any, get_type_hints
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import PydanticUserError, TypeAdapter, ValidationError
 
 from stiff_protocols.errors import ConfigError, unknown_name
 
@@ -36,14 +37,20 @@ class Option:
     @property
     def type_text(self) -> str:
         """The type as a user reads it."""
-        schema = TypeAdapter(self.annotation).json_schema()
+        try:
+            schema = TypeAdapter(self.annotation).json_schema()
+        except PydanticUserError:
+            return str(self.annotation)  # a stranger's own type
         return " or ".join(_schema_text(part) for part in schema.get("anyOf", [schema]))
 
 
 def options_of(cls: type) -> dict[str, Option]:
     """Return the constructor's options by name."""
     init = cls.__init__  # type: ignore[misc]
-    hints = get_type_hints(cls if is_dataclass(cls) else init, include_extras=True)
+    try:
+        hints = get_type_hints(cls if is_dataclass(cls) else init, include_extras=True)
+    except NameError as error:
+        raise ConfigError(f"{cls.__name__}: an annotation cannot be resolved: {error}") from error
     descriptions = _descriptions(cls)
     options = {}
     for name, parameter in inspect.signature(cls).parameters.items():
@@ -81,16 +88,28 @@ def parse_settings(
         options = options_of(classes[key])
         if name not in options:
             raise ConfigError(f"--set {setting!r}: {unknown_name(f'{key} option', name, options)}")
+        if name in parsed[key]:
+            raise ConfigError(f"--set {setting!r}: {key}.{name} is set twice")
         parsed[key][name] = _value(setting, options[name], text)
     return parsed
 
 
 def _value(setting: str, option: Option, text: str) -> Any:
-    adapter = TypeAdapter(option.annotation)
+    try:
+        adapter = TypeAdapter(option.annotation)
+    except PydanticUserError:
+        raise ConfigError(
+            f"--set {setting!r}: {option.name} is a {option.type_text}, which no text can give"
+        ) from None
     if text.lower() == "none" and option.default is None:
         return None
     try:
-        return adapter.validate_strings(text)
+        value = adapter.validate_strings(text)
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ConfigError(
+                f"--set {setting!r}: {text!r} is not finite (valid: {option.type_text})"
+            )
+        return value
     except ValidationError as error:
         reasons = {_lower_first(str(problem["msg"])) for problem in error.errors()}
         raise ConfigError(

@@ -86,11 +86,11 @@ def lookup(table: dict[str, Info], kind: str, key: str) -> Info:
 def build_registry(plugin_files: Sequence[Path] = ()) -> Registry:
     """Collect the shipped catalogues, installed plugins, and plugin files.
 
-    An installed plugin that cannot be loaded is noted in `broken`; a file that the user named
-    must load.
+    An installed plugin that cannot be loaded, or whose key is taken, is noted in `broken`; a file
+    that the user named must load.
 
     Raises:
-        ConfigError: two lines have one key, or a plugin file cannot be used.
+        ConfigError: a plugin file cannot be used, or its key is taken.
     """
     registry = Registry()
     for infos in (MODELS, DATASETS, PROTOCOLS):
@@ -106,11 +106,15 @@ def build_registry(plugin_files: Sequence[Path] = ()) -> Registry:
 def _add_installed(registry: Registry, point: EntryPoint) -> None:
     origin = f"{point.dist.name if point.dist else 'plugin'} ({point.group}: {point.name})"
     try:
-        loaded = point.load()
-    except Exception as error:  # whatever a stranger's module does on import
+        registry.add(_as_list(point.load()), origin)
+    except ConfigError as error:
+        registry.broken.append(str(error))
+    except (Exception, SystemExit) as error:  # whatever a stranger's module does on import
         registry.broken.append(f"{origin}: {type(error).__name__}: {error}")
-        return
-    registry.add(loaded if isinstance(loaded, list | tuple) else [loaded], origin)
+
+
+def _as_list(lines: object) -> list[object]:
+    return list(lines) if isinstance(lines, list | tuple) else [lines]
 
 
 def _import_file(path: Path) -> ModuleType:
@@ -124,13 +128,13 @@ def _import_file(path: Path) -> ModuleType:
     sys.modules[name] = module  # dataclasses and type hints look their module up here
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise ConfigError(f"--plugin {path}: {type(error).__name__}: {error}") from error
     return module
 
 
 def _lines_of(module: ModuleType, path: Path) -> list[object]:
-    lines = [info for kind in _KINDS for info in getattr(module, kind.upper(), ())]
+    lines = [info for kind in _KINDS for info in _as_list(getattr(module, kind.upper(), []))]
     if not lines:
         raise ConfigError(
             f"--plugin {path}: defines nothing (valid: a list MODELS, DATASETS or PROTOCOLS of "

@@ -15,9 +15,15 @@ import numpy as np
 from stiff_bench.config import Choice, RunPlan
 from stiff_bench.provenance import environment, peak_memory_bytes
 from stiff_bench.store import ResultStore
-from stiff_protocols.contract import EvaluationProtocol, ReportsDiagnostics, StiffnessModel
-from stiff_protocols.errors import ModelError, StiffBenchError
-from stiff_protocols.metrics import Metric
+from stiff_protocols.contract import (
+    ChecksRobot,
+    ChoosesEpoch,
+    EvaluationProtocol,
+    ReportsDiagnostics,
+    StiffnessModel,
+)
+from stiff_protocols.errors import DataError, ModelError, StiffBenchError
+from stiff_protocols.metrics import METRICS
 from stiff_protocols.plugin import DatasetInfo, ModelInfo, ProtocolInfo
 from stiff_protocols.record import Cell, CellResult, ResultRecord, RunManifest
 from stiff_protocols.types import AXES, BenchmarkData, Prediction, Samples, Split
@@ -25,7 +31,17 @@ from stiff_protocols.types import AXES, BenchmarkData, Prediction, Samples, Spli
 
 @dataclass(frozen=True, eq=False)
 class CellTask:
-    """A cell and all that is needed to compute it."""
+    """A cell and all that is needed to compute it.
+
+    Attributes:
+        cell: its identity.
+        model, dataset, protocol: the lines it was made from.
+        data: the whole data set.
+        split: the rows.
+        selects_on_test: the protocol's validation rows are its test rows.
+        chooses_epoch: the model as it is set up uses validation rows.
+        n_splits: of its protocol on its data set.
+    """
 
     cell: Cell
     model: Choice[ModelInfo]
@@ -34,6 +50,7 @@ class CellTask:
     data: BenchmarkData
     split: Split
     selects_on_test: bool
+    chooses_epoch: bool
     n_splits: int
 
 
@@ -49,8 +66,12 @@ def cell_tasks(plan: RunPlan) -> list[CellTask]:
     """
     tasks = []
     for dataset in plan.datasets:
-        data: BenchmarkData = dataset.make().load()
+        data = _loaded(dataset)
         data_sha256 = data.sha256
+        for checked in plan.models:
+            made = checked.make()
+            if isinstance(made, ChecksRobot):
+                made.check_robot(data.robot)
         for choice in plan.protocols:
             protocol: EvaluationProtocol = choice.make()
             splits = protocol.splits(data.samples, n_splits=plan.splits, seed=plan.seed)
@@ -58,12 +79,12 @@ def cell_tasks(plan: RunPlan) -> list[CellTask]:
                 CellTask(
                     cell=Cell(
                         model=model.info.key,
-                        model_params=model.params,
+                        model_params=model.identity,
                         dataset=dataset.info.key,
-                        dataset_params=dataset.params,
+                        dataset_params=dataset.identity,
                         data_sha256=data_sha256,
                         protocol=choice.info.key,
-                        protocol_params=choice.params,
+                        protocol_params=choice.identity,
                         split_index=split.index,
                         split_sha256=split.sha256,
                         seed=plan.seed,
@@ -74,12 +95,35 @@ def cell_tasks(plan: RunPlan) -> list[CellTask]:
                     data=data,
                     split=split,
                     selects_on_test=protocol.selects_on_test,
+                    chooses_epoch=_chooses_epoch(model),
                     n_splits=len(splits),
                 )
                 for split in splits
                 for model in plan.models
             ]
     return tasks
+
+
+def _loaded(dataset: Choice[DatasetInfo]) -> BenchmarkData:
+    """Load a data set; what a stranger's loader raises becomes one clear error."""
+    try:
+        data = dataset.make().load()
+    except StiffBenchError:
+        raise
+    except Exception as error:
+        raise DataError(f"{dataset.info.key!r}: {type(error).__name__}: {error}") from error
+    if not isinstance(data, BenchmarkData):
+        raise DataError(
+            f"{dataset.info.key!r}: load returned {type(data).__name__}, expected BenchmarkData"
+        )
+    return data
+
+
+def _chooses_epoch(model: Choice[ModelInfo]) -> bool:
+    made = model.make()
+    if not model.info.uses_validation:
+        return False
+    return made.chooses_epoch() if isinstance(made, ChoosesEpoch) else True
 
 
 def run_cells(
@@ -103,7 +147,7 @@ def run_cells(
     try:
         for number, task in enumerate(tasks):
             watcher(number, len(tasks), task)
-            result = compute_cell(task, plan.metrics, manifest.run_id)
+            result = compute_cell(task, manifest.run_id)
             store.write_cell(result)
             done += 1
             yield result
@@ -118,16 +162,22 @@ def run_cells(
         )
 
 
-def compute_cell(task: CellTask, metrics: Sequence[Metric], run_id: str) -> CellResult:
-    """Fit, predict and score one cell; what goes wrong in the model becomes a failed result."""
+def compute_cell(task: CellTask, run_id: str) -> CellResult:
+    """Fit, predict and score one cell; what goes wrong in the model becomes a failed result.
+
+    Every metric is stored, whichever a table shows.
+    """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         warnings.simplefilter("ignore", DeprecationWarning)
         try:
-            result = _fit_predict_score(task, metrics, run_id)
+            result = _fit_predict_score(task, run_id)
         except StiffBenchError as error:
             result = CellResult(task.cell, run_id, "failed", failure=str(error))
-        except Exception as error:  # whatever a plugin raises is that cell's failure alone
+        except (
+            Exception,
+            SystemExit,
+        ) as error:  # whatever a plugin raises is that cell's failure alone
             where = traceback.extract_tb(error.__traceback__)[-1]
             result = CellResult(
                 task.cell,
@@ -139,7 +189,7 @@ def compute_cell(task: CellTask, metrics: Sequence[Metric], run_id: str) -> Cell
     return replace(result, warnings=tuple(messages))
 
 
-def _fit_predict_score(task: CellTask, metrics: Sequence[Metric], run_id: str) -> CellResult:
+def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
     train, validation = _training_side(task)
     test = task.data.samples.take(task.split.test)
     model: StiffnessModel = task.model.make()
@@ -161,7 +211,7 @@ def _fit_predict_score(task: CellTask, metrics: Sequence[Metric], run_id: str) -
         status="ok",
         records=tuple(
             ResultRecord(metric.key, axis, float(value), metric.unit)
-            for metric in metrics
+            for metric in METRICS.values()
             for axis, value in zip(AXES, metric(prediction), strict=True)
         ),
         prediction=prediction,
@@ -182,7 +232,7 @@ def _training_side(task: CellTask) -> tuple[Samples, Samples | None]:
     training side instead. Where the validation rows are the test rows, nobody learns from them.
     """
     samples, split = task.data.samples, task.split
-    if task.model.info.uses_validation:
+    if task.chooses_epoch:
         validation = samples.take(split.validation) if len(split.validation) else None
         return samples.take(split.train), validation
     rows = split.train

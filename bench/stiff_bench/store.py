@@ -2,8 +2,9 @@
 
 ::
 
-    OUTPUT/cells/<key>.json   a cell: identity, metric values, predictions, timings, or its failure
-    OUTPUT/runs/<run id>.json a run's manifest
+    OUTPUT/cells/<key>.json        a cell: identity, metric values, predictions, timings
+    OUTPUT/cells/<key>.failed.json the reason why it failed; never in the place of a result
+    OUTPUT/runs/<run id>.json      a run's manifest
 
 Numbers are stored in SI units at full precision, with a checksum over the content.
 """
@@ -50,9 +51,13 @@ class ResultStore:
             ) from error
 
     def write_cell(self, result: CellResult) -> Path:
-        """Store a cell's result, replacing an older one of the same key."""
-        path = self.folder / "cells" / f"{result.cell.key}.json"
+        """Store a cell's result, replacing an older one of the same key and status."""
+        done = self.folder / "cells" / f"{result.cell.key}.json"
+        failed = done.with_suffix(".failed.json")
+        path = done if result.status == "ok" else failed
         _write_atomically(path, _cell_content(result))
+        if result.status == "ok":
+            failed.unlink(missing_ok=True)
         return path
 
     def write_manifest(self, manifest: RunManifest) -> Path:

@@ -156,7 +156,7 @@ def _model_row(
     task = cells[0][0]
     results = [result for _, result in cells]
     info = task.model.info
-    picked = task.selects_on_test and info.uses_validation
+    picked = task.selects_on_test and task.chooses_epoch
     failed = sum(result.status == "failed" for result in results)
     if failed:
         return Row(info.key, "ours", f"FAILED in {failed} of {len(results)} splits", {})
@@ -218,8 +218,9 @@ def _model_notes(results: Sequence[CellResult]) -> list[str]:
         ("warning", [message for result in results for message in result.warnings]),
         ("FAILED", [result.failure for result in results if result.failure]),
     ):
-        for message in dict.fromkeys(messages):
-            times = messages.count(message)
+        lines = [" ".join(message.split()) for message in messages]
+        for message in dict.fromkeys(lines):
+            times = lines.count(message)
             where = f" ({times} of {len(results)} splits)" if len(results) > 1 else ""
             notes.append(f"{name}: {kind}{where}: {message}")
     return notes

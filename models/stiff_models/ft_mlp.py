@@ -60,6 +60,10 @@ class FtMlp(MlpPretrained):
         super().check_params()
         self._stages(epochs=1)
 
+    def chooses_epoch(self) -> bool:
+        """Return whether validation rows choose the epoch."""
+        return self.training == "best"
+
     def fit(
         self,
         train: Samples,

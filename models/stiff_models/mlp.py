@@ -30,6 +30,10 @@ class Mlp(NetworkModel):
     learning_rate: LearningRate = 1e-3
     training: Selection = "best"
 
+    def chooses_epoch(self) -> bool:
+        """Return whether validation rows choose the epoch."""
+        return self.training == "best"
+
     def fit(
         self,
         train: Samples,

@@ -13,7 +13,7 @@ import numpy as np
 from annotated_types import Ge
 
 from stiff_models.network_model import NetworkModel
-from stiff_models.source import SourceDomain, SourceKind, simulate, source_design
+from stiff_models.source import SourceDomain, SourceKind, check_source, simulate, source_design
 from stiff_models.training import TrainingPlan, train_network
 from stiff_models.vjm import identify_joints, warn_unidentifiable
 from stiff_protocols.types import AXES, FloatArray, Robot, Samples
@@ -55,6 +55,14 @@ class MlpPretrained(NetworkModel):
     recipe: Recipe = "fast"
     source: SourceKind = "auto"
     pretrain_steps: Annotated[int, Ge(1)] | None = None
+
+    def check_robot(self, robot: Robot) -> None:
+        """Check that the source design fits the robot.
+
+        Raises:
+            ConfigError: source="paper" for a robot without six joints.
+        """
+        check_source(self.source, robot)
 
     def fit(
         self,

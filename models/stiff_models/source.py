@@ -89,16 +89,20 @@ def source_design(kind: SourceKind, robot: Robot, train: Samples, seed: int) -> 
     Raises:
         ConfigError: "paper" was asked for a robot without six joints.
     """
+    check_source(kind, robot)
     if kind == "paper" or (kind == "auto" and robot.name == PAPER_ROBOT):
-        if robot.n_joints != len(_PAPER_GRID_DEG):
-            raise ConfigError(
-                f"source=paper: Table 4 has {len(_PAPER_GRID_DEG)} joints, robot "
-                f"{robot.name!r} has {robot.n_joints} (valid: auto, data)"
-            )
-        return SourceDesign(
-            _grid([np.deg2rad(axis) for axis in _PAPER_GRID_DEG]), PAPER_WRENCHES[None]
-        )
+        axes = [np.deg2rad(axis) for axis in _PAPER_GRID_DEG]
+        return SourceDesign(_grid(axes), PAPER_WRENCHES[None])
     return SourceDesign(*_design_like(train, np.random.default_rng(seed)))
+
+
+def check_source(kind: SourceKind, robot: Robot) -> None:
+    """Raise ConfigError when the paper's grid is asked for a robot without six joints."""
+    if kind == "paper" and robot.n_joints != len(_PAPER_GRID_DEG):
+        raise ConfigError(
+            f"source=paper: Table 4 has {len(_PAPER_GRID_DEG)} joints, robot "
+            f"{robot.name!r} has {robot.n_joints} (valid: auto, data)"
+        )
 
 
 def simulate(robot: Robot, compliance: FloatArray, design: SourceDesign) -> SourceDomain:
@@ -142,8 +146,9 @@ def _design_like(train: Samples, rng: np.random.Generator) -> tuple[FloatArray, 
     q = _grid(axes)
     n_train = len(train)
     drawn = rng.integers(n_train, size=(len(q), WRENCHES_A_POSE))
-    weights = rng.normal(size=(len(q), WRENCHES_A_POSE, n_train))
     centred = train.wrench - train.wrench.mean(axis=0)
-    scatter = weights @ centred / np.sqrt(max(n_train - 1, 1))  # normal, the data's covariance
+    # R^T R is the data's covariance; QR serves a covariance of any rank (torques may all be zero)
+    root = np.linalg.qr(centred / np.sqrt(max(n_train - 1, 1)), mode="r")  # (min(n, 6), 6)
+    scatter = rng.normal(size=(len(q), WRENCHES_A_POSE, len(root))) @ root
     bandwidth = n_train ** (-1.0 / (6 + 4))
     return q, train.wrench[drawn] + bandwidth * scatter

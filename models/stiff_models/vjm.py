@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 from sklearn.base import BaseEstimator
 
@@ -31,7 +30,8 @@ class IdentifiedJoints:
 
     Attributes:
         names: joint names, base to tip.
-        compliance: (n_joints,) rad/(N m); zero where the data cannot tell.
+        compliance: (n_joints,) rad/(N m), non-negative. Of joints that the data cannot tell apart
+            only the sum of their effects on the samples means anything.
         stiffness: (n_joints,) N m/rad; infinite for a joint found rigid, NaN where the data
             cannot tell.
         standard_error: (n_joints,) of the stiffness, N m/rad, from the residual variance; NaN
@@ -68,22 +68,23 @@ def identify_joints(robot: Robot, samples: Samples) -> IdentifiedJoints:
     size = np.linalg.norm(matrix, axis=0)
     if not size.any():
         raise ModelError("no joint spring can be identified: no wrench turns any joint")
-    scale = np.where(size > RANK_TOLERANCE * size.max(), size, np.inf)  # inf: column is nothing
-    _, singular, axes = np.linalg.svd(matrix / scale, full_matrices=False)
+    turned = size > RANK_TOLERANCE * size.max()  # False: no sample bends this joint
+    scaled = matrix[:, turned] / size[turned]
+    _, singular, axes = np.linalg.svd(scaled, full_matrices=False)
     kept = singular > RANK_TOLERANCE * singular[0]
     # a joint is identifiable when its unit vector lies in the span of the kept directions
-    seen = (axes[kept] ** 2).sum(axis=0)  # (n_joints,)
-    known = (seen > 1.0 - 1e-6) & np.isfinite(scale)
-    if not known.any():
-        raise ModelError("no joint spring can be identified: the samples do not tell them apart")
-    compliance, error = _least_squares(matrix, target, known)
+    known = turned.copy()
+    known[turned] = (axes[kept] ** 2).sum(axis=0) > 1.0 - 1e-6
+    # Joints that the data cannot tell apart stay in: left out, the others would absorb their share.
+    compliance = np.zeros(robot.n_joints)
+    compliance[turned] = nnls(scaled, target)[0] / size[turned]
     with np.errstate(divide="ignore"):
         stiffness = np.where(known, 1.0 / compliance, np.nan)
     return IdentifiedJoints(
         names=robot.joint_names,
         compliance=compliance,
         stiffness=stiffness,
-        standard_error=error,
+        standard_error=np.where(known, _standard_error(matrix, target, compliance), np.nan),
         rank=int(kept.sum()),
         condition=float(singular[0] / singular[kept][-1]),
         unidentifiable=tuple(
@@ -94,23 +95,19 @@ def identify_joints(robot: Robot, samples: Samples) -> IdentifiedJoints:
     )
 
 
-def _least_squares(
-    matrix: FloatArray, target: FloatArray, known: NDArray[np.bool_]
-) -> tuple[FloatArray, FloatArray]:
-    """Return compliances [rad/(N m)] and the stiffnesses' standard errors [N m/rad]."""
-    compliance = np.zeros(len(known))
-    error = np.full(len(known), np.nan)
-    scale = np.linalg.norm(matrix[:, known], axis=0)
-    compliance[known] = nnls(matrix[:, known] / scale, target)[0] / scale
-    free = np.flatnonzero(known & (compliance > 0.0))
+def _standard_error(matrix: FloatArray, target: FloatArray, compliance: FloatArray) -> FloatArray:
+    """Return the (n_joints,) standard errors of the stiffnesses; NaN where there is none."""
+    error = np.full(len(compliance), np.nan)
+    free = np.flatnonzero(compliance > 0.0)
     degrees = len(target) - len(free)
     if degrees > 0 and len(free):
         residual = target - matrix @ compliance
-        scaled = matrix[:, free] / np.linalg.norm(matrix[:, free], axis=0)
+        size = np.linalg.norm(matrix[:, free], axis=0)
+        scaled = matrix[:, free] / size
         variance = np.diag(np.linalg.pinv(scaled.T @ scaled)) * (residual @ residual) / degrees
-        of_compliance = np.sqrt(variance) / np.linalg.norm(matrix[:, free], axis=0)
-        error[free] = of_compliance / compliance[free] ** 2  # first order: dk = dc / c^2
-    return compliance, error
+        # first order: dk = dc / c^2
+        error[free] = np.sqrt(variance) / size / compliance[free] ** 2
+    return error
 
 
 class VirtualJointModel(BaseEstimator):  # type: ignore[misc]
@@ -141,10 +138,7 @@ class VirtualJointModel(BaseEstimator):  # type: ignore[misc]
         """
         self.joints_ = identify_joints(robot, train)
         self.robot_ = robot
-        self.diagnostics_ = {
-            f"stiffness {name} [Nm/rad]": float(value)
-            for name, value in zip(self.joints_.names, self.joints_.stiffness, strict=True)
-        } | {"rank": float(self.joints_.rank), "condition number": self.joints_.condition}
+        self.diagnostics_ = _diagnostics(self.joints_, robot)
         warn_unidentifiable(self.joints_)
         return self
 
@@ -159,6 +153,15 @@ class VirtualJointModel(BaseEstimator):  # type: ignore[misc]
         return joint_deflection(self.robot_, self.joints_.compliance, q, wrench)
 
 
+def _diagnostics(joints: IdentifiedJoints, robot: Robot) -> dict[str, float]:
+    named: dict[str, float] = {}
+    for i, name in enumerate(joints.names):
+        unit = "Nm/rad" if robot.joint_types[i] == "revolute" else "N/m"
+        named[f"stiffness {name} [{unit}]"] = float(joints.stiffness[i])
+        named[f"standard error {name} [{unit}]"] = float(joints.standard_error[i])
+    return named | {"rank": float(joints.rank), "condition number": joints.condition}
+
+
 def joint_deflection(
     robot: Robot, compliance: FloatArray, q: FloatArray, wrench: FloatArray
 ) -> FloatArray:
@@ -167,12 +170,12 @@ def joint_deflection(
 
 
 def warn_unidentifiable(joints: IdentifiedJoints) -> None:
-    """Warn which joints the data cannot identify; they count as rigid in predictions."""
+    """Warn which joints the data cannot identify."""
     if joints.unidentifiable:
         warnings.warn(
             f"joint stiffness not identifiable from the training samples: "
             f"{', '.join(joints.unidentifiable)} (regressor rank {joints.rank} of "
-            f"{len(joints.names)}); treated as rigid",
+            f"{len(joints.names)}); no value is given, predictions use their joint effect alone",
             StiffBenchWarning,
             stacklevel=3,
         )

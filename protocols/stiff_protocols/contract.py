@@ -64,6 +64,22 @@ class ChecksParams(Protocol):
 
 
 @runtime_checkable
+class ChecksRobot(Protocol):
+    """Optional power: refuse a robot that the options cannot serve, before anything is computed."""
+
+    def check_robot(self, robot: Robot) -> None:
+        """Raise ConfigError, naming the option, its value and what is valid."""
+
+
+@runtime_checkable
+class ChoosesEpoch(Protocol):
+    """Optional power of a model with `uses_validation`: say whether its options use the rows."""
+
+    def chooses_epoch(self) -> bool:
+        """Return False when the last epoch is kept; the rows then are training rows."""
+
+
+@runtime_checkable
 class StiffnessDataset(Protocol):
     """Makes or reads one data set; constructor arguments are its options."""
 

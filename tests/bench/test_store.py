@@ -74,7 +74,7 @@ def test_a_write_that_fails_leaves_the_old_result_and_no_rubbish(tmp_path, monke
 
     monkeypatch.setattr("os.replace", full_disk)
     with pytest.raises(StoreError, match="No space left"):
-        store.write_cell(result(failure="other"))
+        store.write_cell(result(warnings=()))
     assert path.read_text() == before
     assert [item.name for item in path.parent.iterdir()] == [path.name]
 
@@ -114,3 +114,13 @@ def test_a_cells_key_does_not_depend_on_the_order_of_options():
 def test_a_cells_key_and_seed_change_with_everything_that_can_change_its_result(change):
     other = replace(CELL, **change)
     assert other.key != CELL.key and other.model_seed != CELL.model_seed
+
+
+def test_a_failure_never_replaces_a_result_and_a_result_clears_the_failure(tmp_path):
+    store = ResultStore(tmp_path)
+    failed = result(status="failed", records=(), prediction=None, failure="out of memory")
+    kept = store.write_cell(result())
+    noted = store.write_cell(failed)
+    assert store.read_cell(CELL.key).status == "ok" and kept != noted
+    store.write_cell(result())
+    assert kept.exists() and not noted.exists()

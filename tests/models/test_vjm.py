@@ -66,9 +66,23 @@ def test_joints_that_only_act_together_are_both_named(kr10, rng):
     assert np.isnan(joints.stiffness[[3, 5]]).all() and np.isfinite(joints.stiffness[:3]).all()
 
 
-def test_a_single_sample_is_refused(kr10, rng):
-    with pytest.raises(ModelError, match="do not tell them apart"):
-        identify_joints(kr10, simulated(kr10, rng, n=1))
+def test_joints_that_cannot_be_told_apart_do_not_bias_the_others(kr10, rng):
+    samples = simulated(kr10, rng)
+    q = samples.q.copy()
+    q[:, 4] = 0.0
+    deflection = joint_deflection(kr10, 1 / STIFFNESS, q, samples.wrench)
+    straight = replace(samples, q=q, deflection=deflection)
+    joints = identify_joints(kr10, straight)
+    known = [0, 1, 2, 4]
+    np.testing.assert_allclose(joints.stiffness[known], STIFFNESS[known], rtol=1e-9)
+    again = joint_deflection(kr10, joints.compliance, q, samples.wrench)
+    np.testing.assert_allclose(again, deflection, atol=1e-15)
+
+
+def test_a_single_sample_gives_no_stiffness(kr10, rng):
+    joints = identify_joints(kr10, simulated(kr10, rng, n=1))
+    assert joints.rank == 3 and len(joints.unidentifiable) == 6
+    assert np.isnan(joints.stiffness).all()
 
 
 def test_zero_wrenches_are_refused(kr10, rng):
