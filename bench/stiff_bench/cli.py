@@ -47,15 +47,15 @@ def main(arguments: list[str] | None = None) -> None:
     except (click.Abort, KeyboardInterrupt):
         _say("interrupted; cells that were finished are kept")
         status = INTERRUPTED
-    except (click.ClickException, StiffBenchError) as error:
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message(), err=True)
+        status = USAGE_ERROR
+    except (click.ClickException, StiffBenchError, OSError) as error:
         if debug:
             raise
         message = error.format_message() if isinstance(error, click.ClickException) else str(error)
         _say(f"error: {' '.join(message.split())}")
         status = USAGE_ERROR
-    except BrokenPipeError:  # the reader of our output has left: not our error
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        status = 0
     except Exception as error:
         if debug:
             raise

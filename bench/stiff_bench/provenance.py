@@ -27,6 +27,7 @@ def environment() -> dict[str, str]:
         "processor": _processor(),
         "cores": str(usable_cores()),
         "threads": os.environ.get("OMP_NUM_THREADS", "default"),
+        "gpu": _gpu(),
     }
     for package in _PACKAGES:
         try:
@@ -44,6 +45,14 @@ def peak_memory_bytes() -> int:
 
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else peak * 1024
+
+
+def _gpu() -> str:
+    """Return the GPU that networks can use; "" without one, or where no model needs torch."""
+    torch = sys.modules.get("torch")
+    if torch is None or not torch.cuda.is_available():
+        return ""
+    return str(torch.cuda.get_device_name())
 
 
 def _processor() -> str:

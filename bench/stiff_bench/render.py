@@ -12,12 +12,12 @@ from typing import Any
 
 from tabulate import tabulate
 
+from stiff_bench.published import NOTE
 from stiff_bench.tables import Row, Table, Value
 from stiff_protocols.types import AXES
 
-FORMATS = ("github", "latex", "csv", "html", "json")
 _CSV_ABOUT_TABLE = ("dataset", "kind", "protocol", "splits", "seed")
-_CSV_ABOUT_ROW = ("model", "source", "mark")
+_CSV_ABOUT_ROW = ("model", "source", "mark", "note")
 DECIMALS = 4  # of mm, as in the source paper's Table 10
 
 
@@ -63,9 +63,30 @@ def _github(table: Table, command: str) -> str:
 
 
 def _latex(table: Table, command: str) -> str:
+    """Return a table environment; the notes are printed beneath, not hidden in comments."""
     body = _body(table, "latex_booktabs").replace("±", r"$\pm$")
-    notes = [f"% {note}" for note in (table.title, *table.notes, f"made by: {command}")]
-    return "\n".join([*notes, body])
+    notes = (*table.notes, f"made by: {command}")
+    return "\n".join(
+        [
+            r"\begin{table}",
+            r"\centering",
+            rf"\caption{{{_latex_text(table.title)}}}",
+            body,
+            *(rf"\par\footnotesize {_latex_text(note)}" for note in notes),
+            r"\end{table}",
+        ]
+    )
+
+
+_LATEX_ESCAPES = str.maketrans(
+    {character: rf"\{character}" for character in "&%$#_{}"}
+    | {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+    | {"±": r"$\pm$", "|": r"\textbar{}", "<": r"\textless{}", ">": r"\textgreater{}"}
+)
+
+
+def _latex_text(text: str) -> str:
+    return text.translate(_LATEX_ESCAPES)
 
 
 def _html(table: Table, command: str) -> str:
@@ -82,19 +103,24 @@ def _html(table: Table, command: str) -> str:
 
 
 def _csv(tables: Sequence[Table]) -> str:
-    """Return one line a row and metric and axis, at full precision."""
+    """Return one line a row and metric and axis, at full precision.
+
+    A published row has the paper's own data, protocol and split, so ours are left blank there.
+    """
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([*_CSV_ABOUT_TABLE, *_CSV_ABOUT_ROW, "axis", "metric", "value_mm", "std_mm"])
     for table in tables:
-        about = [table.dataset, table.kind, table.protocol, table.n_splits, table.seed]
+        ours = [table.dataset, table.kind, table.protocol, table.n_splits, table.seed]
         for row in table.rows:
+            about = ours if row.source == "ours" else [""] * len(_CSV_ABOUT_TABLE)
+            note = " ".join(table.notes) if row.source == "ours" else NOTE
             for axis in AXES:
                 for metric in table.metrics:
                     value = row.values.get((metric.key, axis))
                     numbers = ["", ""] if value is None else [repr(value.mean), _std(value)]
                     writer.writerow(
-                        [*about, row.name, row.source, row.mark, axis, metric.key, *numbers]
+                        [*about, row.name, row.source, row.mark, note, axis, metric.key, *numbers]
                     )
     return out.getvalue().rstrip("\n")
 

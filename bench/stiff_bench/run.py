@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import time
 
 import click
@@ -29,7 +31,7 @@ def execute(plan: RunPlan, fmt: str) -> int:
             click.echo(f"bench: warning: {choice.info.warning}", err=True)
     with display() as shown:
         results = list(run_cells(tasks, plan, store, shown.cell))
-    click.echo(render(build_tables(tasks, results, plan.metrics), fmt, plan.command))
+    _print(render(build_tables(tasks, results, plan.metrics), fmt, plan.command))
     failed = sum(result.status == "failed" for result in results)
     click.echo(
         f"bench: {len(results) - failed} cells ok, {failed} failed; "
@@ -38,3 +40,11 @@ def execute(plan: RunPlan, fmt: str) -> int:
         err=True,
     )
     return 1 if failed else 0
+
+
+def _print(text: str) -> None:
+    """Print the tables; a reader that has left (`| head`) is no failure of ours."""
+    try:
+        click.echo(text)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

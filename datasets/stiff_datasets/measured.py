@@ -8,11 +8,14 @@ loaded minus the unloaded position.
 
 from __future__ import annotations
 
+import io
 import warnings
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from stiff_protocols.errors import DataError
 from stiff_protocols.types import BenchmarkData, FloatArray, Robot, Samples
@@ -45,18 +48,18 @@ def read_samples(path: Path, robot: Robot) -> Samples:
         DataError: the file is unreadable, empty or wrongly headed, or a value cannot be; the
             message names file, row (1 is the header), column, value and what is valid.
     """
-    table = _read_table(path)
+    table, sheet = _read_table(path)
     columns = (*ID_COLUMNS, *joint_columns(robot), *WRENCH_COLUMNS, *DEFLECTION_COLUMNS)
     _check_header(path, list(table.columns), columns)
     if table.empty:
         raise DataError(f"{path}: no data rows below the header")
-    _check_ids(path, table)
-    q_file = _numbers(path, table, joint_columns(robot))  # deg, and mm of prismatic joints
-    wrench = _numbers(path, table, WRENCH_COLUMNS)
-    deflection_mm = _numbers(path, table, DEFLECTION_COLUMNS)
-    _check_angles(path, q_file, robot)
-    _check_deflections(path, deflection_mm)
-    _check_poses(path, table["pose_id"], q_file, robot)
+    _check_ids(sheet, table)
+    q_file = _numbers(sheet, table, joint_columns(robot))  # deg, and mm of prismatic joints
+    wrench = _numbers(sheet, table, WRENCH_COLUMNS)
+    deflection_mm = _numbers(sheet, table, DEFLECTION_COLUMNS)
+    _check_angles(sheet, q_file, robot)
+    _check_deflections(sheet, deflection_mm)
+    _check_poses(sheet, table["pose_id"], q_file, robot)
     return Samples(
         q=q_file / _file_units(robot),
         wrench=wrench,
@@ -94,19 +97,41 @@ class MeasuredData:
         return BenchmarkData(read_samples(self.csv, robot), robot)
 
 
-def _read_table(path: Path) -> pd.DataFrame:
+@dataclass(frozen=True)
+class _Sheet:
+    """A file's name and the line of each data row, for messages."""
+
+    path: Path
+    lines: NDArray[np.int64]
+
+    def bad(self, row: int, column: str, value: object, valid: str) -> DataError:
+        line = int(self.lines[row])
+        return DataError(f"{self.path}: row {line}, column {column}: {value!r}, expected {valid}")
+
+
+def _read_table(path: Path) -> tuple[pd.DataFrame, _Sheet]:
+    """Return the table as text, so that a message can show a wrong value as it was written."""
     try:
+        text = path.read_text(encoding="utf-8-sig")
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)
-            # read as text, so that a message can show a wrong value as it was written
-            table = pd.read_csv(path, dtype=str, skipinitialspace=True, index_col=False)
+            table = pd.read_csv(
+                io.StringIO(text),
+                dtype=str,
+                skipinitialspace=True,
+                index_col=False,
+                keep_default_na=False,  # a pose may be called NA
+                skip_blank_lines=False,  # or the numbers of rows would not be those of lines
+            )
     except pd.errors.EmptyDataError:
         raise DataError(f"{path}: the file is empty") from None
     except (pd.errors.ParserError, pd.errors.ParserWarning, UnicodeDecodeError) as error:
         raise DataError(f"{path}: not a CSV table: {' '.join(str(error).split())}") from error
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
-    return table.rename(columns=str.strip)
+    table = table.rename(columns=str.strip).fillna("").apply(lambda column: column.str.strip())
+    table = table[(table != "").any(axis=1)]
+    return table, _Sheet(path, table.index.to_numpy(dtype=np.int64) + 2)
 
 
 def _check_header(path: Path, found: list[str], wanted: tuple[str, ...]) -> None:
@@ -121,19 +146,19 @@ def _check_header(path: Path, found: list[str], wanted: tuple[str, ...]) -> None
         raise DataError(f"{path}: header: {'; '.join(problems)} (valid: {','.join(wanted)})")
 
 
-def _check_ids(path: Path, table: pd.DataFrame) -> None:
+def _check_ids(sheet: _Sheet, table: pd.DataFrame) -> None:
     for column in ID_COLUMNS:
-        empty = np.flatnonzero(table[column].isna())
+        empty = np.flatnonzero(table[column] == "")
         if len(empty):
-            raise _bad(path, empty[0], column, "", "a name")
+            raise sheet.bad(empty[0], column, "", "a name")
     again = np.flatnonzero(table.duplicated(["pose_id", "load_id"]))
     if len(again):
         row = again[0]
         name = f"{table['pose_id'].iloc[row]},{table['load_id'].iloc[row]}"
-        raise _bad(path, row, "pose_id,load_id", name, "a pair that no earlier row has")
+        raise sheet.bad(row, "pose_id,load_id", name, "a pair that no earlier row has")
 
 
-def _numbers(path: Path, table: pd.DataFrame, columns: tuple[str, ...]) -> FloatArray:
+def _numbers(sheet: _Sheet, table: pd.DataFrame, columns: tuple[str, ...]) -> FloatArray:
     """Return the columns as (n, len(columns)) finite numbers, in the file's units."""
     values = np.empty((len(table), len(columns)))
     for i, column in enumerate(columns):
@@ -141,7 +166,7 @@ def _numbers(path: Path, table: pd.DataFrame, columns: tuple[str, ...]) -> Float
         wrong = np.flatnonzero(~np.isfinite(values[:, i]))
         if len(wrong):
             text = table[column].iloc[wrong[0]]
-            raise _bad(path, wrong[0], column, "" if pd.isna(text) else text, "a finite number")
+            raise sheet.bad(wrong[0], column, text, "a finite number")
     return values
 
 
@@ -150,12 +175,12 @@ def _file_units(robot: Robot) -> FloatArray:
     return np.array([180.0 / np.pi if k == "revolute" else 1000.0 for k in robot.joint_types])
 
 
-def _check_angles(path: Path, q_file: FloatArray, robot: Robot) -> None:
+def _check_angles(sheet: _Sheet, q_file: FloatArray, robot: Robot) -> None:
     angles = q_file[:, [kind == "revolute" for kind in robot.joint_types]]
     small = angles.size > 0 and (np.abs(angles) <= FULL_TURN_RAD).all() and np.ptp(angles) > 0.0
     if len(q_file) >= 5 and small:
         raise DataError(
-            f"{path}: every joint angle lies within +-{FULL_TURN_RAD:.2f} deg; the columns "
+            f"{sheet.path}: every joint angle lies within +-{FULL_TURN_RAD:.2f} deg; the columns "
             "q1_deg.. are in degrees, these look like radians"
         )
     lower, upper = robot.lower * _file_units(robot), robot.upper * _file_units(robot)
@@ -163,8 +188,7 @@ def _check_angles(path: Path, q_file: FloatArray, robot: Robot) -> None:
     outside = np.argwhere((q_file < lower - slack) | (q_file > upper + slack))
     if len(outside):
         row, joint = outside[0]
-        raise _bad(
-            path,
+        raise sheet.bad(
             row,
             joint_columns(robot)[joint],
             f"{q_file[row, joint]:g}",
@@ -173,13 +197,12 @@ def _check_angles(path: Path, q_file: FloatArray, robot: Robot) -> None:
         )
 
 
-def _check_deflections(path: Path, deflection_mm: FloatArray) -> None:
+def _check_deflections(sheet: _Sheet, deflection_mm: FloatArray) -> None:
     size = np.abs(deflection_mm)
     too_large = np.argwhere(size > LARGEST_DEFLECTION_MM)
     if len(too_large):
         row, axis = too_large[0]
-        raise _bad(
-            path,
+        raise sheet.bad(
             row,
             DEFLECTION_COLUMNS[axis],
             f"{deflection_mm[row, axis]:g}",
@@ -187,26 +210,22 @@ def _check_deflections(path: Path, deflection_mm: FloatArray) -> None:
         )
     if size.max() < SMALLEST_DEFLECTION_MM:
         raise DataError(
-            f"{path}: no deflection exceeds {SMALLEST_DEFLECTION_MM:g} mm (largest "
+            f"{sheet.path}: no deflection exceeds {SMALLEST_DEFLECTION_MM:g} mm (largest "
             f"{size.max():g}); the columns dx_mm.. are in mm, these look like metres"
         )
 
 
-def _check_poses(path: Path, pose_id: pd.Series[str], q_file: FloatArray, robot: Robot) -> None:
+def _check_poses(sheet: _Sheet, pose_id: pd.Series[str], q_file: FloatArray, robot: Robot) -> None:
     """A pose's rows must have the same joint angles, or a split by pose would mean nothing."""
     first_row: dict[str, int] = {}
     for row, name in enumerate(pose_id):
         first = first_row.setdefault(name, row)
         if not np.allclose(q_file[row], q_file[first], rtol=0.0, atol=1e-3):
             joint = int(np.argmax(np.abs(q_file[row] - q_file[first])))
-            raise _bad(
-                path,
+            raise sheet.bad(
                 row,
                 joint_columns(robot)[joint],
                 f"{q_file[row, joint]:g}",
-                f"{q_file[first, joint]:g}, as in row {first + 2} of the same pose {name!r}",
+                f"{q_file[first, joint]:g}, as in row {sheet.lines[first]} of the same pose "
+                f"{name!r}",
             )
-
-
-def _bad(path: Path, row: int, column: str, value: object, valid: str) -> DataError:
-    return DataError(f"{path}: row {int(row) + 2}, column {column}: {value!r}, expected {valid}")

@@ -7,22 +7,28 @@ from typing import Literal, Self
 
 import numpy as np
 
-from stiff_protocols.types import FloatArray
+from stiff_protocols.types import FloatArray, Robot
 
 AngleEncoding = Literal["sincos", "raw"]
 
 
-def encode(q: FloatArray, wrench: FloatArray, angle_encoding: AngleEncoding) -> FloatArray:
+def encode(
+    robot: Robot, q: FloatArray, wrench: FloatArray, angle_encoding: AngleEncoding
+) -> FloatArray:
     """Return the features of each sample.
 
     Args:
-        q: (n, n_joints) joint angles, rad.
+        robot: says which joints turn; a prismatic joint's position always stays as it is.
+        q: (n, n_joints) joint positions, rad or m.
         wrench: (n, 6) N and N m.
         angle_encoding: "sincos" gives sin q, cos q and the wrench (18 features for six joints;
             an angle and the same angle a turn later are one pose), "raw" gives q and the wrench.
     """
-    angles = [np.sin(q), np.cos(q)] if angle_encoding == "sincos" else [q]
-    return np.hstack([*angles, wrench])
+    if angle_encoding == "raw":
+        return np.hstack([q, wrench])
+    turning = np.array([kind == "revolute" for kind in robot.joint_types])
+    angles, slides = q[:, turning], q[:, ~turning]
+    return np.hstack([np.sin(angles), np.cos(angles), slides, wrench])
 
 
 @dataclass(frozen=True, eq=False)

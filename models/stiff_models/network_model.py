@@ -74,7 +74,7 @@ class NetworkModel(BaseEstimator):  # type: ignore[misc]
     ) -> None:
         """Take the statistics of the first training data and draw a new network."""
         self.robot_ = robot
-        features = encode(q, wrench, self.angle_encoding)
+        features = encode(robot, q, wrench, self.angle_encoding)
         self.input_scaler_ = Scaler.of(features)
         self.output_scaler_ = Scaler.of(deflection)
         self.network_ = build_network(
@@ -86,7 +86,7 @@ class NetworkModel(BaseEstimator):  # type: ignore[misc]
         ).to(torch_device(self.device))
 
     def _inputs(self, q: FloatArray, wrench: FloatArray) -> torch.Tensor:
-        features = self.input_scaler_.apply(encode(q, wrench, self.angle_encoding))
+        features = self.input_scaler_.apply(encode(self.robot_, q, wrench, self.angle_encoding))
         return torch.as_tensor(features, dtype=torch.float32, device=torch_device(self.device))
 
     def _rows(self, q: FloatArray, wrench: FloatArray, deflection: FloatArray) -> Rows:

@@ -37,9 +37,7 @@ class PluginInfo:
         if isinstance(self.target, type):
             return self.target
         if not isinstance(self.target, str):
-            raise ConfigError(
-                f"{self.key!r}: target {self.target!r} is no class and no module:Class"
-            )
+            raise ConfigError(f"{self.key!r}: {self.target!r} is no class and no module:Class")
         module, _, name = self.target.partition(":")
         try:
             return getattr(importlib.import_module(module), name)

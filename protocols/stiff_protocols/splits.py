@@ -14,7 +14,12 @@ NO_ROWS: IntArray = np.empty(0, dtype=np.int64)
 
 
 def inner_validation(samples: Samples, train: IntArray, fraction: float, seed: int) -> Split:
-    """Divide training rows by pose into a fitting and a validation part (test stays empty)."""
+    """Divide training rows by pose into a fitting and a validation part (test stays empty).
+
+    A single pose cannot be divided; there is no validation part then.
+    """
+    if len(np.unique(samples.pose_id[train])) < 2:
+        return Split(0, train, NO_ROWS, NO_ROWS)
     parts = GroupShuffleSplit(n_splits=1, test_size=fraction, random_state=seed)
     (fit, validate), *_ = _divide(parts, samples.take(train), "validation_fraction")
     return Split(0, np.sort(train[fit]), np.sort(train[validate]), NO_ROWS)

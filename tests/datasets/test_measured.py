@@ -80,6 +80,7 @@ def test_the_shipped_measurement_is_in_the_schema():
             r"row 3, column q1_deg: '11', expected 10, as in row 2 of the same pose 'P1'",
         ),
         ([HEADER, GOOD + ",7,8"], "not a CSV table"),
+        ([HEADER, "", "", line(fx_N="abc")], "row 4, column fx_N: 'abc'"),
     ],
 )
 def test_what_is_wrong_is_named_with_file_row_column_and_value(tmp_path, kr10, lines, message):
@@ -116,3 +117,8 @@ def test_a_prismatic_joints_column_is_in_millimetres(tmp_path):
     assert read_samples(write(tmp_path, header, row), robot).q.tolist() == [[1.5]]
     with pytest.raises(DataError, match=r"column q1_mm: '2500', expected 0..2000"):
         read_samples(write(tmp_path, header, row.replace("1500", "2500")), robot)
+
+
+def test_a_pose_may_be_called_na_and_blank_lines_are_skipped(tmp_path, kr10):
+    samples = read_samples(write(tmp_path, HEADER, "", line(pose_id="NA"), ""), kr10)
+    assert samples.pose_id.tolist() == ["NA"]

@@ -85,6 +85,15 @@ def test_continuous_joints_have_no_limits(tmp_path):
             r"last link is not unique \(t1, t2\)",
         ),
         (JOINT.format("a", "floating", "base", "l1"), "6 degrees of freedom"),
+        (
+            JOINT.format("a", "revolute", "base", "l1").replace('lower="-1"', 'lower="2"'),
+            r"joint 'a' has limits 2..1; expected lower below upper",
+        ),
+        (
+            JOINT.format("a", "revolute", "base", "l1")
+            + JOINT.format("b", "revolute", "l1", "l2").replace("<axis", '<mimic joint="a"/><axis'),
+            "mimic joint",
+        ),
     ],
 )
 def test_what_is_no_serial_chain_is_refused(tmp_path, body, message):

@@ -58,9 +58,9 @@ def test_the_default_network_is_4_x_380_relu_on_18_features(parts):
 
 
 def test_raw_angles_give_12_features(parts):
-    _, train, _, _ = parts
-    assert encode(train.q, train.wrench, "raw").shape[1] == 12
-    assert encode(train.q, train.wrench, "sincos").shape[1] == 18
+    robot, train, _, _ = parts
+    assert encode(robot, train.q, train.wrench, "raw").shape[1] == 12
+    assert encode(robot, train.q, train.wrench, "sincos").shape[1] == 18
 
 
 def test_an_angle_and_the_same_angle_a_turn_later_are_one_input(parts):

@@ -70,7 +70,7 @@ def load_robot(urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0)) -> Robot:
     model = chain.model
     joints = range(1, model.njoints)
     kinds_and_axes = [_type_and_axis(model, joint, urdf) for joint in joints]
-    lower, upper = _limits(model)
+    lower, upper = _limits(model, urdf)
     return Robot(
         name=chain.name,
         joint_names=tuple(model.names[joint] for joint in joints),
@@ -103,7 +103,8 @@ def _parse(urdf: Path) -> pin.Model:
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(f"{urdf}: cannot read the URDF: {error}") from error
     try:
-        ElementTree.fromstring(text)
+        if ElementTree.fromstring(text).find(".//mimic") is not None:
+            raise DataError(f"{urdf}: has a mimic joint; only independent joints are supported")
         with _captured_stderr() as printed:
             return pin.buildModelFromXML(text)
     except ElementTree.ParseError as error:
@@ -148,13 +149,20 @@ def _type_and_axis(model: pin.Model, joint: int, urdf: Path) -> tuple[JointType,
     return "revolute", subspace[3:]
 
 
-def _limits(model: pin.Model) -> tuple[FloatArray, FloatArray]:
+def _limits(model: pin.Model, urdf: Path) -> tuple[FloatArray, FloatArray]:
     lower, upper = [], []
     for joint in range(1, model.njoints):
         entry = model.joints[joint].idx_q
         bounded = model.joints[joint].nq == 1
-        lower.append(model.lowerPositionLimit[entry] if bounded else -np.inf)
-        upper.append(model.upperPositionLimit[entry] if bounded else np.inf)
+        low = model.lowerPositionLimit[entry] if bounded else -np.inf
+        high = model.upperPositionLimit[entry] if bounded else np.inf
+        if not low < high:
+            raise DataError(
+                f"{urdf}: joint {model.names[joint]!r} has limits {low:g}..{high:g}; expected "
+                "lower below upper (or type continuous, which has none)"
+            )
+        lower.append(low)
+        upper.append(high)
     return np.array(lower), np.array(upper)
 
 
