@@ -353,6 +353,8 @@ def test_ctrl_c_stops_with_130_and_keeps_what_was_finished(tmp_path):
         stderr=subprocess.PIPE,
         text=True,
         env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        # a CI started in the background ignores SIGINT, and children would inherit that
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
     cells = tmp_path / "out" / "cells"
     deadline = time.monotonic() + 120
