@@ -57,12 +57,11 @@ class BarDisplay:
         self._cells = bars.add_task("cells", total=None, loss="")
         self._phase = bars.add_task("", total=None, visible=False, loss="")
         self._shown: tuple[str, int] | None = None
-        self._name = ""
 
     def cell(self, number: int, total: int, task: CellTask) -> None:
         """Move the first bar."""
-        self._name = name_of(number, total, task)
-        self._bars.update(self._cells, description=self._name, total=total, completed=number)
+        name = name_of(number, total, task)
+        self._bars.update(self._cells, description=name, total=total, completed=number)
         self._bars.update(self._phase, visible=False)
         self._shown = None
 

@@ -65,6 +65,7 @@ def cell_tasks(plan: RunPlan) -> list[CellTask]:
         StiffBenchError: a data set cannot be loaded or divided.
     """
     tasks = []
+    chooses_epoch = {model.info.key: _chooses_epoch(model) for model in plan.models}
     for dataset in plan.datasets:
         data = _loaded(dataset)
         data_sha256 = data.sha256
@@ -95,7 +96,7 @@ def cell_tasks(plan: RunPlan) -> list[CellTask]:
                     data=data,
                     split=split,
                     selects_on_test=protocol.selects_on_test,
-                    chooses_epoch=_chooses_epoch(model),
+                    chooses_epoch=chooses_epoch[model.info.key],
                     n_splits=len(splits),
                 )
                 for split in splits
@@ -120,9 +121,9 @@ def _loaded(dataset: Choice[DatasetInfo]) -> BenchmarkData:
 
 
 def _chooses_epoch(model: Choice[ModelInfo]) -> bool:
-    made = model.make()
     if not model.info.uses_validation:
         return False
+    made = model.make()
     return made.chooses_epoch() if isinstance(made, ChoosesEpoch) else True
 
 

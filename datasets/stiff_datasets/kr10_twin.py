@@ -90,27 +90,25 @@ class Kr10Twin:
     def load(self) -> BenchmarkData:
         """Simulate the measurement (about a second)."""
         chain = shipped_chain("kr10_r1100_2", tcp=TCP)
-        poses = np.concatenate([joint_space_poses(), cartesian_poses(chain)])
+        joint_space, cartesian = joint_space_poses(), cartesian_poses(chain)
+        poses = np.concatenate([joint_space, cartesian])
         q = np.deg2rad(np.rad2deg(poses).round(_DECIMALS_DEG))
         loads, noise = (np.random.default_rng([self.seed, stream]) for stream in (1, 2))
         force = draw_forces(len(q), loads)
         twin = DigitalTwin(chain, SPRINGS)
         wrench = np.hstack([force, hook_torques(twin, q, force)])
         deflection = np.stack([twin.reading(*sample) for sample in zip(q, wrench, strict=True)])
-        n_joint_space = len(joint_space_poses())
         return BenchmarkData(
             samples=Samples(
                 q=q,
                 wrench=_recorded_wrench(wrench, noise),
                 deflection=_recorded_deflection(deflection, noise),
                 pose_id=np.array(
-                    [f"J{i + 1:02d}" for i in range(n_joint_space)]
-                    + [f"C{i + 1:02d}" for i in range(len(q) - n_joint_space)]
+                    [f"J{i + 1:02d}" for i in range(len(joint_space))]
+                    + [f"C{i + 1:02d}" for i in range(len(cartesian))]
                 ),
                 load_id=np.full(len(q), "1"),
-                group=np.repeat(
-                    ["joint-space", "cartesian"], [n_joint_space, len(q) - n_joint_space]
-                ),
+                group=np.repeat(["joint-space", "cartesian"], [len(joint_space), len(cartesian)]),
             ),
             robot=shipped_robot("kr10_r1100_2", tcp=TCP),
         )

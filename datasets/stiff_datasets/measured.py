@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from stiff_datasets.robots.robot import load_robot
 from stiff_protocols.errors import DataError
 from stiff_protocols.types import BenchmarkData, FloatArray, Robot, Samples
 
@@ -91,8 +92,6 @@ class MeasuredData:
         Raises:
             DataError: see `read_samples` and `stiff_datasets.robots.robot.read_chain`.
         """
-        from stiff_datasets.robots.robot import load_robot
-
         robot = load_robot(self.urdf, tcp=self.tcp)
         return BenchmarkData(read_samples(self.csv, robot), robot)
 

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from stiff_datasets.robots.robot import ChainModel
+from stiff_datasets.robots.robot import ChainModel, joint_type_and_axis
 from stiff_protocols.errors import DataError
 from stiff_protocols.types import FloatArray
 
@@ -219,7 +219,9 @@ def _elastic_model(chain: ChainModel) -> pin.Model:
     elastic.gravity = rigid.gravity
     parent = 0
     for joint in range(1, rigid.njoints):
-        axis = _axis(rigid, joint)
+        kind, axis = joint_type_and_axis(rigid, joint)
+        if kind != "revolute":
+            raise DataError(f"joint {rigid.names[joint]!r} is {kind}; the twin has no law for it")
         across = np.linalg.svd(axis[None])[2][1:]  # (2, 3): an orthonormal complement
         placement = rigid.jointPlacements[joint]
         for name, direction in zip(("torsion", "tilt_a", "tilt_b"), (axis, *across), strict=True):
@@ -232,15 +234,6 @@ def _elastic_model(chain: ChainModel) -> pin.Model:
             placement = pin.SE3.Identity()
         elastic.appendBodyToJoint(parent, rigid.inertias[joint], pin.SE3.Identity())
     return elastic
-
-
-def _axis(model: pin.Model, joint: int) -> FloatArray:
-    data = model.joints[joint].createData()
-    model.joints[joint].calc(data, np.zeros(model.joints[joint].nq))
-    axis = np.asarray(data.S, dtype=np.float64).reshape(6)[3:]
-    if not np.isclose(np.linalg.norm(axis), 1.0):
-        raise DataError(f"joint {model.names[joint]!r} is not revolute; the twin has no law for it")
-    return axis
 
 
 def _spring_law(springs: Sequence[JointSprings]) -> _SpringLaw:

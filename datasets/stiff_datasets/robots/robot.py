@@ -69,7 +69,7 @@ def load_robot(urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0)) -> Robot:
     chain = read_chain(urdf, tcp=tcp)
     model = chain.model
     joints = range(1, model.njoints)
-    kinds_and_axes = [_type_and_axis(model, joint, urdf) for joint in joints]
+    kinds_and_axes = [joint_type_and_axis(model, joint) for joint in joints]
     lower, upper = _limits(model, urdf)
     return Robot(
         name=chain.name,
@@ -130,12 +130,16 @@ def _captured_stderr() -> Iterator[list[str]]:
             lines += file.read().decode(errors="replace").split("\n")
 
 
-def _type_and_axis(model: pin.Model, joint: int, urdf: Path) -> tuple[JointType, FloatArray]:
-    """Read the joint's kind and axis off its motion subspace (linear part first)."""
+def joint_type_and_axis(model: pin.Model, joint: int) -> tuple[JointType, FloatArray]:
+    """Read a joint's kind and (3,) unit axis off its motion subspace (linear part first).
+
+    Raises:
+        DataError: the joint has more than one degree of freedom.
+    """
     joint_model = model.joints[joint]
     if joint_model.nv != 1:
         raise DataError(
-            f"{urdf}: joint {model.names[joint]!r} has {joint_model.nv} degrees of freedom; "
+            f"{model.name}: joint {model.names[joint]!r} has {joint_model.nv} degrees of freedom; "
             "only revolute, continuous and prismatic joints are supported"
         )
     data = joint_model.createData()
