@@ -12,6 +12,7 @@ import pytest
 
 from stiff_bench.config import RunRequest, plan_run
 from stiff_bench.registry import build_registry
+from stiff_bench.robot_words import RobotWords
 from stiff_bench.runner import CellTask, cell_tasks
 from stiff_datasets.robots.robot import ChainModel, shipped_chain, shipped_robot
 from stiff_protocols.types import Robot
@@ -73,8 +74,7 @@ def tasks_of() -> Callable[..., list[CellTask]]:
             device="cpu",
             output=Path("unused"),
             data=None,
-            urdf=None,
-            tcp="",
+            robot=RobotWords(None, None, ""),
             command="bench run",
         )
         return cell_tasks(plan_run(request, build_registry()))

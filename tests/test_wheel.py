@@ -50,6 +50,7 @@ def test_the_wheel_holds_every_module_and_data_file_and_nothing_else(wheel):
         "stiff_datasets/robots/kr10_r1100_2.urdf",
         "stiff_datasets/robots/fanuc_r2000ic.urdf",
         "stiff_datasets/data/fanuc_r2000ic.csv",
+        "stiff_datasets/twins/kr10_r1100_2.toml",
         "stiff_published/table_10.csv",
         "stiff_bench/py.typed",
         "stiff_models/py.typed",

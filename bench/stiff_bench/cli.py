@@ -9,30 +9,25 @@ import os
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from stiff_bench.cli_options import (
+    FILE,
+    debug_option,
+    plugin_option,
+    robot_options,
+    robot_words,
+    settings_option,
+)
+from stiff_bench.data_cli import data
+from stiff_bench.messages import say
 from stiff_bench.provenance import usable_cores
 from stiff_protocols.errors import StiffBenchError
 
-if TYPE_CHECKING:
-    from stiff_bench.registry import Registry
-
 USAGE_ERROR, CELLS_FAILED, INTERRUPTED = 2, 1, 130
 MOST_THREADS = 4  # the networks here are too small to feed more
-
-debug_option = click.option(
-    "--debug", is_flag=True, expose_value=False, help="Show the traceback of an error."
-)
-plugin_option = click.option(
-    "--plugin",
-    "plugins",
-    multiple=True,
-    type=click.Path(path_type=Path),
-    metavar="FILE.py",
-    help="A file that defines MODELS, DATASETS or PROTOCOLS; may be repeated.",
-)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -45,7 +40,7 @@ def main(arguments: list[str] | None = None) -> None:
     try:
         status = bench.main(args=words, prog_name="bench", standalone_mode=False)
     except (click.Abort, KeyboardInterrupt):
-        _say("interrupted; cells that were finished are kept")
+        say("interrupted; cells that were finished are kept")
         status = INTERRUPTED
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)
@@ -54,18 +49,14 @@ def main(arguments: list[str] | None = None) -> None:
         if debug:
             raise
         message = error.format_message() if isinstance(error, click.ClickException) else str(error)
-        _say(f"error: {' '.join(message.split())}")
+        say(f"error: {' '.join(message.split())}")
         status = USAGE_ERROR
     except Exception as error:
         if debug:
             raise
-        _say(f"internal error: {type(error).__name__}: {error} (--debug shows where)")
+        say(f"internal error: {type(error).__name__}: {error} (--debug shows where)")
         status = CELLS_FAILED
     sys.exit(status if isinstance(status, int) else 0)
-
-
-def _say(message: str) -> None:
-    click.echo(f"bench: {message}", err=True)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -119,26 +110,14 @@ def bench() -> None:
     show_default=True,
     help="Seed of splits and models.",
 )
-@click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="KEY.OPTION=VALUE",
-    help="An option of a model, data set or protocol of this run; `bench show KEY` lists them.",
-)
+@settings_option
 @click.option(
     "--data",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="FILE.csv",
-    help="Your own measurement, with --urdf.",
+    help="Your own measurement, with --urdf or --robot.",
 )
-@click.option("--urdf", type=click.Path(path_type=Path), metavar="FILE.urdf", help="Its robot.")
-@click.option(
-    "--tcp",
-    default="",
-    metavar="X,Y,Z",
-    help="Its tool centre point in the frame of the URDF's last link, in m.  [default: 0,0,0]",
-)
+@robot_options
 @plugin_option
 @click.option(
     "--device",
@@ -149,7 +128,7 @@ def bench() -> None:
 )
 @click.option(
     "--output",
-    type=click.Path(path_type=Path),
+    type=FILE,
     default=Path("results/runs"),
     show_default=True,
     metavar="DIR",
@@ -167,9 +146,12 @@ def bench() -> None:
 def run(plugins: tuple[Path, ...], fmt: str, **words: Any) -> int:
     """Fit and test models and print a table for each data set and protocol."""
     from stiff_bench.config import RunRequest, plan_run
+    from stiff_bench.registry import usable_registry
 
-    request = RunRequest(**words, command=shlex.join(["bench", *sys.argv[1:]]))
-    plan = plan_run(request, _registry(plugins))
+    request = RunRequest(
+        robot=robot_words(words), **words, command=shlex.join(["bench", *sys.argv[1:]])
+    )
+    plan = plan_run(request, usable_registry(plugins))
     from stiff_bench.run import execute
 
     return execute(plan, fmt)
@@ -181,14 +163,10 @@ def run(plugins: tuple[Path, ...], fmt: str, **words: Any) -> int:
 @debug_option
 def list_(kind: str, plugins: tuple[Path, ...]) -> None:
     """List what can be named: models, data sets or protocols."""
-    from tabulate import tabulate
+    from stiff_bench.describe import overview
+    from stiff_bench.registry import usable_registry
 
-    lines = getattr(_registry(plugins), kind).values()
-    rows = [
-        [line.key, *([line.kind] if kind == "datasets" else []), line.summary] for line in lines
-    ]
-    headers = ["key", *(["kind"] if kind == "datasets" else []), "what it is"]
-    click.echo(tabulate(rows, headers=headers))
+    click.echo(overview(getattr(usable_registry(plugins), kind).values()))
 
 
 @bench.command()
@@ -198,17 +176,12 @@ def list_(kind: str, plugins: tuple[Path, ...]) -> None:
 def show(key: str, plugins: tuple[Path, ...]) -> None:
     """Show what a model, data set or protocol is and which options it has."""
     from stiff_bench.describe import describe
+    from stiff_bench.registry import usable_registry
 
-    click.echo(describe(_registry(plugins).find(key)))
+    click.echo(describe(usable_registry(plugins).find(key)))
 
 
-def _registry(plugins: tuple[Path, ...]) -> Registry:
-    from stiff_bench.registry import build_registry
-
-    registry = build_registry(plugins)
-    for line in registry.broken:
-        _say(f"warning: plugin left out: {line}")
-    return registry
+bench.add_command(data)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any, Generic
 
 from stiff_bench.options import options_of, parse_settings
 from stiff_bench.registry import Info, Registry, lookup
+from stiff_bench.robot_words import RobotWords
 from stiff_datasets.catalog import MEASURED_FILE
 from stiff_protocols.contract import ChecksParams
 from stiff_protocols.errors import ConfigError
@@ -28,7 +28,7 @@ class RunRequest:
         settings: ``KEY.option=value`` words.
         device: "auto", "cpu" or "cuda", for models that have a choice.
         output: folder of the results.
-        data, urdf, tcp: a measured CSV file, its robot, and "x,y,z" of the TCP in m.
+        data, robot: a measured CSV or Parquet file, and the words that name its robot.
         command: the command line, for the record.
     """
 
@@ -42,8 +42,7 @@ class RunRequest:
     device: str
     output: Path
     data: Path | None
-    urdf: Path | None
-    tcp: str
+    robot: RobotWords
     command: str
 
 
@@ -122,7 +121,9 @@ def plan_run(request: RunRequest, registry: Registry) -> RunPlan:
     classes = {info.key: info.load() for info in infos}
     params = parse_settings(request.settings, classes)
     if request.data is not None and params[request.data.name]:
-        raise ConfigError(f"--set {request.data.name}...: a file has no options; use --urdf, --tcp")
+        raise ConfigError(
+            f"--set {request.data.name}...: a file has no options; use --robot, --urdf, --tcp"
+        )
 
     def chosen(info: Info) -> Choice[Info]:
         return Choice(info, classes[info.key], params[info.key], {})
@@ -146,6 +147,17 @@ def plan_run(request: RunRequest, registry: Registry) -> RunPlan:
     return plan
 
 
+def chosen_dataset(key: str, settings: Sequence[str], registry: Registry) -> Choice[DatasetInfo]:
+    """Return one data set with its options.
+
+    Raises:
+        ConfigError: the key, an option or a value is unknown or wrong.
+    """
+    info = lookup(registry.datasets, "dataset", key)
+    cls = info.load()
+    return Choice(info, cls, parse_settings(settings, {key: cls})[key], {})
+
+
 def _unique(keys: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(keys))
 
@@ -159,8 +171,10 @@ def _refuse_ambiguous(request: RunRequest, infos: Sequence[PluginInfo]) -> None:
 def _datasets(request: RunRequest, registry: Registry) -> list[DatasetInfo]:
     keys = _unique(request.datasets)
     if request.data is None:
-        if request.urdf is not None or request.tcp:
-            raise ConfigError("--urdf and --tcp describe the robot of --data FILE.csv; give it too")
+        if request.robot.given:
+            raise ConfigError(
+                "--robot, --urdf and --tcp describe the robot of --data FILE.csv; give it too"
+            )
         keys = keys or ["kr10-twin"]
     infos = [lookup(registry.datasets, "dataset", key) for key in keys]
     if request.data is not None:
@@ -172,21 +186,12 @@ def _with_files(choice: Choice[DatasetInfo], request: RunRequest) -> Choice[Data
     """Give the user's own files to the data set that stands for them."""
     if request.data is None or choice.info.target != MEASURED_FILE.target:
         return choice
-    if request.urdf is None:
-        raise ConfigError(f"--data {request.data}: needs its robot too: --urdf FILE.urdf")
-    files = {"csv": request.data, "urdf": request.urdf, "tcp": _tcp(request.tcp)}
+    if not (request.robot.urdf or request.robot.robot):
+        raise ConfigError(
+            f"--data {request.data}: needs its robot too: --urdf FILE.urdf or --robot NAME"
+        )
+    files = {"csv": request.data, "robot": request.robot.read()[0]}
     return replace(choice, context=files)
-
-
-def _tcp(text: str) -> tuple[float, float, float]:
-    words = (text or "0,0,0").split(",")
-    try:
-        x, y, z = (float(word) for word in words)
-    except ValueError:
-        raise ConfigError(f"--tcp {text!r}: expected three lengths in m, x,y,z") from None
-    if not all(math.isfinite(value) for value in (x, y, z)):
-        raise ConfigError(f"--tcp {text!r}: expected three finite lengths in m, x,y,z")
-    return x, y, z
 
 
 def _on_device(choice: Choice[ModelInfo], device: str) -> Choice[ModelInfo]:

@@ -1,13 +1,27 @@
-"""The text of `bench show KEY`."""
+"""The texts of `bench list` and `bench show KEY`."""
 
 from __future__ import annotations
 
 import inspect
+from collections.abc import Iterable
 
 from tabulate import tabulate
 
 from stiff_bench.options import Option, options_of
 from stiff_protocols.plugin import DatasetInfo, PluginInfo, ProtocolInfo
+
+
+def overview(infos: Iterable[PluginInfo]) -> str:
+    """Return a line for each catalogue line of one kind: key, for data sets its kind, summary."""
+    rows, headers = [], ["key", "what it is"]
+    for info in infos:
+        if isinstance(info, DatasetInfo):
+            headers = ["key", "kind", "what it is"]
+            why = info.missing()
+            rows.append([info.key, info.label, f"{info.summary} [{why}]" if why else info.summary])
+        else:
+            rows.append([info.key, info.summary])
+    return tabulate(rows, headers=headers)
 
 
 def describe(info: PluginInfo) -> str:
@@ -16,7 +30,7 @@ def describe(info: PluginInfo) -> str:
     if info.reference:
         parts.append(f"reference: {info.reference}")
     if isinstance(info, DatasetInfo):
-        parts.append(f"kind: {info.kind}")
+        parts.append(f"kind: {info.label}")
         parts += [f"caveat: {caveat}" for caveat in info.caveats]
     if isinstance(info, ProtocolInfo) and info.warning:
         parts.append(f"warning: {info.warning}")

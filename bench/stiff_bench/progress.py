@@ -54,14 +54,16 @@ class BarDisplay:
     def __init__(self, bars: Bars) -> None:
         """Add the bars."""
         self._bars = bars
-        self._cells = bars.add_task("cells", total=None, loss="")
+        self._cells = bars.add_task("cells", total=None, loss="", visible=False)
         self._phase = bars.add_task("", total=None, visible=False, loss="")
         self._shown: tuple[str, int] | None = None
 
     def cell(self, number: int, total: int, task: CellTask) -> None:
         """Move the first bar."""
         name = name_of(number, total, task)
-        self._bars.update(self._cells, description=name, total=total, completed=number)
+        self._bars.update(
+            self._cells, description=name, total=total, completed=number, visible=True
+        )
         self._bars.update(self._phase, visible=False)
         self._shown = None
 
@@ -121,6 +123,13 @@ class LineDisplay:
     def _print(self, line: str) -> None:
         self._last_line = time.monotonic()
         print(line, file=sys.stderr, flush=True)
+
+
+@contextmanager
+def phases() -> Iterator[None]:
+    """Show the progress of work that has no cells."""
+    with display():
+        yield
 
 
 @contextmanager

@@ -33,3 +33,12 @@ def published_rows(table: str) -> list[PublishedRow]:
         PublishedRow(method, {(line["error"], line["axis"]): float(line[method]) for line in lines})
         for method in methods
     ]
+
+
+def published_stiffness() -> dict[str, float]:
+    """Return the paper's identified joint stiffnesses (its Table 3), joint -> N m/rad."""
+    text = (files("stiff_published") / "table_3.csv").read_text(encoding="utf-8")
+    return {
+        line["joint"]: float(line["stiffness_Nm_per_rad"])
+        for line in csv.DictReader(text.splitlines())
+    }

@@ -11,6 +11,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TypeVar
 
+from stiff_bench.messages import say
 from stiff_datasets.catalog import DATASETS
 from stiff_models.catalog import MODELS
 from stiff_protocols.catalog import PROTOCOLS
@@ -100,6 +101,14 @@ def build_registry(plugin_files: Sequence[Path] = ()) -> Registry:
             _add_installed(registry, point)
     for path in plugin_files:
         registry.add(_lines_of(_import_file(path), path), str(path))
+    return registry
+
+
+def usable_registry(plugin_files: Sequence[Path] = ()) -> Registry:
+    """Return `build_registry`'s, after saying which installed plugins it leaves out."""
+    registry = build_registry(plugin_files)
+    for line in registry.broken:
+        say(f"warning: plugin left out: {line}")
     return registry
 
 

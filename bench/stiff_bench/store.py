@@ -14,7 +14,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import os
 import tempfile
 from dataclasses import asdict
 from pathlib import Path
@@ -23,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from stiff_protocols.errors import StoreError
+from stiff_protocols.files import written_whole
 from stiff_protocols.record import SCHEMA, Cell, CellResult, ResultRecord, RunManifest
 from stiff_protocols.types import Prediction
 
@@ -138,25 +138,14 @@ def _checksum(content: dict[str, Any]) -> str:
 
 
 def _write_atomically(path: Path, content: dict[str, Any]) -> None:
-    """Write beside the target, flush to the disk, then rename: readers see all or nothing."""
     content = json.loads(json.dumps(content))  # as it will be read: the checksum is over that
     text = json.dumps(
         {"schema": SCHEMA, "sha256": _checksum(content), "content": content},
         indent=1,
         allow_nan=False,
     )
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=".tmp")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(name, path)
-    except BaseException as error:
-        Path(name).unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from error
-        raise
+    with written_whole(path) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")
 
 
 def _read_checked(path: Path) -> dict[str, Any]:

@@ -62,7 +62,7 @@ class Table:
     """One data set under one protocol.
 
     Attributes:
-        dataset, kind, protocol: keys, and "simulated" or "measured".
+        dataset, kind, protocol: keys, and "simulated" or "measured" with another task's name.
         n_splits, pooled: how many splits, and whether they are scored together.
         seed: of the run.
         metrics: the columns of each axis.
@@ -130,7 +130,7 @@ def _table(group: list[tuple[CellTask, CellResult]], metrics: tuple[Metric, ...]
         notes.append(f"[{MARK}]: {NOTE}.")
     return Table(
         dataset=dataset.key,
-        kind=dataset.kind,
+        kind=dataset.label,
         protocol=protocol.key,
         n_splits=first.n_splits,
         pooled=made.pooled,

@@ -1,18 +1,57 @@
-"""The data sets that stiffbench ships."""
+"""The data sets that stiffbench knows."""
 
 from __future__ import annotations
 
 from stiff_protocols.plugin import DatasetInfo
+
+_SIMULATED = "simulated, never measured; its constants are largely assumptions."
+_KR10_CARD = "data/kr10_twin.md"
 
 DATASETS = (
     DatasetInfo(
         key="kr10-twin",
         target="stiff_datasets.kr10_twin:Kr10Twin",
         kind="simulated",
-        summary="151 poses of the source paper's plan on a digital twin of the KUKA KR10 R1100-2",
-        reference="constants and their sources: stiff_datasets/kr10_twin.py",
-        caveats=("kr10-twin is simulated, never measured; its constants are largely assumptions.",),
+        summary="KUKA KR10 R1100-2 twin, 151 poses, one load each along the paper's Table 5",
+        reference="constants and their sources: stiff_datasets/twins/kr10_r1100_2.toml",
+        caveats=(f"kr10-twin is {_SIMULATED}",),
         published="table_10",
+        card=_KR10_CARD,
+    ),
+    DatasetInfo(
+        key="kr10-twin-omni",
+        target="stiff_datasets.kr10_twin:Kr10TwinOmni",
+        kind="simulated",
+        summary="the same twin and poses, pulled at a hook in every direction up to the payload",
+        reference="constants and their sources: stiff_datasets/twins/kr10_r1100_2.toml",
+        caveats=(f"kr10-twin-omni is {_SIMULATED}",),
+        card=_KR10_CARD,
+    ),
+    DatasetInfo(
+        key="kr10-twin-multiload",
+        target="stiff_datasets.kr10_twin:Kr10TwinMultiload",
+        kind="simulated",
+        summary="the same twin and poses, five loads each along the paper's Table 5",
+        reference="constants and their sources: stiff_datasets/twins/kr10_r1100_2.toml",
+        caveats=(f"kr10-twin-multiload is {_SIMULATED}",),
+        card=_KR10_CARD,
+    ),
+    DatasetInfo(
+        key="ur5-twin",
+        target="stiff_datasets.robot_twin:Ur5Twin",
+        kind="simulated",
+        summary="twin of a UR5 (5 kg) at 151 random poses, pulled at a hook in every direction",
+        reference="constants and their sources: stiff_datasets/twins/ur5.toml",
+        caveats=(f"ur5-twin is {_SIMULATED}", "ur5-twin: no constant was identified on a UR5."),
+        card="data/ur5_twin.md",
+    ),
+    DatasetInfo(
+        key="robot-twin",
+        target="stiff_datasets.robot_twin:RobotTwin",
+        kind="simulated",
+        summary="twin of your own robot: --set robot-twin.constants=FILE.toml",
+        reference="what the file holds: stiff_datasets/twin_constants.py",
+        caveats=("robot-twin is simulated, never measured.",),
     ),
     DatasetInfo(
         key="fanuc-r2000ic",
@@ -26,6 +65,30 @@ DATASETS = (
             "fanuc-r2000ic: 43 samples cannot rank close methods.",
             "fanuc-r2000ic: torques were not recorded; they are zero in the data.",
         ),
+        card="data/fanuc_r2000ic.md",
+    ),
+    DatasetInfo(
+        key="kr10-measured",
+        target="stiff_datasets.registered:Kr10Measured",
+        kind="measured",
+        summary="your own KUKA KR10 measurement (stiffbench ships none)",
+        caveats=("kr10-measured is a user's own file; stiffbench knows nothing of its making.",),
+        published="table_10",
+        missing_because="stiff_datasets.registered:kr10_missing",
+    ),
+    DatasetInfo(
+        key="ur5-pose-error",
+        target="stiff_datasets.ur5_pose_error:Ur5PoseError",
+        kind="measured",
+        task="pose-error",
+        summary="1,020 pose errors of an unloaded UR5",
+        reference="data card: stiff_datasets/data/ur5_pose_error.md",
+        caveats=(
+            "ur5-pose-error is no stiffness data: no load was applied, the deflections are pose "
+            "errors.",
+        ),
+        card="data/ur5_pose_error.md",
+        missing_because="stiff_datasets.ur5_pose_error:missing",
     ),
 )
 

@@ -6,12 +6,9 @@ from hashlib import sha256
 from importlib.resources import as_file, files
 
 from stiff_datasets.measured import read_samples
-from stiff_datasets.robots.robot import shipped_robot
+from stiff_datasets.robots.shipped import named_robot
 from stiff_protocols.errors import DataError
 from stiff_protocols.types import BenchmarkData
-
-TCP = (0.0069, 0.2453, 0.3193)
-"""m, flange frame; the drill tip, as published with the data."""
 
 CSV_SHA256 = "dd5552afc40c6be927677e640449d75c9ba29891c2d0dfb1e5db721ef531f94c"
 """Of data/fanuc_r2000ic.csv; also in its data card."""
@@ -26,7 +23,7 @@ class FanucR2000iC:
         Raises:
             DataError: the shipped CSV is not the one its card describes.
         """
-        robot = shipped_robot("fanuc_r2000ic", tcp=TCP)
+        robot = named_robot("fanuc-r2000ic").robot()  # TCP: the drill tip, as published
         with as_file(files("stiff_datasets") / "data" / "fanuc_r2000ic.csv") as path:
             found = sha256(path.read_bytes()).hexdigest()
             if found != CSV_SHA256:

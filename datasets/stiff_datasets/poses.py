@@ -17,13 +17,14 @@ Collisions of the robot with itself or its surroundings are not checked.
 from __future__ import annotations
 
 import itertools
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
 from stiff_datasets.robots.robot import ChainModel
 from stiff_protocols.errors import DataError
-from stiff_protocols.types import FloatArray
+from stiff_protocols.types import FloatArray, TextArray
 
 A2_STEP_DEG = 15
 # A1, first A2, last A2, A3 in deg
@@ -48,6 +49,33 @@ _A5_RANGE_DEG = (0.0, 90.0)
 _START = np.deg2rad((-90.0, 90.0))
 """A2 and A3 the inverse kinematics starts from: elbow up."""
 _LONGEST_STEP = 0.3  # rad; a full Newton step may leap to the other elbow
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """Where a robot is measured.
+
+    Attributes:
+        q: (n, n_joints) rad.
+        pose_id: (n,) names.
+        group: (n,) parts of the plan.
+    """
+
+    q: FloatArray
+    pose_id: TextArray
+    group: TextArray
+
+
+def paper_poses(chain: ChainModel) -> Poses:
+    """Return the 61 + 90 poses of the KR10, named J01.. and C01..; errors as `cartesian_poses`."""
+    joint_space, cartesian = joint_space_poses(), cartesian_poses(chain)
+    names = [f"J{i + 1:02d}" for i in range(len(joint_space))]
+    names += [f"C{i + 1:02d}" for i in range(len(cartesian))]
+    return Poses(
+        q=np.concatenate([joint_space, cartesian]),
+        pose_id=np.array(names),
+        group=np.repeat(["joint-space", "cartesian"], [len(joint_space), len(cartesian)]),
+    )
 
 
 def joint_space_poses() -> FloatArray:

@@ -7,6 +7,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
+from stiff_datasets.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.measured import read_samples
 from stiff_datasets.robots.robot import load_robot
 from stiff_protocols.errors import DataError
@@ -46,11 +47,8 @@ def test_columns_may_stand_in_any_order_and_with_spaces(tmp_path, kr10):
 
 
 def test_the_shipped_measurement_is_in_the_schema():
-    from stiff_datasets.fanuc_r2000ic import TCP
-    from stiff_datasets.robots.robot import shipped_robot
-
     path = files("stiff_datasets") / "data" / "fanuc_r2000ic.csv"
-    assert len(read_samples(path, shipped_robot("fanuc_r2000ic", tcp=TCP))) == 43
+    assert len(read_samples(path, FanucR2000iC().load().robot)) == 43
 
 
 @pytest.mark.parametrize(

@@ -85,6 +85,12 @@ def load_robot(urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0)) -> Robot:
     )
 
 
+def shipped_names() -> tuple[str, ...]:
+    """Return the names of stiffbench's own URDF files, without their ending."""
+    folder = files("stiff_datasets.robots")
+    return tuple(sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".urdf")))
+
+
 def shipped_chain(name: str, *, tcp: Sequence[float]) -> ChainModel:
     """Read one of stiffbench's own URDF files, named without its ending."""
     with as_file(files("stiff_datasets.robots") / f"{name}.urdf") as path:

@@ -1,0 +1,202 @@
+"""What the `bench data` commands do, but for the calibration."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from tabulate import tabulate
+
+from stiff_bench.config import chosen_dataset
+from stiff_bench.dataset_info import dataset_info, picture_title
+from stiff_bench.dataset_picture import save_picture
+from stiff_bench.progress import phases
+from stiff_bench.published import published_stiffness
+from stiff_bench.registry import Registry, build_registry, lookup
+from stiff_bench.robot_words import RobotWords, parse_tcp
+from stiff_datasets.identifiability import REFERENCE_COMPLIANCE, regressor
+from stiff_datasets.loads import LoadKind
+from stiff_datasets.plan import (
+    PAPER_ROBOT,
+    Criterion,
+    MeasurementPlan,
+    candidate_plan,
+    chosen_plan,
+    paper_plan,
+    write_plan,
+)
+from stiff_datasets.plan_gain import PlanGain, plan_gain
+from stiff_datasets.registered import register
+from stiff_datasets.robots.shipped import DEFAULT_ROBOT, named_robot
+from stiff_datasets.simulate import simulate
+from stiff_datasets.twin_constants import TwinConstants, read_constants
+from stiff_datasets.twins import shipped_constants, shipped_twins
+from stiff_datasets.validate import render_report, validate
+from stiff_protocols.errors import ConfigError
+from stiff_protocols.types import FloatArray, Robot
+
+POSES_OF_OTHER_ROBOTS = 151  # as many as the paper measured on its own
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanWords:
+    """The options of `bench data plan`; None: not given."""
+
+    robot: RobotWords
+    poses: int | None
+    criterion: Criterion
+    candidates: int
+    payload: float | None
+    clearance: float
+    seed: int
+    output: Path
+
+
+def show_info(key: str, settings: Sequence[str], registry: Registry, folder: Path) -> str:
+    """Return the text of `bench data info KEY` after drawing the picture in `folder`."""
+    choice = chosen_dataset(key, settings, registry)
+    data = choice.make().load()
+    picture = folder / f"{key}.png"
+    folder.mkdir(parents=True, exist_ok=True)
+    save_picture(data, picture_title(choice.info), picture)
+    return dataset_info(choice.info, data, picture)
+
+
+def write_measurement_plan(words: PlanWords) -> str:
+    """Write a plan and return what it gains over random plans.
+
+    Raises:
+        ConfigError: an option is wrong, or the payload is unknown.
+        StoreError: the file cannot be written, or exists.
+    """
+    robot, chain, known_payload = words.robot.read()
+    payload = known_payload if words.payload is None else words.payload
+    if payload is None:
+        raise ConfigError(f"the payload of {robot.name} is not known; give --payload KG")
+    n_poses = words.poses or POSES_OF_OTHER_ROBOTS
+    n_candidates = max(words.candidates, n_poses)
+    pool = candidate_plan(
+        chain, n_candidates, seed=words.seed, payload_kg=payload, clearance=words.clearance
+    )
+    if words.poses is None and chain.name == PAPER_ROBOT:
+        name, plan = "the paper's plan", paper_plan(chain, payload, words.seed)
+    else:
+        name, plan = (
+            f"chosen, {words.criterion}",
+            chosen_plan(
+                chain,
+                n_poses,
+                criterion=words.criterion,
+                candidates=n_candidates,
+                seed=words.seed,
+                payload_kg=payload,
+                clearance=words.clearance,
+            ),
+        )
+    gain = plan_gain(
+        regressor(chain, plan.q, plan.wrench),
+        regressor(chain, pool.q, pool.wrench),
+        robot.joint_names,
+        reference_compliance=_reference(robot),
+        seed=words.seed,
+    )
+    write_plan(words.output, plan, robot)
+    return _plan_text(words.output, name, plan, robot, gain)
+
+
+def _reference(robot: Robot) -> float | FloatArray:
+    """Return the joint compliances that errors are relative to, rad/(N m)."""
+    if robot.name != PAPER_ROBOT:
+        return REFERENCE_COMPLIANCE
+    published = published_stiffness()
+    return np.array([1.0 / published[joint] for joint in robot.joint_names])
+
+
+def _plan_text(path: Path, name: str, plan: MeasurementPlan, robot: Robot, gain: PlanGain) -> str:
+    columns = (gain.plan, gain.random_mean, gain.random_best)
+    rows = [
+        ["condition number", *(f"{each.condition:.2f}" for each in columns)],
+        ["worst joint's standard error", *(f"{each.worst_error:.2%}" for each in columns)],
+        ["log det of information", *(f"{each.log_det:.2f}" for each in columns)],
+    ]
+    headers = ["", name, f"mean of {gain.n_random} random", "best random"]
+    lines = [
+        f"{path}: {len(plan.q)} poses of {robot.name}, one suggested force each "
+        f"({np.linalg.norm(plan.wrench[0, :3]):.1f} N at the TCP)",
+        "",
+        tabulate(rows, headers=headers, colalign=["left", *["right"] * 3], disable_numparse=True),
+        "",
+        f"Measured once, it tells as much as {gain.efficiency:.2f} mean random plans of its size "
+        f"({gain.efficiency_over_best:.2f} of the best random one).",
+        "Standard errors are of a joint's compliance, for a tracker that repeats 0.01 mm, relative "
+        + (
+            "to the paper's stiffnesses."
+            if robot.name == PAPER_ROBOT
+            else f"to {1.0 / REFERENCE_COMPLIANCE:.0e} N m/rad, an assumption."
+        ),
+        "Checked: joint limits, the arm's centre line against base column and ground. Not checked: "
+        "the shape of links and tool, and what stands around the robot. Go to each pose slowly.",
+        "Measure the wrench that really acts, replace the suggested one by it, and fill in "
+        f"dx_mm, dy_mm, dz_mm; then: bench data validate {path}",
+    ]
+    unseen = [joint for joint in robot.joint_names if joint not in gain.joints]
+    if unseen:
+        lines.append(f"No pose and force with this TCP identifies: {', '.join(unseen)}.")
+    return "\n".join(lines)
+
+
+def validation(path: Path, words: RobotWords) -> tuple[str, bool]:
+    """Return the report on a measured file, and whether it is valid."""
+    robot, chain, _ = words.read()
+    reference_model = lookup(build_registry().models, "model", "vjm").load()
+    report = validate(path, robot, chain, reference_model())
+    return render_report(report), not report.errors
+
+
+def write_simulation(
+    *,
+    twin: str,
+    samples: int,
+    loads: LoadKind,
+    loads_per_pose: int,
+    specimen: int,
+    seed: int,
+    output: Path,
+) -> str:
+    """Write simulated samples and return how many, and how fast."""
+    start = time.perf_counter()
+    with phases():
+        simulate(
+            output,
+            _constants(twin),
+            samples,
+            loads=loads,
+            loads_per_pose=loads_per_pose,
+            specimen=specimen,
+            seed=seed,
+        )
+    seconds = time.perf_counter() - start
+    return (
+        f"{output}: {samples} SIMULATED samples of {twin}, specimen {specimen}, in {seconds:.1f} s "
+        f"({samples / seconds:.0f} samples/s)"
+    )
+
+
+def _constants(twin: str) -> TwinConstants:
+    """Read a shipped twin's constants or those of a TOML file."""
+    shipped = shipped_twins()
+    if twin in shipped:
+        return shipped_constants(shipped[twin])
+    if not twin.endswith(".toml"):
+        raise ConfigError(f"--twin {twin!r} (valid: {', '.join(shipped)}, or FILE.toml)")
+    return read_constants(Path(twin))
+
+
+def register_file(key: str, csv: Path, urdf: Path | None, tcp: str) -> str:
+    """Register a measurement and return what to do with it."""
+    default = named_robot(DEFAULT_ROBOT).tcp if urdf is None else (0.0, 0.0, 0.0)
+    place = register(key, csv, urdf, parse_tcp(tcp) if tcp else default)
+    return f"{key}: {csv} registered in {place}; use it with: bench run --dataset {key}"

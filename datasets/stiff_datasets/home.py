@@ -1,0 +1,34 @@
+"""Where stiffbench keeps what belongs to a user: fetched data sets and registered files."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import platformdirs
+
+from stiff_protocols.errors import DataError
+
+VARIABLE = "STIFFBENCH_HOME"
+"""Environment variable that names another folder."""
+
+
+def home() -> Path:
+    """Return the folder; it need not exist yet."""
+    named = os.environ.get(VARIABLE)
+    return Path(named).expanduser() if named else platformdirs.user_data_path("stiffbench")
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder at or below `home`, with its parents.
+
+    Raises:
+        DataError: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(
+            f"{folder}: cannot be made: {error.strerror or error}; "
+            f"name another folder in the environment variable {VARIABLE}"
+        ) from error

@@ -1,0 +1,107 @@
+"""A SIMULATED robot from two files: its URDF and a small TOML of joint constants."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge, Gt
+
+from stiff_datasets.loads import LoadKind
+from stiff_datasets.poses import Poses
+from stiff_datasets.reachable import reachable_poses
+from stiff_datasets.specimen import SpecimenNumber
+from stiff_datasets.twin_constants import TwinConstants, read_constants
+from stiff_datasets.twin_experiment import measure_poses
+from stiff_datasets.twins import shipped_constants
+from stiff_protocols.types import BenchmarkData
+
+POSES = 151  # as many as the source paper measured
+_STREAM = 4  # of random numbers; loads, noise and specimens use 1 to 3
+
+
+class RobotTwin:
+    """A robot's twin at random reachable poses.
+
+    Attributes:
+        constants: the TOML file (`twin_constants.py` says what it holds).
+        poses: how many; inside the joint limits, clear of base and ground.
+        loads: "line" (along Table 5's line, scaled to the payload), "line-hook" or "omni".
+        loads_per_pose: how many.
+        specimen: which of ten robots of the type; 0 has the constants as they stand.
+        seed: draws poses, loads and noise; the robot itself does not depend on it.
+    """
+
+    def __init__(
+        self,
+        *,
+        constants: Path,
+        poses: Annotated[int, Gt(0)] = POSES,
+        loads: LoadKind = "omni",
+        loads_per_pose: Annotated[int, Gt(0)] = 1,
+        specimen: SpecimenNumber = 0,
+        seed: Annotated[int, Ge(0)] = 0,
+    ) -> None:
+        """Store the options."""
+        self.constants = constants
+        self.poses = poses
+        self.loads = loads
+        self.loads_per_pose = loads_per_pose
+        self.specimen = specimen
+        self.seed = seed
+
+    def load(self) -> BenchmarkData:
+        """Simulate the measurement.
+
+        Raises:
+            DataError: a file is missing or wrong, or a load is beyond the twin.
+        """
+        constants = read_constants(self.constants)
+        return measure_poses(
+            constants,
+            random_poses(constants, self.poses, self.seed),
+            loads=self.loads,
+            loads_per_pose=self.loads_per_pose,
+            specimen=self.specimen,
+            seed=self.seed,
+        )
+
+
+class Ur5Twin:
+    """The twin of a UR5, a smaller robot (5 kg), pulled at a hook in every direction.
+
+    Attributes:
+        specimen: which of ten robots of the type; 0 has the constants as they stand.
+        seed: draws poses, loads and noise; the robot itself does not depend on it.
+    """
+
+    def __init__(self, *, specimen: SpecimenNumber = 0, seed: Annotated[int, Ge(0)] = 0) -> None:
+        """Store the options."""
+        self.specimen = specimen
+        self.seed = seed
+
+    def load(self) -> BenchmarkData:
+        """Simulate the measurement."""
+        constants = shipped_constants("ur5")
+        return measure_poses(
+            constants,
+            random_poses(constants, POSES, self.seed),
+            loads="omni",
+            loads_per_pose=1,
+            specimen=self.specimen,
+            seed=self.seed,
+        )
+
+
+def random_poses(
+    constants: TwinConstants, n: int, seed: int, *, block: int = 0, first: int = 1
+) -> Poses:
+    """Return `n` random poses that the robot can reach, named P1, P2, ... from `first` on.
+
+    Another number of the block gives other poses.
+    """
+    rng = np.random.default_rng([seed, _STREAM, block])
+    q = reachable_poses(constants.chain(), n, rng)
+    names = np.array([f"P{i}" for i in range(first, first + n)])
+    return Poses(q=q, pose_id=names, group=np.full(n, "random"))

@@ -1,0 +1,51 @@
+"""The robots that a command can name, with the tool and the payload that they are used with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from stiff_datasets.robots.robot import ChainModel, shipped_chain, shipped_robot
+from stiff_protocols.errors import unknown_name
+from stiff_protocols.types import Robot
+
+
+@dataclass(frozen=True)
+class ShippedRobot:
+    """One of stiffbench's own URDF files.
+
+    Attributes:
+        urdf: its name without the ending.
+        tcp: (3,) tool centre point in the frame of the URDF's last link, m.
+        payload_kg: None where the data's source does not name the robot's variant.
+    """
+
+    urdf: str
+    tcp: tuple[float, float, float]
+    payload_kg: float | None
+
+    def chain(self, tcp: tuple[float, float, float] | None = None) -> ChainModel:
+        """Read it for Pinocchio, with another TCP if one is given."""
+        return shipped_chain(self.urdf, tcp=tcp or self.tcp)
+
+    def robot(self, tcp: tuple[float, float, float] | None = None) -> Robot:
+        """Read it for models, with another TCP if one is given."""
+        return shipped_robot(self.urdf, tcp=tcp or self.tcp)
+
+
+ROBOTS = {
+    "kr10-r1100-2": ShippedRobot("kr10_r1100_2", (0.06, 0.0, 0.08), 10.0),
+    "fanuc-r2000ic": ShippedRobot("fanuc_r2000ic", (0.0069, 0.2453, 0.3193), None),
+    "ur5": ShippedRobot("ur5", (0.0, 0.06, 0.08), 5.0),
+}
+DEFAULT_ROBOT = "kr10-r1100-2"
+
+
+def named_robot(name: str) -> ShippedRobot:
+    """Return the robot of a name.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    if name not in ROBOTS:
+        raise unknown_name("robot", name, ROBOTS)
+    return ROBOTS[name]

@@ -1,0 +1,131 @@
+"""Twin data sets of any size, written block by block: memory does not grow with their number."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiff_datasets.loads import LoadKind
+from stiff_datasets.measured import (
+    DEFLECTION_COLUMNS,
+    ID_COLUMNS,
+    WRENCH_COLUMNS,
+    joint_columns,
+)
+from stiff_datasets.robot_twin import random_poses
+from stiff_datasets.sample_files import file_units
+from stiff_datasets.twin_constants import TwinConstants
+from stiff_datasets.twin_experiment import DECIMALS_DEG, DECIMALS_MM, TwinExperiment
+from stiff_protocols.errors import ConfigError
+from stiff_protocols.files import written_whole
+from stiff_protocols.progress import report
+from stiff_protocols.types import Robot, Samples
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+BLOCK = 16_384
+"""Samples a block at most. Part of what a seed means: another size gives other data."""
+
+Write = Callable[["pa.RecordBatch"], None]
+
+
+def simulate(
+    path: Path,
+    constants: TwinConstants,
+    n_samples: int,
+    *,
+    loads: LoadKind,
+    loads_per_pose: int = 1,
+    specimen: int = 0,
+    seed: int = 0,
+) -> None:
+    """Write a twin's samples at random reachable poses, in the schema of `measured.py`.
+
+    The same arguments give the same file. The last pose may have fewer loads.
+
+    Args:
+        path: FILE.csv or FILE.parquet.
+        constants: of the twin.
+        n_samples: how many.
+        loads: how the wrenches lie.
+        loads_per_pose: how many at each pose.
+        specimen: which of ten robots of the type.
+        seed: draws poses, loads and noise.
+
+    Raises:
+        ConfigError: the file's ending is another one.
+        DataError: a load is beyond the twin.
+        StoreError: the file cannot be written.
+    """
+    if path.suffix not in _WRITERS:
+        raise ConfigError(f"{path}: {path.suffix!r} (valid endings: {', '.join(_WRITERS)})")
+    experiment = TwinExperiment(constants, loads=loads, specimen=specimen, seed=seed)
+    robot, done, poses_done = constants.robot(), 0, 0
+    poses_a_block = max(1, BLOCK // loads_per_pose)
+    with written_whole(path) as temporary, _WRITERS[path.suffix](temporary, robot) as write:
+        for block in range(-(-n_samples // (poses_a_block * loads_per_pose))):
+            poses = random_poses(constants, poses_a_block, seed, block=block, first=poses_done + 1)
+            samples = experiment.samples(poses, loads_per_pose, block=block)
+            samples = samples.take(np.arange(min(len(samples), n_samples - done)))
+            write(_batch(samples, robot))
+            done, poses_done = done + len(samples), poses_done + poses_a_block
+            report("simulate", done, n_samples)
+
+
+def _columns(robot: Robot) -> tuple[str, ...]:
+    return (*ID_COLUMNS, *joint_columns(robot), *WRENCH_COLUMNS, *DEFLECTION_COLUMNS)
+
+
+def _schema(robot: Robot) -> pa.Schema:
+    import pyarrow as pa
+
+    return pa.schema(
+        [(name, pa.string() if name in ID_COLUMNS else pa.float64()) for name in _columns(robot)]
+    )
+
+
+def _batch(samples: Samples, robot: Robot) -> pa.RecordBatch:
+    """Return the samples in the file's units, rounded as they were recorded."""
+    import pyarrow as pa
+
+    names = [getattr(samples, name).tolist() for name in ID_COLUMNS]
+    numbers = np.hstack(
+        [
+            (samples.q * file_units(robot)).round(DECIMALS_DEG),
+            samples.wrench,
+            (samples.deflection * 1000.0).round(DECIMALS_MM),
+        ]
+    )
+    return pa.RecordBatch.from_arrays(
+        [*map(pa.array, names), *map(pa.array, numbers.T.copy())], schema=_schema(robot)
+    )
+
+
+@contextmanager
+def _csv_writer(path: Path, robot: Robot) -> Iterator[Write]:
+    from pyarrow import csv
+
+    options = csv.WriteOptions(include_header=False, quoting_style="none")
+    with path.open("wb") as file:
+        file.write((",".join(_columns(robot)) + "\n").encode())
+        with csv.CSVWriter(file, _schema(robot), write_options=options) as writer:
+            yield writer.write_batch
+
+
+@contextmanager
+def _parquet_writer(path: Path, robot: Robot) -> Iterator[Write]:
+    from pyarrow import parquet
+
+    with parquet.ParquetWriter(path, _schema(robot), compression="zstd") as writer:
+        yield writer.write_batch
+
+
+_WRITERS: dict[str, Callable[[Path, Robot], AbstractContextManager[Write]]] = {
+    ".csv": _csv_writer,
+    ".parquet": _parquet_writer,
+}

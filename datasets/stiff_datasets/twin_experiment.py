@@ -1,0 +1,111 @@
+"""An experiment on a digital twin: loads, readings with the instruments' noise, records.
+
+Records are rounded as a log would be, and more coarsely than rounding errors, so that machines
+agree on the data's hash.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stiff_datasets.loads import LoadKind, hook_wrenches, line_wrenches, omni_forces
+from stiff_datasets.poses import Poses
+from stiff_datasets.specimen import specimen_springs
+from stiff_datasets.twin import DigitalTwin
+from stiff_datasets.twin_constants import Noise, TwinConstants
+from stiff_protocols.types import BenchmarkData, FloatArray, Samples
+
+DECIMALS_DEG, DECIMALS_N, DECIMALS_NM, DECIMALS_MM = 4, 3, 5, 5
+_LOADS, _NOISE = 1, 2  # streams of random numbers; specimens use 3
+
+
+class TwinExperiment:
+    """A twin's measurement.
+
+    Args:
+        constants: of the twin.
+        loads: how the wrenches lie.
+        specimen: which robot of the type.
+        seed: draws loads and noise; the robot does not depend on it.
+    """
+
+    def __init__(
+        self, constants: TwinConstants, *, loads: LoadKind, specimen: int, seed: int
+    ) -> None:
+        """Build the twin."""
+        self._constants = constants
+        self._loads = loads
+        self._twin = DigitalTwin(constants.chain(), specimen_springs(constants, specimen))
+        self._key = (seed, specimen)
+
+    def samples(self, poses: Poses, loads_per_pose: int, *, block: int = 0) -> Samples:
+        """Measure `loads_per_pose` loads at each of the poses, pose by pose; see `measure`."""
+        logged = np.deg2rad(np.rad2deg(poses.q).round(DECIMALS_DEG))
+        q = np.repeat(logged, loads_per_pose, axis=0)
+        wrench, deflection = self.measure(q, block=block)
+        return Samples(
+            q=q,
+            wrench=wrench,
+            deflection=deflection,
+            pose_id=np.repeat(poses.pose_id, loads_per_pose),
+            load_id=np.tile(np.arange(1, loads_per_pose + 1).astype(str), len(poses.q)),
+            group=np.repeat(poses.group, loads_per_pose),
+        )
+
+    def measure(self, q: FloatArray, *, block: int = 0) -> tuple[FloatArray, FloatArray]:
+        """Load the twin once at each pose and record what the instruments show.
+
+        Args:
+            q: (n, n_joints) rad.
+            block: another number gives other loads and noise.
+
+        Returns:
+            (n, 6) wrench [N, N m] and (n, 3) deflection [m], base frame, as recorded.
+
+        Raises:
+            DataError: a load is beyond the twin.
+        """
+        wrench = self._wrenches(q, np.random.default_rng([*self._key, _LOADS, block]))
+        deflection = self._twin.readings(q, wrench)
+        rng = np.random.default_rng([*self._key, _NOISE, block])
+        noise = self._constants.noise
+        return recorded_wrench(wrench, noise, rng), recorded_deflection(deflection, noise, rng)
+
+    def _wrenches(self, q: FloatArray, rng: np.random.Generator) -> FloatArray:
+        payload = self._constants.payload_kg
+        if self._loads == "line":
+            return line_wrenches(len(q), payload, rng)
+        if self._loads == "line-hook":
+            force = line_wrenches(len(q), payload, rng)[:, :3]
+        else:
+            force = omni_forces(len(q), payload, rng)
+        return hook_wrenches(force, self._twin.tool_vectors(q, self._constants.hook_m))
+
+
+def measure_poses(
+    constants: TwinConstants,
+    poses: Poses,
+    *,
+    loads: LoadKind,
+    loads_per_pose: int,
+    specimen: int,
+    seed: int,
+) -> BenchmarkData:
+    """Return the samples of `loads_per_pose` loads at each of the poses, pose by pose."""
+    experiment = TwinExperiment(constants, loads=loads, specimen=specimen, seed=seed)
+    return BenchmarkData(experiment.samples(poses, loads_per_pose), constants.robot())
+
+
+def recorded_wrench(wrench: FloatArray, noise: Noise, rng: np.random.Generator) -> FloatArray:
+    """Return (n, 6) `wrench` as the force sensor shows it."""
+    noisy = wrench + rng.normal(size=wrench.shape) * np.repeat([noise.force_N, noise.torque_Nm], 3)
+    return np.hstack([noisy[:, :3].round(DECIMALS_N), noisy[:, 3:].round(DECIMALS_NM)])
+
+
+def recorded_deflection(
+    deflection: FloatArray, noise: Noise, rng: np.random.Generator
+) -> FloatArray:
+    """Return (n, 3) `deflection` [m] as the difference of two tracker readings."""
+    readings = rng.normal(scale=noise.tracker_m, size=(2, *deflection.shape))
+    measured_mm = (deflection + readings[0] - readings[1]) * 1000.0
+    return np.asarray(measured_mm.round(DECIMALS_MM) / 1000.0)

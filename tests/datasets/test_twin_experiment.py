@@ -1,0 +1,66 @@
+"""What the instruments of a simulated experiment add."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stiff_datasets.poses import paper_poses
+from stiff_datasets.twin import DigitalTwin
+from stiff_datasets.twin_constants import Noise
+from stiff_datasets.twin_experiment import (
+    TwinExperiment,
+    recorded_deflection,
+    recorded_wrench,
+)
+from stiff_datasets.twins import shipped_constants
+
+CONSTANTS = shipped_constants("kr10_r1100_2")
+REPEATS = 10_000
+
+
+def test_noise_has_the_data_sheets_size_over_10000_repeats(rng):
+    noise = Noise()
+    wrench = recorded_wrench(np.zeros((REPEATS, 6)), noise, rng)
+    np.testing.assert_allclose(wrench[:, :3].std(axis=0), 0.04, rtol=0.03)
+    np.testing.assert_allclose(wrench[:, 3:].std(axis=0), 0.002, rtol=0.03)
+    deflection = recorded_deflection(np.zeros((REPEATS, 3)), noise, rng)
+    # one reading with the load, one without, 0.01 mm each
+    np.testing.assert_allclose(deflection.std(axis=0), np.sqrt(2) * 1e-5, rtol=0.03)
+    for readings in (wrench, deflection):
+        assert np.abs(readings.mean(axis=0) / readings.std(axis=0)).max() < 0.04
+
+
+def test_repeated_readings_of_one_sample_scatter_by_the_noise_alone(kr10_chain):
+    # the same pose 10,000 times: what differs between reading and twin is the tracker
+    q = np.tile(paper_poses(kr10_chain).q[:1], (REPEATS, 1))
+    wrench, deflection = TwinExperiment(CONSTANTS, loads="omni", specimen=0, seed=3).measure(q)
+    exact = DigitalTwin(kr10_chain, CONSTANTS.springs).readings(q, wrench)
+    # the sensor's 0.04 N moves the twin by micrometres at most beside the tracker's 14
+    np.testing.assert_allclose((deflection - exact).std(axis=0), np.sqrt(2) * 1e-5, rtol=0.05)
+
+
+def test_another_block_has_other_loads_and_noise(kr10_chain):
+    experiment = TwinExperiment(CONSTANTS, loads="line", specimen=0, seed=0)
+    q = paper_poses(kr10_chain).q[:5]
+    first, again, other = (experiment.measure(q, block=block)[0] for block in (0, 0, 1))
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).all()
+
+
+@pytest.mark.parametrize("loads", ["line", "line-hook", "omni"])
+def test_the_loads_of_an_experiment_do_not_depend_on_the_specimens_springs(kr10_chain, loads):
+    q = paper_poses(kr10_chain).q[:5]
+    soft = CONSTANTS.model_copy(
+        update={
+            "joint": tuple(
+                joint.model_copy(update={"structure_Nm_per_rad": joint.structure_Nm_per_rad / 2})
+                for joint in CONSTANTS.joint
+            )
+        }
+    )
+    wrenches = [
+        TwinExperiment(constants, loads=loads, specimen=0, seed=0).measure(q)[0]
+        for constants in (CONSTANTS, soft)
+    ]
+    np.testing.assert_array_equal(*wrenches)
