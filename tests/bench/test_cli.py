@@ -10,14 +10,13 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 import torch
 
+from command_line import BENCH, assert_refused, bench
 from stiff_bench.store import ResultStore
 
-BENCH = Path(sys.executable).with_name("bench")
 SMALL = [
     word
     for key in ("mlp-pretrained", "ft-mlp")
@@ -34,23 +33,6 @@ def shipped(name: str) -> str:
     from importlib.resources import files
 
     return str(files("stiff_datasets") / name)
-
-
-def bench(*words: str, cwd: Path, **options) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [BENCH, *words], cwd=cwd, capture_output=True, text=True, timeout=300, **options
-    )
-
-
-def assert_refused(done, *parts: str) -> None:
-    """One line on standard error that names the thing, status 2, nothing on standard output."""
-    assert done.returncode == 2, done.stderr
-    assert done.stdout == ""
-    lines = done.stderr.strip().splitlines()
-    assert len(lines) == 1, done.stderr
-    assert lines[0].startswith("bench: error: ")
-    for part in parts:
-        assert part in lines[0]
 
 
 def test_a_run_prints_one_table_and_stores_every_cell(tmp_path):

@@ -1,0 +1,27 @@
+"""Runs the real `bench` command for tests."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+BENCH = Path(sys.executable).with_name("bench")
+
+
+def bench(*words: str, cwd: Path, **options: Any) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [BENCH, *words], cwd=cwd, capture_output=True, text=True, timeout=300, **options
+    )
+
+
+def assert_refused(done: subprocess.CompletedProcess[str], *parts: str) -> None:
+    """One line on standard error that names the thing, status 2, nothing on standard output."""
+    assert done.returncode == 2, done.stderr
+    assert done.stdout == ""
+    lines = done.stderr.strip().splitlines()
+    assert len(lines) == 1, done.stderr
+    assert lines[0].startswith("bench: error: ")
+    for part in parts:
+        assert part in lines[0]

@@ -1,0 +1,126 @@
+"""The shipped constants are those of the record, and give the figures that it states."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiff_bench.calibration import figures_text, paper_figures
+from stiff_datasets.calibration import (
+    FIGURE_SEEDS,
+    GEAR_SIZES,
+    LOST_MOTION_RANGE,
+    STRUCTURE_RANGE,
+    VjmFigures,
+    line_figures,
+    mean_figures,
+    misfit,
+    vjm_figures,
+)
+from stiff_datasets.kr10_twin import CONSTANTS, Kr10Twin
+from stiff_datasets.twins import shipped_constants
+from stiff_models.vjm import VirtualJointModel
+from stiff_protocols.errors import ModelError
+
+RECORD = Path(__file__).parents[2] / "results" / "calibration" / "kr10_r1100_2.json"
+
+
+@pytest.fixture(scope="module")
+def record():
+    return json.loads(RECORD.read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def specimens():
+    constants = shipped_constants(CONSTANTS)
+    return [
+        mean_figures(line_figures(constants, VirtualJointModel, specimen=number))
+        for number in range(10)
+    ]
+
+
+def test_the_shipped_constants_are_those_that_were_found(record):
+    assert shipped_constants(CONSTANTS).model_dump(mode="json") == record["constants"]
+
+
+def test_the_shipped_constants_give_the_figures_of_the_record(record, specimens):
+    assert len(FIGURE_SEEDS) == 10 and len(record["specimens"]) == 10
+    for found, stated in zip(specimens, record["specimens"], strict=True):
+        for name in ("mae", "stde", "me"):
+            np.testing.assert_allclose(
+                getattr(found, name) * 1000, stated[f"{name}_mm"], atol=0.00011
+            )
+        np.testing.assert_allclose(found.stiffness, stated["stiffness_Nm_per_rad"], rtol=1e-4)
+
+
+def test_the_figures_are_as_near_to_the_paper_as_the_card_says(specimens):
+    twin, paper = specimens[0], paper_figures()
+    off = {name: getattr(twin, name) / getattr(paper, name) - 1 for name in ("mae", "stde")}
+    np.testing.assert_allclose(off["mae"], [0.26, 0.16, 0.04], atol=0.006)
+    np.testing.assert_allclose(off["stde"], [0.14, -0.03, -0.24], atol=0.006)
+    assert np.abs(twin.stiffness / paper.stiffness - 1).max() < 0.15
+    assert (np.argsort(twin.stiffness) == np.argsort(paper.stiffness))[[0, 1, 2]].all()
+
+
+def test_the_card_holds_the_figures(specimens):
+    card = (files("stiff_datasets") / "data" / "kr10_twin.md").read_text(encoding="utf-8")
+    assert figures_text(specimens, paper_figures()) in card
+
+
+def test_the_papers_figures_are_those_of_its_tables_2_and_3():
+    paper = paper_figures()
+    np.testing.assert_allclose(paper.mae * 1000, [0.074, 0.066, 0.062])
+    np.testing.assert_allclose(paper.stde * 1000, [0.108, 0.076, 0.075])
+    np.testing.assert_allclose(paper.me * 1000, [0.628, 0.435, 0.581])
+    np.testing.assert_allclose(paper.stiffness, [50900, 63360, 50340, 2270, 8890, 1390])
+
+
+def test_every_free_constant_lies_in_its_physical_range():
+    for joint, sizes, structure in zip(
+        shipped_constants(CONSTANTS).joint, GEAR_SIZES, STRUCTURE_RANGE, strict=True
+    ):
+        assert joint.gear in sizes
+        assert structure[0] <= joint.structure_Nm_per_rad <= structure[1]
+        assert 1.0 <= joint.tilting_ratio <= 8.0
+        assert LOST_MOTION_RANGE[0] <= joint.lost_motion_arcmin <= LOST_MOTION_RANGE[1]
+
+
+def test_the_misfit_is_nothing_for_the_paper_itself_and_grows_either_way():
+    paper = paper_figures()
+    assert misfit(paper, paper) == 0.0
+    for factor in (0.9, 1.1):
+        other = dataclasses.replace(paper, mae=paper.mae * factor)
+        assert misfit(other, paper) == pytest.approx(3 * np.log(factor) ** 2)
+
+
+def test_the_figures_are_the_vjms_errors_on_the_samples_it_was_identified_on():
+    data = Kr10Twin().load()
+    found = vjm_figures(data, VirtualJointModel)
+    model = VirtualJointModel().fit(data.samples, robot=data.robot)
+    error = np.abs(model.predict(data.samples.q, data.samples.wrench) - data.samples.deflection)
+    np.testing.assert_allclose(found.mae, error.mean(axis=0))
+    np.testing.assert_allclose(found.stde, error.std(axis=0))
+    np.testing.assert_allclose(found.stiffness, model.joints_.stiffness)
+
+
+def test_a_model_without_joint_stiffnesses_cannot_be_calibrated_by():
+    class Silent:
+        def fit(self, train, *, robot, validation=None, seed=0):
+            return self
+
+        def predict(self, q, wrench):
+            return np.zeros((len(q), 3))
+
+    with pytest.raises(ModelError, match="Silent reports no joint stiffnesses"):
+        vjm_figures(Kr10Twin().load(), Silent)
+
+
+def test_a_mean_of_figures_is_the_mean_of_each():
+    ones = VjmFigures(*(np.ones(3),) * 3, stiffness=np.ones(6))
+    threes = VjmFigures(*(np.full(3, 3.0),) * 3, stiffness=np.full(6, 3.0))
+    assert (mean_figures([ones, threes]).stiffness == 2).all()
