@@ -11,7 +11,7 @@ import numpy as np
 from tabulate import tabulate
 
 from stiff_bench.config import chosen_dataset
-from stiff_bench.dataset_info import dataset_info, picture_title
+from stiff_bench.dataset_info import dataset_info, picture_quantity, picture_title
 from stiff_bench.dataset_picture import save_picture
 from stiff_bench.progress import phases
 from stiff_bench.published import published_stiffness
@@ -61,7 +61,7 @@ def show_info(key: str, settings: Sequence[str], registry: Registry, folder: Pat
     data = choice.make().load()
     picture = folder / f"{key}.png"
     folder.mkdir(parents=True, exist_ok=True)
-    save_picture(data, picture_title(choice.info), picture)
+    save_picture(data, picture_title(choice.info), picture, picture_quantity(choice.info))
     return dataset_info(choice.info, data, picture)
 
 

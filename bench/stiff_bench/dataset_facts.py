@@ -162,8 +162,8 @@ def _overview(found: DatasetFacts) -> str:
     left = len(found.groups) - len(groups)
     rows = [
         ["robot", f"{found.robot}, {len(found.joints)} joints"],
-        ["samples", f"{found.n_samples:,}"],
-        ["poses", f"{found.n_poses:,}"],
+        ["samples", f"{found.n_samples}"],
+        ["poses", f"{found.n_poses}"],
         ["loads a pose", str(most) if fewest == most else f"{fewest} .. {most}"],
         ["groups", ", ".join(groups) + (f" and {left} more" if left else "")],
         ["sha256", found.sha256],

@@ -6,8 +6,9 @@ from importlib.resources import files
 from pathlib import Path
 
 from stiff_bench.dataset_facts import facts, render_facts
+from stiff_bench.dataset_picture import DEFLECTION
 from stiff_protocols.errors import DataError
-from stiff_protocols.plugin import DatasetInfo
+from stiff_protocols.plugin import STIFFNESS, DatasetInfo
 from stiff_protocols.types import BenchmarkData
 
 
@@ -33,6 +34,11 @@ def dataset_info(info: DatasetInfo, data: BenchmarkData, picture: Path | None) -
 def picture_title(info: DatasetInfo) -> str:
     """Return the first line of the picture: the key, and whether anything was measured."""
     return f"{info.key} ({info.label})"
+
+
+def picture_quantity(info: DatasetInfo) -> str:
+    """Return what the data set's deflections are."""
+    return DEFLECTION if info.task == STIFFNESS else f"The {info.task} (no load is applied)"
 
 
 def _heading(info: DatasetInfo) -> str:

@@ -51,13 +51,17 @@ WIDE_RATIO = 30.0
 """Joints whose torques differ by more than this are drawn on a symmetric logarithmic axis."""
 
 
-def save_picture(data: BenchmarkData, title: str, path: Path) -> None:
+DEFLECTION = "Deflection of the TCP under load"
+
+
+def save_picture(data: BenchmarkData, title: str, path: Path, quantity: str = DEFLECTION) -> None:
     """Draw the data set and write the page as PNG, PDF or SVG.
 
     Args:
         data: at least one sample.
         title: the data set's key, and whether it is simulated or measured.
         path: the file; its suffix chooses the format.
+        quantity: what the deflections are.
 
     Raises:
         ConfigError: the suffix is none of the three.
@@ -70,11 +74,11 @@ def save_picture(data: BenchmarkData, title: str, path: Path) -> None:
     from matplotlib import rc_context
 
     with rc_context(_STYLE), written_whole(path) as temporary:
-        figure = _draw(data, title)
+        figure = _draw(data, title, quantity)
         figure.savefig(temporary, format=suffix[1:], dpi=DOTS_PER_INCH, metadata=_TIMELESS[suffix])
 
 
-def _draw(data: BenchmarkData, title: str) -> Figure:
+def _draw(data: BenchmarkData, title: str, quantity: str) -> Figure:
     from matplotlib.figure import Figure
 
     samples = data.samples
@@ -86,7 +90,7 @@ def _draw(data: BenchmarkData, title: str) -> Figure:
     cloud, loads, histograms, torques = pages.flat
     _draw_poses(cloud, data, poses)
     _draw_directions(loads, samples.wrench[:, :3])
-    _draw_deflections(histograms, samples.deflection)
+    _draw_deflections(histograms, samples.deflection, quantity)
     _draw_torques(torques, data)
     return figure
 
@@ -211,11 +215,11 @@ def _draw_half_sphere(axes: Axes, sign: str) -> None:
     axes.set_axis_off()
 
 
-def _draw_deflections(page: SubFigure, deflection: FloatArray) -> None:
+def _draw_deflections(page: SubFigure, deflection: FloatArray, quantity: str) -> None:
     """Draw a histogram for each component, with common bins."""
     from matplotlib.ticker import MaxNLocator
 
-    _head(page, "(c) Deflection of the TCP under load, base frame")
+    _head(page, f"(c) {quantity}, base frame")
     millimetres = deflection * 1000.0
     edges = np.histogram_bin_edges(millimetres, bins="auto")
     if len(edges) - 1 > MOST_BINS:
@@ -226,7 +230,7 @@ def _draw_deflections(page: SubFigure, deflection: FloatArray) -> None:
         axes.axvline(0.0, color="black", linewidth=0.8)
         axes.yaxis.set_major_locator(MaxNLocator(3, integer=True))
         axes.set_ylabel(f"d{name}: samples")
-    rows[-1].set_xlabel("deflection [mm]")
+    rows[-1].set_xlabel("displacement [mm]")
 
 
 def _draw_torques(page: SubFigure, data: BenchmarkData) -> None:

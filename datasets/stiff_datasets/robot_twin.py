@@ -12,13 +12,13 @@ from stiff_datasets.loads import LoadKind
 from stiff_datasets.poses import Poses
 from stiff_datasets.reachable import reachable_poses
 from stiff_datasets.specimen import SpecimenNumber
+from stiff_datasets.streams import stream
 from stiff_datasets.twin_constants import TwinConstants, read_constants
 from stiff_datasets.twin_experiment import measure_poses
 from stiff_datasets.twins import shipped_constants
 from stiff_protocols.types import BenchmarkData
 
 POSES = 151  # as many as the source paper measured
-_STREAM = 4  # of random numbers; loads, noise and specimens use 1 to 3
 
 
 class RobotTwin:
@@ -101,7 +101,7 @@ def random_poses(
 
     Another number of the block gives other poses.
     """
-    rng = np.random.default_rng([seed, _STREAM, block])
+    rng = stream("poses", constants.name, seed, block)
     q = reachable_poses(constants.chain(), n, rng)
     names = np.array([f"P{i}" for i in range(first, first + n)])
     return Poses(q=q, pose_id=names, group=np.full(n, "random"))

@@ -64,13 +64,15 @@ def simulate(
     """
     if path.suffix not in _WRITERS:
         raise ConfigError(f"{path}: {path.suffix!r} (valid endings: {', '.join(_WRITERS)})")
-    experiment = TwinExperiment(constants, loads=loads, specimen=specimen, seed=seed)
+    experiment = TwinExperiment(
+        constants, loads=loads, specimen=specimen, seed=seed, loads_per_pose=loads_per_pose
+    )
     robot, done, poses_done = constants.robot(), 0, 0
     poses_a_block = max(1, BLOCK // loads_per_pose)
     with written_whole(path) as temporary, _WRITERS[path.suffix](temporary, robot) as write:
         for block in range(-(-n_samples // (poses_a_block * loads_per_pose))):
             poses = random_poses(constants, poses_a_block, seed, block=block, first=poses_done + 1)
-            samples = experiment.samples(poses, loads_per_pose, block=block)
+            samples = experiment.samples(poses, block=block)
             samples = samples.take(np.arange(min(len(samples), n_samples - done)))
             write(_batch(samples, robot))
             done, poses_done = done + len(samples), poses_done + poses_a_block

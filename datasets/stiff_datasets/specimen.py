@@ -9,11 +9,11 @@ import numpy as np
 from annotated_types import Ge, Le
 
 from stiff_datasets.springs import JointSprings
+from stiff_datasets.streams import stream
 from stiff_datasets.twin_constants import Scatter, TwinConstants
 
 LAST_SPECIMEN = 9
 SpecimenNumber = Annotated[int, Ge(0), Le(LAST_SPECIMEN)]
-_STREAM = 3  # of the random numbers; loads and noise use 1 and 2
 
 
 def specimen_springs(constants: TwinConstants, specimen: int) -> tuple[JointSprings, ...]:
@@ -25,7 +25,7 @@ def specimen_springs(constants: TwinConstants, specimen: int) -> tuple[JointSpri
     """
     if specimen == 0:
         return constants.springs
-    rng = np.random.default_rng([specimen, _STREAM])
+    rng = stream("specimen", constants.name, specimen)
     return tuple(_drawn(joint, constants.scatter, rng) for joint in constants.springs)
 
 

@@ -11,12 +11,12 @@ import numpy as np
 from stiff_datasets.loads import LoadKind, hook_wrenches, line_wrenches, omni_forces
 from stiff_datasets.poses import Poses
 from stiff_datasets.specimen import specimen_springs
+from stiff_datasets.streams import stream
 from stiff_datasets.twin import DigitalTwin
 from stiff_datasets.twin_constants import Noise, TwinConstants
 from stiff_protocols.types import BenchmarkData, FloatArray, Samples
 
 DECIMALS_DEG, DECIMALS_N, DECIMALS_NM, DECIMALS_MM = 4, 3, 5, 5
-_LOADS, _NOISE = 1, 2  # streams of random numbers; specimens use 3
 
 
 class TwinExperiment:
@@ -27,19 +27,29 @@ class TwinExperiment:
         loads: how the wrenches lie.
         specimen: which robot of the type.
         seed: draws loads and noise; the robot does not depend on it.
+        loads_per_pose: how many.
     """
 
     def __init__(
-        self, constants: TwinConstants, *, loads: LoadKind, specimen: int, seed: int
+        self,
+        constants: TwinConstants,
+        *,
+        loads: LoadKind,
+        specimen: int,
+        seed: int,
+        loads_per_pose: int = 1,
     ) -> None:
         """Build the twin."""
         self._constants = constants
         self._loads = loads
+        self._loads_per_pose = loads_per_pose
         self._twin = DigitalTwin(constants.chain(), specimen_springs(constants, specimen))
-        self._key = (seed, specimen)
+        # "line" and "line-hook" share their forces: only what the torques do differs
+        self._key = (constants.name, loads.split("-")[0], loads_per_pose, specimen, seed)
 
-    def samples(self, poses: Poses, loads_per_pose: int, *, block: int = 0) -> Samples:
-        """Measure `loads_per_pose` loads at each of the poses, pose by pose; see `measure`."""
+    def samples(self, poses: Poses, *, block: int = 0) -> Samples:
+        """Measure every load at each of the poses, pose by pose; see `measure`."""
+        loads_per_pose = self._loads_per_pose
         logged = np.deg2rad(np.rad2deg(poses.q).round(DECIMALS_DEG))
         q = np.repeat(logged, loads_per_pose, axis=0)
         wrench, deflection = self.measure(q, block=block)
@@ -65,9 +75,9 @@ class TwinExperiment:
         Raises:
             DataError: a load is beyond the twin.
         """
-        wrench = self._wrenches(q, np.random.default_rng([*self._key, _LOADS, block]))
+        wrench = self._wrenches(q, stream("loads", *self._key, block))
         deflection = self._twin.readings(q, wrench)
-        rng = np.random.default_rng([*self._key, _NOISE, block])
+        rng = stream("noise", *self._key, block)
         noise = self._constants.noise
         return recorded_wrench(wrench, noise, rng), recorded_deflection(deflection, noise, rng)
 
@@ -92,8 +102,10 @@ def measure_poses(
     seed: int,
 ) -> BenchmarkData:
     """Return the samples of `loads_per_pose` loads at each of the poses, pose by pose."""
-    experiment = TwinExperiment(constants, loads=loads, specimen=specimen, seed=seed)
-    return BenchmarkData(experiment.samples(poses, loads_per_pose), constants.robot())
+    experiment = TwinExperiment(
+        constants, loads=loads, specimen=specimen, seed=seed, loads_per_pose=loads_per_pose
+    )
+    return BenchmarkData(experiment.samples(poses), constants.robot())
 
 
 def recorded_wrench(wrench: FloatArray, noise: Noise, rng: np.random.Generator) -> FloatArray:

@@ -187,6 +187,9 @@ def test_pose_errors_are_fetched_and_never_called_stiffness(tmp_path, home):
     assert done.returncode == 0, done.stderr
     assert "ur5-pose-error (measured pose-error, not stiffness)" in done.stdout
     assert "no stiffness data" in done.stdout
+    info = bench("data", "info", "ur5-pose-error", cwd=tmp_path, env=home)
+    assert info.returncode == 0, info.stderr
+    assert "grid (1000), random (20)" in info.stdout
 
 
 def test_a_folder_without_the_pose_errors_is_refused(tmp_path, home):

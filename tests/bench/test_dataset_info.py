@@ -250,6 +250,11 @@ def test_a_robot_without_masses_says_so_instead_of_a_gravity_torque():
     assert "The robot has no masses" in render_facts(found)
 
 
+def test_more_than_a_thousand_samples_are_told_too(rng):
+    text = render_facts(facts(made_data(chain([("revolute", "z")]), 1200, rng)))
+    assert "samples       1200" in text
+
+
 def test_facts_of_no_samples_are_refused(rng):
     with pytest.raises(DataError, match=r"robot 'made' has no samples"):
         facts(made_data(chain([("revolute", "z")]), 0, rng))

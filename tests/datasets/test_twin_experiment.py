@@ -64,3 +64,31 @@ def test_the_loads_of_an_experiment_do_not_depend_on_the_specimens_springs(kr10_
         for constants in (CONSTANTS, soft)
     ]
     np.testing.assert_array_equal(*wrenches)
+
+
+def test_data_sets_that_share_a_seed_share_no_random_numbers():
+    q = np.zeros((50, 6))
+    variants = [
+        TwinExperiment(constants, loads="omni", specimen=specimen, seed=0, loads_per_pose=loads)
+        for constants, specimen, loads in (
+            (CONSTANTS, 0, 1),
+            (CONSTANTS, 1, 1),
+            (CONSTANTS, 0, 5),
+            (shipped_constants("ur5"), 0, 1),
+        )
+    ]
+    forces = [variant.measure(q)[0][:, :3] for variant in variants]
+    directions = [force / np.linalg.norm(force, axis=1, keepdims=True) for force in forces]
+    for i, one in enumerate(directions):
+        for other in directions[:i]:
+            assert np.abs((one * other).sum(axis=1).mean()) < 0.3
+
+
+def test_one_rope_pulls_with_the_forces_of_the_line(kr10_chain):
+    q = paper_poses(kr10_chain).q
+    line, hook = (
+        TwinExperiment(CONSTANTS, loads=loads, specimen=0, seed=0).measure(q)[0]
+        for loads in ("line", "line-hook")
+    )
+    np.testing.assert_array_equal(line[:, :3], hook[:, :3])
+    assert (line[:, 3:] != hook[:, 3:]).all()
