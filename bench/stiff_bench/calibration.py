@@ -20,7 +20,6 @@ from stiff_bench.published import published_rows, published_stiffness
 from stiff_bench.registry import build_registry, lookup
 from stiff_datasets.calibration import (
     FIGURE_SEEDS,
-    SEARCH_SEEDS,
     VjmFigures,
     calibrate,
     line_figures,
@@ -60,8 +59,7 @@ def calibrate_twin(*, generations: int, seed: int, output: Path) -> str:
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
         "seconds": round(time.perf_counter() - start),
         "environment": environment(),
-        "search_seeds": SEARCH_SEEDS,
-        "figure_seeds": FIGURE_SEEDS,
+        "seeds": FIGURE_SEEDS,
         "misfit": misfit(specimens[0], target),
         "steps": [asdict(step) for step in found.steps],
         "paper": _plain(target),

@@ -28,6 +28,9 @@ class TwinExperiment:
         specimen: which robot of the type.
         seed: draws loads and noise; the robot does not depend on it.
         loads_per_pose: how many.
+
+    Attributes:
+        twin: the robot.
     """
 
     def __init__(
@@ -43,53 +46,54 @@ class TwinExperiment:
         self._constants = constants
         self._loads = loads
         self._loads_per_pose = loads_per_pose
-        self._twin = DigitalTwin(constants.chain(), specimen_springs(constants, specimen))
+        self.twin = DigitalTwin(constants.chain(), specimen_springs(constants, specimen))
         # "line" and "line-hook" share their forces: only what the torques do differs
         self._key = (constants.name, loads.split("-")[0], loads_per_pose, specimen, seed)
 
     def samples(self, poses: Poses, *, block: int = 0) -> Samples:
-        """Measure every load at each of the poses, pose by pose; see `measure`."""
-        loads_per_pose = self._loads_per_pose
-        logged = np.deg2rad(np.rad2deg(poses.q).round(DECIMALS_DEG))
-        q = np.repeat(logged, loads_per_pose, axis=0)
-        wrench, deflection = self.measure(q, block=block)
-        return Samples(
-            q=q,
-            wrench=wrench,
-            deflection=deflection,
-            pose_id=np.repeat(poses.pose_id, loads_per_pose),
-            load_id=np.tile(np.arange(1, loads_per_pose + 1).astype(str), len(poses.q)),
-            group=np.repeat(poses.group, loads_per_pose),
-        )
-
-    def measure(self, q: FloatArray, *, block: int = 0) -> tuple[FloatArray, FloatArray]:
-        """Load the twin once at each pose and record what the instruments show.
+        """Measure every load at each of the poses, pose by pose.
 
         Args:
-            q: (n, n_joints) rad.
+            poses: where.
             block: another number gives other loads and noise.
-
-        Returns:
-            (n, 6) wrench [N, N m] and (n, 3) deflection [m], base frame, as recorded.
 
         Raises:
             DataError: a load is beyond the twin.
         """
-        wrench = self._wrenches(q, stream("loads", *self._key, block))
-        deflection = self._twin.readings(q, wrench)
-        rng = stream("noise", *self._key, block)
-        noise = self._constants.noise
-        return recorded_wrench(wrench, noise, rng), recorded_deflection(deflection, noise, rng)
+        q = self.logged_q(poses)
+        wrench = self.wrenches(q, block=block)
+        return self.recorded(poses, wrench, self.twin.readings(q, wrench), block=block)
 
-    def _wrenches(self, q: FloatArray, rng: np.random.Generator) -> FloatArray:
-        payload = self._constants.payload_kg
+    def logged_q(self, poses: Poses) -> FloatArray:
+        """Return (n, n_joints) joint angles [rad] as a log holds them, a row a load."""
+        logged = np.deg2rad(np.rad2deg(poses.q).round(DECIMALS_DEG))
+        return np.repeat(logged, self._loads_per_pose, axis=0)
+
+    def wrenches(self, q: FloatArray, *, block: int = 0) -> FloatArray:
+        """Return (n, 6) the loads that act at the TCP [N, N m], base frame, at (n, n_joints) q."""
+        rng, payload = stream("loads", *self._key, block), self._constants.payload_kg
         if self._loads == "line":
             return line_wrenches(len(q), payload, rng)
         if self._loads == "line-hook":
             force = line_wrenches(len(q), payload, rng)[:, :3]
         else:
             force = omni_forces(len(q), payload, rng)
-        return hook_wrenches(force, self._twin.tool_vectors(q, self._constants.hook_m))
+        return hook_wrenches(force, self.twin.tool_vectors(q, self._constants.hook_m))
+
+    def recorded(
+        self, poses: Poses, wrench: FloatArray, deflection: FloatArray, *, block: int = 0
+    ) -> Samples:
+        """Return what the instruments show of (n, 6) `wrench` and (n, 3) `deflection` [m]."""
+        rng, noise = stream("noise", *self._key, block), self._constants.noise
+        loads = np.arange(1, self._loads_per_pose + 1).astype(str)
+        return Samples(
+            q=self.logged_q(poses),
+            wrench=recorded_wrench(wrench, noise, rng),
+            deflection=recorded_deflection(deflection, noise, rng),
+            pose_id=np.repeat(poses.pose_id, self._loads_per_pose),
+            load_id=np.tile(loads, len(poses.q)),
+            group=np.repeat(poses.group, self._loads_per_pose),
+        )
 
 
 def measure_poses(

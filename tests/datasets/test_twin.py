@@ -9,8 +9,9 @@ import inspect
 import numpy as np
 import pinocchio as pin
 import pytest
+from pinocchio_twin import pinocchio_torque
 
-from stiff_datasets.robots.robot import joint_type_and_axis, read_chain
+from stiff_datasets.robots.robot import read_chain
 from stiff_datasets.springs import Gear, JointSprings, SpringLaw
 from stiff_datasets.twin import DigitalTwin
 from stiff_datasets.twin_experiment import TwinExperiment
@@ -26,34 +27,6 @@ SPRINGS = shipped_constants("kr10_r1100_2").springs
 def linear(stiffness):
     gear = Gear((stiffness,) * 3, (1.0, 2.0), 100.0)
     return JointSprings(gear, STIFF, (STIFF, STIFF), 0.0)
-
-
-def elastic_pinocchio(chain):
-    """The same robot in Pinocchio: two more revolute joints behind every joint."""
-    rigid, elastic = chain.model, pin.Model()
-    parent = 0
-    for joint in range(1, rigid.njoints):
-        _, axis = joint_type_and_axis(rigid, joint)
-        first = np.linalg.svd(axis[None])[2][1]
-        placement = rigid.jointPlacements[joint]
-        for name, direction in zip("tab", (axis, first, np.cross(axis, first)), strict=True):
-            kind = pin.JointModelRevoluteUnaligned(direction)
-            parent = elastic.addJoint(parent, kind, placement, f"{joint}{name}")
-            placement = pin.SE3.Identity()
-        elastic.appendBodyToJoint(parent, rigid.inertias[joint], pin.SE3.Identity())
-    return elastic
-
-
-def pinocchio_torque(chain, q, theta, wrench):
-    """J^T w - g of the deformed robot, and its TCP, by Pinocchio."""
-    model = elastic_pinocchio(chain)
-    data, x = model.createData(), theta.copy()
-    x[::3] += q
-    gravity = pin.computeGeneralizedGravity(model, data, x)
-    pin.computeJointJacobians(model, data, x)
-    last, tcp = model.njoints - 1, pin.SE3(np.eye(3), chain.tcp)
-    rows = pin.getFrameJacobian(model, data, last, tcp, pin.LOCAL_WORLD_ALIGNED)
-    return rows.T @ wrench - gravity, data.oMi[last].act(chain.tcp), rows
 
 
 @pytest.fixture()
@@ -95,7 +68,7 @@ def test_every_samples_springs_carry_load_and_weight_to_a_nanonewton_metre(kr10_
 
     constants, q = shipped_constants("kr10_r1100_2"), paper_poses(kr10_chain).q
     experiment = TwinExperiment(constants, loads=loads, specimen=0, seed=0)
-    wrench, _ = experiment.measure(q)
+    wrench = experiment.wrenches(q)
     law = SpringLaw(constants.springs)
     for load in (wrench, np.zeros_like(wrench)):
         found = DigitalTwin(kr10_chain, constants.springs).equilibrium(q, load)

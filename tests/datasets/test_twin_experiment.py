@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiff_datasets.poses import paper_poses
+from stiff_datasets.poses import Poses, paper_poses
 from stiff_datasets.twin import DigitalTwin
 from stiff_datasets.twin_constants import Noise
 from stiff_datasets.twin_experiment import (
@@ -17,6 +17,12 @@ from stiff_datasets.twins import shipped_constants
 
 CONSTANTS = shipped_constants("kr10_r1100_2")
 REPEATS = 10_000
+
+
+def at(q):
+    """Poses without a plan."""
+    names = np.array([f"P{i}" for i in range(len(q))])
+    return Poses(q=q, pose_id=names, group=np.full(len(q), "all"))
 
 
 def test_noise_has_the_data_sheets_size_over_10000_repeats(rng):
@@ -34,16 +40,16 @@ def test_noise_has_the_data_sheets_size_over_10000_repeats(rng):
 def test_repeated_readings_of_one_sample_scatter_by_the_noise_alone(kr10_chain):
     # the same pose 10,000 times: what differs between reading and twin is the tracker
     q = np.tile(paper_poses(kr10_chain).q[:1], (REPEATS, 1))
-    wrench, deflection = TwinExperiment(CONSTANTS, loads="omni", specimen=0, seed=3).measure(q)
-    exact = DigitalTwin(kr10_chain, CONSTANTS.springs).readings(q, wrench)
+    found = TwinExperiment(CONSTANTS, loads="omni", specimen=0, seed=3).samples(at(q))
+    exact = DigitalTwin(kr10_chain, CONSTANTS.springs).readings(found.q, found.wrench)
     # the sensor's 0.04 N moves the twin by micrometres at most beside the tracker's 14
-    np.testing.assert_allclose((deflection - exact).std(axis=0), np.sqrt(2) * 1e-5, rtol=0.05)
+    np.testing.assert_allclose((found.deflection - exact).std(axis=0), np.sqrt(2) * 1e-5, rtol=0.05)
 
 
 def test_another_block_has_other_loads_and_noise(kr10_chain):
     experiment = TwinExperiment(CONSTANTS, loads="line", specimen=0, seed=0)
     q = paper_poses(kr10_chain).q[:5]
-    first, again, other = (experiment.measure(q, block=block)[0] for block in (0, 0, 1))
+    first, again, other = (experiment.wrenches(q, block=block) for block in (0, 0, 1))
     np.testing.assert_array_equal(first, again)
     assert (first != other).all()
 
@@ -60,7 +66,7 @@ def test_the_loads_of_an_experiment_do_not_depend_on_the_specimens_springs(kr10_
         }
     )
     wrenches = [
-        TwinExperiment(constants, loads=loads, specimen=0, seed=0).measure(q)[0]
+        TwinExperiment(constants, loads=loads, specimen=0, seed=0).wrenches(q)
         for constants in (CONSTANTS, soft)
     ]
     np.testing.assert_array_equal(*wrenches)
@@ -77,7 +83,7 @@ def test_data_sets_that_share_a_seed_share_no_random_numbers():
             (shipped_constants("ur5"), 0, 1),
         )
     ]
-    forces = [variant.measure(q)[0][:, :3] for variant in variants]
+    forces = [variant.wrenches(q)[:, :3] for variant in variants]
     directions = [force / np.linalg.norm(force, axis=1, keepdims=True) for force in forces]
     for i, one in enumerate(directions):
         for other in directions[:i]:
@@ -87,7 +93,7 @@ def test_data_sets_that_share_a_seed_share_no_random_numbers():
 def test_one_rope_pulls_with_the_forces_of_the_line(kr10_chain):
     q = paper_poses(kr10_chain).q
     line, hook = (
-        TwinExperiment(CONSTANTS, loads=loads, specimen=0, seed=0).measure(q)[0]
+        TwinExperiment(CONSTANTS, loads=loads, specimen=0, seed=0).wrenches(q)
         for loads in ("line", "line-hook")
     )
     np.testing.assert_array_equal(line[:, :3], hook[:, :3])
