@@ -12,6 +12,7 @@ import pytest
 from pinocchio_twin import pinocchio_torque
 
 from stiff_datasets.robots.robot import read_chain
+from stiff_datasets.specimen import specimen_springs
 from stiff_datasets.springs import Gear, JointSprings, SpringLaw
 from stiff_datasets.twin import DigitalTwin
 from stiff_datasets.twin_experiment import TwinExperiment
@@ -62,16 +63,20 @@ def test_torques_and_tcp_are_those_of_pinocchios_elastic_model(kr10_chain, twin,
         np.testing.assert_allclose(found.tcp[i], tcp, atol=1e-14)
 
 
-@pytest.mark.parametrize("loads", ["line", "line-hook", "omni"])
-def test_every_samples_springs_carry_load_and_weight_to_a_nanonewton_metre(kr10_chain, loads):
+@pytest.mark.parametrize(
+    ("loads", "specimen"), [("line", 0), ("line-hook", 0), ("omni", 0), ("line", 7)]
+)
+def test_every_samples_springs_carry_load_and_weight_to_a_nanonewton_metre(
+    kr10_chain, loads, specimen
+):
     from stiff_datasets.poses import paper_poses
 
     constants, q = shipped_constants("kr10_r1100_2"), paper_poses(kr10_chain).q
-    experiment = TwinExperiment(constants, loads=loads, specimen=0, seed=0)
+    experiment = TwinExperiment(constants, loads=loads, specimen=specimen, seed=0)
     wrench = experiment.wrenches(q)
-    law = SpringLaw(constants.springs)
+    law = SpringLaw(specimen_springs(constants, specimen))
     for load in (wrench, np.zeros_like(wrench)):
-        found = DigitalTwin(kr10_chain, constants.springs).equilibrium(q, load)
+        found = experiment.twin.equilibrium(q, load)
         for i in range(len(q)):
             # torque of Pinocchio at the angles that the springs have under the torque found
             theta = law.angle(found.torque[i][:, None])[:, 0]
