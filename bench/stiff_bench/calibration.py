@@ -20,6 +20,7 @@ from stiff_bench.published import published_rows, published_stiffness
 from stiff_bench.registry import build_registry, lookup
 from stiff_datasets.calibration import (
     FIGURE_SEEDS,
+    SEARCH_SEEDS,
     VjmFigures,
     calibrate,
     line_figures,
@@ -29,7 +30,7 @@ from stiff_datasets.calibration import (
 from stiff_datasets.kr10_twin import CONSTANTS
 from stiff_datasets.specimen import LAST_SPECIMEN
 from stiff_datasets.twins import shipped_constants
-from stiff_protocols.files import written_whole
+from stiff_protocols.files import make_folder, written_whole
 from stiff_protocols.types import AXES
 
 METRICS = ("mae", "stde", "me")
@@ -52,14 +53,15 @@ def calibrate_twin(*, generations: int, seed: int, output: Path) -> str:
         mean_figures(line_figures(found.constants, make_vjm, specimen=number))
         for number in range(LAST_SPECIMEN + 1)
     ]
-    output.mkdir(parents=True, exist_ok=True)
+    make_folder(output)
     constants = found.constants.model_dump(mode="json")
     record = {
         "command": f"bench data calibrate --generations {generations} --seed {seed}",
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
         "seconds": round(time.perf_counter() - start),
         "environment": environment(),
-        "seeds": FIGURE_SEEDS,
+        "search_seeds": SEARCH_SEEDS,
+        "figure_seeds": FIGURE_SEEDS,
         "misfit": misfit(specimens[0], target),
         "steps": [asdict(step) for step in found.steps],
         "paper": _plain(target),

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -36,11 +37,12 @@ def main(arguments: list[str] | None = None) -> None:
     0: done; 1: a cell failed; 2: bad input; 130: interrupted.
     """
     words = sys.argv[1:] if arguments is None else arguments
+    signal.signal(signal.SIGTERM, _stop)  # so that temporary files are taken away
     debug = "--debug" in words
     try:
         status = bench.main(args=words, prog_name="bench", standalone_mode=False)
     except (click.Abort, KeyboardInterrupt):
-        say("interrupted; cells that were finished are kept")
+        say("interrupted; what was finished is kept")
         status = INTERRUPTED
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)
@@ -57,6 +59,10 @@ def main(arguments: list[str] | None = None) -> None:
         say(f"internal error: {type(error).__name__}: {error} (--debug shows where)")
         status = CELLS_FAILED
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _stop(number: int, _: object) -> None:
+    sys.exit(128 + number)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})

@@ -83,6 +83,9 @@ class Choice(Generic[Info]):
         Raises:
             ConfigError: the constructor, which may be a stranger's, refuses.
         """
+        for name, option in options_of(self.cls).items():
+            if option.required and name not in {**self.params, **self.context}:
+                raise ConfigError(f"{self.info.key!r} needs --set {self.info.key}.{name}=...")
         try:
             return self.cls(**self.params, **self.context)
         except Exception as error:

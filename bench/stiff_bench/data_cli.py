@@ -54,23 +54,19 @@ def info(key: str, output: Path, settings: tuple[str, ...], plugins: tuple[Path,
 @robot_options
 @click.option(
     "--poses",
-    type=click.IntRange(1, 100_000),
+    type=click.IntRange(1, 10_000),
     help="How many to choose.  [default: "
     "the paper's 151 poses of the KR10; 151 chosen ones of other robots]",
 )
 @click.option(
     "--criterion",
     type=click.Choice(["d-optimal", "condition"]),
-    default="d-optimal",
-    show_default=True,
-    help="What chosen poses are best in.",
+    help="What chosen poses are best in.  [default: d-optimal]",
 )
 @click.option(
     "--candidates",
-    type=click.IntRange(1, 1_000_000),
-    default=2000,
-    show_default=True,
-    help="Random reachable poses to choose from.",
+    type=click.IntRange(1, 100_000),
+    help="Random reachable poses to choose from.  [default: 2000, or ten a pose if that is more]",
 )
 @click.option("--payload", type=float, metavar="KG", help="[default: the shipped robot's]")
 @click.option(

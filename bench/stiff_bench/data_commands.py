@@ -20,10 +20,10 @@ from stiff_bench.robot_words import RobotWords, parse_tcp
 from stiff_datasets.identifiability import REFERENCE_COMPLIANCE, regressor
 from stiff_datasets.loads import LoadKind
 from stiff_datasets.plan import (
-    PAPER_ROBOT,
     Criterion,
     MeasurementPlan,
     candidate_plan,
+    check_plan_file,
     chosen_plan,
     paper_plan,
     write_plan,
@@ -36,9 +36,11 @@ from stiff_datasets.twin_constants import TwinConstants, read_constants
 from stiff_datasets.twins import shipped_constants, shipped_twins
 from stiff_datasets.validate import render_report, validate
 from stiff_protocols.errors import ConfigError
+from stiff_protocols.files import make_folder
 from stiff_protocols.types import FloatArray, Robot
 
-POSES_OF_OTHER_ROBOTS = 151  # as many as the paper measured on its own
+PAPER_POSES = 151  # as many as the paper measured
+FEWEST_CANDIDATES, CANDIDATES_A_POSE = 2000, 10
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,8 +49,8 @@ class PlanWords:
 
     robot: RobotWords
     poses: int | None
-    criterion: Criterion
-    candidates: int
+    criterion: Criterion | None
+    candidates: int | None
     payload: float | None
     clearance: float
     seed: int
@@ -59,10 +61,13 @@ def show_info(key: str, settings: Sequence[str], registry: Registry, folder: Pat
     """Return the text of `bench data info KEY` after drawing the picture in `folder`."""
     choice = chosen_dataset(key, settings, registry)
     data = choice.make().load()
-    picture = folder / f"{key}.png"
-    folder.mkdir(parents=True, exist_ok=True)
-    save_picture(data, picture_title(choice.info), picture, picture_quantity(choice.info))
-    return dataset_info(choice.info, data, picture)
+    options = ", ".join(f"{name}={value}" for name, value in sorted(choice.params.items()))
+    name = f"{key} {options}".strip().replace("/", "_").replace(", ", "_").replace(" ", "_")
+    picture = folder / f"{name}.png"
+    make_folder(folder)
+    title = picture_title(choice.info) + (f", {options}" if options else "")
+    save_picture(data, title, picture, picture_quantity(choice.info))
+    return dataset_info(choice.info, data, picture, options)
 
 
 def write_measurement_plan(words: PlanWords) -> str:
@@ -72,50 +77,45 @@ def write_measurement_plan(words: PlanWords) -> str:
         ConfigError: an option is wrong, or the payload is unknown.
         StoreError: the file cannot be written, or exists.
     """
+    check_plan_file(words.output)
     robot, chain, known_payload = words.robot.read()
     payload = known_payload if words.payload is None else words.payload
     if payload is None:
         raise ConfigError(f"the payload of {robot.name} is not known; give --payload KG")
-    n_poses = words.poses or POSES_OF_OTHER_ROBOTS
-    n_candidates = max(words.candidates, n_poses)
-    pool = candidate_plan(
-        chain, n_candidates, seed=words.seed, payload_kg=payload, clearance=words.clearance
-    )
-    if words.poses is None and chain.name == PAPER_ROBOT:
-        name, plan = "the paper's plan", paper_plan(chain, payload, words.seed)
-    else:
-        name, plan = (
-            f"chosen, {words.criterion}",
-            chosen_plan(
-                chain,
-                n_poses,
-                criterion=words.criterion,
-                candidates=n_candidates,
-                seed=words.seed,
-                payload_kg=payload,
-                clearance=words.clearance,
-            ),
+    n_poses = words.poses or PAPER_POSES
+    n_candidates = words.candidates or max(FEWEST_CANDIDATES, CANDIDATES_A_POSE * n_poses)
+    with phases():
+        pool = candidate_plan(
+            chain, n_candidates, seed=words.seed, payload_kg=payload, clearance=words.clearance
         )
+        if words.poses is None and words.criterion is None and words.robot.is_papers:
+            name, plan = "the paper's plan", paper_plan(chain, payload, words.seed, words.clearance)
+        else:
+            criterion = words.criterion or "d-optimal"
+            name = f"chosen, {criterion}"
+            plan = chosen_plan(chain, pool, n_poses, criterion=criterion)
     gain = plan_gain(
         regressor(chain, plan.q, plan.wrench),
         regressor(chain, pool.q, pool.wrench),
         robot.joint_names,
-        reference_compliance=_reference(robot),
+        reference_compliance=_reference(words.robot, robot),
         seed=words.seed,
     )
     write_plan(words.output, plan, robot)
-    return _plan_text(words.output, name, plan, robot, gain)
+    return _plan_text(words, name, plan, robot, gain)
 
 
-def _reference(robot: Robot) -> float | FloatArray:
+def _reference(words: RobotWords, robot: Robot) -> float | FloatArray:
     """Return the joint compliances that errors are relative to, rad/(N m)."""
-    if robot.name != PAPER_ROBOT:
+    if not words.is_papers:
         return REFERENCE_COMPLIANCE
     published = published_stiffness()
     return np.array([1.0 / published[joint] for joint in robot.joint_names])
 
 
-def _plan_text(path: Path, name: str, plan: MeasurementPlan, robot: Robot, gain: PlanGain) -> str:
+def _plan_text(
+    words: PlanWords, name: str, plan: MeasurementPlan, robot: Robot, gain: PlanGain
+) -> str:
     columns = (gain.plan, gain.random_mean, gain.random_best)
     rows = [
         ["condition number", *(f"{each.condition:.2f}" for each in columns)],
@@ -124,7 +124,7 @@ def _plan_text(path: Path, name: str, plan: MeasurementPlan, robot: Robot, gain:
     ]
     headers = ["", name, f"mean of {gain.n_random} random", "best random"]
     lines = [
-        f"{path}: {len(plan.q)} poses of {robot.name}, one suggested force each "
+        f"{words.output}: {len(plan.q)} poses of {robot.name}, one suggested force each "
         f"({np.linalg.norm(plan.wrench[0, :3]):.1f} N at the TCP)",
         "",
         tabulate(rows, headers=headers, colalign=["left", *["right"] * 3], disable_numparse=True),
@@ -134,13 +134,13 @@ def _plan_text(path: Path, name: str, plan: MeasurementPlan, robot: Robot, gain:
         "Standard errors are of a joint's compliance, for a tracker that repeats 0.01 mm, relative "
         + (
             "to the paper's stiffnesses."
-            if robot.name == PAPER_ROBOT
+            if words.robot.is_papers
             else f"to {1.0 / REFERENCE_COMPLIANCE:.0e} N m/rad, an assumption."
         ),
         "Checked: joint limits, the arm's centre line against base column and ground. Not checked: "
         "the shape of links and tool, and what stands around the robot. Go to each pose slowly.",
         "Measure the wrench that really acts, replace the suggested one by it, and fill in "
-        f"dx_mm, dy_mm, dz_mm; then: bench data validate {path}",
+        f"dx_mm, dy_mm, dz_mm; then: bench data validate {words.output}",
     ]
     unseen = [joint for joint in robot.joint_names if joint not in gain.joints]
     if unseen:

@@ -12,18 +12,21 @@ from stiff_protocols.plugin import STIFFNESS, DatasetInfo
 from stiff_protocols.types import BenchmarkData
 
 
-def dataset_info(info: DatasetInfo, data: BenchmarkData, picture: Path | None) -> str:
+def dataset_info(
+    info: DatasetInfo, data: BenchmarkData, picture: Path | None, options: str = ""
+) -> str:
     """Return what is known of a data set: catalogue line, facts, card, place of the picture.
 
     Args:
         info: its catalogue line.
         data: what its `load` gave.
         picture: a file that `save_picture` has written; None: there is none.
+        options: what was set, "name=value, ..."; the card describes the defaults.
 
     Raises:
         DataError: there are no samples, or the card is not in the package.
     """
-    parts = [_heading(info), render_facts(facts(data))]
+    parts = [_heading(info, options), render_facts(facts(data))]
     if info.card:
         parts.append(_card_text(info.key, info.card))
     if picture is not None:
@@ -41,8 +44,10 @@ def picture_quantity(info: DatasetInfo) -> str:
     return DEFLECTION if info.task == STIFFNESS else f"The {info.task} (no load is applied)"
 
 
-def _heading(info: DatasetInfo) -> str:
+def _heading(info: DatasetInfo, options: str) -> str:
     lines = [f"{info.key} ({info.label}): {info.summary}"]
+    if options:
+        lines.append(f"options: {options} (the card below is that of the defaults)")
     if info.reference:
         lines.append(f"reference: {info.reference}")
     lines += [f"caveat: {caveat}" for caveat in info.caveats]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Iterable
 
 from tabulate import tabulate
@@ -51,6 +50,6 @@ def describe(info: PluginInfo) -> str:
 
 
 def _default(option: Option) -> str:
-    if option.default is inspect.Parameter.empty:
-        return "-"
+    if option.required:
+        return "must be set"
     return "none" if option.default is None else str(option.default)

@@ -35,6 +35,11 @@ class Option:
     description: str
 
     @property
+    def required(self) -> bool:
+        """Whether it has no default."""
+        return self.default is inspect.Parameter.empty
+
+    @property
     def type_text(self) -> str:
         """The type as a user reads it."""
         try:

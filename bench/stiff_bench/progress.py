@@ -110,9 +110,10 @@ class LineDisplay:
         )
 
     def _left(self, progress: Progress) -> str:
-        if not 0 < progress.step < progress.total:
+        elapsed = time.monotonic() - self._phase_start
+        if not 0 < progress.step < progress.total or elapsed < SECONDS_BETWEEN_CELLS:
             return ""
-        a_step = (time.monotonic() - self._phase_start) / progress.step
+        a_step = elapsed / progress.step
         return f", {a_step * (progress.total - progress.step):.0f} s left"
 
     def _say_name(self) -> None:

@@ -25,6 +25,11 @@ class RobotWords:
         """Whether any of them was given."""
         return bool(self.robot or self.urdf or self.tcp)
 
+    @property
+    def is_papers(self) -> bool:
+        """Whether it is the shipped KR10 of the source paper."""
+        return self.urdf is None and (self.robot or DEFAULT_ROBOT) == DEFAULT_ROBOT
+
     def read(self) -> tuple[Robot, ChainModel, float | None]:
         """Return the robot, its chain, and its payload in kg if it is known.
 

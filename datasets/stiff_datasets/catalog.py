@@ -95,7 +95,7 @@ DATASETS = (
 MEASURED_FILE = DatasetInfo(
     key="file",
     target="stiff_datasets.measured:MeasuredData",
-    kind="measured",
+    kind="user's file",
     summary="a user's own CSV file and URDF (bench run --data FILE.csv --urdf FILE.urdf)",
 )
 """Stands for the file that `--data` names; the engine gives it that file's name as its key."""

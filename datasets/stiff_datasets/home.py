@@ -14,9 +14,16 @@ VARIABLE = "STIFFBENCH_HOME"
 
 
 def home() -> Path:
-    """Return the folder; it need not exist yet."""
+    """Return the folder; it need not exist yet.
+
+    Raises:
+        DataError: the variable names a user who does not exist.
+    """
     named = os.environ.get(VARIABLE)
-    return Path(named).expanduser() if named else platformdirs.user_data_path("stiffbench")
+    try:
+        return Path(named).expanduser() if named else platformdirs.user_data_path("stiffbench")
+    except RuntimeError as error:
+        raise DataError(f"{VARIABLE}={named}: {error}") from error
 
 
 def make_folder(folder: Path) -> None:

@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from stiff_datasets.robots.robot import ChainModel
 from stiff_protocols.errors import DataError
+from stiff_protocols.progress import report
 from stiff_protocols.types import FloatArray, IntArray, frozen_array
 
 TOLERANCE = 1e-6
@@ -165,6 +166,7 @@ def choose_d_optimal(candidates: FloatArray, n: int) -> IntArray:
     free = np.ones(len(rows), dtype=bool)
     chosen = np.empty(n, dtype=np.int64)
     for step in range(n):
+        report("choose", step, n)
         spread = rows @ np.linalg.inv(information) @ rows.transpose(0, 2, 1)
         gain = np.linalg.det(np.eye(3) + spread)
         chosen[step] = best = np.argmax(np.where(free, gain, -np.inf))
@@ -190,6 +192,7 @@ def choose_by_condition(candidates: FloatArray, n: int) -> IntArray:
     information = gained[start].sum(axis=0)
     chosen = list(start)
     while len(chosen) < n:
+        report("choose", len(chosen), n)
         trial = information + gained
         size = np.sqrt(np.diagonal(trial, axis1=1, axis2=2))
         eigenvalues = np.linalg.eigvalsh(trial / (size[:, :, None] * size[:, None, :]))

@@ -21,16 +21,17 @@ from stiff_datasets.identifiability import (
     regressor,
 )
 from stiff_datasets.loads import G
-from stiff_datasets.measured import (
+from stiff_datasets.poses import paper_poses
+from stiff_datasets.reachable import CLEARANCE, LOWEST_HEIGHT, keeps_clear, reachable_poses
+from stiff_datasets.robots.robot import ChainModel
+from stiff_datasets.sample_files import (
     DEFLECTION_COLUMNS,
     ID_COLUMNS,
     WRENCH_COLUMNS,
+    file_units,
     joint_columns,
 )
-from stiff_datasets.poses import paper_poses
-from stiff_datasets.reachable import CLEARANCE, reachable_poses
-from stiff_datasets.robots.robot import ChainModel
-from stiff_datasets.sample_files import file_units
+from stiff_datasets.streams import stream
 from stiff_protocols.errors import ConfigError, StoreError, unknown_name
 from stiff_protocols.files import written_whole
 from stiff_protocols.types import FloatArray, IntArray, Robot, TextArray, frozen_array
@@ -44,7 +45,6 @@ FORCE_SHARE = 0.8
 """Size of a suggested force as a share of the payload's weight; the rest is for tool and sensor."""
 
 _DECIMALS_DEG, _DECIMALS_N = 4, 3
-_POSES, _FORCES = 1, 2  # streams of random numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,16 +79,27 @@ class MeasurementPlan:
         return type(self)(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
 
-def paper_plan(chain: ChainModel, payload_kg: float, seed: int) -> MeasurementPlan:
+def paper_plan(
+    chain: ChainModel, payload_kg: float, seed: int, clearance: float = CLEARANCE
+) -> MeasurementPlan:
     """Return the paper's 151 poses, each with one force in a random direction.
 
     Raises:
-        ConfigError: the robot is another one, or an argument is out of range.
+        ConfigError: the robot is another one, an argument is out of range, or a pose does not
+            keep the clearances (with a tool much longer than the default one).
         DataError: the TCP cannot reach the paper's grid.
     """
     if chain.name != PAPER_ROBOT:
         raise ConfigError(f"the paper's plan is for {PAPER_ROBOT}, not for {chain.name}")
     poses = paper_poses(chain)
+    free = keeps_clear(chain, poses.q, clearance)
+    if not free.all():
+        names = ", ".join(poses.pose_id[~free][:5].tolist())
+        raise ConfigError(
+            f"{(~free).sum()} of the paper's poses ({names}, ...) do not keep a clearance of "
+            f"{clearance:g} m to the base and {LOWEST_HEIGHT:g} m to the mounting plane with the "
+            "TCP given; choose poses with --poses, or ask for a smaller clearance"
+        )
     return MeasurementPlan(
         q=poses.q,
         wrench=_forces(len(poses.q), payload_kg, seed),
@@ -114,7 +125,7 @@ def candidate_plan(
     """
     _check_above("candidates", candidates, 0)
     wrench = _forces(candidates, payload_kg, seed)
-    q = reachable_poses(chain, candidates, np.random.default_rng([seed, _POSES]), clearance)
+    q = reachable_poses(chain, candidates, stream("plan poses", chain.name, seed), clearance)
     width = len(str(candidates))
     return MeasurementPlan(
         q=q,
@@ -126,38 +137,29 @@ def candidate_plan(
 
 
 def chosen_plan(
-    chain: ChainModel,
-    n_poses: int,
-    *,
-    criterion: Criterion = "d-optimal",
-    candidates: int = 2000,
-    seed: int = 0,
-    payload_kg: float,
-    clearance: float = CLEARANCE,
+    chain: ChainModel, pool: MeasurementPlan, n_poses: int, *, criterion: Criterion = "d-optimal"
 ) -> MeasurementPlan:
-    """Choose from random candidates those that identify the joint compliances best.
+    """Choose from candidates those that identify the joint compliances best.
 
     Args:
         chain: the robot, at least three joints.
+        pool: what `candidate_plan` gives.
         n_poses: number of samples, each at a pose of its own.
         criterion: "d-optimal" (largest determinant of the information matrix) or "condition"
             (smallest condition number of the column-scaled regressor).
-        candidates: number of candidates to choose from.
-        seed: draws the candidates; the same seed gives the same plan.
-        payload_kg: the robot's payload; a force is `FORCE_SHARE` of its weight.
-        clearance: smallest distance of the arm from the base column, m.
 
     Raises:
-        ConfigError: as `candidate_plan`, the criterion is unknown, or `n_poses` exceeds
-            `candidates`.
-        DataError: a joint has more than one degree of freedom.
+        ConfigError: the criterion is unknown, or `n_poses` is out of range: it takes three
+            components of a deflection a sample to see every joint.
     """
     if criterion not in get_args(Criterion):
         raise unknown_name("criterion", criterion, get_args(Criterion))
-    _check_above("n_poses", n_poses, 0)
-    if candidates < n_poses:
-        raise ConfigError(f"candidates is {candidates}, expected at least n_poses = {n_poses}")
-    pool = candidate_plan(chain, candidates, seed=seed, payload_kg=payload_kg, clearance=clearance)
+    fewest = -(-chain.model.nv // 3)
+    if not fewest <= n_poses <= len(pool.q):
+        raise ConfigError(
+            f"n_poses is {n_poses}, expected {fewest} (for {chain.model.nv} joints) to "
+            f"{len(pool.q)} (the candidates)"
+        )
     choose = choose_d_optimal if criterion == "d-optimal" else choose_by_condition
     plan = pool.take(choose(regressor(chain, pool.q, pool.wrench), n_poses))
     width = max(2, len(str(n_poses)))
@@ -194,16 +196,30 @@ def plan_table(plan: MeasurementPlan, robot: Robot) -> pd.DataFrame:
     return table.assign(**dict.fromkeys(DEFLECTION_COLUMNS, np.nan))
 
 
+def check_plan_file(path: Path) -> None:
+    """See that a plan can be written, before the work is done.
+
+    Raises:
+        ConfigError: the file does not end in .csv.
+        StoreError: its folder is not there, or it exists: it may hold measured deflections.
+    """
+    if path.suffix != ".csv":
+        raise ConfigError(f"{path}: {path.suffix!r} (valid ending of a plan: .csv)")
+    if path.exists():
+        raise StoreError(f"{path}: exists and may hold measurements; give the name of a new file")
+    if not path.parent.is_dir():
+        raise StoreError(f"{path}: cannot be written: no folder {path.parent}")
+
+
 def write_plan(path: Path, plan: MeasurementPlan, robot: Robot) -> None:
     """Write `plan_table` as CSV, whole or not at all.
 
     Raises:
-        ConfigError: see `plan_table`.
-        StoreError: the file cannot be written, or exists: it may hold measured deflections.
+        ConfigError: see `plan_table` and `check_plan_file`.
+        StoreError: the file cannot be written; see also `check_plan_file`.
     """
+    check_plan_file(path)
     table = plan_table(plan, robot)
-    if path.exists():
-        raise StoreError(f"{path}: exists and may hold measurements; give the name of a new file")
     with written_whole(path) as temporary:
         table.to_csv(temporary, index=False, lineterminator="\n")
 
@@ -213,7 +229,7 @@ def _forces(n: int, payload_kg: float, seed: int) -> FloatArray:
     _check_above("payload_kg", payload_kg, 0)
     if seed < 0:
         raise ConfigError(f"seed is {seed}, expected 0 or more")
-    direction = np.random.default_rng([seed, _FORCES]).normal(size=(n, 3))
+    direction = stream("plan forces", seed).normal(size=(n, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     return np.hstack([FORCE_SHARE * payload_kg * G * direction, np.zeros((n, 3))])
 

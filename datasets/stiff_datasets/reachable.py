@@ -8,11 +8,14 @@ links and tool, nor the upper arm, nor what stands around the robot.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from stiff_datasets.robots.robot import ChainModel, joint_type_and_axis
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.types import FloatArray
+
+BoolArray = NDArray[np.bool_]
 
 CLEARANCE = 0.2
 """m, default distance of the arm's centre line to the base column's. The paper's 151 poses of the
@@ -54,9 +57,7 @@ def reachable_poses(
     found = np.empty((0, len(lower)))
     for _ in range(DRAWS_PER_CANDIDATE):
         q = rng.uniform(lower, upper, size=(n, len(lower)))
-        points = arm_points(chain, q)
-        free = (base_distance(points) >= clearance) & (lowest_height(points) >= LOWEST_HEIGHT)
-        found = np.concatenate([found, q[free]])
+        found = np.concatenate([found, q[keeps_clear(chain, q, clearance)]])
         if len(found) >= n:
             return found[:n]
     raise ConfigError(
@@ -64,6 +65,12 @@ def reachable_poses(
         f"of {clearance:g} m to the base and {LOWEST_HEIGHT:g} m to the mounting plane; expected "
         f"{n} candidates: ask for a smaller clearance or fewer candidates"
     )
+
+
+def keeps_clear(chain: ChainModel, q: FloatArray, clearance: float) -> BoolArray:
+    """Return (n,) whether poses (n, n_joints) keep `clearance` [m] to the base and the height."""
+    points = arm_points(chain, q)
+    return (base_distance(points) >= clearance) & (lowest_height(points) >= LOWEST_HEIGHT)
 
 
 def arm_points(chain: ChainModel, q: FloatArray) -> FloatArray:

@@ -35,6 +35,7 @@ class Registration:
         urdf: the robot; None: the slot's shipped one.
         tcp: (3,) tool centre point in the frame of the URDF's last link, m.
         sha256: of the CSV as it was registered.
+        urdf_sha256: of the URDF; "" where it is the shipped robot.
     """
 
     key: str
@@ -42,6 +43,7 @@ class Registration:
     urdf: Path | None
     tcp: tuple[float, float, float]
     sha256: str
+    urdf_sha256: str
 
     def read(self) -> BenchmarkData:
         """Read the files, whatever their checksum.
@@ -87,13 +89,19 @@ def register(key: str, csv: Path, urdf: Path | None, tcp: tuple[float, float, fl
     path = registry_file()
     tables = _tables(path)
     csv, urdf = csv.absolute(), urdf.absolute() if urdf else None
-    entry = Registration(key, csv, urdf, tcp, _sha256(csv))
-    entry.read()
+    entry = Registration(key, csv, urdf, tcp, _sha256(csv), _sha256(urdf) if urdf else "")
+    from stiff_datasets.sample_files import SIMULATED_GROUP
+
+    if SIMULATED_GROUP in entry.read().samples.group:
+        raise DataError(
+            f"{csv}: has rows of the group {SIMULATED_GROUP!r}, written by a simulation"
+        )
     tables[key] = {
         "csv": str(csv),
         "urdf": str(urdf or ""),  # empty: the shipped robot
         "tcp": [float(length) for length in tcp],
         "sha256": entry.sha256,
+        "urdf_sha256": entry.urdf_sha256,
     }
     _write(path, tables)
     return path
@@ -115,12 +123,15 @@ def registration(key: str) -> Registration | None:
             "urdf": str(urdf),
             "tcp": [float() | int() as x, float() | int() as y, float() | int() as z],
             "sha256": str(checksum),
+            "urdf_sha256": str(of_urdf),
         }:
             tcp = (float(x), float(y), float(z))
-            return Registration(key, Path(csv), Path(urdf) if urdf else None, tcp, checksum)
+            return Registration(
+                key, Path(csv), Path(urdf) if urdf else None, tcp, checksum, of_urdf
+            )
     raise DataError(
         f"{path}: table [{key}] is {table!r}, expected csv, urdf (empty: the shipped robot), tcp "
-        f"(three lengths in m) and sha256; register again: {_command(key)}"
+        f"(three lengths in m), sha256 and urdf_sha256; register again: {_command(key)}"
     )
 
 
@@ -148,21 +159,28 @@ class Kr10Measured:
             DataError: nothing is registered, the file is gone, or it has changed since.
         """
         entry = _present(KR10_MEASURED)
-        found = _sha256(entry.csv)
-        if found != entry.sha256:
-            raise DataError(
-                f"{entry.csv}: sha256 {found}, registered {entry.sha256}: the file has changed; "
-                f"register it again: {_command(KR10_MEASURED)}"
-            )
+        _unchanged(entry.csv, entry.sha256)
+        if entry.urdf is not None:
+            _unchanged(entry.urdf, entry.urdf_sha256)
         return entry.read()
+
+
+def _unchanged(path: Path, registered: str) -> None:
+    found = _sha256(path)
+    if found != registered:
+        raise DataError(
+            f"{path}: sha256 {found}, registered {registered}: the file has changed; "
+            f"register it again: {_command(KR10_MEASURED)}"
+        )
 
 
 def _present(key: str) -> Registration:
     entry = registration(key)
     if entry is None:
         raise DataError(f"no file registered: {_command(key)}")
-    if not entry.csv.is_file():
-        raise DataError(f"{entry.csv}: the registered file is gone: {_command(key)}")
+    for path in filter(None, (entry.csv, entry.urdf)):
+        if not path.is_file():
+            raise DataError(f"{path}: the registered file is gone: {_command(key)}")
     return entry
 
 
@@ -170,11 +188,11 @@ def _command(key: str) -> str:
     return f"bench data register {key} FILE.csv"
 
 
-def _sha256(csv: Path) -> str:
+def _sha256(path: Path) -> str:
     try:
-        return sha256(csv.read_bytes()).hexdigest()
+        return sha256(path.read_bytes()).hexdigest()
     except OSError as error:
-        raise DataError(f"{csv}: cannot be read: {error.strerror or error}") from error
+        raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
 def _tables(path: Path) -> dict[str, Any]:

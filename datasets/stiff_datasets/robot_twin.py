@@ -60,7 +60,7 @@ class RobotTwin:
         constants = read_constants(self.constants)
         return measure_poses(
             constants,
-            random_poses(constants, self.poses, self.seed),
+            _random_poses(constants, self.poses, self.seed),
             loads=self.loads,
             loads_per_pose=self.loads_per_pose,
             specimen=self.specimen,
@@ -86,7 +86,7 @@ class Ur5Twin:
         constants = shipped_constants("ur5")
         return measure_poses(
             constants,
-            random_poses(constants, POSES, self.seed),
+            _random_poses(constants, POSES, self.seed),
             loads="omni",
             loads_per_pose=1,
             specimen=self.specimen,
@@ -94,14 +94,8 @@ class Ur5Twin:
         )
 
 
-def random_poses(
-    constants: TwinConstants, n: int, seed: int, *, block: int = 0, first: int = 1
-) -> Poses:
-    """Return `n` random poses that the robot can reach, named P1, P2, ... from `first` on.
-
-    Another number of the block gives other poses.
-    """
-    rng = stream("poses", constants.name, seed, block)
-    q = reachable_poses(constants.chain(), n, rng)
-    names = np.array([f"P{i}" for i in range(first, first + n)])
+def _random_poses(constants: TwinConstants, n: int, seed: int) -> Poses:
+    """Return `n` random poses that the robot can reach, named P1, P2, ..."""
+    q = reachable_poses(constants.chain(), n, stream("poses", constants.name, seed))
+    names = np.array([f"P{i + 1}" for i in range(n)])
     return Poses(q=q, pose_id=names, group=np.full(n, "random"))

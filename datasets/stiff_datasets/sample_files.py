@@ -23,6 +23,8 @@ from stiff_protocols.files import written_whole
 from stiff_protocols.types import BenchmarkData, FloatArray, Robot, Samples
 
 ID_COLUMNS = ("pose_id", "load_id", "group")
+SIMULATED_GROUP = "simulated"
+"""The group of rows that `bench data simulate` wrote."""
 WRENCH_COLUMNS = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")
 DEFLECTION_COLUMNS = ("dx_mm", "dy_mm", "dz_mm")
 MM_PER_M = 1000.0
@@ -156,7 +158,7 @@ def _read_csv(path: Path) -> Sheet:
                 skip_blank_lines=False,  # or the numbers of rows would not be those of lines
             )
     except pd.errors.EmptyDataError:
-        raise DataError(f"{path}: the file is empty") from None
+        raise DataError(f"{path}: the file is empty, or its first line is") from None
     except (pd.errors.ParserError, pd.errors.ParserWarning, UnicodeDecodeError) as error:
         raise DataError(f"{path}: not a CSV table: {' '.join(str(error).split())}") from error
     cells = cells.rename(columns=str.strip).fillna("").map(str.strip)

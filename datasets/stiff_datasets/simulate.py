@@ -10,14 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiff_datasets.loads import LoadKind
-from stiff_datasets.measured import (
-    DEFLECTION_COLUMNS,
-    ID_COLUMNS,
-    WRENCH_COLUMNS,
-    joint_columns,
-)
-from stiff_datasets.robot_twin import random_poses
-from stiff_datasets.sample_files import file_units
+from stiff_datasets.poses import Poses
+from stiff_datasets.reachable import reachable_poses
+from stiff_datasets.sample_files import ID_COLUMNS, SIMULATED_GROUP, all_columns, file_units
+from stiff_datasets.streams import stream
 from stiff_datasets.twin_constants import TwinConstants
 from stiff_datasets.twin_experiment import DECIMALS_DEG, DECIMALS_MM, TwinExperiment
 from stiff_protocols.errors import ConfigError
@@ -44,7 +40,9 @@ def simulate(
     specimen: int = 0,
     seed: int = 0,
 ) -> None:
-    """Write a twin's samples at random reachable poses, in the schema of `measured.py`.
+    """Write a twin's samples at random reachable poses, in the schema of `sample_files.py`.
+
+    Their group says that they are simulated, so that a file can never pass for a measurement.
 
     The same arguments give the same file. The last pose may have fewer loads.
 
@@ -67,11 +65,16 @@ def simulate(
     experiment = TwinExperiment(
         constants, loads=loads, specimen=specimen, seed=seed, loads_per_pose=loads_per_pose
     )
-    robot, done, poses_done = constants.robot(), 0, 0
+    robot, chain, done, poses_done = constants.robot(), constants.chain(), 0, 0
     poses_a_block = max(1, BLOCK // loads_per_pose)
     with written_whole(path) as temporary, _WRITERS[path.suffix](temporary, robot) as write:
         for block in range(-(-n_samples // (poses_a_block * loads_per_pose))):
-            poses = random_poses(constants, poses_a_block, seed, block=block, first=poses_done + 1)
+            numbers = stream("simulated poses", constants.name, seed, block)
+            poses = Poses(
+                q=reachable_poses(chain, poses_a_block, numbers),
+                pose_id=np.array([f"P{poses_done + i + 1}" for i in range(poses_a_block)]),
+                group=np.full(poses_a_block, SIMULATED_GROUP),
+            )
             samples = experiment.samples(poses, block=block)
             samples = samples.take(np.arange(min(len(samples), n_samples - done)))
             write(_batch(samples, robot))
@@ -79,15 +82,11 @@ def simulate(
             report("simulate", done, n_samples)
 
 
-def _columns(robot: Robot) -> tuple[str, ...]:
-    return (*ID_COLUMNS, *joint_columns(robot), *WRENCH_COLUMNS, *DEFLECTION_COLUMNS)
-
-
 def _schema(robot: Robot) -> pa.Schema:
     import pyarrow as pa
 
     return pa.schema(
-        [(name, pa.string() if name in ID_COLUMNS else pa.float64()) for name in _columns(robot)]
+        [(name, pa.string() if name in ID_COLUMNS else pa.float64()) for name in all_columns(robot)]
     )
 
 
@@ -114,7 +113,7 @@ def _csv_writer(path: Path, robot: Robot) -> Iterator[Write]:
 
     options = csv.WriteOptions(include_header=False, quoting_style="none")
     with path.open("wb") as file:
-        file.write((",".join(_columns(robot)) + "\n").encode())
+        file.write((",".join(all_columns(robot)) + "\n").encode())
         with csv.CSVWriter(file, _schema(robot), write_options=options) as writer:
             yield writer.write_batch
 

@@ -27,10 +27,20 @@ from typing import Annotated, Any
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    StrictInt,
+    ValidationError,
+    model_validator,
+)
 
 from stiff_datasets.robots.robot import (
+    LONGEST_TCP_M,
     ChainModel,
+    joint_type_and_axis,
     load_robot,
     read_chain,
     shipped_chain,
@@ -43,7 +53,8 @@ from stiff_protocols.types import Robot
 
 Positive = Annotated[float, Gt(0), Field(allow_inf_nan=False)]
 NotNegative = Annotated[float, Ge(0), Field(allow_inf_nan=False)]
-Vector = tuple[float, float, float]
+Length = Annotated[float, Ge(-LONGEST_TCP_M), Le(LONGEST_TCP_M)]  # m; mm would be larger
+Vector = tuple[Length, Length, Length]
 
 ARCMIN = np.pi / 180.0 / 60.0  # rad
 SMALLEST_RATIO, LARGEST_RATIO = 1.0, 8.0
@@ -73,6 +84,13 @@ class GearTable(_Table):
     breakpoints_Nm: tuple[Positive, Positive]
     rated_Nm: Positive
 
+    @model_validator(mode="after")
+    def _ascending(self) -> GearTable:
+        first, second = self.breakpoints_Nm
+        if first >= second:
+            raise ValueError(f"breakpoints_Nm {first:g}, {second:g}: the second must be larger")
+        return self
+
 
 class JointTable(_Table):
     """The elasticity of one joint.
@@ -84,7 +102,7 @@ class JointTable(_Table):
         lost_motion_arcmin: full width.
     """
 
-    gear: int | GearTable
+    gear: StrictInt | GearTable
     structure_Nm_per_rad: Positive
     tilting_ratio: Annotated[float, Ge(SMALLEST_RATIO), Le(LARGEST_RATIO)]
     lost_motion_arcmin: NotNegative
@@ -138,7 +156,7 @@ class TwinConstants(_Table):
     """All constants of a twin.
 
     Attributes:
-        name: of the twin.
+        name: of the twin; random numbers belong to it, so twins of two names share none.
         urdf: a file beside the TOML file, or the name of a shipped robot.
         tcp_m: tool centre point in the frame of the URDF's last link, m.
         payload_kg: no load is heavier.
@@ -147,7 +165,7 @@ class TwinConstants(_Table):
         noise, scatter: see there.
     """
 
-    name: str
+    name: Annotated[str, Field(pattern=r"^[\w.-]+$")]
     urdf: str
     tcp_m: Vector
     payload_kg: Positive
@@ -155,7 +173,7 @@ class TwinConstants(_Table):
     joint: tuple[JointTable, ...]
     noise: Noise = Noise()
     scatter: Scatter = Scatter()
-    folder: Path = Field(default=Path(), exclude=True)
+    _path: Path = PrivateAttr(default=Path())
 
     @property
     def springs(self) -> tuple[JointSprings, ...]:
@@ -163,16 +181,29 @@ class TwinConstants(_Table):
         return tuple(joint.springs for joint in self.joint)
 
     def chain(self) -> ChainModel:
-        """Read the rigid robot for the twin."""
+        """Read the rigid robot for the twin.
+
+        Raises:
+            DataError: the URDF cannot be read, or its joints are not those of the tables.
+        """
         if self.urdf in shipped_names():
-            return shipped_chain(self.urdf, tcp=self.tcp_m)
-        return read_chain(self.folder / self.urdf, tcp=self.tcp_m)
+            chain = shipped_chain(self.urdf, tcp=self.tcp_m)
+        else:
+            chain = read_chain(self._path.parent / self.urdf, tcp=self.tcp_m)
+        model = chain.model
+        kinds = [joint_type_and_axis(model, joint)[0] for joint in range(1, model.njoints)]
+        if len(self.joint) != len(kinds) or "prismatic" in kinds:
+            raise DataError(
+                f"{self._path}: {len(self.joint)} tables [[joint]] for the joints of {self.urdf}: "
+                f"{', '.join(kinds)} (valid: one table a joint, all revolute)"
+            )
+        return chain
 
     def robot(self) -> Robot:
         """Read the rigid robot for the models."""
         if self.urdf in shipped_names():
             return shipped_robot(self.urdf, tcp=self.tcp_m)
-        return load_robot(self.folder / self.urdf, tcp=self.tcp_m)
+        return load_robot(self._path.parent / self.urdf, tcp=self.tcp_m)
 
 
 def read_constants(path: Path) -> TwinConstants:
@@ -188,13 +219,18 @@ def read_constants(path: Path) -> TwinConstants:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise DataError(f"{path}: not a TOML file: {error}") from error
     try:
-        return TwinConstants(**table | {"folder": path.parent})
+        constants = TwinConstants(**table)
     except ValidationError as error:
         raise DataError(f"{path}: {_first_problem(error)}") from error
+    constants._path = path
+    return constants
 
 
 def _first_problem(error: ValidationError) -> str:
-    problem: Any = error.errors()[0]
+    problems: list[Any] = list(error.errors())
+    # a gear is a number or a table: that it is not the other one says nothing
+    telling = (p for p in problems if p["type"] not in ("int_type", "model_type"))
+    problem = next(telling, problems[0])
     where = ".".join(
         str(part + 1) if isinstance(part, int) else part
         for part in problem["loc"]

@@ -119,6 +119,8 @@ def render_report(report: ValidationReport) -> str:
 
 
 def _content_findings(samples: Samples, robot: Robot) -> Iterator[Finding]:
+    tcp = ", ".join(f"{length:g}" for length in robot.tcp)
+    yield _fact("robot", f"{robot.name}, TCP ({tcp}) m in its last joint's frame")
     n_poses, n = len(set(samples.pose_id)), len(samples)
     loads = f"{n_poses} poses, " + (
         "one load a pose" if n_poses == n else f"{n / n_poses:.3g} loads a pose on average"

@@ -11,12 +11,24 @@ from pathlib import Path
 from stiff_protocols.errors import StoreError
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder for output, with its parents.
+
+    Raises:
+        StoreError: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StoreError(f"{folder}: cannot be made: {error.strerror or error}") from error
+
+
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
     """Give the path of a temporary file beside `path`; rename it to `path` at the end.
 
-    Readers see the old file or the new one, never a part. After an error, an interruption too,
-    the old one stands and nothing else is left.
+    Readers see the old file or the new one, never a part. After an error or an exception that
+    stops the program, the old one stands and nothing else is left.
 
     Raises:
         StoreError: the file cannot be written.

@@ -5,13 +5,14 @@ from __future__ import annotations
 import csv
 import json
 import os
+import subprocess
 from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from command_line import assert_refused, bench
+from command_line import BENCH, assert_refused, bench
 from stiff_datasets.measured import read_samples
 
 ROBOTS = files("stiff_datasets") / "robots"
@@ -77,6 +78,36 @@ def test_a_chosen_plan_says_what_it_gains_over_chance(tmp_path):
     assert_refused(bench(*words, cwd=tmp_path), "plan.csv: exists")
 
 
+def test_a_criterion_alone_asks_for_chosen_poses(tmp_path):
+    words = ["data", "plan", "--criterion", "condition", "--candidates", "200", "--output", "p.csv"]
+    done = bench(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "chosen, condition" in done.stdout
+
+
+def test_a_kr10_whose_joints_have_other_names_can_be_planned_for(tmp_path):
+    text = (ROBOTS / "kr10_r1100_2.urdf").read_text()
+    for i in range(1, 7):
+        text = text.replace(f'joint name="A{i}"', f'joint name="joint_{i}"')
+    (tmp_path / "mine.urdf").write_text(text)
+    words = ["data", "plan", "--urdf", "mine.urdf", "--tcp", "0.06,0,0.08", "--payload", "10"]
+    done = bench(*words, "--poses", "20", "--candidates", "99", "--output", "p.csv", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_stopped_simulation_leaves_nothing_behind(tmp_path):
+    words = ["data", "simulate", "--samples", "100000000", "--output", "s.csv"]
+    running = subprocess.Popen(
+        [BENCH, *words], cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert running.stderr is not None and "simulate" in running.stderr.readline()
+    assert list(tmp_path.iterdir()) != []
+    running.terminate()
+    running.communicate(timeout=60)
+    assert running.returncode == 143
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_plan_of_ones_own_robot_needs_its_payload(tmp_path):
     words = ["data", "plan", "--urdf", str(ROBOTS / "ur5.urdf"), "--tcp", "0,0.06,0.08"]
     words += ["--candidates", "300", "--poses", "20", "--output", "plan.csv"]
@@ -92,6 +123,12 @@ def test_nothing_is_pretended_to_be_measured_on_a_kr10(tmp_path, home):
     assert "no file registered: bench data register kr10-measured FILE.csv" in line
     done = bench("run", "--model", "vjm", "--dataset", "kr10-measured", cwd=tmp_path, env=home)
     assert_refused(done, "no file registered: bench data register kr10-measured")
+
+
+def test_a_simulated_file_is_never_registered_as_a_measurement(tmp_path, home):
+    bench("data", "simulate", "--samples", "20", "--output", "s.csv", cwd=tmp_path)
+    done = bench("data", "register", "kr10-measured", "s.csv", cwd=tmp_path, env=home)
+    assert_refused(done, "s.csv: has rows of the group 'simulated'")
 
 
 def test_a_wrong_file_is_not_registered(tmp_path, home):
@@ -134,7 +171,7 @@ def test_simulated_samples_validate_and_run(tmp_path, ending):
     assert checked.returncode == 0, checked.stdout
     run = bench("run", "--model", "vjm", "--data", f"s.{ending}", *robot, cwd=tmp_path)
     assert run.returncode == 0, run.stderr
-    assert f"s.{ending} (measured)" in run.stdout or "s." in run.stdout
+    assert f"s.{ending} (user's file)" in run.stdout
 
 
 def test_a_robot_of_ones_own_is_simulated_from_urdf_and_constants(tmp_path):
@@ -173,6 +210,9 @@ def test_info_takes_a_data_sets_options(tmp_path):
         for text in shown
     ]
     assert hashes[0] != hashes[1]
+    assert "options: specimen=3" in shown[1]
+    pictures = sorted(path.name for path in (tmp_path / "results/info").iterdir())
+    assert pictures == ["kr10-twin.png", "kr10-twin_specimen=3.png"]
 
 
 @pytest.mark.skipif(not POSE_ERRORS.is_dir(), reason="no public files beside this checkout")
@@ -221,13 +261,19 @@ def test_a_short_calibration_writes_constants_record_and_figures(tmp_path):
         (["plan", "--robot", "ur5", "--urdf", "x", "--output", "p.csv"], ["--robot ur5", "one of"]),
         (["plan", "--poses", "9", "--clearance", "5", "--output", "p.csv"], ["clearance", "5 m"]),
         (["plan", "--payload", "-1", "--output", "p.csv"], ["payload_kg is -1"]),
+        (["plan", "--tcp", "0,0,0.3", "--output", "p.csv"], ["the paper's poses", "clearance"]),
+        (["plan", "--poses", "1", "--output", "p.csv"], ["n_poses is 1, expected 2"]),
+        (["plan", "--poses", "9", "--candidates", "3", "--output", "p.csv"], ["n_poses is 9", "3"]),
+        (["plan", "--output", "p.parquet"], ["p.parquet", ".csv"]),
+        (["plan", "--output", "absent/p.csv"], ["no folder absent"]),
         (["plan"], ["Missing option '--output'"]),
         (["simulate", "--twin", "ur6", "--output", "s.csv"], ["--twin 'ur6'", "kr10-r1100-2, ur5"]),
         (["simulate", "--twin", "x.toml", "--output", "s.csv"], ["x.toml: cannot be read"]),
         (["simulate", "--output", "s.xls"], ["s.xls", ".csv, .parquet"]),
         (["simulate", "--specimen", "10", "--output", "s.csv"], ["--specimen", "0<=x<=9"]),
         (["info", "kr10-twn"], ["unknown dataset 'kr10-twn'", "did you mean 'kr10-twin'"]),
-        (["info", "robot-twin"], ["robot-twin", "constants"]),
+        (["info", "robot-twin"], ["robot-twin", "--set robot-twin.constants=..."]),
+        (["info", "kr10-twin", "--output", "/dev/null/x"], ["/dev/null/x: cannot be made"]),
         (["info", "kr10-twin", "--set", "kr10-twin.specimen=11"], ["less than or equal to 9"]),
         (["fetch", "fanuc-r2000ic"], ["ur5-pose-error"]),
         (["register", "my-robot", "x.csv"], ["kr10-measured"]),

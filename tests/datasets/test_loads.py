@@ -20,7 +20,8 @@ def test_line_loads_scale_with_the_payload_and_stay_within_it(payload):
     assert np.linalg.norm(wrench[:, :3], axis=1).max() <= payload * 9.81 * (1 + 1e-12)
     middle = TABLE_5.mean(axis=0) * payload / 10.0
     # the heaviest loads are shrunk to the payload, a few per cent
-    np.testing.assert_allclose(wrench.mean(axis=0), middle, atol=0.06 * 100 * payload / 10.0)
+    np.testing.assert_allclose(wrench[:, :3].mean(axis=0), middle[:3], atol=0.6 * payload)
+    np.testing.assert_allclose(wrench[:, 3:].mean(axis=0), middle[3:], atol=0.06 * payload)
 
 
 def test_line_loads_vary_along_the_line_far_more_than_across_it():

@@ -14,6 +14,7 @@ from stiff_datasets.measured import DEFLECTION_COLUMNS, read_samples
 from stiff_datasets.plan import (
     MeasurementPlan,
     candidate_plan,
+    check_plan_file,
     chosen_plan,
     paper_plan,
     plan_table,
@@ -29,6 +30,11 @@ ROBOTS = {  # name: TCP m, payload kg, clearance m
     "fanuc_r2000ic": ((0.0069, 0.2453, 0.3193), 165.0, 0.5),
 }
 CRITERIA = ("d-optimal", "condition")
+
+
+def plan_of(chain, n_poses, *, criterion="d-optimal", **options):
+    """A plan chosen from candidates of its own."""
+    return chosen_plan(chain, candidate_plan(chain, **options), n_poses, criterion=criterion)
 
 
 @pytest.fixture(scope="module", params=ROBOTS)
@@ -73,7 +79,7 @@ def sampled_clearances(robot, q):
 @pytest.mark.parametrize("criterion", CRITERIA)
 def test_a_chosen_plan_keeps_limits_clearances_and_payload(case, criterion):
     robot, chain, options = case
-    plan = chosen_plan(chain, 40, criterion=criterion, **options)
+    plan = plan_of(chain, 40, criterion=criterion, **options)
     assert plan.q.shape == (40, 6)
     assert (plan.q >= robot.lower).all() and (plan.q <= robot.upper).all()
     for q in plan.q:
@@ -124,7 +130,7 @@ def test_the_papers_poses_keep_the_default_clearances(kr10_chain):
 def test_a_d_optimal_plan_tells_more_than_every_random_plan(case):
     robot, chain, options = case
     pool = candidate_plan(chain, **options)
-    plan = chosen_plan(chain, 30, **options)
+    plan = plan_of(chain, 30, **options)
     gain = plan_gain(
         regressor(chain, plan.q, plan.wrench),
         regressor(chain, pool.q, pool.wrench),
@@ -140,7 +146,7 @@ def test_a_plan_by_condition_has_a_smaller_condition_number_than_any_other(case)
     pool = candidate_plan(chain, **options)
     by_condition, by_determinant = (
         regressor(chain, plan.q, plan.wrench)
-        for plan in (chosen_plan(chain, 30, criterion=c, **options) for c in reversed(CRITERIA))
+        for plan in (plan_of(chain, 30, criterion=c, **options) for c in reversed(CRITERIA))
     )
     gain = plan_gain(by_condition, regressor(chain, pool.q, pool.wrench), robot.joint_names)
     assert gain.plan.condition < gain.random_best.condition
@@ -151,8 +157,7 @@ def test_a_plan_by_condition_has_a_smaller_condition_number_than_any_other(case)
 def test_the_same_seed_gives_the_same_plan_and_another_seed_another(case, criterion):
     _, chain, options = case
     first, again, other = (
-        chosen_plan(chain, 12, criterion=criterion, **(options | {"seed": seed}))
-        for seed in (1, 1, 2)
+        plan_of(chain, 12, criterion=criterion, **(options | {"seed": seed})) for seed in (1, 1, 2)
     )
     np.testing.assert_array_equal(first.q, again.q)
     np.testing.assert_array_equal(first.wrench, again.wrench)
@@ -162,7 +167,7 @@ def test_the_same_seed_gives_the_same_plan_and_another_seed_another(case, criter
 
 def test_the_first_rows_of_a_plan_are_the_smaller_plan(kr10_chain):
     small, large = (
-        chosen_plan(kr10_chain, n, candidates=100, payload_kg=10.0, seed=0) for n in (10, 30)
+        plan_of(kr10_chain, n, candidates=100, payload_kg=10.0, seed=0) for n in (10, 30)
     )
     np.testing.assert_array_equal(small.q, large.q[:10])
     assert len(set(large.pose_id.tolist())) == 30
@@ -171,7 +176,7 @@ def test_the_first_rows_of_a_plan_are_the_smaller_plan(kr10_chain):
 def test_a_plan_serves_the_other_joints_where_the_tcp_is_on_a6s_axis():
     chain = shipped_chain("kr10_r1100_2", tcp=(0.0, 0.0, 0.08))
     for criterion in CRITERIA:
-        plan = chosen_plan(chain, 30, criterion=criterion, candidates=100, payload_kg=10.0, seed=0)
+        plan = plan_of(chain, 30, criterion=criterion, candidates=100, payload_kg=10.0, seed=0)
         found = identifiability(
             regressor(chain, plan.q, plan.wrench), ("A1", "A2", "A3", "A4", "A5", "A6")
         )
@@ -233,9 +238,7 @@ def test_every_row_of_a_filled_in_plan_is_a_valid_sample(tmp_path, kr10, kr10_ch
     if source == "paper":
         plan = paper_plan(kr10_chain, 10.0, 0)
     else:
-        plan = chosen_plan(
-            kr10_chain, 50, criterion=source, candidates=120, payload_kg=10.0, seed=0
-        )
+        plan = plan_of(kr10_chain, 50, criterion=source, candidates=120, payload_kg=10.0, seed=0)
     path = tmp_path / "plan.csv"
     write_plan(path, plan, kr10)
     with pytest.raises(DataError, match=r"row 2, column dx_mm: ''"):
@@ -299,8 +302,9 @@ def test_a_plan_of_another_robot_is_refused(kr10_chain, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"n_poses": 101}, "candidates is 100, expected at least n_poses = 101"),
-        ({"n_poses": 0}, "n_poses is 0, expected a number above 0"),
+        ({"n_poses": 101}, r"n_poses is 101, expected 2 \(for 6 joints\) to 100"),
+        ({"n_poses": 1}, r"n_poses is 1, expected 2 \(for 6 joints\) to 100"),
+        ({"candidates": 0}, "candidates is 0, expected a number above 0"),
         ({"criterion": "doptimal"}, "unknown criterion 'doptimal'; did you mean 'd-optimal'"),
         ({"criterion": "e"}, r"unknown criterion 'e' \(valid: condition, d-optimal\)"),
         ({"payload_kg": 0.0}, "payload_kg is 0, expected a number above 0"),
@@ -316,7 +320,7 @@ def test_a_plan_of_another_robot_is_refused(kr10_chain, tmp_path):
 def test_what_cannot_be_planned_is_refused(kr10_chain, changes, message):
     arguments = {"n_poses": 10, "candidates": 100, "seed": 0, "payload_kg": 10.0} | changes
     with pytest.raises(ConfigError, match=message):
-        chosen_plan(kr10_chain, **arguments)
+        plan_of(kr10_chain, **arguments)
 
 
 def test_a_robot_without_an_elbow_is_refused(tmp_path):
@@ -331,3 +335,18 @@ def test_the_papers_plan_is_for_its_own_robot(kr10_chain):
         paper_plan(fanuc, 10.0, 0)
     with pytest.raises(ConfigError, match="payload_kg is 0"):
         paper_plan(kr10_chain, 0.0, 0)
+
+
+@pytest.mark.parametrize("tcp", [(0.0, 0.0, 0.3), (0.3, 0.0, 0.1)])
+def test_the_papers_plan_is_refused_where_a_long_tool_would_hit_base_or_ground(tcp):
+    chain = shipped_chain("kr10_r1100_2", tcp=tcp)
+    with pytest.raises(ConfigError, match=r"of the paper's poses \(.*\) do not keep a clearance"):
+        paper_plan(chain, 10.0, 0)
+
+
+def test_a_plan_file_is_checked_before_the_work(tmp_path):
+    with pytest.raises(ConfigError, match=r"valid ending of a plan: \.csv"):
+        check_plan_file(tmp_path / "plan.parquet")
+    with pytest.raises(StoreError, match="no folder"):
+        check_plan_file(tmp_path / "absent" / "plan.csv")
+    check_plan_file(tmp_path / "plan.csv")

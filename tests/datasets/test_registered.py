@@ -62,6 +62,7 @@ def test_a_registered_file_is_read_with_the_shipped_robot_and_its_tcp(csv, kr10)
             "urdf": "",
             "tcp": list(TCP),
             "sha256": sha256(csv.read_bytes()).hexdigest(),
+            "urdf_sha256": "",
         }
     }
 
@@ -97,7 +98,7 @@ def test_registering_keeps_other_tables_and_replaces_its_own(csv, tmp_path):
         (GOOD.replace("-60", "60"), None, TCP, r"row 2, column q2_deg: '60'"),
         (GOOD.replace("0.5", "abc"), None, TCP, r"row 2, column dx_mm: 'abc'"),
         (GOOD, None, (60.0, 0.0, 80.0), "no tool centre point"),
-        (GOOD, Path("absent.urdf"), TCP, r"absent\.urdf: cannot read the URDF"),
+        (GOOD, Path("absent.urdf"), TCP, r"absent\.urdf: cannot be read"),
     ],
 )
 def test_what_cannot_be_read_is_not_registered(home, csv, line, urdf, tcp, message):

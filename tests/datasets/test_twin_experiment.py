@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from stiff_datasets.poses import Poses, paper_poses
+from stiff_datasets.specimen import specimen_springs
 from stiff_datasets.twin import DigitalTwin
 from stiff_datasets.twin_constants import Noise
 from stiff_datasets.twin_experiment import (
@@ -73,7 +74,7 @@ def test_the_loads_of_an_experiment_do_not_depend_on_the_specimens_springs(kr10_
 
 
 def test_data_sets_that_share_a_seed_share_no_random_numbers():
-    q = np.zeros((50, 6))
+    poses = at(np.zeros((50, 6)))
     variants = [
         TwinExperiment(constants, loads="omni", specimen=specimen, seed=0, loads_per_pose=loads)
         for constants, specimen, loads in (
@@ -83,11 +84,29 @@ def test_data_sets_that_share_a_seed_share_no_random_numbers():
             (shipped_constants("ur5"), 0, 1),
         )
     ]
-    forces = [variant.wrenches(q)[:, :3] for variant in variants]
-    directions = [force / np.linalg.norm(force, axis=1, keepdims=True) for force in forces]
-    for i, one in enumerate(directions):
-        for other in directions[:i]:
-            assert np.abs((one * other).sum(axis=1).mean()) < 0.3
+    forces, noises = [], []
+    for variant in variants:
+        force = variant.wrenches(np.zeros((50, 6)))[:, :3]
+        forces.append(force / np.linalg.norm(force, axis=1, keepdims=True))
+        still = np.zeros((len(variant.logged_q(poses)), 3))
+        noises.append(variant.recorded(poses, np.zeros((len(still), 6)), still).deflection[:50])
+    for numbers in (forces, noises):
+        for i, one in enumerate(numbers):
+            for other in numbers[:i]:
+                assert np.abs(np.corrcoef(one.ravel(), other.ravel())[0, 1]) < 0.3
+
+
+def test_specimens_of_two_robots_are_drawn_apart():
+    factors = [
+        [
+            drawn.structure / nominal.structure
+            for drawn, nominal in zip(
+                specimen_springs(constants, 3), constants.springs, strict=True
+            )
+        ]
+        for constants in (CONSTANTS, shipped_constants("ur5"))
+    ]
+    assert not np.isclose(*factors).any()
 
 
 def test_one_rope_pulls_with_the_forces_of_the_line(kr10_chain):

@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from stiff_datasets.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.frame_check import readings
-from stiff_datasets.kr10_twin import Kr10Twin
+from stiff_datasets.kr10_twin import Kr10Twin, Kr10TwinMultiload, Kr10TwinOmni
 from stiff_datasets.measured import sample_table, write_samples
+from stiff_datasets.robot_twin import Ur5Twin
 from stiff_datasets.robots.robot import ChainModel, shipped_chain
 from stiff_datasets.robots.shipped import named_robot
 from stiff_datasets.validate import render_report, validate
@@ -192,6 +193,15 @@ def test_a_copied_deflection_is_found(measurement):
     deflection[20] = deflection[5]
     found = only(measurement.report(deflection=deflection).warnings, "the same three deflections")
     assert found.rows == (22,)
+
+
+@pytest.mark.parametrize("make", [Kr10Twin, Kr10TwinOmni, Kr10TwinMultiload, Ur5Twin])
+@pytest.mark.parametrize("specimen", [0, 4, 9])
+def test_clean_data_of_the_shipped_twins_raise_no_alarm(make, specimen, tmp_path):
+    data = make(specimen=specimen).load()
+    path = tmp_path / "clean.csv"
+    write_samples(path, data.samples, data.robot)
+    assert messages(validate(path, data.robot, None, VirtualJointModel()).warnings) == []
 
 
 def test_a_table_that_was_pasted_twice_is_found(measurement):

@@ -44,7 +44,8 @@ def read_chain(urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0)) -> ChainMo
         tcp: (3,) tool centre point in the frame of the URDF's last link, m.
 
     Raises:
-        DataError: the file is no URDF, or its joints are no single serial chain.
+        DataError: the file is no URDF, its joints are no single serial chain, or limits are
+            reversed.
     """
     model = _parse(urdf)
     if model.njoints < 2:
@@ -55,6 +56,7 @@ def read_chain(urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0)) -> ChainMo
                 f"{urdf}: joint {model.names[joint]!r} branches off {model.names[joint - 1]!r}; "
                 "only one serial chain of revolute or prismatic joints is supported"
             )
+    _limits(model, urdf)  # refuses reversed ones
     offset = np.asarray(tcp, dtype=np.float64)
     if offset.shape != (3,) or not np.isfinite(offset).all() or abs(offset).max() > LONGEST_TCP_M:
         raise DataError(
