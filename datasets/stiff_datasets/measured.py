@@ -8,30 +8,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from stiff_datasets.sample_checks import CheckedSamples, check_sheet
-from stiff_datasets.sample_files import (
-    DEFLECTION_COLUMNS,
-    ID_COLUMNS,
-    WRENCH_COLUMNS,
-    joint_columns,
-    read_sheet,
-    sample_table,
-    sheet_of,
-    write_table,
-)
+from stiff_datasets.sample_files import read_sheet, sample_table, sheet_of, write_table
 from stiff_protocols.errors import DataError
 from stiff_protocols.types import BenchmarkData, Robot, Samples
-
-__all__ = [
-    "DEFLECTION_COLUMNS",
-    "ID_COLUMNS",
-    "WRENCH_COLUMNS",
-    "MeasuredData",
-    "check_file",
-    "joint_columns",
-    "read_samples",
-    "sample_table",
-    "write_samples",
-]
 
 
 def check_file(path: Path, robot: Robot) -> CheckedSamples:

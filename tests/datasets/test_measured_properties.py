@@ -11,8 +11,13 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from stiff_datasets.measured import check_file, read_samples, sample_table, write_samples
-from stiff_datasets.sample_files import DEFLECTION_COLUMNS, WRENCH_COLUMNS, all_columns
+from stiff_datasets.measured import check_file, read_samples, write_samples
+from stiff_datasets.sample_files import (
+    DEFLECTION_COLUMNS,
+    WRENCH_COLUMNS,
+    all_columns,
+    sample_table,
+)
 from stiff_protocols.errors import DataError, StoreError
 from stiff_protocols.types import Robot, Samples
 

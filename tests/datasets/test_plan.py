@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stiff_datasets.identifiability import identifiability, regressor
-from stiff_datasets.measured import DEFLECTION_COLUMNS, read_samples
+from stiff_datasets.measured import read_samples
 from stiff_datasets.plan import (
     MeasurementPlan,
     candidate_plan,
@@ -23,6 +23,7 @@ from stiff_datasets.plan import (
 from stiff_datasets.plan_gain import plan_gain
 from stiff_datasets.reachable import LOWEST_HEIGHT, arm_points, base_distance, lowest_height
 from stiff_datasets.robots.robot import load_robot, read_chain, shipped_chain, shipped_robot
+from stiff_datasets.sample_files import DEFLECTION_COLUMNS
 from stiff_protocols.errors import ConfigError, DataError, StoreError
 
 ROBOTS = {  # name: TCP m, payload kg, clearance m

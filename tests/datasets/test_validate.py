@@ -14,10 +14,11 @@ from scipy.spatial.transform import Rotation
 from stiff_datasets.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.frame_check import readings
 from stiff_datasets.kr10_twin import Kr10Twin, Kr10TwinMultiload, Kr10TwinOmni
-from stiff_datasets.measured import sample_table, write_samples
+from stiff_datasets.measured import write_samples
 from stiff_datasets.robot_twin import Ur5Twin
 from stiff_datasets.robots.robot import ChainModel, shipped_chain
 from stiff_datasets.robots.shipped import named_robot
+from stiff_datasets.sample_files import sample_table
 from stiff_datasets.validate import render_report, validate
 from stiff_models.vjm import VirtualJointModel, joint_deflection
 from stiff_protocols.types import Robot, Samples
