@@ -81,7 +81,7 @@ def info(key: str, output: Path, settings: tuple[str, ...], plugins: tuple[Path,
 @click.option("--output", type=FILE, required=True, metavar="FILE.csv", help="A new file.")
 @debug_option
 def plan(**words: Any) -> None:
-    """Write a measurement plan: poses, one suggested load each, columns to fill in."""
+    """Write a measurement plan to fill in."""
     from stiff_bench.data_commands import PlanWords, write_measurement_plan
 
     click.echo(write_measurement_plan(PlanWords(robot=robot_words(words), **words)))
@@ -92,7 +92,7 @@ def plan(**words: Any) -> None:
 @robot_options
 @debug_option
 def validate(file: Path, **words: Any) -> int:
-    """Check a measured CSV or Parquet file and say what is odd in it."""
+    """Check a measured file and say what is odd in it."""
     from stiff_bench.data_commands import validation
 
     text, valid = validation(file, robot_words(words))
@@ -143,7 +143,7 @@ def simulate(**words: Any) -> None:
 @click.option("--from", "source", type=FILE, metavar="DIR", help="A folder with the files.")
 @debug_option
 def fetch(key: str, source: Path | None) -> None:
-    """Get the public files of a data set that is not shipped, and check them."""
+    """Get and check the files of a data set that is not shipped."""
     from stiff_datasets.ur5_pose_error import fetch as fetch_files
 
     for path in fetch_files(source):
@@ -182,7 +182,7 @@ def register(key: str, file: Path, urdf: Path | None, tcp: str) -> None:
 )
 @debug_option
 def calibrate(generations: int, seed: int, output: Path) -> None:
-    """Calibrate the KR10 twin's constants against the paper's VJM figures."""
+    """Fit the KR10 twin to the paper's VJM figures."""
     from stiff_bench.calibration import calibrate_twin
 
     click.echo(calibrate_twin(generations=generations, seed=seed, output=output))
