@@ -77,6 +77,11 @@ class Choice(Generic[Info]):
             if name not in self.context
         }
 
+    @property
+    def options_text(self) -> str:
+        """What was set, for people: "name=value, ..."; "" for all defaults."""
+        return ", ".join(f"{name}={value}" for name, value in sorted(self.params.items()))
+
     def make(self) -> Any:
         """Return a new object.
 

@@ -61,7 +61,7 @@ def show_info(key: str, settings: Sequence[str], registry: Registry, folder: Pat
     """Return the text of `bench data info KEY` after drawing the picture in `folder`."""
     choice = chosen_dataset(key, settings, registry)
     data = choice.make().load()
-    options = ", ".join(f"{name}={value}" for name, value in sorted(choice.params.items()))
+    options = choice.options_text
     name = f"{key} {options}".strip().replace("/", "_").replace(", ", "_").replace(" ", "_")
     picture = folder / f"{name}.png"
     make_folder(folder)

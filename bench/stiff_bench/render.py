@@ -16,7 +16,7 @@ from stiff_bench.published import NOTE
 from stiff_bench.tables import Row, Table, Value
 from stiff_protocols.types import AXES
 
-_CSV_ABOUT_TABLE = ("dataset", "kind", "protocol", "splits", "seed")
+_CSV_ABOUT_TABLE = ("dataset", "kind", "options", "protocol", "splits", "seed")
 _CSV_ABOUT_ROW = ("model", "source", "mark", "note")
 DECIMALS = 4  # of mm, as in the source paper's Table 10
 
@@ -111,7 +111,14 @@ def _csv(tables: Sequence[Table]) -> str:
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([*_CSV_ABOUT_TABLE, *_CSV_ABOUT_ROW, "axis", "metric", "value_mm", "std_mm"])
     for table in tables:
-        ours = [table.dataset, table.kind, table.protocol, table.n_splits, table.seed]
+        ours = [
+            table.dataset,
+            table.kind,
+            table.options,
+            table.protocol,
+            table.n_splits,
+            table.seed,
+        ]
         for row in table.rows:
             about = ours if row.source == "ours" else [""] * len(_CSV_ABOUT_TABLE)
             note = " ".join(table.notes) if row.source == "ours" else NOTE
@@ -134,6 +141,7 @@ def _plain(table: Table) -> dict[str, Any]:
         "title": table.title,
         "dataset": table.dataset,
         "kind": table.kind,
+        "options": table.options,
         "protocol": table.protocol,
         "splits": table.n_splits,
         "pooled": table.pooled,

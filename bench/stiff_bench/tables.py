@@ -63,6 +63,7 @@ class Table:
 
     Attributes:
         dataset, kind, protocol: keys, and "simulated" or "measured" with another task's name.
+        options: what was set of the data set, "name=value, ..."; "" for all defaults.
         n_splits, pooled: how many splits, and whether they are scored together.
         seed: of the run.
         metrics: the columns of each axis.
@@ -73,6 +74,7 @@ class Table:
     dataset: str
     kind: str
     protocol: str
+    options: str
     n_splits: int
     pooled: bool
     seed: int
@@ -90,7 +92,7 @@ class Table:
         elif self.n_splits > 1:
             spread = ", mean ± standard deviation over splits"
         return (
-            f"{self.dataset} ({self.kind}) | {self.protocol}, {splits}, seed {self.seed} | "
+            f"{self.dataset} ({', '.join(filter(None, (self.kind, self.options)))}) | {self.protocol}, {splits}, seed {self.seed} | "
             f"mm{spread}"
         )
 
@@ -132,6 +134,7 @@ def _table(group: list[tuple[CellTask, CellResult]], metrics: tuple[Metric, ...]
         dataset=dataset.key,
         kind=dataset.label,
         protocol=protocol.key,
+        options=first.dataset.options_text,
         n_splits=first.n_splits,
         pooled=made.pooled,
         seed=first.cell.seed,

@@ -186,6 +186,14 @@ def test_a_robot_of_ones_own_is_simulated_from_urdf_and_constants(tmp_path):
     assert "robot-twin is simulated, never measured." in done.stdout
 
 
+def test_a_table_names_the_options_of_its_data(tmp_path):
+    words = ["run", "--model", "vjm", "--dataset", "kr10-twin", "--set", "kr10-twin.specimen=3"]
+    done = bench(*words, cwd=tmp_path)
+    assert done.stdout.startswith("**kr10-twin (simulated, specimen=3) | holdout, 1 split")
+    rows = csv.DictReader(bench(*words, "--format", "csv", cwd=tmp_path).stdout.splitlines())
+    assert {row["options"] for row in rows if row["dataset"]} == {"specimen=3"}
+
+
 def test_info_prints_card_facts_and_caveats_and_draws_a_picture(tmp_path):
     done = bench("data", "info", "fanuc-r2000ic", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
