@@ -91,9 +91,9 @@ class Table:
             spread = " over the predictions of all splits"
         elif self.n_splits > 1:
             spread = ", mean ± standard deviation over splits"
+        about = ", ".join(filter(None, (self.kind, self.options)))
         return (
-            f"{self.dataset} ({', '.join(filter(None, (self.kind, self.options)))}) | {self.protocol}, {splits}, seed {self.seed} | "
-            f"mm{spread}"
+            f"{self.dataset} ({about}) | {self.protocol}, {splits}, seed {self.seed} | mm{spread}"
         )
 
 
