@@ -37,12 +37,13 @@ def main(arguments: list[str] | None = None) -> None:
     0: done; 1: a cell failed; 2: bad input; 130: interrupted.
     """
     words = sys.argv[1:] if arguments is None else arguments
-    signal.signal(signal.SIGTERM, _stop)  # so that temporary files are taken away
+    for number in (signal.SIGTERM, signal.SIGHUP):  # so that temporary files are taken away
+        signal.signal(number, _stop)
     debug = "--debug" in words
     try:
         status = bench.main(args=words, prog_name="bench", standalone_mode=False)
     except (click.Abort, KeyboardInterrupt):
-        say("interrupted; what was finished is kept")
+        say("interrupted; finished cells are kept, and no file is left half-written")
         status = INTERRUPTED
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)

@@ -20,6 +20,7 @@ from stiff_bench.robot_words import RobotWords, parse_tcp
 from stiff_datasets.identifiability import REFERENCE_COMPLIANCE, regressor
 from stiff_datasets.loads import LoadKind
 from stiff_datasets.plan import (
+    FORCE_SHARE,
     Criterion,
     MeasurementPlan,
     candidate_plan,
@@ -34,12 +35,16 @@ from stiff_datasets.robots.shipped import DEFAULT_ROBOT, named_robot
 from stiff_datasets.simulate import simulate
 from stiff_datasets.twin_constants import TwinConstants, read_constants
 from stiff_datasets.twins import shipped_constants, shipped_twins
-from stiff_datasets.validate import render_report, validate
+from stiff_datasets.validate import ValidationReport, render_report, validate
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.files import make_folder
 from stiff_protocols.types import FloatArray, Robot
 
 PAPER_POSES = 151  # as many as the paper measured
+_ERRORS_SAID = (
+    "Standard errors are of a joint's compliance, for a tracker that repeats 0.01 mm, relative to "
+    "the paper's stiffnesses."
+)
 FEWEST_CANDIDATES, CANDIDATES_A_POSE = 2000, 10
 
 
@@ -117,30 +122,28 @@ def _plan_text(
     words: PlanWords, name: str, plan: MeasurementPlan, robot: Robot, gain: PlanGain
 ) -> str:
     columns = (gain.plan, gain.random_mean, gain.random_best)
+    errors = [f"{each.worst_error:.2%}" for each in columns]
     rows = [
         ["condition number", *(f"{each.condition:.2f}" for each in columns)],
-        ["worst joint's standard error", *(f"{each.worst_error:.2%}" for each in columns)],
+        *([["worst joint's standard error", *errors]] if words.robot.is_papers else []),
         ["log det of information", *(f"{each.log_det:.2f}" for each in columns)],
     ]
     headers = ["", name, f"mean of {gain.n_random} random", "best random"]
+    size = np.linalg.norm(plan.wrench[0, :3])
+    force = f"{size:.1f} N at the TCP, {FORCE_SHARE:.0%} of the payload"
     lines = [
-        f"{words.output}: {len(plan.q)} poses of {robot.name}, one suggested force each "
-        f"({np.linalg.norm(plan.wrench[0, :3]):.1f} N at the TCP)",
+        f"{words.output}: {len(plan.q)} poses of {robot.name}, one suggested force each ({force})",
         "",
         tabulate(rows, headers=headers, colalign=["left", *["right"] * 3], disable_numparse=True),
         "",
         f"Measured once, it tells as much as {gain.efficiency:.2f} mean random plans of its size "
-        f"({gain.efficiency_over_best:.2f} of the best random one).",
-        "Standard errors are of a joint's compliance, for a tracker that repeats 0.01 mm, relative "
-        + (
-            "to the paper's stiffnesses."
-            if words.robot.is_papers
-            else f"to {1.0 / REFERENCE_COMPLIANCE:.0e} N m/rad, an assumption."
-        ),
+        f"({gain.efficiency_over_best:.2f} of the best random one)"
+        + ("." if gain.efficiency >= 1.0 else ": LESS than random poses."),
+        *([_ERRORS_SAID] if words.robot.is_papers else []),
         "Checked: joint limits, the arm's centre line against base column and ground. Not checked: "
         "the shape of links and tool, and what stands around the robot. Go to each pose slowly.",
         "Measure the wrench that really acts, replace the suggested one by it, and fill in "
-        f"dx_mm, dy_mm, dz_mm; then: bench data validate {words.output}",
+        f"dx_mm, dy_mm, dz_mm; then: bench data validate {words.output}{words.robot.text}",
     ]
     unseen = [joint for joint in robot.joint_names if joint not in gain.joints]
     if unseen:
@@ -150,10 +153,15 @@ def _plan_text(
 
 def validation(path: Path, words: RobotWords) -> tuple[str, bool]:
     """Return the report on a measured file, and whether it is valid."""
+    report = _report(path, words)
+    taken = "" if words.given else f"\nNo robot was named: {DEFAULT_ROBOT} was taken."
+    return render_report(report).rstrip() + taken, not report.errors
+
+
+def _report(path: Path, words: RobotWords) -> ValidationReport:
     robot, chain, _ = words.read()
     reference_model = lookup(build_registry().models, "model", "vjm").load()
-    report = validate(path, robot, chain, reference_model())
-    return render_report(report), not report.errors
+    return validate(path, robot, chain, reference_model())
 
 
 def write_simulation(
@@ -196,7 +204,10 @@ def _constants(twin: str) -> TwinConstants:
 
 
 def register_file(key: str, csv: Path, urdf: Path | None, tcp: str) -> str:
-    """Register a measurement and return what to do with it."""
+    """Register a measurement and return what is odd in it and what to do with it."""
+    words = RobotWords(None, urdf, tcp)
     default = named_robot(DEFAULT_ROBOT).tcp if urdf is None else (0.0, 0.0, 0.0)
     place = register(key, csv, urdf, parse_tcp(tcp) if tcp else default)
-    return f"{key}: {csv} registered in {place}; use it with: bench run --dataset {key}"
+    odd = [f"warning: {finding.message}" for finding in _report(csv, words).warnings]
+    done = f"{key}: {csv} registered in {place}; use it with: bench run --dataset {key}"
+    return "\n".join([*odd, done])

@@ -11,6 +11,8 @@ from stiff_protocols.errors import DataError
 from stiff_protocols.plugin import STIFFNESS, DatasetInfo
 from stiff_protocols.types import BenchmarkData
 
+_CARD_NOTE = " (the card below is that of the defaults)"
+
 
 def dataset_info(
     info: DatasetInfo, data: BenchmarkData, picture: Path | None, options: str = ""
@@ -47,7 +49,7 @@ def picture_quantity(info: DatasetInfo) -> str:
 def _heading(info: DatasetInfo, options: str) -> str:
     lines = [f"{info.key} ({info.label}): {info.summary}"]
     if options:
-        lines.append(f"options: {options} (the card below is that of the defaults)")
+        lines.append(f"options: {options}{_CARD_NOTE if info.card else ''}")
     if info.reference:
         lines.append(f"reference: {info.reference}")
     lines += [f"caveat: {caveat}" for caveat in info.caveats]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +25,12 @@ class RobotWords:
     def given(self) -> bool:
         """Whether any of them was given."""
         return bool(self.robot or self.urdf or self.tcp)
+
+    @property
+    def text(self) -> str:
+        """The same words for another command line, with a space before; "" for none."""
+        pairs = (("--robot", self.robot), ("--urdf", self.urdf), ("--tcp", self.tcp))
+        return "".join(f" {name} {shlex.quote(str(value))}" for name, value in pairs if value)
 
     @property
     def is_papers(self) -> bool:

@@ -129,10 +129,6 @@ class _Numbers:
 
 
 def _header_problems(found: list[str], wanted: tuple[str, ...]) -> Iterator[Problem]:
-    for name, separator in (("semicolons", ";"), ("tabs", "\t")):
-        if len(found) == 1 and separator in found[0]:
-            yield Problem(f"header: separated by {name}", "commas")
-            return
     missing = [name for name in wanted if name not in found]
     unknown = [name for name in found if name not in wanted]
     repeated = sorted({name for name in found if found.count(name) > 1})

@@ -147,6 +147,12 @@ def _read_csv(path: Path) -> Sheet:
     """Return the table as text, so that a message can show a wrong value as it was written."""
     try:
         text = path.read_text(encoding="utf-8-sig")
+        header = text.partition("\n")[0]
+        for name, separator in (("semicolons", ";"), ("tabs", "\t")):
+            if separator in header and "," not in header:
+                raise DataError(
+                    f"{path}: header: separated by {name} (valid: commas, and points in numbers)"
+                )
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)
             cells = pd.read_csv(

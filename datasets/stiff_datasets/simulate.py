@@ -16,7 +16,7 @@ from stiff_datasets.sample_files import ID_COLUMNS, SIMULATED_GROUP, all_columns
 from stiff_datasets.streams import stream
 from stiff_datasets.twin_constants import TwinConstants
 from stiff_datasets.twin_experiment import DECIMALS_DEG, DECIMALS_MM, TwinExperiment
-from stiff_protocols.errors import ConfigError
+from stiff_protocols.errors import ConfigError, StoreError
 from stiff_protocols.files import written_whole
 from stiff_protocols.progress import report
 from stiff_protocols.types import Robot, Samples
@@ -58,10 +58,12 @@ def simulate(
     Raises:
         ConfigError: the file's ending is another one.
         DataError: a load is beyond the twin.
-        StoreError: the file cannot be written.
+        StoreError: the file exists, or cannot be written.
     """
     if path.suffix not in _WRITERS:
         raise ConfigError(f"{path}: {path.suffix!r} (valid endings: {', '.join(_WRITERS)})")
+    if path.exists():
+        raise StoreError(f"{path}: exists and may hold measurements; give the name of a new file")
     experiment = TwinExperiment(
         constants, loads=loads, specimen=specimen, seed=seed, loads_per_pose=loads_per_pose
     )

@@ -229,12 +229,13 @@ def read_constants(path: Path) -> TwinConstants:
 def _first_problem(error: ValidationError) -> str:
     problems: list[Any] = list(error.errors())
     # a gear is a number or a table: that it is not the other one says nothing
-    telling = (p for p in problems if p["type"] not in ("int_type", "model_type"))
-    problem = next(telling, problems[0])
+    telling = [p for p in problems if p["type"] not in ("int_type", "model_type")] or problems
+    # a wrong name explains the name that is missing
+    problem = next((p for p in telling if p["type"] == "extra_forbidden"), telling[0])
     where = ".".join(
         str(part + 1) if isinstance(part, int) else part
         for part in problem["loc"]
-        if part not in ("int", "GearTable")
+        if not str(part).startswith(("int", "GearTable", "function-"))
     )
     given = "" if problem["type"] == "missing" else f": {problem['input']!r}"
     return f"{where}{given}: {problem['msg']}"

@@ -140,6 +140,13 @@ class VirtualJointModel(BaseEstimator):  # type: ignore[misc]
         self.robot_ = robot
         self.diagnostics_ = _diagnostics(self.joints_, robot)
         warn_unidentifiable(self.joints_)
+        if not self.joints_.compliance.any():
+            warnings.warn(
+                "no joint spring explains any of the deflections: is the sign or the frame of the "
+                "wrench wrong? `bench data validate` compares them",
+                StiffBenchWarning,
+                stacklevel=2,
+            )
         return self
 
     def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:

@@ -54,6 +54,7 @@ def test_from_the_plan_to_the_leaderboard_with_ones_own_file(tmp_path, home, kr1
     checked = bench("data", "validate", "measured.csv", cwd=tmp_path)
     assert checked.returncode == 0, checked.stderr
     assert checked.stdout.startswith("measured.csv: valid")
+    assert "No robot was named: kr10-r1100-2 was taken." in checked.stdout
     words = ["run", "--model", "vjm", "--format", "csv"]
     by_name = bench(*words, "--data", "measured.csv", "--robot", "kr10-r1100-2", cwd=tmp_path)
     registered = bench("data", "register", "kr10-measured", "measured.csv", cwd=tmp_path, env=home)
@@ -114,7 +115,8 @@ def test_a_plan_of_ones_own_robot_needs_its_payload(tmp_path):
     assert_refused(bench(*words, cwd=tmp_path), "payload of ur5 is not known", "--payload KG")
     done = bench(*words, "--payload", "5", cwd=tmp_path)
     assert done.returncode == 0 and (tmp_path / "plan.csv").is_file()
-    assert "an assumption" in done.stdout
+    assert "bench data validate plan.csv --urdf" in done.stdout
+    assert "worst joint" not in done.stdout  # its error would be relative to nothing known
 
 
 def test_nothing_is_pretended_to_be_measured_on_a_kr10(tmp_path, home):
@@ -172,6 +174,13 @@ def test_simulated_samples_validate_and_run(tmp_path, ending):
     run = bench("run", "--model", "vjm", "--data", f"s.{ending}", *robot, cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert f"s.{ending} (user's file)" in run.stdout
+
+
+def test_a_file_that_is_there_is_not_simulated_over(tmp_path):
+    (tmp_path / "s.csv").write_text("a week of work")
+    done = bench("data", "simulate", "--samples", "10", "--output", "s.csv", cwd=tmp_path)
+    assert_refused(done, "s.csv: exists and may hold measurements")
+    assert (tmp_path / "s.csv").read_text() == "a week of work"
 
 
 def test_a_robot_of_ones_own_is_simulated_from_urdf_and_constants(tmp_path):

@@ -57,6 +57,12 @@ def test_the_shipped_measurement_is_in_the_schema():
         ([""], "the file is empty"),
         ([HEADER], "no data rows"),
         ([HEADER.replace("dz_mm", "dz_m"), GOOD], "missing dz_mm; unknown dz_m"),
+        ([HEADER.replace(",", ";"), GOOD.replace(",", ";")], "separated by semicolons"),
+        (
+            [HEADER.replace(",", ";"), GOOD.replace(",", ";").replace(".", ",")],
+            r"separated by semicolons \(valid: commas, and points in numbers\)",
+        ),
+        ([HEADER.replace(",", "\t"), GOOD.replace(",", "\t")], "separated by tabs"),
         ([HEADER + ",dx_mm", GOOD + ",1"], "unknown dx_mm.1"),
         ([HEADER, GOOD, line(pose_id="P2", fx_N="abc")], r"row 3, column fx_N: 'abc'"),
         ([HEADER, line(dy_mm="nan")], r"row 2, column dy_mm: .*expected a finite number"),

@@ -51,6 +51,7 @@ def test_a_gear_may_have_figures_of_its_own(tmp_path):
     [
         ("name = ", "not a TOML file"),
         (6 * JOINT, "name: Field required"),
+        (TOP.replace("payload_kg", "payload") + JOINT, "payload: 5.0: Extra inputs"),
         (TOP + JOINT.replace("25", "23"), r"joint.1.*gear size 23 \(valid: 14, 17, 20, 25, 32\)"),
         (TOP + JOINT.replace("4.0", "9"), r"joint.1.tilting_ratio: 9: .*less than or equal to 8"),
         (TOP + JOINT.replace("1e5", "-1"), r"joint.1.structure_Nm_per_rad: -1: .*greater than 0"),

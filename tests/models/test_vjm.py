@@ -117,3 +117,10 @@ def test_all_43_fanuc_samples_give_the_independent_stiffnesses():
     data = FanucR2000iC().load()
     found = identify_joints(data.robot, data.samples).stiffness
     np.testing.assert_allclose(found, [8.6e5, 2.7e6, 2.0e6, 2.7e5, 4.2e5, 2.1e5], rtol=0.025)
+
+
+def test_it_warns_where_no_spring_explains_anything(kr10, rng):
+    samples = simulated(kr10, rng)
+    flipped = replace(samples, wrench=-samples.wrench)
+    with pytest.warns(StiffBenchWarning, match="no joint spring explains any of the deflections"):
+        VirtualJointModel().fit(flipped, robot=kr10)
