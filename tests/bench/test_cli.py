@@ -145,7 +145,7 @@ PLUGIN_HEAD = "from stiff_protocols.plugin import DatasetInfo, ModelInfo, Protoc
             "class A:\n    def __init__(self, *, needed): ...\n"
             "MODELS = ModelInfo(key='a', target=A, summary='s')\n",
             ["--model", "a"],
-            ["'a' cannot be made", "needed"],
+            ["'a' needs --set a.needed=..."],
         ),
         (
             "class A: ...\nMODELS = [ModelInfo(key='a', target=A, summary='s')]\n",
@@ -347,8 +347,8 @@ def test_ctrl_c_stops_with_130_and_keeps_what_was_finished(tmp_path):
     stdout, stderr = process.communicate(timeout=60)
     assert process.returncode == 130
     assert stdout == ""
-    assert (
-        stderr.strip().splitlines()[-1] == "bench: interrupted; cells that were finished are kept"
+    assert stderr.strip().splitlines()[-1] == (
+        "bench: interrupted; finished cells are kept, and no file is left half-written"
     )
     assert "Traceback" not in stderr
     store = ResultStore(tmp_path / "out")
