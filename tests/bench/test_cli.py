@@ -178,6 +178,7 @@ def test_a_file_named_like_a_key_is_refused(tmp_path):
     assert_refused(bench("run", "--model", "vjm", *words, cwd=tmp_path), "--data vjm", "rename")
 
 
+@pytest.mark.slow
 def test_a_default_spelled_out_gives_the_same_numbers(tmp_path):
     words = ["run", "--model", "mlp", "--set", "mlp.epochs=20", "--format", "csv"]
     plain, spelled = (

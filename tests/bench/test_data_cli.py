@@ -256,6 +256,7 @@ def test_a_folder_without_the_pose_errors_is_refused(tmp_path, home):
     assert not (tmp_path / "home").exists()
 
 
+@pytest.mark.slow
 def test_a_short_calibration_writes_constants_record_and_figures(tmp_path):
     words = ["data", "calibrate", "--generations", "1", "--output", "c"]
     done = bench(*words, cwd=tmp_path)
