@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiff_bench.statics import gravity_torque, load_torque, tcp_positions
+from stiff_bench.statics import gravity_torque, load_torque
+from stiff_datasets.reachable import arm_points
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.files import written_whole
 from stiff_protocols.types import AXES, BenchmarkData, FloatArray, IntArray, Robot, TextArray
@@ -125,7 +126,7 @@ def _point_area(n: int) -> float:
 def _draw_poses(page: SubFigure, data: BenchmarkData, poses: IntArray) -> None:
     """Draw TCP positions from the side and from above, one point a pose."""
     rows = poses[_thinned(len(poses))]
-    x, y, z = tcp_positions(data.robot, data.samples.q[rows]).T
+    x, y, z = arm_points(data.robot, data.samples.q[rows])[:, -1].T
     _head(page, f"(a) TCP positions, base frame{_of_all(len(rows), len(poses))}")
     side, above = page.subplots(1, 2)
     groups = data.samples.group[rows]

@@ -7,7 +7,7 @@ import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
-from stiff_datasets.robots.robot import ChainModel, load_robot, read_chain
+from stiff_datasets.robots.robot import ChainModel, read_chain, robot_of
 from stiff_datasets.robots.shipped import DEFAULT_ROBOT, named_robot
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.types import Robot
@@ -47,11 +47,12 @@ class RobotWords:
         if self.urdf is not None:
             if self.robot is not None:
                 raise ConfigError(f"--robot {self.robot} and --urdf {self.urdf}: give one of them")
-            tcp = parse_tcp(self.tcp)
-            return load_robot(self.urdf, tcp=tcp), read_chain(self.urdf, tcp=tcp), None
-        shipped = named_robot(self.robot or DEFAULT_ROBOT)
-        given = parse_tcp(self.tcp) if self.tcp else None
-        return shipped.robot(given), shipped.chain(given), shipped.payload_kg
+            chain, payload_kg = read_chain(self.urdf, tcp=parse_tcp(self.tcp)), None
+        else:
+            shipped = named_robot(self.robot or DEFAULT_ROBOT)
+            chain = shipped.chain(parse_tcp(self.tcp) if self.tcp else None)
+            payload_kg = shipped.payload_kg
+        return robot_of(chain), chain, payload_kg
 
 
 def parse_tcp(text: str) -> tuple[float, float, float]:

@@ -1,29 +1,13 @@
-"""Statics of a robot's poses: where the TCP is and which torques the joints bear."""
+"""Statics of a robot's poses: which torques the joints bear."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from stiff_models.kinematics import jacobian
 from stiff_protocols.types import BenchmarkData, FloatArray, Robot
-
-
-def tcp_positions(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return the (n, 3) TCP positions [m], base frame, at (n, n_joints) `q` [rad or m]."""
-    rotation = np.tile(np.eye(3), (len(q), 1, 1))  # (n, 3, 3) the moving frame in the base
-    position = np.zeros((len(q), 3))
-    for joint, kind in enumerate(robot.joint_types):
-        position = position + rotation @ robot.placements[joint, :3, 3]
-        rotation = rotation @ robot.placements[joint, :3, :3]
-        motion = q[:, joint, None] * robot.axes[joint]  # (n, 3) rad or m, joint frame
-        if kind == "revolute":
-            rotation = rotation @ Rotation.from_rotvec(motion).as_matrix()
-        else:
-            position = position + np.einsum("nij,nj->ni", rotation, motion)
-    return np.asarray(position + rotation @ robot.tcp)
 
 
 def load_torque(data: BenchmarkData) -> FloatArray:

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import platformdirs
 
-from stiff_protocols.errors import DataError
+from stiff_protocols import files
+from stiff_protocols.errors import DataError, StoreError
 
 VARIABLE = "STIFFBENCH_HOME"
 """Environment variable that names another folder."""
@@ -33,9 +34,8 @@ def make_folder(folder: Path) -> None:
         DataError: it cannot be made.
     """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
+        files.make_folder(folder)
+    except StoreError as error:
         raise DataError(
-            f"{folder}: cannot be made: {error.strerror or error}; "
-            f"name another folder in the environment variable {VARIABLE}"
+            f"{error}; name another folder in the environment variable {VARIABLE}"
         ) from error

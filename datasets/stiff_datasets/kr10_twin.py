@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 
 from annotated_types import Ge
 
+from stiff_datasets.loads import LoadKind
 from stiff_datasets.poses import paper_poses
 from stiff_datasets.specimen import SpecimenNumber
 from stiff_datasets.twin_experiment import measure_poses
@@ -48,15 +49,8 @@ class Kr10Twin:
 
     def load(self) -> BenchmarkData:
         """Simulate the measurement (well under a second)."""
-        constants = shipped_constants(CONSTANTS)
-        return measure_poses(
-            constants,
-            paper_poses(constants.chain()),
-            loads="line" if self.torques == "table-5" else "line-hook",
-            loads_per_pose=self.loads_per_pose,
-            specimen=self.specimen,
-            seed=self.seed,
-        )
+        loads: LoadKind = "line" if self.torques == "table-5" else "line-hook"
+        return _measured(loads, self.loads_per_pose, self.specimen, self.seed)
 
 
 class Kr10TwinMultiload(Kr10Twin):
@@ -80,12 +74,17 @@ class Kr10TwinOmni:
 
     def load(self) -> BenchmarkData:
         """Simulate the measurement (well under a second)."""
-        constants = shipped_constants(CONSTANTS)
-        return measure_poses(
-            constants,
-            paper_poses(constants.chain()),
-            loads="omni",
-            loads_per_pose=1,
-            specimen=self.specimen,
-            seed=self.seed,
-        )
+        return _measured("omni", 1, self.specimen, self.seed)
+
+
+def _measured(loads: LoadKind, loads_per_pose: int, specimen: int, seed: int) -> BenchmarkData:
+    """Return the planned poses under loads of a kind."""
+    constants = shipped_constants(CONSTANTS)
+    return measure_poses(
+        constants,
+        paper_poses(constants.chain()),
+        loads=loads,
+        loads_per_pose=loads_per_pose,
+        specimen=specimen,
+        seed=seed,
+    )

@@ -23,7 +23,7 @@ from stiff_datasets.identifiability import (
 from stiff_datasets.loads import G
 from stiff_datasets.poses import paper_poses
 from stiff_datasets.reachable import CLEARANCE, LOWEST_HEIGHT, keeps_clear, reachable_poses
-from stiff_datasets.robots.robot import ChainModel
+from stiff_datasets.robots.robot import ChainModel, robot_of
 from stiff_datasets.sample_files import (
     DEFLECTION_COLUMNS,
     ID_COLUMNS,
@@ -33,7 +33,7 @@ from stiff_datasets.sample_files import (
 )
 from stiff_datasets.streams import stream
 from stiff_protocols.errors import ConfigError, StoreError, unknown_name
-from stiff_protocols.files import written_whole
+from stiff_protocols.files import refuse_existing, written_whole
 from stiff_protocols.types import FloatArray, IntArray, Robot, TextArray, frozen_array
 
 Criterion = Literal["d-optimal", "condition"]
@@ -92,7 +92,7 @@ def paper_plan(
     if chain.name != PAPER_ROBOT:
         raise ConfigError(f"the paper's plan is for {PAPER_ROBOT}, not for {chain.name}")
     poses = paper_poses(chain)
-    free = keeps_clear(chain, poses.q, clearance)
+    free = keeps_clear(robot_of(chain), poses.q, clearance)
     if not free.all():
         names = ", ".join(poses.pose_id[~free][:5].tolist())
         raise ConfigError(
@@ -205,8 +205,7 @@ def check_plan_file(path: Path) -> None:
     """
     if path.suffix != ".csv":
         raise ConfigError(f"{path}: {path.suffix!r} (valid ending of a plan: .csv)")
-    if path.exists():
-        raise StoreError(f"{path}: exists and may hold measurements; give the name of a new file")
+    refuse_existing(path)
     if not path.parent.is_dir():
         raise StoreError(f"{path}: cannot be written: no folder {path.parent}")
 

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stiff_datasets.robots.robot import ChainModel, joint_type_and_axis
+from stiff_datasets.robots.robot import ChainModel, robot_of
 from stiff_protocols.errors import ConfigError
-from stiff_protocols.types import FloatArray
+from stiff_protocols.types import FloatArray, Robot
 
 BoolArray = NDArray[np.bool_]
 
@@ -53,11 +53,12 @@ def reachable_poses(
         raise ConfigError(f"clearance is {clearance:g}, expected m, 0 or more")
     if chain.model.nv < 3:
         raise ConfigError(f"{chain.name} has {chain.model.nv} joints; expected at least three")
-    lower, upper = _drawn_ranges(chain)
+    robot = robot_of(chain)
+    lower, upper = _drawn_ranges(robot)
     found = np.empty((0, len(lower)))
     for _ in range(DRAWS_PER_CANDIDATE):
         q = rng.uniform(lower, upper, size=(n, len(lower)))
-        found = np.concatenate([found, q[keeps_clear(chain, q, clearance)]])
+        found = np.concatenate([found, q[keeps_clear(robot, q, clearance)]])
         if len(found) >= n:
             return found[:n]
     raise ConfigError(
@@ -67,29 +68,26 @@ def reachable_poses(
     )
 
 
-def keeps_clear(chain: ChainModel, q: FloatArray, clearance: float) -> BoolArray:
+def keeps_clear(robot: Robot, q: FloatArray, clearance: float) -> BoolArray:
     """Return (n,) whether poses (n, n_joints) keep `clearance` [m] to the base and the height."""
-    points = arm_points(chain, q)
+    points = arm_points(robot, q)
     return (base_distance(points) >= clearance) & (lowest_height(points) >= LOWEST_HEIGHT)
 
 
-def arm_points(chain: ChainModel, q: FloatArray) -> FloatArray:
+def arm_points(robot: Robot, q: FloatArray) -> FloatArray:
     """Return (n, n_joints + 1, 3) joint origins and TCP [m], base frame, for (n, n_joints) q."""
-    model = chain.model
     rotation, origin = np.broadcast_to(np.eye(3), (len(q), 3, 3)), np.zeros((len(q), 3))
-    points = np.empty((len(q), model.njoints, 3))
-    for joint in range(1, model.njoints):
-        placement = model.jointPlacements[joint]
-        kind, axis = joint_type_and_axis(model, joint)
-        origin = origin + rotation @ placement.translation
-        rotation = rotation @ placement.rotation
-        points[:, joint - 1] = origin
-        travel = q[:, joint - 1 : joint] * axis  # (n, 3)
+    points = np.empty((len(q), robot.n_joints + 1, 3))
+    for joint, kind in enumerate(robot.joint_types):
+        origin = origin + rotation @ robot.placements[joint, :3, 3]
+        rotation = rotation @ robot.placements[joint, :3, :3]
+        points[:, joint] = origin
+        travel = q[:, joint, None] * robot.axes[joint]  # (n, 3) rad or m, joint frame
         if kind == "revolute":
             rotation = rotation @ Rotation.from_rotvec(travel).as_matrix()
         else:
             origin = origin + np.einsum("nij,nj->ni", rotation, travel)
-    points[:, -1] = origin + rotation @ chain.tcp
+    points[:, -1] = origin + rotation @ robot.tcp
     return points
 
 
@@ -147,18 +145,11 @@ def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray((a * b).sum(axis=-1))
 
 
-def _drawn_ranges(chain: ChainModel) -> tuple[FloatArray, FloatArray]:
+def _drawn_ranges(robot: Robot) -> tuple[FloatArray, FloatArray]:
     """Return the (n_joints,) lower and upper ends of the joint ranges to draw from."""
-    model, lower, upper = chain.model, [], []
-    for joint in range(1, model.njoints):
-        kind, _ = joint_type_and_axis(model, joint)
-        entry = model.joints[joint].idx_q
-        bounded = model.joints[joint].nq == 1  # a continuous joint is stored as cosine and sine
-        low = model.lowerPositionLimit[entry] if bounded else -np.pi
-        high = model.upperPositionLimit[entry] if bounded else np.pi
-        middle, half = (low + high) / 2.0, (high - low) / 2.0
-        if kind == "revolute" and half > np.pi:
-            low, high = middle - np.pi, middle + np.pi
-        lower.append(low)
-        upper.append(high)
-    return np.array(lower), np.array(upper)
+    endless = np.isinf(robot.lower)  # a continuous joint
+    lower = np.where(endless, -np.pi, robot.lower)
+    upper = np.where(endless, np.pi, robot.upper)
+    middle, half = (lower + upper) / 2.0, (upper - lower) / 2.0
+    wide = (np.array(robot.joint_types) == "revolute") & (half > np.pi)
+    return np.where(wide, middle - np.pi, lower), np.where(wide, middle + np.pi, upper)

@@ -16,8 +16,8 @@ from stiff_datasets.sample_files import ID_COLUMNS, SIMULATED_GROUP, all_columns
 from stiff_datasets.streams import stream
 from stiff_datasets.twin_constants import TwinConstants
 from stiff_datasets.twin_experiment import DECIMALS_DEG, DECIMALS_MM, TwinExperiment
-from stiff_protocols.errors import ConfigError, StoreError
-from stiff_protocols.files import written_whole
+from stiff_protocols.errors import ConfigError
+from stiff_protocols.files import refuse_existing, written_whole
 from stiff_protocols.progress import report
 from stiff_protocols.types import Robot, Samples
 
@@ -62,8 +62,7 @@ def simulate(
     """
     if path.suffix not in _WRITERS:
         raise ConfigError(f"{path}: {path.suffix!r} (valid endings: {', '.join(_WRITERS)})")
-    if path.exists():
-        raise StoreError(f"{path}: exists and may hold measurements; give the name of a new file")
+    refuse_existing(path)
     experiment = TwinExperiment(
         constants, loads=loads, specimen=specimen, seed=seed, loads_per_pose=loads_per_pose
     )

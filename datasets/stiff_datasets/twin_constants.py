@@ -41,11 +41,10 @@ from stiff_datasets.robots.robot import (
     LONGEST_TCP_M,
     ChainModel,
     joint_type_and_axis,
-    load_robot,
     read_chain,
+    robot_of,
     shipped_chain,
     shipped_names,
-    shipped_robot,
 )
 from stiff_datasets.springs import Gear, JointSprings
 from stiff_protocols.errors import DataError
@@ -200,10 +199,8 @@ class TwinConstants(_Table):
         return chain
 
     def robot(self) -> Robot:
-        """Read the rigid robot for the models."""
-        if self.urdf in shipped_names():
-            return shipped_robot(self.urdf, tcp=self.tcp_m)
-        return load_robot(self._path.parent / self.urdf, tcp=self.tcp_m)
+        """Read the rigid robot for the models; errors as `chain`."""
+        return robot_of(self.chain())
 
 
 def read_constants(path: Path) -> TwinConstants:

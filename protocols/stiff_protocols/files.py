@@ -23,6 +23,16 @@ def make_folder(folder: Path) -> None:
         raise StoreError(f"{folder}: cannot be made: {error.strerror or error}") from error
 
 
+def refuse_existing(path: Path) -> None:
+    """See that a file of data is a new one.
+
+    Raises:
+        StoreError: it exists.
+    """
+    if path.exists():
+        raise StoreError(f"{path}: exists and may hold measurements; give the name of a new file")
+
+
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
     """Give the path of a temporary file beside `path`; rename it to `path` at the end.

@@ -15,8 +15,9 @@ from stiff_bench.dataset_facts import Interval, Magnitude, facts, render_facts
 from stiff_bench.dataset_info import dataset_info, picture_title
 from stiff_bench.dataset_picture import save_picture
 from stiff_bench.load_spread import about_mean, directions
-from stiff_bench.statics import gravity_torque, load_torque, tcp_positions
+from stiff_bench.statics import gravity_torque, load_torque
 from stiff_datasets.fanuc_r2000ic import FanucR2000iC
+from stiff_datasets.reachable import arm_points
 from stiff_datasets.robots.robot import load_robot, read_chain
 from stiff_protocols.errors import ConfigError, DataError, StoreError
 from stiff_protocols.plugin import DatasetInfo
@@ -137,7 +138,7 @@ def test_statics_of_a_sliding_and_turning_arm_equal_pinocchios(tmp_path, rng):
     assert robot.joint_types == ("prismatic", "revolute")
     model, data = truth.model, truth.model.createData()
     q = rng.uniform(-1.0, 1.0, size=(20, 2))
-    gravity, position = gravity_torque(robot, q), tcp_positions(robot, q)
+    gravity, position = gravity_torque(robot, q), arm_points(robot, q)[:, -1]
     for pose, torque, tip in zip(q, gravity, position, strict=True):
         expected = -pin.computeGeneralizedGravity(model, data, pose)
         np.testing.assert_allclose(torque, expected, atol=1e-12)
@@ -154,7 +155,7 @@ def test_load_torque_does_the_work_of_the_wrench(kr10, rng):
     step, q = 1e-6, data.samples.q
     for joint in range(6):
         turn = step * np.eye(6)[joint]
-        moved = (tcp_positions(kr10, q + turn) - tcp_positions(kr10, q - turn)) / (2 * step)
+        moved = (arm_points(kr10, q + turn)[:, -1] - arm_points(kr10, q - turn)[:, -1]) / (2 * step)
         work = (moved * force[:, :3]).sum(axis=1)
         np.testing.assert_allclose(load_torque(data)[:, joint], work, atol=1e-6)
 

@@ -22,7 +22,13 @@ from stiff_datasets.plan import (
 )
 from stiff_datasets.plan_gain import plan_gain
 from stiff_datasets.reachable import LOWEST_HEIGHT, arm_points, base_distance, lowest_height
-from stiff_datasets.robots.robot import load_robot, read_chain, shipped_chain, shipped_robot
+from stiff_datasets.robots.robot import (
+    load_robot,
+    read_chain,
+    robot_of,
+    shipped_chain,
+    shipped_robot,
+)
 from stiff_datasets.sample_files import DEFLECTION_COLUMNS
 from stiff_protocols.errors import ConfigError, DataError, StoreError
 
@@ -93,9 +99,9 @@ def test_a_chosen_plan_keeps_limits_clearances_and_payload(case, criterion):
 
 
 def test_clearances_are_those_of_points_sampled_on_the_arm(case, rng):
-    robot, chain, _ = case
+    robot, _, _ = case
     q = rng.uniform(np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi), size=(60, 6))
-    points = arm_points(chain, q)
+    points = arm_points(robot, q)
     sampled = np.array([sampled_clearances(robot, row) for row in q])
     reach = 3.0  # m, longer than either robot; sampling is coarser than this over 150
     np.testing.assert_allclose(base_distance(points), sampled[:, 0], atol=reach / 150)
@@ -120,7 +126,7 @@ def test_the_distance_to_a_column_of_one_metre_has_its_closed_form(elbow, tcp, e
 
 
 def test_the_papers_poses_keep_the_default_clearances(kr10_chain):
-    points = arm_points(kr10_chain, paper_plan(kr10_chain, 10.0, 0).q)
+    points = arm_points(robot_of(kr10_chain), paper_plan(kr10_chain, 10.0, 0).q)
     assert base_distance(points).min() == pytest.approx(0.2234, abs=1e-4)
     assert lowest_height(points).min() == pytest.approx(0.2, abs=1e-4)
 

@@ -56,7 +56,12 @@ def read_chain(urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0)) -> ChainMo
                 f"{urdf}: joint {model.names[joint]!r} branches off {model.names[joint - 1]!r}; "
                 "only one serial chain of revolute or prismatic joints is supported"
             )
-    _limits(model, urdf)  # refuses reversed ones
+    for name, low, high in zip(list(model.names)[1:], *_limits(model), strict=True):
+        if not low < high:
+            raise DataError(
+                f"{urdf}: joint {name!r} has limits {low:g}..{high:g}; expected "
+                "lower below upper (or type continuous, which has none)"
+            )
     offset = np.asarray(tcp, dtype=np.float64)
     if offset.shape != (3,) or not np.isfinite(offset).all() or abs(offset).max() > LONGEST_TCP_M:
         raise DataError(
@@ -68,11 +73,19 @@ def read_chain(urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0)) -> ChainMo
 
 def load_robot(urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0)) -> Robot:
     """Read a URDF into a frozen `Robot`; arguments and errors as `read_chain`."""
-    chain = read_chain(urdf, tcp=tcp)
+    return robot_of(read_chain(urdf, tcp=tcp))
+
+
+def robot_of(chain: ChainModel) -> Robot:
+    """Return the same robot without Pinocchio.
+
+    Raises:
+        DataError: a joint has more than one degree of freedom.
+    """
     model = chain.model
     joints = range(1, model.njoints)
     kinds_and_axes = [joint_type_and_axis(model, joint) for joint in joints]
-    lower, upper = _limits(model, urdf)
+    lower, upper = _limits(model)
     return Robot(
         name=chain.name,
         joint_names=tuple(model.names[joint] for joint in joints),
@@ -101,8 +114,7 @@ def shipped_chain(name: str, *, tcp: Sequence[float]) -> ChainModel:
 
 def shipped_robot(name: str, *, tcp: Sequence[float]) -> Robot:
     """Read one of stiffbench's own URDF files, named without its ending, into a `Robot`."""
-    with as_file(files("stiff_datasets.robots") / f"{name}.urdf") as path:
-        return load_robot(path, tcp=tcp)
+    return robot_of(shipped_chain(name, tcp=tcp))
 
 
 def _parse(urdf: Path) -> pin.Model:
@@ -161,20 +173,14 @@ def joint_type_and_axis(model: pin.Model, joint: int) -> tuple[JointType, FloatA
     return "revolute", subspace[3:]
 
 
-def _limits(model: pin.Model, urdf: Path) -> tuple[FloatArray, FloatArray]:
+def _limits(model: pin.Model) -> tuple[FloatArray, FloatArray]:
+    """Return (n_joints,) lower and upper limits, infinite where there are none."""
     lower, upper = [], []
     for joint in range(1, model.njoints):
         entry = model.joints[joint].idx_q
         bounded = model.joints[joint].nq == 1
-        low = model.lowerPositionLimit[entry] if bounded else -np.inf
-        high = model.upperPositionLimit[entry] if bounded else np.inf
-        if not low < high:
-            raise DataError(
-                f"{urdf}: joint {model.names[joint]!r} has limits {low:g}..{high:g}; expected "
-                "lower below upper (or type continuous, which has none)"
-            )
-        lower.append(low)
-        upper.append(high)
+        lower.append(model.lowerPositionLimit[entry] if bounded else -np.inf)
+        upper.append(model.upperPositionLimit[entry] if bounded else np.inf)
     return np.array(lower), np.array(upper)
 
 

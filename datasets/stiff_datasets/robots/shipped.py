@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from stiff_datasets.robots.robot import ChainModel, shipped_chain, shipped_robot
+from stiff_datasets.robots.robot import ChainModel, robot_of, shipped_chain
 from stiff_protocols.errors import unknown_name
 from stiff_protocols.types import Robot
 
@@ -27,9 +27,9 @@ class ShippedRobot:
         """Read it for Pinocchio, with another TCP if one is given."""
         return shipped_chain(self.urdf, tcp=tcp or self.tcp)
 
-    def robot(self, tcp: tuple[float, float, float] | None = None) -> Robot:
-        """Read it for models, with another TCP if one is given."""
-        return shipped_robot(self.urdf, tcp=tcp or self.tcp)
+    def robot(self) -> Robot:
+        """Read it for models."""
+        return robot_of(self.chain())
 
 
 ROBOTS = {
