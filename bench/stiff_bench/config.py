@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Generic
+from typing import Any
 
-from stiff_bench.options import options_of, parse_settings
-from stiff_bench.registry import EVERY_MODEL, Info, Registry, lookup
+from stiff_bench.choice import Choice, split_word
+from stiff_bench.options import options_of, parse_settings, parse_word
+from stiff_bench.registry import EVERY_MODEL, Registry, lookup
 from stiff_bench.robot_words import RobotWords
 from stiff_datasets.catalog import MEASURED_FILE
-from stiff_protocols.contract import ChecksParams, KnowsWhatIsMissing
+from stiff_protocols.contract import ChecksParams
 from stiff_protocols.errors import ConfigError, DataError, StiffBenchError
 from stiff_protocols.metrics import Metric, metric
 from stiff_protocols.plugin import DatasetInfo, ModelInfo, PluginInfo, ProtocolInfo
@@ -26,7 +26,9 @@ class RunRequest:
     """The words of a `bench run` command line.
 
     Attributes:
-        models, datasets, protocols, metrics: keys.
+        models, datasets, protocols: keys, each with options of its own if need be
+            (``KEY@OPTION=VALUE``).
+        metrics: keys.
         splits: number of splits; None: the protocol's own.
         seed: of splits and models.
         settings: ``KEY.option=value`` words.
@@ -50,71 +52,6 @@ class RunRequest:
     robot: RobotWords
     command: str
     coverage: float | None = None
-
-
-@dataclass(frozen=True)
-class Choice(Generic[Info]):
-    """A catalogue line with the options that were set.
-
-    Attributes:
-        info: the line.
-        cls: its class.
-        params: what was set; the rest is default.
-        context: arguments that do not belong to the result's identity (the device).
-    """
-
-    info: Info
-    cls: type
-    params: dict[str, Any]
-    context: dict[str, Any]
-
-    @property
-    def identity(self) -> dict[str, Any]:
-        """Every option and its value, defaults too, but for the context: what a key hashes.
-
-        A default spelled out is the same result, and a default that changes is another one.
-        """
-        defaults = {name: option.default for name, option in options_of(self.cls).items()}
-        merged = {**defaults, **self.params}
-        return {
-            name: value if _is_json(value) else str(value)
-            for name, value in merged.items()
-            if name not in self.context
-        }
-
-    @property
-    def options_text(self) -> str:
-        """What was set, for people: "name=value, ..."; "" for all defaults."""
-        return ", ".join(f"{name}={value}" for name, value in sorted(self.params.items()))
-
-    def missing(self) -> str:
-        """Return why this cannot be used here, with its options; "" where it can."""
-        if issubclass(self.cls, KnowsWhatIsMissing):
-            return str(self.make().missing())
-        return self.info.missing()
-
-    def make(self) -> Any:
-        """Return a new object.
-
-        Raises:
-            ConfigError: the constructor, which may be a stranger's, refuses.
-        """
-        for name, option in options_of(self.cls).items():
-            if option.required and name not in {**self.params, **self.context}:
-                raise ConfigError(f"{self.info.key!r} needs --set {self.info.key}.{name}=...")
-        try:
-            return self.cls(**self.params, **self.context)
-        except Exception as error:
-            raise ConfigError(
-                f"{self.info.key!r} cannot be made: {type(error).__name__}: {error}"
-            ) from error
-
-
-def _is_json(value: object) -> bool:
-    """Say whether JSON has the value: it has no infinity and no NaN."""
-    if isinstance(value, float):
-        return math.isfinite(value)
-    return isinstance(value, str | int | type(None))
 
 
 @dataclass(frozen=True)
@@ -142,27 +79,40 @@ def plan_run(request: RunRequest, registry: Registry) -> RunPlan:
     Raises:
         ConfigError: a key, option or value is unknown or wrong.
     """
-    models = [registry.model(key) for key in _models(request, registry)]
-    datasets = _datasets(request, registry)
-    protocols = [lookup(registry.protocols, "protocol", key) for key in _unique(request.protocols)]
-    infos: list[PluginInfo] = [*models, *datasets, *protocols]
-    _refuse_ambiguous(request, infos)
-    classes = {info.key: info.load() for info in infos}
+    words = {
+        "model": _models(request, registry),
+        "dataset": _datasets(request),
+        "protocol": list(request.protocols),
+    }
+    classes = {
+        key: _info(kind, key, registry).load()
+        for kind, said in words.items()
+        for key, _ in map(split_word, said)
+    }
+    files = [] if request.data is None else [replace(MEASURED_FILE, key=request.data.name)]
+    for info in files:
+        if info.key in classes:
+            raise ConfigError(
+                f"--data {request.data}: its name is also a key of this run; rename it"
+            )
+        classes[info.key] = info.load()
     params = parse_settings(request.settings, classes)
     if request.data is not None and params[request.data.name]:
         raise ConfigError(
             f"--set {request.data.name}...: a file has no options; use --robot, --urdf, --tcp"
         )
 
-    def chosen(info: Info) -> Choice[Info]:
-        return Choice(info, classes[info.key], params[info.key], {})
+    def chosen(kind: str) -> list[Choice[Any]]:
+        return _different([_choice(kind, word, classes, params, registry) for word in words[kind]])
 
-    metrics = tuple(metric(key) for key in _unique(request.metrics))
-
+    metrics = tuple(metric(key) for key in dict.fromkeys(request.metrics))
     plan = RunPlan(
-        models=tuple(_on_device(chosen(info), request.device) for info in models),
-        datasets=tuple(_with_files(chosen(info), request) for info in datasets),
-        protocols=tuple(chosen(info) for info in protocols),
+        models=tuple(_on_device(choice, request.device) for choice in chosen("model")),
+        datasets=(
+            *chosen("dataset"),
+            *(_with_files(Choice(info, classes[info.key], {}, {}), request) for info in files),
+        ),
+        protocols=tuple(chosen("protocol")),
         metrics=metrics,
         splits=request.splits,
         seed=request.seed,
@@ -179,15 +129,41 @@ def plan_run(request: RunRequest, registry: Registry) -> RunPlan:
     return plan
 
 
-def chosen_dataset(key: str, settings: Sequence[str], registry: Registry) -> Choice[DatasetInfo]:
+def _info(kind: str, key: str, registry: Registry) -> PluginInfo:
+    if kind == "model":
+        return registry.model(key)
+    if kind == "dataset":
+        return lookup(registry.datasets, kind, key)
+    return lookup(registry.protocols, kind, key)
+
+
+def _choice(
+    kind: str,
+    word: str,
+    classes: Mapping[str, type],
+    params: Mapping[str, dict[str, Any]],
+    registry: Registry,
+) -> Choice[Any]:
+    """Return what a word stands for: its own options have the last word, then --set."""
+    key, settings = split_word(word)
+    own = parse_word(f"--{kind} {word!r}", key, settings, classes[key])
+    return Choice(_info(kind, key, registry), classes[key], {**params[key], **own}, {})
+
+
+def _different(choices: Sequence[Choice[Any]]) -> list[Choice[Any]]:
+    """Return each thing once, however it was spelled."""
+    return list({choice.name: choice for choice in choices}.values())
+
+
+def chosen_dataset(word: str, settings: Sequence[str], registry: Registry) -> Choice[DatasetInfo]:
     """Return one data set with its options.
 
     Raises:
         ConfigError: the key, an option or a value is unknown or wrong.
     """
-    info = lookup(registry.datasets, "dataset", key)
-    cls = info.load()
-    return Choice(info, cls, parse_settings(settings, {key: cls})[key], {})
+    key, _ = split_word(word)
+    classes = {key: lookup(registry.datasets, "dataset", key).load()}
+    return _choice("dataset", word, classes, parse_settings(settings, classes), registry)
 
 
 def loaded(dataset: Choice[DatasetInfo]) -> BenchmarkData:
@@ -210,20 +186,14 @@ def loaded(dataset: Choice[DatasetInfo]) -> BenchmarkData:
 
 
 def _models(request: RunRequest, registry: Registry) -> list[str]:
-    """Return the models' keys; the word "all" stands for every one that is registered."""
+    """Return the models' words; "all" stands for every one that is registered."""
     if not request.models:
         raise ConfigError(f"give at least one --model (valid: {', '.join(registry.models)}, all)")
-    return _unique(
-        [
-            key
-            for word in request.models
-            for key in (registry.models if word == EVERY_MODEL else (word,))
-        ]
-    )
-
-
-def _unique(keys: Sequence[str]) -> list[str]:
-    return list(dict.fromkeys(keys))
+    return [
+        key
+        for word in request.models
+        for key in (registry.models if word == EVERY_MODEL else (word,))
+    ]
 
 
 def _coverage(asked: float | None, metrics: Sequence[Metric]) -> float | None:
@@ -241,30 +211,19 @@ def _coverage(asked: float | None, metrics: Sequence[Metric]) -> float | None:
     return None
 
 
-def _refuse_ambiguous(request: RunRequest, infos: Sequence[PluginInfo]) -> None:
-    keys = [info.key for info in infos]
-    if request.data is not None and keys.count(request.data.name) > 1:
-        raise ConfigError(f"--data {request.data}: its name is also a key of this run; rename it")
-
-
-def _datasets(request: RunRequest, registry: Registry) -> list[DatasetInfo]:
-    keys = _unique(request.datasets)
-    if request.data is None:
-        if request.robot.given:
-            raise ConfigError(
-                "--robot, --urdf and --tcp describe the robot of --data FILE.csv; give it too"
-            )
-        keys = keys or ["kr10-twin"]
-    infos = [lookup(registry.datasets, "dataset", key) for key in keys]
+def _datasets(request: RunRequest) -> list[str]:
+    """Return the data sets' words; the default is left out where a file is given."""
     if request.data is not None:
-        infos.append(replace(MEASURED_FILE, key=request.data.name))
-    return infos
+        return list(request.datasets)
+    if request.robot.given:
+        raise ConfigError(
+            "--robot, --urdf and --tcp describe the robot of --data FILE.csv; give it too"
+        )
+    return list(request.datasets) or ["kr10-twin"]
 
 
 def _with_files(choice: Choice[DatasetInfo], request: RunRequest) -> Choice[DatasetInfo]:
     """Give the user's own files to the data set that stands for them."""
-    if request.data is None or choice.info.target != MEASURED_FILE.target:
-        return choice
     if not (request.robot.urdf or request.robot.robot):
         raise ConfigError(
             f"--data {request.data}: needs its robot too: --urdf FILE.urdf or --robot NAME"

@@ -8,7 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from stiff_bench.config import Choice, RunRequest, loaded, plan_run
+from stiff_bench.choice import Choice
+from stiff_bench.config import RunRequest, loaded, plan_run
 from stiff_bench.messages import say
 from stiff_bench.progress import phases
 from stiff_bench.registry import EVERY_MODEL, Registry

@@ -83,28 +83,53 @@ def parse_settings(
     """
     parsed: dict[str, dict[str, Any]] = {key: {} for key in classes}
     for setting in settings:
+        said = f"--set {setting!r}"
         target, equals, text = setting.partition("=")
         key, dot, name = target.rpartition(".")
         if not (equals and dot and key and name):
-            raise ConfigError(f"--set {setting!r}: expected KEY.option=value")
+            raise ConfigError(f"{said}: expected KEY.option=value")
         if key not in classes:
-            error = unknown_name("key", key, classes)
-            raise ConfigError(f"--set {setting!r}: {error} in this run")
-        options = options_of(classes[key])
-        if name not in options:
-            raise ConfigError(f"--set {setting!r}: {unknown_name(f'{key} option', name, options)}")
-        if name in parsed[key]:
-            raise ConfigError(f"--set {setting!r}: {key}.{name} is set twice")
-        parsed[key][name] = _value(setting, options[name], text)
+            raise ConfigError(f"{said}: {unknown_name('key', key, classes)} in this run")
+        _add(parsed[key], said, key, classes[key], name, text)
     return parsed
 
 
-def _value(setting: str, option: Option, text: str) -> Any:
+def parse_word(said: str, key: str, settings: Sequence[str], cls: type) -> dict[str, Any]:
+    """Turn the ``OPTION=VALUE`` parts of a ``KEY@OPTION=VALUE`` word into checked values.
+
+    Args:
+        said: what the user wrote, for messages.
+        key: of the word.
+        settings: the parts.
+        cls: of the key.
+
+    Raises:
+        ConfigError: a part is malformed, names no option, or its value is wrong.
+    """
+    parsed: dict[str, Any] = {}
+    for setting in settings:
+        name, equals, text = setting.partition("=")
+        if not (equals and name):
+            raise ConfigError(f"{said}: expected KEY@OPTION=VALUE")
+        _add(parsed, said, key, cls, name, text)
+    return parsed
+
+
+def _add(parsed: dict[str, Any], said: str, key: str, cls: type, name: str, text: str) -> None:
+    options = options_of(cls)
+    if name not in options:
+        raise ConfigError(f"{said}: {unknown_name(f'{key} option', name, options)}")
+    if name in parsed:
+        raise ConfigError(f"{said}: {key}.{name} is set twice")
+    parsed[name] = _value(said, options[name], text)
+
+
+def _value(said: str, option: Option, text: str) -> Any:
     try:
         adapter = TypeAdapter(option.annotation)
     except PydanticUserError:
         raise ConfigError(
-            f"--set {setting!r}: {option.name} is a {option.type_text}, which no text can give"
+            f"{said}: {option.name} is a {option.type_text}, which no text can give"
         ) from None
     if text.lower() == "none" and option.default is None:
         return None
@@ -115,14 +140,12 @@ def _value(setting: str, option: Option, text: str) -> Any:
     try:
         value = adapter.validate_strings(text)
         if isinstance(value, float) and not math.isfinite(value):
-            raise ConfigError(
-                f"--set {setting!r}: {text!r} is not finite (valid: {option.type_text})"
-            )
+            raise ConfigError(f"{said}: {text!r} is not finite (valid: {option.type_text})")
         return value
     except ValidationError as error:
         reasons = {_lower_first(str(problem["msg"])) for problem in error.errors()}
         raise ConfigError(
-            f"--set {setting!r}: {text!r} is no valid {option.name}: "
+            f"{said}: {text!r} is no valid {option.name}: "
             f"{'; '.join(sorted(reasons))} (valid: {option.type_text})"
         ) from None
 

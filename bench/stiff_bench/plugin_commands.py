@@ -14,7 +14,8 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 
-from stiff_bench.config import Choice, chosen_dataset, loaded
+from stiff_bench.choice import Choice
+from stiff_bench.config import chosen_dataset, loaded
 from stiff_bench.options import parse_settings
 from stiff_bench.progress import phases
 from stiff_bench.registry import OURS, Info, Registry

@@ -42,9 +42,10 @@ class Display(Protocol):
 def name_of(number: int, total: int, task: CellTask) -> str:
     """Return a cell's name for people."""
     cell = task.cell
+    condition = f"({cell.condition}) " if cell.condition else ""
     return (
-        f"[{number + 1}/{total}] {cell.model} on {cell.dataset}, {cell.protocol} "
-        f"split {cell.split_index + 1}/{task.n_splits}"
+        f"[{number + 1}/{total}] {task.shown.model} on {task.shown.dataset}, "
+        f"{task.shown.protocol} {condition}split {cell.split_index + 1}/{task.n_splits}"
     )
 
 

@@ -14,13 +14,13 @@ from tabulate import tabulate
 
 from stiff_bench.published import NOTE
 from stiff_bench.tables import PRINTED, Row, Table, Value
-from stiff_protocols.metrics import Metric
+from stiff_protocols.metrics import WHOLE, Metric
 from stiff_protocols.types import AXES
 
-_CSV_ABOUT_TABLE = ("dataset", "kind", "options", "protocol", "splits", "seed")
+_CSV_ABOUT_TABLE = ("dataset", "kind", "protocol", "condition", "splits", "seed")
 _CSV_ABOUT_ROW = ("model", "source", "mark", "note")
-_CSV_NUMBERS = {"mm": ("value_mm", "std_mm"), "%": ("value_percent", "std_percent")}
-DECIMALS = {"mm": 4, "%": 1}  # of mm: as in the source paper's Table 10
+DECIMALS = {"mm": 4, "%": 1, "": 3, "ms": 3, "MiB": 1, "1/s": 0}
+"""Of mm: as in the source paper's Table 10."""
 
 
 def render(tables: Sequence[Table], fmt: str, command: str) -> str:
@@ -36,18 +36,23 @@ def render(tables: Sequence[Table], fmt: str, command: str) -> str:
 
 
 def _header(table: Table) -> list[str]:
-    return ["model", *(f"{axis.upper()} {_heading(m)}" for axis in AXES for m in table.metrics)]
+    return ["model", *(f"{axis.upper()} {_heading(m)}".strip() for m, axis in _columns(table))]
+
+
+def _columns(table: Table) -> list[tuple[Metric, str]]:
+    """Return the columns: all metrics of an axis stand together, those without axes come last."""
+    return [(m, axis) for axis in (*AXES, *WHOLE) for m in table.metrics if axis in m.axes]
 
 
 def _heading(metric: Metric) -> str:
     """Return the label; the title names the unit of the others."""
     unit, _ = PRINTED[metric.unit]
-    return metric.label if unit == "mm" else f"{metric.label} [{unit}]"
+    return metric.label if unit in ("mm", "") else f"{metric.label} [{unit}]"
 
 
 def _cells(table: Table, row: Row) -> list[str]:
-    keys = [(m.key, axis) for axis in AXES for m in table.metrics]
-    return [row.label, *(_text(row.values.get(key)) for key in keys)]
+    values = [row.values.get((metric.key, axis)) for metric, axis in _columns(table)]
+    return [row.label, *(_text(value) for value in values)]
 
 
 def _without_bars(text: str) -> str:
@@ -125,37 +130,32 @@ def _csv(tables: Sequence[Table]) -> str:
     """
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    numbers = [name for pair in _CSV_NUMBERS.values() for name in pair]
-    writer.writerow([*_CSV_ABOUT_TABLE, *_CSV_ABOUT_ROW, "axis", "metric", *numbers])
+    writer.writerow([*_CSV_ABOUT_TABLE, *_CSV_ABOUT_ROW, "axis", "metric", "unit", "value", "std"])
     for table in tables:
         ours = [
             table.dataset,
             table.kind,
-            table.options,
             table.protocol,
+            table.condition,
             table.n_splits,
             table.seed,
         ]
         for row in table.rows:
             about = ours if row.source == "ours" else [""] * len(_CSV_ABOUT_TABLE)
             note = " ".join(table.notes) if row.source == "ours" else NOTE
-            for axis in AXES:
-                for metric in table.metrics:
-                    value = row.values.get((metric.key, axis))
-                    about_value = [row.name, row.source, row.mark, note, axis, metric.key]
-                    writer.writerow([*about, *about_value, *_csv_numbers(value)])
+            for metric, axis in _columns(table):
+                value = row.values.get((metric.key, axis))
+                about_value = [row.name, row.source, row.mark, note, axis, metric.key]
+                writer.writerow([*about, *about_value, *_csv_numbers(value)])
     return out.getvalue().rstrip("\n")
 
 
 def _csv_numbers(value: Value | None) -> list[str]:
-    """Return the last columns: mean and deviation beneath their unit, the rest blank."""
-    texts = []
-    for unit in _CSV_NUMBERS:
-        if value is None or value.unit != unit:
-            texts += ["", ""]
-        else:
-            texts += [repr(value.mean), "" if math.isnan(value.std) else repr(value.std)]
-    return texts
+    """Return unit, mean and deviation; blank where there is none."""
+    if value is None:
+        return ["", "", ""]
+    std = "" if math.isnan(value.std) else repr(value.std)
+    return [value.unit, repr(value.mean), std]
 
 
 def _plain(table: Table) -> dict[str, Any]:
@@ -163,8 +163,8 @@ def _plain(table: Table) -> dict[str, Any]:
         "title": table.title,
         "dataset": table.dataset,
         "kind": table.kind,
-        "options": table.options,
         "protocol": table.protocol,
+        "condition": table.condition,
         "splits": table.n_splits,
         "pooled": table.pooled,
         "seed": table.seed,

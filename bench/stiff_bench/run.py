@@ -32,7 +32,7 @@ def execute(plan: RunPlan, fmt: str) -> int:
             click.echo(f"bench: warning: {choice.info.warning}", err=True)
     with display() as shown:
         results = list(run_cells(tasks, plan, store, shown.cell))
-    _print(render(build_tables(tasks, results, plan.metrics), fmt, plan.command))
+    _print(render(build_tables(results, plan.metrics), fmt, plan.command))
     count = Counter(result.status for result in results)
     skipped = f", {count['skipped']} skipped" if count["skipped"] else ""
     click.echo(

@@ -9,28 +9,53 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from typing import Literal
 
 import numpy as np
 
-from stiff_bench.config import Choice, RunPlan, loaded
+from stiff_bench.choice import Choice
+from stiff_bench.config import RunPlan, loaded
+from stiff_bench.costs import MemoryMeter, latency, throughput
 from stiff_bench.messages import printing_to_stderr
 from stiff_bench.provenance import environment, peak_memory_bytes
 from stiff_bench.store import ResultStore
+from stiff_models.catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.conformal import SplitConformal
 from stiff_protocols.contract import (
     ChecksRobot,
     ChoosesEpoch,
+    DividesByRobot,
     EvaluationProtocol,
     PredictsInterval,
     ReportsDiagnostics,
+    StatesRegime,
     StiffnessModel,
 )
-from stiff_protocols.errors import ModelError, StiffBenchError, StiffBenchWarning
+from stiff_protocols.cost import Cost
+from stiff_protocols.errors import (
+    ModelError,
+    StiffBenchError,
+    StiffBenchWarning,
+    TooFewToCalibrate,
+)
 from stiff_protocols.metrics import METRICS
 from stiff_protocols.plugin import DatasetInfo, ModelInfo, ProtocolInfo
-from stiff_protocols.record import Cell, CellResult, ResultRecord, RunManifest
+from stiff_protocols.record import (
+    Cell,
+    CellResult,
+    Presentation,
+    ResultRecord,
+    RunManifest,
+)
 from stiff_protocols.sanity import check_prediction, check_units
-from stiff_protocols.types import AXES, BenchmarkData, Interval, Prediction, Samples, Split
+from stiff_protocols.types import (
+    BenchmarkData,
+    FloatArray,
+    Interval,
+    Prediction,
+    Samples,
+    Split,
+)
 
 ROWS_FOR_UNITS = 256
 """How many training rows are predicted to see that a model predicts m: enough, and soon done."""
@@ -42,21 +67,19 @@ class CellTask:
 
     Attributes:
         cell: its identity.
-        model, dataset, protocol: the lines it was made from.
+        shown: what must stand beside its numbers.
+        model: the line it was made from.
         data: the whole data set.
         split: the rows.
-        selects_on_test: the protocol's validation rows are its test rows.
         chooses_epoch: the model as it is set up uses validation rows.
-        n_splits: of its protocol on its data set.
+        n_splits: of its protocol on its data set, in one condition.
     """
 
     cell: Cell
+    shown: Presentation
     model: Choice[ModelInfo]
-    dataset: Choice[DatasetInfo]
-    protocol: Choice[ProtocolInfo]
     data: BenchmarkData
     split: Split
-    selects_on_test: bool
     chooses_epoch: bool
     n_splits: int
 
@@ -72,52 +95,88 @@ def cell_tasks(plan: RunPlan) -> list[CellTask]:
         StiffBenchError: a data set cannot be loaded or divided.
     """
     tasks = []
-    chooses_epoch = {model.info.key: _chooses_epoch(model) for model in plan.models}
     for dataset in plan.datasets:
         data = loaded(dataset)
         data_sha256 = data.sha256
-        for checked in plan.models:
-            made = checked.make()
-            if isinstance(made, ChecksRobot):
-                made.check_robot(data.robot)
+        models = [_prepared(choice, data) for choice in plan.models]
         for choice in plan.protocols:
             protocol: EvaluationProtocol = choice.make()
+            if isinstance(protocol, DividesByRobot):
+                protocol.use_robot(data.robot)
             splits = protocol.splits(data.samples, n_splits=plan.splits, seed=plan.seed)
-            tasks += [
-                CellTask(
-                    cell=Cell(
-                        model=model.info.key,
-                        model_params=model.identity,
-                        dataset=dataset.info.key,
-                        dataset_params=dataset.identity,
-                        data_sha256=data_sha256,
-                        protocol=choice.info.key,
-                        protocol_params=choice.identity,
-                        split_index=split.index,
-                        split_sha256=split.sha256,
-                        seed=plan.seed,
-                        coverage=plan.coverage,
-                    ),
-                    model=model,
-                    dataset=dataset,
-                    protocol=choice,
-                    data=data,
-                    split=split,
-                    selects_on_test=protocol.selects_on_test,
-                    chooses_epoch=chooses_epoch[model.info.key],
-                    n_splits=len(splits),
+            n_splits = 1 + max(split.index for split in splits)
+            for split in splits:
+                same = Cell(
+                    model="",
+                    model_params={},
+                    dataset=dataset.info.key,
+                    dataset_params=dataset.identity,
+                    data_sha256=data_sha256,
+                    protocol=choice.info.key,
+                    protocol_params=choice.identity,
+                    split_index=split.index,
+                    split_sha256=split.sha256,
+                    seed=plan.seed,
+                    coverage=plan.coverage,
+                    condition=split.condition,
+                    rows_sha256="" if split.wrench_error is None else split.rows_sha256,
                 )
-                for split in splits
-                for model in plan.models
-            ]
+                tasks += [
+                    CellTask(
+                        cell=replace(
+                            same, model=model.choice.info.key, model_params=model.choice.identity
+                        ),
+                        shown=_presentation(model, dataset, choice, protocol),
+                        model=model.choice,
+                        data=data,
+                        split=split,
+                        chooses_epoch=model.chooses_epoch,
+                        n_splits=n_splits,
+                    )
+                    for model in models
+                ]
     return tasks
 
 
-def _chooses_epoch(model: Choice[ModelInfo]) -> bool:
-    if not model.info.uses_validation:
-        return False
-    made = model.make()
-    return made.chooses_epoch() if isinstance(made, ChoosesEpoch) else True
+@dataclass(frozen=True)
+class _Prepared:
+    """A model of the plan: what is asked of it once, not once a cell."""
+
+    choice: Choice[ModelInfo]
+    chooses_epoch: bool
+    regime: str
+
+
+def _prepared(choice: Choice[ModelInfo], data: BenchmarkData) -> _Prepared:
+    made = choice.make()
+    if isinstance(made, ChecksRobot):
+        made.check_robot(data.robot)
+    chooses = choice.info.uses_validation
+    if chooses and isinstance(made, ChoosesEpoch):
+        chooses = made.chooses_epoch()
+    return _Prepared(choice, chooses, made.regime if isinstance(made, StatesRegime) else "")
+
+
+def _presentation(
+    model: _Prepared,
+    dataset: Choice[DatasetInfo],
+    choice: Choice[ProtocolInfo],
+    protocol: EvaluationProtocol,
+) -> Presentation:
+    return Presentation(
+        model=model.choice.name,
+        dataset=dataset.name,
+        protocol=choice.name,
+        kind=dataset.info.kind,
+        task=dataset.info.task,
+        regime=model.regime,
+        picked_on_test=protocol.selects_on_test and model.chooses_epoch,
+        selects_on_test=protocol.selects_on_test,
+        pooled=protocol.pooled,
+        caveats=dataset.info.caveats,
+        published=dataset.info.published,
+        warning=choice.info.warning,
+    )
 
 
 def run_cells(
@@ -137,6 +196,8 @@ def run_cells(
         cells=tuple(task.cell.key for task in tasks),
     )
     store.write_manifest(manifest)
+    for data in {task.cell.data_sha256: task.data for task in tasks}.values():
+        store.write_data(data)
     done = 0
     try:
         for number, task in enumerate(tasks):
@@ -168,55 +229,68 @@ def compute_cell(task: CellTask, run_id: str) -> CellResult:
         try:
             missing = task.model.missing()
             if missing:
-                result = CellResult(task.cell, run_id, "skipped", failure=missing)
+                result = _unfinished(task, run_id, "skipped", missing)
             else:
                 result = _fit_predict_score(task, run_id)
         except StiffBenchError as error:
-            result = CellResult(task.cell, run_id, "failed", failure=str(error))
+            result = _unfinished(task, run_id, "failed", str(error))
         except (
             Exception,
             SystemExit,
         ) as error:  # whatever a plugin raises is that cell's failure alone
             where = traceback.extract_tb(error.__traceback__)[-1]
-            result = CellResult(
-                task.cell,
-                run_id,
-                "failed",
-                failure=f"{type(error).__name__}: {error} ({where.filename}:{where.lineno})",
-            )
+            reason = f"{type(error).__name__}: {error} ({where.filename}:{where.lineno})"
+            result = _unfinished(task, run_id, "failed", reason)
     messages = dict.fromkeys(str(warning.message) for warning in caught)
     return replace(result, warnings=tuple(messages))
 
 
+def _unfinished(
+    task: CellTask, run_id: str, status: Literal["failed", "skipped"], reason: str
+) -> CellResult:
+    return CellResult(task.cell, task.shown, run_id, status, failure=reason)
+
+
 def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
-    train, validation = _training_side(task)
-    test = task.data.samples.take(task.split.test)
+    """Fit and predict, and only then look at what was measured at the test rows."""
+    train, validation = _training_side(task, chooses_epoch=task.chooses_epoch)
+    q, wrench = task.data.samples.q[task.split.test], task.split.test_wrench(task.data.samples)
     model: StiffnessModel = task.model.make()
     intervals = _interval_source(task, model, train, validation)
+    memory = MemoryMeter()
     start = time.perf_counter()
     model.fit(train, robot=task.data.robot, validation=validation, seed=task.cell.model_seed)
     fitted = time.perf_counter()
-    predicted = np.asarray(model.predict(test.q, test.wrench))
-    predicted_at = time.perf_counter()
-    check_prediction(predicted, len(test))
+    predicted = np.asarray(model.predict(q, wrench))
+    predict_s = time.perf_counter() - fitted
+    memory_bytes = memory.rise()
+    check_prediction(predicted, len(q))
     _check_units(model, train)
+    cost = Cost(
+        fit_s=fitted - start,
+        predict_s=predict_s,
+        latency_s=latency(model, q, wrench),
+        throughput_per_s=throughput(model, q, wrench, predict_s),
+        memory_bytes=memory_bytes,
+    )
     interval = None
     if intervals is not None and task.cell.coverage is not None:
-        interval = _interval(intervals, test, task.cell.coverage)
-    prediction = Prediction(task.split.test, predicted, test.deflection, interval)
+        interval = _interval(intervals, q, wrench, task.cell.coverage)
+    reference = _reference(task, q, wrench)
+    measured = task.data.samples.deflection[task.split.test]
+    prediction = Prediction(task.split.test, predicted, measured, interval, reference)
     return CellResult(
         cell=task.cell,
+        shown=task.shown,
         run_id=run_id,
         status="ok",
         records=tuple(
-            ResultRecord(metric.key, axis, float(value), metric.unit)
+            ResultRecord(metric.key, axis, value, metric.unit)
             for metric in METRICS.values()
-            if interval is not None or not metric.needs_interval
-            for axis, value in zip(AXES, metric(prediction), strict=True)
+            for axis, value in metric.values(prediction, cost).items()
         ),
         prediction=prediction,
-        fit_s=fitted - start,
-        predict_s=predicted_at - fitted,
+        cost=cost,
         diagnostics=(
             {str(name): float(value) for name, value in model.diagnostics_.items()}
             if isinstance(model, ReportsDiagnostics)
@@ -228,13 +302,29 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
     )
 
 
+def _reference(task: CellTask, q: FloatArray, wrench: FloatArray) -> FloatArray | None:
+    """Return what the reference model predicts that learned from the whole training side.
+
+    It takes a millisecond; None where these data do not identify it.
+    """
+    model = model_info(REFERENCE_MODEL).load()()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            train, _ = _training_side(task, chooses_epoch=False)
+            model.fit(train, robot=task.data.robot, seed=task.cell.model_seed)
+            return np.asarray(model.predict(q, wrench))
+    except StiffBenchError:
+        return None
+
+
 def _interval_source(
     task: CellTask, model: StiffnessModel, train: Samples, validation: Samples | None
 ) -> PredictsInterval | None:
     """Return what will give the intervals: the model itself, or a second fit on fewer rows.
 
-    Raises:
-        ModelError: the training side is too small for the coverage.
+    None where there are none to give: not asked for, or the training side is too small for the
+    coverage, which is a warning and leaves the point predictions alone.
     """
     if task.cell.coverage is None:
         return None
@@ -243,16 +333,24 @@ def _interval_source(
     conformal = SplitConformal(task.model.make(), coverage=task.cell.coverage)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", StiffBenchWarning)
-        conformal.fit(
-            train, robot=task.data.robot, validation=validation, seed=task.cell.model_seed
-        )
-    for message in dict.fromkeys(str(w.message) for w in caught):  # its rows are fewer
-        warnings.warn(f"fit for the intervals: {message}", StiffBenchWarning, stacklevel=1)
-    return conformal
+        try:
+            conformal.fit(
+                train, robot=task.data.robot, validation=validation, seed=task.cell.model_seed
+            )
+        except TooFewToCalibrate as error:
+            found, said = None, [f"no intervals: {error}"]
+        else:
+            found = conformal
+            said = [f"fit for the intervals: {w.message}" for w in caught]  # its rows are fewer
+    for message in dict.fromkeys(said):
+        warnings.warn(message, StiffBenchWarning, stacklevel=1)
+    return found
 
 
-def _interval(source: PredictsInterval, test: Samples, coverage: float) -> Interval:
-    interval = source.predict_interval(test.q, test.wrench, coverage)
+def _interval(
+    source: PredictsInterval, q: FloatArray, wrench: FloatArray, coverage: float
+) -> Interval:
+    interval = source.predict_interval(q, wrench, coverage)
     if not isinstance(interval, Interval):
         raise ModelError(f"predict_interval returned {type(interval).__name__}, expected Interval")
     return interval
@@ -266,17 +364,17 @@ def _check_units(model: StiffnessModel, train: Samples) -> None:
     check_units(predicted, some.deflection)
 
 
-def _training_side(task: CellTask) -> tuple[Samples, Samples | None]:
+def _training_side(task: CellTask, *, chooses_epoch: bool) -> tuple[Samples, Samples | None]:
     """Return training and validation samples.
 
     A model that chooses no epoch has no use for validation rows; it learns from all of the
     training side instead. Where the validation rows are the test rows, nobody learns from them.
     """
     samples, split = task.data.samples, task.split
-    if task.chooses_epoch:
+    if chooses_epoch:
         validation = samples.take(split.validation) if len(split.validation) else None
         return samples.take(split.train), validation
     rows = split.train
-    if not task.selects_on_test:
+    if not task.shown.selects_on_test:
         rows = np.sort(np.concatenate([split.train, split.validation]))
     return samples.take(rows), None

@@ -5,6 +5,7 @@
     OUTPUT/cells/<key>.json        a cell: identity, metric values, predictions, timings
     OUTPUT/cells/<key>.failed.json why it failed or was skipped; never in the place of a result
     OUTPUT/runs/<run id>.json      a run's manifest
+    OUTPUT/data/<sha256>.npz       the samples (see stored_data.py)
 
 Numbers are stored in SI units at full precision, with a checksum over the content.
 """
@@ -21,10 +22,19 @@ from typing import Any
 
 import numpy as np
 
+from stiff_bench.stored_data import write_data
+from stiff_protocols.cost import Cost
 from stiff_protocols.errors import StoreError
 from stiff_protocols.files import written_whole
-from stiff_protocols.record import SCHEMA, Cell, CellResult, ResultRecord, RunManifest
-from stiff_protocols.types import Interval, Prediction
+from stiff_protocols.record import (
+    SCHEMA,
+    Cell,
+    CellResult,
+    Presentation,
+    ResultRecord,
+    RunManifest,
+)
+from stiff_protocols.types import BenchmarkData, Interval, Prediction
 
 
 class ResultStore:
@@ -41,7 +51,7 @@ class ResultStore:
         """Make the folder and see that it can be written."""
         self.folder = folder
         try:
-            for part in ("cells", "runs"):
+            for part in ("cells", "runs", "data"):
                 (folder / part).mkdir(parents=True, exist_ok=True)
                 with tempfile.TemporaryFile(dir=folder / part):
                     pass  # only whether it can be made
@@ -66,6 +76,10 @@ class ResultStore:
         _write_atomically(path, asdict(manifest))
         return path
 
+    def write_data(self, data: BenchmarkData) -> None:
+        """Store the samples that results belong to, once."""
+        write_data(self.folder / "data", data, data.sha256)
+
     def read_cell(self, key: str) -> CellResult:
         """Read a cell's result.
 
@@ -88,12 +102,12 @@ class ResultStore:
 def _cell_content(result: CellResult) -> dict[str, Any]:
     return {
         "cell": asdict(result.cell),
+        "shown": asdict(result.shown),
         "run_id": result.run_id,
         "status": result.status,
         "records": [asdict(record) for record in result.records],
         "prediction": None if result.prediction is None else _plain(result.prediction),
-        "fit_s": result.fit_s,
-        "predict_s": result.predict_s,
+        "cost": None if result.cost is None else asdict(result.cost),
         # JSON has no infinity (a rigid joint) and no NaN (one that cannot be identified)
         "diagnostics": {
             name: value if math.isfinite(value) else str(value)
@@ -111,6 +125,8 @@ def _plain(prediction: Prediction) -> dict[str, Any]:
         "predicted_m": prediction.predicted.tolist(),
         "measured_m": prediction.measured.tolist(),
     }
+    if prediction.reference is not None:
+        plain["reference_m"] = prediction.reference.tolist()
     if prediction.interval is not None:  # its coverage is the cell's
         plain["lower_m"] = prediction.interval.lower.tolist()
         plain["upper_m"] = prediction.interval.upper.tolist()
@@ -120,30 +136,32 @@ def _plain(prediction: Prediction) -> dict[str, Any]:
 def _cell_result(content: dict[str, Any]) -> CellResult:
     cell = Cell(**content["cell"])
     prediction = content["prediction"]
+    shown = content["shown"]
     return CellResult(
         cell=cell,
+        shown=Presentation(**{**shown, "caveats": tuple(shown["caveats"])}),
         run_id=content["run_id"],
         status=content["status"],
         records=tuple(ResultRecord(**record) for record in content["records"]),
         prediction=None if prediction is None else _prediction(prediction, cell.coverage),
-        fit_s=content["fit_s"],
-        predict_s=content["predict_s"],
+        cost=None if content["cost"] is None else Cost(**content["cost"]),
         diagnostics={name: float(value) for name, value in content["diagnostics"].items()},
         warnings=tuple(content["warnings"]),
         failure=content["failure"],
-        calibration_samples=content.get("calibration_samples", 0),  # older files have none
+        calibration_samples=content["calibration_samples"],
     )
 
 
 def _prediction(content: dict[str, Any], coverage: float | None) -> Prediction:
     interval = None
-    if coverage is not None:
+    if coverage is not None and "lower_m" in content:
         interval = Interval(np.array(content["lower_m"]), np.array(content["upper_m"]), coverage)
     return Prediction(
         rows=np.array(content["rows"], dtype=np.int64),
         predicted=np.array(content["predicted_m"]),
         measured=np.array(content["measured_m"]),
         interval=interval,
+        reference=np.array(content["reference_m"]) if "reference_m" in content else None,
     )
 
 

@@ -13,14 +13,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from stiff_bench.published import MARK, NOTE, published_rows
-from stiff_bench.runner import CellTask
-from stiff_protocols.contract import EvaluationProtocol, StatesRegime
 from stiff_protocols.errors import StoreError
-from stiff_protocols.metrics import Metric
-from stiff_protocols.record import CellResult
-from stiff_protocols.types import AXES, Interval, Prediction
+from stiff_protocols.metrics import Metric, Unit
+from stiff_protocols.plugin import kind_label
+from stiff_protocols.record import CellResult, Presentation
+from stiff_protocols.types import Interval, Prediction
 
-PRINTED = {"m": ("mm", 1000.0), "1": ("%", 100.0)}
+PRINTED: dict[Unit, tuple[str, float]] = {
+    "m": ("mm", 1000.0),
+    "share": ("%", 100.0),
+    "1": ("", 1.0),
+    "s": ("ms", 1000.0),
+    "B": ("MiB", 2.0**-20),
+    "1/s": ("1/s", 1.0),
+}
 """Unit of a metric -> the unit it is printed in, and how many of those it is."""
 SELECTION_MARK = "epoch picked on test part"
 
@@ -32,7 +38,7 @@ class Value:
     Attributes:
         mean, std: in `unit`; the deviation is NaN where there is one split, or one value over
             all splits together.
-        unit: "mm" or "%".
+        unit: as printed, one of `PRINTED`.
     """
 
     mean: float
@@ -67,8 +73,9 @@ class Table:
     """One data set under one protocol.
 
     Attributes:
-        dataset, kind, protocol: keys, and "simulated" or "measured" with another task's name.
-        options: what was set of the data set, "name=value, ..."; "" for all defaults.
+        dataset, protocol: names.
+        kind: "simulated" or "measured", with another task's name.
+        condition: which of the protocol's; "" where it has but one.
         n_splits, pooled: how many splits, and whether they are scored together.
         seed: of the run.
         metrics: the columns of each axis.
@@ -80,7 +87,7 @@ class Table:
     dataset: str
     kind: str
     protocol: str
-    options: str
+    condition: str
     n_splits: int
     pooled: bool
     seed: int
@@ -98,11 +105,12 @@ class Table:
             spread = " over the predictions of all splits"
         elif self.n_splits > 1:
             spread = ", mean ± standard deviation over splits"
-        about = ", ".join(filter(None, (self.kind, self.options)))
-        unit = " and ".join(dict.fromkeys(PRINTED[metric.unit][0] for metric in self.metrics))
+        units = dict.fromkeys(PRINTED[metric.unit][0] for metric in self.metrics)
+        unit = " and ".join(filter(None, units))
+        protocol = " | ".join(filter(None, (self.protocol, self.condition)))
         intervals = "" if self.coverage is None else f" | {percent(self.coverage)} intervals"
         return (
-            f"{self.dataset} ({about}) | {self.protocol}, {splits}, seed {self.seed} | "
+            f"{self.dataset} ({self.kind}) | {protocol}, {splits}, seed {self.seed} | "
             f"{unit}{spread}{intervals}"
         )
 
@@ -112,60 +120,64 @@ def percent(share: float) -> str:
     return f"{100.0 * share:g} %"
 
 
-def build_tables(
-    tasks: Sequence[CellTask], results: Sequence[CellResult], metrics: Sequence[Metric]
-) -> list[Table]:
-    """Return a table for each data set and protocol of a run, in the run's order.
+def build_tables(results: Sequence[CellResult], metrics: Sequence[Metric]) -> list[Table]:
+    """Return a table for each data set, protocol and condition, in the results' order.
 
     Raises:
         StoreError: rows of different data or splits would meet in one table.
     """
-    groups: dict[tuple[str, str], list[tuple[CellTask, CellResult]]] = {}
-    for task, result in zip(tasks, results, strict=True):
-        groups.setdefault((task.cell.dataset, task.cell.protocol), []).append((task, result))
+    groups: dict[tuple[str, str, str], list[CellResult]] = {}
+    for result in results:
+        shown = result.shown
+        task = (shown.dataset, shown.protocol, result.cell.condition)
+        groups.setdefault(task, []).append(result)
     return [_table(group, tuple(metrics)) for group in groups.values()]
 
 
-def _table(group: list[tuple[CellTask, CellResult]], metrics: tuple[Metric, ...]) -> Table:
-    first = group[0][0]
-    dataset, protocol = first.dataset.info, first.protocol.info
-    made: EvaluationProtocol = first.protocol.make()
-    by_model: dict[str, list[tuple[CellTask, CellResult]]] = {}
-    for task, result in group:
-        by_model.setdefault(task.cell.model, []).append((task, result))
-    _refuse_mixed(by_model)
-    rows = [_model_row(cells, metrics, pooled=made.pooled) for cells in by_model.values()]
-    notes = [*dataset.caveats]
-    if made.selects_on_test:
-        notes.append(protocol.warning)
-    for cells in by_model.values():
-        notes += _model_notes([result for _, result in cells])
-    if dataset.published:
+def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
+    cell, shown = group[0].cell, group[0].shown
+    by_model: dict[str, list[CellResult]] = {}
+    for result in group:
+        by_model.setdefault(result.shown.model, []).append(result)
+    refuse_mixed(by_model)
+    rows = [_model_row(results, metrics) for results in by_model.values()]
+    notes = [*shown.caveats]
+    if shown.selects_on_test:
+        notes.append(shown.warning)
+    for results in by_model.values():
+        notes += _model_notes(results)
+    if shown.published and not cell.condition:
         rows += [
-            _published_row(row.method, row.values_mm) for row in published_rows(dataset.published)
+            _published_row(row.method, row.values_mm) for row in published_rows(shown.published)
         ]
         notes.append(f"[{MARK}]: {NOTE}.")
     return Table(
-        dataset=dataset.key,
-        kind=dataset.label,
-        protocol=protocol.key,
-        options=first.dataset.options_text,
-        n_splits=first.n_splits,
-        pooled=made.pooled,
-        seed=first.cell.seed,
+        dataset=shown.dataset,
+        kind=kind_label(shown.kind, shown.task),
+        protocol=shown.protocol,
+        condition=cell.condition,
+        n_splits=len({result.cell.split_index for result in group}),
+        pooled=shown.pooled,
+        seed=cell.seed,
         metrics=metrics,
-        coverage=first.cell.coverage,
+        coverage=cell.coverage,
         rows=tuple(rows),
         notes=tuple(notes),
     )
 
 
-def _refuse_mixed(by_model: Mapping[str, list[tuple[CellTask, CellResult]]]) -> None:
+def refuse_mixed(by_model: Mapping[str, Sequence[CellResult]]) -> None:
+    """See that every model's results are of the same data, splits and coverage.
+
+    Raises:
+        StoreError: they are not.
+    """
     identities = {
         tuple(
-            (task.cell.data_sha256, task.cell.split_sha256, task.cell.coverage) for task, _ in cells
+            (result.cell.data_sha256, result.cell.split_sha256, result.cell.coverage)
+            for result in results
         )
-        for cells in by_model.values()
+        for results in by_model.values()
     }
     if len(identities) > 1:
         raise StoreError(
@@ -174,66 +186,69 @@ def _refuse_mixed(by_model: Mapping[str, list[tuple[CellTask, CellResult]]]) -> 
         )
 
 
-def _model_row(
-    cells: list[tuple[CellTask, CellResult]], metrics: Sequence[Metric], *, pooled: bool
-) -> Row:
-    task = cells[0][0]
-    results = [result for _, result in cells]
-    info = task.model.info
-    picked = task.selects_on_test and task.chooses_epoch
+def _model_row(results: Sequence[CellResult], metrics: Sequence[Metric]) -> Row:
+    shown = results[0].shown
     failed = sum(result.status == "failed" for result in results)
     if failed:
-        return Row(info.key, "ours", f"FAILED in {failed} of {len(results)} splits", {})
+        return Row(shown.model, "ours", f"FAILED in {failed} of {len(results)} splits", {})
     if any(result.status == "skipped" for result in results):
-        return Row(info.key, "ours", "SKIPPED", {})
-    values = _pooled_values(results, metrics) if pooled else _split_values(results, metrics)
-    marks = [_regime(task), SELECTION_MARK if picked else ""]
-    return Row(info.key, "ours", ", ".join(filter(None, marks)), values)
+        return Row(shown.model, "ours", "SKIPPED", {})
+    values = _pooled_values(results, metrics) if shown.pooled else _split_values(results, metrics)
+    return Row(shown.model, "ours", mark_of(shown), values)
 
 
-def _regime(task: CellTask) -> str:
-    model = task.model.make()
-    return model.regime if isinstance(model, StatesRegime) else ""
+def mark_of(shown: Presentation) -> str:
+    """Return what must stand beside the model's name; "" for nothing."""
+    return ", ".join(filter(None, [shown.regime, SELECTION_MARK if shown.picked_on_test else ""]))
 
 
 def _split_values(
     results: Sequence[CellResult], metrics: Sequence[Metric]
 ) -> dict[tuple[str, str], Value]:
-    values = {}
-    for metric in metrics:
-        for axis in AXES:
-            of_splits = [
-                record.value
-                for result in results
-                for record in result.records
-                if (record.metric, record.axis) == (metric.key, axis)
-            ]
-            std = float(np.std(of_splits, ddof=1)) if len(of_splits) > 1 else math.nan
-            values[metric.key, axis] = _value(metric, float(np.mean(of_splits)), std)
-    return values
+    """Return mean and deviation of each value over the splits; none where a split lacks it."""
+    of_splits: dict[tuple[str, str], list[float]] = {}
+    for result in results:
+        for record in result.records:
+            of_splits.setdefault((record.metric, record.axis), []).append(record.value)
+    return {
+        (metric.key, axis): _value(metric, found)
+        for metric in metrics
+        for axis in metric.axes
+        if len(found := of_splits.get((metric.key, axis), [])) == len(results)
+    }
 
 
-def _value(metric: Metric, mean: float, std: float) -> Value:
+def _value(metric: Metric, values: Sequence[float]) -> Value:
     unit, factor = PRINTED[metric.unit]
-    return Value(mean * factor, std * factor, unit)
+    std = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
+    return Value(float(np.mean(values)) * factor, std * factor, unit)
 
 
 def _pooled_values(
     results: Sequence[CellResult], metrics: Sequence[Metric]
 ) -> dict[tuple[str, str], Value]:
+    """Return the values over the predictions of all splits; costs are means over the splits."""
+    together = pooled_prediction(results)
+    of_costs = _split_values(results, [metric for metric in metrics if metric.of_cost is not None])
+    return of_costs | {
+        (metric.key, axis): _value(metric, [value])
+        for metric in metrics
+        for axis, value in metric.values(together).items()
+    }
+
+
+def pooled_prediction(results: Sequence[CellResult]) -> Prediction:
+    """Return the predictions of several splits as one."""
     parts = [result.prediction for result in results if result.prediction is not None]
     intervals = [part.interval for part in parts if part.interval is not None]
-    together = Prediction(
+    references = [part.reference for part in parts if part.reference is not None]
+    return Prediction(
         np.concatenate([part.rows for part in parts]),
         np.concatenate([part.predicted for part in parts]),
         np.concatenate([part.measured for part in parts]),
-        _together(intervals) if intervals else None,
+        _together(intervals) if len(intervals) == len(parts) else None,
+        np.concatenate(references) if len(references) == len(parts) else None,
     )
-    return {
-        (metric.key, axis): _value(metric, float(value), math.nan)
-        for metric in metrics
-        for axis, value in zip(AXES, metric(together), strict=True)
-    }
 
 
 def _together(intervals: Sequence[Interval]) -> Interval:
@@ -251,7 +266,7 @@ def _published_row(method: str, values_mm: Mapping[tuple[str, str], float]) -> R
 
 def _model_notes(results: Sequence[CellResult]) -> list[str]:
     """Return what a model's cells reported: numbers as means, warnings, reasons of failure."""
-    name = results[0].cell.model
+    name = results[0].shown.model
     notes = []
     done = [result for result in results if result.status == "ok"]
     if done and done[0].diagnostics:
@@ -262,7 +277,7 @@ def _model_notes(results: Sequence[CellResult]) -> list[str]:
         over = f" (means over {len(done)} splits)" if len(done) > 1 else ""
         notes.append(f"{name}{over}: {', '.join(numbers)}.")
     coverage = results[0].cell.coverage
-    if done and coverage is not None:
+    if coverage is not None and any(_has_interval(result) for result in done):
         notes.append(f"{name}: {percent(coverage)} intervals are {_interval_kind(done)}.")
     for kind, messages in (
         ("warning", [message for result in results for message in result.warnings]),
@@ -275,6 +290,10 @@ def _model_notes(results: Sequence[CellResult]) -> list[str]:
             where = f" ({times} of {len(results)} splits)" if len(results) > 1 else ""
             notes.append(f"{name}: {kind}{where}: {message}")
     return notes
+
+
+def _has_interval(result: CellResult) -> bool:
+    return result.prediction is not None and result.prediction.interval is not None
 
 
 def _mean_text(values: Sequence[float]) -> str:

@@ -81,12 +81,10 @@ def vjm_figures(data: BenchmarkData, make_vjm: MakeModel) -> VjmFigures:
     names = [f"stiffness {joint} [Nm/rad]" for joint in data.robot.joint_names]
     if not isinstance(model, ReportsDiagnostics) or not set(names) <= set(model.diagnostics_):
         raise ModelError(f"{type(model).__name__} reports no joint stiffnesses to calibrate by")
-    return VjmFigures(
-        mae=metric("mae")(fitted),
-        stde=metric("stde")(fitted),
-        me=metric("me")(fitted),
-        stiffness=np.array([model.diagnostics_[name] for name in names]),
-    )
+    errors = {
+        key: np.array(list(metric(key).values(fitted).values())) for key in ("mae", "stde", "me")
+    }
+    return VjmFigures(**errors, stiffness=np.array([model.diagnostics_[name] for name in names]))
 
 
 def mean_figures(each: Sequence[VjmFigures]) -> VjmFigures:

@@ -9,6 +9,9 @@ _QUICK_NETWORK = {"width": 16, "epochs": 20}
 _QUICK_PROCESS = {"restarts": 0, "ard": False}
 _QUICK_SOURCE = {"width": 16, "pretrain_steps": 20}
 
+REFERENCE_MODEL = "vjm"
+"""What the others' skill is measured against."""
+
 MODELS = (
     ModelInfo(
         key="zero",

@@ -9,16 +9,76 @@ PROTOCOLS = (
         key="holdout",
         target="stiff_protocols.protocol:Holdout",
         summary="80/20 by pose; the best epoch is chosen on an inner part of the training side",
+        reasoning=(
+            "How well does a model do at new poses among the ones that were measured? All rows "
+            "of a pose stay on one side, and the epoch is chosen without the test part. One "
+            "split says little: use --splits, or repeated-holdout."
+        ),
+    ),
+    ProtocolInfo(
+        key="repeated-holdout",
+        target="stiff_protocols.protocol:RepeatedHoldout",
+        summary="holdout drawn 15 times, for comparisons",
+        reasoning=(
+            "The same question as holdout's, with the spread over training and test parts. The "
+            "splits share samples, so their results depend on each other: compare models with the "
+            "corrected t test of `bench compare`, never with a plain one."
+        ),
+    ),
+    ProtocolInfo(
+        key="kfold",
+        target="stiff_protocols.protocol:KFold",
+        summary="5-fold cross-validation by pose",
+        reasoning=(
+            "Every pose is tested exactly once, which uses few poses best; the training parts "
+            "overlap, so the folds' results depend on each other."
+        ),
     ),
     ProtocolInfo(
         key="leave-one-out",
         target="stiff_protocols.protocol:LeaveOneOut",
         summary="each pose is tested once by a model that never saw it; metrics over all poses",
+        reasoning=(
+            "For very small data sets: the training part is as large as it can be. One pose gives "
+            "no mean error worth the name, so the metrics are computed over all predictions "
+            "together."
+        ),
+    ),
+    ProtocolInfo(
+        key="sample-efficiency",
+        target="stiff_protocols.sample_efficiency:SampleEfficiency",
+        summary="learning curve over 5, 10, 20, 40, 80, 121 measured poses, nested subsets",
+        reasoning=(
+            "A measured pose costs minutes at the robot: how many does a model need? Within a "
+            "draw every size is tested on the same poses and holds the smaller sizes, so that a "
+            "curve shows the number of poses and not their luck. Validation poses are measured "
+            "too, so they count."
+        ),
+    ),
+    ProtocolInfo(
+        key="space-transfer",
+        target="stiff_protocols.extrapolation:SpaceTransfer",
+        summary="train on the joint-space poses, test on the Cartesian ones, and back",
+        reasoning=(
+            "A measurement plan covers one part of the robot's poses, and the work is done in "
+            "another: does a model hold where it was not measured?"
+        ),
+    ),
+    ProtocolInfo(
+        key="load-extrapolation",
+        target="stiff_protocols.extrapolation:LoadExtrapolation",
+        summary="train on light loads or on some directions, test on heavy loads or other directions",
+        reasoning=(
+            "Weights on a rope are lighter than cutting forces and pull in few directions. A model "
+            "that contains the load's part in the physics should carry over; a network that saw "
+            "one direction may not."
+        ),
     ),
     ProtocolInfo(
         key="paper-holdout",
         target="stiff_protocols.protocol:PaperHoldout",
         summary="the source paper's: 80/20 at random, the 20 % also picks the best epoch",
+        reasoning="Only to reproduce the paper's figures. It is not fair, and its rows say so.",
         warning=(
             "paper-holdout picks the best epoch on the very samples it reports, as the source "
             "paper does: rows of models that choose an epoch are optimistic. Use 'holdout' for "

@@ -21,7 +21,7 @@ import numpy as np
 from sklearn.base import BaseEstimator, clone
 
 from stiff_protocols.contract import StiffnessModel
-from stiff_protocols.errors import ModelError, NotFittedError
+from stiff_protocols.errors import ModelError, NotFittedError, TooFewToCalibrate
 from stiff_protocols.sanity import check_prediction
 from stiff_protocols.splits import inner_validation
 from stiff_protocols.types import AXES, FloatArray, IntArray, Interval, Robot, Samples
@@ -73,7 +73,7 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
             seed: of the division and of the model.
 
         Raises:
-            ModelError: `coverage` needs more calibration samples than half of the poses.
+            TooFewToCalibrate: `coverage` needs more calibration samples than half of the poses.
         """
         part = inner_validation(train, np.arange(len(train)), self._fraction(train), seed)
         self.model_ = clone(self.model)
@@ -128,7 +128,7 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
         poses = len(np.unique(train.pose_id))
         needed = calibration_samples_needed(self.coverage)
         if needed > poses // 2:
-            raise ModelError(
+            raise TooFewToCalibrate(
                 f"coverage {self.coverage:g} needs at least {needed} calibration samples of "
                 f"different poses; half of the {poses} training poses are {poses // 2}"
             )

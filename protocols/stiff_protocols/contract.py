@@ -140,4 +140,18 @@ class EvaluationProtocol(Protocol):
     pooled: bool
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
-        """Return the splits; the same arguments give the same splits."""
+        """Return the splits; the same arguments give the same splits.
+
+        Args:
+            samples: to be divided; a fair division does not look at their deflections.
+            n_splits: how many draws, in each condition; None: the protocol's own number.
+            seed: of the draws.
+        """
+
+
+@runtime_checkable
+class DividesByRobot(Protocol):
+    """Optional power of a protocol: be told which robot was measured, before it divides."""
+
+    def use_robot(self, robot: Robot) -> None:
+        """Remember the robot."""

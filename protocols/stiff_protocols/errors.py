@@ -26,6 +26,10 @@ class NotFittedError(ModelError):
     """`predict` was called before `fit`."""
 
 
+class TooFewToCalibrate(ModelError):
+    """The training side is too small for intervals of the coverage that was asked for."""
+
+
 class StoreError(StiffBenchError):
     """A result cannot be written or read."""
 

@@ -129,7 +129,12 @@ class DatasetInfo(PluginInfo):
     @property
     def label(self) -> str:
         """Kind, and the task where it is not stiffness."""
-        return self.kind if self.task == STIFFNESS else f"{self.kind} {self.task}, not stiffness"
+        return kind_label(self.kind, self.task)
+
+
+def kind_label(kind: str, task: str) -> str:
+    """Return a data set's kind, and its task where that is not stiffness."""
+    return kind if task == STIFFNESS else f"{kind} {task}, not stiffness"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +142,9 @@ class ProtocolInfo(PluginInfo):
     """A protocol.
 
     Attributes:
+        reasoning: which question it answers, and why it divides so; for `bench show`.
         warning: printed above every table made under it; "" for none.
     """
 
+    reasoning: str = ""
     warning: str = ""

@@ -1,11 +1,11 @@
-"""The evaluation protocols: a way to divide a data set and a rule for choosing an epoch."""
+"""Protocols that divide the poses at random: every test pose is like the training poses."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Annotated
 
-from annotated_types import Gt, Lt
+from annotated_types import Ge, Gt, Lt
 
 from stiff_protocols import splits
 from stiff_protocols.errors import ConfigError
@@ -33,6 +33,57 @@ class Holdout:
             samples,
             n_splits=n_splits or 1,
             test_fraction=self.test_fraction,
+            validation_fraction=self.validation_fraction,
+            seed=seed,
+        )
+
+
+class RepeatedHoldout(Holdout):
+    """`holdout` drawn many times, enough for a corrected t test.
+
+    Attributes:
+        repetitions: how many divisions; --splits has the last word.
+    """
+
+    def __init__(
+        self,
+        *,
+        repetitions: Annotated[int, Ge(2)] = 15,
+        test_fraction: Fraction = 0.2,
+        validation_fraction: Fraction = 0.2,
+    ) -> None:
+        """Store the options."""
+        super().__init__(test_fraction=test_fraction, validation_fraction=validation_fraction)
+        self.repetitions = repetitions
+
+    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
+        """Return the divisions; the first ones are `holdout`'s of the same seed."""
+        return super().splits(samples, n_splits=n_splits or self.repetitions, seed=seed)
+
+
+class KFold:
+    """Poses in k parts of about one size; each part is tested by models of the others.
+
+    Attributes:
+        folds: how many parts; --splits has the last word.
+        validation_fraction: of the training side's poses, chooses the epoch.
+    """
+
+    selects_on_test = False
+    pooled = False
+
+    def __init__(
+        self, *, folds: Annotated[int, Ge(2)] = 5, validation_fraction: Fraction = 0.2
+    ) -> None:
+        """Store the options."""
+        self.folds = folds
+        self.validation_fraction = validation_fraction
+
+    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
+        """Return one division a part."""
+        return splits.folds_by_pose(
+            samples,
+            n_folds=n_splits or self.folds,
             validation_fraction=self.validation_fraction,
             seed=seed,
         )

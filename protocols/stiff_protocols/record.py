@@ -8,9 +8,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
+from stiff_protocols.cost import Cost
 from stiff_protocols.types import Prediction
 
-SCHEMA = 1
+SCHEMA = 2
 """Version of the stored format."""
 
 
@@ -25,6 +26,10 @@ class Cell:
         split_index, split_sha256: which split, and the hash of its rows.
         seed: the run's seed.
         coverage: nominal coverage of the intervals that are computed too; None: none are.
+        condition: which of its protocol's; "" where that has but one.
+        rows_sha256: hash of the split's rows alone, where sensor errors are in the other; else "".
+        source_sha256: hash of the other robot's data that the source domain comes from; "" for
+            none.
     """
 
     model: str
@@ -38,26 +43,35 @@ class Cell:
     split_sha256: str
     seed: int
     coverage: float | None = None
+    condition: str = ""
+    rows_sha256: str = ""
+    source_sha256: str = ""
 
     @property
     def key(self) -> str:
         """Name of the cell: a hash that does not depend on the order of options."""
         identity = asdict(self)
-        if self.coverage is None:  # as it was before there were intervals
-            del identity["coverage"]
+        for name in _OPTIONAL:  # what does not apply leaves the key as it was without it
+            if not identity[name]:
+                del identity[name]
         return _hash(identity)[:24]
 
     @property
     def model_seed(self) -> int:
-        """Seed given to the model: from all of the cell but model, options and intervals.
+        """Seed given to the model: from all of the cell but model, options, condition, intervals.
 
         Common random numbers: what differs between two models on one split is the models, and
-        variants that begin with the same pre-training can share it.
+        variants that begin with the same pre-training can share it. Two conditions with the same
+        rows give the same fit.
         """
         identity = asdict(self)
-        for name in ("model", "model_params", "coverage"):
+        identity["split_sha256"] = self.rows_sha256 or self.split_sha256
+        for name in ("model", "model_params", *_OPTIONAL):
             del identity[name]
         return int(_hash(identity)[:8], 16)
+
+
+_OPTIONAL = ("coverage", "condition", "rows_sha256", "source_sha256")
 
 
 def _hash(identity: Mapping[str, Any]) -> str:
@@ -75,17 +89,50 @@ class ResultRecord:
     unit: str
 
 
+@dataclass(frozen=True)
+class Presentation:
+    """What must stand beside a cell's numbers wherever they are shown.
+
+    Attributes:
+        model, dataset, protocol: keys with the options that differ from their defaults, e.g.
+            "ft-mlp@freeze=full".
+        kind: of the data, e.g. "simulated".
+        task: "stiffness", or what else the deflections are.
+        regime: how the model used training labels; "" for nothing to say.
+        picked_on_test: the model chose its epoch on the test part.
+        selects_on_test: the protocol lets models do so.
+        pooled: the protocol's metrics are computed over the predictions of all splits together.
+        caveats: of the data.
+        published: name of the published table that belongs beneath; "" for none.
+        warning: of the protocol; "" for none.
+    """
+
+    model: str
+    dataset: str
+    protocol: str
+    kind: str
+    task: str
+    regime: str = ""
+    picked_on_test: bool = False
+    selects_on_test: bool = False
+    pooled: bool = False
+    caveats: tuple[str, ...] = ()
+    published: str = ""
+    warning: str = ""
+
+
 @dataclass(frozen=True, eq=False)
 class CellResult:
     """Everything known about a computed cell.
 
     Attributes:
         cell: what was computed.
+        shown: what must stand beside its numbers.
         run_id: the run that computed it.
         status: "ok", "failed", or "skipped": the model cannot be used on this machine.
         records: metric values; empty where it is not ok.
         prediction: predicted and measured test rows; None where it is not ok.
-        fit_s, predict_s: wall time in s, without what split-conformal intervals cost.
+        cost: time and memory, without what split-conformal intervals cost; None where it is not ok.
         diagnostics: numbers the model reported, by name and unit.
         warnings: what was warned of during fit and prediction.
         failure: why it failed or was skipped; "" otherwise.
@@ -94,12 +141,12 @@ class CellResult:
     """
 
     cell: Cell
+    shown: Presentation
     run_id: str
     status: Literal["ok", "failed", "skipped"]
     records: tuple[ResultRecord, ...] = ()
     prediction: Prediction | None = None
-    fit_s: float = 0.0
-    predict_s: float = 0.0
+    cost: Cost | None = None
     diagnostics: Mapping[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     failure: str = ""

@@ -5,7 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from sklearn.model_selection import GroupShuffleSplit, LeaveOneGroupOut, ShuffleSplit
+from sklearn.model_selection import (
+    GroupKFold,
+    GroupShuffleSplit,
+    LeaveOneGroupOut,
+    ShuffleSplit,
+)
 
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.types import IntArray, Samples, Split
@@ -34,11 +39,41 @@ def holdout_by_pose(
         ConfigError: there are too few poses for these fractions.
     """
     outer = GroupShuffleSplit(n_splits=n_splits, test_size=test_fraction, random_state=seed)
-    splits = []
-    for index, (train, test) in enumerate(_divide(outer, samples, "test_fraction")):
-        inner = inner_validation(samples, train, validation_fraction, seed + index)
-        splits.append(Split(index, inner.train, inner.validation, np.sort(test)))
-    return splits
+    return [
+        divided_inside(samples, index, train, test, validation_fraction, seed)
+        for index, (train, test) in enumerate(_divide(outer, samples, "test_fraction"))
+    ]
+
+
+def folds_by_pose(
+    samples: Samples, *, n_folds: int, validation_fraction: float, seed: int
+) -> list[Split]:
+    """Return the divisions of a k-fold cross-validation by pose.
+
+    Raises:
+        ConfigError: there are fewer poses than folds, or one fold alone.
+    """
+    if n_folds < 2:
+        raise ConfigError(f"--splits {n_folds}: kfold needs at least 2 folds")
+    outer = GroupKFold(n_folds, shuffle=True, random_state=seed)
+    return [
+        divided_inside(samples, index, train, test, validation_fraction, seed)
+        for index, (train, test) in enumerate(_divide(outer, samples, "number of folds"))
+    ]
+
+
+def divided_inside(
+    samples: Samples,
+    index: int,
+    train: IntArray,
+    test: IntArray,
+    validation_fraction: float,
+    seed: int,
+    condition: str = "",
+) -> Split:
+    """Return the split of these rows, with an inner validation part taken from `train`."""
+    inner = inner_validation(samples, train, validation_fraction, seed + index)
+    return Split(index, inner.train, inner.validation, np.sort(test), condition)
 
 
 def holdout_at_random(
@@ -64,11 +99,10 @@ def leave_one_pose_out(samples: Samples, *, validation_fraction: float, seed: in
     """
     divisions = _divide(LeaveOneGroupOut(), samples, "number of poses")
     divisions.sort(key=lambda rows: int(rows[1][0]))
-    result = []
-    for index, (train, test) in enumerate(divisions):
-        inner = inner_validation(samples, train, validation_fraction, seed + index)
-        result.append(Split(index, inner.train, inner.validation, test))
-    return result
+    return [
+        divided_inside(samples, index, train, test, validation_fraction, seed)
+        for index, (train, test) in enumerate(divisions)
+    ]
 
 
 def _divide(

@@ -154,28 +154,49 @@ class Robot:
 
 @dataclass(frozen=True)
 class Split:
-    """Row numbers of one division of a data set.
+    """Row numbers of one division of a data set, and under which condition it is tested.
 
     Attributes:
-        index: number of the split in its protocol, from 0.
+        index: number of the split in its condition, from 0.
         train: rows a model learns from.
         validation: rows that choose an epoch; empty where the protocol gives none.
         test: rows the metrics are computed on.
+        condition: what a protocol varies beside the rows' draw ("n = 20", "joint-space ->
+            cartesian"); results of different conditions are never averaged. "" where it varies
+            nothing.
+        wrench_error: (n_test, 6) N and N m, base frame, what the force sensor adds to the test
+            rows' wrenches; None for nothing.
     """
 
     index: int
     train: IntArray
     validation: IntArray
     test: IntArray
+    condition: str = ""
+    wrench_error: FloatArray | None = None
 
     @property
     def sha256(self) -> str:
-        """Hash of the three row lists: rows of different splits never meet in one table."""
+        """Hash of rows and sensor errors: rows of different splits never meet in one table."""
+        if self.wrench_error is None:
+            return self.rows_sha256
+        digest = hashlib.sha256(self.rows_sha256.encode())
+        digest.update(_canonical_bytes(self.wrench_error))
+        return digest.hexdigest()
+
+    @property
+    def rows_sha256(self) -> str:
+        """Hash of the three row lists alone."""
         digest = hashlib.sha256()
         for rows in (self.train, self.validation, self.test):
             digest.update(len(rows).to_bytes(8, "little"))
             digest.update(np.ascontiguousarray(rows, dtype="<i8").tobytes())
         return digest.hexdigest()
+
+    def test_wrench(self, samples: Samples) -> FloatArray:
+        """Return the (n_test, 6) wrenches [N, N m] that a model is told of the test rows."""
+        wrench = samples.wrench[self.test]
+        return wrench if self.wrench_error is None else wrench + self.wrench_error
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,18 +233,23 @@ class Prediction:
         predicted: (n, 3) predicted deflection, m, base frame.
         measured: (n, 3) deflection of the data set, m, base frame.
         interval: of the same rows; None where none was asked for.
+        reference: (n, 3) m, base frame, what the reference model (the VJM) predicts that learned
+            from the same rows; None where it cannot be had.
     """
 
     rows: IntArray
     predicted: FloatArray
     measured: FloatArray
     interval: Interval | None = None
+    reference: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Freeze and check the arrays."""
         n = len(self.rows)
         for name in ("predicted", "measured"):
             object.__setattr__(self, name, frozen_array(getattr(self, name), name, (n, 3)))
+        if self.reference is not None:
+            object.__setattr__(self, "reference", frozen_array(self.reference, "reference", (n, 3)))
         if self.interval is not None and len(self.interval.lower) != n:
             raise DataError(f"{len(self.interval.lower)} intervals for {n} predictions")
 

@@ -1,0 +1,76 @@
+"""The samples behind the results of a folder: what a comparison needs to say where models differ.
+
+::
+
+    OUTPUT/data/<sha256>.npz       samples, robot's name, joint torques of the loads
+
+Once a data set, so that a folder of results can be judged without the data set's own files.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from stiff_bench.statics import load_torque
+from stiff_protocols.errors import StoreError
+from stiff_protocols.files import written_whole
+from stiff_protocols.types import BenchmarkData, FloatArray, Samples
+
+
+@dataclass(frozen=True, eq=False)
+class StoredData:
+    """A data set as a results folder keeps it.
+
+    Attributes:
+        samples: all of them.
+        torque: (n, n_joints) N m (N), of the loads on the joints.
+        joint_names: base to tip.
+        robot: its name.
+    """
+
+    samples: Samples
+    torque: FloatArray
+    joint_names: tuple[str, ...]
+    robot: str
+
+
+def write_data(folder: Path, data: BenchmarkData, sha256: str) -> None:
+    """Store a data set under its hash, unless it is there."""
+    path = folder / f"{sha256}.npz"
+    if path.exists():
+        return
+    arrays = {item.name: getattr(data.samples, item.name) for item in fields(Samples)}
+    with written_whole(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(
+            file,
+            torque=load_torque(data),
+            joint_names=np.array(data.robot.joint_names),
+            robot=np.array(data.robot.name),
+            **arrays,
+        )
+
+
+def read_data(folder: Path, sha256: str) -> StoredData:
+    """Read a stored data set.
+
+    Raises:
+        StoreError: there is none, or it is damaged.
+    """
+    path = folder / f"{sha256}.npz"
+    try:
+        with np.load(path, allow_pickle=False) as found:
+            samples = Samples(**{item.name: found[item.name] for item in fields(Samples)})
+            return StoredData(
+                samples=samples,
+                torque=found["torque"],
+                joint_names=tuple(found["joint_names"].tolist()),
+                robot=str(found["robot"]),
+            )
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except (ValueError, KeyError, zipfile.BadZipFile) as error:
+        raise StoreError(f"{path}: damaged: {error}") from error
