@@ -1,6 +1,7 @@
 """A catalogue line with the options that were set.
 
-On the command line it is one word, ``KEY@OPTION=VALUE@OPTION=VALUE``: `kr10-twin@specimen=3`.
+On the command line it is one word, ``KEY@OPTION=VALUE@OPTION=VALUE``: `kr10-twin@specimen=3`. An @
+in a value, which may be such a word itself, is doubled: `cross-robot@source=ur5-twin@@seed=1`.
 """
 
 from __future__ import annotations
@@ -15,12 +16,16 @@ from stiff_protocols.contract import KnowsWhatIsMissing
 from stiff_protocols.errors import ConfigError
 
 OPTION_MARK = "@"
-"""Parts the options from the key and from each other in a word; no value holds it."""
+"""Parts the options from the key and from each other in a word; doubled, it is part of a value."""
+_HELD = "\0"  # stands for a doubled mark; no command line holds it
 
 
 def split_word(word: str) -> tuple[str, list[str]]:
     """Return the key and the ``OPTION=VALUE`` words of a word."""
-    key, *settings = word.split(OPTION_MARK)
+    key, *settings = (
+        part.replace(_HELD, OPTION_MARK)
+        for part in word.replace(2 * OPTION_MARK, _HELD).split(OPTION_MARK)
+    )
     return key, settings
 
 
@@ -64,7 +69,7 @@ class Choice(Generic[Info]):
         """Key with every option that differs from its default: a word of the command line."""
         options = options_of(self.cls)
         changed = [
-            f"{name}={value}"
+            f"{name}={value}".replace(OPTION_MARK, 2 * OPTION_MARK)
             for name, value in sorted(self.params.items())
             if value != options[name].default
         ]

@@ -86,14 +86,15 @@ def bench() -> None:
     "models",
     multiple=True,
     metavar="KEY",
-    help="A model, or 'all' for every one that `bench list models` shows; may be repeated.",
+    help="A model, KEY@OPTION=VALUE for one with options of its own, or 'all' for every one that "
+    "`bench list models` shows; may be repeated.",
 )
 @click.option(
     "--dataset",
     "datasets",
     multiple=True,
     metavar="KEY",
-    help="A data set; may be repeated.  [default: kr10-twin]",
+    help="A data set, such as kr10-twin@specimen=3; may be repeated.  [default: kr10-twin]",
 )
 @click.option(
     "--protocol",
@@ -102,7 +103,7 @@ def bench() -> None:
     metavar="KEY",
     default=("holdout",),
     show_default="holdout",
-    help="A protocol; may be repeated.",
+    help="A protocol, such as kfold@folds=10; may be repeated.",
 )
 @click.option(
     "--metric",
@@ -111,7 +112,7 @@ def bench() -> None:
     metavar="KEY",
     default=("mae", "stde", "me"),
     show_default="mae, stde, me",
-    help="A metric; may be repeated. 'coverage' and 'width' are of intervals.",
+    help="A metric; may be repeated; `bench list metrics` shows them.",
 )
 @click.option(
     "--coverage",
@@ -180,13 +181,17 @@ def run(plugins: tuple[Path, ...], fmt: str, **words: Any) -> int:
 
 
 @bench.command("list")
-@click.argument("kind", type=click.Choice(["models", "datasets", "protocols"]))
+@click.argument("kind", type=click.Choice(["models", "datasets", "protocols", "metrics"]))
 @plugin_option
 @debug_option
 def list_(kind: str, plugins: tuple[Path, ...]) -> None:
-    """List what can be named: models, data sets or protocols."""
-    from stiff_bench.describe import overview
+    """List what can be named: models, data sets, protocols or metrics."""
+    from stiff_bench.describe import metrics_overview, overview
     from stiff_bench.registry import usable_registry
+
+    if kind == "metrics":
+        click.echo(metrics_overview())
+        return
 
     registry = usable_registry(plugins)
     families = registry.families if kind == "models" else ()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from stiff_bench.options import options_of, parse_settings, parse_word
 from stiff_bench.registry import EVERY_MODEL, Registry, lookup
 from stiff_bench.robot_words import RobotWords
 from stiff_datasets.catalog import MEASURED_FILE
-from stiff_protocols.contract import ChecksParams
+from stiff_protocols.contract import ChecksParams, NamesSources
 from stiff_protocols.errors import ConfigError, DataError, StiffBenchError
 from stiff_protocols.metrics import Metric, metric
 from stiff_protocols.plugin import DatasetInfo, ModelInfo, PluginInfo, ProtocolInfo
@@ -60,6 +60,7 @@ class RunPlan:
 
     Attributes:
         coverage: nominal coverage of the intervals; None: no metric needs any.
+        sources: data sets that protocols have source domains made of, by their words.
     """
 
     models: tuple[Choice[ModelInfo], ...]
@@ -71,6 +72,7 @@ class RunPlan:
     output: Path
     command: str
     coverage: float | None
+    sources: Mapping[str, Choice[DatasetInfo]] = field(default_factory=dict)
 
 
 def plan_run(request: RunRequest, registry: Registry) -> RunPlan:
@@ -126,7 +128,7 @@ def plan_run(request: RunRequest, registry: Registry) -> RunPlan:
         _require_methods(dataset.info, dataset.make(), "load")
     for protocol in plan.protocols:
         _require_methods(protocol.info, protocol.make(), "splits")
-    return plan
+    return replace(plan, sources=_sources(plan.protocols, registry))
 
 
 def _info(kind: str, key: str, registry: Registry) -> PluginInfo:
@@ -164,6 +166,23 @@ def chosen_dataset(word: str, settings: Sequence[str], registry: Registry) -> Ch
     key, _ = split_word(word)
     classes = {key: lookup(registry.datasets, "dataset", key).load()}
     return _choice("dataset", word, classes, parse_settings(settings, classes), registry)
+
+
+def _sources(
+    protocols: Sequence[Choice[ProtocolInfo]], registry: Registry
+) -> dict[str, Choice[DatasetInfo]]:
+    """Return the data sets that protocols name as sources; a word alone sets their options."""
+    found = {}
+    for protocol in protocols:
+        made = protocol.make()
+        for word in made.source_datasets() if isinstance(made, NamesSources) else ():
+            try:
+                found[word] = chosen_dataset(word, (), registry)
+                _require_methods(found[word].info, found[word].make(), "load")
+            except ConfigError as error:
+                said = f"--protocol {protocol.name}: source {word!r}"
+                raise ConfigError(f"{said}: {error}") from error
+    return found
 
 
 def loaded(dataset: Choice[DatasetInfo]) -> BenchmarkData:

@@ -7,7 +7,10 @@ from collections.abc import Iterable
 from tabulate import tabulate
 
 from stiff_bench.options import Option, options_of
+from stiff_bench.tables import PRINTED
+from stiff_protocols.metrics import METRICS, Metric
 from stiff_protocols.plugin import DatasetInfo, ModelFamily, PluginInfo, ProtocolInfo
+from stiff_protocols.types import AXES
 
 
 def overview(infos: Iterable[PluginInfo], families: Iterable[ModelFamily] = ()) -> str:
@@ -28,6 +31,19 @@ def overview(infos: Iterable[PluginInfo], families: Iterable[ModelFamily] = ()) 
     return tabulate(rows, headers=headers)
 
 
+def metrics_overview() -> str:
+    """Return a line for each metric: key, unit as printed, what is best, what it is."""
+    rows = [
+        [item.key, PRINTED[item.unit][0], item.direction, _of_what(item), item.meaning]
+        for item in METRICS.values()
+    ]
+    return tabulate(rows, headers=["key", "unit", "best", "values", "what it is"])
+
+
+def _of_what(item: Metric) -> str:
+    return "x, y, z" if item.axes == AXES else "one"
+
+
 def describe(info: PluginInfo) -> str:
     """Return summary, reference, caveats and options of a catalogue line."""
     parts = [f"{info.key}: {info.summary}"]
@@ -38,8 +54,9 @@ def describe(info: PluginInfo) -> str:
         parts += [f"caveat: {caveat}" for caveat in info.caveats]
     if why := info.missing():
         parts.append(f"cannot be used here yet: {why}")
-    if isinstance(info, ProtocolInfo) and info.warning:
-        parts.append(f"warning: {info.warning}")
+    if isinstance(info, ProtocolInfo):
+        parts += [f"reasoning: {info.reasoning}"] if info.reasoning else []
+        parts += [f"warning: {info.warning}"] if info.warning else []
     options = options_of(info.load()).values()
     if not options:
         return "\n".join([*parts, "", "no options"])

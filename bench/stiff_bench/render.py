@@ -8,6 +8,7 @@ import io
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from tabulate import tabulate
@@ -23,6 +24,23 @@ DECIMALS = {"mm": 4, "%": 1, "": 3, "ms": 3, "MiB": 1, "1/s": 0}
 """Of mm: as in the source paper's Table 10."""
 
 
+@dataclass(frozen=True)
+class TextTable:
+    """A table whose cells are ready to print.
+
+    Attributes:
+        title: above it.
+        header: of each column.
+        rows: cells, one a column; the first column stands left, the others right.
+        notes: beneath it.
+    """
+
+    title: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    notes: Sequence[str]
+
+
 def render(tables: Sequence[Table], fmt: str, command: str) -> str:
     """Return the tables as text of the given format, with the command that makes them."""
     if fmt == "csv":
@@ -31,6 +49,17 @@ def render(tables: Sequence[Table], fmt: str, command: str) -> str:
         return json.dumps(
             {"command": command, "tables": [_plain(table) for table in tables]}, indent=2
         )
+    texts = [
+        TextTable(
+            table.title, _header(table), [_cells(table, row) for row in table.rows], table.notes
+        )
+        for table in tables
+    ]
+    return render_texts(texts, fmt, command)
+
+
+def render_texts(tables: Sequence[TextTable], fmt: str, command: str) -> str:
+    """Return the tables as "github", "latex" or "html", with the command that makes them."""
     parts = {"github": _github, "latex": _latex, "html": _html}[fmt]
     return "\n\n".join(parts(table, command) for table in tables)
 
@@ -52,7 +81,7 @@ def _heading(metric: Metric) -> str:
 
 def _cells(table: Table, row: Row) -> list[str]:
     values = [row.values.get((metric.key, axis)) for metric, axis in _columns(table)]
-    return [row.label, *(_text(value) for value in values)]
+    return [row.label, *(value_text(value) for value in values)]
 
 
 def _without_bars(text: str) -> str:
@@ -60,7 +89,8 @@ def _without_bars(text: str) -> str:
     return text.replace("|", r"\|")
 
 
-def _text(value: Value | None) -> str:
+def value_text(value: Value | None) -> str:
+    """Return a value for people, a dash where there is none."""
     if value is None:
         return "-"
     decimals = DECIMALS[value.unit]
@@ -68,24 +98,26 @@ def _text(value: Value | None) -> str:
     return text if math.isnan(value.std) else f"{text} ± {value.std:.{decimals}f}"
 
 
-def _body(table: Table, fmt: str) -> str:
-    rows = [_cells(table, row) for row in table.rows]
+def _body(table: TextTable, fmt: str) -> str:
+    rows = [list(table.header), *table.rows]
     if fmt == "github":
         rows = [[_without_bars(cell) for cell in row] for row in rows]
-    align = ["left", *["right"] * (len(rows[0]) - 1)]
+    align = ["left", *["right"] * (len(table.header) - 1)]
     return tabulate(
-        rows, headers=_header(table), tablefmt=fmt, colalign=align, disable_numparse=True
+        rows[1:], headers=rows[0], tablefmt=fmt, colalign=align, disable_numparse=True
     )
 
 
-def _github(table: Table, command: str) -> str:
+def _github(table: TextTable, command: str) -> str:
     notes = [f"- {note}" for note in (*table.notes, f"made by: `{command}`")]
     return "\n".join([f"**{table.title}**", "", _body(table, "github"), "", *notes])
 
 
-def _latex(table: Table, command: str) -> str:
+def _latex(table: TextTable, command: str) -> str:
     """Return a table environment; the notes are printed beneath, not hidden in comments."""
-    body = _body(table, "latex_booktabs").replace("±", r"$\pm$")
+    body = _body(table, "latex_booktabs")
+    for sign, written in _LATEX_SIGNS.items():
+        body = body.replace(sign, written)
     notes = (*table.notes, f"made by: {command}")
     return "\n".join(
         [
@@ -99,10 +131,12 @@ def _latex(table: Table, command: str) -> str:
     )
 
 
+_LATEX_SIGNS = {"±": r"$\pm$", "≈": r"$\approx$"}
 _LATEX_ESCAPES = str.maketrans(
     {character: rf"\{character}" for character in "&%$#_{}"}
     | {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
-    | {"±": r"$\pm$", "|": r"\textbar{}", "<": r"\textless{}", ">": r"\textgreater{}"}
+    | {"|": r"\textbar{}", "<": r"\textless{}", ">": r"\textgreater{}"}
+    | _LATEX_SIGNS
 )
 
 
@@ -110,7 +144,7 @@ def _latex_text(text: str) -> str:
     return text.translate(_LATEX_ESCAPES)
 
 
-def _html(table: Table, command: str) -> str:
+def _html(table: TextTable, command: str) -> str:
     notes = "".join(f"<li>{html.escape(note)}</li>" for note in table.notes)
     return "\n".join(
         [

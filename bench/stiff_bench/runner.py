@@ -18,14 +18,18 @@ from stiff_bench.config import RunPlan, loaded
 from stiff_bench.costs import MemoryMeter, latency, throughput
 from stiff_bench.messages import printing_to_stderr
 from stiff_bench.provenance import environment, peak_memory_bytes
+from stiff_bench.sources import check_named, check_source
 from stiff_bench.store import ResultStore
+from stiff_bench.tuning import tuned_models
 from stiff_models.catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.conformal import SplitConformal
 from stiff_protocols.contract import (
     ChecksRobot,
     ChoosesEpoch,
+    ChoosesOptions,
     DividesByRobot,
     EvaluationProtocol,
+    LearnsFromSource,
     PredictsInterval,
     ReportsDiagnostics,
     StatesRegime,
@@ -33,6 +37,7 @@ from stiff_protocols.contract import (
 )
 from stiff_protocols.cost import Cost
 from stiff_protocols.errors import (
+    ConfigError,
     ModelError,
     StiffBenchError,
     StiffBenchWarning,
@@ -48,9 +53,11 @@ from stiff_protocols.record import (
     RunManifest,
 )
 from stiff_protocols.sanity import check_prediction, check_units
+from stiff_protocols.splits import leak_of
 from stiff_protocols.types import (
     BenchmarkData,
     FloatArray,
+    IntArray,
     Interval,
     Prediction,
     Samples,
@@ -59,6 +66,8 @@ from stiff_protocols.types import (
 
 ROWS_FOR_UNITS = 256
 """How many training rows are predicted to see that a model predicts m: enough, and soon done."""
+NO_SOURCE = "no source: target alone"
+"""Regime of a model that has no source domain, where the others' comes from another robot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +82,8 @@ class CellTask:
         split: the rows.
         chooses_epoch: the model as it is set up uses validation rows.
         n_splits: of its protocol on its data set, in one condition.
+        source: data of the other robot or specimen that its source domain comes from; None: the
+            training rows.
     """
 
     cell: Cell
@@ -82,6 +93,14 @@ class CellTask:
     split: Split
     chooses_epoch: bool
     n_splits: int
+    source: BenchmarkData | None = None
+
+    def make(self) -> StiffnessModel:
+        """Return a new model that knows its source."""
+        model: StiffnessModel = self.model.make()
+        if isinstance(model, LearnsFromSource):
+            model.use_source(self.source)
+        return model
 
 
 Watcher = Callable[[int, int, CellTask], None]
@@ -92,19 +111,30 @@ def cell_tasks(plan: RunPlan) -> list[CellTask]:
     """Load the data, divide it, and list every cell: data set by protocol by split by model.
 
     Raises:
-        StiffBenchError: a data set cannot be loaded or divided.
+        StiffBenchError: a data set cannot be loaded or divided, or is no source for another; a
+            grid of options to choose from is wrong.
     """
     tasks = []
+    tuned = tuned_models(plan.protocols, plan.models)
+    sources = {word: loaded(choice) for word, choice in plan.sources.items()}
     for dataset in plan.datasets:
         data = loaded(dataset)
         data_sha256 = data.sha256
-        models = [_prepared(choice, data) for choice in plan.models]
+        models = {"": [_prepared(choice, data) for choice in plan.models]}
+        for word, source in sources.items():
+            check_source(word, source, dataset.name, data)
+            models[word] = [_prepared(choice, data, source) for choice in plan.models]
         for choice in plan.protocols:
             protocol: EvaluationProtocol = choice.make()
             if isinstance(protocol, DividesByRobot):
                 protocol.use_robot(data.robot)
             splits = protocol.splits(data.samples, n_splits=plan.splits, seed=plan.seed)
+            check_named(splits, plan.sources, choice.info.key)
+            _refuse_leaks(choice.info.key, protocol, splits)
             n_splits = 1 + max(split.index for split in splits)
+            entered = models
+            if choice.name in tuned:
+                entered = {"": [_prepared(model, data) for model in tuned[choice.name]]}
             for split in splits:
                 same = Cell(
                     model="",
@@ -120,22 +150,40 @@ def cell_tasks(plan: RunPlan) -> list[CellTask]:
                     coverage=plan.coverage,
                     condition=split.condition,
                     rows_sha256="" if split.wrench_error is None else split.rows_sha256,
+                    source_sha256=sources[split.source].sha256 if split.source else "",
                 )
                 tasks += [
                     CellTask(
                         cell=replace(
                             same, model=model.choice.info.key, model_params=model.choice.identity
                         ),
-                        shown=_presentation(model, dataset, choice, protocol),
+                        shown=_presentation(
+                            model, dataset, choice, protocol, plan.sources.get(split.source)
+                        ),
                         model=model.choice,
                         data=data,
                         split=split,
                         chooses_epoch=model.chooses_epoch,
                         n_splits=n_splits,
+                        source=sources.get(split.source),
                     )
-                    for model in models
+                    for model in entered[split.source]
                 ]
     return tasks
+
+
+def _refuse_leaks(key: str, protocol: EvaluationProtocol, splits: Sequence[Split]) -> None:
+    """See that no split lets a model learn from test rows, whoever wrote the protocol.
+
+    Raises:
+        ConfigError: there is no split, or one leaks without saying so.
+    """
+    if not splits:
+        raise ConfigError(f"protocol {key!r} made no split of these samples")
+    for split in splits:
+        leak = leak_of(split, selects_on_test=protocol.selects_on_test)
+        if leak:
+            raise ConfigError(f"protocol {key!r}: split {split.index} {leak}")
 
 
 @dataclass(frozen=True)
@@ -147,14 +195,23 @@ class _Prepared:
     regime: str
 
 
-def _prepared(choice: Choice[ModelInfo], data: BenchmarkData) -> _Prepared:
+def _prepared(
+    choice: Choice[ModelInfo], data: BenchmarkData, source: BenchmarkData | None = None
+) -> _Prepared:
     made = choice.make()
+    regimes = []
+    if isinstance(made, LearnsFromSource):
+        made.use_source(source)
+    elif source is not None:
+        regimes.append(NO_SOURCE)
     if isinstance(made, ChecksRobot):
         made.check_robot(data.robot)
     chooses = choice.info.uses_validation
     if chooses and isinstance(made, ChoosesEpoch):
         chooses = made.chooses_epoch()
-    return _Prepared(choice, chooses, made.regime if isinstance(made, StatesRegime) else "")
+    if isinstance(made, StatesRegime):
+        regimes.append(made.regime)
+    return _Prepared(choice, chooses, ", ".join(filter(None, regimes)))
 
 
 def _presentation(
@@ -162,7 +219,9 @@ def _presentation(
     dataset: Choice[DatasetInfo],
     choice: Choice[ProtocolInfo],
     protocol: EvaluationProtocol,
+    source: Choice[DatasetInfo] | None,
 ) -> Presentation:
+    caveats = dataset.info.caveats + (() if source is None else source.info.caveats)
     return Presentation(
         model=model.choice.name,
         dataset=dataset.name,
@@ -173,7 +232,7 @@ def _presentation(
         picked_on_test=protocol.selects_on_test and model.chooses_epoch,
         selects_on_test=protocol.selects_on_test,
         pooled=protocol.pooled,
-        caveats=dataset.info.caveats,
+        caveats=tuple(dict.fromkeys(caveats)),
         published=dataset.info.published,
         warning=choice.info.warning,
     )
@@ -196,7 +255,9 @@ def run_cells(
         cells=tuple(task.cell.key for task in tasks),
     )
     store.write_manifest(manifest)
-    for data in {task.cell.data_sha256: task.data for task in tasks}.values():
+    kept = {task.cell.data_sha256: task.data for task in tasks}
+    kept |= {task.cell.source_sha256: task.source for task in tasks if task.source is not None}
+    for data in kept.values():
         store.write_data(data)
     done = 0
     try:
@@ -255,7 +316,7 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
     """Fit and predict, and only then look at what was measured at the test rows."""
     train, validation = _training_side(task, chooses_epoch=task.chooses_epoch)
     q, wrench = task.data.samples.q[task.split.test], task.split.test_wrench(task.data.samples)
-    model: StiffnessModel = task.model.make()
+    model = task.make()
     intervals = _interval_source(task, model, train, validation)
     memory = MemoryMeter()
     start = time.perf_counter()
@@ -299,6 +360,12 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
         calibration_samples=(
             len(intervals.residuals_) if isinstance(intervals, SplitConformal) else 0
         ),
+        n_train=len(_training_rows(task)),
+        chosen=(
+            {name: str(value) for name, value in model.best_params_.items()}
+            if isinstance(model, ChoosesOptions)
+            else {}
+        ),
     )
 
 
@@ -330,7 +397,7 @@ def _interval_source(
         return None
     if isinstance(model, PredictsInterval):
         return model
-    conformal = SplitConformal(task.model.make(), coverage=task.cell.coverage)
+    conformal = SplitConformal(task.make(), coverage=task.cell.coverage)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", StiffBenchWarning)
         try:
@@ -368,13 +435,21 @@ def _training_side(task: CellTask, *, chooses_epoch: bool) -> tuple[Samples, Sam
     """Return training and validation samples.
 
     A model that chooses no epoch has no use for validation rows; it learns from all of the
-    training side instead. Where the validation rows are the test rows, nobody learns from them.
+    training side instead.
     """
     samples, split = task.data.samples, task.split
     if chooses_epoch:
         validation = samples.take(split.validation) if len(split.validation) else None
         return samples.take(split.train), validation
-    rows = split.train
-    if not task.shown.selects_on_test:
-        rows = np.sort(np.concatenate([split.train, split.validation]))
-    return samples.take(rows), None
+    return samples.take(_training_rows(task)), None
+
+
+def _training_rows(task: CellTask) -> IntArray:
+    """Return the rows of the training side, those that choose an epoch too.
+
+    Where the validation rows are the test rows, nobody learns from them.
+    """
+    split = task.split
+    if task.shown.selects_on_test:
+        return split.train
+    return np.sort(np.concatenate([split.train, split.validation]))

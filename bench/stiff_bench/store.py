@@ -16,6 +16,7 @@ import hashlib
 import json
 import math
 import tempfile
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -99,6 +100,16 @@ class ResultStore:
         return RunManifest(**{**content, "cells": tuple(content["cells"])})
 
 
+def read_results(folder: Path) -> Iterator[CellResult]:
+    """Yield every cell of a folder, failed and skipped ones too, in the order of their keys.
+
+    Raises:
+        StoreError: a file cannot be read or is damaged.
+    """
+    for path in sorted((folder / "cells").glob("*.json")):
+        yield _cell_result(_read_checked(path))
+
+
 def _cell_content(result: CellResult) -> dict[str, Any]:
     return {
         "cell": asdict(result.cell),
@@ -116,6 +127,8 @@ def _cell_content(result: CellResult) -> dict[str, Any]:
         "warnings": list(result.warnings),
         "failure": result.failure,
         "calibration_samples": result.calibration_samples,
+        "n_train": result.n_train,
+        "chosen": dict(result.chosen),
     }
 
 
@@ -149,6 +162,8 @@ def _cell_result(content: dict[str, Any]) -> CellResult:
         warnings=tuple(content["warnings"]),
         failure=content["failure"],
         calibration_samples=content["calibration_samples"],
+        n_train=content.get("n_train", 0),  # unknown in results from before it was stored
+        chosen=content.get("chosen", {}),
     )
 
 

@@ -2,7 +2,7 @@
 
 ::
 
-    OUTPUT/data/<sha256>.npz       samples, robot's name, joint torques of the loads
+    OUTPUT/data/<sha256>.npz       samples, robot's name, joint torques of the loads, TCP positions
 
 Once a data set, so that a folder of results can be judged without the data set's own files.
 """
@@ -18,6 +18,7 @@ import numpy as np
 from stiff_bench.statics import load_torque
 from stiff_protocols.errors import StoreError
 from stiff_protocols.files import written_whole
+from stiff_protocols.forward_kinematics import tcp_position
 from stiff_protocols.types import BenchmarkData, FloatArray, Samples
 
 
@@ -30,12 +31,17 @@ class StoredData:
         torque: (n, n_joints) N m (N), of the loads on the joints.
         joint_names: base to tip.
         robot: its name.
+        tcp: (n, 3) m, where the unloaded TCP is in the base frame; None in a folder from before it
+            was stored.
+        torque_units: one a joint, "Nm" of a revolute one, "N" of a prismatic one.
     """
 
     samples: Samples
     torque: FloatArray
     joint_names: tuple[str, ...]
     robot: str
+    tcp: FloatArray | None
+    torque_units: tuple[str, ...]
 
 
 def write_data(folder: Path, data: BenchmarkData, sha256: str) -> None:
@@ -48,6 +54,8 @@ def write_data(folder: Path, data: BenchmarkData, sha256: str) -> None:
         np.savez_compressed(
             file,
             torque=load_torque(data),
+            tcp=tcp_position(data.robot, data.samples.q),
+            joint_types=np.array(data.robot.joint_types),
             joint_names=np.array(data.robot.joint_names),
             robot=np.array(data.robot.name),
             **arrays,
@@ -64,11 +72,15 @@ def read_data(folder: Path, sha256: str) -> StoredData:
     try:
         with np.load(path, allow_pickle=False) as found:
             samples = Samples(**{item.name: found[item.name] for item in fields(Samples)})
+            joint_names = tuple(found["joint_names"].tolist())
+            types = found["joint_types"].tolist() if "joint_types" in found else ["revolute"] * len(joint_names)
             return StoredData(
                 samples=samples,
                 torque=found["torque"],
-                joint_names=tuple(found["joint_names"].tolist()),
+                joint_names=joint_names,
                 robot=str(found["robot"]),
+                tcp=found["tcp"] if "tcp" in found else None,
+                torque_units=tuple("N" if kind == "prismatic" else "Nm" for kind in types),
             )
     except OSError as error:
         raise StoreError(f"{path}: cannot be read: {error.strerror or error}") from error

@@ -17,6 +17,7 @@ from stiff_protocols.errors import StoreError
 from stiff_protocols.metrics import Metric, Unit
 from stiff_protocols.plugin import kind_label
 from stiff_protocols.record import CellResult, Presentation
+from stiff_protocols.search_space import in_words
 from stiff_protocols.types import Interval, Prediction
 
 PRINTED: dict[Unit, tuple[str, float]] = {
@@ -276,6 +277,7 @@ def _model_notes(results: Sequence[CellResult]) -> list[str]:
             numbers.append(f"{key} {_mean_text(values)}")
         over = f" (means over {len(done)} splits)" if len(done) > 1 else ""
         notes.append(f"{name}{over}: {', '.join(numbers)}.")
+    notes += _chosen_notes(name, done)
     coverage = results[0].cell.coverage
     if coverage is not None and any(_has_interval(result) for result in done):
         notes.append(f"{name}: {percent(coverage)} intervals are {_interval_kind(done)}.")
@@ -290,6 +292,18 @@ def _model_notes(results: Sequence[CellResult]) -> list[str]:
             where = f" ({times} of {len(results)} splits)" if len(results) > 1 else ""
             notes.append(f"{name}: {kind}{where}: {message}")
     return notes
+
+
+def _chosen_notes(name: str, done: Sequence[CellResult]) -> list[str]:
+    """Return which options the fits chose, and in how many splits each; none where none did."""
+    choices = [in_words(result.chosen) for result in done if result.chosen]
+    if not choices:
+        return []
+    counted = [
+        f"{chosen} ({choices.count(chosen)} of {len(done)} splits)" if len(done) > 1 else chosen
+        for chosen in dict.fromkeys(choices)
+    ]
+    return [f"{name}: chosen on inner folds: {'; '.join(counted)}."]
 
 
 def _has_interval(result: CellResult) -> bool:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 from stiff_protocols.errors import unknown_name
 from stiff_protocols.plugin import ModelFamily, ModelInfo
 
 _QUICK_NETWORK = {"width": 16, "epochs": 20}
 _QUICK_PROCESS = {"restarts": 0, "ard": False}
+_LAYERS = ("1", "2", "3", "4", "out")  # of the base network, as `freeze=layers:` names them
+_KERNELS = {"kernel": ("matern", "rbf"), "ard": (True, False)}
+_PHYSICS = {"physics": ("vjm", "vjm-multisegment", "vjm-full")}
 _QUICK_SOURCE = {"width": 16, "pretrain_steps": 20}
 
 REFERENCE_MODEL = "vjm"
@@ -27,6 +32,7 @@ MODELS = (
         key="knn",
         target="stiff_models.knn:NearestNeighbours",
         summary="mean of the nearest training samples",
+        grids={"default": {"neighbours": (1, 3, 5, 10), "weights": ("uniform", "distance")}},
     ),
     ModelInfo(
         key="vjm",
@@ -39,12 +45,14 @@ MODELS = (
         target="stiff_models.multi_segment_vjm:MultiSegmentVjm",
         summary="VJM whose springs get another slope as the torque grows, preloaded by gravity",
         reference="multi-segment joint stiffness after Schneider et al.; see docs/models.md",
+        grids={"default": {"segments": (2, 3), "breakpoints": ("quantile", "search")}},
     ),
     ModelInfo(
         key="vjm-full",
         target="stiff_models.full_vjm:FullVjm",
         summary="three or six virtual springs a joint, reduced to what the samples identify",
         reference="after Pashkevich, Klimchik and Chablat 2011",
+        grids={"default": {"springs": (3, 6), "solver": ("nnls", "ridge")}},
     ),
     ModelInfo(
         key="mlp",
@@ -53,6 +61,7 @@ MODELS = (
         reference="network of the source paper, without its transfer",
         uses_validation=True,
         quick=_QUICK_NETWORK,
+        grids={"default": {"learning_rate": (3e-4, 1e-3, 3e-3), "width": (128, 380)}},
     ),
     ModelInfo(
         key="mlp-pretrained",
@@ -68,6 +77,14 @@ MODELS = (
         reference="the method of the source paper",
         uses_validation=True,
         quick=_QUICK_SOURCE | {"epochs": 10},
+        grids={
+            "default": {"freeze": ("layers:1,2", "full", "head", "last:2", "lp-ft")},
+            "freeze-single": {"freeze": tuple(f"layers:{layer}" for layer in _LAYERS)},
+            "freeze-pairs": {
+                "freeze": tuple(f"layers:{','.join(pair)}" for pair in combinations(_LAYERS, 2))
+            },
+            "rate": {"learning_rate": (1e-4, 3e-4, 1e-3, 3e-3)},
+        },
     ),
     ModelInfo(
         key="dt-cnn",
@@ -76,6 +93,7 @@ MODELS = (
         reference="Zhao et al., UDTL, 2021; the source paper's DT-CNN",
         uses_validation=True,
         quick={"pretrain_steps": 12},
+        grids={"default": {"alignment": ("none", "mk-mmd", "coral")}},
     ),
     ModelInfo(
         key="compliance-net",
@@ -98,18 +116,24 @@ MODELS = (
         summary="VJM, and an MLP for what it leaves",
         uses_validation=True,
         quick=_QUICK_NETWORK,
+        grids={
+            "default": {"learning_rate": (3e-4, 1e-3, 3e-3), "width": (128, 380)},
+            "physics": _PHYSICS,
+        },
     ),
     ModelInfo(
         key="gp",
         target="stiff_models.gp:GaussianProcessModel",
         summary="Gaussian process of the deflections, with its own intervals",
         quick=_QUICK_PROCESS,
+        grids={"default": _KERNELS},
     ),
     ModelInfo(
         key="vjm-gp",
         target="stiff_models.vjm_gp:VjmGp",
         summary="VJM, and a Gaussian process for what it leaves, with its own intervals",
         quick=_QUICK_PROCESS,
+        grids={"default": _KERNELS, "physics": _PHYSICS},
     ),
     ModelInfo(
         key="mf-gp",
@@ -123,6 +147,10 @@ MODELS = (
         target="stiff_models.vjm_boosting:VjmBoosting",
         summary="VJM, and gradient-boosted trees for what it leaves",
         quick={"trees": 20},
+        grids={
+            "default": {"learning_rate": (0.02, 0.05, 0.1), "leaves": (4, 8)},
+            "physics": _PHYSICS,
+        },
     ),
     ModelInfo(
         key="realmlp",

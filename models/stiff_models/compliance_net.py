@@ -61,7 +61,9 @@ class ComplianceNet(FtMlp):
 
     Its constant case is the teacher of the source domain, so that pre-training on a source with
     identified stiffnesses has nothing to teach and is left out by default; it has with
-    source_stiffness=nominal.
+    source_stiffness=nominal. From another robot's source come the compliances that training begins
+    with, and a pre-training in that robot's own kinematics; predictions and fine-tuning are in the
+    kinematics of the robot that is fitted for.
 
     Attributes:
         freeze: which layers move in fine-tuning: "layers:1,2" (hidden layers from 1, "out" for the
@@ -92,8 +94,8 @@ class ComplianceNet(FtMlp):
     def _compliances(self) -> ComplianceNetwork:
         return cast(ComplianceNetwork, self.network_)
 
-    def _source_compliance(self, train: Samples, robot: Robot) -> FloatArray:
-        compliance = super()._source_compliance(train, robot)
+    def _source_compliance(self, samples: Samples, robot: Robot) -> FloatArray:
+        compliance = super()._source_compliance(samples, robot)
         # a joint that the VJM found rigid must still be able to give way
         typical = np.median(compliance[compliance > 0.0]) if compliance.any() else 1.0
         self.reference_compliance_ = np.where(compliance > 0.0, compliance, typical)

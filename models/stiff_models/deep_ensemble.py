@@ -53,17 +53,16 @@ class DeepEnsemble(FtMlp):
                 are of one pose.
         """
         self.check_params()
-        options = {item.name: getattr(self, item.name) for item in fields(FtMlp)}
         further = np.random.default_rng(seed).integers(2**31, size=self.members - 1)
         self.members_ = [
-            FtMlp(**options).fit(train, robot=robot, validation=validation, seed=int(member_seed))
+            self._member().fit(train, robot=robot, validation=validation, seed=int(member_seed))
             for member_seed in (seed, *further)
         ]
         parts = inner_validation(train, np.arange(len(train)), HELD_OUT, seed)
         if not len(parts.validation):
             raise ModelError("deep-ensemble needs samples of two poses or more for its intervals")
         held_out = train.take(parts.validation)
-        probe = FtMlp(**options).fit(
+        probe = self._member().fit(
             train.take(parts.train), robot=robot, validation=validation, seed=seed
         )
         error = probe.predict(held_out.q, held_out.wrench) - held_out.deflection
@@ -87,6 +86,13 @@ class DeepEnsemble(FtMlp):
         members = self._of_members(*self._checked(q, wrench))
         deviation = np.sqrt(members.var(axis=0) + self.noise_**2)
         return normal_interval(members.mean(axis=0), deviation, coverage)
+
+    def _member(self) -> FtMlp:
+        """Return an unfitted network with the ensemble's options and source."""
+        options = {item.name: getattr(self, item.name) for item in fields(FtMlp) if item.init}
+        member = FtMlp(**options)
+        member.use_source(self._source)
+        return member
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         return np.asarray(self._of_members(q, wrench).mean(axis=0))

@@ -23,7 +23,7 @@ from stiff_models.features import Scaler
 from stiff_models.ft_mlp import FINE_TUNING
 from stiff_models.mlp_pretrained import divided, source_error, source_report
 from stiff_models.network_model import EncodedNetworkModel
-from stiff_models.source_model import NO_TARGET_LABELS, SourceModel
+from stiff_models.source_model import SourceModel
 from stiff_models.training import Rows, train_network
 from stiff_models.training_plan import Trainable, TrainingPlan
 from stiff_protocols.types import FloatArray, Robot, Samples
@@ -64,7 +64,7 @@ class DtCnn(SourceModel, EncodedNetworkModel):
 
     - `supervision="none"`, as in UDTL: no label of a measured sample trains the network. Even so
       the training labels identify the joint stiffnesses that make the source, unless
-      `source_stiffness="nominal"`.
+      `source_stiffness="nominal"` or the source is another robot's.
     - `supervision="fine-tune"`: afterwards every layer learns from the measured training samples.
 
     Attributes:
@@ -92,7 +92,7 @@ class DtCnn(SourceModel, EncodedNetworkModel):
     @property
     def regime(self) -> str:
         """Say whether measured deflections train the network."""
-        return NO_TARGET_LABELS if self.supervision == "none" else ""
+        return self._unlabelled() if self.supervision == "none" else ""
 
     def chooses_epoch(self) -> bool:
         """Return whether validation rows choose the epoch: only of the fine-tuning."""
@@ -114,15 +114,17 @@ class DtCnn(SourceModel, EncodedNetworkModel):
             ConfigError: the source cannot be made for the robot.
             ModelError: no joint can be identified, or a training diverged.
         """
-        domain = self._simulated(train, robot, seed)
+        origin = self._origin(train, robot)
+        domain = self._simulated(origin.samples, origin.robot, seed)
         learn, test = divided(domain, seed)
-        self._start(robot, learn.q, learn.wrench, learn.deflection, seed)
+        self._start(origin.robot, learn.q, learn.wrench, learn.deflection, seed)
         rows = self._rows(learn.q, learn.wrench, learn.deflection)
         trained = self._transfer(rows, self._inputs(train.q, train.wrench), seed)
         self.history_ = trained.curve
         some = test.take(np.arange(min(len(test), SOURCE_TEST_ROWS)))
         self.source_test_mae_ = source_error(self, some)
         self.diagnostics_ = source_report(len(domain), trained.seconds, self.source_test_mae_)
+        self.robot_ = robot
         if self.supervision == "fine-tune":
             held_out = None if validation is None else self._measured_rows(validation)
             self._fine_tune(self._measured_rows(train), held_out, seed)

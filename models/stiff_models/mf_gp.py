@@ -22,7 +22,8 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
     """Two-fidelity co-kriging, one an axis; see `co_kriging`.
 
     Its few simulated samples should lie where the measured ones do, so that the source is a Sobol
-    design over the training samples' ranges unless another is asked for.
+    design over the training samples' ranges unless another is asked for. With another robot's
+    source the low fidelity is that robot's VJM, over its own samples' ranges.
 
     Attributes:
         source_samples: drawn at random from the source's design, one wrench a pose, besides those
@@ -49,14 +50,17 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
             ModelError: no joint can be identified.
         """
         inputs, targets = self._standardised(robot, train)
-        compliance = self._source_compliance(train, robot)
+        origin = self._origin(train, robot)
+        compliance = self._source_compliance(origin.samples, origin.robot)
         drawn_q, drawn_wrench = drawn_from(
-            self._design(train, robot, seed), self.source_samples, np.random.default_rng(seed)
+            self._design(origin.samples, origin.robot, seed),
+            self.source_samples,
+            np.random.default_rng(seed),
         )
         # nested designs: the low fidelity is simulated where the high one was measured too
         q, wrench = np.vstack([drawn_q, train.q]), np.vstack([drawn_wrench, train.wrench])
         cheap_inputs = self._inputs(robot, q, wrench)
-        cheap = self.output_scaler_.apply(joint_deflection(robot, compliance, q, wrench))
+        cheap = self.output_scaler_.apply(joint_deflection(origin.robot, compliance, q, wrench))
         with told_as_ours(but=AT_A_BOUND):
             self.levels_ = tuple(
                 fit_co_kriging(

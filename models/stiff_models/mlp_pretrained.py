@@ -1,7 +1,7 @@
 """`mlp-pretrained`: the base network trained on the simulated source domain alone.
 
 It sees the measurements only through the VJM that is identified on the training part and
-supplies the source domain's deflections.
+supplies the source domain's deflections; with another robot's source it does not see them at all.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from annotated_types import Ge
 from stiff_models.base import FittedModel
 from stiff_models.network_model import NetworkModel
 from stiff_models.source import SourceDomain
-from stiff_models.source_model import NO_TARGET_LABELS, SourceModel
+from stiff_models.source_model import SourceModel
 from stiff_models.training_plan import TrainingPlan
 from stiff_protocols.types import AXES, FloatArray, Robot, Samples
 
@@ -56,7 +56,7 @@ class MlpPretrained(SourceModel, NetworkModel):
     @property
     def regime(self) -> str:
         """Say that no measured deflection trains the network."""
-        return NO_TARGET_LABELS
+        return self._unlabelled()
 
     def fit(
         self,
@@ -68,15 +68,16 @@ class MlpPretrained(SourceModel, NetworkModel):
     ) -> Self:
         """Identify the VJM on `train`, simulate the source domain, train on 70 % of it.
 
-        `validation` is not used.
+        `validation` is not used, nor is `train` with another robot's source.
 
         Raises:
             ConfigError: the source cannot be made for the robot.
             ModelError: no joint can be identified, or the training diverged.
         """
-        domain = self._simulated(train, robot, seed)
+        origin = self._origin(train, robot)
+        domain = self._simulated(origin.samples, origin.robot, seed)
         learn, test = divided(domain, seed)
-        self._start(robot, learn.q, learn.wrench, learn.deflection, seed)
+        self._start(origin.robot, learn.q, learn.wrench, learn.deflection, seed)
         trained = self._train_remembered(
             self._rows(learn.q, learn.wrench, learn.deflection),
             self._pretraining_plan(),
@@ -86,6 +87,7 @@ class MlpPretrained(SourceModel, NetworkModel):
         self.history_ = trained.curve
         self.source_test_mae_ = source_error(self, test)
         self.diagnostics_ = source_report(len(domain), trained.seconds, self.source_test_mae_)
+        self.robot_ = robot
         return self
 
     def _pretraining_plan(self) -> TrainingPlan:

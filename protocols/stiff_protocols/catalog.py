@@ -75,9 +75,55 @@ PROTOCOLS = (
         ),
     ),
     ProtocolInfo(
+        key="workspace-extrapolation",
+        target="stiff_protocols.workspace:WorkspaceExtrapolation",
+        summary="hold out one of 4 regions of the workspace, train on the others",
+        reasoning=(
+            "Fixtures and fences keep a tracker from seeing every corner: does a model hold where "
+            "the TCP never was in training? Random splits cannot say, because every test pose "
+            "there has neighbours that were measured."
+        ),
+    ),
+    ProtocolInfo(
+        key="sensor-noise",
+        target="stiff_protocols.sensor_noise:SensorNoise",
+        summary="holdout with sensor noise and bias on test wrenches, 0 to 20 x an ATI Axia80-M8's",
+        reasoning=(
+            "On line the wrench comes from a force sensor, not from known weights: how much of a "
+            "model's accuracy is left? Models learn from clean wrenches; fit and draws are the "
+            "same at every level, so only the level differs."
+        ),
+    ),
+    ProtocolInfo(
+        key="cross-robot",
+        target="stiff_protocols.cross_robot:CrossRobot",
+        summary="pre-train on another robot's or specimen's VJM, fine-tune on this one",
+        reasoning=(
+            "Must a source domain be made anew for each robot, or does another specimen's, or "
+            "another robot's, do? The same divisions are tested with the target's own source and "
+            "with the foreign one, so that their difference is a paired comparison. Models without "
+            "a source learn from the target alone and give the row to beat. All samples of the "
+            "source are used: none of them is the target's."
+        ),
+    ),
+    ProtocolInfo(
+        key="nested",
+        target="stiff_protocols.nested:Nested",
+        summary="holdout; options are chosen first, by cross-validation inside the training side",
+        reasoning=(
+            "How well does a model do when nobody tunes it by hand? Options that were picked by "
+            "their test error flatter a model. Here each split chooses them anew without its test "
+            "part, which tests choosing and fitting together. The candidates are a "
+            "grid of the model's catalogue line or of a TOML file; an option that you set is not "
+            "searched; a model without a grid is fitted as it is and marked 'not tuned'. The "
+            "search is part of the fit and of its time, and split-conformal intervals repeat it "
+            "without their calibration poses. Compare with holdout's row to see what tuning brings."
+        ),
+    ),
+    ProtocolInfo(
         key="paper-holdout",
         target="stiff_protocols.protocol:PaperHoldout",
-        summary="the source paper's: 80/20 at random, the 20 % also picks the best epoch",
+        summary="the source paper's: 80/20 by pose, the 20 % also picks the best epoch",
         reasoning="Only to reproduce the paper's figures. It is not fair, and its rows say so.",
         warning=(
             "paper-holdout picks the best epoch on the very samples it reports, as the source "

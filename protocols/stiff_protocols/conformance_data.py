@@ -7,8 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from stiff_protocols.checklist import Check, Failed, NotApplicable, Question, answers
-from stiff_protocols.contract import EvaluationProtocol, StiffnessDataset
+from stiff_protocols.checklist import (
+    Check,
+    Failed,
+    NotApplicable,
+    Question,
+    StageFailed,
+    answers,
+)
+from stiff_protocols.contract import DividesByRobot, EvaluationProtocol, StiffnessDataset
+from stiff_protocols.splits import leak_of
+from stiff_protocols.errors import StiffBenchError
 from stiff_protocols.types import BenchmarkData, Samples, Split
 
 LARGEST_WRENCH = 1e5  # N or N m; the largest robots carry some 2e4 N
@@ -77,40 +86,65 @@ class DividedRows:
 
     Attributes:
         samples: the data.
-        protocol: what divides it.
+        protocol: what divides it; it knows the robot if it asks for one.
     """
 
-    def __init__(self, make: Callable[[], EvaluationProtocol], samples: Samples) -> None:
+    def __init__(self, make: Callable[[], EvaluationProtocol], data: BenchmarkData) -> None:
         """Make the protocol."""
-        self.samples = samples
+        self.samples = data.samples
         self.protocol = make()
+        if isinstance(self.protocol, DividesByRobot):
+            self.protocol.use_robot(data.robot)
 
     def splits(self, samples: Samples | None = None) -> Sequence[Split]:
-        """Return the divisions of these samples, or others."""
+        """Return the divisions of these samples, or others.
+
+        Raises:
+            StageFailed: the protocol raised.
+        """
         chosen = self.samples if samples is None else samples
-        return self.protocol.splits(chosen, n_splits=None, seed=0)
+        try:
+            return self.protocol.splits(chosen, n_splits=None, seed=0)
+        except StiffBenchError as error:
+            advice = "check it on a data set that it can divide (--dataset KEY)"
+            raise StageFailed("splits", Failed(str(error), advice)) from error
+        except (Exception, SystemExit) as error:
+            raise StageFailed("splits", error) from error
 
 
-def check_protocol(make: Callable[[], EvaluationProtocol], samples: Samples) -> list[Check]:
+def check_protocol(make: Callable[[], EvaluationProtocol], data: BenchmarkData) -> list[Check]:
     """Check how a protocol divides samples.
 
     Args:
         make: returns a new protocol with the options to be checked.
-        samples: to be divided.
+        data: to be divided.
     """
-    return answers(_PROTOCOL_QUESTIONS, DividedRows(make, samples))
+    return answers(_PROTOCOL_QUESTIONS, DividedRows(make, data))
 
 
 def _rows_exist(divided: DividedRows) -> str:
     """See that every part holds row numbers, and training and test part some."""
     splits = divided.splits()
+    if not splits:
+        raise Failed("there are no splits")
     for split in splits:
         if not len(split.train) or not len(split.test):
-            raise Failed(f"split {split.index} has no training or no test rows")
+            raise Failed(f"{_named(split)} has no training or no test rows")
         rows = np.concatenate([split.train, split.validation, split.test])
         if rows.dtype.kind != "i" or rows.min() < 0 or rows.max() >= len(divided.samples):
-            raise Failed(f"split {split.index} has rows outside 0..{len(divided.samples) - 1}")
+            raise Failed(f"{_named(split)} has rows outside 0..{len(divided.samples) - 1}")
     return f"{len(splits)} splits"
+
+
+def _told_apart(divided: DividedRows) -> str:
+    """See that the splits of every condition are numbered from 0."""
+    indices: dict[str, list[int]] = {}
+    for split in divided.splits():
+        indices.setdefault(split.condition, []).append(split.index)
+    for condition, found in indices.items():
+        if sorted(found) != list(range(len(found))):
+            raise Failed(f"condition {condition!r} has splits of index {found}")
+    return f"{len(indices)} conditions" if len(indices) > 1 else ""
 
 
 def _disjoint(divided: DividedRows) -> str:
@@ -119,10 +153,25 @@ def _disjoint(divided: DividedRows) -> str:
         learned = np.intersect1d(split.train, np.concatenate([split.validation, split.test]))
         chosen_on = np.intersect1d(split.validation, split.test)
         if len(learned):
-            raise Failed(f"split {split.index} trains on {len(learned)} rows of its other parts")
+            raise Failed(f"{_named(split)} trains on {len(learned)} rows of its other parts")
         if len(chosen_on) and not divided.protocol.selects_on_test:
-            raise Failed(f"split {split.index} has {len(chosen_on)} test rows that choose an epoch")
+            raise Failed(f"{_named(split)} has {len(chosen_on)} test rows that choose an epoch")
     return ""
+
+
+def _sensor_errors_fit(divided: DividedRows) -> str:
+    """See that sensor errors, where there are any, belong to the test rows."""
+    erring = [split for split in divided.splits() if split.wrench_error is not None]
+    for split in erring:
+        error = np.asarray(split.wrench_error)
+        if error.shape != (len(split.test), 6) or not np.isfinite(error).all():
+            raise Failed(
+                f"{_named(split)} has sensor errors of shape {error.shape} for {len(split.test)} "
+                "test rows, or some that are not finite"
+            )
+    if not erring:
+        raise NotApplicable("adds no sensor errors")
+    return f"{len(erring)} splits with sensor errors"
 
 
 def _covers(divided: DividedRows) -> str:
@@ -136,9 +185,17 @@ def _covers(divided: DividedRows) -> str:
 
 def _same_splits(divided: DividedRows) -> str:
     """Divide twice."""
-    first, second = ([split.sha256 for split in divided.splits()] for _ in range(2))
+    first, second = (_hashes(divided.splits()) for _ in range(2))
     if first != second:
         raise Failed("the same seed gave other splits")
+    return ""
+
+
+def _blind_to_deflections(divided: DividedRows) -> str:
+    """Divide the same samples with each other's deflections."""
+    turned = replace(divided.samples, deflection=divided.samples.deflection[::-1])
+    if _hashes(divided.splits()) != _hashes(divided.splits(turned)):
+        raise Failed("other deflections gave other splits")
     return ""
 
 
@@ -157,6 +214,14 @@ def _keeps_poses(divided: DividedRows) -> str:
     return ""
 
 
+def _named(split: Split) -> str:
+    return " | ".join(filter(None, (split.condition, f"split {split.index}")))
+
+
+def _hashes(splits: Sequence[Split]) -> list[tuple[str, str]]:
+    return [(split.condition, split.sha256) for split in splits]
+
+
 _PROTOCOL_QUESTIONS: tuple[Question[DividedRows], ...] = (
     Question(
         "splits name existing rows",
@@ -164,11 +229,26 @@ _PROTOCOL_QUESTIONS: tuple[Question[DividedRows], ...] = (
         "return Split(index, train, validation, test) with row numbers",
     ),
     Question(
+        "splits are told apart",
+        _told_apart,
+        "number the splits of each condition 0, 1, 2, ...",
+    ),
+    Question(
         "no row is learned from and tested",
         _disjoint,
         "keep the parts disjoint, or set selects_on_test = True if test rows choose the epoch",
     ),
+    Question(
+        "sensor errors are those of the test rows",
+        _sensor_errors_fit,
+        "give wrench_error the shape (n_test, 6), N and N m",
+    ),
     Question("every row is used", _covers, "return splits that can be concatenated"),
     Question("the same seed gives the same splits", _same_splits, "draw all chance from `seed`"),
+    Question(
+        "the division does not look at deflections",
+        _blind_to_deflections,
+        "divide by poses, loads and groups alone",
+    ),
     Question("no pose is parted", _keeps_poses, "divide by samples.pose_id"),
 )

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol, Self, runtime_checkable
 
+from stiff_protocols.search_space import Grid
 from stiff_protocols.types import BenchmarkData, FloatArray, Interval, Robot, Samples, Split
 
 
@@ -81,6 +82,17 @@ class ChoosesEpoch(Protocol):
 
 
 @runtime_checkable
+class ChoosesOptions(Protocol):
+    """Optional power: choose options in the fit; what was chosen stands under the table.
+
+    Attributes:
+        best_params_: option -> chosen value, available after `fit`.
+    """
+
+    best_params_: Mapping[str, Any]
+
+
+@runtime_checkable
 class PredictsInterval(Protocol):
     """Optional power: say how sure a prediction is. Others get split-conformal intervals."""
 
@@ -99,7 +111,24 @@ class StatesRegime(Protocol):
 
     @property
     def regime(self) -> str:
-        """Return the words; they follow from the options alone."""
+        """Return the words; they follow from the options and from `use_source` alone."""
+
+
+@runtime_checkable
+class LearnsFromSource(Protocol):
+    """Optional power: build the simulated source domain from another robot's samples.
+
+    A copy by `sklearn.base.clone` must keep the source (write `__sklearn_clone__`): intervals come
+    from copies.
+    """
+
+    def use_source(self, source: BenchmarkData | None) -> None:
+        """Store what the next `fit` makes its source domain of.
+
+        Args:
+            source: another robot or specimen with as many joints of the same types; all of its
+                samples may be learned from. None: the training samples.
+        """
 
 
 @runtime_checkable
@@ -155,3 +184,30 @@ class DividesByRobot(Protocol):
 
     def use_robot(self, robot: Robot) -> None:
         """Remember the robot."""
+
+
+@runtime_checkable
+class TunesModels(Protocol):
+    """Optional power of a protocol: have a model's options chosen on the training side.
+
+    Attributes:
+        grid: name of a grid of each model's catalogue line, or a path that ends in .toml.
+    """
+
+    grid: str
+
+    def tuned(self, model: StiffnessModel, grid: Grid) -> StiffnessModel:
+        """Return what is fitted in the model's place and chooses from the grid in its fit.
+
+        Args:
+            model: unfitted; the options that are not in the grid stay as they are.
+            grid: its candidates; empty where it has none.
+        """
+
+
+@runtime_checkable
+class NamesSources(Protocol):
+    """Optional power of a protocol: have models learn from another robot's or specimen's data."""
+
+    def source_datasets(self) -> Sequence[str]:
+        """Return every word that its splits have as `source`, such as kr10-twin@specimen=9."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from stiff_protocols.errors import ConfigError
+from stiff_protocols.search_space import Grid
 
 STIFFNESS = "stiffness"
 
@@ -73,10 +74,13 @@ class ModelInfo(PluginInfo):
         uses_validation: the model needs rows that choose an epoch. Where it does not, a
             protocol's inner validation rows are given to it as training rows.
         quick: option values with which a fit takes seconds, for the conformance suite.
+        grids: name -> option -> candidates, for protocols that tune; "default" is searched where
+            no other is asked for.
     """
 
     uses_validation: bool = False
     quick: Mapping[str, Any] = field(default_factory=dict)
+    grids: Mapping[str, Grid] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)

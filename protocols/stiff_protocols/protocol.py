@@ -90,18 +90,18 @@ class KFold:
 
 
 class PaperHoldout:
-    """The source paper's division: 80/20 at random, and the 20 % also picks the best epoch."""
+    """The source paper's division: 80/20 by pose, and the 20 % also picks the best epoch."""
 
     selects_on_test = True
     pooled = False
 
     def __init__(self, *, test_fraction: Fraction = 0.2) -> None:
-        """Store the fraction of all samples."""
+        """Store the fraction of all poses."""
         self.test_fraction = test_fraction
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
         """Return `n_splits` (default 1) divisions."""
-        return splits.holdout_at_random(
+        return splits.holdout_that_selects(
             samples, n_splits=n_splits or 1, test_fraction=self.test_fraction, seed=seed
         )
 

@@ -138,6 +138,8 @@ class CellResult:
         failure: why it failed or was skipped; "" otherwise.
         calibration_samples: that the split-conformal intervals come from; 0 where the model gave
             its own, and where there are none.
+        n_train: rows of the training side, with those that choose an epoch; 0 where it is not ok.
+        chosen: option -> value, as text, that the fit chose itself; empty where it chose none.
     """
 
     cell: Cell
@@ -151,6 +153,8 @@ class CellResult:
     warnings: tuple[str, ...] = ()
     failure: str = ""
     calibration_samples: int = 0
+    n_train: int = 0
+    chosen: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from sklearn.model_selection import (
-    GroupKFold,
-    GroupShuffleSplit,
-    LeaveOneGroupOut,
-    ShuffleSplit,
-)
+from sklearn.model_selection import GroupKFold, GroupShuffleSplit, LeaveOneGroupOut
 
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.types import IntArray, Samples, Split
@@ -76,19 +71,38 @@ def divided_inside(
     return Split(index, inner.train, inner.validation, np.sort(test), condition)
 
 
-def holdout_at_random(
+def holdout_that_selects(
     samples: Samples, *, n_splits: int, test_fraction: float, seed: int
 ) -> list[Split]:
-    """Return repeated random divisions by sample whose test rows are also the validation rows.
+    """Return repeated random divisions by pose whose test rows are also the validation rows.
 
     Raises:
-        ConfigError: there are too few samples for this fraction.
+        ConfigError: there are too few poses for this fraction.
     """
-    outer = ShuffleSplit(n_splits=n_splits, test_size=test_fraction, random_state=seed)
+    outer = GroupShuffleSplit(n_splits=n_splits, test_size=test_fraction, random_state=seed)
     return [
         Split(index, np.sort(train), np.sort(test), np.sort(test))
-        for index, (train, test) in enumerate(_divide(outer, samples, "test_fraction", False))
+        for index, (train, test) in enumerate(_divide(outer, samples, "test_fraction"))
     ]
+
+
+def leak_of(split: Split, *, selects_on_test: bool) -> str:
+    """Return how test rows of a split reach the training side; "" where they do not.
+
+    Args:
+        split: to be judged.
+        selects_on_test: its protocol says that the validation rows are test rows.
+    """
+    learned = np.intersect1d(split.train, np.concatenate([split.validation, split.test]))
+    if len(learned):
+        return f"trains on {len(learned)} rows of its other parts"
+    chosen_on = np.intersect1d(split.validation, split.test)
+    if len(chosen_on) and not selects_on_test:
+        return (
+            f"has {len(chosen_on)} test rows that choose an epoch, and the protocol does not "
+            "declare selects_on_test"
+        )
+    return ""
 
 
 def leave_one_pose_out(samples: Samples, *, validation_fraction: float, seed: int) -> list[Split]:
@@ -106,11 +120,11 @@ def leave_one_pose_out(samples: Samples, *, validation_fraction: float, seed: in
 
 
 def _divide(
-    splitter: Any, samples: Samples, option: str, by_pose: bool = True
+    splitter: Any, samples: Samples, option: str
 ) -> list[tuple[IntArray, IntArray]]:
     """Return (train, test) rows; what scikit-learn refuses becomes a ConfigError."""
     try:
-        return list(splitter.split(samples.q, groups=samples.pose_id if by_pose else None))
+        return list(splitter.split(samples.q, groups=samples.pose_id))
     except ValueError as error:
         n_poses = len(np.unique(samples.pose_id))
         raise ConfigError(

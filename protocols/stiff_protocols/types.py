@@ -166,6 +166,8 @@ class Split:
             nothing.
         wrench_error: (n_test, 6) N and N m, base frame, what the force sensor adds to the test
             rows' wrenches; None for nothing.
+        source: word of the data set of another robot or specimen that simulated source domains
+            come from; "" for the training rows.
     """
 
     index: int
@@ -174,6 +176,7 @@ class Split:
     test: IntArray
     condition: str = ""
     wrench_error: FloatArray | None = None
+    source: str = ""
 
     @property
     def sha256(self) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 import types
 from dataclasses import replace
 
@@ -16,7 +17,9 @@ from stiff_bench.registry import build_registry
 from stiff_bench.robot_words import RobotWords
 from stiff_bench.runner import compute_cell
 from stiff_bench.store import ResultStore
+from stiff_models.vjm import VirtualJointModel
 from stiff_protocols.errors import ConfigError
+from stiff_protocols.metrics import METRICS
 from stiff_protocols.types import Interval
 
 FITS = []
@@ -68,7 +71,8 @@ def values(result, metric):
 def test_without_a_coverage_there_is_one_fit_and_no_interval(task_of):
     result = compute_cell(task_of(Scaled), "r")
     assert result.status == "ok" and result.prediction.interval is None and len(FITS) == 1
-    assert {record.metric for record in result.records} == {"mae", "stde", "me"}
+    with_intervals = {metric.key for metric in METRICS.values() if metric.needs_interval}
+    assert {record.metric for record in result.records} == set(METRICS) - with_intervals
 
 
 def test_split_conformal_intervals_leave_the_point_metrics_alone(task_of):
@@ -101,11 +105,40 @@ def test_rows_that_choose_an_epoch_are_given_to_both_fits_and_calibrate_nothing(
     assert len(validation) == 7
 
 
-def test_a_training_side_too_small_for_the_coverage_fails_with_what_it_needs(task_of):
+def test_a_training_side_too_small_for_the_coverage_keeps_the_point_metrics_and_says_why(task_of):
     result = compute_cell(task_of(Scaled, 0.95), "r")
-    assert result.status == "failed" and not FITS
-    assert "needs at least 19 calibration samples" in result.failure
-    assert "half of the 34 training poses are 17" in result.failure
+    assert result.status == "ok" and len(FITS) == 1
+    assert result.prediction.interval is None and values(result, "mae")
+    assert not values(result, "coverage")
+    (warning,) = result.warnings
+    assert warning.startswith("no intervals: coverage 0.95 needs at least 19 calibration samples")
+    assert "half of the 34 training poses are 17" in warning
+
+
+def test_the_reference_is_a_vjm_identified_on_the_same_training_side(task_of):
+    task = task_of(Scaled)
+    result = compute_cell(task, "r")
+    ours = compute_cell(replace(task, model=task_of(VirtualJointModel).model), "r")
+    np.testing.assert_array_equal(result.prediction.reference, ours.prediction.predicted)
+    assert values(ours, "skill") == [0.0] and values(result, "skill")[0] < 0.0
+
+
+def test_costs_are_measured(task_of):
+    class Slow(Scaled):
+        def fit(self, train, *, robot, validation=None, seed=0):
+            time.sleep(0.03)
+            self.held = np.ones(4_000_000)  # 30 MiB
+            return super().fit(train, robot=robot, validation=validation, seed=seed)
+
+        def predict(self, q, wrench):
+            time.sleep(0.02 + 0.001 * len(q))
+            return super().predict(q, wrench)
+
+    cost = compute_cell(task_of(Slow), "r").cost
+    assert cost.fit_s > 0.03 and cost.predict_s > 0.028
+    assert 0.021 < cost.latency_s < cost.predict_s
+    assert 30 < cost.throughput_per_s < 1000
+    assert cost.memory_bytes is None or cost.memory_bytes > 25 * 2**20
 
 
 def test_an_interval_that_is_none_is_a_failure(task_of):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from dataclasses import replace
@@ -10,11 +9,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiff_bench.store import ResultStore
+from stiff_bench.store import ResultStore, read_results
+from stiff_bench.stored_data import read_data
+from stiff_datasets.fanuc_r2000ic import FanucR2000iC
+from stiff_models.kinematics import jacobian
+from stiff_protocols.cost import Cost
 from stiff_protocols.errors import StoreError
-from stiff_protocols.record import Cell, CellResult, ResultRecord, RunManifest
+from stiff_protocols.record import (
+    Cell,
+    CellResult,
+    Presentation,
+    ResultRecord,
+    RunManifest,
+)
 from stiff_protocols.types import Interval, Prediction
 
+SHOWN = Presentation("m@a=2", "d", "p", "simulated", "stiffness", caveats=("beware",))
 CELL = Cell("m", {"a": 1, "b": 2.5}, "d", {}, "00", "p", {}, 0, "11", 0)
 
 
@@ -24,10 +34,12 @@ def result(**changes) -> CellResult:
         **(
             {
                 "cell": CELL,
+                "shown": SHOWN,
                 "run_id": "r",
                 "status": "ok",
                 "records": (ResultRecord("mae", "x", 1 / 3, "m"),),
-                "prediction": Prediction(np.array([4]), numbers, numbers * 7),
+                "prediction": Prediction(np.array([4]), numbers, numbers * 7, None, numbers / 3),
+                "cost": Cost(1.5, 0.1, 1e-5, 1e5, None),
                 "diagnostics": {"k1": math.nan, "k2": math.inf, "k3": 0.1},
                 "warnings": ("careful",),
             }
@@ -41,8 +53,10 @@ def test_a_cell_comes_back_as_it_was_written_to_the_last_bit(tmp_path):
     store.write_cell(result())
     back = store.read_cell(CELL.key)
     assert back.cell == CELL and back.records == result().records
+    assert back.shown == SHOWN and back.cost == result().cost
     np.testing.assert_array_equal(back.prediction.predicted, result().prediction.predicted)
     np.testing.assert_array_equal(back.prediction.measured, result().prediction.measured)
+    np.testing.assert_array_equal(back.prediction.reference, result().prediction.reference)
     assert math.isnan(back.diagnostics["k1"]) and back.diagnostics["k2"] == math.inf
 
 
@@ -60,15 +74,49 @@ def test_intervals_come_back_to_the_last_bit(tmp_path):
     np.testing.assert_array_equal(back.prediction.interval.upper, interval.upper)
 
 
-def test_a_file_from_before_there_were_intervals_is_read(tmp_path):
+def test_a_result_without_the_intervals_that_were_asked_for_is_read(tmp_path):
+    cell = replace(CELL, coverage=0.9)  # the training side was too small for them
+    store = ResultStore(tmp_path)
+    store.write_cell(result(cell=cell))
+    assert store.read_cell(cell.key).prediction.interval is None
+
+
+def test_a_file_of_another_format_is_refused_with_both_numbers(tmp_path):
     store = ResultStore(tmp_path)
     path = store.write_cell(result())
-    content = json.loads(path.read_text())["content"]
-    del content["cell"]["coverage"], content["calibration_samples"]
-    digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-    path.write_text(json.dumps({"schema": 1, "sha256": digest, "content": content}))
-    back = store.read_cell(CELL.key)
-    assert back.cell == CELL and back.prediction.interval is None
+    path.write_text(path.read_text().replace('"schema": 2', '"schema": 1'))
+    with pytest.raises(StoreError, match="stored format 1, this stiffbench reads 2"):
+        store.read_cell(CELL.key)
+
+
+def test_a_folder_keeps_the_samples_of_its_results_with_the_joints_torques(tmp_path):
+    data = FanucR2000iC().load()
+    ResultStore(tmp_path).write_data(data)
+    back = read_data(tmp_path / "data", data.sha256)
+    np.testing.assert_array_equal(back.samples.wrench, data.samples.wrench)
+    assert back.samples.pose_id.tolist() == data.samples.pose_id.tolist()
+    torque = np.einsum("nki,nk->ni", jacobian(data.robot, data.samples.q), data.samples.wrench)
+    np.testing.assert_allclose(back.torque, torque, atol=1e-9)
+    assert back.joint_names == data.robot.joint_names and back.robot == data.robot.name
+
+
+def test_samples_that_are_missing_or_damaged_are_said_to_be(tmp_path):
+    with pytest.raises(StoreError, match="cannot be read"):
+        read_data(tmp_path, "00")
+    (tmp_path / "00.npz").write_text("no zip")
+    with pytest.raises(StoreError, match="damaged"):
+        read_data(tmp_path, "00")
+
+
+def test_every_result_of_a_folder_is_read_failures_too(tmp_path):
+    store = ResultStore(tmp_path)
+    store.write_cell(result())
+    other = replace(CELL, split_index=1)
+    store.write_cell(result(cell=other, status="failed", records=(), prediction=None, cost=None))
+    assert {(each.cell.split_index, each.status) for each in read_results(tmp_path)} == {
+        (0, "ok"),
+        (1, "failed"),
+    }
 
 
 def test_the_key_of_a_cell_without_intervals_is_what_it_was_before_there_were_any():
@@ -147,9 +195,18 @@ def test_a_cells_key_and_seed_change_with_everything_that_can_change_its_result(
 
 
 @pytest.mark.parametrize(
-    "change", [{"model": "x"}, {"model_params": {}}, {"coverage": 0.9}], ids=str
+    "change",
+    [
+        {"model": "x"},
+        {"model_params": {}},
+        {"coverage": 0.9},
+        {"condition": "noise x5"},
+        {"source_sha256": "x"},
+        {"split_sha256": "rows and errors", "rows_sha256": CELL.split_sha256},
+    ],
+    ids=str,
 )
-def test_models_options_and_intervals_have_keys_of_their_own_and_share_the_seed(change):
+def test_what_does_not_change_the_rows_has_a_key_of_its_own_and_shares_the_seed(change):
     other = replace(CELL, **change)
     assert other.key != CELL.key and other.model_seed == CELL.model_seed
 

@@ -1,0 +1,103 @@
+"""What a leaderboard sorts by: one number a split, from a metric and an axis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stiff_bench.tables import PRINTED, pooled_prediction
+from stiff_protocols.errors import ConfigError
+from stiff_protocols.metrics import METRICS, Metric, absolute_errors, metric, norm_errors
+from stiff_protocols.record import CellResult
+from stiff_protocols.types import AXES, FloatArray, Prediction
+
+DEFAULT_METRIC = "norm"
+_ROW_ERRORS: dict[str, Callable[[Prediction], FloatArray]] = {
+    "mae": absolute_errors,
+    "norm": norm_errors,
+}
+"""The metrics that are means over rows, so that poses can be resampled: key -> the rows' errors."""
+
+
+@dataclass(frozen=True)
+class SortKey:
+    """A metric on one axis, or its mean over all of its axes.
+
+    Attributes:
+        metric: whose smaller or larger values are better.
+        axis: "x", "y" or "z"; "": the mean of the metric's axes, which may be one in all.
+    """
+
+    metric: Metric
+    axis: str = ""
+
+    @property
+    def text(self) -> str:
+        """Metric, axis and unit for people."""
+        unit, _ = PRINTED[self.metric.unit]
+        along = f" of {self.axis}" if self.axis else ""
+        if len(self._axes) > 1:
+            along = f", mean over {', '.join(self._axes)},"
+        return f"{self.metric.key}{along}" + (f" [{unit}]" if unit else "")
+
+    @property
+    def sign(self) -> float:
+        """1 where smaller values are better, -1 where larger ones are."""
+        return -1.0 if self.metric.direction == "larger" else 1.0
+
+    @property
+    def resamples(self) -> bool:
+        """Whether the metric is a mean over rows, so that poses can be resampled."""
+        return self.metric.key in _ROW_ERRORS
+
+    @property
+    def _axes(self) -> tuple[str, ...]:
+        return (self.axis,) if self.axis else self.metric.axes
+
+    def of_splits(self, results: Sequence[CellResult]) -> FloatArray | None:
+        """Return the (J,) values of a model's results on J splits, in the metric's unit.
+
+        One value where the protocol scores the predictions of all splits together; None where a
+        value is missing.
+        """
+        if results[0].shown.pooled and self.metric.of_prediction is not None:
+            found = [self.metric.values(pooled_prediction(results))]
+        else:
+            found = [
+                {r.axis: r.value for r in result.records if r.metric == self.metric.key}
+                for result in results
+            ]
+        if any(axis not in values for values in found for axis in self._axes):
+            return None
+        return np.array([[values[axis] for axis in self._axes] for values in found]).mean(axis=1)
+
+    def of_rows(self, prediction: Prediction) -> FloatArray:
+        """Return the (n,) errors, m, whose mean is the value; of metrics that `resamples` alone."""
+        errors = _ROW_ERRORS[self.metric.key](prediction)
+        if errors.ndim == 1:
+            return errors
+        columns = [self.metric.axes.index(axis) for axis in self._axes]
+        return np.asarray(errors[:, columns].mean(axis=1))
+
+
+def sort_key(key: str, axis: str | None) -> SortKey:
+    """Return what `--metric` and `--axis` name.
+
+    Raises:
+        ConfigError: there is no such metric, it has no better and worse, or it has no such axis.
+    """
+    found = metric(key)
+    if found.direction == "nominal":
+        valid = ", ".join(m.key for m in METRICS.values() if m.direction != "nominal")
+        raise ConfigError(
+            f"--metric {key}: its best value is the nominal one, so it does not rank models "
+            f"(valid: {valid})"
+        )
+    if axis is not None and axis not in found.axes:
+        with_axes = ", ".join(m.key for m in METRICS.values() if m.axes == AXES)
+        raise ConfigError(
+            f"--axis {axis}: {key} is one value in all; metrics with axes are {with_axes}"
+        )
+    return SortKey(found, axis or "")

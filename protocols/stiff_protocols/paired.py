@@ -1,0 +1,171 @@
+"""Is A better than B on one data set? Tests on paired differences, error(A) - error(B).
+
+A negative difference means that A is better. The test sets of repeated splits overlap, and so do
+their training sets: J splits are not J independent measurements. The corrected t test takes that
+into account; the plain t test does not, and finds differences between equal models
+(tests/protocols/test_false_positives.py counts how often each does).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import special
+
+from stiff_protocols.errors import ConfigError, DataError
+from stiff_protocols.types import FloatArray, frozen_array
+
+ROPE_M = 1e-5
+"""Region of practical equivalence, m: 0.01 mm, the repeatability of an optical tracker."""
+LEVEL = 0.05
+"""Probability of a false positive that a test allows."""
+
+
+def check_share(name: str, value: float) -> None:
+    """See that a confidence, a level or a part of the samples lies between 0 and 1.
+
+    Raises:
+        ConfigError: it does not.
+    """
+    if not 0.0 < value < 1.0:
+        raise ConfigError(f"{name} is {value:g}, expected a number between 0 and 1")
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Probabilities (0..1, sum 1) of what the mean difference is.
+
+    Attributes:
+        a_better: that A is better by more than the region of practical equivalence.
+        equivalent: that the difference lies inside it.
+        b_better: that B is better by more than it.
+    """
+
+    a_better: float
+    equivalent: float
+    b_better: float
+
+
+@dataclass(frozen=True)
+class CorrectedT:
+    """Student t distribution of the mean difference of two models over repeated splits.
+
+    It is read in two ways: as the test of Nadeau and Bengio (2003, Inference for the generalization
+    error), and as the posterior of the Bayesian correlated t test (Corani and Benavoli 2015;
+    Benavoli et al. 2017, Time for a change), which has the same mean, scale and degrees of freedom.
+
+    Attributes:
+        mean: mean difference, error(A) - error(B), m.
+        scale: of the Student t, m; 0 where all differences are equal.
+        df: its degrees of freedom, the number of splits less one.
+        test_share: part of the samples (0..1) that each split tests on; it is the correlation that
+            the test assumes between the differences of two splits.
+    """
+
+    mean: float
+    scale: float
+    df: int
+    test_share: float
+
+    def interval(self, confidence: float = 1.0 - LEVEL) -> tuple[float, float]:
+        """Return the bounds of the mean difference, m.
+
+        Raises:
+            ConfigError: `confidence` does not lie between 0 and 1.
+        """
+        check_share("confidence", confidence)
+        half = self.scale * float(special.stdtrit(self.df, 0.5 + 0.5 * confidence))
+        return self.mean - half, self.mean + half
+
+    @property
+    def p_value(self) -> float:
+        """Two-sided p-value of "the mean difference is zero"."""
+        if self.scale == 0.0:
+            return 1.0 if self.mean == 0.0 else 0.0
+        return 2.0 * float(special.stdtr(self.df, -abs(self.mean) / self.scale))
+
+    def probability_below(self, value: float) -> float:
+        """Return the probability that the mean difference is smaller than `value` [m]."""
+        if self.scale == 0.0:
+            return float(self.mean < value)
+        return float(special.stdtr(self.df, (value - self.mean) / self.scale))
+
+    def posterior(self, rope: float = ROPE_M) -> Posterior:
+        """Return the probabilities that A is better, that it makes no difference, that B is.
+
+        Args:
+            rope: largest difference that makes none in practice, m.
+
+        Raises:
+            ConfigError: `rope` is negative or no number.
+        """
+        if not rope >= 0.0:
+            raise ConfigError(f"rope is {rope:g} m, expected 0 or more")
+        a_better = self.probability_below(-rope)
+        mirrored = CorrectedT(-self.mean, self.scale, self.df, self.test_share)
+        b_better = mirrored.probability_below(-rope)  # not 1 - ...: a small one keeps its digits
+        return Posterior(a_better, max(0.0, 1.0 - a_better - b_better), b_better)
+
+
+def corrected_t(differences: ArrayLike, test_share: float) -> CorrectedT:
+    """Return the corrected t of the differences that repeated splits of one data set gave.
+
+    The variance of their mean is (1/J + n_test/n_train) s^2 for J splits (Nadeau and Bengio 2003,
+    equation 19 and below), with n_test/n_train = test_share / (1 - test_share).
+
+    Args:
+        differences: (J,) error(A) - error(B) of each split, m.
+        test_share: part of the samples (0..1) that each split tests on.
+
+    Raises:
+        DataError: there are fewer than two differences, or one is no finite number.
+        ConfigError: `test_share` does not lie between 0 and 1.
+    """
+    values = frozen_array(differences, "differences", (None,))  # (J,) m
+    check_share("test_share", test_share)
+    n_splits = len(values)
+    if n_splits < 2:
+        there = "there is 1" if n_splits else "there are none"
+        raise DataError(f"the corrected t test needs at least 2 splits, {there}")
+    if np.ptp(values) == 0.0:  # the mean of equal numbers may be off by its rounding
+        return CorrectedT(float(values[0]), 0.0, n_splits - 1, test_share)
+    factor = 1.0 / n_splits + test_share / (1.0 - test_share)
+    scale = math.sqrt(factor) * float(values.std(ddof=1))
+    return CorrectedT(float(values.mean()), scale, n_splits - 1, test_share)
+
+
+def wilcoxon_signed_rank(differences: ArrayLike) -> float:
+    """Return the two-sided p-value that the differences are symmetric about zero.
+
+    The differences must be independent: one a pose (`bootstrap.pose_differences`), never one a
+    row or one a split. As the fitted models are held fixed, it says nothing about other training
+    sets.
+
+    Args:
+        differences: (p,) mean difference of each pose, m; zeros are left out (Wilcoxon 1945).
+
+    Raises:
+        DataError: there is none, or one is no finite number.
+    """
+    from scipy import stats
+
+    values = frozen_array(differences, "differences", (None,))
+    if not len(values):
+        raise DataError("the signed-rank test needs at least 1 difference, there are none")
+    if not values.any():
+        return 1.0
+    return float(stats.wilcoxon(values).pvalue)
+
+
+def holm(p_values: ArrayLike) -> FloatArray:
+    """Return the (m,) p-values after Holm's (1979) step-down correction for m comparisons.
+
+    Args:
+        p_values: (m,) 0..1, m at least 1.
+    """
+    from statsmodels.stats.multitest import multipletests
+
+    return np.asarray(multipletests(np.asarray(p_values, dtype=np.float64), method="holm")[1])
