@@ -19,7 +19,7 @@ import pytest
 from stiff_bench.config import RunRequest, plan_run
 from stiff_bench.registry import build_registry
 from stiff_bench.robot_words import RobotWords
-from stiff_bench.runner import CellTask, cell_tasks
+from stiff_bench.tasks import CellTask, cell_tasks
 from stiff_datasets.kr10_twin import Kr10Twin
 from stiff_datasets.robots.robot import ChainModel, shipped_chain, shipped_robot
 from stiff_protocols.protocol import Holdout

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from stiff_bench.cells import compute_cell
 from stiff_bench.config import RunRequest, plan_run
 from stiff_bench.registry import build_registry
 from stiff_bench.robot_words import RobotWords
-from stiff_bench.runner import cell_tasks, compute_cell
+from stiff_bench.tasks import cell_tasks
 from stiff_datasets.fanuc_r2000ic import FanucR2000iC
 from stiff_protocols.conformance import check_model
 

@@ -30,14 +30,23 @@ from stiff_bench.plugin_cli import check, new
 from stiff_bench.provenance import usable_cores
 from stiff_protocols.errors import StiffBenchError
 
+INTERRUPTION = "interrupted; finished cells are kept, and no file is left half-written"
 USAGE_ERROR, CELLS_FAILED, INTERRUPTED = 2, 1, 130
 MOST_THREADS = 4  # the networks here are too small to feed more
+
+
+class Stopped(BaseException):
+    """A signal asked the process to end; no failure of a cell, so no cell may catch it."""
+
+    def __init__(self, number: int) -> None:
+        """Remember the signal's number."""
+        self.number = number
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and leave with its exit status.
 
-    0: done; 1: a cell failed; 2: bad input; 130: interrupted.
+    0: done; 1: a cell failed; 2: bad input; 130: interrupted; 143: stopped by SIGTERM.
     """
     words = sys.argv[1:] if arguments is None else arguments
     for number in (signal.SIGTERM, signal.SIGHUP):  # so that temporary files are taken away
@@ -46,8 +55,11 @@ def main(arguments: list[str] | None = None) -> None:
     try:
         status = bench.main(args=words, prog_name="bench", standalone_mode=False)
     except (click.Abort, KeyboardInterrupt):
-        say("interrupted; finished cells are kept, and no file is left half-written")
+        say(INTERRUPTION)
         status = INTERRUPTED
+    except Stopped as stopped:
+        say(INTERRUPTION)
+        status = 128 + stopped.number
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)
         status = USAGE_ERROR
@@ -66,7 +78,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _stop(number: int, _: object) -> None:
-    sys.exit(128 + number)
+    raise Stopped(number)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})

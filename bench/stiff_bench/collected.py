@@ -7,10 +7,12 @@ of it, and a model that lacks a slot is incomplete there.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
+from stiff_bench.choice import OPTION_MARK, split_word
 from stiff_bench.store import read_results
 from stiff_protocols.errors import ConfigError, StoreError, unknown_name
 from stiff_protocols.record import CellResult, Presentation
@@ -27,6 +29,7 @@ class ContestName:
         dataset, protocol, condition: as shown.
         seed: of the run's splits.
         data_sha256: hash of the data set's numbers.
+        source_sha256: of the other robot's data that source domains come from; "" for none.
     """
 
     dataset: str
@@ -34,6 +37,7 @@ class ContestName:
     condition: str
     seed: int
     data_sha256: str
+    source_sha256: str = ""
 
     @property
     def text(self) -> str:
@@ -75,6 +79,30 @@ class Contest:
     slots: tuple[Slot, ...]
     competitors: dict[str, Competitor]
 
+    @property
+    def n_results(self) -> int:
+        """How many results and failures it holds."""
+        return sum(len(found.done) + len(found.reasons) for found in self.competitors.values())
+
+    @property
+    def newest_run(self) -> str:
+        """The latest of the runs that made its results; a run's name begins with its time."""
+        return max(
+            (done.run_id for found in self.competitors.values() for done in found.done.values()),
+            default="",
+        )
+
+    def options(self, kind: str) -> Mapping[str, Any]:
+        """Return every option of its "dataset" or "protocol", defaults too; none without results.
+
+        They are the same in all results of one name and one data hash.
+        """
+        for found in self.competitors.values():
+            for result in found.done.values():
+                options: Mapping[str, Any] = getattr(result.cell, f"{kind}_params")
+                return options
+        return {}
+
     def is_complete(self, competitor: str) -> bool:
         """Say whether the model has a result on every split that others have."""
         found = self.competitors.get(competitor)
@@ -103,7 +131,12 @@ def collect(folder: Path) -> list[Contest]:
     for result in read_results(folder):
         cell, shown = result.cell, result.shown
         name = ContestName(
-            shown.dataset, shown.protocol, cell.condition, cell.seed, cell.data_sha256
+            shown.dataset,
+            shown.protocol,
+            cell.condition,
+            cell.seed,
+            cell.data_sha256,
+            cell.source_sha256,
         )
         by_name.setdefault(name, []).append(result)
     if not by_name:
@@ -155,32 +188,45 @@ def chosen_contests(
 ) -> list[Contest]:
     """Return the contests of these data sets and protocols; none named means all.
 
-    A key without options stands for all its variants: "kr10-twin" for every specimen.
+    A key without options stands for all its variants: "kr10-twin" for every specimen,
+    "kr10-twin@specimen=0" for the one that is shown as "kr10-twin".
 
     Raises:
         ConfigError: a name has no results.
     """
-    for kind, asked, known in (
-        ("dataset", datasets, [contest.name.dataset for contest in contests]),
-        ("protocol", protocols, [contest.name.protocol for contest in contests]),
-    ):
+    chosen = list(contests)
+    for kind, asked in (("dataset", datasets), ("protocol", protocols)):
         for word in asked:
-            if not any(stands_for(word, name) for name in known):
-                raise ConfigError(f"--{kind} {word!r}: {unknown_name('result of', word, known)}")
-    return [
-        contest
-        for contest in contests
-        if _named(datasets, contest.name.dataset) and _named(protocols, contest.name.protocol)
-    ]
+            if not any(_stands_for_its(kind, word, contest) for contest in contests):
+                names = {getattr(contest.name, kind) for contest in contests}
+                meant = unknown_name(f"{kind} with results", word, names)
+                raise ConfigError(f"--{kind}: {meant}")
+        chosen = [
+            contest
+            for contest in chosen
+            if not asked or any(_stands_for_its(kind, word, contest) for word in asked)
+        ]
+    return chosen
 
 
 def stands_for(word: str, name: str) -> bool:
     """Say whether a word is a name, or the key of a name with options."""
-    return name == word or name.startswith(f"{word}@")
+    return name == word or name.startswith(f"{word}{OPTION_MARK}")
 
 
-def _named(words: Sequence[str], name: str) -> bool:
-    return not words or any(stands_for(word, name) for word in words)
+def _stands_for_its(kind: str, word: str, contest: Contest) -> bool:
+    """Say whether a word stands for a contest's data set or protocol; defaults may be spelled."""
+    name: str = getattr(contest.name, kind)
+    if stands_for(word, name):
+        return True
+    key, settings = split_word(word)
+    options = contest.options(kind)
+    said = [setting.partition("=") for setting in settings]
+    return (
+        bool(said)
+        and key == split_word(name)[0]
+        and all(str(options.get(option)) == value for option, _, value in said)
+    )
 
 
 def same_name_other_data(contests: Sequence[Contest]) -> Iterator[str]:

@@ -7,9 +7,10 @@ from collections.abc import Iterable
 from tabulate import tabulate
 
 from stiff_bench.options import Option, options_of
-from stiff_bench.tables import PRINTED
+from stiff_bench.units import PRINTED
 from stiff_protocols.metrics import METRICS, Metric
-from stiff_protocols.plugin import DatasetInfo, ModelFamily, PluginInfo, ProtocolInfo
+from stiff_protocols.plugin import DatasetInfo, ModelFamily, ModelInfo, PluginInfo, ProtocolInfo
+from stiff_protocols.search_space import Grid, Range
 from stiff_protocols.types import AXES
 
 
@@ -54,6 +55,10 @@ def describe(info: PluginInfo) -> str:
         parts += [f"caveat: {caveat}" for caveat in info.caveats]
     if why := info.missing():
         parts.append(f"cannot be used here yet: {why}")
+    if isinstance(info, ModelInfo):
+        parts += [
+            f"grid {name} of `nested`: {_grid_text(grid)}" for name, grid in info.grids.items()
+        ]
     if isinstance(info, ProtocolInfo):
         parts += [f"reasoning: {info.reasoning}"] if info.reasoning else []
         parts += [f"warning: {info.warning}"] if info.warning else []
@@ -71,6 +76,13 @@ def describe(info: PluginInfo) -> str:
         disable_numparse=True,
     )
     return "\n".join([*parts, "", table])
+
+
+def _grid_text(grid: Grid) -> str:
+    return "; ".join(
+        f"{option} = {values if isinstance(values, Range) else ' | '.join(map(str, values))}"
+        for option, values in grid.items()
+    )
 
 
 def _default(option: Option) -> str:

@@ -9,7 +9,7 @@ import shlex
 import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -86,7 +86,7 @@ def _check_protocol(
     info: PluginInfo, dataset: str, settings: Sequence[str], registry: Registry
 ) -> tuple[list[Check], str]:
     protocol, data = _with_data(info, dataset, settings, registry)
-    checks = check_protocol(protocol.make, loaded(data).samples)
+    checks = check_protocol(protocol.make, loaded(data))
     return checks, f"{_named(protocol)} on {_named(data)}"
 
 
@@ -95,11 +95,11 @@ def _with_data(
 ) -> tuple[Choice[Info], Choice[DatasetInfo]]:
     """Return what is checked and the data it is checked on, with their options."""
     data = chosen_dataset(dataset, (), registry)
-    classes = {info.key: info.load(), dataset: data.cls}
+    classes = {info.key: info.load(), data.info.key: data.cls}
     params = parse_settings(settings, classes)
     return (
         Choice(info, classes[info.key], params[info.key], {}),
-        Choice(data.info, data.cls, params[dataset], {}),
+        replace(data, params={**params[data.info.key], **data.params}),
     )
 
 

@@ -22,7 +22,7 @@ from rich.progress import (
 )
 from rich.progress import Progress as Bars
 
-from stiff_bench.runner import CellTask
+from stiff_bench.tasks import CellTask
 from stiff_protocols.progress import Progress, listening
 
 SECONDS_BETWEEN_LINES = 5.0

@@ -14,7 +14,8 @@ from typing import Any
 from tabulate import tabulate
 
 from stiff_bench.published import NOTE
-from stiff_bench.tables import PRINTED, Row, Table, Value
+from stiff_bench.tables import Row, Table, Value
+from stiff_bench.units import PRINTED
 from stiff_protocols.metrics import WHOLE, Metric
 from stiff_protocols.types import AXES
 
@@ -103,9 +104,7 @@ def _body(table: TextTable, fmt: str) -> str:
     if fmt == "github":
         rows = [[_without_bars(cell) for cell in row] for row in rows]
     align = ["left", *["right"] * (len(table.header) - 1)]
-    return tabulate(
-        rows[1:], headers=rows[0], tablefmt=fmt, colalign=align, disable_numparse=True
-    )
+    return tabulate(rows[1:], headers=rows[0], tablefmt=fmt, colalign=align, disable_numparse=True)
 
 
 def _github(table: TextTable, command: str) -> str:
@@ -123,9 +122,9 @@ def _latex(table: TextTable, command: str) -> str:
         [
             r"\begin{table}",
             r"\centering",
-            rf"\caption{{{_latex_text(table.title)}}}",
+            rf"\caption{{{latex_text(table.title)}}}",
             body,
-            *(rf"\par\footnotesize {_latex_text(note)}" for note in notes),
+            *(rf"\par\footnotesize {latex_text(note)}" for note in notes),
             r"\end{table}",
         ]
     )
@@ -140,7 +139,8 @@ _LATEX_ESCAPES = str.maketrans(
 )
 
 
-def _latex_text(text: str) -> str:
+def latex_text(text: str) -> str:
+    """Escape what LaTeX would read as commands."""
     return text.translate(_LATEX_ESCAPES)
 
 

@@ -13,9 +13,10 @@ from stiff_bench.config import RunPlan
 from stiff_bench.progress import display
 from stiff_bench.provenance import peak_memory_bytes
 from stiff_bench.render import render
-from stiff_bench.runner import cell_tasks, run_cells
+from stiff_bench.runner import run_cells
 from stiff_bench.store import ResultStore
 from stiff_bench.tables import build_tables
+from stiff_bench.tasks import cell_tasks
 
 
 def execute(plan: RunPlan, fmt: str) -> int:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stiff_bench.tables import PRINTED, pooled_prediction
+from stiff_bench.tables import pooled_prediction
+from stiff_bench.units import PRINTED
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.metrics import METRICS, Metric, absolute_errors, metric, norm_errors
 from stiff_protocols.record import CellResult
@@ -71,7 +72,8 @@ class SortKey:
             ]
         if any(axis not in values for values in found for axis in self._axes):
             return None
-        return np.array([[values[axis] for axis in self._axes] for values in found]).mean(axis=1)
+        of_axes = np.array([[values[axis] for axis in self._axes] for values in found])
+        return np.asarray(of_axes.mean(axis=1))
 
     def of_rows(self, prediction: Prediction) -> FloatArray:
         """Return the (n,) errors, m, whose mean is the value; of metrics that `resamples` alone."""

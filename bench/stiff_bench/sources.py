@@ -9,8 +9,6 @@ import numpy as np
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.types import BenchmarkData, FloatArray, Robot, Samples, Split
 
-_VALID = "valid: another robot or specimen, such as kr10-twin@specimen=9"
-
 
 def check_source(word: str, source: BenchmarkData, dataset: str, target: BenchmarkData) -> None:
     """See that a source fits a target and holds none of its samples.
@@ -34,7 +32,8 @@ def check_source(word: str, source: BenchmarkData, dataset: str, target: Benchma
     if common:
         raise ConfigError(
             f"source {word!r} holds {common} of the {len(target.samples)} samples of its target "
-            f"{dataset!r}, whose test part no source may hold ({_VALID})"
+            f"{dataset!r}, whose test part no source may hold (valid: samples of another robot or "
+            "another specimen)"
         )
 
 

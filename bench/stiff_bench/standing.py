@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from stiff_bench.collected import Competitor, Contest, ContestName, Slot
 from stiff_bench.sort_key import SortKey
-from stiff_bench.stored_data import StoredData
+from stiff_bench.stored_data import StoredData, read_data
 from stiff_protocols.bootstrap import PoseErrors, resampled_means
 from stiff_protocols.errors import StoreError
 from stiff_protocols.paired import LEVEL, corrected_t, holm
 from stiff_protocols.record import CellResult
-from stiff_protocols.types import BoolArray, FloatArray
+from stiff_protocols.types import FloatArray, IntArray, TextArray
 
 NOT_RUN = "not run"
+BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +56,11 @@ class Field:
         """Return a model's results on the splits that count."""
         return self.contest.results(model, self.slots)
 
+    def failed(self, model: str) -> str:
+        """Return "FAILED" or "SKIPPED" where a model was run and gave no result; else ""."""
+        word, *_ = self.missing.get(model, "").split(maxsplit=1) or [""]
+        return word if word in ("FAILED", "SKIPPED") else ""
+
     @property
     def left_out(self) -> str:
         """Which splits do not count, for people; "" where all do."""
@@ -71,17 +79,25 @@ class Field:
         )
 
 
-def field_of(contest: Contest, models: Sequence[str], key: SortKey) -> Field:
+def field_of(
+    contest: Contest, models: Sequence[str], key: SortKey, asked: Set[str] = frozenset()
+) -> Field:
     """Return who of the models takes part, and with which scores.
+
+    A model that was run on fewer splits, and has them all, takes part, and only the splits that
+    all have count. One whose run did not come to its end is missing, so that it takes no split
+    from the others.
+
+    Args:
+        contest: the stored results.
+        models: by name.
+        key: what they are ranked by.
+        asked: keys of the cells that the folder's runs were asked for.
 
     Raises:
         StoreError: two models have no split in common, or their intervals differ in coverage.
     """
-    missing = {
-        model: reason
-        for model in models
-        if (reason := _why_missing(contest.competitors.get(model)))
-    }
+    missing = {model: reason for model in models if (reason := _why_missing(contest, model, asked))}
     present = [model for model in models if model not in missing]
     slots = tuple(contest.shared_slots(present))
     if present and not slots:
@@ -99,15 +115,42 @@ def field_of(contest: Contest, models: Sequence[str], key: SortKey) -> Field:
     return field
 
 
-def _why_missing(competitor: Competitor | None) -> str:
+def complete_models(fields: Sequence[Field]) -> tuple[str, ...]:
+    """Return the models that have a score in all of these contests, in the order of their names."""
+    return tuple(sorted(set.intersection(*(set(field.scores) for field in fields))))
+
+
+def _why_missing(contest: Contest, model: str, asked: Set[str]) -> str:
+    competitor = contest.competitors.get(model)
     if competitor is None:
         return NOT_RUN
-    if not competitor.reasons:
-        return ""
-    (reason, _), *_ = Counter(competitor.reasons.values()).most_common(1)
-    status, _, why = reason.partition(": ")
-    n_all = len(competitor.reasons) + len(competitor.done)
-    return f"{status.upper()} in {len(competitor.reasons)} of {n_all} splits: {' '.join(why.split())}"
+    if competitor.reasons:
+        (reason, _), *_ = Counter(competitor.reasons.values()).most_common(1)
+        status, _, why = reason.partition(": ")
+        n_all = len(competitor.reasons) + len(competitor.done)
+        said = " ".join(why.split())
+        return f"{status.upper()} in {len(competitor.reasons)} of {n_all} splits: {said}"
+    unfinished = _unfinished(contest, competitor, asked)
+    if unfinished:
+        n_all = unfinished + len(competitor.done)
+        return f"{unfinished} of {n_all} splits {NOT_RUN}"
+    return ""
+
+
+def _unfinished(contest: Contest, competitor: Competitor, asked: Set[str]) -> int:
+    """Return how many of the others' splits a model was to be run on and was not."""
+    own = next(iter(competitor.done.values())).cell
+    absent = [slot for slot in contest.slots if slot not in competitor.done]
+    rows = {
+        slot: result.cell.rows_sha256
+        for other in contest.competitors.values()
+        for slot, result in other.done.items()
+    }
+    return sum(
+        replace(own, split_index=slot[0], split_sha256=slot[1], rows_sha256=rows.get(slot, "")).key
+        in asked
+        for slot in absent
+    )
 
 
 def _refuse(contest: Contest, models: Sequence[str]) -> None:
@@ -137,12 +180,14 @@ class Standing:
         models: in the order of the arrays.
         key: what they are ranked by.
         data: the samples of the contest's data set.
+        seed: of the draws of poses.
     """
 
     field: Field
     models: tuple[str, ...]
     key: SortKey
     data: StoredData
+    seed: int
 
     @cached_property
     def scores(self) -> FloatArray:
@@ -171,13 +216,13 @@ class Standing:
         poses, pose_of_row = np.unique(self.data.samples.pose_id, return_inverse=True)
         errors = [self._pose_errors(model, poses, pose_of_row) for model in self.models]
         with np.errstate(invalid="ignore"):
-            return resampled_means(errors)
+            return resampled_means(errors, seed=self.seed)
 
-    def _pose_errors(self, model: str, poses: np.ndarray, pose_of_row: np.ndarray) -> PoseErrors:
+    def _pose_errors(self, model: str, poses: TextArray, pose_of_row: IntArray) -> PoseErrors:
         found = [r.prediction for r in self.field.results(model) if r.prediction is not None]
         pose = pose_of_row[np.concatenate([prediction.rows for prediction in found])]
         errors = np.concatenate([self.key.of_rows(prediction) for prediction in found])
-        totals = np.bincount(pose, weights=errors, minlength=len(poses))
+        totals = np.bincount(pose, weights=errors, minlength=len(poses)).astype(np.float64)
         return PoseErrors(poses, totals[:, None], np.bincount(pose, minlength=len(poses)))
 
     @cached_property
@@ -190,33 +235,65 @@ class Standing:
     def like_best(self) -> BoolArray | None:
         """(m,) whether a model cannot be told from the best; None where no test applies.
 
-        Several splits: corrected t of the differences from the best. One split, or all splits
-        scored together: how often draws of the poses turn the order round. Holm over the models,
-        at `LEVEL`.
+        To be told apart, a difference must be found by all that the results allow, as in `bench
+        compare`: over splits (corrected t) and over poses (how often draws of the poses turn it
+        round, the fitted models held fixed). Holm over the models, at `LEVEL`.
         """
         best = int(np.argmax(self.is_best))
         others = [index for index in range(len(self.models)) if index != best]
-        p_values = [self._p_value(index, best) for index in others]
-        known = [p for p in p_values if p is not None]
-        if not known or len(known) < len(p_values):
+        p_values = [self._p_values(index, best) for index in others]
+        if not all(p_values):
             return None
-        like = np.ones(len(self.models), dtype=bool)
-        like[others] = holm(known) >= LEVEL
+        like = np.ones(len(self.models), dtype=np.bool_)
+        if others:
+            like[others] = holm([max(found) for found in p_values]) >= LEVEL
         return like
 
-    def _p_value(self, index: int, best: int) -> float | None:
+    def _p_values(self, index: int, best: int) -> list[float]:
+        found = []
         a, b = (self.field.scores[self.models[i]] for i in (index, best))
         if len(a) > 1:
-            return corrected_t(a - b, self._test_share).p_value
-        if self.drawn_means is None:
-            return None
-        drawn = self.drawn_means[:, index] - self.drawn_means[:, best]
-        drawn = drawn[np.isfinite(drawn)]
-        tail = min(np.count_nonzero(drawn <= 0.0), np.count_nonzero(drawn >= 0.0))
-        return float(min(1.0, 2.0 * (1 + tail) / (1 + len(drawn))))
+            found.append(corrected_t(a - b, self._test_share).p_value)
+        if self.drawn_means is not None:
+            drawn = self.drawn_means[:, index] - self.drawn_means[:, best]
+            drawn = drawn[np.isfinite(drawn)]
+            tail = min(np.count_nonzero(drawn <= 0.0), np.count_nonzero(drawn >= 0.0))
+            found.append(min(1.0, 2.0 * (1 + tail) / (1 + len(drawn))))
+        return found
 
     @property
     def _test_share(self) -> float:
-        (first, *_) = self.field.results(self.models[0])
-        n_tested = 0 if first.prediction is None else len(first.prediction.rows)
-        return n_tested / len(self.data.samples)
+        """Part of a split's rows that it tests on; unknown training parts are all other rows."""
+        results = self.field.results(self.models[0])
+        n_test = np.mean([len(r.prediction.rows) for r in results if r.prediction is not None])
+        trained = [result.n_train for result in results]
+        n_train = np.mean(trained) if all(trained) else len(self.data.samples) - n_test
+        return float(n_test / (n_test + n_train))
+
+
+class Standings:
+    """Standings of one leaderboard: each is computed once, and each data set read once.
+
+    Args:
+        key: what models are ranked by.
+        folder: of the results.
+        seed: of the draws of poses.
+    """
+
+    def __init__(self, key: SortKey, folder: Path, seed: int) -> None:
+        """Store the arguments."""
+        self.key = key
+        self._seed = seed
+        self._folder = folder
+        self._data: dict[str, StoredData] = {}
+        self._found: dict[tuple[ContestName, tuple[str, ...]], Standing] = {}
+
+    def of(self, field: Field, models: tuple[str, ...]) -> Standing:
+        """Return how these models stand in a contest."""
+        place = (field.name, models)
+        if place not in self._found:
+            sha256 = field.name.data_sha256
+            if sha256 not in self._data:
+                self._data[sha256] = read_data(self._folder / "data", sha256)
+            self._found[place] = Standing(field, models, self.key, self._data[sha256], self._seed)
+        return self._found[place]

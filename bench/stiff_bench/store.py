@@ -96,8 +96,7 @@ class ResultStore:
         Raises:
             StoreError: there is none, or it is damaged.
         """
-        content = _read_checked(self.folder / "runs" / f"{run_id}.json")
-        return RunManifest(**{**content, "cells": tuple(content["cells"])})
+        return _manifest(self.folder / "runs" / f"{run_id}.json")
 
 
 def read_results(folder: Path) -> Iterator[CellResult]:
@@ -108,6 +107,21 @@ def read_results(folder: Path) -> Iterator[CellResult]:
     """
     for path in sorted((folder / "cells").glob("*.json")):
         yield _cell_result(_read_checked(path))
+
+
+def read_manifests(folder: Path) -> Iterator[RunManifest]:
+    """Yield every run's manifest of a folder, in the order of their names.
+
+    Raises:
+        StoreError: a file cannot be read or is damaged.
+    """
+    for path in sorted((folder / "runs").glob("*.json")):
+        yield _manifest(path)
+
+
+def _manifest(path: Path) -> RunManifest:
+    content = _read_checked(path)
+    return RunManifest(**{**content, "cells": tuple(content["cells"])})
 
 
 def _cell_content(result: CellResult) -> dict[str, Any]:

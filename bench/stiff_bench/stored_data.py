@@ -73,7 +73,11 @@ def read_data(folder: Path, sha256: str) -> StoredData:
         with np.load(path, allow_pickle=False) as found:
             samples = Samples(**{item.name: found[item.name] for item in fields(Samples)})
             joint_names = tuple(found["joint_names"].tolist())
-            types = found["joint_types"].tolist() if "joint_types" in found else ["revolute"] * len(joint_names)
+            types = (
+                found["joint_types"].tolist()
+                if "joint_types" in found
+                else ["revolute"] * len(joint_names)
+            )
             return StoredData(
                 samples=samples,
                 torque=found["torque"],

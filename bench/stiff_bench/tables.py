@@ -12,23 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stiff_bench.fit_notes import model_notes
 from stiff_bench.published import MARK, NOTE, published_rows
+from stiff_bench.units import PRINTED, percent
 from stiff_protocols.errors import StoreError
-from stiff_protocols.metrics import Metric, Unit
+from stiff_protocols.metrics import Metric
 from stiff_protocols.plugin import kind_label
 from stiff_protocols.record import CellResult, Presentation
-from stiff_protocols.search_space import in_words
 from stiff_protocols.types import Interval, Prediction
 
-PRINTED: dict[Unit, tuple[str, float]] = {
-    "m": ("mm", 1000.0),
-    "share": ("%", 100.0),
-    "1": ("", 1.0),
-    "s": ("ms", 1000.0),
-    "B": ("MiB", 2.0**-20),
-    "1/s": ("1/s", 1.0),
-}
-"""Unit of a metric -> the unit it is printed in, and how many of those it is."""
 SELECTION_MARK = "epoch picked on test part"
 
 
@@ -116,11 +108,6 @@ class Table:
         )
 
 
-def percent(share: float) -> str:
-    """Return a share for people."""
-    return f"{100.0 * share:g} %"
-
-
 def build_tables(results: Sequence[CellResult], metrics: Sequence[Metric]) -> list[Table]:
     """Return a table for each data set, protocol and condition, in the results' order.
 
@@ -146,7 +133,7 @@ def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
     if shown.selects_on_test:
         notes.append(shown.warning)
     for results in by_model.values():
-        notes += _model_notes(results)
+        notes += model_notes(results)
     if shown.published and not cell.condition:
         rows += [
             _published_row(row.method, row.values_mm) for row in published_rows(shown.published)
@@ -168,22 +155,27 @@ def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
 
 
 def refuse_mixed(by_model: Mapping[str, Sequence[CellResult]]) -> None:
-    """See that every model's results are of the same data, splits and coverage.
+    """See that every model's results are of the same data, source, splits and coverage.
 
     Raises:
         StoreError: they are not.
     """
     identities = {
         tuple(
-            (result.cell.data_sha256, result.cell.split_sha256, result.cell.coverage)
+            (
+                result.cell.data_sha256,
+                result.cell.source_sha256,
+                result.cell.split_sha256,
+                result.cell.coverage,
+            )
             for result in results
         )
         for results in by_model.values()
     }
     if len(identities) > 1:
         raise StoreError(
-            "rows of different data, different splits or different coverage cannot stand in one "
-            "table"
+            "rows of different data, different sources, different splits or different coverage "
+            "cannot stand in one table"
         )
 
 
@@ -263,69 +255,3 @@ def _together(intervals: Sequence[Interval]) -> Interval:
 def _published_row(method: str, values_mm: Mapping[tuple[str, str], float]) -> Row:
     values = {key: Value(value, math.nan, "mm") for key, value in values_mm.items()}
     return Row(method, "published", MARK, values)
-
-
-def _model_notes(results: Sequence[CellResult]) -> list[str]:
-    """Return what a model's cells reported: numbers as means, warnings, reasons of failure."""
-    name = results[0].shown.model
-    notes = []
-    done = [result for result in results if result.status == "ok"]
-    if done and done[0].diagnostics:
-        numbers = []
-        for key in done[0].diagnostics:
-            values = [result.diagnostics.get(key, math.nan) for result in done]
-            numbers.append(f"{key} {_mean_text(values)}")
-        over = f" (means over {len(done)} splits)" if len(done) > 1 else ""
-        notes.append(f"{name}{over}: {', '.join(numbers)}.")
-    notes += _chosen_notes(name, done)
-    coverage = results[0].cell.coverage
-    if coverage is not None and any(_has_interval(result) for result in done):
-        notes.append(f"{name}: {percent(coverage)} intervals are {_interval_kind(done)}.")
-    for kind, messages in (
-        ("warning", [message for result in results for message in result.warnings]),
-        ("FAILED", [result.failure for result in results if result.status == "failed"]),
-        ("SKIPPED", [result.failure for result in results if result.status == "skipped"]),
-    ):
-        lines = [_one_line(message) for message in messages]
-        for message in dict.fromkeys(lines):
-            times = lines.count(message)
-            where = f" ({times} of {len(results)} splits)" if len(results) > 1 else ""
-            notes.append(f"{name}: {kind}{where}: {message}")
-    return notes
-
-
-def _chosen_notes(name: str, done: Sequence[CellResult]) -> list[str]:
-    """Return which options the fits chose, and in how many splits each; none where none did."""
-    choices = [in_words(result.chosen) for result in done if result.chosen]
-    if not choices:
-        return []
-    counted = [
-        f"{chosen} ({choices.count(chosen)} of {len(done)} splits)" if len(done) > 1 else chosen
-        for chosen in dict.fromkeys(choices)
-    ]
-    return [f"{name}: chosen on inner folds: {'; '.join(counted)}."]
-
-
-def _has_interval(result: CellResult) -> bool:
-    return result.prediction is not None and result.prediction.interval is not None
-
-
-def _mean_text(values: Sequence[float]) -> str:
-    """Return a mean for people; an infinite value (a joint found rigid) is counted apart."""
-    finite = [value for value in values if not math.isinf(value)]
-    if len(finite) == len(values) or not finite:
-        return f"{float(np.mean(values)):.4g}"
-    n_infinite = len(values) - len(finite)
-    return f"{float(np.mean(finite)):.4g} (and infinite in {n_infinite} of {len(values)})"
-
-
-def _interval_kind(results: Sequence[CellResult]) -> str:
-    counts = sorted({result.calibration_samples for result in results})
-    if counts[-1] == 0:
-        return "the model's own"
-    of_splits = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    return f"split-conformal, with {of_splits} calibration samples"
-
-
-def _one_line(text: str) -> str:
-    return " ".join(text.split())

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from stiff_models.kinematics import checked_positions, jacobian
+from stiff_models.kinematics import jacobian
+from stiff_protocols.forward_kinematics import checked_positions
 from stiff_protocols.types import FloatArray, Robot
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stiff_protocols.errors import DataError
+from stiff_protocols.forward_kinematics import checked_positions
 from stiff_protocols.types import FloatArray, Robot
 
 CHUNK = 2048
@@ -101,18 +101,6 @@ def kinematic_hessian(rows: FloatArray) -> FloatArray:
             if j > i:
                 _cross(hessian[3:, j, i], axis[:, i], axis[:, j])
     return hessian.transpose(3, 0, 1, 2)
-
-
-def checked_positions(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return the joint positions as (n, n_joints) float64.
-
-    Raises:
-        DataError: `q` has another number of joints than the robot.
-    """
-    q = np.asarray(q, dtype=np.float64)
-    if q.ndim != 2 or q.shape[1] != robot.n_joints:
-        raise DataError(f"q has shape {q.shape}, expected (n, {robot.n_joints})")
-    return q
 
 
 def joint_torque(rows: FloatArray, wrench: FloatArray) -> FloatArray:

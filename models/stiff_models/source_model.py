@@ -115,7 +115,8 @@ class SourceModel:
         if self.source_stiffness == "nominal":
             return np.asarray(1.0 / self._nominal(robot))
         joints = identify_joints(robot, samples)
-        warn_unidentifiable(joints)
+        of_source = "training samples" if self._source is None else "source's samples"
+        warn_unidentifiable(joints, of_source)
         return joints.compliance
 
     def _nominal(self, robot: Robot) -> FloatArray:

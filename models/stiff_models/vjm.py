@@ -149,11 +149,11 @@ def joint_deflection(
     return np.asarray(compliance_regressor(robot, q, wrench) @ compliance)
 
 
-def warn_unidentifiable(joints: IdentifiedJoints) -> None:
-    """Warn which joints the data cannot identify."""
+def warn_unidentifiable(joints: IdentifiedJoints, samples: str = "training samples") -> None:
+    """Warn which joints these samples cannot identify."""
     if joints.unidentifiable:
         warnings.warn(
-            f"joint stiffness not identifiable from the training samples: "
+            f"joint stiffness not identifiable from the {samples}: "
             f"{', '.join(joints.unidentifiable)} (regressor rank {joints.rank} of "
             f"{len(joints.names)}); no value is given, predictions use their joint effect alone",
             StiffBenchWarning,

@@ -67,7 +67,7 @@ PROTOCOLS = (
     ProtocolInfo(
         key="load-extrapolation",
         target="stiff_protocols.extrapolation:LoadExtrapolation",
-        summary="train on light loads or on some directions, test on heavy loads or other directions",
+        summary="train on light loads or some directions, test on heavy loads or other directions",
         reasoning=(
             "Weights on a rope are lighter than cutting forces and pull in few directions. A model "
             "that contains the load's part in the physics should carry over; a network that saw "

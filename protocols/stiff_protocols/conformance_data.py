@@ -16,8 +16,8 @@ from stiff_protocols.checklist import (
     answers,
 )
 from stiff_protocols.contract import DividesByRobot, EvaluationProtocol, StiffnessDataset
-from stiff_protocols.splits import leak_of
 from stiff_protocols.errors import StiffBenchError
+from stiff_protocols.splits import leak_of
 from stiff_protocols.types import BenchmarkData, Samples, Split
 
 LARGEST_WRENCH = 1e5  # N or N m; the largest robots carry some 2e4 N
@@ -150,12 +150,9 @@ def _told_apart(divided: DividedRows) -> str:
 def _disjoint(divided: DividedRows) -> str:
     """See that no row is learned from and tested."""
     for split in divided.splits():
-        learned = np.intersect1d(split.train, np.concatenate([split.validation, split.test]))
-        chosen_on = np.intersect1d(split.validation, split.test)
-        if len(learned):
-            raise Failed(f"{_named(split)} trains on {len(learned)} rows of its other parts")
-        if len(chosen_on) and not divided.protocol.selects_on_test:
-            raise Failed(f"{_named(split)} has {len(chosen_on)} test rows that choose an epoch")
+        leak = leak_of(split, selects_on_test=divided.protocol.selects_on_test)
+        if leak:
+            raise Failed(f"{_named(split)} {leak}")
     return ""
 
 
@@ -203,8 +200,11 @@ def _keeps_poses(divided: DividedRows) -> str:
     """Divide the same samples named as two loads a pose."""
     pose_id = np.array([f"P{row // 2}" for row in range(len(divided.samples))])
     splits = divided.splits(replace(divided.samples, pose_id=pose_id))
+    selects = divided.protocol.selects_on_test  # its validation rows are test rows, as it says
+    learned = [s.train if selects else np.r_[s.train, s.validation] for s in splits]
     parted = sum(
-        bool(np.isin(pose_id[np.r_[s.train, s.validation]], pose_id[s.test]).any()) for s in splits
+        bool(np.isin(pose_id[rows], pose_id[split.test]).any())
+        for rows, split in zip(learned, splits, strict=True)
     )
     if parted:
         raise NotApplicable(

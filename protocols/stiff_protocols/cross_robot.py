@@ -20,7 +20,8 @@ class CrossRobot(Holdout):
     with its kinematics, poses and loads. Fine-tuning is on the training part either way.
 
     Attributes:
-        source: data set of the other robot or specimen, as for --dataset: key and options.
+        source: data set of the other robot or specimen, as for --dataset; its @ is doubled where
+            this option stands in a word (cross-robot@source=kr10-twin@@specimen=3).
         test_fraction: of all poses.
         validation_fraction: of the training side's poses, chooses the epoch.
     """

@@ -19,6 +19,8 @@ from stiff_protocols.types import FloatArray, IntArray, Samples, Split, TextArra
 
 Division = tuple[str, IntArray, IntArray]
 """Condition, training rows, test rows."""
+DECIMALS = 9  # of N, and of directions' components: what differs by less is one load
+_NEEDS_GROUPS = "it needs at least two groups of poses, such as joint-space and cartesian"
 
 
 def drawn(
@@ -72,7 +74,7 @@ class SpaceTransfer:
         """Return `n_splits` (default 1) draws for each group that is trained on.
 
         Raises:
-            ConfigError: all samples are of one group.
+            ConfigError: all samples are of one group, or the groups have the same poses.
         """
         return drawn(
             samples,
@@ -87,9 +89,9 @@ class SpaceTransfer:
         groups = list(dict.fromkeys(samples.group.tolist()))
         if len(groups) < 2:
             raise ConfigError(
-                f"space-transfer: all samples are of group {groups[0]!r}; it needs at least two "
-                "groups of poses, such as joint-space and cartesian"
+                f"space-transfer: all samples are of group {groups[0]!r}; {_NEEDS_GROUPS}"
             )
+        found = False
         for group in groups:
             others = " + ".join(other for other in groups if other != group)
             inside = samples.group == group
@@ -97,7 +99,13 @@ class SpaceTransfer:
             shared = np.isin(samples.pose_id, samples.pose_id[~inside])
             train = np.flatnonzero(inside & ~shared)
             if len(train):
+                found = True
                 yield f"{group} -> {others}", train, np.flatnonzero(~inside)
+        if not found:
+            raise ConfigError(
+                f"space-transfer: every pose stands in several of the groups {', '.join(groups)}; "
+                f"{_NEEDS_GROUPS}"
+            )
 
 
 class LoadExtrapolation:
@@ -106,7 +114,8 @@ class LoadExtrapolation:
     Attributes:
         by: "size" of the force, "direction" of the force, or "both", one condition each.
         test_fraction: of the samples: those with the heaviest forces, or with the directions
-            farthest along the line on which the directions differ most.
+            farthest along the line on which the directions differ most. More, where more share
+            the largest value.
         train_fraction: of the training poses, drawn anew in each of several splits.
         validation_fraction: of the training poses, chooses the epoch.
     """
@@ -158,9 +167,14 @@ class LoadExtrapolation:
         self, samples: Samples, condition: str, measure: FloatArray, seed: int
     ) -> tuple[IntArray, IntArray]:
         """Return the rows below and above the quantile, no pose on both sides."""
-        beyond = measure > np.quantile(measure, 1.0 - self.test_fraction)
-        if not beyond.any():
-            raise ConfigError(f"load-extrapolation: {condition}: the samples' loads do not differ")
+        measure = measure.round(DECIMALS)
+        different = np.unique(measure)
+        if len(different) < 2:
+            raise ConfigError(
+                f"load-extrapolation: {condition}: the samples' loads do not differ (by=size and "
+                "by=direction ask for one condition alone)"
+            )
+        beyond = measure > min(np.quantile(measure, 1.0 - self.test_fraction), different[-2])
         torn = np.intersect1d(samples.pose_id[beyond], samples.pose_id[~beyond])
         tested = _drawn_half(torn, seed)
         of_torn = np.isin(samples.pose_id, torn)

@@ -12,8 +12,8 @@ from __future__ import annotations
 import itertools
 import math
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -22,7 +22,6 @@ from sklearn.base import BaseEstimator, clone
 from stiff_protocols.contract import (
     ChecksParams,
     ChecksRobot,
-    ChoosesEpoch,
     KnowsWhatIsMissing,
     PredictsInterval,
     ReportsDiagnostics,
@@ -30,11 +29,11 @@ from stiff_protocols.contract import (
     StiffnessModel,
 )
 from stiff_protocols.errors import ConfigError, ModelError, NotFittedError, StiffBenchWarning
-from stiff_protocols.sanity import check_prediction
+from stiff_protocols.inner_folds import chooses_epoch, fit_to, inner_error, together
 from stiff_protocols.search_space import Grid, Range, in_words
 from stiff_protocols.splits import folds_by_pose
 from stiff_protocols.tpe import require_optuna, try_drawn
-from stiff_protocols.types import FloatArray, Interval, Robot, Samples, Split
+from stiff_protocols.types import FloatArray, Interval, Robot, Samples
 
 Search = Literal["grid", "optuna"]
 NOT_TUNED = "not tuned"
@@ -138,7 +137,7 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
 
     def chooses_epoch(self) -> bool:
         """Return whether validation rows choose the epoch of any candidate."""
-        return any(_chooses_epoch(model) for _, model in self._candidates())
+        return any(chooses_epoch(model) for _, model in self._candidates())
 
     def missing(self) -> str:
         """Return what a candidate lacks on this machine; "" for nothing."""
@@ -185,8 +184,8 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
                 "candidates": float(len(self.scores_)),
                 "inner error of the chosen [mm]": best.error * 1000.0,
             }
-        self.model_ = clone(self.model).set_params(**self.best_params_)
-        _fit(self.model_, train, validation, robot, seed)
+        self.model_ = self._with(self.best_params_)
+        fit_to(self.model_, train, validation, robot=robot, seed=seed)
         own = self.model_.diagnostics_ if isinstance(self.model_, ReportsDiagnostics) else {}
         self.diagnostics_: Mapping[str, float] = {**own, **report}
         return self
@@ -213,25 +212,42 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
         ]
         for combination in itertools.product(*values):
             params = dict(zip(self.grid, combination, strict=True))
-            yield params, clone(self.model).set_params(**params)
+            yield params, self._with(params)
 
     def _searched(
         self, train: Samples, robot: Robot, validation: Samples | None, seed: int
     ) -> tuple[Tried, ...]:
-        rows = train if validation is None else _together(train, validation)
+        """Return every candidate's inner error; one that fails is left out, and that is said."""
+        rows = train if validation is None else together(train, validation)
         parts = folds_by_pose(
             rows,
             n_folds=self.folds,
             validation_fraction=self.validation_fraction,
-            seed=int(np.random.default_rng(seed).integers(2**31)),  # of 32 bits, and counted up
+            seed=int(np.random.default_rng(seed).integers(2**31)),  # `seed` has all of 32 bits
         )
-
         found: dict[str, Tried] = {}  # a drawn candidate may come again
+
+        def tried(params: Mapping[str, Any]) -> Tried:
+            try:
+                error = inner_error(
+                    lambda: self._with(params),
+                    rows,
+                    parts,
+                    robot=robot,
+                    validates=validation is not None,
+                    seed=seed,
+                )
+            except Exception as raised:  # a plugin's, whatever it is: this candidate's alone
+                reason = f"{type(raised).__name__}: {raised}"
+                said = f"candidate {in_words(params)} left out: {reason}"
+                warnings.warn(said, StiffBenchWarning, stacklevel=1)
+                return Tried(params, math.inf, reason)
+            return Tried(params, error)
 
         def error_of(params: Mapping[str, Any]) -> float:
             words = in_words(params)
             if words not in found:
-                found[words] = self._tried(params, rows, parts, robot, seed, validation is not None)
+                found[words] = tried(params)
             return found[words].error
 
         if self.search == "grid":
@@ -241,38 +257,10 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
             try_drawn(self.grid, error_of, trials=self.trials, seed=seed)
         return tuple(found.values())
 
-    def _tried(
-        self,
-        params: Mapping[str, Any],
-        rows: Samples,
-        parts: Sequence[Split],
-        robot: Robot,
-        seed: int,
-        validates: bool,
-    ) -> Tried:
-        """Return how a candidate does on the inner test parts; a failure is left out, and said."""
-        distances = []
-        try:
-            for part in parts:
-                model = clone(self.model).set_params(**params)
-                train, validation = rows.take(part.train), rows.take(part.validation)
-                test = rows.take(part.test)
-                with warnings.catch_warnings():  # those of the last fit are the ones to read
-                    warnings.simplefilter("ignore")
-                    if validates:
-                        _fit(model, train, validation, robot, seed)
-                    else:
-                        _fit(model, _together(train, validation), None, robot, seed)
-                    predicted = np.asarray(model.predict(test.q, test.wrench))
-                check_prediction(predicted, len(test))
-                distances.append(np.linalg.norm(predicted - test.deflection, axis=1))
-        except Exception as error:  # whatever a plugin raises is that candidate's failure alone
-            reason = f"{type(error).__name__}: {error}"
-            warnings.warn(
-                f"candidate {in_words(params)} left out: {reason}", StiffBenchWarning, stacklevel=1
-            )
-            return Tried(params, math.inf, reason)
-        return Tried(params, float(np.concatenate(distances).mean()))
+    def _with(self, params: Mapping[str, Any]) -> StiffnessModel:
+        """Return an unfitted copy of the model with these options."""
+        made: StiffnessModel = clone(self.model).set_params(**params)
+        return made
 
 
 class InnerSearchWithIntervals(InnerSearch):
@@ -292,26 +280,3 @@ class InnerSearchWithIntervals(InnerSearch):
 
 def _regime(model: StiffnessModel) -> str:
     return model.regime if isinstance(model, StatesRegime) else ""
-
-
-def _chooses_epoch(model: StiffnessModel) -> bool:
-    return model.chooses_epoch() if isinstance(model, ChoosesEpoch) else True
-
-
-def _fit(
-    model: StiffnessModel, train: Samples, validation: Samples | None, robot: Robot, seed: int
-) -> None:
-    """Fit; a model that chooses no epoch learns from the validation rows instead."""
-    if validation is not None and not (len(validation) and _chooses_epoch(model)):
-        train, validation = _together(train, validation), None
-    model.fit(train, robot=robot, validation=validation, seed=seed)
-
-
-def _together(first: Samples, second: Samples) -> Samples:
-    """Return the rows of both."""
-    return Samples(
-        **{
-            item.name: np.concatenate([getattr(first, item.name), getattr(second, item.name)])
-            for item in fields(Samples)
-        }
-    )

@@ -119,9 +119,7 @@ def leave_one_pose_out(samples: Samples, *, validation_fraction: float, seed: in
     ]
 
 
-def _divide(
-    splitter: Any, samples: Samples, option: str
-) -> list[tuple[IntArray, IntArray]]:
+def _divide(splitter: Any, samples: Samples, option: str) -> list[tuple[IntArray, IntArray]]:
     """Return (train, test) rows; what scikit-learn refuses becomes a ConfigError."""
     try:
         return list(splitter.split(samples.q, groups=samples.pose_id))

@@ -23,8 +23,8 @@ class WorkspaceExtrapolation:
     """Parts the poses by where the TCP is, and tests each region by models of the others.
 
     The regions are the clusters that k-means finds in the TCP's positions, numbered along x of the
-    base frame; a condition is named after its region's mean position. They belong to the data set and
-    not to the seed, which draws the training and validation parts.
+    base frame; a condition is named after its region's mean position. They belong to the data set
+    and not to the seed, which draws the training and validation parts.
 
     Attributes:
         regions: how many.

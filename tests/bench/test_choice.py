@@ -10,7 +10,7 @@ import pytest
 from stiff_bench.config import RunRequest, chosen_dataset, plan_run
 from stiff_bench.registry import build_registry
 from stiff_bench.robot_words import RobotWords
-from stiff_bench.runner import cell_tasks
+from stiff_bench.tasks import cell_tasks
 from stiff_protocols.errors import ConfigError
 
 REQUEST = RunRequest(
@@ -43,7 +43,11 @@ def test_several_variants_of_one_key_meet_in_one_run():
         datasets=("kr10-twin", "kr10-twin@specimen=3"),
         protocols=("kfold@folds=3",),
     )
-    assert names(made.models) == ["ft-mlp@freeze=full", "ft-mlp@epochs=5@freeze=layers:2,3", "ft-mlp"]
+    assert names(made.models) == [
+        "ft-mlp@freeze=full",
+        "ft-mlp@epochs=5@freeze=layers:2,3",
+        "ft-mlp",
+    ]
     assert names(made.datasets) == ["kr10-twin", "kr10-twin@specimen=3"]
     assert names(made.protocols) == ["kfold@folds=3"]
     assert [model.params["freeze"] for model in made.models[:2]] == ["full", "layers:2,3"]

@@ -327,7 +327,8 @@ def test_debug_shows_the_traceback(tmp_path):
     assert done.returncode != 0 and "Traceback" in done.stderr and "ConfigError" in done.stderr
 
 
-def test_ctrl_c_stops_with_130_and_keeps_what_was_finished(tmp_path):
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_run_that_is_stopped_keeps_what_was_finished_and_blames_no_cell(tmp_path, number, status):
     words = ["run", "--model", "vjm", "--model", "mlp", "--set", "mlp.epochs=1000000"]
     process = subprocess.Popen(
         [BENCH, *words, "--output", "out"],
@@ -344,9 +345,9 @@ def test_ctrl_c_stops_with_130_and_keeps_what_was_finished(tmp_path):
     while not (cells.is_dir() and any(cells.glob("*.json"))) and time.monotonic() < deadline:
         time.sleep(0.1)
     time.sleep(1.0)  # into the training of the second cell
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     stdout, stderr = process.communicate(timeout=60)
-    assert process.returncode == 130
+    assert process.returncode == status
     assert stdout == ""
     assert stderr.strip().splitlines()[-1] == (
         "bench: interrupted; finished cells are kept, and no file is left half-written"

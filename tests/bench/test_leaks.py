@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
+import re
+import sys
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from stiff_bench.runner import compute_cell
+from sealed_samples import Leak, computed_under_seal
+from stiff_bench.cells import compute_cell
+from stiff_bench.render import render
+from stiff_bench.tables import SELECTION_MARK, build_tables
 from stiff_models.catalog import FAMILIES, MODELS, model_info
 from stiff_models.source import source_design
 from stiff_models.vjm import identify_joints
+from stiff_protocols.catalog import PROTOCOLS
+from stiff_protocols.errors import ConfigError
+from stiff_protocols.metrics import metric
+from stiff_protocols.protocol import PaperHoldout
 
 SEEN = []
 KEYS = [*(info.key for info in MODELS), *(family.example for family in FAMILIES)]
+FAIR = [info.key for info in PROTOCOLS if info.key != "paper-holdout"]
 SMALL_ENSEMBLE = {"width": 8, "pretrain_steps": 5, "epochs": 10, "members": 2}
 QUICKER = {"deep-ensemble": SMALL_ENSEMBLE}
 """Options of a model that its quick options leave too slow for several fits."""
@@ -100,7 +111,7 @@ def test_test_deflections_do_not_reach_the_source_domain(tasks):
     np.testing.assert_array_equal(design.q, first[1].q)
 
 
-def as_it_is_and_with_other_test_deflections(task, options):
+def as_it_is_and_with_other_test_deflections(task, options, compute_spoiled):
     """Compute a cell twice with these options of its model, and return both predictions."""
     deflection = task.data.samples.deflection.copy()
     deflection[task.split.test] += 7.0
@@ -110,9 +121,9 @@ def as_it_is_and_with_other_test_deflections(task, options):
     spoiled = replace(
         task, data=replace(task.data, samples=replace(task.data.samples, deflection=deflection))
     )
-    results = [compute_cell(each, "r") for each in (task, spoiled)]
+    results = [compute_spoiled(spoiled), compute_cell(task, "r")]
     assert [each.failure for each in results] == ["", ""]
-    first, second = (each.prediction for each in results)
+    second, first = (each.prediction for each in results)
     assert (first.measured != second.measured).all()
     return first, second
 
@@ -121,28 +132,155 @@ def assert_the_same(first, second):
     np.testing.assert_array_equal(first.predicted, second.predicted)
     np.testing.assert_array_equal(first.interval.lower, second.interval.lower)
     np.testing.assert_array_equal(first.interval.upper, second.interval.upper)
+    np.testing.assert_array_equal(first.reference, second.reference)
 
 
 @pytest.mark.parametrize(
     "key", [pytest.param(key, marks=[pytest.mark.slow] * (key in SLOW)) for key in KEYS]
 )
-def test_predictions_and_intervals_do_not_change_with_the_test_deflections(key, tasks):
+def test_no_test_deflection_is_read_before_the_last_prediction_nor_changes_one(
+    key, tasks, monkeypatch, tmp_path
+):
+    """Identification, scalers, pre-training, intervals and the reference: all under the seal."""
+    monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path))  # empty: the seal guards what fills it
     info = model_info(key)
     if info.missing():
         pytest.skip(info.missing())
     options = {**info.quick, **QUICKER.get(key, {})}
-    assert_the_same(*as_it_is_and_with_other_test_deflections(tasks(key, "holdout")[0], options))
+    task = tasks(key, "holdout")[0]
+    assert_the_same(*as_it_is_and_with_other_test_deflections(task, options, computed_under_seal))
 
 
 def test_an_ensemble_that_chooses_no_epoch_takes_nothing_from_the_papers_test_rows(tasks):
     task = tasks("deep-ensemble", "paper-holdout")[0]
-    assert_the_same(
-        *as_it_is_and_with_other_test_deflections(task, SMALL_ENSEMBLE | {"training": "normal"})
-    )
+    options = SMALL_ENSEMBLE | {"training": "normal"}
+    assert_the_same(*as_it_is_and_with_other_test_deflections(task, options, computed_under_seal))
 
 
 def test_an_ensembles_noise_is_not_that_of_the_papers_test_rows_that_choose_its_epoch(tasks):
     task = tasks("deep-ensemble", "paper-holdout")[0]
-    first, second = as_it_is_and_with_other_test_deflections(task, SMALL_ENSEMBLE)
+    first, second = as_it_is_and_with_other_test_deflections(
+        task, SMALL_ENSEMBLE, lambda spoiled: compute_cell(spoiled, "r")
+    )
     widths = [np.max(each.interval.upper - each.interval.lower) for each in (first, second)]
     assert max(widths) < 0.1  # m; the deflections are moved by 7 m
+
+
+@pytest.mark.parametrize("model", ["knn", "mlp@width=4@epochs=1"])
+@pytest.mark.parametrize("protocol", FAIR)
+def test_no_fair_protocol_lets_a_test_deflection_be_read_early(protocol, model, tasks_of):
+    found = {task.cell.condition: task for task in tasks_of((model,), protocol=protocol)}
+    for task in found.values():
+        result = computed_under_seal(task)
+        truth = task.data.samples.deflection[task.split.test]
+        np.testing.assert_array_equal(result.prediction.measured, truth)
+
+
+def test_the_papers_protocol_breaks_the_seal_for_models_that_choose_an_epoch_alone(tasks):
+    computed_under_seal(tasks("vjm", "paper-holdout")[0])
+    with pytest.raises(Leak, match=r"read before Mlp\.fit"):
+        computed_under_seal(tasks("mlp", "paper-holdout")[0])
+
+
+class Thief(Witness):
+    """A plugin that looks for the engine's data up the stack, and hides what goes wrong."""
+
+    at = "fit"
+
+    def fit(self, train, *, robot, validation=None, seed=0):
+        self.reach("fit")
+        return self
+
+    def predict(self, q, wrench):
+        self.reach("predict")
+        return np.full((len(q), 3), 1e-4)
+
+    def reach(self, stage):
+        frame = sys._getframe()
+        while self.at == stage and frame is not None:
+            task = frame.f_locals.get("task")
+            if task is not None:
+                with suppress(Exception):
+                    self.stolen = task.data.samples.deflection[task.split.test]
+            frame = frame.f_back
+
+
+class ThiefInPredict(Thief):
+    at = "predict"
+
+
+@pytest.mark.parametrize("thief", [Thief, ThiefInPredict])
+def test_a_plugin_that_reaches_for_the_engines_data_is_caught(thief, tasks):
+    task = tasks("vjm", "holdout")[0]
+    task = replace(task, model=replace(task.model, cls=thief, params={}, context={}))
+    assert compute_cell(task, "r").status == "ok"  # so it is the seal that catches it
+    with pytest.raises(Leak, match="read during fit or prediction"):
+        computed_under_seal(task)
+
+
+def all_rows(task):
+    return task.data.samples.take(np.arange(len(task.data.samples)))
+
+
+def peek(*_):
+    all_rows(sys._getframe(1).f_locals["task"])
+
+
+@pytest.mark.parametrize(
+    ("name", "leaky", "words"),
+    [
+        ("_training_side", lambda task, **_: (all_rows(task), None), r"read before Virtual.*\.fit"),
+        ("_training_side", lambda task, **_: (task.data.samples, None), "read during fit"),
+        ("check_prediction", peek, r"read before .*\.predict"),
+    ],
+    ids=["all rows are taken", "all data are handed over", "a look after the first prediction"],
+)
+def test_an_engine_that_leaks_is_caught(name, leaky, words, tasks, monkeypatch):
+    task = tasks("vjm", "holdout")[0]
+    monkeypatch.setattr(f"stiff_bench.cells.{name}", leaky)
+    with pytest.raises(Leak, match=words):
+        computed_under_seal(task)
+
+
+@pytest.mark.parametrize("protocol", [info.key for info in PROTOCOLS])
+def test_validation_rows_are_test_rows_if_and_only_if_the_protocol_says_so(protocol, tasks_of):
+    for task in tasks_of(protocol=protocol):
+        chosen_on_test = len(np.intersect1d(task.split.validation, task.split.test)) > 0
+        assert chosen_on_test == task.shown.selects_on_test == (protocol not in FAIR)
+
+
+def test_a_protocol_that_selects_on_test_and_does_not_say_so_is_refused(tasks, monkeypatch):
+    monkeypatch.setattr(PaperHoldout, "selects_on_test", False)
+    with pytest.raises(ConfigError, match="9 test rows that choose an epoch, and the protocol doe"):
+        tasks("vjm", "paper-holdout")
+
+
+ROWS_WITH_MARK = {
+    "github": r"^\| {name} \[{mark}\] +\|",
+    "latex": r"^ {name} \[{mark}\] +&",
+    "html": r"<tr><td>{name} \[{mark}\] *</td>",
+    "csv": r",{name},ours,{mark},",
+    "json": r'"model": "{name}",\s+"source": "ours",\s+"mark": "{mark}",',
+}
+
+
+@pytest.mark.parametrize("fmt", ROWS_WITH_MARK)
+@pytest.mark.parametrize("protocol", ["holdout", "paper-holdout"])
+def test_rows_that_were_selected_on_test_carry_the_mark_in_every_format(protocol, fmt, tasks_of):
+    results = [
+        compute_cell(
+            replace(task, model=replace(task.model, cls=Witness, params={}, context={})), "r"
+        )
+        for task in tasks_of(("vjm", "mlp"), "fanuc-r2000ic", protocol)
+    ]
+    text = render(build_tables(results, [metric("mae")]), fmt, "bench run")
+    marked = {
+        name: re.search(
+            ROWS_WITH_MARK[fmt].format(name=name, mark=SELECTION_MARK), text, re.MULTILINE
+        )
+        is not None
+        for name in ("vjm", "mlp")
+    }
+    selects = protocol == "paper-holdout"
+    assert marked == {"vjm": False, "mlp": selects}
+    assert ("picks the best epoch on the very samples it reports" in text) == selects

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from sklearn.base import BaseEstimator
 
+from stiff_bench.cells import compute_cell
 from stiff_bench.config import RunRequest, plan_run
 from stiff_bench.registry import build_registry
 from stiff_bench.robot_words import RobotWords
-from stiff_bench.runner import compute_cell
 from stiff_bench.store import ResultStore
 from stiff_models.vjm import VirtualJointModel
 from stiff_protocols.errors import ConfigError

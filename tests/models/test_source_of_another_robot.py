@@ -136,12 +136,12 @@ def test_a_compliance_network_begins_with_the_other_robots_springs_in_the_target
 def test_co_kriging_has_the_other_robots_vjm_as_its_low_fidelity(target, ur5, monkeypatch):
     cheap = []
 
-    def stopped_here(low, high, cheap_rows, rows):
+    def witnessed(low, high, cheap_rows, rows):
         cheap.append(cheap_rows[1])
         return real(low, high, cheap_rows, rows)
 
     real = mf_gp.fit_co_kriging
-    monkeypatch.setattr(mf_gp, "fit_co_kriging", stopped_here)
+    monkeypatch.setattr(mf_gp, "fit_co_kriging", witnessed)
     model = fitted(MultiFidelityGp(source_samples=4, ard=False), target, ur5)
     at_measured = model.output_scaler_.undo(np.stack(cheap, axis=1))[4:]
     np.testing.assert_allclose(at_measured, predicted(vjm_of(ur5), target), atol=1e-15)
@@ -152,9 +152,9 @@ def test_every_member_of_an_ensemble_has_the_same_foreign_source(target, ur5):
     ensemble = fitted(DeepEnsemble(**options, members=2), target, ur5, seed=4)
     alone = fitted(FtMlp(**options), target, ur5, seed=4)
     np.testing.assert_array_equal(predicted(ensemble.members_[0], target), predicted(alone, target))
-    maes = [member.source_test_mae_ for member in ensemble.members_]
     own = fitted(DeepEnsemble(**options, members=2), target, None, seed=4)
-    assert all((mae != other.source_test_mae_).any() for mae, other in zip(maes, own.members_))
+    for foreign, other in zip(ensemble.members_, own.members_, strict=True):
+        assert (foreign.source_test_mae_ != other.source_test_mae_).any()
 
 
 @pytest.mark.parametrize("key", TAKE_A_SOURCE)
@@ -186,7 +186,9 @@ def test_a_saved_model_needs_its_source_no_more(target, ur5, tmp_path):
 
 def test_options_of_the_source_are_checked_against_the_robot_of_the_source(target):
     model = MlpPretrained(**TINY, source_stiffness="nominal")
-    with pytest.raises(ConfigError, match=f"no stiffnesses are known for robot '{target.robot.name}'"):
+    with pytest.raises(
+        ConfigError, match=f"no stiffnesses are known for robot '{target.robot.name}'"
+    ):
         model.check_robot(target.robot)
     model.use_source(Kr10Twin().load())
     model.check_robot(target.robot)

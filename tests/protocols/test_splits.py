@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from stiff_protocols.errors import ConfigError
-from stiff_protocols.protocol import Holdout, LeaveOneOut, PaperHoldout
+from stiff_protocols.protocol import Holdout, KFold, LeaveOneOut, PaperHoldout, RepeatedHoldout
 from stiff_protocols.types import Samples
 
 
@@ -22,7 +24,10 @@ def samples_with(n_poses: int, loads: int) -> Samples:
     )
 
 
-@pytest.mark.parametrize("protocol", [Holdout(), LeaveOneOut()])
+BY_POSE = [Holdout(), RepeatedHoldout(), KFold(), LeaveOneOut()]
+
+
+@pytest.mark.parametrize("protocol", BY_POSE)
 def test_no_pose_stands_on_two_sides_of_a_split(protocol):
     samples = samples_with(20, 5)
     for split in protocol.splits(samples, n_splits=None, seed=3):
@@ -31,7 +36,7 @@ def test_no_pose_stands_on_two_sides_of_a_split(protocol):
         assert sum(map(len, parts)) == len(set.union(*parts)) == 20
 
 
-@pytest.mark.parametrize("protocol", [Holdout(), LeaveOneOut()])
+@pytest.mark.parametrize("protocol", BY_POSE)
 def test_every_row_stands_in_exactly_one_part(protocol):
     for split in protocol.splits(samples_with(20, 2), n_splits=None, seed=0):
         rows = np.concatenate([split.train, split.validation, split.test])
@@ -57,10 +62,11 @@ def test_paper_holdout_validates_on_its_test_rows_and_says_so():
     assert len(split.test) == 31
 
 
-def test_the_same_seed_gives_the_same_splits_and_another_seed_others():
+@pytest.mark.parametrize("protocol", [Holdout(), RepeatedHoldout(), KFold(), PaperHoldout()])
+def test_the_same_seed_gives_the_same_splits_and_another_seed_others(protocol):
     samples = samples_with(50, 1)
-    first, again = (Holdout().splits(samples, n_splits=3, seed=7) for _ in range(2))
-    other = Holdout().splits(samples, n_splits=3, seed=8)
+    first, again = (protocol.splits(samples, n_splits=3, seed=7) for _ in range(2))
+    other = protocol.splits(samples, n_splits=3, seed=8)
     assert [s.sha256 for s in first] == [s.sha256 for s in again]
     assert not {s.sha256 for s in first} & {s.sha256 for s in other}
     assert len({s.sha256 for s in first}) == 3
@@ -71,7 +77,51 @@ def test_a_number_of_splits_is_refused_where_the_poses_give_it():
         LeaveOneOut().splits(samples_with(10, 1), n_splits=2, seed=0)
 
 
-@pytest.mark.parametrize("protocol", [Holdout(), LeaveOneOut(), PaperHoldout()])
+@pytest.mark.parametrize("protocol", [*BY_POSE, PaperHoldout()])
 def test_too_few_poses_are_refused_with_their_number(protocol):
     with pytest.raises(ConfigError, match="cannot be divided"):
         protocol.splits(samples_with(1, 1), n_splits=None, seed=0)
+
+
+def test_repeated_holdout_begins_with_holdouts_splits_and_has_fifteen_unless_told_otherwise():
+    samples = samples_with(30, 2)
+    repeated = RepeatedHoldout().splits(samples, n_splits=None, seed=4)
+    plain = Holdout().splits(samples, n_splits=3, seed=4)
+    assert [s.sha256 for s in repeated[:3]] == [s.sha256 for s in plain]
+    assert [s.index for s in repeated] == list(range(15))
+    for protocol, asked, given in (
+        (RepeatedHoldout(), 2, 2),
+        (RepeatedHoldout(repetitions=7), None, 7),
+    ):
+        assert len(protocol.splits(samples, n_splits=asked, seed=4)) == given
+
+
+def test_kfold_tests_every_pose_once_in_folds_of_about_one_size():
+    samples = samples_with(23, 2)
+    splits = KFold().splits(samples, n_splits=None, seed=0)
+    tested = np.concatenate([split.test for split in splits])
+    np.testing.assert_array_equal(np.sort(tested), np.arange(46))
+    assert sorted(len(split.test) // 2 for split in splits) == [4, 4, 5, 5, 5]
+    assert len(KFold(folds=3).splits(samples, n_splits=None, seed=0)) == 3
+    assert len(KFold(folds=3).splits(samples, n_splits=4, seed=0)) == 4  # --splits wins
+
+
+def test_kfold_of_one_fold_is_refused():
+    with pytest.raises(ConfigError, match="--splits 1: kfold needs at least 2 folds"):
+        KFold().splits(samples_with(10, 1), n_splits=1, seed=0)
+
+
+def test_fewer_poses_than_folds_are_refused_with_their_number():
+    with pytest.raises(ConfigError, match="8 samples of 4 poses cannot be divided"):
+        KFold().splits(samples_with(4, 2), n_splits=5, seed=0)
+
+
+def test_splits_that_differ_in_sensor_errors_alone_have_other_hashes_and_the_same_rows():
+    samples = samples_with(10, 1)
+    (split,) = Holdout().splits(samples, n_splits=1, seed=0)
+    error = np.full((len(split.test), 6), 0.5)
+    noisy, again = (replace(split, wrench_error=error.copy()) for _ in range(2))
+    assert noisy.sha256 == again.sha256 != split.sha256 == split.rows_sha256
+    assert noisy.rows_sha256 == split.rows_sha256
+    np.testing.assert_array_equal(noisy.test_wrench(samples), samples.wrench[split.test] + 0.5)
+    np.testing.assert_array_equal(split.test_wrench(samples), samples.wrench[split.test])

@@ -1,0 +1,115 @@
+"""Scores of models under one protocol and condition, over the data sets of one robot type."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stiff_bench.rank_analysis import dataset_of, family_of
+from stiff_bench.standing import Field, Standings, complete_models
+
+
+@dataclass(frozen=True)
+class ColumnValue:
+    """A model's score over the data sets of a column.
+
+    Attributes:
+        mean: over the data sets that have it, in the metric's unit; NaN where none has.
+        std: over them; NaN for one.
+        n_datasets: how many have it.
+        failed: "FAILED" or "SKIPPED" where it did in one of them; else "".
+        best: it has the best mean of the models that have all data sets.
+        like_best: it cannot be told from the best in more than half of the contests; None: it
+            lacks a data set, or no test applies.
+    """
+
+    mean: float
+    std: float
+    n_datasets: int
+    failed: str
+    best: bool
+    like_best: bool | None
+
+
+@dataclass(frozen=True)
+class Column:
+    """One protocol and condition on the data sets of one robot type.
+
+    Attributes:
+        family: name of the data sets without the options that make another robot of the type.
+        protocol, condition: as shown.
+        datasets: their names.
+        values: by model; one that was run nowhere here is not there.
+    """
+
+    family: str
+    protocol: str
+    condition: str
+    datasets: tuple[str, ...]
+    values: Mapping[str, ColumnValue]
+
+
+def columns(fields: Sequence[Field], standings: Standings) -> Iterator[Column]:
+    """Yield a column for each robot type, protocol and condition, in the fields' order."""
+    groups: dict[tuple[str, str, str], list[Field]] = {}
+    for field in fields:
+        name = field.name
+        group = (family_of(name.dataset), name.protocol, name.condition)
+        groups.setdefault(group, []).append(field)
+    for (family, protocol, condition), members in groups.items():
+        datasets = tuple(dict.fromkeys(dataset_of(field.name.dataset) for field in members))
+        values = dict(_values(members, standings))
+        yield Column(family, protocol, condition, datasets, values)
+
+
+def _values(fields: Sequence[Field], standings: Standings) -> Iterator[tuple[str, ColumnValue]]:
+    complete = complete_models(fields)
+    like = _like_best(fields, complete, standings)
+    scores = {
+        model: _by_dataset(fields, model)
+        for model in dict.fromkeys(name for field in fields for name in field.contest.competitors)
+        if any(model in field.scores or model in field.missing for field in fields)
+    }
+    sign = standings.key.sign
+    best = min((sign * np.mean(scores[model]) for model in complete), default=math.nan)
+    for model, found in scores.items():
+        yield (
+            model,
+            ColumnValue(
+                mean=float(np.mean(found)) if found else math.nan,
+                std=float(np.std(found, ddof=1)) if len(found) > 1 else math.nan,
+                n_datasets=len(found),
+                failed=max(field.failed(model) for field in fields),
+                best=model in complete and bool(sign * np.mean(found) == best),
+                like_best=like.get(model),
+            ),
+        )
+
+
+def _by_dataset(fields: Sequence[Field], model: str) -> list[float]:
+    """Return a model's score on each data set where it lacks no repetition."""
+    groups: dict[str, list[Field]] = {}
+    for field in fields:
+        groups.setdefault(dataset_of(field.name.dataset), []).append(field)
+    return [
+        float(np.mean([field.mean(model) for field in members]))
+        for members in groups.values()
+        if all(model in field.scores for field in members)
+    ]
+
+
+def _like_best(
+    fields: Sequence[Field], models: tuple[str, ...], standings: Standings
+) -> dict[str, bool]:
+    """Return whether each model is like the best in more than half of the contests."""
+    if not models:
+        return {}
+    found = [standings.of(field, models).like_best for field in fields]
+    tested = [like for like in found if like is not None]
+    if len(tested) < len(fields):
+        return {}
+    share = np.mean(tested, axis=0)
+    return {model: bool(part > 0.5) for model, part in zip(models, share, strict=True)}

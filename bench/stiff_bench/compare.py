@@ -1,0 +1,163 @@
+"""`bench compare A B`: from a folder of results to a report on two competitors."""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from stiff_bench.across import Across, across_datasets
+from stiff_bench.collected import (
+    Contest,
+    chosen_contests,
+    collect,
+    competitor_names,
+    same_name_other_data,
+    stands_for,
+)
+from stiff_bench.comparison import Comparison, compare, paired_errors
+from stiff_bench.estimates import Question
+from stiff_bench.stored_data import read_data
+from stiff_bench.where import Where, where_better
+from stiff_protocols.errors import ConfigError, DataError, unknown_name
+
+FEW = 3
+"""So many contests are named in an error message."""
+
+
+@dataclass(frozen=True)
+class CompareWords:
+    """The words of a `bench compare` command line.
+
+    Attributes:
+        a, b: names of competitors, e.g. "ft-mlp@freeze=full".
+        results: folder of the results.
+        datasets, protocols, conditions: which contests; none named means all.
+        question: what is asked of each.
+        command: the command line, for the record.
+    """
+
+    a: str
+    b: str
+    results: Path
+    datasets: tuple[str, ...]
+    protocols: tuple[str, ...]
+    conditions: tuple[str, ...]
+    question: Question
+    command: str
+
+
+@dataclass(frozen=True)
+class Report:
+    """Two competitors wherever they met.
+
+    Attributes:
+        a, b: names.
+        question: what was asked.
+        comparisons: one a contest; at least one.
+        across: over data sets of one robot type.
+        where: who is better where, if there is one contest.
+        notes: contests that could not be compared, and names that stand for several data sets.
+        command: the command line that made it.
+    """
+
+    a: str
+    b: str
+    question: Question
+    comparisons: tuple[Comparison, ...]
+    across: tuple[Across, ...]
+    where: Where | None
+    notes: tuple[str, ...]
+    command: str
+
+
+def compare_folder(words: CompareWords) -> Report:
+    """Compare two competitors in every contest in which both have results on the same splits.
+
+    Raises:
+        ConfigError: a name is unknown, A is B, or they never met.
+        StoreError: the folder holds no results, or damaged ones.
+    """
+    if words.a == words.b:
+        raise ConfigError(f"compare {words.a!r} with another model than itself")
+    contests = collect(words.results)
+    for name in (words.a, words.b):
+        _check_known(name, competitor_names(contests), words.results)
+    chosen = chosen_contests(contests, datasets=words.datasets, protocols=words.protocols)
+    chosen = _under(words.conditions, chosen)
+    data_of = functools.cache(functools.partial(read_data, words.results / "data"))
+    met, comparisons, apart = [], [], []
+    for contest in sorted(chosen, key=lambda one: _in_order(one.name.text)):
+        if not {words.a, words.b} & set(contest.competitors):
+            continue
+        data = data_of(contest.name.data_sha256)
+        try:
+            comparisons.append(compare(contest, words.a, words.b, data, words.question))
+            met.append(contest)
+        except DataError as error:
+            apart.append(f"not compared: {error}.")
+    if not comparisons:
+        raise ConfigError(_never_met(chosen, words.a, words.b, apart))
+    where = None
+    if len(met) == 1:
+        data = data_of(met[0].name.data_sha256)
+        where = where_better(paired_errors(met[0], words.a, words.b), data, words.question)
+    return Report(
+        a=words.a,
+        b=words.b,
+        question=words.question,
+        comparisons=tuple(comparisons),
+        across=tuple(across_datasets(comparisons)),
+        where=where,
+        notes=(*apart, *same_name_other_data(met)),
+        command=words.command,
+    )
+
+
+def _check_known(name: str, known: Sequence[str], folder: Path) -> None:
+    if name in known:
+        return
+    variants = [repr(other) for other in known if stands_for(name, other)]
+    if variants:
+        raise ConfigError(
+            f"no results of {name!r} with its default options in {folder}; there are results of "
+            f"{', '.join(variants)}"
+        )
+    raise unknown_name("model", name, known)
+
+
+def _under(conditions: Sequence[str], contests: Sequence[Contest]) -> list[Contest]:
+    """Return the contests of these conditions; none named means all."""
+    known = {contest.name.condition for contest in contests}
+    for condition in conditions:
+        if condition not in known:
+            raise ConfigError(f"--condition: {unknown_name('condition', condition, known)}")
+    return [one for one in contests if not conditions or one.name.condition in conditions]
+
+
+def _never_met(chosen: Iterable[Contest], a: str, b: str, apart: Sequence[str]) -> str:
+    """Say where each has results."""
+    has: dict[str, list[str]] = {a: [], b: []}
+    for contest in chosen:
+        for name in (a, b):
+            if name in contest.competitors and contest.competitors[name].done:
+                has[name].append(contest.name.text)
+    if has[a] and has[b] and set(has[a]) & set(has[b]):
+        return " ".join(apart)
+    return f"{a} and {b} never met: " + "; ".join(
+        f"{name} has results in {_few(names)}" for name, names in has.items()
+    )
+
+
+def _few(names: Sequence[str]) -> str:
+    if not names:
+        return "none of these contests"
+    more = f" and {len(names) - FEW} more" if len(names) > FEW else ""
+    return ", ".join(f"({name})" for name in names[:FEW]) + more
+
+
+def _in_order(text: str) -> list[tuple[int, str]]:
+    """Return a key that sorts numbers in a text by their size: n = 5 before n = 40."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", text)]

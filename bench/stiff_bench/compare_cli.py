@@ -1,0 +1,105 @@
+"""The `bench compare` command: words in, one function of `compare` called."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+
+import click
+
+from stiff_bench.cli_options import FILE, debug_option
+
+
+@click.command()
+@click.argument("a", metavar="A")
+@click.argument("b", metavar="B")
+@click.option(
+    "--results",
+    type=FILE,
+    default=Path("results/runs"),
+    show_default=True,
+    metavar="DIR",
+    help="Where `bench run` stored results.",
+)
+@click.option(
+    "--dataset",
+    "datasets",
+    multiple=True,
+    metavar="KEY",
+    help="A data set, or a key that stands for all its variants; may be repeated.  [default: all]",
+)
+@click.option(
+    "--protocol",
+    "protocols",
+    multiple=True,
+    metavar="KEY",
+    help="A protocol, or a key that stands for all its variants; may be repeated.  [default: all]",
+)
+@click.option(
+    "--condition",
+    "conditions",
+    multiple=True,
+    metavar="TEXT",
+    help='A condition of a protocol, as the report names it ("n = 40"); may be repeated.  '
+    "[default: all]",
+)
+@click.option(
+    "--rope",
+    "rope_mm",
+    type=click.FloatRange(min=0),
+    default=0.01,
+    show_default=True,
+    metavar="MM",
+    help="Largest difference in mean error that makes none in practice.",
+)
+@click.option(
+    "--confidence",
+    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    default=0.95,
+    show_default=True,
+    help="Of intervals and verdicts.",
+)
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the resampling."
+)
+@click.option(
+    "--format",
+    "fmt",
+    type=click.Choice(["github", "latex", "csv", "html", "json"]),
+    default="github",
+    show_default=True,
+    help="Of the report on standard output.",
+)
+@debug_option
+def compare(
+    a: str,
+    b: str,
+    results: Path,
+    datasets: tuple[str, ...],
+    protocols: tuple[str, ...],
+    conditions: tuple[str, ...],
+    rope_mm: float,
+    confidence: float,
+    seed: int,
+    fmt: str,
+) -> None:
+    """Say whether model A is better than model B, by how much, how sure that is, and where.
+
+    A and B are models with their options, as `bench run` names them: vjm, ft-mlp@freeze=full.
+    """
+    from stiff_bench.compare import CompareWords, compare_folder
+    from stiff_bench.comparison_text import render_report
+    from stiff_bench.estimates import Question
+
+    words = CompareWords(
+        a=a,
+        b=b,
+        results=results,
+        datasets=datasets,
+        protocols=protocols,
+        conditions=conditions,
+        question=Question(rope=rope_mm / 1000.0, confidence=confidence, seed=seed),
+        command=shlex.join(["bench", *sys.argv[1:]]),
+    )
+    click.echo(render_report(compare_folder(words), fmt))

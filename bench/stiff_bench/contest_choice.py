@@ -1,0 +1,110 @@
+"""Which contests and models a leaderboard shows, and what it leaves out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from stiff_bench.collected import Contest, competitor_names, same_name_other_data, stands_for
+from stiff_protocols.errors import ConfigError, unknown_name
+from stiff_protocols.plugin import STIFFNESS, kind_label
+from stiff_protocols.record import Presentation
+
+FEWEST_RANKED = 2
+
+
+@dataclass(frozen=True)
+class ShownContests:
+    """What a leaderboard shows.
+
+    Attributes:
+        contests: of stiffness, in which at least two of the models were run; by protocol,
+            condition and data set.
+        models: that were run in one of them, by name.
+        notes: what is left out, and why.
+    """
+
+    contests: tuple[Contest, ...]
+    models: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def shown_contests(contests: Sequence[Contest], words: Sequence[str]) -> ShownContests:
+    """Return the contests in which models can be ranked.
+
+    Args:
+        contests: of one folder.
+        words: models' names, or keys that stand for all their variants; none means all.
+
+    Raises:
+        ConfigError: a model has no results, or there is nothing to rank.
+    """
+    usable = [c for c in _of_newest_data(contests) if presentation(c).task == STIFFNESS]
+    names = _named(usable, words)
+    ranked = [c for c in usable if _n_run(c, names) >= FEWEST_RANKED]
+    if not ranked:
+        raise ConfigError(
+            "there is nothing to rank: no two models have results on the same stiffness data, "
+            f"protocol and condition (models with results: {', '.join(names) or 'none'})"
+        )
+    lonely = [c for c in usable if _n_run(c, names) == 1]
+    return ShownContests(
+        contests=tuple(sorted(ranked, key=_order)),
+        models=tuple(name for name in names if any(name in c.competitors for c in ranked)),
+        notes=(*_data_notes(contests), *_lonely_notes(lonely)),
+    )
+
+
+def presentation(contest: Contest) -> Presentation:
+    """Return what stands beside a contest's numbers; what is said of the model is any model's."""
+    return next(iter(contest.competitors.values())).shown
+
+
+def _n_run(contest: Contest, names: Sequence[str]) -> int:
+    return sum(name in contest.competitors for name in names)
+
+
+def _of_newest_data(contests: Sequence[Contest]) -> list[Contest]:
+    """Return the contests of the data that each data set's newest run was on."""
+    newest: dict[str, tuple[str, str]] = {}
+    for contest in contests:
+        name = contest.name
+        found = (contest.newest_run, name.data_sha256)
+        newest[name.dataset] = max(newest.get(name.dataset, found), found)
+    return [c for c in contests if c.name.data_sha256 == newest[c.name.dataset][1]]
+
+
+def _named(contests: Sequence[Contest], words: Sequence[str]) -> list[str]:
+    known = competitor_names(contests)
+    for word in words:
+        if not any(stands_for(word, name) for name in known):
+            raise ConfigError(f"--model: {unknown_name('model with results', word, known)}")
+    return [name for name in known if not words or any(stands_for(word, name) for word in words)]
+
+
+def _data_notes(contests: Sequence[Contest]) -> Iterator[str]:
+    for line in same_name_other_data(contests):
+        yield f"{line} Those of the newest run count, the others are left out."
+    others = {
+        c.name.dataset: presentation(c) for c in contests if presentation(c).task != STIFFNESS
+    }
+    for dataset, shown in sorted(others.items()):
+        yield f"{dataset} is left out: it is {kind_label(shown.kind, shown.task)}."
+
+
+def _lonely_notes(contests: Sequence[Contest]) -> Iterator[str]:
+    for contest in sorted(contests, key=_order):
+        yield f"{contest.name.text} is left out: none of the other models was run there."
+
+
+def _order(contest: Contest) -> tuple[Any, ...]:
+    """Return a sort key: "n = 5" stands before "n = 10"."""
+    name = contest.name
+    words = (name.protocol, name.condition, name.dataset)
+    natural = [
+        [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", word)]
+        for word in words
+    ]
+    return (*natural, name.seed)

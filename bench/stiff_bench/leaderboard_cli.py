@@ -1,0 +1,118 @@
+"""`bench leaderboard`."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+
+import click
+
+from stiff_bench.cli_options import FILE, debug_option
+
+
+@click.command()
+@click.option(
+    "--results",
+    type=FILE,
+    default=Path("results/runs"),
+    show_default=True,
+    metavar="DIR",
+    help="Folder of the results: the --output of `bench run`.",
+)
+@click.option(
+    "--model",
+    "models",
+    multiple=True,
+    metavar="WORD",
+    help="A model, or a key that stands for all its variants; may be repeated. Ranks are among "
+    "those that are shown.  [default: all]",
+)
+@click.option(
+    "--dataset",
+    "datasets",
+    multiple=True,
+    metavar="WORD",
+    help="A data set, or a key that stands for all its variants; may be repeated.  [default: all]",
+)
+@click.option(
+    "--protocol",
+    "protocols",
+    multiple=True,
+    metavar="WORD",
+    help="A protocol, or a key that stands for all its variants; may be repeated.  [default: all]",
+)
+@click.option(
+    "--metric",
+    default="norm",
+    show_default=True,
+    metavar="KEY",
+    help="What to rank by.",
+)
+@click.option(
+    "--axis",
+    type=click.Choice(["x", "y", "z"]),
+    default=None,
+    help="Of a metric that has axes.  [default: the mean over the three]",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0, 2**32 - 1),
+    default=0,
+    show_default=True,
+    help="Of the resampling of poses.",
+)
+@click.option(
+    "--figure",
+    type=FILE,
+    default=None,
+    metavar="FILE.png",
+    help="Draw the critical-difference diagrams, too (.png, .pdf or .svg).",
+)
+@click.option(
+    "--format",
+    "fmt",
+    type=click.Choice(["github", "latex", "csv", "html", "json"]),
+    default="github",
+    show_default=True,
+    help="Of the tables on standard output.",
+)
+@debug_option
+def leaderboard(
+    results: Path,
+    models: tuple[str, ...],
+    datasets: tuple[str, ...],
+    protocols: tuple[str, ...],
+    metric: str,
+    axis: str | None,
+    seed: int,
+    figure: Path | None,
+    fmt: str,
+) -> None:
+    """Rank models over data sets and protocols, and say where ranks mean nothing."""
+    from stiff_bench.collected import chosen_contests, collect
+    from stiff_bench.leaderboard import build_leaderboard
+    from stiff_bench.leaderboard_tables import render_leaderboard
+    from stiff_bench.result_source import sources
+    from stiff_bench.sort_key import sort_key
+    from stiff_bench.store import read_manifests
+
+    key = sort_key(metric, axis)
+    contests = collect(results)
+    board = build_leaderboard(
+        chosen_contests(contests, datasets=datasets, protocols=protocols),
+        models=models,
+        key=key,
+        folder=results,
+        asked={cell for manifest in read_manifests(results) for cell in manifest.cells},
+        seed=seed,
+    )
+    if figure is not None:
+        from stiff_bench.critical_difference import save_diagrams
+
+        first = board.sections[0]
+        save_diagrams(first.analyses, key.text, first.kinds, figure)
+    n_read = sum(contest.n_results for contest in contests)
+    provenance = (f"{n_read} results were read.", *sources(results, board.run_ids))
+    command = shlex.join(["bench", *sys.argv[1:]])
+    click.echo(render_leaderboard(board, fmt, command, provenance))

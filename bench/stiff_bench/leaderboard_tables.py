@@ -1,0 +1,280 @@
+"""A leaderboard -> tables of text. Here SI becomes mm and per cent."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+
+import numpy as np
+
+from stiff_bench.board_columns import Column, ColumnValue
+from stiff_bench.leaderboard import Leaderboard, RankedModel, Section, UnrankedModel
+from stiff_bench.leaderboard_data import as_csv, as_json
+from stiff_bench.rank_analysis import RankAnalysis, dataset_of, family_of, of_families
+from stiff_bench.render import TextTable, render_texts, value_text
+from stiff_bench.sort_key import SortKey
+from stiff_bench.tables import SELECTION_MARK, Value
+from stiff_bench.units import PRINTED, percent
+from stiff_protocols.bootstrap import RANK_RESAMPLES
+from stiff_protocols.paired import LEVEL
+
+BEST, LIKE_BEST = "*", "≈"
+NAMED_BLOCKS = 4
+"""Conditions that a note on missing results names; the tables by protocol show the others."""
+
+
+def render_leaderboard(
+    board: Leaderboard, fmt: str, command: str, provenance: Sequence[str]
+) -> str:
+    """Return the tables as text of the given format.
+
+    Args:
+        board: the numbers.
+        fmt: "github", "latex", "csv", "html" or "json".
+        command: that makes them.
+        provenance: lines on where the results come from.
+    """
+    if fmt == "csv":
+        return as_csv(board)
+    if fmt == "json":
+        return as_json(board, command, provenance)
+    tables = []
+    for section in board.sections:
+        tables.append(_ranks(section, board, provenance))
+        tables += _by_protocol(section, board.key)
+        if any(analysis.outcome for analysis in section.analyses):
+            tables.append(_analyses(section, board.key))
+    return render_texts(tables, fmt, command)
+
+
+def _ranks(section: Section, board: Leaderboard, provenance: Sequence[str]) -> TextTable:
+    n_contests = len(section.fields)
+    better = "larger" if board.key.sign < 0.0 else "smaller"
+    apart = f" | {SELECTION_MARK}s: not a fair comparison" if section.selects_on_test else ""
+    return TextTable(
+        title=(
+            f"Leaderboard, {_count(n_contests, 'contest')}: {_scope(section)}{apart} | sorted by "
+            f"mean rank of {board.key.text} ({better} is better)"
+        ),
+        header=(
+            "model",
+            "place",
+            "mean rank",
+            f"{percent(1.0 - LEVEL)} interval",
+            "won",
+            "like the best",
+            "within CD of the best",
+            "contests",
+        ),
+        rows=[
+            *(_ranked_cells(place, m, n_contests) for place, m in enumerate(section.ranked, 1)),
+            *(_unranked_cells(model, n_contests) for model in section.unranked),
+        ],
+        notes=(*_rank_notes(section, board.key), *section.caveats, *board.notes, *provenance),
+    )
+
+
+def _scope(section: Section) -> str:
+    datasets = dict.fromkeys(dataset_of(field.name.dataset) for field in section.fields)
+    protocols = list(dict.fromkeys(field.name.protocol for field in section.fields))
+    kinds = " and ".join(section.kinds)
+    return f"{of_families(list(datasets))} ({kinds}) under {', '.join(protocols)}"
+
+
+def _count(number: int, thing: str) -> str:
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+
+
+def _label(name: str, mark: str) -> str:
+    return f"{name} [{mark}]" if mark else name
+
+
+def _ranked_cells(place: int, model: RankedModel, n_contests: int) -> list[str]:
+    known = np.isfinite(model.low)
+    return [
+        _label(model.name, model.mark),
+        str(place),
+        f"{model.mean_rank:.2f}",
+        f"{model.low:.2f} to {model.high:.2f}" if known else "-",
+        str(model.won),
+        "-" if model.like_best is None else f"{model.like_best}/{n_contests}",
+        {True: "yes", False: "no", None: "-"}[model.within_cd],
+        f"{n_contests}/{n_contests}",
+    ]
+
+
+def _unranked_cells(model: UnrankedModel, n_contests: int) -> list[str]:
+    done = f"{n_contests - len(model.missing)}/{n_contests}"
+    return [_label(model.name, model.mark), *["-"] * 6, done]
+
+
+def _rank_notes(section: Section, key: SortKey) -> Iterator[str]:
+    n_ranked = len(section.ranked)
+    if n_ranked:
+        yield (
+            f"mean rank: of {_count(n_ranked, 'model')} with a result in every contest, ranked "
+            "among themselves; 1 is the best, ties share their mean rank. A contest is a data set "
+            "under a protocol and condition."
+        )
+        if key.resamples:
+            yield (
+                f"interval: {RANK_RESAMPLES} draws of the poses, the same for all models and "
+                "contests. The fitted models and the data sets are held fixed: other training "
+                "sets and other robots are not in it."
+            )
+        else:
+            yield f"no intervals: {key.metric.key} is no mean over rows, as norm and mae are."
+        yield (
+            f"like the best: contests in which it is the best or not distinguishable from the best "
+            f"({_test_text(key)}; Holm over the models, level {LEVEL:g})."
+        )
+    else:
+        yield (
+            "no mean ranks: fewer than two models have a result in every contest; name fewer "
+            "contests (--dataset, --protocol) or finish the runs."
+        )
+    for model in section.unranked:
+        yield _missing_note(model, len(section.fields))
+    for field in section.fields:
+        if field.left_out:
+            yield field.left_out
+    yield from _no_analysis_notes(section.analyses)
+
+
+def _test_text(key: SortKey) -> str:
+    if key.resamples:
+        return "corrected t over splits and bootstrap over poses must both find a difference"
+    return "corrected t over splits"
+
+
+def _missing_note(model: UnrankedModel, n_contests: int) -> str:
+    by_reason: dict[str, Counter[str]] = {}
+    for contest, reason in model.missing.items():
+        block = " | ".join(filter(None, (contest.protocol, contest.condition)))
+        by_reason.setdefault(reason, Counter())[block] += 1
+    parts = []
+    for reason, blocks in by_reason.items():
+        named = [
+            f"{block} ({_count(n, 'data set')})" for block, n in [*blocks.items()][:NAMED_BLOCKS]
+        ]
+        more = blocks.total() - sum([*blocks.values()][:NAMED_BLOCKS])
+        parts.append(f"{reason}: {', '.join(named)}{f' and {more} more' if more else ''}")
+    return (
+        f"{model.name}: no mean rank, {len(model.missing)} of {_count(n_contests, 'contest')} "
+        f"missing. {'; '.join(parts)}."
+    )
+
+
+def _no_analysis_notes(analyses: Sequence[RankAnalysis]) -> Iterator[str]:
+    by_reason: dict[str, list[str]] = {}
+    for analysis in analyses:
+        if analysis.why_none:
+            by_reason.setdefault(analysis.why_none, []).append(analysis.text)
+    for reason, blocks in by_reason.items():
+        named = "" if len(blocks) == len(analyses) else f" of {'; '.join(blocks)}"
+        yield f"no critical-difference analysis{named}: it {reason}."
+
+
+def _by_protocol(section: Section, key: SortKey) -> Iterator[TextTable]:
+    """Yield a table for each robot type and protocol; its columns are the conditions."""
+    for (_, protocol), group in groupby(section.columns, lambda c: (c.family, c.protocol)):
+        found = list(group)
+        datasets = list(dict.fromkeys(name for column in found for name in column.datasets))
+        several = len(datasets) > 1
+        spread = ", mean ± standard deviation over data sets" if several else ""
+        apart = f" | {SELECTION_MARK}s" if section.selects_on_test else ""
+        models = [m for m in section.marks if any(m in column.values for column in found)]
+        yield TextTable(
+            title=f"{protocol} on {of_families(datasets)}{apart} | {key.text}{spread}",
+            header=("model", *(_heading(column, several) for column in found)),
+            rows=[
+                [
+                    _label(model, section.marks[model]),
+                    *(_column_text(column, model, key) for column in found),
+                ]
+                for model in models
+            ],
+            notes=(
+                f"{BEST} best of the models with all data sets of a column; {LIKE_BEST} not "
+                "distinguishable from the best in more than half of its data sets; - not run"
+                + ("; (2/5) mean over 2 of 5 data sets, not comparable." if several else "."),
+                *section.caveats,
+            ),
+        )
+
+
+def _heading(column: Column, several: bool) -> str:
+    name = column.condition or column.protocol
+    return f"{name} ({_count(len(column.datasets), 'data set')})" if several else name
+
+
+def _column_text(column: Column, model: str, key: SortKey) -> str:
+    value = column.values.get(model)
+    if value is None:
+        return "-"
+    if not value.n_datasets:
+        return value.failed or "-"
+    if value.n_datasets < len(column.datasets):
+        some = f"({value.n_datasets}/{len(column.datasets)})"
+        return " ".join(filter(None, (_number(value, key), some, value.failed)))
+    mark = BEST if value.best else LIKE_BEST if value.like_best else ""
+    return " ".join(filter(None, (_number(value, key), mark)))
+
+
+def _number(value: ColumnValue, key: SortKey) -> str:
+    unit, factor = PRINTED[key.metric.unit]
+    return value_text(Value(value.mean * factor, value.std * factor, unit))
+
+
+def _analyses(section: Section, key: SortKey) -> TextTable:
+    found = [analysis for analysis in section.analyses if analysis.outcome is not None]
+    families = {family_of(dataset) for analysis in found for dataset in analysis.datasets}
+    notes = [
+        'Friedman: p-value of "all models are equal". CD: mean ranks over data sets that are at '
+        f"least so far apart differ (Nemenyi, level {LEVEL:g}). Pairs: told apart by Nemenyi's and "
+        "by Conover's test (Holm). Groups: models that are not told apart.",
+    ]
+    if len(families) == 1:
+        notes.append(
+            f"all data sets are of one robot type ({families.pop()}, "
+            f"{' and '.join(section.kinds)}): what holds for its specimens need not hold for "
+            "another robot."
+        )
+    if len(found) > 1:
+        notes.append(
+            "all protocols together: the score of a model on a data set is its mean rank over the "
+            "contests there, and the data sets are ranked by that."
+        )
+    return TextTable(
+        title=f"Critical difference over data sets | {key.text}",
+        header=(
+            "protocol, condition",
+            "data sets",
+            "models",
+            "Friedman p",
+            "CD",
+            "pairs: Nemenyi",
+            "pairs: Conover",
+            "groups, best first",
+        ),
+        rows=[_analysis_cells(analysis) for analysis in found],
+        notes=[*notes, *section.caveats],
+    )
+
+
+def _analysis_cells(analysis: RankAnalysis) -> list[str]:
+    outcome = analysis.outcome
+    assert outcome is not None
+    upper = np.triu_indices(len(analysis.models), k=1)
+    told = [int((p[upper] < LEVEL).sum()) for p in (outcome.nemenyi, outcome.conover)]
+    groups = [f"{{{', '.join(analysis.models[i] for i in group)}}}" for group in outcome.groups]
+    return [
+        analysis.text,
+        of_families(analysis.datasets),
+        str(len(analysis.models)),
+        f"{outcome.friedman_p:.2g}",
+        f"{outcome.critical_difference:.2f}",
+        *(f"{n} of {len(upper[0])}" if analysis.differs else "-" for n in told),
+        (", ".join(groups) or "none") if analysis.differs else "all (Friedman)",
+    ]

@@ -1,0 +1,37 @@
+"""Which stiffbench made the results of a folder."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from stiff_bench.store import read_manifests
+
+
+def sources(folder: Path, n_results: Mapping[str, int]) -> Iterator[str]:
+    """Yield a line that names the versions and commits that made results of a folder.
+
+    Args:
+        folder: of the results.
+        n_results: run id -> how many of its results are shown.
+
+    Raises:
+        StoreError: a manifest is damaged.
+    """
+    versions = {run.run_id: _version(run.environment) for run in read_manifests(folder)}
+    counts: Counter[str] = Counter()
+    for run_id, count in n_results.items():
+        counts[versions.get(run_id, "a run without a manifest")] += count
+    made = ", ".join(
+        version if len(counts) == 1 else f"{version} ({count})"
+        for version, count in sorted(counts.items())
+    )
+    yield f"{counts.total()} results of {folder}, made by {made}."
+
+
+def _version(environment: Mapping[str, str]) -> str:
+    commit = environment.get("commit", "")[:8]
+    changed = " with uncommitted changes" if environment.get("dirty") == "true" else ""
+    at = f" at {commit}{changed}" if commit else ""
+    return f"stiffbench {environment.get('stiffbench', '')}{at}"

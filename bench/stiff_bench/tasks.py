@@ -1,0 +1,226 @@
+"""The cells of a plan: model by data set by protocol by split, each with all that it needs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from stiff_bench.choice import Choice
+from stiff_bench.config import RunPlan, loaded
+from stiff_bench.sources import check_named, check_source
+from stiff_bench.tuning import tuned_models
+from stiff_protocols.contract import (
+    ChecksRobot,
+    ChoosesEpoch,
+    DividesByRobot,
+    EvaluationProtocol,
+    LearnsFromSource,
+    StatesRegime,
+    StiffnessModel,
+)
+from stiff_protocols.errors import (
+    ConfigError,
+)
+from stiff_protocols.plugin import DatasetInfo, ModelInfo, ProtocolInfo
+from stiff_protocols.record import (
+    Cell,
+    Presentation,
+)
+from stiff_protocols.splits import leak_of
+from stiff_protocols.types import (
+    BenchmarkData,
+    Split,
+)
+
+NO_SOURCE = "no source: target alone"
+"""Regime of a model that has no source domain, where the others' comes from another robot."""
+
+
+@dataclass(frozen=True, eq=False)
+class CellTask:
+    """A cell and all that is needed to compute it.
+
+    Attributes:
+        cell: its identity.
+        shown: what must stand beside its numbers.
+        model: the line it was made from.
+        data: the whole data set.
+        split: the rows.
+        chooses_epoch: the model as it is set up uses validation rows.
+        n_splits: of its protocol on its data set, in one condition.
+        source: data of the other robot or specimen that its source domain comes from; None: the
+            training rows.
+    """
+
+    cell: Cell
+    shown: Presentation
+    model: Choice[ModelInfo]
+    data: BenchmarkData
+    split: Split
+    chooses_epoch: bool
+    n_splits: int
+    source: BenchmarkData | None = None
+
+    def make(self) -> StiffnessModel:
+        """Return a new model that knows its source."""
+        model: StiffnessModel = self.model.make()
+        if isinstance(model, LearnsFromSource):
+            model.use_source(self.source)
+        return model
+
+
+def cell_tasks(plan: RunPlan) -> list[CellTask]:
+    """Load the data, divide it, and list every cell: data set by protocol by split by model.
+
+    Raises:
+        StiffBenchError: a data set cannot be loaded or divided, or is no source for another; a
+            grid of options to choose from is wrong.
+    """
+    tuned = tuned_models(plan.protocols, plan.models)
+    sources = {word: loaded(choice) for word, choice in plan.sources.items()}
+    tasks: list[CellTask] = []
+    for dataset in plan.datasets:
+        data = loaded(dataset)
+        for word, source in sources.items():
+            check_source(word, source, dataset.name, data)
+        for protocol in plan.protocols:
+            models = tuned.get(protocol.name, plan.models)
+            tasks += _of_protocol(plan, dataset, data, protocol, models, sources)
+    return tasks
+
+
+def _of_protocol(
+    plan: RunPlan,
+    dataset: Choice[DatasetInfo],
+    data: BenchmarkData,
+    choice: Choice[ProtocolInfo],
+    models: Sequence[Choice[ModelInfo]],
+    sources: Mapping[str, BenchmarkData],
+) -> list[CellTask]:
+    """Return the cells of one data set under one protocol."""
+    protocol: EvaluationProtocol = choice.make()
+    splits = _divided(protocol, choice.info.key, data, plan)
+    common = Cell(
+        model="",
+        model_params={},
+        dataset=dataset.info.key,
+        dataset_params=dataset.identity,
+        data_sha256=data.sha256,
+        protocol=choice.info.key,
+        protocol_params=choice.identity,
+        split_index=0,
+        split_sha256="",
+        seed=plan.seed,
+        coverage=plan.coverage,
+    )
+    entered = {
+        word: [_prepared(model, data, sources.get(word)) for model in models]
+        for word in {split.source for split in splits}
+    }
+    source_sha256 = {word: source.sha256 for word, source in sources.items()}
+    n_splits = 1 + max(split.index for split in splits)
+    return [
+        CellTask(
+            cell=replace(
+                common,
+                model=model.choice.info.key,
+                model_params=model.choice.identity,
+                split_index=split.index,
+                split_sha256=split.sha256,
+                condition=split.condition,
+                rows_sha256="" if split.wrench_error is None else split.rows_sha256,
+                source_sha256=source_sha256.get(split.source, ""),
+            ),
+            shown=_presentation(model, dataset, choice, protocol, plan.sources.get(split.source)),
+            model=model.choice,
+            data=data,
+            split=split,
+            chooses_epoch=model.chooses_epoch,
+            n_splits=n_splits,
+            source=sources.get(split.source),
+        )
+        for split in splits
+        for model in entered[split.source]
+    ]
+
+
+def _divided(
+    protocol: EvaluationProtocol, key: str, data: BenchmarkData, plan: RunPlan
+) -> Sequence[Split]:
+    """Return the splits of a data set, none of which leaks.
+
+    Raises:
+        ConfigError: the data cannot be divided, or a split is none.
+    """
+    if isinstance(protocol, DividesByRobot):
+        protocol.use_robot(data.robot)
+    splits = protocol.splits(data.samples, n_splits=plan.splits, seed=plan.seed)
+    check_named(splits, plan.sources, key)
+    _refuse_leaks(key, protocol, splits)
+    return splits
+
+
+def _refuse_leaks(key: str, protocol: EvaluationProtocol, splits: Sequence[Split]) -> None:
+    """See that no split lets a model learn from test rows, whoever wrote the protocol.
+
+    Raises:
+        ConfigError: there is no split, or one leaks without saying so.
+    """
+    if not splits:
+        raise ConfigError(f"protocol {key!r} made no split of these samples")
+    for split in splits:
+        leak = leak_of(split, selects_on_test=protocol.selects_on_test)
+        if leak:
+            raise ConfigError(f"protocol {key!r}: split {split.index} {leak}")
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """A model of the plan: what is asked of it once, not once a cell."""
+
+    choice: Choice[ModelInfo]
+    chooses_epoch: bool
+    regime: str
+
+
+def _prepared(
+    choice: Choice[ModelInfo], data: BenchmarkData, source: BenchmarkData | None = None
+) -> _Prepared:
+    made = choice.make()
+    regimes = []
+    if isinstance(made, LearnsFromSource):
+        made.use_source(source)
+    elif source is not None:
+        regimes.append(NO_SOURCE)
+    if isinstance(made, ChecksRobot):
+        made.check_robot(data.robot)
+    chooses = choice.info.uses_validation
+    if chooses and isinstance(made, ChoosesEpoch):
+        chooses = made.chooses_epoch()
+    if isinstance(made, StatesRegime):
+        regimes.append(made.regime)
+    return _Prepared(choice, chooses, ", ".join(filter(None, regimes)))
+
+
+def _presentation(
+    model: _Prepared,
+    dataset: Choice[DatasetInfo],
+    choice: Choice[ProtocolInfo],
+    protocol: EvaluationProtocol,
+    source: Choice[DatasetInfo] | None,
+) -> Presentation:
+    caveats = dataset.info.caveats + (() if source is None else source.info.caveats)
+    return Presentation(
+        model=model.choice.name,
+        dataset=dataset.name,
+        protocol=choice.name,
+        kind=dataset.info.kind,
+        task=dataset.info.task,
+        regime=model.regime,
+        picked_on_test=protocol.selects_on_test and model.chooses_epoch,
+        selects_on_test=protocol.selects_on_test,
+        pooled=protocol.pooled,
+        caveats=tuple(dict.fromkeys(caveats)),
+        published=dataset.info.published,
+        warning=choice.info.warning,
+    )

@@ -1,0 +1,20 @@
+"""How units are printed: SI inside, what the field reads outside."""
+
+from __future__ import annotations
+
+from stiff_protocols.metrics import Unit
+
+PRINTED: dict[Unit, tuple[str, float]] = {
+    "m": ("mm", 1000.0),
+    "share": ("%", 100.0),
+    "1": ("", 1.0),
+    "s": ("ms", 1000.0),
+    "B": ("MiB", 2.0**-20),
+    "1/s": ("1/s", 1.0),
+}
+"""Unit of a metric -> the unit it is printed in, and how many of those it is."""
+
+
+def percent(share: float) -> str:
+    """Return a share for people."""
+    return f"{100.0 * share:g} %"

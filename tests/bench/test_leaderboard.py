@@ -1,0 +1,385 @@
+"""The leaderboard: ranks by hand, nothing imputed, nothing compared that did not meet."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_results import N_POSES, TWINS, MadeResults
+
+from stiff_bench.collected import chosen_contests, collect
+from stiff_bench.leaderboard import Leaderboard, build_leaderboard
+from stiff_bench.leaderboard_tables import render_leaderboard
+from stiff_bench.sort_key import sort_key
+from stiff_bench.store import read_manifests
+from stiff_protocols.bootstrap import bootstrap_ranks, pose_errors
+from stiff_protocols.errors import ConfigError, StoreError
+
+
+@pytest.fixture()
+def made(tmp_path: Path) -> MadeResults:
+    return MadeResults(tmp_path)
+
+
+def board_of(made: MadeResults, *models: str, metric="norm", axis=None, **narrowed) -> Leaderboard:
+    names = {"datasets": (), "protocols": ()} | narrowed
+    return build_leaderboard(
+        chosen_contests(collect(made.folder), **names),
+        models=models,
+        key=sort_key(metric, axis),
+        folder=made.folder,
+        asked={cell for run in read_manifests(made.folder) for cell in run.cells},
+    )
+
+
+def text_of(board: Leaderboard, fmt: str = "github") -> str:
+    return render_leaderboard(board, fmt, "bench leaderboard", ("from a test.",))
+
+
+def cells(board: Leaderboard, title: str) -> dict[str, list[str]]:
+    """Return the cells of the rows of the table whose title begins so."""
+    table = text_of(board).split(f"**{title}")[1]
+    lines = [line.strip("|").split("|") for line in table.splitlines() if line.startswith("|")]
+    return {name.strip(): [cell.strip() for cell in found] for name, *found in lines[2:]}
+
+
+def ranks(board: Leaderboard) -> dict[str, float]:
+    return {model.name: model.mean_rank for model in board.sections[0].ranked}
+
+
+def add_three(made: MadeResults, **changes) -> None:
+    """Three models on three data sets: a wins twice, b once, c comes last, then second."""
+    for dataset, (a, b, c) in zip(TWINS, [(1, 2, 3), (1, 2, 3), (3, 1, 2)], strict=False):
+        for model, error in (("a", a), ("b", b), ("c", c)):
+            made.add(model, [error, error], dataset, **changes)
+
+
+def test_models_are_sorted_by_their_mean_rank(made):
+    add_three(made)
+    board = board_of(made)
+    assert ranks(board) == pytest.approx({"a": 5 / 3, "b": 5 / 3, "c": 8 / 3})
+    assert [model.won for model in board.sections[0].ranked] == [2, 1, 0]
+    assert "sorted by mean rank of norm [mm] (smaller is better)" in text_of(board)
+
+
+def test_ranks_are_computed_anew_among_the_models_that_are_shown(made):
+    add_three(made)
+    assert ranks(board_of(made, "a", "c")) == pytest.approx({"a": 4 / 3, "c": 5 / 3})
+    assert "| b" not in text_of(board_of(made, "a", "c"))
+
+
+def test_a_key_stands_for_all_its_variants(made):
+    for model in ("net", "net@size=2", "network"):
+        made.add(model, [1.0])
+    assert set(ranks(board_of(made, "net"))) == {"net", "net@size=2"}
+
+
+def test_a_model_without_results_is_refused_by_name(made):
+    add_three(made)
+    with pytest.raises(ConfigError, match=r"'d'.*valid: a, b, c"):
+        board_of(made, "d")
+
+
+def test_a_model_that_lacks_a_contest_has_no_mean_rank_and_moves_nobody_elses(made):
+    add_three(made)
+    made.add("winner", [0.1, 0.1], TWINS[0])
+    board = board_of(made)
+    assert ranks(board) == pytest.approx({"a": 5 / 3, "b": 5 / 3, "c": 8 / 3})
+    (unranked,) = board.sections[0].unranked
+    assert unranked.name == "winner"
+    assert set(unranked.missing.values()) == {"not run"}
+    text = text_of(board)
+    assert "winner: no mean rank, 2 of 3 contests missing. not run: holdout (2 data sets)." in text
+    assert cells(board, "holdout")["winner"] == ["0.1000 (1/3)"]
+
+
+def test_a_failure_is_missing_with_its_reason_and_is_said_in_its_column(made):
+    add_three(made)
+    for dataset in TWINS[:3]:
+        made.add("broken", [0.1, 0.1], dataset, failed=[1] if dataset == TWINS[0] else [])
+    made.add("never", failed=[0, 1], dataset=TWINS[0])
+    text = text_of(board_of(made))
+    assert "FAILED in 1 of 2 splits: it broke: holdout (1 data set)" in text
+    shown = cells(board_of(made), "holdout")
+    assert shown["broken"] == ["0.1000 ± 0.0000 (2/3) FAILED"]
+    assert shown["never"] == ["FAILED"]
+
+
+def test_of_fewer_splits_only_those_count_that_all_models_have(made):
+    made.add("a", [1.0, 5.0, 9.0])
+    made.add("b", [2.0, 2.0])
+    board = board_of(made)
+    (field,) = board.sections[0].fields
+    assert field.mean("a") == pytest.approx(3e-3)
+    assert "only the 2 of 3 splits count that all models have (b lacks 1)" in text_of(board)
+
+
+def test_a_model_whose_run_was_interrupted_takes_no_splits_from_the_others(made):
+    made.add("a", [1.0, 5.0, 9.0])
+    made.add("c", [2.0, 2.0, 2.0])
+    asked = made.add("b", [2.0, 2.0, 2.0])
+    made.add_run("run-1", asked)
+    (made.folder / "cells" / f"{asked[2]}.json").unlink()
+    board = board_of(made)
+    (field,) = board.sections[0].fields
+    assert field.mean("a") == pytest.approx(5e-3)
+    assert field.missing == {"b": "1 of 3 splits not run"}
+
+
+def test_models_that_share_no_split_are_refused_by_name(made):
+    made.add("a", [1.0, 1.0])
+    made.add("b", [2.0, 2.0], splits_named="other")
+    with pytest.raises(StoreError, match="a and b were run on different splits and share none"):
+        board_of(made)
+
+
+def test_of_data_that_changed_under_one_name_only_those_of_the_newest_run_count(made):
+    for version, run_id in ((1, "20260101T"), (0, "20270101T")):
+        made.add("a", [1.0 + version], version=version, run_id=run_id)
+        made.add("b", [1.5], version=version, run_id=run_id)
+    board = board_of(made)
+    assert ranks(board) == {"a": 1.0, "b": 2.0}
+    assert len(board.sections[0].fields) == 1
+    assert "twin stands for different data here" in text_of(board)
+
+
+def test_another_task_never_enters(made):
+    add_three(made)
+    made.add("a", [9.0, 9.0], "ur5-pose-error", task="pose-error", kind="measured")
+    made.add("b", [1.0, 1.0], "ur5-pose-error", task="pose-error", kind="measured")
+    board = board_of(made)
+    assert ranks(board)["a"] == pytest.approx(5 / 3)
+    assert "ur5-pose-error is left out: it is measured pose-error, not stiffness." in text_of(board)
+    with pytest.raises(ConfigError, match="nothing to rank"):
+        board_of(made, datasets=("ur5-pose-error",))
+
+
+def test_a_contest_with_one_model_alone_is_left_out_and_said(made):
+    add_three(made)
+    made.add("a", [1.0], "lonely")
+    board = board_of(made)
+    assert len(board.sections[0].fields) == 3
+    assert "lonely | holdout is left out: none of the other models was run there." in text_of(board)
+
+
+def test_protocols_that_select_on_the_test_part_are_ranked_apart_and_marked(made):
+    add_three(made)
+    for model, error in (("a", 2.0), ("b", 1.0)):
+        made.add(
+            model,
+            [error],
+            protocol="paper-holdout",
+            selects_on_test=True,
+            picked_on_test=model == "b",
+            warning="it is optimistic",
+        )
+    fair, unfair = board_of(made).sections
+    assert ranks(board_of(made))["a"] == pytest.approx(5 / 3)
+    assert [(model.name, model.mean_rank) for model in unfair.ranked] == [("b", 1.0), ("a", 2.0)]
+    assert fair.marks["b"] == "" and unfair.marks["b"] == "epoch picked on test part"
+    text = text_of(board_of(made))
+    assert "b [epoch picked on test part]" in text
+    assert "not a fair comparison" in text and "it is optimistic" in text
+
+
+def test_the_regime_stands_beside_the_model(made):
+    made.add("a", [1.0], regime="unsupervised transfer")
+    made.add("b", [2.0])
+    assert "a [unsupervised transfer]" in text_of(board_of(made))
+
+
+def test_the_interval_of_one_contest_is_that_of_the_ranks_over_its_poses(made, rng):
+    errors = {
+        model: rng.gamma(2.0, scale, size=N_POSES)
+        for model, scale in zip("abc", (5, 6, 9), strict=True)
+    }
+    for model, error in errors.items():
+        made.add(model, [error], rows=np.arange(N_POSES))
+    poses = [f"P{pose:02d}" for pose in range(N_POSES)]
+    expected = bootstrap_ranks([pose_errors(poses, errors[m][:, None] * 1e-3) for m in "abc"])
+    ranked = {model.name: model for model in board_of(made).sections[0].ranked}
+    assert [ranked[m].mean_rank for m in "abc"] == expected.rank.tolist()
+    assert [ranked[m].low for m in "abc"] == pytest.approx(expected.low)
+    assert [ranked[m].high for m in "abc"] == pytest.approx(expected.high)
+    assert expected.low[0] < expected.high[0]  # else nothing was shown
+
+
+def test_contests_on_the_same_poses_are_drawn_together(made, rng):
+    """Two conditions with the same errors say no more than one of them."""
+    errors = {
+        model: rng.gamma(2.0, scale, size=N_POSES)
+        for model, scale in zip("ab", (5, 6), strict=True)
+    }
+    for condition in ("n = 5", "n = 10"):
+        for model, error in errors.items():
+            made.add(model, [error], rows=np.arange(N_POSES), condition=condition)
+    (first, _) = board_of(made).sections[0].ranked
+    assert (first.low, first.high) == (1.0, 2.0)  # independent draws would give 1.5 too
+
+
+def test_what_noise_can_explain_is_like_the_best_and_a_clear_difference_is_not(made, rng):
+    base = rng.gamma(9.0, 1.0, size=(3, 4))
+    for model, more in (("best", 0.0), ("like", 0.01), ("worse", 50.0)):
+        noise = rng.normal(size=(3, 4)) if model == "like" else 0.0
+        made.add(model, list(base + more + noise))
+    found = {model.name: model.like_best for model in board_of(made).sections[0].ranked}
+    assert found == {"best": 1, "like": 1, "worse": 0}
+    marks = {name: cell.split()[-1] for name, (cell,) in cells(board_of(made), "holdout").items()}
+    assert marks["like"] == "≈" and marks["best"] == "*" and marks["worse"] not in "≈*"
+
+
+def test_a_single_split_is_tested_over_its_poses(made, rng):
+    base = rng.gamma(9.0, 1.0, size=N_POSES)
+    for model, change in (("best", 0.0), ("like", rng.normal(size=N_POSES) + 0.1), ("worse", 9.0)):
+        made.add(model, [base + change], rows=np.arange(N_POSES))
+    found = {model.name: model.like_best for model in board_of(made).sections[0].ranked}
+    assert found == {"best": 1, "like": 1, "worse": 0}
+
+
+def test_five_specimens_are_five_data_sets_but_splits_and_seeds_are_none(made):
+    for number, dataset in enumerate((*TWINS[:4], f"{TWINS[0]}@seed=1")):
+        for model, error in (("a", 1.0), ("b", 2.0), ("c", 3.0)):
+            made.add(model, [error + number / 10] * 6, dataset)
+    (analysis,) = board_of(made).sections[0].analyses
+    assert analysis.datasets == TWINS[:4]
+    assert "needs at least 5 data sets, here are 4" in text_of(board_of(made))
+    for model, error in (("a", 1.0), ("b", 2.0), ("c", 3.0)):
+        made.add(model, [error], TWINS[4])
+    section = board_of(made).sections[0]
+    (analysis,) = section.analyses
+    assert analysis.datasets == TWINS
+    assert analysis.outcome.mean_ranks.tolist() == [1.0, 2.0, 3.0]
+    # Nemenyi: 2.343 sqrt(3 * 4 / (6 * 5)) = 1.48 (Demsar 2006, table 5)
+    assert analysis.outcome.critical_difference == pytest.approx(1.48, abs=0.01)
+    assert [model.within_cd for model in section.ranked] == [True, True, False]
+    text = text_of(board_of(made))
+    assert "{a, b}, {b, c}" in text and "5 x twin" in text and "of one robot type" in text
+
+
+def test_where_friedman_finds_nothing_all_are_like_the_best(made):
+    for number, dataset in enumerate(TWINS):
+        for place, model in enumerate("abc"):
+            made.add(model, [1.0 + (place + number) % 3], dataset)
+    section = board_of(made).sections[0]
+    assert not section.analyses[0].differs
+    assert all(model.within_cd for model in section.ranked)
+    assert "all (Friedman)" in text_of(board_of(made))
+
+
+def test_several_protocols_are_analysed_each_and_together(made):
+    for dataset in TWINS:
+        for protocol, errors in (("holdout", (1, 2, 3)), ("kfold", (1, 3, 2))):
+            for model, error in zip("abc", errors, strict=True):
+                made.add(model, [error], dataset, protocol)
+    together, *each = board_of(made).sections[0].analyses
+    assert together.outcome.mean_ranks.tolist() == [1.0, 2.5, 2.5]
+    assert [analysis.protocol for analysis in each] == ["holdout", "kfold"]
+    assert together.text == "all protocols together"
+
+
+def test_a_column_is_mean_and_deviation_over_data_sets_and_its_conditions_are_in_order(made):
+    for dataset, error in zip(TWINS, (1.0, 2.0, 6.0), strict=False):
+        for condition in ("n = 10", "n = 5"):
+            made.add("a", [error], dataset, condition=condition)
+            made.add("b", [error + 1], dataset, condition=condition)
+    board = board_of(made)
+    assert [column.condition for column in board.sections[0].columns] == ["n = 5", "n = 10"]
+    value = board.sections[0].columns[0].values["a"]
+    assert (value.mean, value.std) == pytest.approx((3e-3, np.std([1, 2, 6], ddof=1) * 1e-3))
+    assert "3.0000 ± 2.6458 *" in text_of(board)
+    assert "n = 5 (3 data sets)" in text_of(board)
+
+
+def test_a_metric_with_axes_ranks_by_one_of_them_or_by_their_mean(made):
+    made.add("a", [3.0])
+    made.add("b", [1.0])
+    of_z, of_all, of_x = (board_of(made, metric="mae", axis=axis) for axis in ("z", None, "x"))
+    assert of_z.sections[0].fields[0].mean("a") == pytest.approx(3e-3)
+    assert of_all.sections[0].fields[0].mean("a") == pytest.approx(1e-3)
+    assert ranks(of_z) == {"b": 1.0, "a": 2.0} and ranks(of_x) == {"a": 1.5, "b": 1.5}
+    assert "mae, mean over x, y, z, [mm]" in text_of(of_all)
+
+
+def test_where_larger_is_better_the_largest_is_first_and_nothing_is_drawn(made):
+    made.add("a", [3.0, 3.0])
+    made.add("b", [1.0, 1.0])
+    board = board_of(made, metric="skill")
+    assert ranks(board) == {"b": 1.0, "a": 2.0}
+    assert np.isnan(board.sections[0].ranked[0].low)
+    text = text_of(board)
+    assert "larger is better" in text and "no intervals: skill is no mean over rows" in text
+
+
+def test_leave_one_out_is_scored_over_all_poses_together(made):
+    for model, errors in (("a", [1.0, 3.0]), ("b", [4.0, 4.0])):
+        made.add(model, errors, protocol="leave-one-out", pooled=True)
+    (field,) = board_of(made, metric="me", axis="z").sections[0].fields
+    assert field.scores["a"].tolist() == pytest.approx([3e-3])
+
+
+def test_a_metric_that_is_not_there_is_missing_not_zero(made):
+    made.add("a", [1.0])
+    made.add("b", [1.0])
+    board = board_of(made, metric="latency")
+    assert board.sections[0].fields[0].missing == {
+        "a": "no value of latency [ms]",
+        "b": "no value of latency [ms]",
+    }
+    assert "no mean ranks" in text_of(board)
+
+
+@pytest.mark.parametrize(
+    ("metric", "axis", "said"),
+    [
+        ("coverage", None, "its best value is the nominal one"),
+        ("norm", "x", "metrics with axes are mae"),
+        ("maw", None, "did you mean 'mae'"),
+    ],
+)
+def test_what_cannot_sort_is_refused(metric, axis, said):
+    with pytest.raises(ConfigError, match=said):
+        sort_key(metric, axis)
+
+
+def test_csv_and_json_hold_every_score_with_the_reason_of_a_missing_one(made):
+    add_three(made)
+    made.add("d", [0.1, 0.1], TWINS[0])
+    board = board_of(made)
+    rows = list(csv.DictReader(io.StringIO(text_of(board, "csv"))))
+    scores = [row for row in rows if row["quantity"] == "norm [mm]"]
+    assert len(scores) == 12
+    assert {float(r["value"]) for r in scores if r["model"] == "a"} == pytest.approx({1.0, 3.0})
+    assert [r["note"] for r in scores if r["model"] == "d"] == ["", "not run", "not run"]
+    (section,) = json.loads(text_of(board, "json"))["sections"]
+    assert section["ranked"][0]["mean_rank"] == pytest.approx(5 / 3)
+    assert section["contests"][1]["missing"] == {"d": "not run"}
+
+
+def test_latex_and_html_keep_the_marks(made):
+    add_three(made)
+    assert r"\begin{table}" in text_of(board_of(made), "latex")
+    assert r"$\approx$ not distinguishable" in text_of(board_of(made), "latex")
+    assert "<table>" in text_of(board_of(made), "html")
+
+
+def test_the_command_prints_the_board_and_loads_neither_torch_nor_pinocchio(made):
+    add_three(made)
+    made.add_run("run-1", [])
+    script = (
+        "import sys; from stiff_bench.leaderboard_cli import leaderboard\n"
+        "leaderboard(sys.argv[1:], standalone_mode=False)\n"
+        "print([name for name in ('torch', 'pinocchio', 'matplotlib') if name in sys.modules])"
+    )
+    words = ["--results", str(made.folder), "--model", "a", "--model", "b"]
+    done = subprocess.run(
+        [sys.executable, "-c", script, *words], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.startswith("**Leaderboard, 3 contests: 3 x twin (simulated) under holdout")
+    assert done.stdout.endswith("[]\n")
+    assert "12 results of " in done.stdout and "made by stiffbench 9.9 at 01234567." in done.stdout

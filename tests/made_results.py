@@ -1,0 +1,107 @@
+"""Folders of results whose errors a test chooses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from stiff_bench.store import ResultStore
+from stiff_datasets.robots.robot import shipped_robot
+from stiff_protocols.metrics import METRICS
+from stiff_protocols.record import Cell, CellResult, Presentation, ResultRecord, RunManifest
+from stiff_protocols.types import BenchmarkData, Prediction, Samples
+
+N_POSES, N_TEST = 12, 4
+TWINS = tuple(f"twin@specimen={number}" for number in range(5))
+ROBOT = shipped_robot("kr10_r1100_2", tcp=(0.06, 0.0, 0.08))
+
+
+def made_data(number: int) -> BenchmarkData:
+    """Twelve poses, one row each."""
+    rng = np.random.default_rng(number)
+    return BenchmarkData(
+        Samples(
+            q=rng.normal(size=(N_POSES, 6)),
+            wrench=rng.normal(size=(N_POSES, 6)),
+            deflection=rng.normal(size=(N_POSES, 3)) * 1e-3,
+            pose_id=np.array([f"P{pose:02d}" for pose in range(N_POSES)]),
+            load_id=np.full(N_POSES, "1"),
+            group=np.full(N_POSES, "all"),
+        ),
+        ROBOT,
+    )
+
+
+class MadeResults:
+    """Writes cells; each split tests four of the twelve poses, or the rows that are given."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._store = ResultStore(folder)
+
+    def add(
+        self,
+        model: str,
+        errors_mm: Sequence[float | Sequence[float]] = (),
+        dataset: str = "twin",
+        protocol: str = "holdout",
+        *,
+        failed: Sequence[int] = (),
+        version: int = 0,
+        run_id: str = "run-1",
+        rows: Sequence[int] | None = None,
+        splits_named: str = "",
+        condition: str = "",
+        **shown,
+    ) -> list[str]:
+        """Write a cell a split, whose error along z is given, and return the cells' keys."""
+        data = made_data(sum(dataset.encode()) + version)
+        self._store.write_data(data)
+        keys = []
+        for index in range(max(len(errors_mm), *(split + 1 for split in failed), 0)):
+            cell = Cell(
+                model=model.partition("@")[0],
+                model_params={"name": model},
+                dataset=dataset.partition("@")[0],
+                dataset_params={"name": dataset},
+                data_sha256=data.sha256,
+                protocol=protocol,
+                protocol_params={},
+                split_index=index,
+                split_sha256=f"split-{splits_named}{index}",
+                seed=0,
+                condition=condition,
+            )
+            about = {"kind": "simulated", "task": "stiffness"} | shown
+            presentation = Presentation(model, dataset, protocol, **about)
+            result = CellResult(cell, presentation, run_id, "failed", failure="it broke")
+            if index not in failed:
+                tested = (np.arange(N_TEST) + index * N_TEST) % N_POSES if rows is None else rows
+                result = self._done(cell, presentation, run_id, data, tested, errors_mm[index])
+            self._store.write_cell(result)
+            keys.append(cell.key)
+        return keys
+
+    def _done(self, cell, presentation, run_id, data, rows, error_mm):
+        rows = np.asarray(rows)
+        measured = data.samples.deflection[rows]
+        error = np.zeros((len(rows), 3))
+        error[:, 2] = np.asarray(error_mm) * 1e-3
+        prediction = Prediction(rows, measured + error, measured, reference=measured + 1e-3)
+        records = tuple(
+            ResultRecord(metric.key, axis, value, metric.unit)
+            for metric in METRICS.values()
+            for axis, value in metric.values(prediction).items()
+        )
+        return CellResult(
+            cell, presentation, run_id, "ok", records, prediction, n_train=N_POSES - len(rows)
+        )
+
+    def add_run(self, run_id: str, cells: Sequence[str]) -> None:
+        """Write the manifest of a run that was asked for these cells."""
+        environment = {"stiffbench": "9.9", "commit": "0123456789abcdef", "dirty": "false"}
+        self._store.write_manifest(
+            RunManifest(run_id, "bench run", "now", "finished", environment, tuple(cells))
+        )
