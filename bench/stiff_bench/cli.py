@@ -23,8 +23,10 @@ from stiff_bench.cli_options import (
     robot_words,
     settings_option,
 )
+from stiff_bench.compare_cli import compare
 from stiff_bench.data_cli import data
 from stiff_bench.deploy_cli import export, fit, predict
+from stiff_bench.leaderboard_cli import leaderboard
 from stiff_bench.messages import say
 from stiff_bench.plugin_cli import check, new
 from stiff_bench.provenance import usable_cores
@@ -222,7 +224,7 @@ def show(key: str, plugins: tuple[Path, ...]) -> None:
     click.echo(describe(usable_registry(plugins).find(key)))
 
 
-for command in (cache, check, data, export, fit, new, predict):
+for command in (cache, check, compare, data, export, fit, leaderboard, new, predict):
     bench.add_command(command)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from stiff_bench.cli_options import FILE, debug_option
+from stiff_bench.messages import print_text
 
 
 @click.command()
@@ -102,4 +103,4 @@ def compare(
         question=Question(rope=rope_mm / 1000.0, confidence=confidence, seed=seed),
         command=shlex.join(["bench", *sys.argv[1:]]),
     )
-    click.echo(render_report(compare_folder(words), fmt))
+    print_text(render_report(compare_folder(words), fmt))

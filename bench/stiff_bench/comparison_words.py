@@ -174,7 +174,7 @@ def _about_methods(report: Report) -> Iterator[str]:
     yield (
         f"A better: p < {alpha} and no interval reaches zero, neither over splits nor over poses. "
         f"Equivalent: the difference is below {rope} with {level} probability. All else cannot be "
-        'told apart, which does not mean equal; "(poses)": the splits have a winner, the poses none.'
+        'told apart, which does not mean equal; "(poses)": splits have a winner, poses have none.'
     )
     if len(report.comparisons) == 1:
         yield (

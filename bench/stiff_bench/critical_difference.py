@@ -18,11 +18,13 @@ if TYPE_CHECKING:
 
 WIDTH_INCH = 9.0
 LINE_INCH = 0.22  # of a label, or of a bar
-HEAD_INCH = 1.1  # title, critical difference and axis of a diagram
+GAP_INCH = 0.12  # above and beneath a diagram
+HEAD_INCH = 1.4  # title, critical difference and axis of a diagram
 CD_LINE = 2.0  # height of the critical difference above the axis, in lines
 _STYLE: dict[Any, Any] = {
     "font.size": 9.0,
     "axes.titlesize": 9.5,
+    "axes.titleweight": "bold",
     "svg.fonttype": "none",  # text stays text
     "svg.hashsalt": "stiffbench",
     "text.parse_math": False,  # a model may have "$" in its name
@@ -52,10 +54,12 @@ def save_diagrams(
         raise ConfigError(f"--figure {path}: there is no critical difference to draw: it {reasons}")
     from matplotlib import rc_context
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     heights = [HEAD_INCH + LINE_INCH * _n_lines(analysis) for analysis in drawn]
     with rc_context(_STYLE):
-        figure = Figure(figsize=(WIDTH_INCH, sum(heights)), layout="constrained")
+        layout = ConstrainedLayoutEngine(h_pad=GAP_INCH)
+        figure = Figure(figsize=(WIDTH_INCH, sum(heights)), layout=layout)
         axes = figure.subplots(len(drawn), 1, squeeze=False, height_ratios=heights)[:, 0]
         for analysis, ax in zip(drawn, axes, strict=True):
             _draw(analysis, ax)

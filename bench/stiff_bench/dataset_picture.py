@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiff_bench.picture_file import check_suffix, save_figure
 from stiff_bench.statics import load_torque
 from stiff_datasets.reachable import arm_points
 from stiff_models.gravity import gravity_torque
-from stiff_protocols.errors import ConfigError
-from stiff_protocols.files import written_whole
 from stiff_protocols.types import AXES, BenchmarkData, FloatArray, IntArray, Robot, TextArray
 
 if TYPE_CHECKING:
@@ -19,14 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
 SIZE_INCH = (10.0, 8.0)
-DOTS_PER_INCH = 150  # of a PNG, and of the clouds of points in a PDF or SVG
-
-# Suffix -> metadata that would otherwise hold the time, so that the same data give the same file.
-_TIMELESS: dict[str, dict[str, Any]] = {
-    ".png": {},
-    ".pdf": {"CreationDate": None},
-    ".svg": {"Date": None},
-}
 _STYLE: dict[Any, Any] = {
     "font.size": 9.0,
     "axes.titlesize": 10.0,
@@ -69,15 +60,11 @@ def save_picture(data: BenchmarkData, title: str, path: Path, quantity: str = DE
         ConfigError: the suffix is none of the three.
         StoreError: the file cannot be written.
     """
-    suffix = path.suffix.lower()
-    if suffix not in _TIMELESS:
-        valid = ", ".join(_TIMELESS)
-        raise ConfigError(f"picture {path}: suffix {path.suffix!r} is not known (valid: {valid})")
+    check_suffix(path)
     from matplotlib import rc_context
 
-    with rc_context(_STYLE), written_whole(path) as temporary:
-        figure = _draw(data, title, quantity)
-        figure.savefig(temporary, format=suffix[1:], dpi=DOTS_PER_INCH, metadata=_TIMELESS[suffix])
+    with rc_context(_STYLE):
+        save_figure(_draw(data, title, quantity), path)
 
 
 def _draw(data: BenchmarkData, title: str, quantity: str) -> Figure:

@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from stiff_bench.cli_options import FILE, debug_option
+from stiff_bench.messages import print_text
 
 
 @click.command()
@@ -115,4 +116,4 @@ def leaderboard(
     n_read = sum(contest.n_results for contest in contests)
     provenance = (f"{n_read} results were read.", *sources(results, board.run_ids))
     command = shlex.join(["bench", *sys.argv[1:]])
-    click.echo(render_leaderboard(board, fmt, command, provenance))
+    print_text(render_leaderboard(board, fmt, command, provenance))

@@ -197,7 +197,8 @@ def _by_protocol(section: Section, key: SortKey) -> Iterator[TextTable]:
             ],
             notes=(
                 f"{BEST} best of the models with all data sets of a column; {LIKE_BEST} not "
-                "distinguishable from the best in more than half of its data sets; - not run"
+                "distinguishable from the best in more than half of its data sets; - not run, or "
+                "run not finished"
                 + ("; (2/5) mean over 2 of 5 data sets, not comparable." if several else "."),
                 *section.caveats,
             ),

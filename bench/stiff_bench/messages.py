@@ -26,3 +26,11 @@ def printing_to_stderr() -> Iterator[None]:
             stack.callback(os.dup2, kept, 1)
             os.dup2(2, 1)
         yield
+
+
+def print_text(text: str) -> None:
+    """Print a result; a reader that has left (`| head`) is no failure of ours."""
+    try:
+        click.echo(text)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

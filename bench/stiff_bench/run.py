@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import sys
 import time
 from collections import Counter
 
 import click
 
 from stiff_bench.config import RunPlan
+from stiff_bench.messages import print_text
 from stiff_bench.progress import display
 from stiff_bench.provenance import peak_memory_bytes
 from stiff_bench.render import render
@@ -33,7 +32,7 @@ def execute(plan: RunPlan, fmt: str) -> int:
             click.echo(f"bench: warning: {choice.info.warning}", err=True)
     with display() as shown:
         results = list(run_cells(tasks, plan, store, shown.cell))
-    _print(render(build_tables(results, plan.metrics), fmt, plan.command))
+    print_text(render(build_tables(results, plan.metrics), fmt, plan.command))
     count = Counter(result.status for result in results)
     skipped = f", {count['skipped']} skipped" if count["skipped"] else ""
     click.echo(
@@ -43,11 +42,3 @@ def execute(plan: RunPlan, fmt: str) -> int:
         err=True,
     )
     return 0 if count["ok"] == len(results) else 1
-
-
-def _print(text: str) -> None:
-    """Print the tables; a reader that has left (`| head`) is no failure of ours."""
-    try:
-        click.echo(text)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -91,14 +91,15 @@ def sort_key(key: str, axis: str | None) -> SortKey:
         ConfigError: there is no such metric, it has no better and worse, or it has no such axis.
     """
     found = metric(key)
-    if found.direction == "nominal":
-        valid = ", ".join(m.key for m in METRICS.values() if m.direction != "nominal")
+    ranking = [m for m in METRICS.values() if m.direction != "nominal"]
+    if found not in ranking:
+        valid = ", ".join(m.key for m in ranking)
         raise ConfigError(
             f"--metric {key}: its best value is the nominal one, so it does not rank models "
             f"(valid: {valid})"
         )
     if axis is not None and axis not in found.axes:
-        with_axes = ", ".join(m.key for m in METRICS.values() if m.axes == AXES)
+        with_axes = ", ".join(m.key for m in ranking if m.axes == AXES)
         raise ConfigError(
             f"--axis {axis}: {key} is one value in all; metrics with axes are {with_axes}"
         )

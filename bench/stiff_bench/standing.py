@@ -23,6 +23,7 @@ from stiff_protocols.record import CellResult
 from stiff_protocols.types import FloatArray, IntArray, TextArray
 
 NOT_RUN = "not run"
+NOT_FINISHED = "run not finished"
 BoolArray = NDArray[np.bool_]
 
 
@@ -130,26 +131,22 @@ def _why_missing(contest: Contest, model: str, asked: Set[str]) -> str:
         n_all = len(competitor.reasons) + len(competitor.done)
         said = " ".join(why.split())
         return f"{status.upper()} in {len(competitor.reasons)} of {n_all} splits: {said}"
-    unfinished = _unfinished(contest, competitor, asked)
-    if unfinished:
-        n_all = unfinished + len(competitor.done)
-        return f"{unfinished} of {n_all} splits {NOT_RUN}"
-    return ""
+    return NOT_FINISHED if _unfinished(contest, competitor, asked) else ""
 
 
-def _unfinished(contest: Contest, competitor: Competitor, asked: Set[str]) -> int:
-    """Return how many of the others' splits a model was to be run on and was not."""
+def _unfinished(contest: Contest, competitor: Competitor, asked: Set[str]) -> bool:
+    """Say whether a model was to be run on more of the others' splits and was not."""
     own = next(iter(competitor.done.values())).cell
-    absent = [slot for slot in contest.slots if slot not in competitor.done]
     rows = {
         slot: result.cell.rows_sha256
         for other in contest.competitors.values()
         for slot, result in other.done.items()
     }
-    return sum(
+    return any(
         replace(own, split_index=slot[0], split_sha256=slot[1], rows_sha256=rows.get(slot, "")).key
         in asked
-        for slot in absent
+        for slot in contest.slots
+        if slot not in competitor.done
     )
 
 

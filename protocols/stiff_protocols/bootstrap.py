@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -154,10 +155,7 @@ def resampled_means(
             same poses, each equally often.
     """
     totals, counts = _side_by_side(errors)
-    n_poses = len(counts)
-    draws = np.random.default_rng(seed).multinomial(
-        n_poses, np.full(n_poses, 1.0 / n_poses), size=resamples
-    )  # (B, p) how often each pose was drawn
+    draws = _pose_draws(len(counts), resamples, seed)  # (B, p)
     # a matrix product may round equal columns differently, which would break their tie
     distinct, column = np.unique(totals, axis=1, return_inverse=True)
     means = (draws @ distinct) / (draws @ counts)[:, None]
@@ -192,6 +190,15 @@ def bootstrap_ranks(
     low, high = np.quantile(ranks, [tail, 1.0 - tail], axis=0, method="inverted_cdf")
     means = np.concatenate([one.mean for one in errors])
     return RankInterval(np.asarray(stats.rankdata(means)), low, high)
+
+
+@lru_cache(maxsize=8)
+def _pose_draws(n_poses: int, resamples: int, seed: int) -> IntArray:
+    """Return (B, p) how often each pose was drawn; read-only, as many contests share it."""
+    shares = np.full(n_poses, 1.0 / n_poses)
+    draws = np.random.default_rng(seed).multinomial(n_poses, shares, size=resamples)
+    draws.setflags(write=False)
+    return draws
 
 
 def _side_by_side(errors: Sequence[PoseErrors]) -> tuple[FloatArray, IntArray]:

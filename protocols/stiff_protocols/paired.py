@@ -163,9 +163,15 @@ def wilcoxon_signed_rank(differences: ArrayLike) -> float:
 def holm(p_values: ArrayLike) -> FloatArray:
     """Return the (m,) p-values after Holm's (1979) step-down correction for m comparisons.
 
-    Args:
-        p_values: (m,) 0..1, m at least 1.
-    """
-    from statsmodels.stats.multitest import multipletests
+    statsmodels' function collects garbage in each call, which takes longer than all the rest of a
+    leaderboard; the tests compare with it.
 
-    return np.asarray(multipletests(np.asarray(p_values, dtype=np.float64), method="holm")[1])
+    Args:
+        p_values: (m,) 0..1.
+    """
+    values = np.asarray(p_values, dtype=np.float64)
+    order = np.argsort(values)
+    steps = np.arange(len(values), 0, -1) * values[order]
+    adjusted = np.empty_like(values)
+    adjusted[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
+    return adjusted

@@ -7,8 +7,8 @@ import re
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from made_results import TWINS, MadeResults
 
+from made_results import TWINS, MadeResults
 from stiff_bench.critical_difference import save_diagrams
 from stiff_bench.leaderboard_cli import leaderboard
 from stiff_bench.rank_analysis import RankAnalysis

@@ -1,0 +1,330 @@
+"""Two models compared: numbers by hand, verdicts that hold, and a report that says what is known."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy import stats
+
+from compared_results import contest_in, made_data, spread, steady, store_results
+from stiff_bench.compare import CompareWords, compare_folder
+from stiff_bench.compare_cli import compare as compare_command
+from stiff_bench.comparison import compare
+from stiff_bench.comparison_text import render_report
+from stiff_bench.comparison_words import sentence
+from stiff_bench.estimates import Estimate, Question, decide
+from stiff_bench.runner import compute_cell
+from stiff_protocols.errors import ConfigError, StoreError
+from stiff_protocols.paired import Posterior
+
+A_SPLITS = (1.0e-4, 1.2e-4, 0.9e-4, 1.1e-4, 1.3e-4)
+B_SPLITS = (2.0e-4, 2.1e-4, 2.2e-4, 2.1e-4, 2.4e-4)
+PAIR = {"a": steady(*A_SPLITS), "b": steady(*B_SPLITS)}
+
+
+def compared(folder, a="a", b="b", **question):
+    contest, data = contest_in(folder)
+    return compare(contest, a, b, data, Question(**question))
+
+
+def report_on(folder, a="a", b="b", datasets=(), conditions=(), question=None):
+    return compare_folder(
+        CompareWords(
+            a=a,
+            b=b,
+            results=folder,
+            datasets=datasets,
+            protocols=(),
+            conditions=conditions,
+            question=question or Question(),
+            command="bench compare a b",
+        )
+    )
+
+
+def text_of(folder, fmt="github", **words):
+    return render_report(report_on(folder, **words), fmt)
+
+
+def test_over_splits_the_numbers_are_those_of_the_corrected_t_test_by_hand(tmp_path):
+    row = compared(store_results(tmp_path, PAIR)).row("x")
+    differences = np.subtract(A_SPLITS, B_SPLITS)
+    scale = math.sqrt((1 / 5 + 8 / 32) * differences.var(ddof=1))  # 8 rows tested, 32 trained on
+    half = scale * stats.t.ppf(0.975, 4)
+    assert row.difference == pytest.approx(differences.mean())
+    assert (row.mean_a, row.mean_b) == pytest.approx((1.1e-4, 2.16e-4))
+    assert (row.main.low, row.main.high) == pytest.approx(
+        (differences.mean() - half, differences.mean() + half)
+    )
+    p_alone = 2 * stats.t.cdf(differences.mean() / scale, 4)
+    assert row.main.p_value == pytest.approx(3 * p_alone)  # Holm: y and z are equal in A and B
+    a_better = stats.t.cdf((-1e-5 - differences.mean()) / scale, 4)
+    assert row.main.posterior.a_better == pytest.approx(a_better)
+
+
+def test_the_length_of_the_error_is_a_test_of_its_own(tmp_path):
+    found = compared(store_results(tmp_path, PAIR))
+    assert found.row("x").main.p_value == pytest.approx(3 * found.row("norm").main.p_value)
+
+
+def test_fewer_training_rows_make_the_interval_wider(tmp_path):
+    widths = [
+        row.main.high - row.main.low
+        for n_train in (32, 5)
+        for row in [compared(store_results(tmp_path / f"{n_train}", PAIR, n_train=n_train)).rows[0]]
+    ]
+    factors = [math.sqrt(1 / 5 + 8 / n_train) for n_train in (32, 5)]
+    assert widths[1] / widths[0] == pytest.approx(factors[1] / factors[0])
+
+
+def test_results_without_their_number_of_training_rows_say_what_is_taken_for_it(tmp_path):
+    folder = store_results(tmp_path, PAIR, n_train=0)
+    assert compared(folder).n_train == 40 - 8
+    assert "number of training rows was not stored" in text_of(folder)
+
+
+def test_a_cell_stores_the_rows_of_its_training_side(tasks_of):
+    (fair,) = tasks_of(dataset="fanuc-r2000ic", protocol="holdout")
+    split = fair.split
+    assert compute_cell(fair, "r").n_train == len(split.train) + len(split.validation)
+    (papers,) = tasks_of(dataset="fanuc-r2000ic", protocol="paper-holdout")
+    assert compute_cell(papers, "r").n_train == len(papers.split.train)
+
+
+def test_changing_sides_mirrors_everything(tmp_path):
+    models = {"a": spread(1e-4, 4e-5, seed=1), "b": spread(1.5e-4, 4e-5, seed=2)}
+    folder = store_results(tmp_path, models)
+    there, back = (compared(folder, *pair).row("norm") for pair in (("a", "b"), ("b", "a")))
+    assert there.difference == -back.difference
+    assert (there.main.low, there.main.high) == pytest.approx((-back.main.high, -back.main.low))
+    assert there.main.posterior.a_better == pytest.approx(back.main.posterior.b_better)
+    assert {there.verdict, back.verdict} == {"a", "b"}
+
+
+def estimate(low, high, p_value, equivalent=0.0):
+    return Estimate(low, high, Posterior(0.0, equivalent, 1.0 - equivalent), p_value)
+
+
+def test_a_verdict_needs_the_test_and_every_interval():
+    better = estimate(-2e-5, -1e-5, 0.01)
+    assert decide([better], 0.95) == "a"
+    assert decide([estimate(1e-5, 2e-5, 0.01)], 0.95) == "b"
+    assert decide([better, estimate(-2e-5, 1e-6, 0.01)], 0.95) == "open"
+    assert decide([estimate(-2e-5, -1e-6, 0.06)], 0.95) == "open"
+    assert decide([estimate(-2e-5, -1e-6, 0.06)], 0.9) == "a"
+
+
+def test_no_difference_found_is_not_called_equivalent():
+    unclear = estimate(-1e-4, 1e-4, 0.9, equivalent=0.94)
+    assert decide([unclear], 0.95) == "open"
+    assert decide([estimate(-1e-6, 1e-6, 0.9, 0.96), unclear], 0.95) == "open"
+    # a difference that is certain but smaller than the tracker can see makes none
+    assert decide([estimate(-2e-6, -1e-6, 0.001, 0.99)], 0.95) == "equivalent"
+
+
+def test_the_sentence_for_equal_models_says_equivalent_and_for_noise_not_told_apart(tmp_path):
+    near = spread(1e-4, 2e-5)
+    folder = store_results(
+        tmp_path / "near", {"a": near, "b": lambda index, rows: near(index, rows) * 1.001}
+    )
+    assert "a and b are equivalent in practice on made (kfold, 5 splits)" in text_of(folder)
+    noise = {"a": spread(0.0, 1e-3, seed=1), "b": spread(0.0, 1e-3, seed=2)}
+    folder = store_results(tmp_path / "noise", noise)
+    said = sentence(report_on(folder))
+    assert said.startswith("a and b cannot be told apart on made (kfold, 5 splits): ")
+    half = max(0.5 * (e.high - e.low) for e in (row.cautious for row in compared(folder).rows))
+    assert f"with 5 splits and 40 poses a difference below about {1000 * half:.3f} mm can" in said
+
+
+def test_the_sentence_names_the_better_one_by_how_much_and_in_which_axes(tmp_path):
+    folder = store_results(tmp_path, PAIR)
+    for a, b in (("a", "b"), ("b", "a")):
+        said = sentence(report_on(folder, a, b))
+        assert said.startswith(
+            "a is better than b on made (kfold, 5 splits): its mean 3-D error is 0.106 mm smaller "
+        )
+        assert "by more than 0.01 mm with probability > 0.99" in said
+        assert "a is better in X (0.106 mm); in Y and Z they are equivalent" in said
+
+
+def test_one_split_and_pooled_protocols_are_judged_over_poses_and_say_what_is_not_in_it(tmp_path):
+    models = {"a": spread(1e-4, 2e-5, seed=1), "b": spread(1.5e-4, 2e-5, seed=2)}
+    alone = store_results(tmp_path / "1", models, tests=[np.arange(40)])
+    pooled = store_results(tmp_path / "2", models, tests=np.arange(40)[:, None], pooled=True)
+    for folder in (alone, pooled):
+        found = compared(folder)
+        assert not found.over_splits and found.n_poses == 40
+        assert found.row("norm").verdict == "a"
+        text = text_of(folder)
+        assert "the spread over training sets is not in them" in text
+        assert "corrected t" not in text
+    assert compared(alone).rows == compared(pooled).rows
+
+
+def test_a_winner_on_the_poses_that_every_split_tests_needs_other_poses_too(tmp_path):
+    rng = np.random.default_rng(5)
+    swing = rng.normal(0.0, 1e-4, 40)  # A is better at half of the poses, by luck
+
+    def b(_, rows):
+        return np.column_stack([2e-4 + 1.5e-5 + swing[rows], np.zeros((len(rows), 2))])
+
+    models = {"a": steady(*[2e-4] * 5), "b": b}
+    folder = store_results(tmp_path, models, tests=[np.arange(40)] * 5)
+    row = compared(folder).row("norm")
+    assert row.over_splits.p_value < 0.05 and row.over_splits.high < 0.0
+    assert row.over_poses.high > 0.0
+    assert row.verdict == "open" and row.cautious == row.over_poses
+    text = text_of(folder)
+    assert "not told apart (poses)" in text and "test the same rows" in text
+
+
+def test_splits_that_one_of_them_lacks_are_left_out_and_named(tmp_path):
+    folder = store_results(tmp_path, PAIR, failed={"a": [1, 3]})
+    found = compared(folder)
+    assert found.n_splits == 3
+    kept = [0, 2, 4]
+    assert found.row("x").mean_b == pytest.approx(np.mean([B_SPLITS[k] for k in kept]))
+    assert "a lacks 2 of 5 splits (failed: it broke); compared on the 3 that both have" in text_of(
+        folder
+    )
+
+
+def test_specimens_count_as_data_sets_and_splits_do_not(tmp_path):
+    for specimen in range(5):
+        name = f"made@specimen={specimen}" if specimen else "made"
+        store_results(tmp_path, PAIR, data=made_data(specimen), dataset=name)
+    (across,) = report_on(tmp_path).across
+    assert across.family == "made" and across.verdicts == ("a",) * 5
+    assert across.p_value == pytest.approx(2 * 0.5**5)  # of 5 data sets, not of 25 splits
+    assert across.mean_difference == pytest.approx(-1.06e-4)
+    four = report_on(tmp_path, datasets=tuple(f"made@specimen={k}" for k in range(4)))
+    assert len(four.comparisons) == 4 and four.across[0].p_value is None
+
+
+def test_a_word_with_a_default_spelled_out_is_one_data_set_and_its_key_all(tmp_path):
+    for specimen in range(2):
+        name = f"made@specimen={specimen}" if specimen else "made"
+        store_results(tmp_path, PAIR, data=made_data(specimen), dataset=name)
+    assert len(report_on(tmp_path, datasets=("made",)).comparisons) == 2
+    (only,) = report_on(tmp_path, datasets=("made@specimen=0",)).comparisons
+    assert only.name.dataset == "made"
+
+
+def test_many_contests_take_one_line_each_and_one_contest_takes_one_screen(tmp_path):
+    for size in (5, 10, 40):
+        store_results(tmp_path, PAIR, condition=f"n = {size}")
+    many = text_of(tmp_path).splitlines()
+    lines = [line.split("|")[1].strip() for line in many if line.startswith("| made")]
+    assert lines == [f"made, kfold, n = {size}" for size in (5, 10, 40)]
+    assert (
+        many[0]
+        == many[-1]
+        == (
+            "Of 3 contests a is better in 3 and b in 0; in 0 they are equivalent to within 0.01 mm, "
+            "in 0 they cannot be told apart."
+        )
+    )
+    one = text_of(tmp_path, conditions=("n = 10",)).splitlines()
+    assert len(one) <= 40
+    assert one[0] == one[-1] and one[0].startswith("a is better than b on made (kfold, n = 10")
+
+
+def test_what_must_stand_beside_the_names_stands_there(tmp_path):
+    folder = store_results(
+        tmp_path,
+        PAIR,
+        task="pose-error",
+        caveats=("made by hand.",),
+        selects_on_test=True,
+        warning="the test part picks the epoch.",
+        a={"regime": "target labels not trained on"},
+        b={"picked_on_test": True},
+    )
+    text = text_of(folder)
+    assert "**A = a [target labels not trained on], B = b [epoch picked on test part]" in text
+    assert "made (measured pose-error, not stiffness)" in text
+    for note in (
+        "Not the same regime: a: target labels not trained on; b: measured deflections train it.",
+        "b alone picked its epoch on the test part.",
+        "the test part picks the epoch.",
+        "made by hand.",
+    ):
+        assert note in text
+
+
+def test_what_cannot_be_compared_is_one_clear_line(tmp_path):
+    folder = store_results(tmp_path / "r", PAIR)
+    store_results(folder, {"vjm@slopes=2": PAIR["a"]}, condition="elsewhere")
+    for words, message in (
+        ({"b": "a"}, "compare 'a' with another model than itself"),
+        ({"b": "vjm@slopes=3"}, r"unknown model 'vjm@slopes=3'; did you mean 'vjm@slopes=2'\? \("),
+        ({"b": "vjm"}, "no results of 'vjm' with its default options in .*'vjm@slopes=2'"),
+        (
+            {"b": "vjm@slopes=2"},
+            r"a and vjm@slopes=2 never met: a has results in \(made \| kfold\); vjm@slopes=2 has "
+            r"results in \(made \| kfold \| elsewhere\)",
+        ),
+        ({"datasets": ("mode",)}, "--dataset: .*'mode'; did you mean 'made'"),
+        ({"conditions": ("else",)}, "--condition: unknown condition 'else'"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            report_on(folder, **words)
+    with pytest.raises(StoreError, match="holds no results"):
+        report_on(tmp_path / "nothing")
+
+
+def test_a_model_that_failed_everywhere_is_said_to_have_failed(tmp_path):
+    folder = store_results(tmp_path, PAIR, failed={"b": range(5)})
+    with pytest.raises(ConfigError, match=r"b has no result \(failed: it broke\)"):
+        report_on(folder)
+
+
+def test_csv_and_json_hold_the_numbers_of_the_report_in_mm(tmp_path):
+    folder = store_results(tmp_path, PAIR)
+    row = compared(folder).row("norm")
+    lines = list(csv.DictReader(io.StringIO(text_of(folder, "csv"))))
+    (line,) = [
+        line
+        for line in lines
+        if (line["error"], line["method"], line["place"]) == ("norm", "over splits", "")
+    ]
+    assert float(line["difference_mm"]) == pytest.approx(1000 * row.difference, rel=1e-12)
+    assert float(line["high_mm"]) == pytest.approx(1000 * row.main.high, rel=1e-12)
+    assert line["verdict"] == "A better"
+    found = json.loads(text_of(folder, "json"))
+    errors = {(e["error"], e["method"]): e for e in found["contests"][0]["errors"]}
+    assert errors["norm", "over splits"]["low_mm"] == pytest.approx(1000 * row.main.low)
+    assert found["rope_mm"] == 0.01 and found["sentence"] == sentence(report_on(folder))
+
+
+def test_latex_and_html_hold_the_same_screen_and_escape_names(tmp_path):
+    models = {"a_1": PAIR["a"], "<b>": PAIR["b"]}
+    folder = store_results(tmp_path, models)
+    latex, page = (text_of(folder, fmt, a="a_1", b="<b>") for fmt in ("latex", "html"))
+    assert latex.count(r"\toprule") == 2 and r"a\_1 is better than" in latex
+    assert "a_1 is better" not in latex
+    assert "<p>a_1 is better than &lt;b&gt; on" in page and "<b>" not in page
+
+
+def test_a_report_is_the_same_every_time_and_its_seed_moves_the_pose_intervals(tmp_path):
+    models = {"a": spread(1e-4, 4e-5, seed=1), "b": spread(1.2e-4, 4e-5, seed=2)}
+    folder = store_results(tmp_path, models)
+    assert text_of(folder) == text_of(folder)
+    (first,), (other,) = (
+        report_on(folder, question=Question(seed=seed)).comparisons for seed in (0, 1)
+    )
+    assert first.row("norm").over_splits == other.row("norm").over_splits
+    assert first.row("norm").over_poses.low != other.row("norm").over_poses.low
+
+
+def test_the_command_takes_a_rope_in_mm(tmp_path):
+    folder = str(store_results(tmp_path, PAIR))
+    done = CliRunner().invoke(compare_command, ["a", "b", "--results", folder, "--rope", "0.2"])
+    assert done.exit_code == 0, done.output
+    assert "differ by less than 0.2 mm with probability > 0.99" in done.output
