@@ -50,9 +50,14 @@ def store_results(
     condition: str = "",
     n_train: int = 32,
     failed: dict[str, Sequence[int]] | None = None,
+    own: dict[str, dict[str, object]] | None = None,
     **shown: object,
 ) -> Path:
-    """Store a result of every model on every split; `failed` names splits without one."""
+    """Store a result of every model on every split.
+
+    `failed` names splits without one; `shown` is what stands beside all numbers, `own` beside
+    those of one model.
+    """
     data = data or made_data()
     store = ResultStore(folder)
     store.write_data(data)
@@ -66,11 +71,8 @@ def store_results(
                 *(model, {}, key, options, data.sha256, "kfold", {}, index, f"split {index}", 0),
                 condition=condition,
             )
-            facts = {"kind": "measured", "task": "stiffness"} | shown
-            own = facts.pop(model, {})
-            result = CellResult(
-                cell, Presentation(model, dataset, "kfold", **(facts | own)), "run", "ok"
-            )
+            facts = {"kind": "measured", "task": "stiffness"} | shown | (own or {}).get(model, {})
+            result = CellResult(cell, Presentation(model, dataset, "kfold", **facts), "run", "ok")
             if index in (failed or {}).get(model, ()):
                 store.write_cell(replace(result, status="failed", failure="it broke"))
                 continue
@@ -97,9 +99,10 @@ def spread(mean: float, deviation: float, seed: int = 3) -> Errors:
 
 
 def steady(*of_splits: float) -> Errors:
-    """The same error along x on all rows of a split, m."""
+    """Errors along x with this mean in each split, m; they grow with the row a little."""
 
     def errors(index: int, rows: IntArray) -> FloatArray:
-        return np.tile([of_splits[index], 0.0, 0.0], (len(rows), 1))
+        x = of_splits[index] * (1.0 + 0.01 * (rows - rows.mean()) / N_POSES)
+        return np.column_stack([x, np.zeros((len(rows), 2))])
 
     return errors

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -86,11 +86,11 @@ def compare_folder(words: CompareWords) -> Report:
     for name in (words.a, words.b):
         _check_known(name, competitor_names(contests), words.results)
     chosen = chosen_contests(contests, datasets=words.datasets, protocols=words.protocols)
-    chosen = _under(words.conditions, chosen)
+    chosen = sorted(_under(words.conditions, chosen), key=lambda one: _in_order(one.name.text))
     data_of = functools.cache(functools.partial(read_data, words.results / "data"))
     met, comparisons, apart = [], [], []
-    for contest in sorted(chosen, key=lambda one: _in_order(one.name.text)):
-        if not {words.a, words.b} & set(contest.competitors):
+    for contest in chosen:
+        if not {words.a, words.b} <= set(contest.competitors):
             continue
         data = data_of(contest.name.data_sha256)
         try:
@@ -99,7 +99,7 @@ def compare_folder(words: CompareWords) -> Report:
         except DataError as error:
             apart.append(f"not compared: {error}.")
     if not comparisons:
-        raise ConfigError(_never_met(chosen, words.a, words.b, apart))
+        raise ConfigError(" ".join(apart) or _never_met(chosen, words.a, words.b))
     where = None
     if len(met) == 1:
         data = data_of(met[0].name.data_sha256)
@@ -111,7 +111,11 @@ def compare_folder(words: CompareWords) -> Report:
         comparisons=tuple(comparisons),
         across=tuple(across_datasets(comparisons)),
         where=where,
-        notes=(*apart, *same_name_other_data(met)),
+        notes=(
+            *apart,
+            *_alone(chosen, words.a, words.b),
+            *same_name_other_data(met),
+        ),
         command=words.command,
     )
 
@@ -137,18 +141,25 @@ def _under(conditions: Sequence[str], contests: Sequence[Contest]) -> list[Conte
     return [one for one in contests if not conditions or one.name.condition in conditions]
 
 
-def _never_met(chosen: Iterable[Contest], a: str, b: str, apart: Sequence[str]) -> str:
-    """Say where each has results."""
-    has: dict[str, list[str]] = {a: [], b: []}
-    for contest in chosen:
-        for name in (a, b):
-            if name in contest.competitors and contest.competitors[name].done:
-                has[name].append(contest.name.text)
-    if has[a] and has[b] and set(has[a]) & set(has[b]):
-        return " ".join(apart)
-    return f"{a} and {b} never met: " + "; ".join(
-        f"{name} has results in {_few(names)}" for name, names in has.items()
-    )
+def _never_met(chosen: Iterable[Contest], a: str, b: str) -> str:
+    """Say where each was run."""
+    chosen = list(chosen)
+    run = {
+        name: _few([one.name.text for one in chosen if name in one.competitors]) for name in (a, b)
+    }
+    return f"{a} and {b} never met: {a} was run in {run[a]}; {b} was run in {run[b]}"
+
+
+def _alone(chosen: Iterable[Contest], a: str, b: str) -> Iterator[str]:
+    """Yield a line for each that was run where the other was not."""
+    for name, other in ((a, b), (b, a)):
+        more = [
+            one.name.text
+            for one in chosen
+            if name in one.competitors and other not in one.competitors
+        ]
+        if more:
+            yield f"{name} alone was run in {_few(more)}."
 
 
 def _few(names: Sequence[str]) -> str:

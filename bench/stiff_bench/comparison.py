@@ -129,7 +129,7 @@ class PairedErrors:
 
 
 def paired_errors(contest: Contest, a: str, b: str) -> PairedErrors:
-    """Return the errors of two competitors on the splits that both have.
+    """Return the errors of two competitors of a contest on the splits that both have.
 
     Raises:
         DataError: one has no results there, or they share no split.
@@ -220,8 +220,6 @@ def _split_means(errors: FloatArray, split: IntArray) -> FloatArray:
 def _shared(contest: Contest, a: str, b: str) -> list[Slot]:
     """Return the splits that both have, or say why there are none."""
     for name in (a, b):
-        if name not in contest.competitors:
-            raise DataError(f"{contest.name.text}: {name} was not run")
         if not contest.competitors[name].done:
             reasons = list(contest.competitors[name].reasons.values())
             raise DataError(f"{contest.name.text}: {name} has no result ({reasons[0]})")

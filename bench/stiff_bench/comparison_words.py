@@ -152,6 +152,11 @@ def _about_methods(report: Report) -> Iterator[str]:
             "Over splits: Nadeau and Bengio's corrected t test, and its Bayesian reading for the "
             f"probabilities; {_shares(over_splits)}."
         )
+    if any(one.n_test > one.n_train for one in over_splits):
+        yield (
+            "Where a split tests more rows than it trains on, the correction is very careful: "
+            "small differences are not found there."
+        )
     if len(over_splits) < len(report.comparisons):
         yield (
             "One split, or all scored together: bootstrap over poses and Wilcoxon's signed-rank "

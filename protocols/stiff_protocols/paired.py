@@ -22,6 +22,8 @@ ROPE_M = 1e-5
 """Region of practical equivalence, m: 0.01 mm, the repeatability of an optical tracker."""
 LEVEL = 0.05
 """Probability of a false positive that a test allows."""
+MOST_EXACT = 50
+"""Up to so many differences the signed-rank test's p-value is counted; scipy's own limit."""
 
 
 def check_share(name: str, value: float) -> None:
@@ -157,7 +159,10 @@ def wilcoxon_signed_rank(differences: ArrayLike) -> float:
         raise DataError("the signed-rank test needs at least 1 difference, there are none")
     if not values.any():
         return 1.0
-    return float(stats.wilcoxon(values).pvalue)
+    # with ties scipy's own choice is a permutation test that takes seconds for a dozen values
+    tied = not values.all() or len(np.unique(np.abs(values))) < len(values)
+    method = "asymptotic" if tied or len(values) > MOST_EXACT else "exact"
+    return float(stats.wilcoxon(values, method=method).pvalue)
 
 
 def holm(p_values: ArrayLike) -> FloatArray:
