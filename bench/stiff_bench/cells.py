@@ -10,7 +10,8 @@ from typing import Literal
 
 import numpy as np
 
-from stiff_bench.costs import MemoryMeter, latency, throughput
+from stiff_bench.costs import latency, throughput
+from stiff_bench.memory import MemoryMeter
 from stiff_bench.messages import printing_to_stderr
 from stiff_bench.tasks import CellTask
 from stiff_models.catalog import REFERENCE_MODEL, model_info

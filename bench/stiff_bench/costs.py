@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import re
 import statistics
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 
@@ -48,26 +46,3 @@ def _seconds(call: Callable[[], object]) -> float:
     start = time.perf_counter()
     call()
     return max(time.perf_counter() - start, 1e-9)  # a clock may stand still
-
-
-class MemoryMeter:
-    """Says how far the resident memory of this process rises; on Linux alone."""
-
-    def __init__(self) -> None:
-        """Start anew: the kernel forgets the peak so far."""
-        self._start: int | None = None
-        try:
-            Path("/proc/self/clear_refs").write_text("5")  # proc(5): resets VmHWM
-            self._start = _status("VmRSS")
-        except OSError:
-            return
-
-    def rise(self) -> int | None:
-        """Return the peak since the start above the start, bytes; None where it is not known."""
-        return None if self._start is None else max(0, _status("VmHWM") - self._start)
-
-
-def _status(name: str) -> int:
-    """Return an entry of /proc/self/status, bytes."""
-    found = re.search(rf"^{name}:\s+(\d+) kB", Path("/proc/self/status").read_text(), re.MULTILINE)
-    return int(found.group(1)) * 1024 if found else 0

@@ -37,16 +37,6 @@ def environment() -> dict[str, str]:
     return facts | _commit()
 
 
-def peak_memory_bytes() -> int:
-    """Return the largest resident memory of this process so far; 0 where it is not known."""
-    if sys.platform == "win32":
-        return 0
-    import resource
-
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak if sys.platform == "darwin" else peak * 1024
-
-
 def _gpu() -> str:
     """Return the GPU that networks can use; "" without one, or where no model needs torch."""
     torch = sys.modules.get("torch")

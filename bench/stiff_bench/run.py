@@ -8,9 +8,9 @@ from collections import Counter
 import click
 
 from stiff_bench.config import RunPlan
+from stiff_bench.memory import peak_memory_bytes
 from stiff_bench.messages import print_text
 from stiff_bench.progress import display
-from stiff_bench.provenance import peak_memory_bytes
 from stiff_bench.render import render
 from stiff_bench.runner import run_cells
 from stiff_bench.store import ResultStore

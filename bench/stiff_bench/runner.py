@@ -10,7 +10,8 @@ from datetime import UTC, datetime
 
 from stiff_bench.cells import compute_cell
 from stiff_bench.config import RunPlan
-from stiff_bench.provenance import environment, peak_memory_bytes
+from stiff_bench.memory import peak_memory_bytes
+from stiff_bench.provenance import environment
 from stiff_bench.store import ResultStore
 from stiff_bench.tasks import CellTask
 from stiff_protocols.record import (

@@ -44,7 +44,7 @@ class Row:
     """A line of a table.
 
     Attributes:
-        name: model or published method.
+        name: model with its options, or published method.
         source: "ours" or "published".
         mark: what must stand beside the name; "" for nothing.
         values: (metric key, axis) -> value; a missing one prints as a dash.

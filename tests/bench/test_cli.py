@@ -16,6 +16,7 @@ import torch
 
 from command_line import BENCH, assert_refused, bench
 from stiff_bench.store import ResultStore
+from stiff_protocols.metrics import METRICS
 
 SMALL = [
     word
@@ -43,7 +44,7 @@ def test_a_run_prints_one_table_and_stores_every_cell(tmp_path):
     assert "kr10-twin (simulated) | holdout, 2 splits, seed 0 | mm, mean ± standard" in done.stdout
     for part in (
         "| vjm ",
-        "| ft-mlp ",
+        "| ft-mlp@pretrain_steps=20@width=16 ",
         "X MAE",
         "Z ME",
         "| FT-MLP [published] ",
@@ -60,7 +61,7 @@ def test_a_run_prints_one_table_and_stores_every_cell(tmp_path):
     assert manifest.environment["numpy"] and manifest.peak_memory_bytes > 0
     cells = [store.read_cell(key) for key in manifest.cells]
     assert {cell.cell.model for cell in cells} == {"vjm", "ft-mlp"}
-    assert all(len(cell.records) == 9 and cell.run_id == manifest.run_id for cell in cells)
+    assert all(cell.prediction is not None and cell.run_id == manifest.run_id for cell in cells)
 
 
 def test_the_same_command_gives_the_same_numbers(tmp_path):
@@ -92,7 +93,7 @@ def test_ones_own_file_and_robot_run_like_a_shipped_data_set(tmp_path):
     shipped_run = bench(*words, "--dataset", "fanuc-r2000ic", cwd=tmp_path)
     assert own.returncode == 0, own.stderr
     values = [
-        [row["value_mm"] for row in csv.DictReader(io.StringIO(done.stdout))]
+        [row["value"] for row in csv.DictReader(io.StringIO(done.stdout))]
         for done in (own, shipped_run)
     ]
     assert len(values[0]) == 9 and values[0] == values[1]
@@ -102,7 +103,7 @@ def test_paper_holdout_warns_and_marks_its_rows(tmp_path):
     words = ["--model", "mlp", "--protocol", "paper-holdout", "--set", "mlp.epochs=5"]
     done = bench("run", *words, cwd=tmp_path)
     assert "warning: paper-holdout picks the best epoch on the very samples" in done.stderr
-    assert "| mlp [epoch picked on test part] |" in done.stdout
+    assert "| mlp@epochs=5 [epoch picked on test part] |" in done.stdout
 
 
 def test_a_plugin_file_runs_beside_ours(tmp_path, plugin_file):
@@ -110,7 +111,7 @@ def test_a_plugin_file_runs_beside_ours(tmp_path, plugin_file):
     words = ["--model", "mean-deflection", "--plugin", str(path)]
     done = bench("run", *words, "--set", "mean-deflection.factor=2", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "| mean-deflection " in done.stdout
+    assert "| mean-deflection@factor=2.0 " in done.stdout
     listed = bench("list", "models", "--plugin", str(path), cwd=tmp_path)
     assert "mean of the training part" in listed.stdout
 
@@ -191,14 +192,16 @@ def test_a_default_spelled_out_gives_the_same_numbers(tmp_path):
 def test_without_an_epoch_to_choose_nothing_is_marked_as_picked_on_test(tmp_path):
     words = ["--protocol", "paper-holdout", "--set", "mlp.epochs=5", "--set", "mlp.training=normal"]
     done = bench("run", "--model", "mlp", *words, cwd=tmp_path)
-    assert "| mlp  " in done.stdout and "[epoch picked" not in done.stdout
+    assert "| mlp@epochs=5@training=normal |" in done.stdout and "[epoch picked" not in done.stdout
 
 
 def test_another_metric_is_another_table_of_the_same_stored_cell(tmp_path):
     done = bench("run", "--model", "vjm", "--metric", "me", "--output", "out", cwd=tmp_path)
     assert "X ME" in done.stdout and "X MAE" not in done.stdout
     (cell,) = (tmp_path / "out" / "cells").iterdir()
-    assert len(ResultStore(tmp_path / "out").read_cell(cell.stem).records) == 9
+    stored = ResultStore(tmp_path / "out").read_cell(cell.stem)
+    without_interval = {metric.key for metric in METRICS.values() if not metric.needs_interval}
+    assert {record.metric for record in stored.records} == without_interval
 
 
 def test_list_and_show_answer(tmp_path):
@@ -233,7 +236,7 @@ def test_help_loads_nothing_heavy(tmp_path):
             ["run", "--model", "vjm", "--protocol", "loo"],
             ["unknown protocol 'loo'", "leave-one-out"],
         ),
-        (["run", "--model", "vjm", "--metric", "rmse"], ["unknown metric 'rmse'", "mae, me, stde"]),
+        (["run", "--model", "vjm", "--metric", "rmsd"], ["unknown metric 'rmsd'", "'rmse'", "mae"]),
         (["run", "--model", "vjm", "--splits", "0"], ["--splits", "0"]),
         (["run", "--model", "vjm", "--splits", "two"], ["--splits", "two"]),
         (["run", "--model", "vjm", "--seed", "-1"], ["--seed", "-1"]),

@@ -61,7 +61,7 @@ def test_from_the_plan_to_the_leaderboard_with_ones_own_file(tmp_path, home, kr1
     assert registered.returncode == 0, registered.stderr
     by_key = bench(*words, "--dataset", "kr10-measured", cwd=tmp_path, env=home)
     values = [
-        [row["value_mm"] for row in csv.DictReader(done.stdout.splitlines()) if row["dataset"]]
+        [row["value"] for row in csv.DictReader(done.stdout.splitlines()) if row["dataset"]]
         for done in (by_name, by_key)
     ]
     assert len(values[0]) == 9 and values[0] == values[1]
@@ -198,9 +198,9 @@ def test_a_robot_of_ones_own_is_simulated_from_urdf_and_constants(tmp_path):
 def test_a_table_names_the_options_of_its_data(tmp_path):
     words = ["run", "--model", "vjm", "--dataset", "kr10-twin", "--set", "kr10-twin.specimen=3"]
     done = bench(*words, cwd=tmp_path)
-    assert done.stdout.startswith("**kr10-twin (simulated, specimen=3) | holdout, 1 split")
+    assert done.stdout.startswith("**kr10-twin@specimen=3 (simulated) | holdout, 1 split")
     rows = csv.DictReader(bench(*words, "--format", "csv", cwd=tmp_path).stdout.splitlines())
-    assert {row["options"] for row in rows if row["dataset"]} == {"specimen=3"}
+    assert {row["dataset"] for row in rows} == {"kr10-twin@specimen=3", ""}
 
 
 def test_info_prints_card_facts_and_caveats_and_draws_a_picture(tmp_path):
