@@ -86,7 +86,6 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
     train, validation = _training_side(task, chooses_epoch=task.chooses_epoch)
     q, wrench = task.data.samples.q[task.split.test], task.split.test_wrench(task.data.samples)
     model = task.make()
-    intervals = _interval_source(task, model, train, validation)
     memory = MemoryMeter()
     start = time.perf_counter()
     model.fit(train, robot=task.data.robot, validation=validation, seed=task.cell.model_seed)
@@ -96,16 +95,18 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
     memory_bytes = memory.rise()
     check_prediction(predicted, len(q))
     _check_units(model, train)
-    cost = Cost(
+    diagnostics, chosen = _diagnostics(model), _chosen(model)
+    intervals = _interval_source(task, model, train, validation)
+    interval = None
+    if intervals is not None and task.cell.coverage is not None:
+        interval = _interval(intervals, q, wrench, task.cell.coverage)
+    cost = Cost(  # measured last: how often it asks the model depends on the machine's speed
         fit_s=fitted - start,
         predict_s=predict_s,
         latency_s=latency(model, q, wrench),
         throughput_per_s=throughput(model, q, wrench, predict_s),
         memory_bytes=memory_bytes,
     )
-    interval = None
-    if intervals is not None and task.cell.coverage is not None:
-        interval = _interval(intervals, q, wrench, task.cell.coverage)
     reference = _reference(task, q, wrench)
     measured = task.data.samples.deflection[task.split.test]
     prediction = Prediction(task.split.test, predicted, measured, interval, reference)
@@ -114,27 +115,35 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
         shown=task.shown,
         run_id=run_id,
         status="ok",
-        records=tuple(
-            ResultRecord(metric.key, axis, value, metric.unit)
-            for metric in METRICS.values()
-            for axis, value in metric.values(prediction, cost).items()
-        ),
+        records=_records(prediction, cost),
         prediction=prediction,
         cost=cost,
-        diagnostics=(
-            {str(name): float(value) for name, value in model.diagnostics_.items()}
-            if isinstance(model, ReportsDiagnostics)
-            else {}
-        ),
         calibration_samples=(
             len(intervals.residuals_) if isinstance(intervals, SplitConformal) else 0
         ),
+        diagnostics=diagnostics,
         n_train=len(_training_rows(task)),
-        chosen=(
-            {name: str(value) for name, value in model.best_params_.items()}
-            if isinstance(model, ChoosesOptions)
-            else {}
-        ),
+        chosen=chosen,
+    )
+
+
+def _diagnostics(model: StiffnessModel) -> dict[str, float]:
+    if not isinstance(model, ReportsDiagnostics):
+        return {}
+    return {str(name): float(value) for name, value in model.diagnostics_.items()}
+
+
+def _chosen(model: StiffnessModel) -> dict[str, str]:
+    if not isinstance(model, ChoosesOptions):
+        return {}
+    return {name: str(value) for name, value in model.best_params_.items()}
+
+
+def _records(prediction: Prediction, cost: Cost) -> tuple[ResultRecord, ...]:
+    return tuple(
+        ResultRecord(metric.key, axis, value, metric.unit)
+        for metric in METRICS.values()
+        for axis, value in metric.values(prediction, cost).items()
     )
 
 

@@ -7,18 +7,24 @@ of it, and a model that lacks a slot is incomplete there.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from stiff_bench.choice import OPTION_MARK, split_word
+from stiff_bench.grouped import grouped
+from stiff_bench.newest import (
+    Slot,
+    counting,
+    newest_first,
+    of_newest_options,
+    of_newest_splits,
+    slot_of,
+)
 from stiff_bench.store import read_results
 from stiff_protocols.errors import ConfigError, StoreError, unknown_name
-from stiff_protocols.record import CellResult, Presentation
-
-Slot = tuple[int, str]
-"""A split: its number and the hash of its rows."""
+from stiff_protocols.record import Cell, CellResult, Presentation
 
 
 @dataclass(frozen=True, order=True)
@@ -45,19 +51,19 @@ class ContestName:
         return " | ".join(filter(None, (self.dataset, self.protocol, self.condition)))
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Competitor:
     """One model, with its options, in one contest.
 
     Attributes:
         shown: what must stand beside its numbers.
         done: its results by slot.
-        reasons: slot -> why it failed there or was skipped.
+        reasons: slot -> why it failed there or was skipped; no slot that is done.
     """
 
     shown: Presentation
-    done: dict[Slot, CellResult] = field(default_factory=dict)
-    reasons: dict[Slot, str] = field(default_factory=dict)
+    done: Mapping[Slot, CellResult]
+    reasons: Mapping[Slot, str]
 
     @property
     def name(self) -> str:
@@ -65,7 +71,7 @@ class Competitor:
         return self.shown.model
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Contest:
     """All competitors on one data set under one protocol and condition.
 
@@ -73,40 +79,30 @@ class Contest:
         name: what they share.
         slots: the splits that any of them was run on, in order.
         competitors: by name, in the order of their names.
+        newest_run: the latest of the runs that made its results and failures; a run's name begins
+            with its time.
+        cell: one of its cells; the options of data set and protocol are the same in all.
+        coverages: of the intervals, those of the newest run first; () where there are none.
+        left_out: which results do not count, and why.
     """
 
     name: ContestName
     slots: tuple[Slot, ...]
-    competitors: dict[str, Competitor]
+    competitors: Mapping[str, Competitor]
+    newest_run: str
+    cell: Cell
+    coverages: tuple[float, ...]
+    left_out: tuple[str, ...]
 
     @property
     def n_results(self) -> int:
         """How many results and failures it holds."""
         return sum(len(found.done) + len(found.reasons) for found in self.competitors.values())
 
-    @property
-    def newest_run(self) -> str:
-        """The latest of the runs that made its results; a run's name begins with its time."""
-        return max(
-            (done.run_id for found in self.competitors.values() for done in found.done.values()),
-            default="",
-        )
-
     def options(self, kind: str) -> Mapping[str, Any]:
-        """Return every option of its "dataset" or "protocol", defaults too; none without results.
-
-        They are the same in all results of one name and one data hash.
-        """
-        for found in self.competitors.values():
-            for result in found.done.values():
-                options: Mapping[str, Any] = getattr(result.cell, f"{kind}_params")
-                return options
-        return {}
-
-    def is_complete(self, competitor: str) -> bool:
-        """Say whether the model has a result on every split that others have."""
-        found = self.competitors.get(competitor)
-        return found is not None and len(found.done) == len(self.slots)
+        """Return every option of its "dataset" or "protocol", defaults too."""
+        options: Mapping[str, Any] = getattr(self.cell, f"{kind}_params")
+        return options
 
     def results(self, competitor: str, slots: Sequence[Slot] | None = None) -> list[CellResult]:
         """Return a model's results on these slots (default: all that it has), in order."""
@@ -123,56 +119,65 @@ class Contest:
 def collect(folder: Path) -> list[Contest]:
     """Read every result of a folder and sort them into contests.
 
+    Where results contradict each other, those of the newest run count: see `newest.py`.
+
     Raises:
-        StoreError: the folder holds no results, one is damaged, or one name stands for models
-            with different options (results of different versions).
+        StoreError: the folder holds no results, or one is damaged.
     """
-    by_name: dict[ContestName, list[CellResult]] = {}
-    for result in read_results(folder):
-        cell, shown = result.cell, result.shown
-        name = ContestName(
-            shown.dataset,
-            shown.protocol,
-            cell.condition,
-            cell.seed,
-            cell.data_sha256,
-            cell.source_sha256,
-        )
-        by_name.setdefault(name, []).append(result)
+    by_name = grouped(read_results(folder), _name_of)
     if not by_name:
         raise StoreError(f"--results {folder}: holds no results; `bench run --output` makes them")
     return [_contest(name, results) for name, results in by_name.items()]
 
 
-def _contest(name: ContestName, results: Sequence[CellResult]) -> Contest:
-    competitors: dict[str, Competitor] = {}
-    for result in results:
-        found = competitors.setdefault(result.shown.model, Competitor(result.shown))
-        slot = (result.cell.split_index, result.cell.split_sha256)
-        if result.status == "ok":
-            _refuse_other_options(found, result)
-            found.done[slot] = result
-        else:
-            found.reasons[slot] = f"{result.status}: {result.failure}"
-    for found in competitors.values():  # a failure that was mended is none
-        found.reasons = {slot: why for slot, why in found.reasons.items() if slot not in found.done}
-    slots = {slot for found in competitors.values() for slot in (*found.done, *found.reasons)}
-    return Contest(name, tuple(sorted(slots)), dict(sorted(competitors.items())))
+def _name_of(result: CellResult) -> ContestName:
+    cell, shown = result.cell, result.shown
+    return ContestName(
+        shown.dataset,
+        shown.protocol,
+        cell.condition,
+        cell.seed,
+        cell.data_sha256,
+        cell.source_sha256,
+    )
 
 
-def _refuse_other_options(found: Competitor, result: CellResult) -> None:
-    for other in found.done.values():
-        if other.cell.model_params != result.cell.model_params:
-            differing = sorted(
-                option
-                for option in {*other.cell.model_params, *result.cell.model_params}
-                if other.cell.model_params.get(option) != result.cell.model_params.get(option)
-            )
-            raise StoreError(
-                f"{found.name!r}: stored results differ in {', '.join(differing)}, so they are of "
-                "different versions of stiffbench; give each version a folder of its own"
-            )
-        return
+def _contest(name: ContestName, found: Sequence[CellResult]) -> Contest:
+    results, left_out = of_newest_splits(found)
+    coverages = tuple(
+        dict.fromkeys(
+            result.cell.coverage
+            for result in newest_first(results)
+            if result.status == "ok" and result.cell.coverage is not None
+        )
+    )
+    competitors = {}
+    for model, of_model in sorted(grouped(results, lambda one: one.shown.model).items()):
+        own, older_options = of_newest_options(of_model)
+        left_out += older_options
+        of_slots = [
+            counting(of_slot, coverages) for of_slot in grouped(own, slot_of).values()
+        ]
+        competitors[model] = Competitor(
+            shown=newest_first(own)[0].shown,
+            done={slot_of(one): one for one in of_slots if one.status == "ok"},
+            reasons={
+                slot_of(one): f"{one.status}: {one.failure}"
+                for one in of_slots
+                if one.status != "ok"
+            },
+        )
+    return Contest(
+        name=name,
+        slots=tuple(
+            sorted({s for one in competitors.values() for s in (*one.done, *one.reasons)})
+        ),
+        competitors=competitors,
+        newest_run=newest_first(results)[0].run_id,
+        cell=results[0].cell,
+        coverages=coverages,
+        left_out=tuple(left_out),
+    )
 
 
 def competitor_names(contests: Iterable[Contest]) -> list[str]:
@@ -230,11 +235,27 @@ def _stands_for_its(kind: str, word: str, contest: Contest) -> bool:
 
 
 def same_name_other_data(contests: Sequence[Contest]) -> Iterator[str]:
-    """Yield a line for each data set whose name stands for different numbers in the folder."""
-    hashes: dict[str, set[str]] = {}
-    for contest in contests:
-        hashes.setdefault(contest.name.dataset, set()).add(contest.name.data_sha256)
-    for dataset, found in hashes.items():
-        if len(found) > 1:
-            short = ", ".join(sorted(text[:8] for text in found))
-            yield f"{dataset} stands for different data here ({short}); they are never compared."
+    """Yield a line for each data set whose name stands for different numbers in the folder.
+
+    So too for contests whose source domain comes from different numbers under one name.
+    """
+    of_dataset = grouped(contests, lambda one: one.name.dataset)
+    for dataset, found in of_dataset.items():
+        yield from _several(dataset, "data", {one.name.data_sha256 for one in found})
+    for name, found in grouped(contests, lambda one: replace(one.name, source_sha256="")).items():
+        yield from _several(name.text, "source data", {one.name.source_sha256 for one in found})
+
+
+def _several(name: str, what: str, hashes: Set[str]) -> Iterator[str]:
+    if len(hashes) > 1:
+        short = ", ".join(sorted(sha256[:8] for sha256 in hashes))
+        yield f"{name} stands for different {what} here ({short}); they are never compared."
+
+
+def left_out_notes(contests: Sequence[Contest]) -> Iterator[str]:
+    """Yield a line for each reason why results of these contests do not count."""
+    reasons = [(reason, one.name.text) for one in contests for reason in one.left_out]
+    for reason, found in grouped(reasons, lambda pair: pair[0]).items():
+        places = list(dict.fromkeys(place for _, place in found))
+        where = places[0] if len(places) == 1 else f"{len(places)} contests"
+        yield f"{where}: {reason} are left out."

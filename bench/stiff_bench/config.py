@@ -109,7 +109,9 @@ def plan_run(request: RunRequest, registry: Registry) -> RunPlan:
 
     metrics = tuple(metric(key) for key in dict.fromkeys(request.metrics))
     plan = RunPlan(
-        models=tuple(_on_device(choice, request.device) for choice in chosen("model")),
+        models=tuple(
+            _different([_on_device(choice, request.device) for choice in chosen("model")])
+        ),
         datasets=(
             *chosen("dataset"),
             *(_with_files(Choice(info, classes[info.key], {}, {}), request) for info in files),

@@ -15,6 +15,7 @@ MOST_SINGLE_PREDICTIONS = 21
 ROWS_AT_ONCE = 1024
 SECONDS = 0.1
 """A model that is slower than this is not asked again and again."""
+SHORTEST = 1e-9  # a clock may stand still
 
 
 def latency(model: StiffnessModel, q: FloatArray, wrench: FloatArray) -> float:
@@ -27,7 +28,7 @@ def latency(model: StiffnessModel, q: FloatArray, wrench: FloatArray) -> float:
 
 
 def throughput(model: StiffnessModel, q: FloatArray, wrench: FloatArray, predict_s: float) -> float:
-    """Return how many rows a second one large call predicts.
+    """Return how many rows a second a large call predicts, larger and larger up to 1,024 rows.
 
     Args:
         model: fitted.
@@ -35,14 +36,17 @@ def throughput(model: StiffnessModel, q: FloatArray, wrench: FloatArray, predict
         wrench: (n, 6).
         predict_s: what predicting these rows took; a slow model is not asked for more.
     """
-    if predict_s >= SECONDS:
-        return len(q) / predict_s
-    times = -(-ROWS_AT_ONCE // len(q))
-    many_q, many_wrench = np.tile(q, (times, 1)), np.tile(wrench, (times, 1))
-    return len(many_q) / _seconds(lambda: model.predict(many_q, many_wrench))
+    seconds, times = predict_s, 1
+    enough = -(-ROWS_AT_ONCE // len(q))
+    while times < enough and seconds < SECONDS / 2:
+        # twice the rows take at most about twice the time, so no call lasts much longer than that
+        times = min(2 * times, enough)
+        many_q, many_wrench = np.tile(q, (times, 1)), np.tile(wrench, (times, 1))
+        seconds = _seconds(lambda many=(many_q, many_wrench): model.predict(*many))  # type: ignore[misc]
+    return times * len(q) / max(seconds, SHORTEST)
 
 
 def _seconds(call: Callable[[], object]) -> float:
     start = time.perf_counter()
     call()
-    return max(time.perf_counter() - start, 1e-9)  # a clock may stand still
+    return max(time.perf_counter() - start, SHORTEST)

@@ -10,6 +10,7 @@ Once a data set, so that a folder of results can be judged without the data set'
 from __future__ import annotations
 
 import zipfile
+import zlib
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -45,9 +46,9 @@ class StoredData:
 
 
 def write_data(folder: Path, data: BenchmarkData, sha256: str) -> None:
-    """Store a data set under its hash, unless it is there."""
+    """Store a data set under its hash, unless it is there; a damaged or older file is replaced."""
     path = folder / f"{sha256}.npz"
-    if path.exists():
+    if _is_whole(folder, sha256):
         return
     arrays = {item.name: getattr(data.samples, item.name) for item in fields(Samples)}
     with written_whole(path) as temporary, temporary.open("wb") as file:
@@ -60,6 +61,14 @@ def write_data(folder: Path, data: BenchmarkData, sha256: str) -> None:
             robot=np.array(data.robot.name),
             **arrays,
         )
+
+
+def _is_whole(folder: Path, sha256: str) -> bool:
+    """Say whether the data set is there, undamaged and with all that is stored now."""
+    try:
+        return read_data(folder, sha256).tcp is not None
+    except StoreError:
+        return False
 
 
 def read_data(folder: Path, sha256: str) -> StoredData:
@@ -88,5 +97,5 @@ def read_data(folder: Path, sha256: str) -> StoredData:
             )
     except OSError as error:
         raise StoreError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (ValueError, KeyError, zipfile.BadZipFile) as error:
+    except (ValueError, KeyError, EOFError, zlib.error, zipfile.BadZipFile) as error:
         raise StoreError(f"{path}: damaged: {error}") from error

@@ -20,13 +20,14 @@ from stiff_protocols.contract import (
 )
 from stiff_protocols.errors import (
     ConfigError,
+    StiffBenchError,
 )
 from stiff_protocols.plugin import DatasetInfo, ModelInfo, ProtocolInfo
 from stiff_protocols.record import (
     Cell,
     Presentation,
 )
-from stiff_protocols.splits import leak_of
+from stiff_protocols.split_checks import first_fault
 from stiff_protocols.types import (
     BenchmarkData,
     Split,
@@ -147,31 +148,24 @@ def _of_protocol(
 def _divided(
     protocol: EvaluationProtocol, key: str, data: BenchmarkData, plan: RunPlan
 ) -> Sequence[Split]:
-    """Return the splits of a data set, none of which leaks.
+    """Return the splits of a data set, each of which can be used and does not leak.
 
     Raises:
         ConfigError: the data cannot be divided, or a split is none.
     """
-    if isinstance(protocol, DividesByRobot):
-        protocol.use_robot(data.robot)
-    splits = protocol.splits(data.samples, n_splits=plan.splits, seed=plan.seed)
+    try:
+        if isinstance(protocol, DividesByRobot):
+            protocol.use_robot(data.robot)
+        splits = tuple(protocol.splits(data.samples, n_splits=plan.splits, seed=plan.seed))
+    except StiffBenchError:
+        raise
+    except Exception as error:  # whatever a stranger's protocol raises
+        raise ConfigError(f"protocol {key!r}: {type(error).__name__}: {error}") from error
+    fault = first_fault(splits, len(data.samples), selects_on_test=protocol.selects_on_test)
+    if fault:
+        raise ConfigError(f"protocol {key!r}: {fault}")
     check_named(splits, plan.sources, key)
-    _refuse_leaks(key, protocol, splits)
     return splits
-
-
-def _refuse_leaks(key: str, protocol: EvaluationProtocol, splits: Sequence[Split]) -> None:
-    """See that no split lets a model learn from test rows, whoever wrote the protocol.
-
-    Raises:
-        ConfigError: there is no split, or one leaks without saying so.
-    """
-    if not splits:
-        raise ConfigError(f"protocol {key!r} made no split of these samples")
-    for split in splits:
-        leak = leak_of(split, selects_on_test=protocol.selects_on_test)
-        if leak:
-            raise ConfigError(f"protocol {key!r}: split {split.index} {leak}")
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,10 @@ PRINTED: dict[Unit, tuple[str, float]] = {
 """Unit of a metric -> the unit it is printed in, and how many of those it is."""
 
 
+MM = PRINTED["m"][1]
+"""Millimetres in a metre."""
+
+
 def percent(share: float) -> str:
     """Return a share for people."""
     return f"{100.0 * share:g} %"

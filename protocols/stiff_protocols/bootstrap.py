@@ -10,6 +10,7 @@ training set would have given other models is not in them (`paired.corrected_t` 
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -233,21 +234,31 @@ def _check_paired(a: PoseErrors, b: PoseErrors) -> None:
 def _bca(
     differences: FloatArray, counts: IntArray, confidence: float, seed: int
 ) -> tuple[float, float]:
-    """Return the BCa bounds of the (p,) differences' mean, each weighted by its count."""
+    """Return the BCa bounds of the (p,) differences' mean, each weighted by its count.
+
+    Where BCa gives no numbers, they are the percentile interval's.
+    """
     if np.ptp(differences) == 0.0:  # nothing to resample, and BCa would divide by zero
         return float(differences[0]), float(differences[0])
-    result = stats.bootstrap(
-        (differences, counts),
-        _weighted_mean,
-        n_resamples=DIFFERENCE_RESAMPLES,
-        batch=BATCH,
-        vectorized=True,
-        paired=True,
-        confidence_level=confidence,
-        method="BCa",
-        rng=np.random.default_rng(seed),
-    )
-    return float(result.confidence_interval.low), float(result.confidence_interval.high)
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore", stats.DegenerateDataWarning)
+        result = stats.bootstrap(
+            (differences, counts),
+            _weighted_mean,
+            n_resamples=DIFFERENCE_RESAMPLES,
+            batch=BATCH,
+            vectorized=True,
+            paired=True,
+            confidence_level=confidence,
+            method="BCa",
+            rng=np.random.default_rng(seed),
+        )
+    bounds = np.array(result.confidence_interval)
+    if not np.isfinite(bounds).all():
+        # BCa divides by the cubed spread, which is 0 where poses differ by rounding alone
+        tail = 0.5 * (1.0 - confidence)
+        bounds = np.quantile(result.bootstrap_distribution, [tail, 1.0 - tail])
+    return float(bounds[0]), float(bounds[1])
 
 
 def _weighted_mean(values: FloatArray, weights: ArrayLike, axis: int) -> FloatArray:

@@ -117,7 +117,7 @@ PROTOCOLS = (
             "grid of the model's catalogue line or of a TOML file; an option that you set is not "
             "searched; a model without a grid is fitted as it is and marked 'not tuned'. The "
             "search is part of the fit and of its time, and split-conformal intervals repeat it "
-            "without their calibration poses. Compare with holdout's row to see what tuning brings."
+            "without their calibration poses. Seeds differ from holdout's."
         ),
     ),
     ProtocolInfo(

@@ -17,7 +17,13 @@ from stiff_protocols.checklist import (
 )
 from stiff_protocols.contract import DividesByRobot, EvaluationProtocol, StiffnessDataset
 from stiff_protocols.errors import StiffBenchError
-from stiff_protocols.splits import leak_of
+from stiff_protocols.split_checks import (
+    fault_of_numbers,
+    fault_of_rows,
+    fault_of_sensor_errors,
+    leak_of,
+    named,
+)
 from stiff_protocols.types import BenchmarkData, Samples, Split
 
 LARGEST_WRENCH = 1e5  # N or N m; the largest robots carry some 2e4 N
@@ -128,31 +134,25 @@ def _rows_exist(divided: DividedRows) -> str:
     if not splits:
         raise Failed("there are no splits")
     for split in splits:
-        if not len(split.train) or not len(split.test):
-            raise Failed(f"{_named(split)} has no training or no test rows")
-        rows = np.concatenate([split.train, split.validation, split.test])
-        if rows.dtype.kind != "i" or rows.min() < 0 or rows.max() >= len(divided.samples):
-            raise Failed(f"{_named(split)} has rows outside 0..{len(divided.samples) - 1}")
+        if fault := fault_of_rows(split, len(divided.samples)):
+            raise Failed(f"{named(split)} {fault}")
     return f"{len(splits)} splits"
 
 
 def _told_apart(divided: DividedRows) -> str:
     """See that the splits of every condition are numbered from 0."""
-    indices: dict[str, list[int]] = {}
-    for split in divided.splits():
-        indices.setdefault(split.condition, []).append(split.index)
-    for condition, found in indices.items():
-        if sorted(found) != list(range(len(found))):
-            raise Failed(f"condition {condition!r} has splits of index {found}")
-    return f"{len(indices)} conditions" if len(indices) > 1 else ""
+    splits = divided.splits()
+    if fault := fault_of_numbers(splits):
+        raise Failed(fault)
+    conditions = {split.condition for split in splits}
+    return f"{len(conditions)} conditions" if len(conditions) > 1 else ""
 
 
 def _disjoint(divided: DividedRows) -> str:
     """See that no row is learned from and tested."""
     for split in divided.splits():
-        leak = leak_of(split, selects_on_test=divided.protocol.selects_on_test)
-        if leak:
-            raise Failed(f"{_named(split)} {leak}")
+        if leak := leak_of(split, selects_on_test=divided.protocol.selects_on_test):
+            raise Failed(f"{named(split)} {leak}")
     return ""
 
 
@@ -160,12 +160,8 @@ def _sensor_errors_fit(divided: DividedRows) -> str:
     """See that sensor errors, where there are any, belong to the test rows."""
     erring = [split for split in divided.splits() if split.wrench_error is not None]
     for split in erring:
-        error = np.asarray(split.wrench_error)
-        if error.shape != (len(split.test), 6) or not np.isfinite(error).all():
-            raise Failed(
-                f"{_named(split)} has sensor errors of shape {error.shape} for {len(split.test)} "
-                "test rows, or some that are not finite"
-            )
+        if fault := fault_of_sensor_errors(split):
+            raise Failed(f"{named(split)} {fault}")
     if not erring:
         raise NotApplicable("adds no sensor errors")
     return f"{len(erring)} splits with sensor errors"
@@ -212,10 +208,6 @@ def _keeps_poses(divided: DividedRows) -> str:
             "results are optimistic where a pose has several loads"
         )
     return ""
-
-
-def _named(split: Split) -> str:
-    return " | ".join(filter(None, (split.condition, f"split {split.index}")))
 
 
 def _hashes(splits: Sequence[Split]) -> list[tuple[str, str]]:

@@ -9,7 +9,7 @@ from stiff_protocols.protocol import Fraction, Holdout
 from stiff_protocols.types import Samples, Split
 
 OWN = "own source"
-"""Condition in which everything is as in `holdout`."""
+"""Condition in which the source is the target's own, as under `holdout`; seeds are other ones."""
 
 
 class CrossRobot(Holdout):

@@ -17,6 +17,9 @@ from stiff_protocols.protocol import Fraction
 from stiff_protocols.splits import divided_inside
 from stiff_protocols.types import FloatArray, IntArray, Samples, Split, TextArray
 
+ALL_POSES = ", all training poses"
+"""Of a condition that was not repeated with a part of the training poses."""
+
 Division = tuple[str, IntArray, IntArray]
 """Condition, training rows, test rows."""
 DECIMALS = 9  # of N, and of directions' components: what differs by less is one load
@@ -32,13 +35,19 @@ def drawn(
     validation_fraction: float,
     seed: int,
 ) -> list[Split]:
-    """Return each division once, or `n_splits` times with a part of its training poses."""
+    """Return each division once, or `n_splits` times with a part of its training poses.
+
+    The two are different conditions: they train on different numbers of poses.
+    """
+    repeated = n_splits is not None and n_splits > 1
     found = []
     for index in range(n_splits or 1):
         rng = np.random.default_rng([seed, index])
         for condition, train, test in divisions:
-            if n_splits is not None and n_splits > 1:
+            if repeated:
                 train = _part(samples, train, train_fraction, rng)
+            else:
+                condition = f"{condition}{ALL_POSES}"
             found.append(
                 divided_inside(samples, index, train, test, validation_fraction, seed, condition)
             )

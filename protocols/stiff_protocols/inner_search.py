@@ -39,6 +39,10 @@ Search = Literal["grid", "optuna"]
 NOT_TUNED = "not tuned"
 
 
+MOST_CHECKED = 256
+"""So many combinations of a drawn search are checked before anything is computed."""
+
+
 @dataclass(frozen=True)
 class Tried:
     """A candidate and how it did.
@@ -205,12 +209,18 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
         return fitted
 
     def _candidates(self) -> Iterator[tuple[Mapping[str, Any], StiffnessModel]]:
-        """Yield every combination of values, unfitted; a range's ends stand for it."""
+        """Yield every combination of values (of a drawn search the first ones), unfitted.
+
+        A range's ends stand for it.
+        """
         values = [
             (values.low, values.high) if isinstance(values, Range) else values
             for values in self.grid.values()
         ]
-        for combination in itertools.product(*values):
+        combinations: Iterator[tuple[Any, ...]] = itertools.product(*values)
+        if self.search == "optuna":  # which draws a few of what may be millions
+            combinations = itertools.islice(combinations, MOST_CHECKED)
+        for combination in combinations:
             params = dict(zip(self.grid, combination, strict=True))
             yield params, self._with(params)
 

@@ -210,7 +210,7 @@ METRICS = {
             "fit",
             "s",
             "smaller",
-            "wall time of a fit; a pre-training from the cache costs nothing",
+            "wall time of a fit, loading of libraries in a run's first one; the cache is free",
             of_cost=lambda cost: cost.fit_s,
             axes=WHOLE,
         ),

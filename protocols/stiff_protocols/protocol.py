@@ -65,7 +65,7 @@ class KFold:
     """Poses in k parts of about one size; each part is tested by models of the others.
 
     Attributes:
-        folds: how many parts; --splits has the last word.
+        folds: how many parts; other folds are another protocol, so --splits cannot change them.
         validation_fraction: of the training side's poses, chooses the epoch.
     """
 
@@ -80,10 +80,19 @@ class KFold:
         self.validation_fraction = validation_fraction
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
-        """Return one division a part."""
+        """Return one division a part.
+
+        Raises:
+            ConfigError: another number of splits was asked for, or there are too few poses.
+        """
+        if n_splits not in (None, self.folds):
+            raise ConfigError(
+                f"--splits {n_splits}: kfold has {self.folds} splits, one a fold; leave --splits "
+                f"out, or use --protocol kfold@folds={n_splits}"
+            )
         return splits.folds_by_pose(
             samples,
-            n_folds=n_splits or self.folds,
+            n_folds=self.folds,
             validation_fraction=self.validation_fraction,
             seed=seed,
         )

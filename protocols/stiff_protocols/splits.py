@@ -48,8 +48,6 @@ def folds_by_pose(
     Raises:
         ConfigError: there are fewer poses than folds, or one fold alone.
     """
-    if n_folds < 2:
-        raise ConfigError(f"--splits {n_folds}: kfold needs at least 2 folds")
     outer = GroupKFold(n_folds, shuffle=True, random_state=seed)
     return [
         divided_inside(samples, index, train, test, validation_fraction, seed)
@@ -84,25 +82,6 @@ def holdout_that_selects(
         Split(index, np.sort(train), np.sort(test), np.sort(test))
         for index, (train, test) in enumerate(_divide(outer, samples, "test_fraction"))
     ]
-
-
-def leak_of(split: Split, *, selects_on_test: bool) -> str:
-    """Return how test rows of a split reach the training side; "" where they do not.
-
-    Args:
-        split: to be judged.
-        selects_on_test: its protocol says that the validation rows are test rows.
-    """
-    learned = np.intersect1d(split.train, np.concatenate([split.validation, split.test]))
-    if len(learned):
-        return f"trains on {len(learned)} rows of its other parts"
-    chosen_on = np.intersect1d(split.validation, split.test)
-    if len(chosen_on) and not selects_on_test:
-        return (
-            f"has {len(chosen_on)} test rows that choose an epoch, and the protocol does not "
-            "declare selects_on_test"
-        )
-    return ""
 
 
 def leave_one_pose_out(samples: Samples, *, validation_fraction: float, seed: int) -> list[Split]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -272,7 +273,7 @@ class BenchmarkData:
                 f"robot {self.robot.name!r} has {self.robot.n_joints} joints"
             )
 
-    @property
+    @cached_property
     def sha256(self) -> str:
         """Hash of every number and name that can change a result."""
         digest = hashlib.sha256()

@@ -66,6 +66,10 @@ def test_a_default_spelled_out_is_the_same_thing_and_stands_once():
     assert names(made.datasets) == ["kr10-twin"]
 
 
+def test_the_device_makes_no_other_model():
+    assert names(plan(models=("mlp@device=cpu", "mlp")).models) == ["mlp"]
+
+
 def test_set_reaches_every_variant_and_the_word_has_the_last_word():
     made = plan(
         models=("mlp", "mlp@width=8"), settings=("mlp.width=16", "mlp.epochs=3"), metrics=("mae",)

@@ -97,7 +97,7 @@ def test_a_fit_sees_the_training_side_alone_and_calibration_poses_choose_nothing
     side = set(samples.pose_id[np.concatenate([split.train, split.validation])].tolist())
     assert not set().union(*seen) & set(samples.pose_id[split.test].tolist())
     n_fits = 8 * 3 + 1  # eight candidates on three inner parts, and the chosen one
-    calibrated, chosen = seen[:n_fits], seen[n_fits:]
+    chosen, calibrated = seen[:n_fits], seen[n_fits:]
     assert len(calibrated) == len(chosen) == n_fits and chosen[-1] == side
     assert len(side - set().union(*calibrated)) == result.calibration_samples
 

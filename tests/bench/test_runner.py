@@ -17,10 +17,12 @@ from stiff_bench.config import RunRequest, plan_run
 from stiff_bench.registry import build_registry
 from stiff_bench.robot_words import RobotWords
 from stiff_bench.store import ResultStore
+from stiff_bench.tasks import cell_tasks
 from stiff_models.vjm import VirtualJointModel
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.metrics import METRICS
-from stiff_protocols.types import Interval
+from stiff_protocols.plugin import ProtocolInfo
+from stiff_protocols.types import Interval, Split
 
 FITS = []
 
@@ -99,7 +101,7 @@ def test_a_model_with_intervals_of_its_own_is_fitted_once(task_of):
 def test_rows_that_choose_an_epoch_are_given_to_both_fits_and_calibrate_nothing(task_of):
     result = compute_cell(task_of(Scaled, 0.9, model="ft-mlp"), "r")
     assert result.status == "ok", result.failure
-    (second, validation, _), (first, also, _) = FITS
+    (first, validation, _), (second, also, _) = FITS
     assert len(first) == 27 and len(second) == 27 - result.calibration_samples == 18
     np.testing.assert_array_equal(validation.deflection, also.deflection)
     assert len(validation) == 7
@@ -173,12 +175,12 @@ def test_all_models_on_a_split_get_the_same_seed_and_splits_get_their_own(tasks_
     assert len(tasks) == 4 and len(seeds) == 2 and len({seed for _, seed in seeds}) == 2
 
 
-def plan(metrics, coverage):
+def plan(metrics, coverage, protocol="holdout", registry=None):
     return plan_run(
         RunRequest(
             models=("vjm",),
             datasets=("fanuc-r2000ic",),
-            protocols=("holdout",),
+            protocols=(protocol,),
             metrics=metrics,
             splits=None,
             seed=0,
@@ -190,7 +192,7 @@ def plan(metrics, coverage):
             command="bench run",
             coverage=coverage,
         ),
-        build_registry(),
+        build_registry() if registry is None else registry,
     )
 
 
@@ -235,3 +237,81 @@ def test_an_option_that_is_infinite_can_be_stored(tasks_of, tmp_path):
     store = ResultStore(tmp_path)
     store.write_cell(compute_cell(task, "r"))
     assert store.read_cell(task.cell.key).cell.model_params["stop_score"] == "inf"
+
+
+class Divided:
+    """A stranger's protocol."""
+
+    selects_on_test = pooled = False
+
+    def splits(self, samples, *, n_splits, seed):
+        yield Split(0, np.arange(30), np.empty(0, dtype=int), np.arange(30, 43))
+
+
+class Counting(Divided):
+    def splits(self, samples, *, n_splits, seed):
+        return [Split(0, np.arange(43), np.empty(0, dtype=int), np.arange(-8, 0))]
+
+
+class Raising(Divided):
+    def splits(self, samples, *, n_splits, seed):
+        raise KeyError("x")
+
+
+def tasks_under(cls):
+    registry = build_registry()
+    registry.protocols["theirs"] = ProtocolInfo(key="theirs", target=cls, summary="")
+    return cell_tasks(plan(("mae",), None, "theirs", registry))
+
+
+def test_a_protocol_may_yield_its_splits():
+    (task,) = tasks_under(Divided)
+    assert compute_cell(task, "r").status == "ok"
+
+
+@pytest.mark.parametrize(
+    ("cls", "message"),
+    [
+        (Counting, "protocol 'theirs': split 0 has test rows outside 0..42"),
+        (Raising, "protocol 'theirs': KeyError: 'x'"),
+    ],
+)
+def test_a_protocol_that_leaks_by_negative_rows_or_raises_is_refused_by_name(cls, message):
+    with pytest.raises(ConfigError) as refused:
+        tasks_under(cls)
+    assert message in str(refused.value)
+
+
+def test_a_slow_model_is_not_asked_for_a_thousand_rows(task_of):
+    asked = []
+
+    class Slow(Scaled):
+        def predict(self, q, wrench):
+            asked.append(len(q))
+            time.sleep(0.005 * len(q))
+            return super().predict(q, wrench)
+
+    compute_cell(task_of(Slow), "r")
+    assert max(asked) < 100
+
+
+def test_a_model_whose_prediction_draws_gives_the_same_interval_however_often_it_is_timed(
+    task_of, monkeypatch
+):
+    class Drawing(Sure):
+        def fit(self, *args, **rest):
+            self.rng_ = np.random.default_rng(0)
+            return super().fit(*args, **rest)
+
+        def predict_interval(self, q, wrench, coverage):
+            middle = super().predict(q, wrench) + self.rng_.normal(size=(len(q), 3))
+            return Interval(middle - 1.0, middle + 1.0, coverage)
+
+        def predict(self, q, wrench):
+            self.rng_.normal()
+            return super().predict(q, wrench)
+
+    first = compute_cell(task_of(Drawing, 0.8), "r")
+    monkeypatch.setattr("stiff_bench.costs.MOST_SINGLE_PREDICTIONS", 3)
+    again = compute_cell(task_of(Drawing, 0.8), "r")
+    np.testing.assert_array_equal(first.prediction.interval.lower, again.prediction.interval.lower)

@@ -103,9 +103,20 @@ def test_a_folder_keeps_the_samples_of_its_results_with_the_joints_torques(tmp_p
 def test_samples_that_are_missing_or_damaged_are_said_to_be(tmp_path):
     with pytest.raises(StoreError, match="cannot be read"):
         read_data(tmp_path, "00")
-    (tmp_path / "00.npz").write_text("no zip")
-    with pytest.raises(StoreError, match="damaged"):
-        read_data(tmp_path, "00")
+    for rubbish in ("no zip", ""):
+        (tmp_path / "00.npz").write_text(rubbish)
+        with pytest.raises(StoreError, match="damaged"):
+            read_data(tmp_path, "00")
+
+
+def test_damaged_samples_are_written_anew(tmp_path):
+    data = FanucR2000iC().load()
+    store = ResultStore(tmp_path)
+    store.write_data(data)
+    (path,) = (tmp_path / "data").iterdir()
+    path.write_bytes(path.read_bytes()[:300])
+    store.write_data(data)
+    assert len(read_data(tmp_path / "data", data.sha256).samples) == 43
 
 
 def test_every_result_of_a_folder_is_read_failures_too(tmp_path):

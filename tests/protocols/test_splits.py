@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,8 @@ import pytest
 
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.protocol import Holdout, KFold, LeaveOneOut, PaperHoldout, RepeatedHoldout
-from stiff_protocols.types import Samples
+from stiff_protocols.split_checks import first_fault
+from stiff_protocols.types import Samples, Split
 
 
 def samples_with(n_poses: int, loads: int) -> Samples:
@@ -62,7 +64,7 @@ def test_paper_holdout_validates_on_its_test_rows_and_says_so():
     assert len(split.test) == 31
 
 
-@pytest.mark.parametrize("protocol", [Holdout(), RepeatedHoldout(), KFold(), PaperHoldout()])
+@pytest.mark.parametrize("protocol", [Holdout(), RepeatedHoldout(), KFold(folds=3), PaperHoldout()])
 def test_the_same_seed_gives_the_same_splits_and_another_seed_others(protocol):
     samples = samples_with(50, 1)
     first, again = (protocol.splits(samples, n_splits=3, seed=7) for _ in range(2))
@@ -103,12 +105,13 @@ def test_kfold_tests_every_pose_once_in_folds_of_about_one_size():
     np.testing.assert_array_equal(np.sort(tested), np.arange(46))
     assert sorted(len(split.test) // 2 for split in splits) == [4, 4, 5, 5, 5]
     assert len(KFold(folds=3).splits(samples, n_splits=None, seed=0)) == 3
-    assert len(KFold(folds=3).splits(samples, n_splits=4, seed=0)) == 4  # --splits wins
 
 
-def test_kfold_of_one_fold_is_refused():
-    with pytest.raises(ConfigError, match="--splits 1: kfold needs at least 2 folds"):
-        KFold().splits(samples_with(10, 1), n_splits=1, seed=0)
+def test_kfold_with_other_folds_is_another_protocol_so_splits_must_be_its_folds():
+    samples = samples_with(10, 1)
+    assert len(KFold(folds=3).splits(samples, n_splits=3, seed=0)) == 3
+    with pytest.raises(ConfigError, match=r"--splits 4: kfold has 3 splits.*kfold@folds=4"):
+        KFold(folds=3).splits(samples, n_splits=4, seed=0)
 
 
 def test_fewer_poses_than_folds_are_refused_with_their_number():
@@ -125,3 +128,36 @@ def test_splits_that_differ_in_sensor_errors_alone_have_other_hashes_and_the_sam
     assert noisy.rows_sha256 == split.rows_sha256
     np.testing.assert_array_equal(noisy.test_wrench(samples), samples.wrench[split.test] + 0.5)
     np.testing.assert_array_equal(split.test_wrench(samples), samples.wrench[split.test])
+
+
+def split_of(**changes):
+    rows = {"train": np.arange(6), "validation": np.arange(6, 8), "test": np.arange(8, 10)}
+    return Split(0, **(rows | changes))
+
+
+@pytest.mark.parametrize(
+    ("splits", "message"),
+    [
+        ([], "made no split"),
+        ([split_of(test=np.array([-1, -2]))], r"split 0 has test rows outside 0\.\.9"),
+        ([split_of(test=np.array([9, 10]))], r"test rows outside 0\.\.9"),
+        ([split_of(test=np.array([], dtype=int))], "split 0 has no test rows"),
+        ([split_of(train=np.array([], dtype=int))], "has no training rows"),
+        ([split_of(train=[0, 1])], "training rows that are no one-dimensional integer array"),
+        ([split_of(train=np.array([0.0, 1.0]))], "no one-dimensional integer array"),
+        ([split_of(train=np.array([1, 1]))], "training rows that occur twice"),
+        ([split_of(train=np.arange(9))], "trains on 3 rows of its other parts"),
+        ([split_of(validation=np.arange(8, 10))], "has 2 test rows that choose an epoch"),
+        ([split_of(wrench_error=np.zeros((3, 6)))], r"sensor errors of shape \(3, 6\) for 2"),
+        ([split_of(), split_of()], r"condition '' has splits of index \[0, 0\]"),
+        ([split_of(condition="a"), replace(split_of(), index=1)], "condition '' has splits of"),
+    ],
+)
+def test_a_split_that_cannot_be_used_or_leaks_is_found(splits, message):
+    assert re.search(message, first_fault(splits, 10, selects_on_test=False))
+
+
+def test_splits_that_keep_the_rules_have_no_fault_and_selecting_on_test_can_be_declared():
+    assert first_fault([split_of(), replace(split_of(), index=1)], 10, selects_on_test=False) == ""
+    selecting = split_of(validation=np.arange(8, 10))
+    assert first_fault([selecting], 10, selects_on_test=True) == ""
