@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from stiff_bench.store import ResultStore
 from stiff_datasets.robots.robot import shipped_robot
 from stiff_protocols.metrics import METRICS
 from stiff_protocols.record import Cell, CellResult, Presentation, ResultRecord, RunManifest
-from stiff_protocols.types import BenchmarkData, Prediction, Samples
+from stiff_protocols.types import BenchmarkData, Interval, Prediction, Samples
 
 N_POSES, N_TEST = 12, 4
 TWINS = tuple(f"twin@specimen={number}" for number in range(5))
@@ -54,18 +55,26 @@ class MadeResults:
         rows: Sequence[int] | None = None,
         splits_named: str = "",
         condition: str = "",
+        coverage: float | None = None,
+        options: Mapping[str, object] | None = None,
+        source: str = "",
         **shown,
     ) -> list[str]:
-        """Write a cell a split, whose error along z is given, and return the cells' keys."""
+        """Write a cell a split, whose error along z is given, and return the cells' keys.
+
+        With a coverage there are intervals, as wide as the errors and 2 mm more.
+        """
         data = made_data(sum(dataset.encode()) + version)
         self._store.write_data(data)
         keys = []
         for index in range(max(len(errors_mm), *(split + 1 for split in failed), 0)):
             cell = Cell(
                 model=model.partition("@")[0],
-                model_params={"name": model},
+                model_params={"name": model} | dict(options or {}),
                 dataset=dataset.partition("@")[0],
-                dataset_params={"name": dataset},
+                dataset_params=dict(
+                    word.split("=") for word in dataset.replace("@@", "").split("@")[1:]
+                ),
                 data_sha256=data.sha256,
                 protocol=protocol,
                 protocol_params={},
@@ -73,6 +82,8 @@ class MadeResults:
                 split_sha256=f"split-{splits_named}{index}",
                 seed=0,
                 condition=condition,
+                coverage=coverage,
+                source_sha256=source,
             )
             about = {"kind": "simulated", "task": "stiffness"} | shown
             presentation = Presentation(model, dataset, protocol, **about)
@@ -90,6 +101,10 @@ class MadeResults:
         error = np.zeros((len(rows), 3))
         error[:, 2] = np.asarray(error_mm) * 1e-3
         prediction = Prediction(rows, measured + error, measured, reference=measured + 1e-3)
+        if cell.coverage is not None:
+            reach = np.abs(error) + 1e-3
+            interval = Interval(measured - reach, measured + reach, cell.coverage)
+            prediction = replace(prediction, interval=interval)
         records = tuple(
             ResultRecord(metric.key, axis, value, metric.unit)
             for metric in METRICS.values()

@@ -9,7 +9,8 @@ import numpy as np
 
 from stiff_bench.comparison import NORM, Comparison
 from stiff_bench.estimates import Verdict
-from stiff_bench.rank_analysis import dataset_of, family_of
+from stiff_bench.grouped import grouped
+from stiff_bench.same_robot import dataset_of, family_of
 from stiff_protocols.paired import wilcoxon_signed_rank
 from stiff_protocols.ranks import FEWEST_DATASETS
 
@@ -23,6 +24,7 @@ class Across:
         protocol, condition, seed: shared.
         verdicts: of the mean length of the error, one a data set; "open" where repeats of one
             data set disagree.
+        of_fits: a verdict among them is of fitted models alone (one split, or all scored together).
         mean_difference: over the data sets, A less B, m.
         p_value: Wilcoxon over the data sets' differences; None where they are too few.
     """
@@ -32,6 +34,7 @@ class Across:
     condition: str
     seed: int
     verdicts: tuple[Verdict, ...]
+    of_fits: bool
     mean_difference: float
     p_value: float | None
 
@@ -42,20 +45,19 @@ def across_datasets(comparisons: Sequence[Comparison]) -> list[Across]:
     Splits of one data set are never counted as data sets, nor are repeats of it with another seed,
     whose differences are averaged. Where one name stands for different data, there is no sum.
     """
-    groups: dict[tuple[str, str, str, int], list[Comparison]] = {}
-    for comparison in comparisons:
-        name = comparison.name
-        key = (family_of(name.dataset), name.protocol, name.condition, name.seed)
-        groups.setdefault(key, []).append(comparison)
     found = []
-    for key, group in groups.items():
-        by_dataset: dict[str, list[Comparison]] = {}
-        for one in group:
-            by_dataset.setdefault(dataset_of(one.name.dataset), []).append(one)
+    for key, group in grouped(comparisons, _setting).items():
+        by_dataset = grouped(group, lambda one: dataset_of(one.name.dataset))
         unambiguous = len({one.name.dataset for one in group}) == len(group)
         if len(by_dataset) > 1 and unambiguous:
             found.append(_across(key, list(by_dataset.values())))
     return found
+
+
+def _setting(comparison: Comparison) -> tuple[str, str, str, int]:
+    """Return what data sets that are summed up share."""
+    name = comparison.name
+    return family_of(name.dataset), name.protocol, name.condition, name.seed
 
 
 def _across(key: tuple[str, str, str, int], datasets: Sequence[Sequence[Comparison]]) -> Across:
@@ -65,6 +67,7 @@ def _across(key: tuple[str, str, str, int], datasets: Sequence[Sequence[Comparis
     return Across(
         *key,
         verdicts=tuple(_common_verdict(repeats) for repeats in datasets),
+        of_fits=not all(one.over_splits for repeats in datasets for one in repeats),
         mean_difference=float(np.mean(differences)),
         p_value=wilcoxon_signed_rank(differences) if len(datasets) >= FEWEST_DATASETS else None,
     )

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stiff_bench.rank_analysis import dataset_of, family_of
-from stiff_bench.standing import Field, Standings, complete_models
+from stiff_bench.field import Field, complete_models
+from stiff_bench.grouped import grouped
+from stiff_bench.same_robot import dataset_of, family_of
+from stiff_bench.standing import Standings
 
 
 @dataclass(frozen=True)
@@ -54,15 +56,18 @@ class Column:
 
 def columns(fields: Sequence[Field], standings: Standings) -> Iterator[Column]:
     """Yield a column for each robot type, protocol and condition, in the fields' order."""
-    groups: dict[tuple[str, str, str], list[Field]] = {}
-    for field in fields:
-        name = field.name
-        group = (family_of(name.dataset), name.protocol, name.condition)
-        groups.setdefault(group, []).append(field)
-    for (family, protocol, condition), members in groups.items():
-        datasets = tuple(dict.fromkeys(dataset_of(field.name.dataset) for field in members))
+    for (family, protocol, condition), members in grouped(fields, _place).items():
+        datasets = tuple(dict.fromkeys(_dataset(field) for field in members))
         values = dict(_values(members, standings))
         yield Column(family, protocol, condition, datasets, values)
+
+
+def _place(field: Field) -> tuple[str, str, str]:
+    return family_of(field.name.dataset), field.name.protocol, field.name.condition
+
+
+def _dataset(field: Field) -> str:
+    return dataset_of(field.name.dataset)
 
 
 def _values(fields: Sequence[Field], standings: Standings) -> Iterator[tuple[str, ColumnValue]]:
@@ -91,12 +96,9 @@ def _values(fields: Sequence[Field], standings: Standings) -> Iterator[tuple[str
 
 def _by_dataset(fields: Sequence[Field], model: str) -> list[float]:
     """Return a model's score on each data set where it lacks no repetition."""
-    groups: dict[str, list[Field]] = {}
-    for field in fields:
-        groups.setdefault(dataset_of(field.name.dataset), []).append(field)
     return [
         float(np.mean([field.mean(model) for field in members]))
-        for members in groups.values()
+        for members in grouped(fields, _dataset).values()
         if all(model in field.scores for field in members)
     ]
 

@@ -78,7 +78,9 @@ def compute_cell(task: CellTask, run_id: str) -> CellResult:
 def _unfinished(
     task: CellTask, run_id: str, status: Literal["failed", "skipped"], reason: str
 ) -> CellResult:
-    return CellResult(task.cell, task.shown, run_id, status, failure=reason)
+    return CellResult(
+        task.cell, task.shown, run_id, status, failure=reason, n_splits=task.n_splits
+    )
 
 
 def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
@@ -123,6 +125,7 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
         ),
         diagnostics=diagnostics,
         n_train=len(_training_rows(task)),
+        n_splits=task.n_splits,
         chosen=chosen,
     )
 

@@ -155,9 +155,7 @@ def _contest(name: ContestName, found: Sequence[CellResult]) -> Contest:
     for model, of_model in sorted(grouped(results, lambda one: one.shown.model).items()):
         own, older_options = of_newest_options(of_model)
         left_out += older_options
-        of_slots = [
-            counting(of_slot, coverages) for of_slot in grouped(own, slot_of).values()
-        ]
+        of_slots = [counting(of_slot, coverages) for of_slot in grouped(own, slot_of).values()]
         competitors[model] = Competitor(
             shown=newest_first(own)[0].shown,
             done={slot_of(one): one for one in of_slots if one.status == "ok"},
@@ -169,9 +167,7 @@ def _contest(name: ContestName, found: Sequence[CellResult]) -> Contest:
         )
     return Contest(
         name=name,
-        slots=tuple(
-            sorted({s for one in competitors.values() for s in (*one.done, *one.reasons)})
-        ),
+        slots=tuple(sorted({s for one in competitors.values() for s in (*one.done, *one.reasons)})),
         competitors=competitors,
         newest_run=newest_first(results)[0].run_id,
         cell=results[0].cell,

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import functools
-import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,12 +14,16 @@ from stiff_bench.collected import (
     chosen_contests,
     collect,
     competitor_names,
+    left_out_notes,
     same_name_other_data,
     stands_for,
 )
 from stiff_bench.comparison import Comparison, compare, paired_errors
 from stiff_bench.estimates import Question
-from stiff_bench.stored_data import read_data
+from stiff_bench.natural_order import natural_key
+from stiff_bench.result_source import sources
+from stiff_bench.store import read_manifests
+from stiff_bench.stored_data import StoredData, read_data
 from stiff_bench.where import Where, where_better
 from stiff_protocols.errors import ConfigError, DataError, unknown_name
 
@@ -59,7 +63,9 @@ class Report:
         comparisons: one a contest; at least one.
         across: over data sets of one robot type.
         where: who is better where, if there is one contest.
-        notes: contests that could not be compared, and names that stand for several data sets.
+        notes: contests that could not be compared, names that stand for several data sets, and
+            results that were left out.
+        provenance: which stiffbench made the results.
         command: the command line that made it.
     """
 
@@ -70,6 +76,7 @@ class Report:
     across: tuple[Across, ...]
     where: Where | None
     notes: tuple[str, ...]
+    provenance: tuple[str, ...]
     command: str
 
 
@@ -86,38 +93,60 @@ def compare_folder(words: CompareWords) -> Report:
     for name in (words.a, words.b):
         _check_known(name, competitor_names(contests), words.results)
     chosen = chosen_contests(contests, datasets=words.datasets, protocols=words.protocols)
-    chosen = sorted(_under(words.conditions, chosen), key=lambda one: _in_order(one.name.text))
+    chosen = sorted(_under(words.conditions, chosen), key=lambda one: natural_key(one.name.text))
     data_of = functools.cache(functools.partial(read_data, words.results / "data"))
-    met, comparisons, apart = [], [], []
-    for contest in chosen:
-        if not {words.a, words.b} <= set(contest.competitors):
-            continue
-        data = data_of(contest.name.data_sha256)
-        try:
-            comparisons.append(compare(contest, words.a, words.b, data, words.question))
-            met.append(contest)
-        except DataError as error:
-            apart.append(f"not compared: {error}.")
-    if not comparisons:
+    met, apart = _compared(chosen, words, data_of)
+    if not met:
         raise ConfigError(" ".join(apart) or _never_met(chosen, words.a, words.b))
     where = None
     if len(met) == 1:
-        data = data_of(met[0].name.data_sha256)
-        where = where_better(paired_errors(met[0], words.a, words.b), data, words.question)
+        data = data_of(met[0][0].name.data_sha256)
+        where = where_better(paired_errors(met[0][0], words.a, words.b), data, words.question)
+    comparisons = tuple(comparison for _, comparison in met)
+    shared = [contest for contest, _ in met]
     return Report(
         a=words.a,
         b=words.b,
         question=words.question,
-        comparisons=tuple(comparisons),
+        comparisons=comparisons,
         across=tuple(across_datasets(comparisons)),
         where=where,
         notes=(
             *apart,
             *_alone(chosen, words.a, words.b),
-            *same_name_other_data(met),
+            *same_name_other_data(shared),
+            *left_out_notes(shared),
         ),
+        provenance=_provenance(shared, words),
         command=words.command,
     )
+
+
+def _compared(
+    chosen: Sequence[Contest], words: CompareWords, data_of: Callable[[str], StoredData]
+) -> tuple[list[tuple[Contest, Comparison]], list[str]]:
+    """Return the contests in which both have results, and why others could not be compared."""
+    met, apart = [], []
+    for contest in chosen:
+        if not {words.a, words.b} <= set(contest.competitors):
+            continue
+        data = data_of(contest.name.data_sha256)
+        try:
+            met.append((contest, compare(contest, words.a, words.b, data, words.question)))
+        except DataError as error:
+            apart.append(f"not compared: {error}.")
+    return met, apart
+
+
+def _provenance(contests: Iterable[Contest], words: CompareWords) -> tuple[str, ...]:
+    """Say which stiffbench made the results that were compared."""
+    counts = Counter(
+        result.run_id
+        for contest in contests
+        for name in (words.a, words.b)
+        for result in contest.results(name, contest.shared_slots([words.a, words.b]))
+    )
+    return tuple(sources(words.results, [*read_manifests(words.results)], counts))
 
 
 def _check_known(name: str, known: Sequence[str], folder: Path) -> None:
@@ -167,8 +196,3 @@ def _few(names: Sequence[str]) -> str:
         return "none of these contests"
     more = f" and {len(names) - FEW} more" if len(names) > FEW else ""
     return ", ".join(f"({name})" for name in names[:FEW]) + more
-
-
-def _in_order(text: str) -> list[tuple[int, str]]:
-    """Return a key that sorts numbers in a text by their size: n = 5 before n = 40."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", text)]

@@ -92,6 +92,7 @@ def compare(
     from stiff_bench.compare import CompareWords, compare_folder
     from stiff_bench.comparison_text import render_report
     from stiff_bench.estimates import Question
+    from stiff_bench.units import MM
 
     words = CompareWords(
         a=a,
@@ -100,7 +101,7 @@ def compare(
         datasets=datasets,
         protocols=protocols,
         conditions=conditions,
-        question=Question(rope=rope_mm / 1000.0, confidence=confidence, seed=seed),
+        question=Question(rope=rope_mm / MM, confidence=confidence, seed=seed),
         command=shlex.join(["bench", *sys.argv[1:]]),
     )
     print_text(render_report(compare_folder(words), fmt))

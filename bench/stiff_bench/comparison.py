@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stiff_bench.collected import Contest, ContestName, Slot
+from stiff_bench.collected import Contest, ContestName
 from stiff_bench.estimates import (
     Estimate,
     Question,
@@ -17,6 +17,8 @@ from stiff_bench.estimates import (
     estimates_over_poses,
     estimates_over_splits,
 )
+from stiff_bench.newest import Slot
+from stiff_bench.split_sizes import SplitSizes, split_sizes
 from stiff_bench.stored_data import StoredData
 from stiff_protocols.bootstrap import pose_errors
 from stiff_protocols.errors import DataError
@@ -38,7 +40,7 @@ class Row:
         mean_a, mean_b: mean absolute errors, m.
         over_splits: by the corrected t test; None where there is one split or all are pooled.
         over_poses: by the bootstrap over poses, with the fitted models held fixed.
-        verdict: of all of them together.
+        verdict: of all of them together; without splits it is of the fitted models alone.
     """
 
     error: str
@@ -72,8 +74,7 @@ class Comparison:
         name: of the contest.
         a, b: what must stand beside their numbers.
         n_splits: that both have.
-        n_train, n_test: rows of one split, means over the splits.
-        train_known: the number of training rows was stored; else it is all that was not tested.
+        sizes: rows that the splits train and test on.
         n_poses: that were tested.
         same_test: several splits test the same rows.
         rows: one for each of `ERRORS`.
@@ -84,9 +85,7 @@ class Comparison:
     a: Presentation
     b: Presentation
     n_splits: int
-    n_train: float
-    n_test: float
-    train_known: bool
+    sizes: SplitSizes
     n_poses: int
     same_test: bool
     rows: tuple[Row, ...]
@@ -105,11 +104,6 @@ class Comparison:
     def over_splits(self) -> bool:
         """Whether the spread over splits is known."""
         return self.rows[0].over_splits is not None
-
-    @property
-    def test_share(self) -> float:
-        """Part of the samples (0..1) that a split tests on."""
-        return self.n_test / (self.n_test + self.n_train)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,25 +155,22 @@ def compare(contest: Contest, a: str, b: str, data: StoredData, question: Questi
     """
     paired = paired_errors(contest, a, b)
     slots = contest.shared_slots([a, b])
-    trained = [result.n_train for result in contest.results(a, slots)]
     shown = contest.competitors[a].shown
-    n_test = len(paired.rows) / len(slots)
+    sizes = split_sizes(contest.results(a, slots), len(data.samples))
     frame = Comparison(
         name=contest.name,
         a=shown,
         b=contest.competitors[b].shown,
         n_splits=len(slots),
-        n_train=float(np.mean(trained)) if all(trained) else len(data.samples) - n_test,
-        n_test=n_test,
-        train_known=all(trained),
+        sizes=sizes,
         n_poses=len(np.unique(data.samples.pose_id[paired.rows])),
-        same_test=len(slots) > 1 and len(np.unique(paired.rows)) == n_test,
+        same_test=len(slots) > 1 and len(np.unique(paired.rows)) == sizes.n_test,
         rows=(),
         missing=tuple(_missing(contest, a, b)),
     )
     by_split = len(slots) > 1 and not shown.pooled
     return replace(
-        frame, rows=_rows(paired, data, frame.test_share if by_split else None, question)
+        frame, rows=_rows(paired, data, sizes.test_share if by_split else None, question)
     )
 
 

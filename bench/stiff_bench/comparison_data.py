@@ -7,10 +7,13 @@ import io
 import json
 from typing import Any
 
+from stiff_bench.across import Across
 from stiff_bench.compare import Report
 from stiff_bench.comparison import NORM, Comparison, Row
-from stiff_bench.comparison_words import MM, name_with_mark, notes, sentence
+from stiff_bench.comparison_notes import notes
+from stiff_bench.comparison_words import name_with_mark, sentence
 from stiff_bench.estimates import Estimate, Verdict
+from stiff_bench.units import MM, PRINTED
 from stiff_bench.where import Place
 
 VERDICTS: dict[Verdict, str] = {
@@ -19,14 +22,24 @@ VERDICTS: dict[Verdict, str] = {
     "equivalent": "equivalent",
     "open": "not told apart",
 }
-SCALES = {"m": ("mm", MM)}  # unit inside -> as printed; others stay
+
+
+def verdict_text(verdict: Verdict, *, of_fits: bool) -> str:
+    """Return a verdict for people.
+
+    Args:
+        verdict: which.
+        of_fits: it is of the fitted models alone, not of how they are trained.
+    """
+    text = VERDICTS[verdict]
+    return f"{text} (these fits)" if of_fits and verdict != "open" else text
 
 
 def place_text(place: Place) -> str:
     """Return which place it is, with unit."""
     if place.low is None or place.high is None:
         return f"{place.factor}: {place.label}"
-    unit, scale = SCALES.get(place.unit, (place.unit, 1.0))
+    unit, scale = PRINTED["m"] if place.unit == "m" else (place.unit, 1.0)
     decimals = 0 if abs(scale * place.high) >= 100.0 else 1
     low, high = (f"{scale * value:.{decimals}f}" for value in (place.low, place.high))
     return f"{place.factor} {low} to {high} {unit}"
@@ -80,6 +93,7 @@ def _methods(row: Row) -> list[tuple[str, Estimate]]:
 
 def _plain_values(row: Row | Place, estimate: Estimate) -> dict[str, Any]:
     posterior = estimate.posterior
+    of_fits = isinstance(row, Place) or row.over_splits is None
     lengths = (row.mean_a, row.mean_b, row.difference, estimate.low, estimate.high)
     return dict(
         zip(
@@ -90,7 +104,7 @@ def _plain_values(row: Row | Place, estimate: Estimate) -> dict[str, Any]:
                 posterior.a_better,
                 posterior.equivalent,
                 posterior.b_better,
-                VERDICTS[row.verdict],
+                verdict_text(row.verdict, of_fits=of_fits),
             ),
             strict=True,
         )
@@ -103,6 +117,7 @@ def as_json(report: Report) -> str:
 
 
 def _plain(report: Report) -> dict[str, Any]:
+    marks = {f"mark_{side}": name_with_mark(report, side) for side in ("a", "b")}
     return {
         "command": report.command,
         "a": report.a,
@@ -110,40 +125,39 @@ def _plain(report: Report) -> dict[str, Any]:
         "rope_mm": MM * report.question.rope,
         "confidence": report.question.confidence,
         "sentence": sentence(report),
-        "contests": [
-            _about(one)
-            | {
-                "data_sha256": one.name.data_sha256,
-                "task": one.a.task,
-                "mark_a": name_with_mark(report, "a"),
-                "mark_b": name_with_mark(report, "b"),
-                "n_train": one.n_train,
-                "n_test": one.n_test,
-                "n_poses": one.n_poses,
-                "errors": [
-                    {"error": row.error, "method": method} | _plain_values(row, estimate)
-                    for row in one.rows
-                    for method, estimate in _methods(row)
-                ],
-            }
-            for one in report.comparisons
-        ],
-        "over_datasets": [
-            {
-                "family": one.family,
-                "protocol": one.protocol,
-                "condition": one.condition,
-                "seed": one.seed,
-                "verdicts": [VERDICTS[verdict] for verdict in one.verdicts],
-                "mean_difference_mm": MM * one.mean_difference,
-                "p_value": one.p_value,
-            }
-            for one in report.across
-        ],
+        "contests": [_plain_contest(one) | marks for one in report.comparisons],
+        "over_datasets": [_plain_across(one) for one in report.across],
         "where": [
             {"kind": place.kind, "place": place_text(place), "poses": place.n_poses}
             | _plain_values(place, place.estimate)
             for place in (report.where.places if report.where is not None else ())
         ],
         "notes": notes(report),
+    }
+
+
+def _plain_contest(one: Comparison) -> dict[str, Any]:
+    return _about(one) | {
+        "data_sha256": one.name.data_sha256,
+        "task": one.a.task,
+        "n_train": one.sizes.n_train,
+        "n_test": one.sizes.n_test,
+        "n_poses": one.n_poses,
+        "errors": [
+            {"error": row.error, "method": method} | _plain_values(row, estimate)
+            for row in one.rows
+            for method, estimate in _methods(row)
+        ],
+    }
+
+
+def _plain_across(one: Across) -> dict[str, Any]:
+    return {
+        "family": one.family,
+        "protocol": one.protocol,
+        "condition": one.condition,
+        "seed": one.seed,
+        "verdicts": [verdict_text(verdict, of_fits=one.of_fits) for verdict in one.verdicts],
+        "mean_difference_mm": MM * one.mean_difference,
+        "p_value": one.p_value,
     }

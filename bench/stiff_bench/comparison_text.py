@@ -9,11 +9,12 @@ from dataclasses import replace
 from stiff_bench.across import Across
 from stiff_bench.compare import Report
 from stiff_bench.comparison import NORM, Row
-from stiff_bench.comparison_data import VERDICTS, as_csv, as_json, place_text
-from stiff_bench.comparison_words import MM, chance_text, name_with_mark, notes, sentence
+from stiff_bench.comparison_data import VERDICTS, as_csv, as_json, place_text, verdict_text
+from stiff_bench.comparison_notes import notes
+from stiff_bench.comparison_words import chance_text, name_with_mark, sentence
 from stiff_bench.estimates import Estimate, decide
 from stiff_bench.render import TextTable, latex_text, render_texts
-from stiff_bench.units import percent
+from stiff_bench.units import MM, percent
 from stiff_bench.where import Place
 from stiff_protocols.plugin import kind_label
 
@@ -104,18 +105,18 @@ def _joined(*parts: str) -> str:
 
 def _verdict(row: Row, report: Report) -> str:
     """Return the verdict; where splits found a winner and the poses did not, that too."""
-    text = VERDICTS[row.verdict]
+    text = verdict_text(row.verdict, of_fits=row.over_splits is None)
     if row.over_splits is None or row.verdict != "open":
         return text
     of_splits = decide([row.over_splits], report.question.confidence)
-    return text if of_splits == "open" else f"{text} (poses)"
+    return f"{text} (poses)" if of_splits in ("a", "b") else text
 
 
 def _over_datasets(across: Sequence[Across]) -> TextTable:
     header = ["over data sets of one robot type", "data sets", *VERDICTS.values()]
     rows = [
         [
-            _joined(one.family, one.protocol, one.condition),
+            _joined(one.family, one.protocol, one.condition, "these fits" if one.of_fits else ""),
             str(len(one.verdicts)),
             *(str(one.verdicts.count(verdict)) for verdict in VERDICTS),
             f"{MM * one.mean_difference:+.4f}",
@@ -134,7 +135,7 @@ def _places(report: Report, places: Sequence[Place]) -> TextTable:
             str(place.n_samples),
             str(place.n_poses),
             *_numbers(place, place.estimate),
-            VERDICTS[place.verdict],
+            verdict_text(place.verdict, of_fits=True),
         ]
         for place in places
     ]

@@ -1,28 +1,40 @@
-"""What a comparison says in plain words: one sentence, and the notes beneath the numbers."""
+"""What a comparison says in one sentence, and how its numbers are written."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 from stiff_bench.compare import Report
 from stiff_bench.comparison import NORM, Comparison
 from stiff_bench.tables import mark_of
-from stiff_bench.units import percent
-from stiff_bench.where import Where
-from stiff_protocols.ranks import FEWEST_DATASETS
+from stiff_bench.units import MM, percent
 from stiff_protocols.types import AXES
 
-MM = 1000.0
+FITTED = "the fitted "
+"""Stands before a model's name where a verdict is of its fits alone."""
 
 
 def sentence(report: Report) -> str:
-    """Return the report in one sentence."""
+    """Return the report in one sentence, or two where some verdicts are of one training alone."""
     if len(report.comparisons) == 1:
         return _of_one(report, report.comparisons[0])
-    verdicts = [one.row(NORM).verdict for one in report.comparisons]
+    over_splits = [one for one in report.comparisons if one.over_splits]
+    of_fits = [one for one in report.comparisons if not one.over_splits]
+    parts = []
+    if over_splits:
+        parts.append(_counts(report, over_splits, " over several splits" if of_fits else "", ""))
+    if of_fits:
+        says = _counts(report, of_fits, " with one split or all scored together", FITTED)
+        parts.append(f"{says[:-1]}, which says nothing about another training.")
+    return " ".join(parts)
+
+
+def _counts(report: Report, found: Sequence[Comparison], kind: str, fitted: str) -> str:
+    verdicts = [one.row(NORM).verdict for one in found]
+    contests = "1 contest" if len(found) == 1 else f"{len(found)} contests"
     return (
-        f"Of {len(verdicts)} contests {report.a} is better in {verdicts.count('a')} and "
-        f"{report.b} in {verdicts.count('b')}; in {verdicts.count('equivalent')} they are "
+        f"Of {contests}{kind} {fitted}{report.a} is better in {verdicts.count('a')} and "
+        f"{fitted}{report.b} in {verdicts.count('b')}; in {verdicts.count('equivalent')} they are "
         f"equivalent to within {rope_text(report)}, in {verdicts.count('open')} they "
         "cannot be told apart."
     )
@@ -48,7 +60,9 @@ def _range(low: float, high: float) -> str:
 
 
 def _of_one(report: Report, found: Comparison) -> str:
-    parts = [_headline(report, found), *_by_axis(report, found)]
+    fitted = "" if found.over_splits else FITTED
+    names = {"a": f"{fitted}{report.a}", "b": f"{fitted}{report.b}"}
+    parts = [f"{_scope(found)}{_headline(report, found, names)}", *_by_axis(found, names)]
     unclear = [row.cautious for row in found.rows if row.verdict == "open"]
     if unclear:
         half = max(0.5 * (estimate.high - estimate.low) for estimate in unclear)
@@ -57,11 +71,25 @@ def _of_one(report: Report, found: Comparison) -> str:
             f"with {splits}{found.n_poses} poses a difference below about {mm_text(half)} can "
             "hardly be seen"
         )
+    if not found.over_splits:
+        parts.append(
+            "one split says nothing about another training: use --splits 5 or more"
+            if found.n_splits == 1
+            else "all fits share nearly one training set, which says nothing about another: use "
+            "--protocol repeated-holdout"
+        )
     return f"{'; '.join(parts)}."
 
 
-def _headline(report: Report, found: Comparison) -> str:
-    a, b, row = report.a, report.b, found.row(NORM)
+def _scope(found: Comparison) -> str:
+    """Say what the verdict is about, where it is not about the learners."""
+    if found.over_splits:
+        return ""
+    return "On this one split " if found.n_splits == 1 else "With all splits scored together "
+
+
+def _headline(report: Report, found: Comparison, names: Mapping[str, str]) -> str:
+    a, b, row = names["a"], names["b"], found.row(NORM)
     main, rope = row.cautious, rope_text(report)
     on = f"on {found.name.dataset} ({_setting(found)})"
     level = percent(report.question.confidence)
@@ -86,21 +114,21 @@ def _headline(report: Report, found: Comparison) -> str:
     )
 
 
-def _by_axis(report: Report, found: Comparison) -> Iterator[str]:
+def _by_axis(found: Comparison, names: Mapping[str, str]) -> Iterator[str]:
     """Yield what holds for which axes."""
     axes = {
         verdict: [found.row(axis) for axis in AXES if found.row(axis).verdict == verdict]
         for verdict in ("a", "b", "equivalent", "open")
     }
-    for verdict, name in (("a", report.a), ("b", report.b)):
+    for verdict, name in names.items():
         if axes[verdict]:
             each = (f"{r.error.upper()} ({mm_text(abs(r.difference))})" for r in axes[verdict])
             yield f"{name} is better in {_and(each)}"
-    names = {verdict: _and(row.error.upper() for row in rows) for verdict, rows in axes.items()}
-    if names["equivalent"]:
-        yield f"in {names['equivalent']} they are equivalent"
-    if names["open"]:
-        yield f"in {names['open']} they cannot be told apart"
+    in_words = {verdict: _and(row.error.upper() for row in rows) for verdict, rows in axes.items()}
+    if in_words["equivalent"]:
+        yield f"in {in_words['equivalent']} they are equivalent"
+    if in_words["open"]:
+        yield f"in {in_words['open']} they cannot be told apart"
 
 
 def _and(words: Iterator[str]) -> str:
@@ -112,109 +140,6 @@ def _setting(found: Comparison) -> str:
     """Return protocol, condition and number of splits."""
     name = found.name
     return ", ".join(filter(None, (name.protocol, name.condition, found.splits_text)))
-
-
-def notes(report: Report) -> list[str]:
-    """Return what must be read with the numbers, most important first."""
-    found = [*_about_names(report)]
-    for one in report.comparisons:
-        where = f"{one.name.text}: " if len(report.comparisons) > 1 else ""
-        found += [f"{where}{line}." for line in one.missing]
-    found += report.notes
-    found += _about_methods(report)
-    if report.where is not None:
-        found.append(_about_where(report, report.where))
-    found += [caveat for one in report.comparisons for caveat in one.a.caveats]
-    return list(dict.fromkeys(found))
-
-
-def _about_names(report: Report) -> Iterator[str]:
-    """Yield the marks, and where the two are not in the same contest."""
-    for one in report.comparisons:
-        if one.a.regime != one.b.regime:
-            regimes = (
-                f"{shown.model}: {shown.regime or 'measured deflections train it'}"
-                for shown in (one.a, one.b)
-            )
-            yield f"Not the same regime: {'; '.join(regimes)}."
-        if one.a.picked_on_test != one.b.picked_on_test:
-            picked = one.a if one.a.picked_on_test else one.b
-            yield f"{one.name.protocol}: {picked.model} alone picked its epoch on the test part."
-        if one.a.selects_on_test:
-            yield one.a.warning
-
-
-def _about_methods(report: Report) -> Iterator[str]:
-    level, rope = percent(report.question.confidence), rope_text(report)
-    over_splits = [one for one in report.comparisons if one.over_splits]
-    if over_splits:
-        yield (
-            "Over splits: Nadeau and Bengio's corrected t test, and its Bayesian reading for the "
-            f"probabilities; {_shares(over_splits)}."
-        )
-    if any(one.n_test > one.n_train for one in over_splits):
-        yield (
-            "Where a split tests more rows than it trains on, the correction is very careful: "
-            "small differences are not found there."
-        )
-    if len(over_splits) < len(report.comparisons):
-        yield (
-            "One split, or all scored together: bootstrap over poses and Wilcoxon's signed-rank "
-            "test over poses hold the fitted models fixed, so the spread over training sets is "
-            "not in them."
-        )
-    if any(not one.train_known for one in over_splits):
-        yield (
-            "The number of training rows was not stored (older results): all rows that a split "
-            "does not test are taken for it, which makes intervals too narrow where fewer were "
-            "trained on."
-        )
-    if same_test := [one.name.protocol for one in report.comparisons if one.same_test]:
-        yield (
-            f"All splits of {', '.join(dict.fromkeys(same_test))} test the same rows, so the "
-            "spread over splits is that of training sets alone; the interval over poses has the "
-            "other part."
-        )
-    alpha = f"{1.0 - report.question.confidence:.2g}"
-    yield (
-        f"A better: p < {alpha} and no interval reaches zero, neither over splits nor over poses. "
-        f"Equivalent: the difference is below {rope} with {level} probability. All else cannot be "
-        'told apart, which does not mean equal; "(poses)": splits have a winner, poses have none.'
-    )
-    if len(report.comparisons) == 1:
-        yield (
-            "p of X, Y, Z is corrected for three tests (Holm); 3-D, the error's length, is a test "
-            "of its own. Intervals and probabilities are of each row alone."
-        )
-    else:
-        yield "Each contest is a test of its own; p is not corrected for their number."
-    if report.across:
-        least = 2.0 * 0.5**FEWEST_DATASETS
-        yield (
-            "p over data sets: Wilcoxon's signed-rank test over the data sets' differences, from "
-            f"{FEWEST_DATASETS} data sets on; with {FEWEST_DATASETS} it cannot fall below "
-            f"{least:.2g}. Splits of one data set never count as data sets."
-        )
-
-
-def _shares(comparisons: list[Comparison]) -> str:
-    """Return the rows that are tested and trained on, where all splits agree."""
-    rows = {(round(one.n_test), round(one.n_train)) for one in comparisons}
-    if len(rows) > 1:
-        return "the correction is each contest's own, from its rows tested and trained on"
-    ((n_test, n_train),) = rows
-    return f"{n_test} rows tested and {n_train} trained on in a split"
-
-
-def _about_where(report: Report, where: Where) -> str:
-    if not where.n_places:
-        return "Where each is better: too few poses to say."
-    return (
-        f"Where: {where.n_places} parts of {where.n_factors} divisions were looked at, p is "
-        f"corrected for all (Holm), the intervals are not; {report.a} is better in "
-        f"{where.a_better}, {report.b} in {where.b_better}. Shown is, of each kind, the division "
-        "that explains most; the fitted models are held fixed."
-    )
 
 
 def name_with_mark(report: Report, side: str) -> str:

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from stiff_bench.collected import Contest, competitor_names, same_name_other_data, stands_for
+from stiff_bench.collected import (
+    Contest,
+    ContestName,
+    competitor_names,
+    left_out_notes,
+    same_name_other_data,
+    stands_for,
+)
+from stiff_bench.natural_order import natural_key
 from stiff_protocols.errors import ConfigError, unknown_name
 from stiff_protocols.plugin import STIFFNESS, kind_label
 from stiff_protocols.record import Presentation
@@ -45,9 +52,10 @@ def shown_contests(contests: Sequence[Contest], words: Sequence[str]) -> ShownCo
     names = _named(usable, words)
     ranked = [c for c in usable if _n_run(c, names) >= FEWEST_RANKED]
     if not ranked:
+        why = "".join(f"; {note}" for note in left_out_notes(usable))
         raise ConfigError(
             "there is nothing to rank: no two models have results on the same stiffness data, "
-            f"protocol and condition (models with results: {', '.join(names) or 'none'})"
+            f"protocol and condition (models with results: {', '.join(names) or 'none'}){why}"
         )
     lonely = [c for c in usable if _n_run(c, names) == 1]
     return ShownContests(
@@ -67,13 +75,19 @@ def _n_run(contest: Contest, names: Sequence[str]) -> int:
 
 
 def _of_newest_data(contests: Sequence[Contest]) -> list[Contest]:
-    """Return the contests of the data that each data set's newest run was on."""
-    newest: dict[str, tuple[str, str]] = {}
-    for contest in contests:
-        name = contest.name
-        found = (contest.newest_run, name.data_sha256)
-        newest[name.dataset] = max(newest.get(name.dataset, found), found)
-    return [c for c in contests if c.name.data_sha256 == newest[c.name.dataset][1]]
+    """Return the contests of the data that each data set's newest run was on.
+
+    Of those that differ in the data of the source domain alone, the newest stay.
+    """
+    in_order = sorted(contests, key=lambda one: (one.newest_run, one.name))  # the last ones stay
+    newest_data = {one.name.dataset: one.name.data_sha256 for one in in_order}
+    current = [c for c in in_order if c.name.data_sha256 == newest_data[c.name.dataset]]
+    newest_source = {_without_source(one): one for one in current}
+    return list(newest_source.values())
+
+
+def _without_source(contest: Contest) -> ContestName:
+    return replace(contest.name, source_sha256="")
 
 
 def _named(contests: Sequence[Contest], words: Sequence[str]) -> list[str]:
@@ -87,6 +101,7 @@ def _named(contests: Sequence[Contest], words: Sequence[str]) -> list[str]:
 def _data_notes(contests: Sequence[Contest]) -> Iterator[str]:
     for line in same_name_other_data(contests):
         yield f"{line} Those of the newest run count, the others are left out."
+    yield from left_out_notes(contests)
     others = {
         c.name.dataset: presentation(c) for c in contests if presentation(c).task != STIFFNESS
     }
@@ -102,9 +117,4 @@ def _lonely_notes(contests: Sequence[Contest]) -> Iterator[str]:
 def _order(contest: Contest) -> tuple[Any, ...]:
     """Return a sort key: "n = 5" stands before "n = 10"."""
     name = contest.name
-    words = (name.protocol, name.condition, name.dataset)
-    natural = [
-        [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", word)]
-        for word in words
-    ]
-    return (*natural, name.seed)
+    return (*map(natural_key, (name.protocol, name.condition, name.dataset)), name.seed)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiff_bench.picture_file import check_suffix, save_figure
-from stiff_bench.rank_analysis import RankAnalysis, of_families
+from stiff_bench.rank_analysis import RankAnalysis
+from stiff_bench.same_robot import of_types
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.paired import LEVEL
 
@@ -63,10 +64,10 @@ def save_diagrams(
         axes = figure.subplots(len(drawn), 1, squeeze=False, height_ratios=heights)[:, 0]
         for analysis, ax in zip(drawn, axes, strict=True):
             _draw(analysis, ax)
-            datasets = f"{of_families(analysis.datasets)} ({' and '.join(kinds)})"
+            robots = f"{of_types(analysis.robots)} ({' and '.join(kinds)})"
             ax.set_title(
                 f"{analysis.text} | mean rank of {measure} | "
-                f"{len(analysis.datasets)} data sets: {datasets}"
+                f"{len(analysis.robots)} robots: {robots}"
             )
         save_figure(figure, path)
 

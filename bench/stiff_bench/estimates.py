@@ -2,8 +2,8 @@
 
 Two things are uncertain: another training set would give other models, and other poses would give
 other errors. Repeated splits show the first (corrected t test), the bootstrap over poses the
-second. A verdict needs all that the results allow; a single split, and a protocol that scores all
-poses together, allow the poses alone.
+second. A verdict needs all that the results allow. A single split, and a protocol that scores all
+poses together, allow the poses alone: what they say holds for these fits, not for the learners.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ the models that are shown and complete, whoever else has results in the folder.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,9 +17,10 @@ import numpy as np
 from stiff_bench.board_columns import Column, columns
 from stiff_bench.collected import Contest, ContestName, competitor_names
 from stiff_bench.contest_choice import FEWEST_RANKED, presentation, shown_contests
+from stiff_bench.field import Field, complete_models, field_of
 from stiff_bench.rank_analysis import RankAnalysis, rank_analyses
 from stiff_bench.sort_key import SortKey
-from stiff_bench.standing import Field, Standing, Standings, complete_models, field_of
+from stiff_bench.standing import Standing, Standings
 from stiff_bench.tables import mark_of
 from stiff_protocols.paired import LEVEL
 from stiff_protocols.types import FloatArray
@@ -32,7 +33,8 @@ class RankedModel:
     Attributes:
         name, mark: of it, and what must stand beside it.
         mean_rank: over the contests, among the ranked models.
-        low, high: bounds of it over resampled poses; NaN where the metric cannot be resampled.
+        low, high: bounds of it over resampled poses, and itself; NaN where the metric cannot be
+            resampled.
         won: contests in which no model has a better score.
         like_best: contests in which it is the best or cannot be told from it; None: no test
             applies to them all.
@@ -96,9 +98,14 @@ class Section:
 
     @property
     def marks(self) -> dict[str, str]:
-        """Model -> its mark; the ranked first."""
+        """Model -> all its marks under these protocols; the ranked first."""
         marks = {model.name: model.mark for model in self.ranked}
         return marks | {model.name: model.mark for model in self.unranked}
+
+    def mark_under(self, protocol: str, model: str) -> str:
+        """Return what must stand beside a model's numbers under one protocol."""
+        contests = [field.contest for field in self.fields if field.name.protocol == protocol]
+        return _mark(contests, model)
 
 
 @dataclass(frozen=True)
@@ -158,7 +165,20 @@ def build_leaderboard(
         for selects in (False, True)
         if (part := [f for f in fields if presentation(f.contest).selects_on_test == selects])
     )
-    return Leaderboard(key, sections, shown.notes)
+    notes = (*shown.notes, *_coverage_notes(shown.contests, key))
+    return Leaderboard(key, sections, notes)
+
+
+def _coverage_notes(contests: Sequence[Contest], key: SortKey) -> Iterator[str]:
+    if not key.metric.needs_interval:
+        return
+    for contest in contests:
+        if len(contest.coverages) > 1:
+            newest, *others = (f"{coverage:g}" for coverage in contest.coverages)
+            yield (
+                f"{contest.name.text}: intervals of coverage {newest} count, those of the newest "
+                f"run; intervals of {', '.join(others)} are left out."
+            )
 
 
 def _section(fields: list[Field], selects_on_test: bool, standings: Standings) -> Section:
@@ -206,7 +226,7 @@ def _ranked(
     standings: Sequence[Standing], marks: Mapping[str, str], over_datasets: RankAnalysis
 ) -> list[RankedModel]:
     mean_ranks = np.mean([standing.ranks for standing in standings], axis=0)  # (m,)
-    low, high = _rank_interval(standings)
+    low, high = _rank_interval(standings, mean_ranks)
     won = np.sum([standing.is_best for standing in standings], axis=0)
     tested = [like for standing in standings if (like := standing.like_best) is not None]
     like_best = np.sum(tested, axis=0) if len(tested) == len(standings) else None
@@ -225,10 +245,14 @@ def _ranked(
     ]
 
 
-def _rank_interval(standings: Sequence[Standing]) -> tuple[FloatArray, FloatArray]:
+def _rank_interval(
+    standings: Sequence[Standing], mean_ranks: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return the (m,) bounds of the mean rank over draws of the poses, the same in all contests.
 
-    A contest none of whose poses was drawn is left out of the mean of that draw.
+    A contest none of whose poses was drawn is left out of the mean of that draw. Draws hold fewer
+    poses than the data, so that close models change places more often in them and ranks draw
+    nearer to the middle: bounds are widened to hold the mean rank itself.
     """
     drawn = [ranks for standing in standings if (ranks := standing.drawn_ranks) is not None]
     if not drawn:
@@ -242,4 +266,4 @@ def _rank_interval(standings: Sequence[Standing]) -> tuple[FloatArray, FloatArra
     low, high = np.quantile(
         total[drew_some] / counts[drew_some], [0.5 * LEVEL, 1.0 - 0.5 * LEVEL], axis=0
     )
-    return low, high
+    return np.minimum(low, mean_ranks), np.maximum(high, mean_ranks)

@@ -100,12 +100,13 @@ def leaderboard(
 
     key = sort_key(metric, axis)
     contests = collect(results)
+    runs = list(read_manifests(results))
     board = build_leaderboard(
         chosen_contests(contests, datasets=datasets, protocols=protocols),
         models=models,
         key=key,
         folder=results,
-        asked={cell for manifest in read_manifests(results) for cell in manifest.cells},
+        asked={cell for run in runs for cell in run.cells},
         seed=seed,
     )
     if figure is not None:
@@ -113,7 +114,10 @@ def leaderboard(
 
         first = board.sections[0]
         save_diagrams(first.analyses, key.text, first.kinds, figure)
-    n_read = sum(contest.n_results for contest in contests)
-    provenance = (f"{n_read} results were read.", *sources(results, board.run_ids))
+    n_counting = sum(contest.n_results for contest in contests)
+    provenance = (
+        f"{n_counting} results of the folder count.",
+        *sources(results, runs, board.run_ids),
+    )
     command = shlex.join(["bench", *sys.argv[1:]])
     print_text(render_leaderboard(board, fmt, command, provenance))

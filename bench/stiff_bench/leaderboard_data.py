@@ -11,9 +11,9 @@ from dataclasses import asdict
 from typing import Any
 
 from stiff_bench.board_columns import ColumnValue
+from stiff_bench.field import Field
 from stiff_bench.leaderboard import Leaderboard, Section
 from stiff_bench.rank_analysis import RankAnalysis
-from stiff_bench.standing import Field
 from stiff_bench.units import PRINTED
 
 _CSV_HEADER = (
@@ -52,7 +52,8 @@ def _csv_scores(section: Section, board: Leaderboard) -> Iterator[list[object]]:
     for field in section.fields:
         name = field.name
         place = [name.dataset, name.data_sha256, name.protocol, name.condition, name.seed]
-        for model, mark in section.marks.items():
+        for model in section.marks:
+            mark = section.mark_under(name.protocol, model)
             about = [section.selects_on_test, model, mark, *place, len(field.slots), board.key.text]
             if model in field.scores:
                 yield [*about, repr(field.mean(model) * factor), "", "", unit, field.left_out]
@@ -122,7 +123,7 @@ def _analysis(analysis: RankAnalysis) -> dict[str, Any]:
     found = {
         "protocol": analysis.protocol,
         "condition": analysis.condition,
-        "datasets": list(analysis.datasets),
+        "robots": [robot.text for robot in analysis.robots],
         "models": list(analysis.models),
         "why_none": analysis.why_none,
     }

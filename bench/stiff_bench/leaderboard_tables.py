@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from itertools import groupby
 
 import numpy as np
 
 from stiff_bench.board_columns import Column, ColumnValue
+from stiff_bench.grouped import grouped
 from stiff_bench.leaderboard import Leaderboard, RankedModel, Section, UnrankedModel
 from stiff_bench.leaderboard_data import as_csv, as_json
-from stiff_bench.rank_analysis import RankAnalysis, dataset_of, family_of, of_families
+from stiff_bench.rank_analysis import RankAnalysis
 from stiff_bench.render import TextTable, render_texts, value_text
+from stiff_bench.same_robot import dataset_of, of_families, of_types
 from stiff_bench.sort_key import SortKey
 from stiff_bench.tables import SELECTION_MARK, Value
 from stiff_bench.units import PRINTED, percent
@@ -115,19 +116,21 @@ def _rank_notes(section: Section, key: SortKey) -> Iterator[str]:
         yield (
             f"mean rank: of {_count(n_ranked, 'model')} with a result in every contest, ranked "
             "among themselves; 1 is the best, ties share their mean rank. A contest is a data set "
-            "under a protocol and condition."
+            "under a protocol and condition; each weighs the same, so that a protocol weighs as "
+            f"many as it has: {_weights(section)}."
         )
         if key.resamples:
             yield (
                 f"interval: {RANK_RESAMPLES} draws of the poses, the same for all models and "
-                "contests. The fitted models and the data sets are held fixed: other training "
+                "contests, widened to hold the mean rank where draws pull it to the middle. The "
+                "fitted models and the data sets are held fixed: other training "
                 "sets and other robots are not in it."
             )
         else:
             yield f"no intervals: {key.metric.key} is no mean over rows, as norm and mae are."
         yield (
             f"like the best: contests in which it is the best or not distinguishable from the best "
-            f"({_test_text(key)}; Holm over the models, level {LEVEL:g})."
+            f"({_test_text(key)}; level {LEVEL:g})."
         )
     else:
         yield (
@@ -144,8 +147,16 @@ def _rank_notes(section: Section, key: SortKey) -> Iterator[str]:
 
 def _test_text(key: SortKey) -> str:
     if key.resamples:
-        return "corrected t over splits and bootstrap over poses must both find a difference"
-    return "corrected t over splits"
+        return (
+            "corrected t over splits, or Wilcoxon over poses where there is one split, with Holm "
+            "over the models, and the bootstrap over poses must both find a difference"
+        )
+    return "corrected t over splits, with Holm over the models"
+
+
+def _weights(section: Section) -> str:
+    counts = Counter(field.name.protocol for field in section.fields)
+    return ", ".join(f"{protocol} {count}" for protocol, count in counts.items())
 
 
 def _missing_note(model: UnrankedModel, n_contests: int) -> str:
@@ -178,8 +189,9 @@ def _no_analysis_notes(analyses: Sequence[RankAnalysis]) -> Iterator[str]:
 
 def _by_protocol(section: Section, key: SortKey) -> Iterator[TextTable]:
     """Yield a table for each robot type and protocol; its columns are the conditions."""
-    for (_, protocol), group in groupby(section.columns, lambda c: (c.family, c.protocol)):
-        found = list(group)
+    for (_, protocol), found in grouped(
+        section.columns, lambda column: (column.family, column.protocol)
+    ).items():
         datasets = list(dict.fromkeys(name for column in found for name in column.datasets))
         several = len(datasets) > 1
         spread = ", mean ± standard deviation over data sets" if several else ""
@@ -190,7 +202,7 @@ def _by_protocol(section: Section, key: SortKey) -> Iterator[TextTable]:
             header=("model", *(_heading(column, several) for column in found)),
             rows=[
                 [
-                    _label(model, section.marks[model]),
+                    _label(model, section.mark_under(protocol, model)),
                     *(_column_text(column, model, key) for column in found),
                 ]
                 for model in models
@@ -230,28 +242,29 @@ def _number(value: ColumnValue, key: SortKey) -> str:
 
 def _analyses(section: Section, key: SortKey) -> TextTable:
     found = [analysis for analysis in section.analyses if analysis.outcome is not None]
-    families = {family_of(dataset) for analysis in found for dataset in analysis.datasets}
+    types = {robot.type for analysis in found for robot in analysis.robots}
     notes = [
-        'Friedman: p-value of "all models are equal". CD: mean ranks over data sets that are at '
+        'Friedman: p-value of "all models are equal". CD: mean ranks over robots that are at '
         f"least so far apart differ (Nemenyi, level {LEVEL:g}). Pairs: told apart by Nemenyi's and "
-        "by Conover's test (Holm). Groups: models that are not told apart.",
+        "by Conover's test (Holm). Groups: models that are not told apart. A robot counts once: "
+        "scores on several data sets of it (loads, sensors, seeds) are averaged.",
     ]
-    if len(families) == 1:
+    if len(types) == 1:
         notes.append(
-            f"all data sets are of one robot type ({families.pop()}, "
+            f"all robots are of one type ({types.pop()}, "
             f"{' and '.join(section.kinds)}): what holds for its specimens need not hold for "
             "another robot."
         )
     if len(found) > 1:
         notes.append(
-            "all protocols together: the score of a model on a data set is its mean rank over the "
-            "contests there, and the data sets are ranked by that."
+            "all protocols together: the score of a model on a robot is its mean rank over the "
+            "contests there."
         )
     return TextTable(
-        title=f"Critical difference over data sets | {key.text}",
+        title=f"Critical difference over robots | {key.text}",
         header=(
             "protocol, condition",
-            "data sets",
+            "robots",
             "models",
             "Friedman p",
             "CD",
@@ -272,7 +285,7 @@ def _analysis_cells(analysis: RankAnalysis) -> list[str]:
     groups = [f"{{{', '.join(analysis.models[i] for i in group)}}}" for group in outcome.groups]
     return [
         analysis.text,
-        of_families(analysis.datasets),
+        of_types(analysis.robots),
         str(len(analysis.models)),
         f"{outcome.friedman_p:.2g}",
         f"{outcome.critical_difference:.2f}",

@@ -7,7 +7,7 @@ with its time, so that names sort by it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import takewhile
 
 from stiff_bench.grouped import grouped
@@ -34,29 +34,28 @@ def newest_first(results: Iterable[CellResult]) -> list[CellResult]:
 def of_newest_splits(results: Sequence[CellResult]) -> tuple[list[CellResult], list[str]]:
     """Return the results of one contest that share the newest run's splits, and what is left out.
 
-    A run that has another split of the same number divided the data in another way (another version
-    of the protocol): none of its own splits counts, nor does a run that shares one with it.
+    Two splits of one number show that the data were divided in two ways (another version of the
+    protocol). Then the newest run's splits count, with those of each run that shares a split with
+    them and has none of another division. Who shares none may be of either, and is left out too.
     """
+    if len({slot_of(one) for one in results}) == len({one.cell.split_index for one in results}):
+        return list(results), []
     by_run = grouped(newest_first(results), lambda result: result.run_id)
-    splits = {run: {slot_of(result) for result in found} for run, found in by_run.items()}
-    refused: set[Slot] = set()
-    while True:
-        kept: dict[int, str] = {}
-        more: set[Slot] = set()
-        for slots in splits.values():
-            if slots & refused or any(kept.get(index, sha) != sha for index, sha in slots):
-                more |= slots - set(kept.items())
-            else:
-                kept.update(slots)
-        if more <= refused:
-            break
-        refused |= more  # and look again: an older run may show that a newer one shares its splits
+    splits = [dict(sorted(map(slot_of, found))) for found in by_run.values()]
+    kept = splits[0]
+    while joining := [more for more in splits if _continues(kept, more)]:
+        kept = kept | joining[0]
     same = [result for result in results if slot_of(result) in kept.items()]
-    if len(same) == len(results):
-        return same, []
     models = sorted({r.shown.model for r in results} - {r.shown.model for r in same})
     lacking = f" (all of {', '.join(models)})" if models else ""
     return same, [f"older results on other splits than those of the newest run{lacking}"]
+
+
+def _continues(kept: Mapping[int, str], more: Mapping[int, str]) -> bool:
+    """Say whether splits (number -> hash) overlap with others, agree with them and add to them."""
+    shared = kept.keys() & more.keys()
+    agree = all(kept[index] == more[index] for index in shared)
+    return bool(shared) and agree and not more.keys() <= kept.keys()
 
 
 def of_newest_options(results: Sequence[CellResult]) -> tuple[list[CellResult], list[str]]:

@@ -111,6 +111,9 @@ def parse_word(said: str, key: str, settings: Sequence[str], cls: type) -> dict[
         name, equals, text = setting.partition("=")
         if not (equals and name):
             raise ConfigError(f"{said}: expected KEY@OPTION=VALUE")
+        if parsed and name not in options_of(cls):
+            unknown = unknown_name(f"{key} option", name, options_of(cls))
+            raise ConfigError(f"{said}: {unknown}; an @ inside a value is doubled: @@")
         _add(parsed, said, key, cls, name, text)
     return parsed
 

@@ -8,7 +8,10 @@ from dataclasses import dataclass
 from importlib.resources import files
 
 MARK = "published"
-NOTE = "published, KR10 measured, not comparable in absolute terms"
+NOTE = (
+    "published, KR10 measured, not comparable in absolute terms; FT-MLP's epoch was picked on its "
+    "test part"
+)
 
 
 @dataclass(frozen=True)

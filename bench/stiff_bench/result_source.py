@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from stiff_bench.store import read_manifests
+from stiff_protocols.record import RunManifest
 
 
-def sources(folder: Path, n_results: Mapping[str, int]) -> Iterator[str]:
+def sources(
+    folder: Path, runs: Sequence[RunManifest], n_results: Mapping[str, int]
+) -> Iterator[str]:
     """Yield a line that names the versions and commits that made results of a folder.
 
     Args:
         folder: of the results.
+        runs: whose manifests the folder holds.
         n_results: run id -> how many of its results are shown.
-
-    Raises:
-        StoreError: a manifest is damaged.
     """
-    versions = {run.run_id: _version(run.environment) for run in read_manifests(folder)}
+    versions = {run.run_id: _version(run.environment) for run in runs}
     counts: Counter[str] = Counter()
     for run_id, count in n_results.items():
         counts[versions.get(run_id, "a run without a manifest")] += count

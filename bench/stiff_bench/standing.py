@@ -1,171 +1,25 @@
-"""Models in one contest: who takes part, their scores, ranks, and who is like the best."""
+"""How models stand in one contest: their ranks, and who is like the best."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from stiff_bench.collected import Competitor, Contest, ContestName, Slot
+from stiff_bench.collected import ContestName
+from stiff_bench.field import Field
 from stiff_bench.sort_key import SortKey
+from stiff_bench.split_sizes import split_sizes
 from stiff_bench.stored_data import StoredData, read_data
 from stiff_protocols.bootstrap import PoseErrors, resampled_means
-from stiff_protocols.errors import StoreError
-from stiff_protocols.paired import LEVEL, corrected_t, holm
-from stiff_protocols.record import CellResult
+from stiff_protocols.paired import LEVEL, corrected_t, holm, wilcoxon_signed_rank
 from stiff_protocols.types import FloatArray, IntArray, TextArray
 
-NOT_RUN = "not run"
-NOT_FINISHED = "run not finished"
 BoolArray = NDArray[np.bool_]
-
-
-@dataclass(frozen=True, eq=False)
-class Field:
-    """Who takes part in a contest.
-
-    Attributes:
-        contest: the stored results.
-        slots: the splits that all who take part have; no other counts.
-        scores: model -> (J,) its value on each of these splits, in the metric's unit; one value
-            where the protocol scores all splits together.
-        missing: model -> why it has no score.
-    """
-
-    contest: Contest
-    slots: tuple[Slot, ...]
-    scores: Mapping[str, FloatArray]
-    missing: Mapping[str, str]
-
-    @property
-    def name(self) -> ContestName:
-        """What all results share."""
-        return self.contest.name
-
-    def mean(self, model: str) -> float:
-        """Return a model's mean over the splits, in the metric's unit."""
-        return float(self.scores[model].mean())
-
-    def results(self, model: str) -> list[CellResult]:
-        """Return a model's results on the splits that count."""
-        return self.contest.results(model, self.slots)
-
-    def failed(self, model: str) -> str:
-        """Return "FAILED" or "SKIPPED" where a model was run and gave no result; else ""."""
-        word, *_ = self.missing.get(model, "").split(maxsplit=1) or [""]
-        return word if word in ("FAILED", "SKIPPED") else ""
-
-    @property
-    def left_out(self) -> str:
-        """Which splits do not count, for people; "" where all do."""
-        present = {model: self.contest.competitors[model].done for model in self.scores}
-        n_all = len({slot for done in present.values() for slot in done})
-        if n_all == len(self.slots):
-            return ""
-        lacking = [
-            f"{model} lacks {n_all - len(done)}"
-            for model, done in present.items()
-            if len(done) < n_all
-        ]
-        return (
-            f"{self.name.text}: only the {len(self.slots)} of {n_all} splits count that all "
-            f"models have ({', '.join(lacking)})"
-        )
-
-
-def field_of(
-    contest: Contest, models: Sequence[str], key: SortKey, asked: Set[str] = frozenset()
-) -> Field:
-    """Return who of the models takes part, and with which scores.
-
-    A model that was run on fewer splits, and has them all, takes part, and only the splits that
-    all have count. One whose run did not come to its end is missing, so that it takes no split
-    from the others.
-
-    Args:
-        contest: the stored results.
-        models: by name.
-        key: what they are ranked by.
-        asked: keys of the cells that the folder's runs were asked for.
-
-    Raises:
-        StoreError: two models have no split in common, or their intervals differ in coverage.
-    """
-    missing = {model: reason for model in models if (reason := _why_missing(contest, model, asked))}
-    present = [model for model in models if model not in missing]
-    slots = tuple(contest.shared_slots(present))
-    if present and not slots:
-        _refuse(contest, present)
-    scores = {}
-    for model in present:
-        found = key.of_splits(contest.results(model, slots))
-        if found is None:
-            missing[model] = f"no value of {key.text}"
-        else:
-            scores[model] = found
-    field = Field(contest, slots, scores, missing)
-    if key.metric.needs_interval:
-        _refuse_other_coverage(field)
-    return field
-
-
-def complete_models(fields: Sequence[Field]) -> tuple[str, ...]:
-    """Return the models that have a score in all of these contests, in the order of their names."""
-    return tuple(sorted(set.intersection(*(set(field.scores) for field in fields))))
-
-
-def _why_missing(contest: Contest, model: str, asked: Set[str]) -> str:
-    competitor = contest.competitors.get(model)
-    if competitor is None:
-        return NOT_RUN
-    if competitor.reasons:
-        (reason, _), *_ = Counter(competitor.reasons.values()).most_common(1)
-        status, _, why = reason.partition(": ")
-        n_all = len(competitor.reasons) + len(competitor.done)
-        said = " ".join(why.split())
-        return f"{status.upper()} in {len(competitor.reasons)} of {n_all} splits: {said}"
-    return NOT_FINISHED if _unfinished(contest, competitor, asked) else ""
-
-
-def _unfinished(contest: Contest, competitor: Competitor, asked: Set[str]) -> bool:
-    """Say whether a model was to be run on more of the others' splits and was not."""
-    own = next(iter(competitor.done.values())).cell
-    rows = {
-        slot: result.cell.rows_sha256
-        for other in contest.competitors.values()
-        for slot, result in other.done.items()
-    }
-    return any(
-        replace(own, split_index=slot[0], split_sha256=slot[1], rows_sha256=rows.get(slot, "")).key
-        in asked
-        for slot in contest.slots
-        if slot not in competitor.done
-    )
-
-
-def _refuse(contest: Contest, models: Sequence[str]) -> None:
-    apart = [pair for pair in combinations(models, 2) if not contest.shared_slots(pair)]
-    named = apart[0] if apart else tuple(models)
-    raise StoreError(
-        f"{contest.name.text}: {' and '.join(named)} were run on different splits and share none, "
-        "so they cannot be compared; leave one out (--model) or run it anew"
-    )
-
-
-def _refuse_other_coverage(field: Field) -> None:
-    found = {result.cell.coverage for model in field.scores for result in field.results(model)}
-    if len(found) > 1:
-        shown = ", ".join(sorted(f"{coverage:g}" for coverage in found if coverage is not None))
-        raise StoreError(
-            f"{field.name.text}: intervals of different coverage ({shown}) cannot be compared"
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,25 +56,34 @@ class Standing:
         return np.asarray(self.ranks == self.ranks.min())
 
     @cached_property
-    def drawn_means(self) -> FloatArray | None:
-        """The (B, m) mean errors on draws of the data set's poses; None: the metric has none.
+    def _pose_errors(self) -> list[PoseErrors] | None:
+        """The models' errors on all poses of the data set; None: the metric is no mean over rows.
 
         A pose that is not tested here has no rows, so that contests with different test poses of
-        one data set are drawn together. NaN where a draw holds no tested pose.
+        one data set are drawn together.
         """
         if not self.key.resamples:
             return None
         poses, pose_of_row = np.unique(self.data.samples.pose_id, return_inverse=True)
-        errors = [self._pose_errors(model, poses, pose_of_row) for model in self.models]
-        with np.errstate(invalid="ignore"):
-            return resampled_means(errors, seed=self.seed)
+        return [self._errors_of(model, poses, pose_of_row) for model in self.models]
 
-    def _pose_errors(self, model: str, poses: TextArray, pose_of_row: IntArray) -> PoseErrors:
+    def _errors_of(self, model: str, poses: TextArray, pose_of_row: IntArray) -> PoseErrors:
         found = [r.prediction for r in self.field.results(model) if r.prediction is not None]
         pose = pose_of_row[np.concatenate([prediction.rows for prediction in found])]
         errors = np.concatenate([self.key.of_rows(prediction) for prediction in found])
         totals = np.bincount(pose, weights=errors, minlength=len(poses)).astype(np.float64)
         return PoseErrors(poses, totals[:, None], np.bincount(pose, minlength=len(poses)))
+
+    @cached_property
+    def drawn_means(self) -> FloatArray | None:
+        """The (B, m) mean errors on draws of the data set's poses; None: the metric has none.
+
+        NaN where a draw holds no tested pose.
+        """
+        if self._pose_errors is None:
+            return None
+        with np.errstate(invalid="ignore"):
+            return resampled_means(self._pose_errors, seed=self.seed)
 
     @cached_property
     def drawn_ranks(self) -> FloatArray | None:
@@ -232,40 +95,44 @@ class Standing:
     def like_best(self) -> BoolArray | None:
         """(m,) whether a model cannot be told from the best; None where no test applies.
 
-        To be told apart, a difference must be found by all that the results allow, as in `bench
-        compare`: over splits (corrected t) and over poses (how often draws of the poses turn it
-        round, the fitted models held fixed). Holm over the models, at `LEVEL`.
+        The rule of `bench compare`: a difference is found by the corrected t over splits, or by
+        Wilcoxon's test over poses where there is one split or all are scored together; p is
+        corrected for all models (Holm, at `LEVEL`). And where poses can be drawn, no more than
+        `LEVEL` of the draws, both tails together, turn it round. Draws are not corrected: among
+        many models Holm would ask for rarer events than they hold.
         """
         best = int(np.argmax(self.is_best))
         others = [index for index in range(len(self.models)) if index != best]
-        p_values = [self._p_values(index, best) for index in others]
-        if not all(p_values):
+        p_values = [self._p_value(index, best) for index in others]
+        known = [p for p in p_values if p is not None]
+        if len(known) < len(others):
             return None
         like = np.ones(len(self.models), dtype=np.bool_)
         if others:
-            like[others] = holm([max(found) for found in p_values]) >= LEVEL
+            apart_in_draws = [self._apart_in_draws(index, best) for index in others]
+            like[others] = (holm(known) >= LEVEL) | ~np.array(apart_in_draws)
         return like
 
-    def _p_values(self, index: int, best: int) -> list[float]:
-        found = []
+    def _p_value(self, index: int, best: int) -> float | None:
+        """Return the p-value of a difference, not corrected; None where no test applies."""
         a, b = (self.field.scores[self.models[i]] for i in (index, best))
         if len(a) > 1:
-            found.append(corrected_t(a - b, self._test_share).p_value)
-        if self.drawn_means is not None:
-            drawn = self.drawn_means[:, index] - self.drawn_means[:, best]
-            drawn = drawn[np.isfinite(drawn)]
-            tail = min(np.count_nonzero(drawn <= 0.0), np.count_nonzero(drawn >= 0.0))
-            found.append(min(1.0, 2.0 * (1 + tail) / (1 + len(drawn))))
-        return found
+            results = self.field.results(self.models[0])
+            share = split_sizes(results, len(self.data.samples)).test_share
+            return corrected_t(a - b, share).p_value
+        if self._pose_errors is None:
+            return None
+        one, other = self._pose_errors[index], self._pose_errors[best]
+        tested = one.counts > 0
+        return wilcoxon_signed_rank((one.totals - other.totals)[tested, 0] / one.counts[tested])
 
-    @property
-    def _test_share(self) -> float:
-        """Part of a split's rows that it tests on; unknown training parts are all other rows."""
-        results = self.field.results(self.models[0])
-        n_test = np.mean([len(r.prediction.rows) for r in results if r.prediction is not None])
-        trained = [result.n_train for result in results]
-        n_train = np.mean(trained) if all(trained) else len(self.data.samples) - n_test
-        return float(n_test / (n_test + n_train))
+    def _apart_in_draws(self, index: int, best: int) -> bool:
+        if self.drawn_means is None:
+            return True
+        drawn = self.drawn_means[:, index] - self.drawn_means[:, best]
+        drawn = drawn[np.isfinite(drawn)]
+        tail = min(np.count_nonzero(drawn <= 0.0), np.count_nonzero(drawn >= 0.0))
+        return bool(2.0 * (1 + tail) / (1 + len(drawn)) < LEVEL)
 
 
 class Standings:
@@ -289,8 +156,15 @@ class Standings:
         """Return how these models stand in a contest."""
         place = (field.name, models)
         if place not in self._found:
-            sha256 = field.name.data_sha256
-            if sha256 not in self._data:
-                self._data[sha256] = read_data(self._folder / "data", sha256)
-            self._found[place] = Standing(field, models, self.key, self._data[sha256], self._seed)
+            data = self._data_of(field.name.data_sha256)
+            self._found[place] = Standing(field, models, self.key, data, self._seed)
         return self._found[place]
+
+    def robot_name(self, data_sha256: str) -> str:
+        """Return the name of the robot in a data set."""
+        return self._data_of(data_sha256).robot
+
+    def _data_of(self, sha256: str) -> StoredData:
+        if sha256 not in self._data:
+            self._data[sha256] = read_data(self._folder / "data", sha256)
+        return self._data[sha256]

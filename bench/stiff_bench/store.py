@@ -142,6 +142,7 @@ def _cell_content(result: CellResult) -> dict[str, Any]:
         "failure": result.failure,
         "calibration_samples": result.calibration_samples,
         "n_train": result.n_train,
+        "n_splits": result.n_splits,
         "chosen": dict(result.chosen),
     }
 
@@ -176,6 +177,7 @@ def _cell_result(content: dict[str, Any]) -> CellResult:
         warnings=tuple(content["warnings"]),
         failure=content["failure"],
         calibration_samples=content["calibration_samples"],
+        n_splits=content.get("n_splits", 0),
         n_train=content.get("n_train", 0),  # unknown in results from before it was stored
         chosen=content.get("chosen", {}),
     )

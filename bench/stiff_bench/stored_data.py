@@ -79,7 +79,7 @@ def read_data(folder: Path, sha256: str) -> StoredData:
     """
     path = folder / f"{sha256}.npz"
     try:
-        with np.load(path, allow_pickle=False) as found:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as found:
             samples = Samples(**{item.name: found[item.name] for item in fields(Samples)})
             joint_names = tuple(found["joint_names"].tolist())
             types = (

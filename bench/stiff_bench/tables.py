@@ -135,10 +135,9 @@ def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
     for results in by_model.values():
         notes += model_notes(results)
     if shown.published and not cell.condition:
-        rows += [
-            _published_row(row.method, row.values_mm) for row in published_rows(shown.published)
-        ]
-        notes.append(f"[{MARK}]: {NOTE}.")
+        published = _published_rows(shown.published, metrics)
+        rows += published
+        notes += [f"[{MARK}]: {NOTE}."] if published else []
     return Table(
         dataset=shown.dataset,
         kind=kind_label(shown.kind, shown.task),
@@ -252,6 +251,16 @@ def _together(intervals: Sequence[Interval]) -> Interval:
     )
 
 
-def _published_row(method: str, values_mm: Mapping[tuple[str, str], float]) -> Row:
-    values = {key: Value(value, math.nan, "mm") for key, value in values_mm.items()}
-    return Row(method, "published", MARK, values)
+def _published_rows(table: str, metrics: Sequence[Metric]) -> list[Row]:
+    """Return the rows of a published table; none where it has none of these metrics."""
+    keys = {metric.key for metric in metrics}
+    return [
+        Row(
+            row.method,
+            "published",
+            MARK,
+            {key: Value(value, math.nan, "mm") for key, value in row.values_mm.items()},
+        )
+        for row in published_rows(table)
+        if keys & {key for key, _ in row.values_mm}
+    ]

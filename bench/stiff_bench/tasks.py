@@ -100,7 +100,7 @@ def _of_protocol(
 ) -> list[CellTask]:
     """Return the cells of one data set under one protocol."""
     protocol: EvaluationProtocol = choice.make()
-    splits = _divided(protocol, choice.info.key, data, plan)
+    splits = _divided(protocol, choice.info.key, dataset.name, data, plan)
     common = Cell(
         model="",
         model_params={},
@@ -146,7 +146,7 @@ def _of_protocol(
 
 
 def _divided(
-    protocol: EvaluationProtocol, key: str, data: BenchmarkData, plan: RunPlan
+    protocol: EvaluationProtocol, key: str, dataset: str, data: BenchmarkData, plan: RunPlan
 ) -> Sequence[Split]:
     """Return the splits of a data set, each of which can be used and does not leak.
 
@@ -157,8 +157,8 @@ def _divided(
         if isinstance(protocol, DividesByRobot):
             protocol.use_robot(data.robot)
         splits = tuple(protocol.splits(data.samples, n_splits=plan.splits, seed=plan.seed))
-    except StiffBenchError:
-        raise
+    except StiffBenchError as error:
+        raise ConfigError(f"{dataset}: {error}") from error
     except Exception as error:  # whatever a stranger's protocol raises
         raise ConfigError(f"protocol {key!r}: {type(error).__name__}: {error}") from error
     fault = first_fault(splits, len(data.samples), selects_on_test=protocol.selects_on_test)

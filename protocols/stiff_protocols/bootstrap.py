@@ -63,20 +63,6 @@ class Difference:
     high: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class RankInterval:
-    """Ranks of m competitors by mean error; 1 is the smallest, ties share their mean rank.
-
-    Attributes:
-        rank: (m,) over all poses.
-        low, high: (m,) bounds of the rank over resampled poses.
-    """
-
-    rank: FloatArray
-    low: FloatArray
-    high: FloatArray
-
-
 def pose_errors(pose_id: ArrayLike, errors: ArrayLike) -> PoseErrors:
     """Sum absolute errors pose by pose.
 
@@ -163,36 +149,6 @@ def resampled_means(
     return np.asarray(means[:, column.ravel()])
 
 
-def bootstrap_ranks(
-    errors: Sequence[PoseErrors],
-    *,
-    confidence: float = 1.0 - LEVEL,
-    resamples: int = RANK_RESAMPLES,
-    seed: int = 0,
-) -> RankInterval:
-    """Return the competitors' ranks by mean error with percentile intervals over poses.
-
-    The bounds are ranks that occurred. Like `bootstrap_difference` it holds the models fixed.
-
-    Args:
-        errors: m competitors, each with one column of errors, on the same rows.
-        confidence: probability (0..1) that an interval is to have.
-        resamples: number of draws of the poses.
-        seed: of the draws.
-
-    Raises:
-        DataError: as for `resampled_means`.
-        ConfigError: `confidence` does not lie between 0 and 1.
-    """
-    check_share("confidence", confidence)
-    drawn = resampled_means(errors, resamples=resamples, seed=seed)
-    tail = 0.5 * (1.0 - confidence)
-    ranks = stats.rankdata(drawn, axis=1)  # (B, m)
-    low, high = np.quantile(ranks, [tail, 1.0 - tail], axis=0, method="inverted_cdf")
-    means = np.concatenate([one.mean for one in errors])
-    return RankInterval(np.asarray(stats.rankdata(means)), low, high)
-
-
 @lru_cache(maxsize=8)
 def _pose_draws(n_poses: int, resamples: int, seed: int) -> IntArray:
     """Return (B, p) how often each pose was drawn; read-only, as many contests share it."""
@@ -205,11 +161,13 @@ def _pose_draws(n_poses: int, resamples: int, seed: int) -> IntArray:
 def _side_by_side(errors: Sequence[PoseErrors]) -> tuple[FloatArray, IntArray]:
     """Return the totals (p, m) of the competitors and their common counts (p,)."""
     if not errors:
-        raise DataError("ranks need at least 1 competitor, there are none")
+        raise DataError("resampled means need at least 1 competitor, there are none")
     for one in errors:
         _check_paired(errors[0], one)
         if one.totals.shape[1] != 1:
-            raise DataError(f"ranks need one column of errors, there are {one.totals.shape[1]}")
+            raise DataError(
+                f"resampled means need one column of errors, there are {one.totals.shape[1]}"
+            )
     return np.concatenate([one.totals for one in errors], axis=1), errors[0].counts
 
 

@@ -183,7 +183,7 @@ METRICS = {
             "skill",
             "share",
             "larger",
-            "1 - norm / norm of a VJM identified on the same rows: 0 is as good as the VJM",
+            "1 - norm / norm of a VJM identified on the same rows and told the same wrenches",
             _skill,
             axes=WHOLE,
         ),

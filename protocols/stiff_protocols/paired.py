@@ -183,7 +183,7 @@ def _counted_signed_rank(values: FloatArray, doubled_ranks: IntArray) -> float:
     ways = np.zeros(total + 1)  # how many choices of signs give each sum of positive ranks
     ways[0] = 1.0
     for rank in doubled_ranks:
-        ways[rank:] += ways[:-rank].copy()
+        ways[rank:] += ways[:-rank]
     positive = int(doubled_ranks[values > 0.0].sum())
     tail = ways[: min(positive, total - positive) + 1].sum()
     return min(1.0, float(2.0 * tail / 2.0 ** len(values)))

@@ -15,7 +15,12 @@ Fraction = Annotated[float, Gt(0.0), Lt(1.0)]
 
 
 class Holdout:
-    """Random 80/20 division by pose; a fifth of the training side chooses the epoch."""
+    """Random 80/20 division by pose; a fifth of the training side chooses the epoch.
+
+    Attributes:
+        test_fraction: of all poses.
+        validation_fraction: of the training side's poses, chooses the epoch.
+    """
 
     selects_on_test = False
     pooled = False
@@ -23,7 +28,7 @@ class Holdout:
     def __init__(
         self, *, test_fraction: Fraction = 0.2, validation_fraction: Fraction = 0.2
     ) -> None:
-        """Store the fractions: of all poses, and of the training side's poses."""
+        """Store the options."""
         self.test_fraction = test_fraction
         self.validation_fraction = validation_fraction
 
@@ -99,13 +104,17 @@ class KFold:
 
 
 class PaperHoldout:
-    """The source paper's division: 80/20 by pose, and the 20 % also picks the best epoch."""
+    """The source paper's division: 80/20 by pose, and the 20 % also picks the best epoch.
+
+    Attributes:
+        test_fraction: of all poses.
+    """
 
     selects_on_test = True
     pooled = False
 
     def __init__(self, *, test_fraction: Fraction = 0.2) -> None:
-        """Store the fraction of all poses."""
+        """Store the options."""
         self.test_fraction = test_fraction
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
@@ -116,13 +125,17 @@ class PaperHoldout:
 
 
 class LeaveOneOut:
-    """Each pose is tested once; the metrics are computed over the predictions of all poses."""
+    """Each pose is tested once; the metrics are computed over the predictions of all poses.
+
+    Attributes:
+        validation_fraction: of the training side's poses, chooses the epoch.
+    """
 
     selects_on_test = False
     pooled = True
 
     def __init__(self, *, validation_fraction: Fraction = 0.2) -> None:
-        """Store the fraction of the training side's poses that chooses an epoch."""
+        """Store the options."""
         self.validation_fraction = validation_fraction
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:

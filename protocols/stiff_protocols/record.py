@@ -140,6 +140,7 @@ class CellResult:
             its own, and where there are none.
         n_train: rows of the training side, with those that choose an epoch; 0 where it is not ok.
         chosen: option -> value, as text, that the fit chose itself; empty where it chose none.
+        n_splits: how many splits its run was asked for in its condition; 0 where it is not known.
     """
 
     cell: Cell
@@ -155,6 +156,7 @@ class CellResult:
     calibration_samples: int = 0
     n_train: int = 0
     chosen: Mapping[str, str] = field(default_factory=dict)
+    n_splits: int = 0
 
 
 @dataclass(frozen=True)

@@ -86,6 +86,14 @@ def test_every_command_that_takes_a_data_set_takes_a_word():
     [
         ({"models": ("vmj",)}, "unknown model 'vmj'; did you mean 'vjm'"),
         ({"models": ("mlp@widht=8",)}, "--model 'mlp@widht=8': unknown mlp option 'widht'; did"),
+        (
+            {"protocols": ("cross-robot@source=kr10-twin@specimen=3",)},
+            "unknown cross-robot option 'specimen' (valid: source, test_fraction, validation_f",
+        ),
+        (
+            {"protocols": ("cross-robot@source=kr10-twin@specimen=3",)},
+            "an @ inside a value is doubled: @@",
+        ),
         ({"models": ("mlp@width",)}, "--model 'mlp@width': expected KEY@OPTION=VALUE"),
         ({"models": ("mlp@width=8@width=9",)}, "mlp.width is set twice"),
         ({"datasets": ("kr10-twin@specimen=10",)}, "--dataset 'kr10-twin@specimen=10': '10' is no"),

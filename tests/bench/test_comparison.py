@@ -12,16 +12,18 @@ import pytest
 from click.testing import CliRunner
 from scipy import stats
 
-from compared_results import contest_in, made_data, spread, steady, store_results
+from compared_results import contest_in, fifths, made_data, spread, steady, store_results
+from stiff_bench.cells import compute_cell
 from stiff_bench.compare import CompareWords, compare_folder
 from stiff_bench.compare_cli import compare as compare_command
 from stiff_bench.comparison import compare
 from stiff_bench.comparison_text import render_report
 from stiff_bench.comparison_words import sentence
 from stiff_bench.estimates import Estimate, Question, decide
-from stiff_bench.runner import compute_cell
+from stiff_bench.store import ResultStore
 from stiff_protocols.errors import ConfigError, StoreError
 from stiff_protocols.paired import Posterior
+from stiff_protocols.record import RunManifest
 
 A_SPLITS = (1.0e-4, 1.2e-4, 0.9e-4, 1.1e-4, 1.3e-4)
 B_SPLITS = (2.0e-4, 2.1e-4, 2.2e-4, 2.1e-4, 2.4e-4)
@@ -87,7 +89,7 @@ def test_fewer_training_rows_make_the_interval_wider(tmp_path):
 
 def test_results_without_their_number_of_training_rows_say_what_is_taken_for_it(tmp_path):
     folder = store_results(tmp_path, PAIR, n_train=0)
-    assert compared(folder).n_train == 40 - 8
+    assert compared(folder).sizes.n_train == 40 - 8
     assert "number of training rows was not stored" in text_of(folder)
 
 
@@ -167,6 +169,119 @@ def test_one_split_and_pooled_protocols_are_judged_over_poses_and_say_what_is_no
         assert "the spread over training sets is not in them" in text
         assert "corrected t" not in text
     assert compared(alone).rows == compared(pooled).rows
+
+
+ONE_FIT = {"a": spread(1e-4, 2e-5, seed=1), "b": spread(1.5e-4, 2e-5, seed=2)}
+
+
+def test_a_verdict_from_one_split_is_of_these_fits_and_says_what_to_do(tmp_path):
+    folder = store_results(tmp_path, ONE_FIT, tests=[np.arange(40)])
+    for a, b, verdict in (("a", "b", "A better"), ("b", "a", "B better")):
+        said = sentence(report_on(folder, a, b))
+        assert said.startswith(
+            "On this one split the fitted a is better than the fitted b on made (kfold, 1 split): "
+        )
+        assert "the fitted a is better in X (" in said
+        assert said.endswith(
+            "one split says nothing about another training: use --splits 5 or more."
+        )
+        text = text_of(folder, a=a, b=b)
+        assert f"| {verdict} (these fits) |" in text and f"| {verdict} |" not in text
+        assert "| equivalent (these fits) |" in text  # Y and Z
+    lines = list(csv.DictReader(io.StringIO(text_of(folder, "csv"))))
+    found = json.loads(text_of(folder, "json"))
+    verdicts = {e["verdict"] for e in (*lines, *found["contests"][0]["errors"], *found["where"])}
+    assert verdicts <= {"A better (these fits)", "equivalent (these fits)", "not told apart"}
+
+
+def test_a_verdict_on_poses_scored_together_is_of_these_fits_too(tmp_path):
+    folder = store_results(tmp_path, ONE_FIT, tests=np.arange(40)[:, None], pooled=True)
+    said = sentence(report_on(folder))
+    assert said.startswith("With all splits scored together the fitted a is better than the fitted")
+    assert said.endswith(
+        "all fits share nearly one training set, which says nothing about another: use --protocol "
+        "repeated-holdout."
+    )
+
+
+def test_over_splits_no_verdict_is_of_fits_alone(tmp_path):
+    said = text_of(store_results(tmp_path, PAIR))
+    table = said[said.index("| mean error") : said.index("Where each is better")]
+    assert (
+        "A better" in table and "fit" not in table and "fitted" not in sentence(report_on(tmp_path))
+    )
+
+
+def test_verdicts_of_one_training_are_counted_apart(tmp_path):
+    store_results(tmp_path, PAIR, condition="n = 5")
+    store_results(tmp_path, ONE_FIT, condition="n = 10", tests=[np.arange(40)])
+    store_results(tmp_path, ONE_FIT, condition="n = 20", tests=[np.arange(40)])
+    assert sentence(report_on(tmp_path)) == (
+        "Of 1 contest over several splits a is better in 1 and b in 0; in 0 they are equivalent to "
+        "within 0.01 mm, in 0 they cannot be told apart. Of 2 contests with one split or all scored"
+        " together the fitted a is better in 2 and the fitted b in 0; in 0 they are equivalent to "
+        "within 0.01 mm, in 0 they cannot be told apart, which says nothing about another training."
+    )
+    assert text_of(tmp_path).count("A better (these fits)") == 2
+
+
+def test_counts_over_data_sets_say_if_they_are_of_fits_alone(tmp_path):
+    for specimen in range(2):
+        name = f"made@specimen={specimen}" if specimen else "made"
+        data = made_data(specimen)
+        store_results(tmp_path / "one", ONE_FIT, data=data, dataset=name, tests=[np.arange(40)])
+        store_results(tmp_path / "five", PAIR, data=data, dataset=name)
+    ((one,), (five,)) = (report_on(tmp_path / folder).across for folder in ("one", "five"))
+    assert one.of_fits and not five.of_fits
+    assert "| made, kfold, these fits " in text_of(tmp_path / "one")
+    assert "these fits" not in text_of(tmp_path / "five")
+
+
+def test_splits_that_differ_by_exactly_the_same_do_not_decide_alone(tmp_path):
+    """The corrected t test then gives p = 0, from two splits already."""
+    swing = np.random.default_rng(5).permutation(np.linspace(-1.4e-4, 1.4e-4, 40))
+
+    def b(_, rows):  # ignores its training set; no better than a at other poses
+        return np.column_stack([2.15e-4 + swing[rows], np.zeros((len(rows), 2))])
+
+    models = {"a": steady(2e-4, 2e-4), "b": b}
+    folder = store_results(tmp_path, models, tests=[np.arange(40)] * 2)
+    row = compared(folder).row("norm")
+    assert row.over_splits.p_value == 0.0 and row.over_splits.high < 0.0
+    assert row.verdict == "open"
+
+
+def test_equivalent_over_splits_and_not_over_poses_is_no_winner_that_poses_lack(tmp_path):
+    """Each split's mean difference is 0, but over the poses it scatters beyond the ROPE."""
+    sign = np.empty(40)
+    for rows in fifths(5):
+        sign[rows] = np.resize([1.0, -1.0], len(rows))
+
+    def b(_, rows):
+        return np.column_stack([2e-4 + 1e-4 * sign[rows], np.zeros((len(rows), 2))])
+
+    def a(_, rows):
+        return np.column_stack([np.full(len(rows), 2e-4), np.zeros((len(rows), 2))])
+
+    folder = store_results(tmp_path, {"a": a, "b": b})
+    row = compared(folder).row("norm")
+    assert decide([row.over_splits], 0.95) == "equivalent" and row.verdict == "open"
+    assert "not told apart |" in text_of(folder) and "(poses) |" not in text_of(folder)
+
+
+def test_the_notes_say_which_stiffbench_made_the_results_that_were_compared(tmp_path):
+    folder = store_results(tmp_path, PAIR | {"c": PAIR["a"]})
+    ResultStore(folder).write_manifest(
+        RunManifest(
+            run_id="run",
+            command="bench run",
+            started="2026-11-21T12:00:00Z",
+            status="finished",
+            environment={"stiffbench": "1.2.3", "commit": "0123456789"},
+            cells=(),
+        )
+    )
+    assert f"10 results of {folder}, made by stiffbench 1.2.3 at 01234567." in text_of(folder)
 
 
 def test_a_winner_on_the_poses_that_every_split_tests_needs_other_poses_too(tmp_path):

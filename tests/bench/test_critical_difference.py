@@ -12,6 +12,7 @@ from made_results import TWINS, MadeResults
 from stiff_bench.critical_difference import save_diagrams
 from stiff_bench.leaderboard_cli import leaderboard
 from stiff_bench.rank_analysis import RankAnalysis
+from stiff_bench.same_robot import Robot
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.ranks import compare_over_datasets
 
@@ -23,7 +24,7 @@ def analysis_of(scores: np.ndarray, **changes) -> RankAnalysis:
     fields = {
         "protocol": "kfold",
         "condition": "n = 5",
-        "datasets": tuple(f"twin@specimen={number}" for number in range(n_datasets)),
+        "robots": tuple(Robot("twin", str(number)) for number in range(n_datasets)),
         "models": NAMES[:n_models],
         "outcome": compare_over_datasets(scores),
         "why_none": "",
@@ -40,7 +41,7 @@ def test_the_diagram_names_metric_protocol_data_sets_and_every_model(tmp_path, r
     scores = np.arange(20) + rng.normal(size=(6, 20))
     save_diagrams([analysis_of(scores)], "norm [mm]", ("simulated",), path)
     said = texts(path)
-    assert "kfold | n = 5 | mean rank of norm [mm] | 6 data sets: 6 x twin (simulated)" in said
+    assert "kfold | n = 5 | mean rank of norm [mm] | 6 robots: 6 x twin (simulated)" in said
     for name in NAMES:
         assert re.search(rf"\b{name}\b", said)
     assert "critical difference 12.1" in said  # 3.544 sqrt(20 * 21 / 36)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from made_results import N_POSES, TWINS, MadeResults
 from stiff_bench.collected import chosen_contests, collect
@@ -18,7 +19,7 @@ from stiff_bench.leaderboard import Leaderboard, build_leaderboard
 from stiff_bench.leaderboard_tables import render_leaderboard
 from stiff_bench.sort_key import sort_key
 from stiff_bench.store import read_manifests
-from stiff_protocols.bootstrap import bootstrap_ranks, pose_errors
+from stiff_protocols.bootstrap import pose_errors, resampled_means
 from stiff_protocols.errors import ConfigError, StoreError
 
 
@@ -51,6 +52,10 @@ def cells(board: Leaderboard, title: str) -> dict[str, list[str]]:
 
 def ranks(board: Leaderboard) -> dict[str, float]:
     return {model.name: model.mean_rank for model in board.sections[0].ranked}
+
+
+def n_robots(board: Leaderboard) -> int:
+    return len(board.sections[0].analyses[0].robots)
 
 
 def add_three(made: MadeResults, **changes) -> None:
@@ -134,10 +139,23 @@ def test_a_model_whose_run_was_interrupted_takes_no_splits_from_the_others(made)
 
 
 def test_models_that_share_no_split_are_refused_by_name(made):
-    made.add("a", [1.0, 1.0])
-    made.add("b", [2.0, 2.0], splits_named="other")
+    made.add("a", [1.0])
+    first, _ = made.add("b", [2.0, 2.0])
+    (made.folder / "cells" / f"{first}.json").unlink()
     with pytest.raises(StoreError, match="a and b were run on different splits and share none"):
         board_of(made)
+
+
+def test_a_model_that_was_run_on_older_splits_alone_is_not_ranked_and_that_is_said(made):
+    made.add("a", [1.0, 1.0], run_id="1", splits_named="old-")
+    made.add("b", [2.0, 2.0], run_id="2", splits_named="new-")
+    said = "older results on other splits than those of the newest run .all of a. are left out"
+    with pytest.raises(ConfigError, match=said):
+        board_of(made)
+    made.add("c", [3.0, 3.0], run_id="2", splits_named="new-")
+    board = board_of(made)
+    assert ranks(board) == {"b": 1.0, "c": 2.0}
+    assert "(all of a) are left out" in text_of(board)
 
 
 def test_of_data_that_changed_under_one_name_only_those_of_the_newest_run_count(made):
@@ -204,12 +222,29 @@ def test_the_interval_of_one_contest_is_that_of_the_ranks_over_its_poses(made, r
     for model, error in errors.items():
         made.add(model, [error], rows=np.arange(N_POSES))
     poses = [f"P{pose:02d}" for pose in range(N_POSES)]
-    expected = bootstrap_ranks([pose_errors(poses, errors[m][:, None] * 1e-3) for m in "abc"])
+    drawn = resampled_means([pose_errors(poses, errors[m][:, None] * 1e-3) for m in "abc"])
+    low, high = np.quantile(stats.rankdata(drawn, axis=1), [0.025, 0.975], axis=0)
     ranked = {model.name: model for model in board_of(made).sections[0].ranked}
-    assert [ranked[m].mean_rank for m in "abc"] == expected.rank.tolist()
-    assert [ranked[m].low for m in "abc"] == pytest.approx(expected.low)
-    assert [ranked[m].high for m in "abc"] == pytest.approx(expected.high)
-    assert expected.low[0] < expected.high[0]  # else nothing was shown
+    means = [errors[m].mean() for m in "abc"]
+    assert [ranked[m].mean_rank for m in "abc"] == stats.rankdata(means).tolist()
+    assert [ranked[m].low for m in "abc"] == pytest.approx(low)
+    assert [ranked[m].high for m in "abc"] == pytest.approx(high)
+    assert low[0] < high[0]  # else nothing was shown
+
+
+def test_the_interval_holds_the_mean_rank_also_where_draws_pull_it_to_the_middle(made, rng):
+    """A model that is ahead everywhere by a hair falls behind somewhere in nearly every draw."""
+    for dataset in TWINS:
+        errors = rng.gamma(2.0, 1.0, size=(6, N_POSES))
+        errors *= (1.0 / errors.mean(axis=1))[:, None]
+        errors[0] *= 0.999
+        for model, error in zip("abcdef", errors, strict=True):
+            made.add(model, [error], dataset, rows=np.arange(N_POSES))
+    board = board_of(made)
+    first, *_ = board.sections[0].ranked
+    assert (first.name, first.mean_rank, first.low) == ("a", 1.0, 1.0)
+    assert first.high > 2.0
+    assert "widened to hold the mean rank" in text_of(board)
 
 
 def test_contests_on_the_same_poses_are_drawn_together(made, rng):
@@ -250,20 +285,21 @@ def test_five_specimens_are_five_data_sets_but_splits_and_seeds_are_none(made):
         for model, error in (("a", 1.0), ("b", 2.0), ("c", 3.0)):
             made.add(model, [error + number / 10] * 6, dataset)
     board = board_of(made)
-    assert board.sections[0].analyses[0].datasets == TWINS[:4]
+    assert n_robots(board) == 4
     assert "needs at least 5 data sets, here are 4" in text_of(board)
     for model, error in (("a", 1.0), ("b", 2.0), ("c", 3.0)):
         made.add(model, [error], TWINS[4])
     board = board_of(made)
     (section,) = board.sections
     (analysis,) = section.analyses
-    assert analysis.datasets == TWINS
+    assert [robot.specimen for robot in analysis.robots] == list("01234")
     assert analysis.outcome.mean_ranks.tolist() == [1.0, 2.0, 3.0]
     # Nemenyi: 2.343 sqrt(3 * 4 / (6 * 5)) = 1.48 (Demsar 2006, table 5)
     assert analysis.outcome.critical_difference == pytest.approx(1.48, abs=0.01)
     assert [model.within_cd for model in section.ranked] == [True, True, False]
     text = text_of(board)
-    assert "{a, b}, {b, c}" in text and "5 x twin" in text and "of one robot type" in text
+    assert "{a, b}, {b, c}" in text and "5 x twin" in text
+    assert "all robots are of one type (kr10_r1100_2, simulated)" in text
 
 
 def test_where_friedman_finds_nothing_all_are_like_the_best(made):
@@ -337,6 +373,122 @@ def test_a_metric_that_is_not_there_is_missing_not_zero(made):
         "b": "no value of latency [ms]",
     }
     assert "no mean ranks" in text_of(board)
+
+
+def test_several_data_sets_of_one_robot_count_once_in_the_analysis(made):
+    """Loads, sensors and seeds are other measurements of the same specimen."""
+    for dataset in TWINS:
+        key, _, option = dataset.partition("@")
+        for name in (dataset, f"{key}@torques=hook@{option}", f"omni@{option}@seed=1"):
+            for model, error in (("a", 1.0), ("b", 2.0), ("c", 1.6 if name == dataset else 3.0)):
+                made.add(model, [error], name)
+    board = board_of(made)
+    (analysis,) = board.sections[0].analyses
+    assert len(analysis.robots) == 5
+    assert analysis.outcome.mean_ranks.tolist() == [1.0, 2.0, 3.0]  # c's mean is 2.53 on each
+    assert analysis.outcome.critical_difference == pytest.approx(1.48, abs=0.01)
+    assert cells(board, "Critical difference over robots")["holdout"][0] == "5 x kr10_r1100_2"
+
+
+def test_data_without_a_specimen_are_of_one_robot_for_each_robot_name(made):
+    for dataset in ("one", "two", *TWINS[:2]):
+        for model, error in (("a", 1.0), ("b", 2.0), ("c", 3.0)):
+            made.add(model, [error], dataset)
+    assert n_robots(board_of(made)) == 3
+
+
+def test_equal_data_under_two_names_are_one_robot(made):
+    twin = "twin@specimen=1"
+    copied = sum(twin.encode()) - sum(b"copy")  # gives the copy the twin's numbers
+    for dataset, version in ((twin, 0), ("copy", copied), ("twin@torques=hook@specimen=1", 0)):
+        for model in "abc":
+            made.add(model, [1.0], dataset, version=version)
+    assert len({contest.name.data_sha256 for contest in collect(made.folder)}) == 2
+    assert n_robots(board_of(made)) == 1
+
+
+def test_a_protocols_table_shows_the_marks_of_that_protocol_alone(made):
+    for protocol, regime in (("cross-robot", "target alone"), ("holdout", "")):
+        made.add("a", [1.0], protocol=protocol, regime=regime)
+        made.add("b", [2.0], protocol=protocol)
+    board = board_of(made)
+    assert "a [target alone]" in cells(board, "Leaderboard")
+    assert "a [target alone]" in cells(board, "cross-robot")
+    assert "a" in cells(board, "holdout")
+    rows = list(csv.DictReader(io.StringIO(text_of(board, "csv"))))
+    marks = {row["protocol"]: row["mark"] for row in rows if row["model"] == "a"}
+    assert marks == {"": "target alone", "cross-robot": "target alone", "holdout": ""}
+
+
+def test_the_conditions_of_a_protocol_stand_in_one_table_for_each_robot_type(made):
+    for dataset in ("left", "right"):
+        for condition in ("n = 5", "n = 10"):
+            for model in "ab":
+                made.add(model, [1.0], dataset, condition=condition)
+    text = text_of(board_of(made))
+    assert text.count("**holdout on left") == text.count("**holdout on right") == 1
+
+
+def test_the_weight_of_each_protocol_in_the_mean_rank_is_said(made):
+    for condition in ("n = 5", "n = 10"):
+        for model in "ab":
+            made.add(model, [1.0], protocol="learning-curve", condition=condition)
+    for model in "ab":
+        made.add(model, [1.0])
+    assert "weighs as many as it has: holdout 1, learning-curve 2." in text_of(board_of(made))
+
+
+def test_a_model_without_the_metric_takes_no_splits_from_the_others(made):
+    for model in "ab":
+        made.add(model, [1.0, 1.0, 1.0], coverage=0.9)
+    made.add("c", [1.0])
+    board = board_of(made, metric="width")
+    (field,) = board.sections[0].fields
+    assert len(field.slots) == 3 and set(field.scores) == {"a", "b"}
+    assert field.missing["c"].startswith("no value of width")
+    assert "splits count" not in text_of(board)
+
+
+def test_of_two_coverages_those_of_the_newest_run_count(made):
+    for run_id, coverage, models in (("1", 0.8, "abc"), ("2", 0.9, "ab"), ("3", None, "abc")):
+        for model in models:
+            made.add(model, [1.0], run_id=run_id, coverage=coverage)
+    board = board_of(made, metric="width")
+    (field,) = board.sections[0].fields
+    used = {one.cell.coverage for model in field.scores for one in field.results(model)}
+    assert used == {0.9} and set(field.scores) == {"a", "b"}
+    assert field.missing["c"] == "its intervals have another coverage (0.8, not 0.9)"
+    assert "intervals of coverage 0.9 count" in text_of(board)
+    assert set(ranks(board_of(made))) == {"a", "b", "c"}  # the errors are the same with any
+
+
+def test_what_all_splits_find_on_the_same_poses_needs_the_poses_too(made, rng):
+    """Three splits that test the same rows: the splits agree, a draw of the poses does not."""
+    base = rng.gamma(9.0, 1.0, size=N_POSES)
+    change = rng.normal(size=N_POSES)
+    for model, added in (("best", 0.0), ("like", change - change.mean() + 0.1), ("worse", 9.0)):
+        made.add(model, [base + added] * 3, rows=np.arange(N_POSES))
+    found = {model.name: model.like_best for model in board_of(made).sections[0].ranked}
+    assert found == {"best": 1, "like": 1, "worse": 0}
+
+
+def test_a_clear_difference_is_found_among_any_number_of_models(made, rng):
+    """Holm over 51 rivals asks for a rarer event than 2000 draws hold."""
+    base = rng.gamma(9.0, 1.0, size=(3, 4))
+    made.add("best", list(base))
+    for number in range(51):
+        made.add(f"worse-{number}", list(base + 50.0 + 0.01 * number))
+    found = [model.like_best for model in board_of(made).sections[0].ranked]
+    assert found == [1] + [0] * 51
+
+
+def test_of_two_versions_of_the_source_data_the_newest_counts(made):
+    for run_id, source, error in (("1", "old", 1.0), ("2", "new", 3.0)):
+        made.add("a", [error], protocol="cross-robot", run_id=run_id, source=source)
+        made.add("b", [2.0], protocol="cross-robot", run_id=run_id, source=source)
+    board = board_of(made)
+    assert ranks(board) == {"b": 1.0, "a": 2.0}
+    assert "different source data here (new, old)" in text_of(board)
 
 
 @pytest.mark.parametrize(

@@ -124,6 +124,13 @@ def test_the_published_rows_stand_beneath_the_kr10_and_nowhere_else(tasks_of):
     assert [row.source for row in without.rows] == ["ours"]
 
 
+def test_published_rows_are_left_out_where_they_have_none_of_the_metrics(tasks_of):
+    (task,) = tasks_of(splits=1)
+    (table,) = build_tables([result(task, 1e-4)], [metric("norm")])
+    assert [row.source for row in table.rows] == ["ours"]
+    assert not any("published" in note for note in table.notes)
+
+
 def test_table_10_is_typed_right_the_claimed_reductions_recompute():
     vjm, ft_mlp, _ = published_rows("table_10")
     claimed = {  # per cent, X Y Z

@@ -10,8 +10,9 @@ from stiff_bench.comparison import paired_errors
 from stiff_bench.comparison_data import place_text
 from stiff_bench.estimates import Question
 from stiff_bench.stored_data import read_data, write_data
-from stiff_bench.where import factors, where_better
+from stiff_bench.where import FEWEST_POSES, factors, where_better
 from stiff_protocols.forward_kinematics import tcp_position
+from stiff_protocols.paired import LEVEL
 from stiff_protocols.types import BenchmarkData
 
 ALL = [np.arange(N_POSES)]
@@ -79,6 +80,23 @@ def test_p_values_are_corrected_for_all_places_that_were_looked_at(tmp_path):
     largest = 2 * 0.5**13  # A is better at each of 13 poses
     assert min(place.estimate.p_value for place in found.places) > largest
     assert found.a_better == found.n_places
+
+
+def test_a_part_counts_from_so_many_poses_on_that_something_could_be_found_there():
+    n_places = 30
+    smallest = 2 * 0.5**FEWEST_POSES  # A is better at each of them
+    assert n_places * smallest < LEVEL <= n_places * 2 * smallest
+
+
+@pytest.mark.parametrize(("n_tested", "n_places"), [(30, 0), (33, 9 * 3)])
+def test_a_division_needs_so_many_poses_in_every_part(tmp_path, n_tested, n_places):
+    models = {"a": spread(1e-4, 1e-5, 1), "b": spread(2e-4, 1e-5, 2)}
+    every = np.arange(N_POSES)
+    spared = every[(every >= N_POSES // 2) & (every < N_POSES - 10)]  # ten of a group are left
+    tests = [np.setdiff1d(every, spared[: N_POSES - n_tested])]
+    contest, data = contest_in(store_results(tmp_path, models, tests=tests))
+    found = where_better(paired_errors(contest, "a", "b"), data, Question())
+    assert found.n_places == n_places + (2 if n_tested == 33 else 0)
 
 
 def test_too_few_poses_give_no_place(tmp_path):

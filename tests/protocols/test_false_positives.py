@@ -13,6 +13,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from stiff_bench.estimates import (
+    Question,
+    decide,
+    estimates_over_poses,
+    estimates_over_splits,
+)
 from stiff_protocols.bootstrap import bootstrap_difference, pose_errors
 from stiff_protocols.paired import LEVEL, corrected_t
 from stiff_protocols.protocol import Holdout
@@ -117,6 +123,47 @@ def test_the_corrected_t_is_a_little_too_bold_for_models_with_a_parameter_per_th
     rate, error = rate_and_error(corrected_p_values(differences_of(40, 125, n_features=40)))
     print(f"corrected t, 40 parameters, 15 splits: {rate:.4f} +- {error:.4f}")
     assert LEVEL < rate - 2 * error and rate + 2 * error < 0.085
+
+
+def least_squares_fits(rng, rows):
+    """Return (data sets, splits, tested poses) errors of both models of this file."""
+    features, target = simulated(rng, 250)
+    return [errors_on(one, target, rows) for one in features]
+
+
+def fits_that_start_anew(rng, rows):
+    """Return the same of two models that know all but how each of their fits was initialised."""
+    inputs = rng.normal(size=(250, N_POSES, 2 * FEATURES))[:, rows]
+    noise = NOISE * rng.normal(size=(250, N_POSES))[:, rows]
+    starts = 0.2 * rng.normal(size=(2, 250, len(rows), 2 * FEATURES, 1))
+    return [np.abs(noise + (inputs @ one)[..., 0]) for one in starts]
+
+
+def verdict_on(a, b, rows):
+    """Return what `bench compare` prints for (splits, tested poses) errors of A and of B."""
+    differences = (a - b).mean(axis=1)[:, None]
+    estimates = estimates_over_splits(differences, rows.shape[1] / N_POSES, Question())
+    if decide(estimates, 1.0 - LEVEL) not in ("a", "b"):
+        return "open"  # another estimate makes no winner, and saves 20 ms here
+    poses = rows.ravel().astype(str)
+    of_a, of_b = (pose_errors(poses, one.reshape(-1, 1)) for one in (a, b))
+    return decide([*estimates, *estimates_over_poses(of_a, of_b, Question())], 1.0 - LEVEL)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("errors_of", [least_squares_fits, fits_that_start_anew])
+def test_over_five_splits_the_printed_verdict_has_a_winner_in_at_most_6_of_100(errors_of):
+    rng = np.random.default_rng(3)
+    rates = []
+    for seed in range(16):
+        rows = drawn_test_rows(5, seed)
+        a, b = errors_of(rng, rows)
+        verdicts = [verdict_on(*pair, rows) for pair in zip(a, b, strict=True)]
+        rates.append(np.mean([verdict in ("a", "b") for verdict in verdicts]))
+    rate, error = np.mean(rates), np.std(rates, ddof=1) / 4
+    print(f"printed verdict, 5 splits, {errors_of.__name__}: {rate:.4f} +- {error:.4f}")
+    assert rate + 2 * error < ALLOWED
+    assert rate > 0.005  # a verdict that finds nothing would pass the line above
 
 
 def bootstrap_rate(a, b):

@@ -133,6 +133,39 @@ def test_the_signed_rank_test_counts_the_sign_patterns():
     assert wilcoxon_signed_rank(np.array([-1, 2, 3, 4, 5, 6]) * MM) == pytest.approx(4 / 2**6)
 
 
+@pytest.mark.parametrize("n", [1, 2, 5, 12, 15, 30, 50])
+def test_without_ties_the_signed_rank_test_is_scipys_exact_one(rng, n):
+    differences = rng.normal(0.4, 1.0, n)
+    wanted = stats.wilcoxon(differences, method="exact").pvalue
+    assert wilcoxon_signed_rank(differences) == pytest.approx(wanted, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "differences",
+    [
+        [1, 1, 1, 1, 1],
+        [1, -1, 2, 2, 3],
+        [2, 2, -1, 0, 3, 3, 3, 0],
+        [-1, 1, -2, 2, 3, 4, 4, 5, 5, -5],
+    ],
+)
+def test_with_ties_and_zeros_the_signed_rank_test_counts_all_signs(differences):
+    ways = stats.PermutationMethod(n_resamples=2**12)  # more than there are: it counts
+    others = [value for value in differences if value]
+    wanted = stats.wilcoxon(others, method=ways).pvalue
+    assert wilcoxon_signed_rank(differences) == pytest.approx(wanted)
+
+
+def test_five_equal_differences_are_no_finding():
+    assert wilcoxon_signed_rank([1.0] * 5) == 2 / 2**5  # the normal approximation says 0.025
+
+
+def test_beyond_fifty_differences_the_signed_rank_test_is_close_to_the_count(rng):
+    differences = rng.normal(0.2, 1.0, 51)
+    wanted = stats.wilcoxon(differences, method="exact").pvalue
+    assert wilcoxon_signed_rank(differences) == pytest.approx(wanted, rel=0.05)
+
+
 def test_differences_of_zero_say_nothing_to_the_signed_rank_test():
     assert wilcoxon_signed_rank(np.zeros(30)) == 1.0
     some = wilcoxon_signed_rank(np.array([1, 2, 3, 4, 5, 6]) * MM)

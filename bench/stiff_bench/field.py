@@ -1,0 +1,158 @@
+"""Who takes part in a contest, with which scores, and why the others do not."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+from stiff_bench.collected import Competitor, Contest, ContestName
+from stiff_bench.newest import Slot
+from stiff_bench.sort_key import SortKey
+from stiff_protocols.errors import StoreError
+from stiff_protocols.record import CellResult
+from stiff_protocols.types import FloatArray
+
+NOT_RUN = "not run"
+NOT_FINISHED = "run not finished"
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """Who takes part in a contest.
+
+    Attributes:
+        contest: the stored results.
+        slots: the splits that all who take part have; no other counts.
+        scores: model -> (J,) its value on each of these splits, in the metric's unit; one value
+            where the protocol scores all splits together.
+        missing: model -> why it has no score.
+    """
+
+    contest: Contest
+    slots: tuple[Slot, ...]
+    scores: Mapping[str, FloatArray]
+    missing: Mapping[str, str]
+
+    @property
+    def name(self) -> ContestName:
+        """What all results share."""
+        return self.contest.name
+
+    def mean(self, model: str) -> float:
+        """Return a model's mean over the splits, in the metric's unit."""
+        return float(self.scores[model].mean())
+
+    def results(self, model: str) -> list[CellResult]:
+        """Return a model's results on the splits that count."""
+        return self.contest.results(model, self.slots)
+
+    def failed(self, model: str) -> str:
+        """Return "FAILED" or "SKIPPED" where a model was run and gave no result; else ""."""
+        word, *_ = self.missing.get(model, "").split(maxsplit=1) or [""]
+        return word if word in ("FAILED", "SKIPPED") else ""
+
+    @property
+    def left_out(self) -> str:
+        """Which splits do not count, for people; "" where all do."""
+        present = {model: self.contest.competitors[model].done for model in self.scores}
+        n_all = len({slot for done in present.values() for slot in done})
+        if n_all == len(self.slots):
+            return ""
+        lacking = [
+            f"{model} lacks {n_all - len(done)}"
+            for model, done in present.items()
+            if len(done) < n_all
+        ]
+        return (
+            f"{self.name.text}: only the {len(self.slots)} of {n_all} splits count that all "
+            f"models have ({', '.join(lacking)})"
+        )
+
+
+def field_of(
+    contest: Contest, models: Sequence[str], key: SortKey, asked: Set[str] = frozenset()
+) -> Field:
+    """Return who of the models takes part, and with which scores.
+
+    A model that was run on fewer splits, and has them all, takes part, and only the splits that
+    all have count. One whose run did not come to its end, or that lacks a value, is missing, so
+    that it takes no split from the others.
+
+    Args:
+        contest: the stored results.
+        models: by name.
+        key: what they are ranked by.
+        asked: keys of the cells that the folder's runs were asked for.
+
+    Raises:
+        StoreError: two models have no split in common.
+    """
+    missing = {
+        model: reason for model in models if (reason := _why_missing(contest, model, key, asked))
+    }
+    present = [model for model in models if model not in missing]
+    slots = tuple(contest.shared_slots(present)) if present else ()
+    if present and not slots:
+        _refuse(contest, present)
+    found = {model: key.of_splits(contest.results(model, slots)) for model in present}
+    scores = {model: values for model, values in found.items() if values is not None}
+    return Field(contest, slots, scores, missing)
+
+
+def complete_models(fields: Sequence[Field]) -> tuple[str, ...]:
+    """Return the models that have a score in all of these contests, in the order of their names."""
+    return tuple(sorted(set.intersection(*(set(field.scores) for field in fields))))
+
+
+def _why_missing(contest: Contest, model: str, key: SortKey, asked: Set[str]) -> str:
+    competitor = contest.competitors.get(model)
+    if competitor is None:
+        return NOT_RUN
+    if competitor.reasons:
+        (reason, _), *_ = Counter(competitor.reasons.values()).most_common(1)
+        status, _, why = reason.partition(": ")
+        n_all = len(competitor.reasons) + len(competitor.done)
+        said = " ".join(why.split())
+        return f"{status.upper()} in {len(competitor.reasons)} of {n_all} splits: {said}"
+    if _unfinished(contest, competitor, asked):
+        return NOT_FINISHED
+    return _why_no_value(contest, model, key)
+
+
+def _why_no_value(contest: Contest, model: str, key: SortKey) -> str:
+    results = contest.results(model)
+    if key.metric.needs_interval and contest.coverages:
+        wanted = contest.coverages[0]
+        others = {result.cell.coverage for result in results} - {wanted, None}
+        if others:
+            shown = ", ".join(f"{coverage:g}" for coverage in sorted(filter(None, others)))
+            return f"its intervals have another coverage ({shown}, not {wanted:g})"
+    return "" if key.of_splits(results) is not None else f"no value of {key.text}"
+
+
+def _unfinished(contest: Contest, competitor: Competitor, asked: Set[str]) -> bool:
+    """Say whether a model was to be run on more of the others' splits and was not."""
+    own = {result.cell.coverage: result.cell for result in competitor.done.values()}
+    rows = {
+        slot: result.cell.rows_sha256
+        for other in contest.competitors.values()
+        for slot, result in other.done.items()
+    }
+    return any(
+        replace(cell, split_index=slot[0], split_sha256=slot[1], rows_sha256=rows.get(slot, "")).key
+        in asked
+        for slot in contest.slots
+        if slot not in competitor.done
+        for cell in own.values()
+    )
+
+
+def _refuse(contest: Contest, models: Sequence[str]) -> None:
+    apart = [pair for pair in combinations(models, 2) if not contest.shared_slots(pair)]
+    named = apart[0] if apart else tuple(models)
+    raise StoreError(
+        f"{contest.name.text}: {' and '.join(named)} were run on different splits and share none, "
+        "so they cannot be compared; leave one out (--model) or run it anew"
+    )
