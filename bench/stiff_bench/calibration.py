@@ -18,6 +18,7 @@ from stiff_bench.progress import phases
 from stiff_bench.provenance import environment
 from stiff_bench.published import published_rows, published_stiffness
 from stiff_bench.registry import build_registry, lookup
+from stiff_bench.units import MM
 from stiff_datasets.calibration import (
     FIGURE_SEEDS,
     SEARCH_SEEDS,
@@ -34,7 +35,6 @@ from stiff_protocols.files import make_folder, written_whole
 from stiff_protocols.types import AXES
 
 METRICS = ("mae", "stde", "me")
-MM = 1000.0
 
 
 def calibrate_twin(*, generations: int, seed: int, output: Path) -> str:
