@@ -27,6 +27,7 @@ class Across:
         of_fits: a verdict among them is of fitted models alone (one split, or all scored together).
         mean_difference: over the data sets, A less B, m.
         p_value: Wilcoxon over the data sets' differences; None where they are too few.
+        selects_on_test: the protocol lets models choose on the test part.
     """
 
     family: str
@@ -37,6 +38,7 @@ class Across:
     of_fits: bool
     mean_difference: float
     p_value: float | None
+    selects_on_test: bool
 
 
 def across_datasets(comparisons: Sequence[Comparison]) -> list[Across]:
@@ -70,6 +72,7 @@ def _across(key: tuple[str, str, str, int], datasets: Sequence[Sequence[Comparis
         of_fits=not all(one.over_splits for repeats in datasets for one in repeats),
         mean_difference=float(np.mean(differences)),
         p_value=wilcoxon_signed_rank(differences) if len(datasets) >= FEWEST_DATASETS else None,
+        selects_on_test=any(one.selects_on_test for repeats in datasets for one in repeats),
     )
 
 

@@ -44,6 +44,7 @@ class Column:
         family: name of the data sets without the options that make another robot of the type.
         protocol, condition: as shown.
         datasets: their names.
+        seeds: of the runs' splits.
         values: by model; one that was run nowhere here is not there.
     """
 
@@ -51,6 +52,7 @@ class Column:
     protocol: str
     condition: str
     datasets: tuple[str, ...]
+    seeds: tuple[int, ...]
     values: Mapping[str, ColumnValue]
 
 
@@ -59,7 +61,8 @@ def columns(fields: Sequence[Field], standings: Standings) -> Iterator[Column]:
     for (family, protocol, condition), members in grouped(fields, _place).items():
         datasets = tuple(dict.fromkeys(_dataset(field) for field in members))
         values = dict(_values(members, standings))
-        yield Column(family, protocol, condition, datasets, values)
+        seeds = tuple(sorted({field.name.seed for field in members}))
+        yield Column(family, protocol, condition, datasets, seeds, values)
 
 
 def _place(field: Field) -> tuple[str, str, str]:

@@ -50,6 +50,11 @@ class ContestName:
         """Data set, protocol and condition for people."""
         return " | ".join(filter(None, (self.dataset, self.protocol, self.condition)))
 
+    @property
+    def text_with_seed(self) -> str:
+        """The same for contests that differ in the seed of their splits."""
+        return f"{self.text} | seed {self.seed}"
+
 
 @dataclass(frozen=True, eq=False)
 class Competitor:
@@ -176,6 +181,16 @@ def _contest(name: ContestName, found: Sequence[CellResult]) -> Contest:
     )
 
 
+def shown_names(contests: Iterable[Contest]) -> dict[ContestName, str]:
+    """Return what to call these contests: with their seed where some differ in it alone."""
+    names = [contest.name for contest in contests]
+    return {
+        name: name.text_with_seed if len({one.seed for one in members}) > 1 else name.text
+        for members in grouped(names, lambda name: name.text).values()
+        for name in members
+    }
+
+
 def competitor_names(contests: Iterable[Contest]) -> list[str]:
     """Return the names of all models that have a result or a failure anywhere."""
     return sorted({name for contest in contests for name in contest.competitors})
@@ -238,8 +253,10 @@ def same_name_other_data(contests: Sequence[Contest]) -> Iterator[str]:
     of_dataset = grouped(contests, lambda one: one.name.dataset)
     for dataset, found in of_dataset.items():
         yield from _several(dataset, "data", {one.name.data_sha256 for one in found})
-    for name, found in grouped(contests, lambda one: replace(one.name, source_sha256="")).items():
-        yield from _several(name.text, "source data", {one.name.source_sha256 for one in found})
+    names = shown_names(contests)
+    for found in grouped(contests, lambda one: replace(one.name, source_sha256="")).values():
+        hashes = {one.name.source_sha256 for one in found}
+        yield from _several(names[found[0].name], "source data", hashes)
 
 
 def _several(name: str, what: str, hashes: Set[str]) -> Iterator[str]:
@@ -250,7 +267,8 @@ def _several(name: str, what: str, hashes: Set[str]) -> Iterator[str]:
 
 def left_out_notes(contests: Sequence[Contest]) -> Iterator[str]:
     """Yield a line for each reason why results of these contests do not count."""
-    reasons = [(reason, one.name.text) for one in contests for reason in one.left_out]
+    names = shown_names(contests)
+    reasons = [(reason, names[one.name]) for one in contests for reason in one.left_out]
     for reason, found in grouped(reasons, lambda pair: pair[0]).items():
         places = list(dict.fromkeys(place for _, place in found))
         where = places[0] if len(places) == 1 else f"{len(places)} contests"

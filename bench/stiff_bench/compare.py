@@ -5,20 +5,21 @@ from __future__ import annotations
 import functools
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stiff_bench.across import Across, across_datasets
 from stiff_bench.collected import (
     Contest,
+    ContestName,
     chosen_contests,
     collect,
-    competitor_names,
     left_out_notes,
     same_name_other_data,
-    stands_for,
 )
 from stiff_bench.comparison import Comparison, compare, paired_errors
+from stiff_bench.competitor_words import competitor_meant
+from stiff_bench.contest_labels import labels
 from stiff_bench.estimates import Question
 from stiff_bench.natural_order import natural_key
 from stiff_bench.result_source import sources
@@ -87,33 +88,33 @@ def compare_folder(words: CompareWords) -> Report:
         ConfigError: a name is unknown, A is B, or they never met.
         StoreError: the folder holds no results, or damaged ones.
     """
-    if words.a == words.b:
-        raise ConfigError(f"compare {words.a!r} with another model than itself")
     contests = collect(words.results)
-    for name in (words.a, words.b):
-        _check_known(name, competitor_names(contests), words.results)
+    a, b = (competitor_meant(word, contests, words.results) for word in (words.a, words.b))
+    if a == b:
+        raise ConfigError(f"compare {a!r} with another model than itself")
+    words = replace(words, a=a, b=b)
     chosen = chosen_contests(contests, datasets=words.datasets, protocols=words.protocols)
-    chosen = sorted(_under(words.conditions, chosen), key=lambda one: natural_key(one.name.text))
+    chosen = sorted(_under(words.conditions, chosen), key=lambda one: _in_order(one.name))
     data_of = functools.cache(functools.partial(read_data, words.results / "data"))
     met, apart = _compared(chosen, words, data_of)
     if not met:
-        raise ConfigError(" ".join(apart) or _never_met(chosen, words.a, words.b))
+        raise ConfigError(" ".join(apart) or _never_met(chosen, a, b))
     where = None
     if len(met) == 1:
         data = data_of(met[0][0].name.data_sha256)
-        where = where_better(paired_errors(met[0][0], words.a, words.b), data, words.question)
+        where = where_better(paired_errors(met[0][0], a, b), data, words.question)
     comparisons = tuple(comparison for _, comparison in met)
     shared = [contest for contest, _ in met]
     return Report(
-        a=words.a,
-        b=words.b,
+        a=a,
+        b=b,
         question=words.question,
         comparisons=comparisons,
         across=tuple(across_datasets(comparisons)),
         where=where,
         notes=(
             *apart,
-            *_alone(chosen, words.a, words.b),
+            *_alone(chosen, a, b),
             *same_name_other_data(shared),
             *left_out_notes(shared),
         ),
@@ -122,11 +123,16 @@ def compare_folder(words: CompareWords) -> Report:
     )
 
 
+def _in_order(name: ContestName) -> tuple[list[tuple[int, str]], int, str, str]:
+    return natural_key(name.text), name.seed, name.data_sha256, name.source_sha256
+
+
 def _compared(
     chosen: Sequence[Contest], words: CompareWords, data_of: Callable[[str], StoredData]
 ) -> tuple[list[tuple[Contest, Comparison]], list[str]]:
     """Return the contests in which both have results, and why others could not be compared."""
     met, apart = [], []
+    called = labels(contest.name for contest in chosen)
     for contest in chosen:
         if not {words.a, words.b} <= set(contest.competitors):
             continue
@@ -134,7 +140,7 @@ def _compared(
         try:
             met.append((contest, compare(contest, words.a, words.b, data, words.question)))
         except DataError as error:
-            apart.append(f"not compared: {error}.")
+            apart.append(f"not compared: {called[contest.name]}: {error}.")
     return met, apart
 
 
@@ -149,41 +155,34 @@ def _provenance(contests: Iterable[Contest], words: CompareWords) -> tuple[str, 
     return tuple(sources(words.results, [*read_manifests(words.results)], counts))
 
 
-def _check_known(name: str, known: Sequence[str], folder: Path) -> None:
-    if name in known:
-        return
-    variants = [repr(other) for other in known if stands_for(name, other)]
-    if variants:
-        raise ConfigError(
-            f"no results of {name!r} with its default options in {folder}; there are results of "
-            f"{', '.join(variants)}"
-        )
-    raise unknown_name("model", name, known)
-
-
 def _under(conditions: Sequence[str], contests: Sequence[Contest]) -> list[Contest]:
     """Return the contests of these conditions; none named means all."""
     known = {contest.name.condition for contest in contests}
     for condition in conditions:
         if condition not in known:
-            raise ConfigError(f"--condition: {unknown_name('condition', condition, known)}")
+            meant = unknown_name("condition", condition, known - {""})
+            raise ConfigError(f"--condition: {meant}")
     return [one for one in contests if not conditions or one.name.condition in conditions]
 
 
 def _never_met(chosen: Iterable[Contest], a: str, b: str) -> str:
     """Say where each was run."""
     chosen = list(chosen)
+    called = labels(one.name for one in chosen)
     run = {
-        name: _few([one.name.text for one in chosen if name in one.competitors]) for name in (a, b)
+        name: _few([called[one.name] for one in chosen if name in one.competitors])
+        for name in (a, b)
     }
     return f"{a} and {b} never met: {a} was run in {run[a]}; {b} was run in {run[b]}"
 
 
 def _alone(chosen: Iterable[Contest], a: str, b: str) -> Iterator[str]:
     """Yield a line for each that was run where the other was not."""
+    chosen = list(chosen)
+    called = labels(one.name for one in chosen)
     for name, other in ((a, b), (b, a)):
         more = [
-            one.name.text
+            called[one.name]
             for one in chosen
             if name in one.competitors and other not in one.competitors
         ]

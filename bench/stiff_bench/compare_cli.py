@@ -2,14 +2,32 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
 from stiff_bench.cli_options import FILE, debug_option
 from stiff_bench.messages import print_text
+
+
+class FiniteRange(click.FloatRange):
+    """A number within bounds; click's own takes "nan" for one, and "inf" where no bound is."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Return the number, or refuse it naming what is valid."""
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            valid = (
+                f"{self.min} or more" if self.max is None else f"between {self.min} and {self.max}"
+            )
+            self.fail(f"{value} is not a finite number (valid: {valid}).", param, ctx)
+        return number
 
 
 @click.command()
@@ -48,7 +66,7 @@ from stiff_bench.messages import print_text
 @click.option(
     "--rope",
     "rope_mm",
-    type=click.FloatRange(min=0),
+    type=FiniteRange(min=0),
     default=0.01,
     show_default=True,
     metavar="MM",
@@ -56,13 +74,17 @@ from stiff_bench.messages import print_text
 )
 @click.option(
     "--confidence",
-    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    type=FiniteRange(0, 1, min_open=True, max_open=True),
     default=0.95,
     show_default=True,
     help="Of intervals and verdicts.",
 )
 @click.option(
-    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the resampling."
+    "--seed",
+    type=click.IntRange(0, 2**32 - 1),
+    default=0,
+    show_default=True,
+    help="Of the resampling of poses.",
 )
 @click.option(
     "--format",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -65,6 +66,11 @@ class Row:
         """The estimate with the wider interval: the one to speak of where one alone is named."""
         return max(self.main, self.over_poses, key=lambda one: one.high - one.low)
 
+    @property
+    def cautious_over(self) -> Literal["splits", "poses"]:
+        """What the cautious estimate's spread is over."""
+        return "splits" if self.cautious is self.over_splits else "poses"
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -78,7 +84,7 @@ class Comparison:
         n_poses: that were tested.
         same_test: several splits test the same rows.
         rows: one for each of `ERRORS`.
-        missing: what A or B lacks, one line each.
+        missing: what A or B lacks, or both of what was asked for, one line each.
     """
 
     name: ContestName
@@ -104,6 +110,11 @@ class Comparison:
     def over_splits(self) -> bool:
         """Whether the spread over splits is known."""
         return self.rows[0].over_splits is not None
+
+    @property
+    def selects_on_test(self) -> bool:
+        """Whether the protocol lets models choose on the test part."""
+        return self.a.selects_on_test or self.b.selects_on_test
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,15 +224,15 @@ def _shared(contest: Contest, a: str, b: str) -> list[Slot]:
     for name in (a, b):
         if not contest.competitors[name].done:
             reasons = list(contest.competitors[name].reasons.values())
-            raise DataError(f"{contest.name.text}: {name} has no result ({reasons[0]})")
+            raise DataError(f"{name} has no result ({reasons[0]})")
     slots = contest.shared_slots([a, b])
     if not slots:
-        raise DataError(f"{contest.name.text}: {a} and {b} have no result on the same split")
+        raise DataError(f"{a} and {b} have no result on the same split")
     return slots
 
 
 def _missing(contest: Contest, a: str, b: str) -> list[str]:
-    """Say on how many splits A or B has no result, and why."""
+    """Say how many splits were never run, on how many A or B has no result, and why."""
     found = []
     shared = len(contest.shared_slots([a, b]))
     asked = {
@@ -229,6 +240,9 @@ def _missing(contest: Contest, a: str, b: str) -> list[str]:
         for name in (a, b)
         for slot in (*contest.competitors[name].done, *contest.competitors[name].reasons)
     }
+    wanted = max((one.n_splits for name in (a, b) for one in contest.results(name)), default=0)
+    if len(asked) < wanted:
+        found.append(f"{len(asked)} of {wanted} splits asked for were run")
     for name in (a, b):
         competitor = contest.competitors[name]
         lacking = sorted(asked - set(competitor.done))

@@ -11,8 +11,9 @@ from stiff_bench.across import Across
 from stiff_bench.compare import Report
 from stiff_bench.comparison import NORM, Comparison, Row
 from stiff_bench.comparison_notes import notes
-from stiff_bench.comparison_words import name_with_mark, sentence
+from stiff_bench.comparison_words import sentence
 from stiff_bench.estimates import Estimate, Verdict
+from stiff_bench.tables import mark_of
 from stiff_bench.units import MM, PRINTED
 from stiff_bench.where import Place
 
@@ -45,7 +46,10 @@ def place_text(place: Place) -> str:
     return f"{place.factor} {low} to {high} {unit}"
 
 
-_CONTEST = ("dataset", "protocol", "condition", "seed", "splits")
+_CONTEST = (
+    *("dataset", "protocol", "condition", "seed", "splits"),
+    *("data_sha256", "source_sha256", "selects_on_test", "mark_a", "mark_b"),
+)
 _VALUES = (
     *("mean_a_mm", "mean_b_mm", "difference_mm", "low_mm", "high_mm", "p_value"),
     *("p_a_better", "p_equivalent", "p_b_better", "verdict"),
@@ -80,7 +84,11 @@ def _about(one: Comparison) -> dict[str, Any]:
     return dict(
         zip(
             _CONTEST,
-            (name.dataset, name.protocol, name.condition, name.seed, one.n_splits),
+            (
+                *(name.dataset, name.protocol, name.condition, name.seed, one.n_splits),
+                *(name.data_sha256, name.source_sha256, one.selects_on_test),
+                *(mark_of(one.a), mark_of(one.b)),
+            ),
             strict=True,
         )
     )
@@ -117,7 +125,6 @@ def as_json(report: Report) -> str:
 
 
 def _plain(report: Report) -> dict[str, Any]:
-    marks = {f"mark_{side}": name_with_mark(report, side) for side in ("a", "b")}
     return {
         "command": report.command,
         "a": report.a,
@@ -125,7 +132,7 @@ def _plain(report: Report) -> dict[str, Any]:
         "rope_mm": MM * report.question.rope,
         "confidence": report.question.confidence,
         "sentence": sentence(report),
-        "contests": [_plain_contest(one) | marks for one in report.comparisons],
+        "contests": [_plain_contest(one) for one in report.comparisons],
         "over_datasets": [_plain_across(one) for one in report.across],
         "where": [
             {"kind": place.kind, "place": place_text(place), "poses": place.n_poses}
@@ -138,7 +145,6 @@ def _plain(report: Report) -> dict[str, Any]:
 
 def _plain_contest(one: Comparison) -> dict[str, Any]:
     return _about(one) | {
-        "data_sha256": one.name.data_sha256,
         "task": one.a.task,
         "n_train": one.sizes.n_train,
         "n_test": one.sizes.n_test,
@@ -157,6 +163,7 @@ def _plain_across(one: Across) -> dict[str, Any]:
         "protocol": one.protocol,
         "condition": one.condition,
         "seed": one.seed,
+        "selects_on_test": one.selects_on_test,
         "verdicts": [verdict_text(verdict, of_fits=one.of_fits) for verdict in one.verdicts],
         "mean_difference_mm": MM * one.mean_difference,
         "p_value": one.p_value,

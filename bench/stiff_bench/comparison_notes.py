@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from stiff_bench.compare import Report
 from stiff_bench.comparison import Comparison
 from stiff_bench.comparison_words import rope_text
+from stiff_bench.contest_labels import labels
 from stiff_bench.units import percent
 from stiff_bench.where import FEWEST_POSES, Where
 from stiff_protocols.ranks import FEWEST_DATASETS
@@ -15,8 +16,9 @@ from stiff_protocols.ranks import FEWEST_DATASETS
 def notes(report: Report) -> list[str]:
     """Return what must be read with the numbers, most important first."""
     found = [*_about_names(report)]
+    called = labels(one.name for one in report.comparisons)
     for one in report.comparisons:
-        where = f"{one.name.text}: " if len(report.comparisons) > 1 else ""
+        where = f"{called[one.name]}: " if len(report.comparisons) > 1 else ""
         found += [f"{where}{line}." for line in one.missing]
     found += report.notes
     found += _about_methods(report)
@@ -69,18 +71,6 @@ def _about_splits(over_splits: Sequence[Comparison]) -> Iterator[str]:
             "Over splits: Nadeau and Bengio's corrected t test, and its Bayesian reading for the "
             f"probabilities; {_shares(over_splits)}."
         )
-    if any(one.sizes.n_test > one.sizes.n_train for one in over_splits):
-        yield (
-            "Where a split tests more rows than it trains on, the correction is very careful, "
-            "though training sets of few rows hardly overlap: small differences are not found "
-            "there."
-        )
-    if any(not one.sizes.train_known for one in over_splits):
-        yield (
-            "The number of training rows was not stored (older results): all rows that a split "
-            "does not test are taken for it, which makes intervals too narrow where fewer were "
-            "trained on."
-        )
     if same_test := [one.name.protocol for one in over_splits if one.same_test]:
         yield (
             f"All splits of {', '.join(dict.fromkeys(same_test))} test the same rows, so the "
@@ -108,12 +98,13 @@ def _about_verdicts(report: Report) -> Iterator[str]:
 
 
 def _shares(comparisons: Sequence[Comparison]) -> str:
-    """Return the rows that are tested and trained on, where all splits agree."""
+    """Return the rows that are tested and, where it was stored, trained on; if all splits agree."""
     rows = {(round(one.sizes.n_test), round(one.sizes.n_train)) for one in comparisons}
     if len(rows) > 1:
-        return "the correction is each contest's own, from its rows tested and trained on"
+        return "the correction is each contest's own, from the share of its rows that a split tests"
     ((n_test, n_train),) = rows
-    return f"{n_test} rows tested and {n_train} trained on in a split"
+    trained = f" and {n_train} trained on" if n_train else ""
+    return f"{n_test} rows tested{trained} in a split"
 
 
 def _about_where(report: Report, where: Where) -> str:

@@ -11,14 +11,20 @@ from stiff_bench.compare import Report
 from stiff_bench.comparison import NORM, Row
 from stiff_bench.comparison_data import VERDICTS, as_csv, as_json, place_text, verdict_text
 from stiff_bench.comparison_notes import notes
-from stiff_bench.comparison_words import chance_text, name_with_mark, sentence
+from stiff_bench.comparison_words import (
+    SELECTS_ON_TEST,
+    chance_text,
+    contest_marks,
+    error_label,
+    name_with_mark,
+    sentence,
+)
+from stiff_bench.contest_labels import label_parts
 from stiff_bench.estimates import Estimate, decide
 from stiff_bench.render import TextTable, latex_text, render_texts
 from stiff_bench.units import MM, percent
 from stiff_bench.where import Place
 from stiff_protocols.plugin import kind_label
-
-LABELS = {NORM: "3-D"}
 
 
 def render_report(report: Report, fmt: str) -> str:
@@ -42,10 +48,11 @@ def _tables(report: Report) -> list[TextTable]:
 
 
 def _title(report: Report) -> str:
-    sides = f"A = {name_with_mark(report, 'a')}, B = {name_with_mark(report, 'b')}"
-    first = report.comparisons[0]
     if len(report.comparisons) > 1:
+        sides = f"A = {report.a}, B = {report.b}"
         return f"{sides} | {len(report.comparisons)} contests | mean 3-D error, mm"
+    first = report.comparisons[0]
+    sides = f"A = {name_with_mark(first.a)}, B = {name_with_mark(first.b)}"
     kind = kind_label(first.a.kind, first.a.task)
     setting = " | ".join(filter(None, (first.name.protocol, first.name.condition)))
     return (
@@ -69,7 +76,7 @@ def _errors(report: Report) -> TextTable:
     second = ["interval over poses"] if found.over_splits else []
     rows = [
         [
-            LABELS.get(row.error, row.error.upper()),
+            error_label(row.error),
             *_numbers(row, row.main),
             *_chances(row.main),
             *([_interval(row.over_poses)] if found.over_splits else []),
@@ -82,14 +89,13 @@ def _errors(report: Report) -> TextTable:
 
 def _contests(report: Report) -> TextTable:
     header = ["contest", "splits", *_number_heads(report), *_chance_heads(), "verdict"]
-    seeds = len({one.name.seed for one in report.comparisons}) > 1
+    called = label_parts(one.name for one in report.comparisons)
     rows = []
     for one in report.comparisons:
-        name, row = one.name, one.row(NORM)
-        seed = f"seed {name.seed}" if seeds else ""
+        row = one.row(NORM)
         rows.append(
             [
-                _joined(name.dataset, name.protocol, name.condition, seed),
+                _marked(_joined(*called[one.name]), contest_marks(one)),
                 str(one.n_splits),
                 *_numbers(row, row.main),
                 *_chances(row.main),
@@ -97,6 +103,10 @@ def _contests(report: Report) -> TextTable:
             ]
         )
     return TextTable(_title(report), header, rows, ())
+
+
+def _marked(text: str, marks: str) -> str:
+    return f"{text} [{marks}]" if marks else text
 
 
 def _joined(*parts: str) -> str:
@@ -116,7 +126,7 @@ def _over_datasets(across: Sequence[Across]) -> TextTable:
     header = ["over data sets of one robot type", "data sets", *VERDICTS.values()]
     rows = [
         [
-            _joined(one.family, one.protocol, one.condition, "these fits" if one.of_fits else ""),
+            _across_text(one, across),
             str(len(one.verdicts)),
             *(str(one.verdicts.count(verdict)) for verdict in VERDICTS),
             f"{MM * one.mean_difference:+.4f}",
@@ -126,6 +136,15 @@ def _over_datasets(across: Sequence[Across]) -> TextTable:
     ]
     header += ["mean A - B", "p over data sets"]
     return TextTable("Over data sets | mean 3-D error, mm", header, rows, ())
+
+
+def _across_text(one: Across, among: Sequence[Across]) -> str:
+    alike = [(other.family, other.protocol, other.condition) for other in among]
+    repeated = alike.count((one.family, one.protocol, one.condition)) > 1
+    seed = f"seed {one.seed}" if repeated else ""
+    fits = "these fits" if one.of_fits else ""
+    text = _joined(one.family, one.protocol, one.condition, seed, fits)
+    return _marked(text, SELECTS_ON_TEST if one.selects_on_test else "")
 
 
 def _places(report: Report, places: Sequence[Place]) -> TextTable:

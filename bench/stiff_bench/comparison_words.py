@@ -5,39 +5,54 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from stiff_bench.compare import Report
-from stiff_bench.comparison import NORM, Comparison
+from stiff_bench.comparison import NORM, Comparison, Row
 from stiff_bench.tables import mark_of
 from stiff_bench.units import MM, percent
+from stiff_protocols.record import Presentation
 from stiff_protocols.types import AXES
 
+SELECTS_ON_TEST = "selects on the test part"
+"""Stands beside a contest whose protocol lets models do so."""
 FITTED = "the fitted "
 """Stands before a model's name where a verdict is of its fits alone."""
 
 
 def sentence(report: Report) -> str:
-    """Return the report in one sentence, or two where some verdicts are of one training alone."""
+    """Return the report in one sentence, or more where some verdicts are of one training alone.
+
+    Among several contests those that select on the test part are counted apart.
+    """
     if len(report.comparisons) == 1:
         return _of_one(report, report.comparisons[0])
-    over_splits = [one for one in report.comparisons if one.over_splits]
-    of_fits = [one for one in report.comparisons if not one.over_splits]
+    fair = [one for one in report.comparisons if not one.selects_on_test]
+    over_splits = [one for one in fair if one.over_splits]
+    of_fits = [one for one in fair if not one.over_splits]
     parts = []
     if over_splits:
         parts.append(_counts(report, over_splits, " over several splits" if of_fits else "", ""))
     if of_fits:
         says = _counts(report, of_fits, " with one split or all scored together", FITTED)
         parts.append(f"{says[:-1]}, which says nothing about another training.")
+    if n_unfair := len(report.comparisons) - len(fair):
+        parts.append(
+            f"Not counted: {_contests(n_unfair)} whose protocol lets models choose on the test "
+            "part."
+        )
     return " ".join(parts)
 
 
 def _counts(report: Report, found: Sequence[Comparison], kind: str, fitted: str) -> str:
     verdicts = [one.row(NORM).verdict for one in found]
-    contests = "1 contest" if len(found) == 1 else f"{len(found)} contests"
     return (
-        f"Of {contests}{kind} {fitted}{report.a} is better in {verdicts.count('a')} and "
-        f"{fitted}{report.b} in {verdicts.count('b')}; in {verdicts.count('equivalent')} they are "
-        f"equivalent to within {rope_text(report)}, in {verdicts.count('open')} they "
+        f"Of {_contests(len(found))}{kind} {fitted}{report.a} is better in {verdicts.count('a')} "
+        f"and {fitted}{report.b} in {verdicts.count('b')}; in {verdicts.count('equivalent')} they "
+        f"are equivalent to within {rope_text(report)}, in {verdicts.count('open')} they "
         "cannot be told apart."
     )
+
+
+def _contests(count: int) -> str:
+    return "1 contest" if count == 1 else f"{count} contests"
 
 
 def mm_text(length: float) -> str:
@@ -63,14 +78,7 @@ def _of_one(report: Report, found: Comparison) -> str:
     fitted = "" if found.over_splits else FITTED
     names = {"a": f"{fitted}{report.a}", "b": f"{fitted}{report.b}"}
     parts = [f"{_scope(found)}{_headline(report, found, names)}", *_by_axis(found, names)]
-    unclear = [row.cautious for row in found.rows if row.verdict == "open"]
-    if unclear:
-        half = max(0.5 * (estimate.high - estimate.low) for estimate in unclear)
-        splits = f"{found.splits_text} and " if found.over_splits else ""
-        parts.append(
-            f"with {splits}{found.n_poses} poses a difference below about {mm_text(half)} can "
-            "hardly be seen"
-        )
+    parts += _widest(found)
     if not found.over_splits:
         parts.append(
             "one split says nothing about another training: use --splits 5 or more"
@@ -78,7 +86,31 @@ def _of_one(report: Report, found: Comparison) -> str:
             else "all fits share nearly one training set, which says nothing about another: use "
             "--protocol repeated-holdout"
         )
+    if found.selects_on_test:
+        parts.append(f"{found.name.protocol} lets models choose on the test part")
     return f"{'; '.join(parts)}."
+
+
+def _widest(found: Comparison) -> Iterator[str]:
+    """Yield how far the least known of the unclear differences may lie from zero."""
+    unclear = [row for row in found.rows if row.verdict == "open"]
+    if unclear:
+        row = max(unclear, key=lambda one: one.cautious.high - one.cautious.low)
+        splits = f"{found.splits_text} and " if found.over_splits else ""
+        yield (
+            f"with {splits}{found.n_poses} poses the widest interval of an unclear difference is "
+            f"that of {error_label(row.error)}, {_interval(row)}"
+        )
+
+
+def error_label(error: str) -> str:
+    """Return a kind of error for people."""
+    return "3-D" if error == NORM else error.upper()
+
+
+def _interval(row: Row) -> str:
+    """Return the interval that is spoken of; the table beneath may show two."""
+    return f"{_range(row.cautious.low, row.cautious.high)} over {row.cautious_over}"
 
 
 def _scope(found: Comparison) -> str:
@@ -96,12 +128,13 @@ def _headline(report: Report, found: Comparison, names: Mapping[str, str]) -> st
     if row.verdict == "equivalent":
         return (
             f"{a} and {b} are equivalent in practice {on}: their mean 3-D errors differ by less "
-            f"than {rope} with probability {chance_text(main.posterior.equivalent)}"
+            f"than {rope} with probability {chance_text(main.posterior.equivalent)} over "
+            f"{row.cautious_over}"
         )
     if row.verdict == "open":
         return (
             f"{a} and {b} cannot be told apart {on}: the mean 3-D error of {a} less that of {b} is "
-            f"{MM * row.difference:.3f} mm ({level} interval {_range(main.low, main.high)})"
+            f"{MM * row.difference:.3f} mm ({level} interval {_interval(row)})"
         )
     better, worse, sign = (a, b, -1.0) if row.verdict == "a" else (b, a, 1.0)
     low, high = sorted((sign * main.low, sign * main.high))
@@ -109,8 +142,8 @@ def _headline(report: Report, found: Comparison, names: Mapping[str, str]) -> st
     chance = posterior.a_better if row.verdict == "a" else posterior.b_better
     return (
         f"{better} is better than {worse} {on}: its mean 3-D error is "
-        f"{mm_text(abs(row.difference))} smaller ({level} interval {_range(low, high)}; by more "
-        f"than {rope} with probability {chance_text(chance)})"
+        f"{mm_text(abs(row.difference))} smaller ({level} interval {_range(low, high)} over "
+        f"{row.cautious_over}; by more than {rope} with probability {chance_text(chance)})"
     )
 
 
@@ -142,9 +175,15 @@ def _setting(found: Comparison) -> str:
     return ", ".join(filter(None, (name.protocol, name.condition, found.splits_text)))
 
 
-def name_with_mark(report: Report, side: str) -> str:
-    """Return the name of side "a" or "b" with all that must stand beside it."""
-    name = getattr(report, side)
-    marks = dict.fromkeys(mark_of(getattr(one, side)) for one in report.comparisons)
-    mark = " / ".join(filter(None, marks))
-    return f"{name} [{mark}]" if mark else name
+def name_with_mark(shown: Presentation) -> str:
+    """Return a model's name with all that must stand beside it in a contest."""
+    mark = mark_of(shown)
+    return f"{shown.model} [{mark}]" if mark else shown.model
+
+
+def contest_marks(found: Comparison) -> str:
+    """Return what must stand beside a contest among others: its own mark, A's and B's."""
+    a, b = mark_of(found.a), mark_of(found.b)
+    marks = [f"A and B: {a}"] if a == b else [f"A: {a}" if a else "", f"B: {b}" if b else ""]
+    own = SELECTS_ON_TEST if found.selects_on_test else ""
+    return "; ".join(filter(None, [own, *(marks if a or b else [])]))

@@ -12,6 +12,7 @@ from stiff_bench.collected import (
     competitor_names,
     left_out_notes,
     same_name_other_data,
+    shown_names,
     stands_for,
 )
 from stiff_bench.natural_order import natural_key
@@ -52,16 +53,23 @@ def shown_contests(contests: Sequence[Contest], words: Sequence[str]) -> ShownCo
     names = _named(usable, words)
     ranked = [c for c in usable if _n_run(c, names) >= FEWEST_RANKED]
     if not ranked:
-        why = "".join(f"; {note}" for note in left_out_notes(usable))
+        why = "".join(f"; {note.removesuffix('.')}" for note in _data_notes(contests))
         raise ConfigError(
             "there is nothing to rank: no two models have results on the same stiffness data, "
             f"protocol and condition (models with results: {', '.join(names) or 'none'}){why}"
         )
-    lonely = [c for c in usable if _n_run(c, names) == 1]
+    lonely = sorted((c for c in usable if _n_run(c, names) == 1), key=_order)
+    called = shown_names(usable)
     return ShownContests(
         contests=tuple(sorted(ranked, key=_order)),
         models=tuple(name for name in names if any(name in c.competitors for c in ranked)),
-        notes=(*_data_notes(contests), *_lonely_notes(lonely)),
+        notes=(
+            *_data_notes(contests),
+            *(
+                f"{called[c.name]} is left out: none of the other models was run there."
+                for c in lonely
+            ),
+        ),
     )
 
 
@@ -100,18 +108,13 @@ def _named(contests: Sequence[Contest], words: Sequence[str]) -> list[str]:
 
 def _data_notes(contests: Sequence[Contest]) -> Iterator[str]:
     for line in same_name_other_data(contests):
-        yield f"{line} Those of the newest run count, the others are left out."
+        yield f"{line.removesuffix('.')}, those of the newest run count, the others are left out."
     yield from left_out_notes(contests)
     others = {
         c.name.dataset: presentation(c) for c in contests if presentation(c).task != STIFFNESS
     }
     for dataset, shown in sorted(others.items()):
         yield f"{dataset} is left out: it is {kind_label(shown.kind, shown.task)}."
-
-
-def _lonely_notes(contests: Sequence[Contest]) -> Iterator[str]:
-    for contest in sorted(contests, key=_order):
-        yield f"{contest.name.text} is left out: none of the other models was run there."
 
 
 def _order(contest: Contest) -> tuple[Any, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from stiff_bench.picture_file import check_suffix, save_figure
 from stiff_bench.rank_analysis import RankAnalysis
-from stiff_bench.same_robot import of_types
+from stiff_bench.same_robot import of_robots
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.paired import LEVEL
 
@@ -21,6 +21,7 @@ WIDTH_INCH = 9.0
 LINE_INCH = 0.22  # of a label, or of a bar
 GAP_INCH = 0.12  # above and beneath a diagram
 HEAD_INCH = 1.4  # title, critical difference and axis of a diagram
+LEGEND_INCH = 0.35
 CD_LINE = 2.0  # height of the critical difference above the axis, in lines
 _STYLE: dict[Any, Any] = {
     "font.size": 9.0,
@@ -60,15 +61,18 @@ def save_diagrams(
     heights = [HEAD_INCH + LINE_INCH * _n_lines(analysis) for analysis in drawn]
     with rc_context(_STYLE):
         layout = ConstrainedLayoutEngine(h_pad=GAP_INCH)
-        figure = Figure(figsize=(WIDTH_INCH, sum(heights)), layout=layout)
+        figure = Figure(figsize=(WIDTH_INCH, sum(heights) + LEGEND_INCH), layout=layout)
         axes = figure.subplots(len(drawn), 1, squeeze=False, height_ratios=heights)[:, 0]
         for analysis, ax in zip(drawn, axes, strict=True):
             _draw(analysis, ax)
-            robots = f"{of_types(analysis.robots)} ({' and '.join(kinds)})"
             ax.set_title(
                 f"{analysis.text} | mean rank of {measure} | "
-                f"{len(analysis.robots)} robots: {robots}"
+                f"{of_robots(analysis.families)} ({' and '.join(kinds)})"
             )
+        figure.supxlabel(
+            f"models joined by a bar are not told apart (Nemenyi, {LEVEL:g}); left is better",
+            fontsize=_STYLE["font.size"],
+        )
         save_figure(figure, path)
 
 

@@ -66,8 +66,8 @@ class Field:
             if len(done) < n_all
         ]
         return (
-            f"{self.name.text}: only the {len(self.slots)} of {n_all} splits count that all "
-            f"models have ({', '.join(lacking)})"
+            f"only the {len(self.slots)} of {n_all} splits count that all models have "
+            f"({', '.join(lacking)})"
         )
 
 
@@ -76,9 +76,9 @@ def field_of(
 ) -> Field:
     """Return who of the models takes part, and with which scores.
 
-    A model that was run on fewer splits, and has them all, takes part, and only the splits that
-    all have count. One whose run did not come to its end, or that lacks a value, is missing, so
-    that it takes no split from the others.
+    A model that was asked for fewer splits, and has them all, takes part, and only the splits that
+    all have count. One that lacks a value is missing, and so is one whose run did not come to its
+    end, unless it has every split that the finished ones share: it takes none from the others.
 
     Args:
         contest: the stored results.
@@ -89,9 +89,8 @@ def field_of(
     Raises:
         StoreError: two models have no split in common.
     """
-    missing = {
-        model: reason for model in models if (reason := _why_missing(contest, model, key, asked))
-    }
+    missing = {model: reason for model in models if (reason := _why_missing(contest, model, key))}
+    missing |= _unfinished(contest, [model for model in models if model not in missing], asked)
     present = [model for model in models if model not in missing]
     slots = tuple(contest.shared_slots(present)) if present else ()
     if present and not slots:
@@ -106,7 +105,7 @@ def complete_models(fields: Sequence[Field]) -> tuple[str, ...]:
     return tuple(sorted(set.intersection(*(set(field.scores) for field in fields))))
 
 
-def _why_missing(contest: Contest, model: str, key: SortKey, asked: Set[str]) -> str:
+def _why_missing(contest: Contest, model: str, key: SortKey) -> str:
     competitor = contest.competitors.get(model)
     if competitor is None:
         return NOT_RUN
@@ -116,23 +115,30 @@ def _why_missing(contest: Contest, model: str, key: SortKey, asked: Set[str]) ->
         n_all = len(competitor.reasons) + len(competitor.done)
         said = " ".join(why.split())
         return f"{status.upper()} in {len(competitor.reasons)} of {n_all} splits: {said}"
-    if _unfinished(contest, competitor, asked):
-        return NOT_FINISHED
-    return _why_no_value(contest, model, key)
+    return "" if key.of_splits(contest.results(model)) is not None else f"no value of {key.text}"
 
 
-def _why_no_value(contest: Contest, model: str, key: SortKey) -> str:
-    results = contest.results(model)
-    if key.metric.needs_interval and contest.coverages:
-        wanted = contest.coverages[0]
-        others = {result.cell.coverage for result in results} - {wanted, None}
-        if others:
-            shown = ", ".join(f"{coverage:g}" for coverage in sorted(filter(None, others)))
-            return f"its intervals have another coverage ({shown}, not {wanted:g})"
-    return "" if key.of_splits(results) is not None else f"no value of {key.text}"
+def _unfinished(contest: Contest, models: Sequence[str], asked: Set[str]) -> dict[str, str]:
+    """Return which of these models take no part because their run did not come to its end."""
+    why = {model: _why_unfinished(contest, contest.competitors[model], asked) for model in models}
+    finished = [model for model in models if not why[model]]
+    needed = set(contest.shared_slots(finished))
+    return {
+        model: reason
+        for model, reason in why.items()
+        if reason and not (finished and needed <= contest.competitors[model].done.keys())
+    }
 
 
-def _unfinished(contest: Contest, competitor: Competitor, asked: Set[str]) -> bool:
+def _why_unfinished(contest: Contest, competitor: Competitor, asked: Set[str]) -> str:
+    n_done = len(competitor.done)
+    n_asked = max(result.n_splits for result in competitor.done.values())
+    if n_done < n_asked:
+        return f"{n_done} of {n_asked} splits asked for: {NOT_FINISHED}"
+    return NOT_FINISHED if _asked_for_more(contest, competitor, asked) else ""
+
+
+def _asked_for_more(contest: Contest, competitor: Competitor, asked: Set[str]) -> bool:
     """Say whether a model was to be run on more of the others' splits and was not."""
     own = {result.cell.coverage: result.cell for result in competitor.done.values()}
     rows = {

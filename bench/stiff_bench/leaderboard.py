@@ -8,7 +8,7 @@ the models that are shown and complete, whoever else has results in the folder.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from stiff_bench.collected import Contest, ContestName, competitor_names
 from stiff_bench.contest_choice import FEWEST_RANKED, presentation, shown_contests
 from stiff_bench.field import Field, complete_models, field_of
 from stiff_bench.rank_analysis import RankAnalysis, rank_analyses
+from stiff_bench.same_robot import family_of
 from stiff_bench.sort_key import SortKey
 from stiff_bench.standing import Standing, Standings
 from stiff_bench.tables import mark_of
@@ -92,9 +93,15 @@ class Section:
     @property
     def caveats(self) -> tuple[str, ...]:
         """What must be read with the data sets and the protocols."""
-        shown = [presentation(field.contest) for field in self.fields]
-        said = [caveat for one in shown for caveat in (*one.caveats, one.warning)]
-        return tuple(filter(None, dict.fromkeys(said)))
+        return _caveats(self.fields)
+
+    def caveats_of(self, family: str, protocol: str) -> tuple[str, ...]:
+        """Return what must be read with the data sets of one robot type and a protocol."""
+        return _caveats(
+            field
+            for field in self.fields
+            if (family_of(field.name.dataset), field.name.protocol) == (family, protocol)
+        )
 
     @property
     def marks(self) -> dict[str, str]:
@@ -165,20 +172,7 @@ def build_leaderboard(
         for selects in (False, True)
         if (part := [f for f in fields if presentation(f.contest).selects_on_test == selects])
     )
-    notes = (*shown.notes, *_coverage_notes(shown.contests, key))
-    return Leaderboard(key, sections, notes)
-
-
-def _coverage_notes(contests: Sequence[Contest], key: SortKey) -> Iterator[str]:
-    if not key.metric.needs_interval:
-        return
-    for contest in contests:
-        if len(contest.coverages) > 1:
-            newest, *others = (f"{coverage:g}" for coverage in contest.coverages)
-            yield (
-                f"{contest.name.text}: intervals of coverage {newest} count, those of the newest "
-                f"run; intervals of {', '.join(others)} are left out."
-            )
+    return Leaderboard(key, sections, shown.notes)
 
 
 def _section(fields: list[Field], selects_on_test: bool, standings: Standings) -> Section:
@@ -203,6 +197,12 @@ def _section(fields: list[Field], selects_on_test: bool, standings: Standings) -
         columns=tuple(columns(fields, standings)),
         analyses=tuple(analyses),
     )
+
+
+def _caveats(fields: Iterable[Field]) -> tuple[str, ...]:
+    shown = [presentation(field.contest) for field in fields]
+    said = [caveat for one in shown for caveat in (*one.caveats, one.warning)]
+    return tuple(filter(None, dict.fromkeys(said)))
 
 
 def _takes_part(fields: Sequence[Field], name: str) -> bool:

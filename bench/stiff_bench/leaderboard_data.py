@@ -95,6 +95,7 @@ def _section(section: Section, board: Leaderboard) -> dict[str, Any]:
                 "protocol": column.protocol,
                 "condition": column.condition,
                 "datasets": list(column.datasets),
+                "seeds": list(column.seeds),
                 "unit": unit,
                 "values": {model: _scaled(v, factor) for model, v in column.values.items()},
             }
@@ -135,7 +136,7 @@ def _analysis(analysis: RankAnalysis) -> dict[str, Any]:
         "friedman_p": outcome.friedman_p,
         "critical_difference": outcome.critical_difference,
         "nemenyi": outcome.nemenyi.tolist(),
-        "conover": outcome.conover.tolist(),
+        "conover": None if outcome.conover is None else outcome.conover.tolist(),
         "groups": [[analysis.models[i] for i in group] for group in outcome.groups],
     }
 

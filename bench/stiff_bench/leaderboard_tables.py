@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import compress
 
 import numpy as np
 
+from stiff_bench.analyses_table import analyses_table
 from stiff_bench.board_columns import Column, ColumnValue
+from stiff_bench.collected import shown_names
 from stiff_bench.grouped import grouped
 from stiff_bench.leaderboard import Leaderboard, RankedModel, Section, UnrankedModel
 from stiff_bench.leaderboard_data import as_csv, as_json
 from stiff_bench.rank_analysis import RankAnalysis
 from stiff_bench.render import TextTable, render_texts, value_text
-from stiff_bench.same_robot import dataset_of, of_families, of_types
+from stiff_bench.same_robot import dataset_of, of_families
 from stiff_bench.sort_key import SortKey
 from stiff_bench.tables import SELECTION_MARK, Value
 from stiff_bench.units import PRINTED, percent
@@ -45,7 +48,7 @@ def render_leaderboard(
         tables.append(_ranks(section, board, provenance))
         tables += _by_protocol(section, board.key)
         if any(analysis.outcome for analysis in section.analyses):
-            tables.append(_analyses(section, board.key))
+            tables.append(analyses_table(section, board.key))
     return render_texts(tables, fmt, command)
 
 
@@ -80,11 +83,16 @@ def _scope(section: Section) -> str:
     datasets = dict.fromkeys(dataset_of(field.name.dataset) for field in section.fields)
     protocols = list(dict.fromkeys(field.name.protocol for field in section.fields))
     kinds = " and ".join(section.kinds)
-    return f"{of_families(list(datasets))} ({kinds}) under {', '.join(protocols)}"
+    seeds = _seeds(len({field.name.seed for field in section.fields}))
+    return f"{of_families(list(datasets))} ({kinds}) under {', '.join([*protocols, *seeds])}"
 
 
 def _count(number: int, thing: str) -> str:
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+
+
+def _seeds(number: int) -> list[str]:
+    return [_count(number, "seed")] if number > 1 else []
 
 
 def _label(name: str, mark: str) -> str:
@@ -116,8 +124,8 @@ def _rank_notes(section: Section, key: SortKey) -> Iterator[str]:
         yield (
             f"mean rank: of {_count(n_ranked, 'model')} with a result in every contest, ranked "
             "among themselves; 1 is the best, ties share their mean rank. A contest is a data set "
-            "under a protocol and condition; each weighs the same, so that a protocol weighs as "
-            f"many as it has: {_weights(section)}."
+            "under a protocol, condition and seed; each weighs the same, so that a protocol weighs "
+            f"as many as it has: {_weights(section)}."
         )
         if key.resamples:
             yield (
@@ -128,10 +136,15 @@ def _rank_notes(section: Section, key: SortKey) -> Iterator[str]:
             )
         else:
             yield f"no intervals: {key.metric.key} is no mean over rows, as norm and mae are."
-        yield (
-            f"like the best: contests in which it is the best or not distinguishable from the best "
-            f"({_test_text(key)}; level {LEVEL:g})."
-        )
+        yield _test_text(key)
+        if any(model.within_cd is not None for model in section.ranked):
+            yield (
+                f"within CD of the best: in {section.analyses[0].text}, its mean rank over robots "
+                "is less than the critical difference behind the best one, so that the two are "
+                f"not told apart (Nemenyi, level {LEVEL:g}); yes for all where Friedman's test "
+                "finds no difference. Place and CD go by ranks, * in the tables by the mean error: "
+                "the best of one need not be the best of the other."
+            )
     else:
         yield (
             "no mean ranks: fewer than two models have a result in every contest; name fewer "
@@ -139,19 +152,29 @@ def _rank_notes(section: Section, key: SortKey) -> Iterator[str]:
         )
     for model in section.unranked:
         yield _missing_note(model, len(section.fields))
+    called = shown_names([field.contest for field in section.fields])
     for field in section.fields:
         if field.left_out:
-            yield field.left_out
+            yield f"{called[field.name]}: {field.left_out}"
     yield from _no_analysis_notes(section.analyses)
 
 
 def _test_text(key: SortKey) -> str:
-    if key.resamples:
+    if key.is_cost:
         return (
+            "costs: no test; the first fit of a run loads libraries, and a pre-training from the "
+            "cache is free."
+        )
+    tests = "corrected t over splits, with Holm over the models"
+    if key.resamples:
+        tests = (
             "corrected t over splits, or Wilcoxon over poses where there is one split, with Holm "
             "over the models, and the bootstrap over poses must both find a difference"
         )
-    return "corrected t over splits, with Holm over the models"
+    return (
+        "like the best: contests in which it is the best or not distinguishable from the best "
+        f"({tests}; level {LEVEL:g})."
+    )
 
 
 def _weights(section: Section) -> str:
@@ -160,6 +183,8 @@ def _weights(section: Section) -> str:
 
 
 def _missing_note(model: UnrankedModel, n_contests: int) -> str:
+    if not model.missing:
+        return f"{model.name}: no mean rank, it is the only model with all contests."
     by_reason: dict[str, Counter[str]] = {}
     for contest, reason in model.missing.items():
         block = " | ".join(filter(None, (contest.protocol, contest.condition)))
@@ -189,7 +214,7 @@ def _no_analysis_notes(analyses: Sequence[RankAnalysis]) -> Iterator[str]:
 
 def _by_protocol(section: Section, key: SortKey) -> Iterator[TextTable]:
     """Yield a table for each robot type and protocol; its columns are the conditions."""
-    for (_, protocol), found in grouped(
+    for (family, protocol), found in grouped(
         section.columns, lambda column: (column.family, column.protocol)
     ).items():
         datasets = list(dict.fromkeys(name for column in found for name in column.datasets))
@@ -207,19 +232,26 @@ def _by_protocol(section: Section, key: SortKey) -> Iterator[TextTable]:
                 ]
                 for model in models
             ],
-            notes=(
-                f"{BEST} best of the models with all data sets of a column; {LIKE_BEST} not "
-                "distinguishable from the best in more than half of its data sets; - not run, or "
-                "run not finished"
-                + ("; (2/5) mean over 2 of 5 data sets, not comparable." if several else "."),
-                *section.caveats,
-            ),
+            notes=(_marks_note(key, several), *section.caveats_of(family, protocol)),
         )
+
+
+def _marks_note(key: SortKey, several: bool) -> str:
+    parts = [
+        f"{BEST} best mean of the models with all data sets of a column (place and CD go by ranks)",
+        f"{LIKE_BEST} not distinguishable from the best in more than half of its data sets",
+        "- not run, or run not finished",
+        "(2/5) mean over 2 of 5 data sets, not comparable",
+    ]
+    shown = [True, not key.is_cost, True, several]
+    return "; ".join(compress(parts, shown)) + "."
 
 
 def _heading(column: Column, several: bool) -> str:
     name = column.condition or column.protocol
-    return f"{name} ({_count(len(column.datasets), 'data set')})" if several else name
+    datasets = [_count(len(column.datasets), "data set")] if several else []
+    about = ", ".join([*datasets, *_seeds(len(column.seeds))])
+    return f"{name} ({about})" if about else name
 
 
 def _column_text(column: Column, model: str, key: SortKey) -> str:
@@ -238,57 +270,3 @@ def _column_text(column: Column, model: str, key: SortKey) -> str:
 def _number(value: ColumnValue, key: SortKey) -> str:
     unit, factor = PRINTED[key.metric.unit]
     return value_text(Value(value.mean * factor, value.std * factor, unit))
-
-
-def _analyses(section: Section, key: SortKey) -> TextTable:
-    found = [analysis for analysis in section.analyses if analysis.outcome is not None]
-    types = {robot.type for analysis in found for robot in analysis.robots}
-    notes = [
-        'Friedman: p-value of "all models are equal". CD: mean ranks over robots that are at '
-        f"least so far apart differ (Nemenyi, level {LEVEL:g}). Pairs: told apart by Nemenyi's and "
-        "by Conover's test (Holm). Groups: models that are not told apart. A robot counts once: "
-        "scores on several data sets of it (loads, sensors, seeds) are averaged.",
-    ]
-    if len(types) == 1:
-        notes.append(
-            f"all robots are of one type ({types.pop()}, "
-            f"{' and '.join(section.kinds)}): what holds for its specimens need not hold for "
-            "another robot."
-        )
-    if len(found) > 1:
-        notes.append(
-            "all protocols together: the score of a model on a robot is its mean rank over the "
-            "contests there."
-        )
-    return TextTable(
-        title=f"Critical difference over robots | {key.text}",
-        header=(
-            "protocol, condition",
-            "robots",
-            "models",
-            "Friedman p",
-            "CD",
-            "pairs: Nemenyi",
-            "pairs: Conover",
-            "groups, best first",
-        ),
-        rows=[_analysis_cells(analysis) for analysis in found],
-        notes=[*notes, *section.caveats],
-    )
-
-
-def _analysis_cells(analysis: RankAnalysis) -> list[str]:
-    outcome = analysis.outcome
-    assert outcome is not None
-    upper = np.triu_indices(len(analysis.models), k=1)
-    told = [int((p[upper] < LEVEL).sum()) for p in (outcome.nemenyi, outcome.conover)]
-    groups = [f"{{{', '.join(analysis.models[i] for i in group)}}}" for group in outcome.groups]
-    return [
-        analysis.text,
-        of_types(analysis.robots),
-        str(len(analysis.models)),
-        f"{outcome.friedman_p:.2g}",
-        f"{outcome.critical_difference:.2f}",
-        *(f"{n} of {len(upper[0])}" if analysis.differs else "-" for n in told),
-        (", ".join(groups) or "none") if analysis.differs else "all (Friedman)",
-    ]

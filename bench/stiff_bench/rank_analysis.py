@@ -14,11 +14,14 @@ import numpy as np
 from stiff_bench.collected import ContestName
 from stiff_bench.field import Field, complete_models
 from stiff_bench.grouped import grouped
-from stiff_bench.same_robot import Robot, robots_of
+from stiff_bench.same_robot import Robot, family_of, robots_of
+from stiff_bench.sort_key import SortKey
 from stiff_bench.standing import Standings
 from stiff_protocols.paired import LEVEL
 from stiff_protocols.ranks import OverDatasets, compare_over_datasets, why_not
 from stiff_protocols.types import FloatArray
+
+NOT_OF_COSTS = "does not apply to costs"
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +31,8 @@ class RankAnalysis:
     Attributes:
         protocol, condition: of the block; both "" for all protocols together, where a model's
             score on a robot is its mean rank over the contests there.
-        robots: that count.
+        families: robot that counts -> its data sets' names, without the options that make another
+            robot of its type.
         models: with results on all of them, in the order of the outcome's columns.
         outcome: None where there is none.
         why_none: "" where there is an outcome.
@@ -36,10 +40,15 @@ class RankAnalysis:
 
     protocol: str
     condition: str
-    robots: tuple[Robot, ...]
+    families: Mapping[Robot, tuple[str, ...]]
     models: tuple[str, ...]
     outcome: OverDatasets | None
     why_none: str
+
+    @property
+    def robots(self) -> tuple[Robot, ...]:
+        """The robots that count."""
+        return tuple(self.families)
 
     @property
     def text(self) -> str:
@@ -81,7 +90,7 @@ def _of_block(
     scores = {
         field.name: np.array([sign * field.mean(model) for model in models]) for field in fields
     }
-    return _analysis(protocol, condition, models, scores, robots)
+    return _analysis(protocol, condition, models, scores, robots, standings.key)
 
 
 def _of_all(
@@ -89,7 +98,7 @@ def _of_all(
 ) -> RankAnalysis:
     models = complete_models(fields)
     scores = {field.name: standings.of(field, models).ranks for field in fields}
-    return _analysis("", "", models, scores, robots)
+    return _analysis("", "", models, scores, robots, standings.key)
 
 
 def _analysis(
@@ -98,13 +107,18 @@ def _analysis(
     models: tuple[str, ...],
     scores: Mapping[ContestName, FloatArray],
     robots: Mapping[ContestName, Robot],
+    key: SortKey,
 ) -> RankAnalysis:
     """Return the analysis of the (m,) scores in each contest, averaged over those of one robot."""
     of_robots = grouped(scores, lambda name: robots[name])
-    why_none = why_not(len(of_robots), len(models))
+    why_none = NOT_OF_COSTS if key.is_cost else why_not(len(of_robots), len(models))
     outcome = None
     if not why_none:
         outcome = compare_over_datasets(
             [np.mean([scores[name] for name in names], axis=0) for names in of_robots.values()]
         )
-    return RankAnalysis(protocol, condition, tuple(of_robots), models, outcome, why_none)
+    families = {
+        robot: tuple(dict.fromkeys(family_of(name.dataset) for name in names))
+        for robot, names in of_robots.items()
+    }
+    return RankAnalysis(protocol, condition, families, models, outcome, why_none)

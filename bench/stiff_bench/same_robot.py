@@ -6,7 +6,7 @@ they say nothing on another one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from stiff_bench.choice import OPTION_MARK, split_word
@@ -60,12 +60,19 @@ def robots_of(
     return {contest.name: robots[contest.name.data_sha256] for contest in contests}
 
 
-def of_types(robots: Sequence[Robot]) -> str:
-    """Return how many robots of which type, e.g. "5 x kr10_r1100_2, ur5"."""
-    return ", ".join(
-        kind if len(members) == 1 else f"{len(members)} x {kind}"
-        for kind, members in grouped(robots, lambda robot: robot.type).items()
-    )
+def of_robots(families: Mapping[Robot, Sequence[str]]) -> str:
+    """Return how many robots, and in which data, e.g. "5 specimens of kr10-twin".
+
+    Args:
+        families: robot -> names of its data sets, without what makes another robot of its type.
+    """
+    parts = []
+    for members in grouped(families, lambda robot: robot.type).values():
+        named = " and ".join(dict.fromkeys(name for robot in members for name in families[robot]))
+        parts.append(f"{len(members)} specimens of {named}" if len(members) > 1 else named)
+    if len(parts) == 1 and len(families) > 1:
+        return parts[0]
+    return f"{len(families)} robot{'s' * (len(families) > 1)}: {', '.join(parts)}"
 
 
 def dataset_of(name: str) -> str:

@@ -38,10 +38,10 @@ class SortKey:
     def text(self) -> str:
         """Metric, axis and unit for people."""
         unit, _ = PRINTED[self.metric.unit]
-        along = f" of {self.axis}" if self.axis else ""
-        if len(self._axes) > 1:
-            along = f", mean over {', '.join(self._axes)},"
-        return f"{self.metric.key}{along}" + (f" [{unit}]" if unit else "")
+        of_axis = f" of {self.axis}" if self.axis else ""
+        shown_unit = f" [{unit}]" if unit else ""
+        over = f", mean over {', '.join(self._axes)}" if len(self._axes) > 1 else ""
+        return f"{self.metric.key}{of_axis}{shown_unit}{over}"
 
     @property
     def sign(self) -> float:
@@ -52,6 +52,11 @@ class SortKey:
     def resamples(self) -> bool:
         """Whether the metric is a mean over rows, so that poses can be resampled."""
         return self.metric.key in _ROW_ERRORS
+
+    @property
+    def is_cost(self) -> bool:
+        """Whether it is measured on the machine: time or memory, which no test here applies to."""
+        return self.metric.of_cost is not None
 
     @property
     def _axes(self) -> tuple[str, ...]:
@@ -88,16 +93,19 @@ def sort_key(key: str, axis: str | None) -> SortKey:
     """Return what `--metric` and `--axis` name.
 
     Raises:
-        ConfigError: there is no such metric, it has no better and worse, or it has no such axis.
+        ConfigError: there is no such metric, it does not say which model is better, or it has no
+            such axis.
     """
     found = metric(key)
-    ranking = [m for m in METRICS.values() if m.direction != "nominal"]
+    ranking = [m for m in METRICS.values() if not m.needs_interval]
     if found not in ranking:
-        valid = ", ".join(m.key for m in ranking)
-        raise ConfigError(
-            f"--metric {key}: its best value is the nominal one, so it does not rank models "
-            f"(valid: {valid})"
+        why = (
+            "its best value is the nominal one"
+            if found.direction == "nominal"
+            else "narrower intervals are better only at equal coverage"
         )
+        valid = ", ".join(m.key for m in ranking)
+        raise ConfigError(f"--metric {key}: {why}, so it does not rank models (valid: {valid})")
     if axis is not None and axis not in found.axes:
         with_axes = ", ".join(m.key for m in ranking if m.axes == AXES)
         raise ConfigError(

@@ -16,17 +16,22 @@ class SplitSizes:
 
     Attributes:
         n_train, n_test: rows of one split, means over the splits.
-        train_known: the number of training rows was stored; else it is all that was not tested.
+        n_samples: rows of the data set.
     """
 
     n_train: float
     n_test: float
-    train_known: bool
+    n_samples: int
 
     @property
     def test_share(self) -> float:
-        """Part of the rows (0..1) that a split tests on."""
-        return self.n_test / (self.n_test + self.n_train)
+        """Part of the data set (0..1) that a split tests on.
+
+        Where a split trains on a part of the rest alone (a learning curve), this still is what ties
+        the splits' results together, not n_test / (n_test + n_train): few training rows hardly
+        overlap from split to split (counted in tests/protocols/test_false_positives.py).
+        """
+        return self.n_test / self.n_samples
 
 
 def split_sizes(results: Sequence[CellResult], n_samples: int) -> SplitSizes:
@@ -37,7 +42,5 @@ def split_sizes(results: Sequence[CellResult], n_samples: int) -> SplitSizes:
         n_samples: rows of the data set.
     """
     n_test = np.mean([len(r.prediction.rows) for r in results if r.prediction is not None])
-    trained = [result.n_train for result in results]
-    known = all(trained)
-    n_train = np.mean(trained) if known else n_samples - n_test
-    return SplitSizes(float(n_train), float(n_test), known)
+    n_train = np.mean([result.n_train for result in results])
+    return SplitSizes(float(n_train), float(n_test), n_samples)

@@ -93,7 +93,7 @@ class Standing:
 
     @cached_property
     def like_best(self) -> BoolArray | None:
-        """(m,) whether a model cannot be told from the best; None where no test applies.
+        """(m,) whether a model cannot be told from the best; None: no test applies, as to costs.
 
         The rule of `bench compare`: a difference is found by the corrected t over splits, or by
         Wilcoxon's test over poses where there is one split or all are scored together; p is
@@ -101,6 +101,8 @@ class Standing:
         `LEVEL` of the draws, both tails together, turn it round. Draws are not corrected: among
         many models Holm would ask for rarer events than they hold.
         """
+        if self.key.is_cost:
+            return None
         best = int(np.argmax(self.is_best))
         others = [index for index in range(len(self.models)) if index != best]
         p_values = [self._p_value(index, best) for index in others]

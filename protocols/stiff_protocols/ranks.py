@@ -31,7 +31,8 @@ class OverDatasets:
         friedman_p: p-value of "all models are equal".
         nemenyi: (m, m) p-values of each pair, corrected for all pairs; 1 on the diagonal.
         conover: (m, m) the same by Conover's test with Holm's correction: more powerful, less
-            careful. It is 0 for unequal models where all data sets agree on every rank.
+            careful. None where all data sets agree on every rank: it measures by their
+            disagreement, and without any it would be certain of every difference.
         critical_difference: two mean ranks that are at least so far apart differ at `LEVEL`.
         groups: each a largest set of two or more models, by their column and best first, none of
             which is so far from another; a model may belong to several.
@@ -40,7 +41,7 @@ class OverDatasets:
     mean_ranks: FloatArray
     friedman_p: float
     nemenyi: FloatArray
-    conover: FloatArray
+    conover: FloatArray | None
     critical_difference: float
     groups: list[tuple[int, ...]]
 
@@ -50,8 +51,9 @@ def why_not(n_datasets: int, n_models: int) -> str:
     if n_datasets < FEWEST_DATASETS:
         verb = "is" if n_datasets == 1 else "are"
         return (
-            f"needs at least {FEWEST_DATASETS} data sets, here {verb} {n_datasets}: splits of one "
-            "data set do not count, they share their samples"
+            f"needs at least {FEWEST_DATASETS} data sets of different robots, here {verb} "
+            f"{n_datasets}: splits of one data set, and several data sets of one robot, do not "
+            "count"
         )
     if n_models < FEWEST_MODELS:
         verb = "is" if n_models == 1 else "are"
@@ -107,12 +109,12 @@ def _nemenyi(ranks: FloatArray) -> FloatArray:
     return np.array(scikit_posthocs.posthoc_nemenyi_friedman(ranks), dtype=np.float64)
 
 
-def _conover(ranks: FloatArray) -> FloatArray:
-    """Return Conover's p-values; in the limit where the data sets agree and leave no residual."""
+def _conover(ranks: FloatArray) -> FloatArray | None:
+    """Return Conover's p-values; None where the data sets agree and leave no residual."""
     import scikit_posthocs
 
     if (ranks == ranks[0]).all():
-        return np.asarray(ranks[0][:, None] == ranks[0], dtype=np.float64)
+        return None
     return np.array(
         scikit_posthocs.posthoc_conover_friedman(ranks, p_adjust="holm"), dtype=np.float64
     )

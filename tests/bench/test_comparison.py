@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from stiff_bench.comparison import compare
 from stiff_bench.comparison_text import render_report
 from stiff_bench.comparison_words import sentence
 from stiff_bench.estimates import Estimate, Question, decide
-from stiff_bench.store import ResultStore
+from stiff_bench.store import ResultStore, read_results
 from stiff_protocols.errors import ConfigError, StoreError
 from stiff_protocols.paired import Posterior
 from stiff_protocols.record import RunManifest
@@ -75,22 +76,18 @@ def test_the_length_of_the_error_is_a_test_of_its_own(tmp_path):
     assert found.row("x").main.p_value == pytest.approx(3 * found.row("norm").main.p_value)
 
 
-def test_fewer_training_rows_make_the_interval_wider(tmp_path):
+def test_the_tested_share_of_the_data_corrects_however_few_rows_are_trained_on(tmp_path):
     widths = [
         row.main.high - row.main.low
         for n_train in (32, 5)
         for row in [compared(store_results(tmp_path / f"{n_train}", PAIR, n_train=n_train)).rows[0]]
     ]
-    factors = [math.sqrt(1 / 5 + 8 / n_train) for n_train in (32, 5)]
-    assert widths[1] / widths[0] == pytest.approx(factors[1] / factors[0])
-    careful = "the correction is very careful"
-    assert careful in text_of(tmp_path / "5") and careful not in text_of(tmp_path / "32")
+    assert widths[1] == widths[0]
+    assert "8 rows tested and 5 trained on in a split" in text_of(tmp_path / "5")
 
 
-def test_results_without_their_number_of_training_rows_say_what_is_taken_for_it(tmp_path):
-    folder = store_results(tmp_path, PAIR, n_train=0)
-    assert compared(folder).sizes.n_train == 40 - 8
-    assert "number of training rows was not stored" in text_of(folder)
+def test_a_number_of_training_rows_that_was_not_stored_is_not_named(tmp_path):
+    assert "8 rows tested in a split" in text_of(store_results(tmp_path, PAIR, n_train=0))
 
 
 def test_a_cell_stores_the_rows_of_its_training_side(tasks_of):
@@ -142,8 +139,21 @@ def test_the_sentence_for_equal_models_says_equivalent_and_for_noise_not_told_ap
     folder = store_results(tmp_path / "noise", noise)
     said = sentence(report_on(folder))
     assert said.startswith("a and b cannot be told apart on made (kfold, 5 splits): ")
-    half = max(0.5 * (e.high - e.low) for e in (row.cautious for row in compared(folder).rows))
-    assert f"with 5 splits and 40 poses a difference below about {1000 * half:.3f} mm can" in said
+    assert "with 5 splits and 40 poses the widest interval of an unclear difference is" in said
+
+
+def test_the_widest_interval_of_the_sentence_is_named_and_stands_in_the_table(tmp_path):
+    draws = np.random.default_rng(0).normal(0.0, 1.0, (2, 40, 3))
+
+    def noisy(side):
+        return lambda _, rows: draws[side][rows] * [1e-4, 9e-4, 1e-4] + [2e-3, 0.0, 0.0]
+
+    folder = store_results(tmp_path, {"a": noisy(0), "b": noisy(1)})
+    row = compared(folder).row("y")
+    low, high = (1000 * bound for bound in (row.cautious.low, row.cautious.high))
+    said = sentence(report_on(folder))
+    assert f"is that of Y, {low:.3f} to {high:.3f} mm over {row.cautious_over}" in said
+    assert f" {low:+.4f} to {high:+.4f} |" in text_of(folder)
 
 
 def test_the_sentence_names_the_better_one_by_how_much_and_in_which_axes(tmp_path):
@@ -154,6 +164,7 @@ def test_the_sentence_names_the_better_one_by_how_much_and_in_which_axes(tmp_pat
             "a is better than b on made (kfold, 5 splits): its mean 3-D error is 0.106 mm smaller "
         )
         assert "by more than 0.01 mm with probability > 0.99" in said
+        assert "mm over splits; by" in said
         assert "a is better in X (0.106 mm); in Y and Z they are equivalent" in said
 
 
@@ -245,7 +256,7 @@ def test_splits_that_differ_by_exactly_the_same_do_not_decide_alone(tmp_path):
         return np.column_stack([2.15e-4 + swing[rows], np.zeros((len(rows), 2))])
 
     models = {"a": steady(2e-4, 2e-4), "b": b}
-    folder = store_results(tmp_path, models, tests=[np.arange(40)] * 2)
+    folder = store_results(tmp_path, models, tests=[np.arange(36)] * 2)
     row = compared(folder).row("norm")
     assert row.over_splits.p_value == 0.0 and row.over_splits.high < 0.0
     assert row.verdict == "open"
@@ -292,11 +303,13 @@ def test_a_winner_on_the_poses_that_every_split_tests_needs_other_poses_too(tmp_
         return np.column_stack([x, np.zeros((len(rows), 2))])
 
     models = {"a": steady(*[2e-4] * 5), "b": b}
-    folder = store_results(tmp_path, models, tests=[np.arange(40)] * 5)
+    folder = store_results(tmp_path, models, tests=[np.arange(36)] * 5)
     row = compared(folder).row("norm")
     assert row.over_splits.p_value < 0.05 and row.over_splits.high < 0.0
     assert row.over_poses.high > 0.0
     assert row.verdict == "open" and row.cautious == row.over_poses
+    low, high = (1000 * bound for bound in (row.over_poses.low, row.over_poses.high))
+    assert f"(95 % interval {low:.3f} to {high:.3f} mm over poses)" in sentence(report_on(folder))
     text = text_of(folder)
     assert "not told apart (poses)" in text and "test the same rows" in text
 
@@ -374,12 +387,131 @@ def test_what_must_stand_beside_the_names_stands_there(tmp_path):
         assert note in text
 
 
+def rewritten(folder, source, of=lambda result: result):
+    """Write the results of a folder, changed, into another one."""
+    store = ResultStore(folder)
+    store.write_data(made_data())
+    for result in read_results(source):
+        store.write_cell(of(result))
+    return folder
+
+
+def test_a_model_may_spell_out_the_defaults_that_its_results_were_made_with(tmp_path):
+    options = {"a": {"depth": 3}, "knn": {"neighbours": 5, "scale": 1e-3, "weights": "near"}}
+    options["knn@weights=far"] = options["knn"] | {"weights": "far"}
+    plain = store_results(tmp_path / "plain", {name: PAIR["a"] for name in options})
+    folder = rewritten(
+        tmp_path / "r",
+        plain,
+        lambda one: replace(one, cell=replace(one.cell, model_params=options[one.cell.model])),
+    )
+    for word, name in (
+        ("knn@neighbours=5", "knn"),
+        ("knn@scale=0.001@weights=near", "knn"),
+        ("knn@weights=far@neighbours=5", "knn@weights=far"),
+    ):
+        assert report_on(folder, b=word).b == name
+    for word in ("knn@neighbours=6", "knn@colour=red"):
+        with pytest.raises(ConfigError, match=f"no results of '{word}' in .*'knn', 'knn@weights"):
+            report_on(folder, b=word)
+    with pytest.raises(ConfigError, match="compare 'a' with another model than itself"):
+        report_on(folder, b="a@depth=3")
+
+
+def test_in_the_overview_marks_stand_beside_their_contest_alone(tmp_path):
+    store_results(tmp_path, PAIR, condition="n = 5")
+    regime = {"regime": "no source: target alone"}
+    store_results(tmp_path, PAIR, condition="n = 6", own={"a": regime})
+    store_results(tmp_path, PAIR, condition="n = 7", own={"a": regime, "b": regime})
+    text = text_of(tmp_path)
+    assert "**A = a, B = b | 3 contests" in text
+    rows = [line.split(" | ")[0].strip("| ") for line in text.splitlines() if "| made" in line]
+    assert rows == [
+        "made, kfold, n = 5",
+        "made, kfold, n = 6 [A: no source: target alone]",
+        "made, kfold, n = 7 [A and B: no source: target alone]",
+    ]
+    marks = [(c["mark_a"], c["mark_b"]) for c in json.loads(text_of(tmp_path, "json"))["contests"]]
+    assert marks == [("", ""), (regime["regime"], ""), (regime["regime"], regime["regime"])]
+
+
+def test_what_selects_on_the_test_part_is_marked_and_not_counted(tmp_path):
+    store_results(tmp_path, PAIR, condition="n = 5")
+    store_results(tmp_path, PAIR, condition="n = 6")
+    store_results(
+        *(tmp_path, PAIR),
+        condition="paper",
+        selects_on_test=True,
+        warning="beware.",
+        own={"b": {"picked_on_test": True}},
+    )
+    assert sentence(report_on(tmp_path)) == (
+        "Of 2 contests a is better in 2 and b in 0; in 0 they are equivalent to within 0.01 mm, in "
+        "0 they cannot be told apart. Not counted: 1 contest whose protocol lets models choose on "
+        "the test part."
+    )
+    mark = "[selects on the test part; B: epoch picked on test part]"
+    assert f"| made, kfold, paper {mark} " in text_of(tmp_path)
+    alone = sentence(report_on(tmp_path, conditions=("paper",)))
+    assert alone.endswith("; kfold lets models choose on the test part.")
+    lines = csv.DictReader(io.StringIO(text_of(tmp_path, "csv")))
+    assert {line["condition"] for line in lines if line["selects_on_test"] == "True"} == {"paper"}
+
+
+def test_contests_with_one_text_are_told_apart_by_what_differs_and_seeds_are_in_order(tmp_path):
+    plain = store_results(tmp_path / "plain", PAIR)
+    for seed in (10, 3):
+        rewritten(
+            tmp_path / "r",
+            plain,
+            lambda one, seed=seed: replace(one, cell=replace(one.cell, seed=seed)),
+        )
+    hashes = [made_data(number).sha256 for number in (1, 2)]
+    for number in (1, 2):
+        store_results(tmp_path / "r", PAIR, data=made_data(number), condition="n = 5")
+    store_results(tmp_path / "r", PAIR, condition="n = 6")
+    text = text_of(tmp_path / "r")
+    rows = [line.split(" | ")[0].strip("| ") for line in text.splitlines() if "| made" in line]
+    assert rows == [
+        "made, kfold, seed 3",
+        "made, kfold, seed 10",
+        *(f"made, kfold, n = 5, data {sha256[:8]}" for sha256 in sorted(hashes)),
+        "made, kfold, n = 6",
+    ]
+
+
+def test_splits_that_were_asked_for_and_never_run_are_counted(tmp_path):
+    plain = store_results(tmp_path / "plain", PAIR, tests=fifths(5)[:2])
+    assert "asked for" not in text_of(plain)  # older results do not know
+    for asked, noted in ((5, True), (2, False)):
+        folder = rewritten(
+            tmp_path / f"{asked}", plain, lambda one, n=asked: replace(one, n_splits=n)
+        )
+        assert ("2 of 5 splits asked for were run." in text_of(folder)) == noted
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "valid"),
+    [
+        ("--rope", "inf", "(valid: 0 or more)"),
+        ("--rope", "nan", "(valid: 0 or more)"),
+        ("--confidence", "nan", "(valid: between 0 and 1)"),
+        ("--seed", str(2**32), "0<=x<=4294967295"),
+    ],
+)
+def test_numbers_that_mean_nothing_are_refused(option, value, valid):
+    done = CliRunner().invoke(compare_command, ["a", "b", option, value])
+    assert done.exit_code == 2
+    assert f"Invalid value for '{option}': {value} is not" in done.output and valid in done.output
+
+
 def test_what_cannot_be_compared_is_one_clear_line(tmp_path):
     folder = store_results(tmp_path / "r", PAIR)
     store_results(folder, {"vjm@slopes=2": PAIR["a"]}, condition="elsewhere")
     for words, message in (
         ({"b": "a"}, "compare 'a' with another model than itself"),
-        ({"b": "vjm@slopes=3"}, r"unknown model 'vjm@slopes=3'; did you mean 'vjm@slopes=2'\? \("),
+        ({"b": "vjm@slopes=3"}, "no results of 'vjm@slopes=3' in .*; there are .*'vjm@slopes=2'"),
+        ({"b": "aa"}, r"no results of 'aa' in .*; did you mean 'a'\? \(there are: a, b, vjm@slo"),
         ({"b": "vjm"}, "no results of 'vjm' with its default options in .*'vjm@slopes=2'"),
         (
             {"b": "vjm@slopes=2"},
@@ -387,7 +519,10 @@ def test_what_cannot_be_compared_is_one_clear_line(tmp_path):
             r"in \(made \| kfold \| elsewhere\)",
         ),
         ({"datasets": ("mode",)}, "--dataset: .*'mode'; did you mean 'made'"),
-        ({"conditions": ("else",)}, "--condition: unknown condition 'else'"),
+        (
+            {"conditions": ("else",)},
+            r"--condition: unknown condition 'else'; did .*\(valid: elsewhere\)$",
+        ),
     ):
         with pytest.raises(ConfigError, match=message):
             report_on(folder, **words)

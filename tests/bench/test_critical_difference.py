@@ -24,7 +24,7 @@ def analysis_of(scores: np.ndarray, **changes) -> RankAnalysis:
     fields = {
         "protocol": "kfold",
         "condition": "n = 5",
-        "robots": tuple(Robot("twin", str(number)) for number in range(n_datasets)),
+        "families": {Robot("kr10", str(number)): ("twin",) for number in range(n_datasets)},
         "models": NAMES[:n_models],
         "outcome": compare_over_datasets(scores),
         "why_none": "",
@@ -41,10 +41,11 @@ def test_the_diagram_names_metric_protocol_data_sets_and_every_model(tmp_path, r
     scores = np.arange(20) + rng.normal(size=(6, 20))
     save_diagrams([analysis_of(scores)], "norm [mm]", ("simulated",), path)
     said = texts(path)
-    assert "kfold | n = 5 | mean rank of norm [mm] | 6 robots: 6 x twin (simulated)" in said
+    assert "kfold | n = 5 | mean rank of norm [mm] | 6 specimens of twin (simulated)" in said
     for name in NAMES:
         assert re.search(rf"\b{name}\b", said)
     assert "critical difference 12.1" in said  # 3.544 sqrt(20 * 21 / 36)
+    assert "models joined by a bar are not told apart (Nemenyi, 0.05); left is better" in said
 
 
 def test_one_bar_stands_over_all_where_friedman_finds_nothing(tmp_path):
@@ -79,7 +80,7 @@ def test_without_an_analysis_the_command_says_why_and_writes_nothing(tmp_path):
     words = ["--results", str(made.folder), "--figure", str(figure)]
     done = CliRunner().invoke(leaderboard, words)
     assert isinstance(done.exception, ConfigError)
-    assert "needs at least 5 data sets, here are 2" in str(done.exception)
+    assert "needs at least 5 data sets of different robots, here are 2" in str(done.exception)
     assert done.output == "" and not figure.exists()
 
 

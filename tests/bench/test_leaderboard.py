@@ -7,6 +7,8 @@ import io
 import json
 import subprocess
 import sys
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +20,11 @@ from stiff_bench.collected import chosen_contests, collect
 from stiff_bench.leaderboard import Leaderboard, build_leaderboard
 from stiff_bench.leaderboard_tables import render_leaderboard
 from stiff_bench.sort_key import sort_key
-from stiff_bench.store import read_manifests
+from stiff_bench.store import ResultStore, read_manifests, read_results
 from stiff_protocols.bootstrap import pose_errors, resampled_means
 from stiff_protocols.errors import ConfigError, StoreError
+from stiff_protocols.metrics import METRICS
+from stiff_protocols.record import ResultRecord
 
 
 @pytest.fixture()
@@ -48,6 +52,13 @@ def cells(board: Leaderboard, title: str) -> dict[str, list[str]]:
     table = text_of(board).split(f"**{title}")[1]
     lines = [line.strip("|").split("|") for line in table.splitlines() if line.startswith("|")]
     return {name.strip(): [cell.strip() for cell in found] for name, *found in lines[2:]}
+
+
+def rewrite(made: MadeResults, keys: Sequence[str], **changes) -> None:
+    """Change fields of stored results."""
+    for result in list(read_results(made.folder)):
+        if result.cell.key in keys:
+            ResultStore(made.folder).write_cell(replace(result, **changes))
 
 
 def ranks(board: Leaderboard) -> dict[str, float]:
@@ -168,6 +179,13 @@ def test_of_data_that_changed_under_one_name_only_those_of_the_newest_run_count(
     assert "twin stands for different data here" in text_of(board)
 
 
+def test_where_nothing_can_be_ranked_the_data_that_a_newer_run_replaced_are_named(made):
+    made.add("a", [1.0], version=1, run_id="20260101T")
+    made.add("b", [1.0], version=0, run_id="20270101T")
+    with pytest.raises(ConfigError, match=r"nothing to rank.*twin stands for different data here"):
+        board_of(made)
+
+
 def test_another_task_never_enters(made):
     add_three(made)
     made.add("a", [9.0, 9.0], "ur5-pose-error", task="pose-error", kind="measured")
@@ -286,7 +304,7 @@ def test_five_specimens_are_five_data_sets_but_splits_and_seeds_are_none(made):
             made.add(model, [error + number / 10] * 6, dataset)
     board = board_of(made)
     assert n_robots(board) == 4
-    assert "needs at least 5 data sets, here are 4" in text_of(board)
+    assert "needs at least 5 data sets of different robots, here are 4" in text_of(board)
     for model, error in (("a", 1.0), ("b", 2.0), ("c", 3.0)):
         made.add(model, [error], TWINS[4])
     board = board_of(made)
@@ -299,6 +317,10 @@ def test_five_specimens_are_five_data_sets_but_splits_and_seeds_are_none(made):
     assert [model.within_cd for model in section.ranked] == [True, True, False]
     text = text_of(board)
     assert "{a, b}, {b, c}" in text and "5 x twin" in text
+    assert "less than the critical difference behind the best one" in text
+    # all five agree, so that Conover's test has no residual: 2 (1/2)^5 = 0.0625
+    assert cells(board, "Critical difference over robots")["holdout"][5] == "-"
+    assert "5 robots that agree have an exact two-sided p of 0.0625 for a pair" in text
     assert "all robots are of one type (kr10_r1100_2, simulated)" in text
 
 
@@ -344,7 +366,7 @@ def test_a_metric_with_axes_ranks_by_one_of_them_or_by_their_mean(made):
     assert of_z.sections[0].fields[0].mean("a") == pytest.approx(3e-3)
     assert of_all.sections[0].fields[0].mean("a") == pytest.approx(1e-3)
     assert ranks(of_z) == {"b": 1.0, "a": 2.0} and ranks(of_x) == {"a": 1.5, "b": 1.5}
-    assert "mae, mean over x, y, z, [mm]" in text_of(of_all)
+    assert "mean rank of mae [mm], mean over x, y, z (smaller is better)" in text_of(of_all)
 
 
 def test_where_larger_is_better_the_largest_is_first_and_nothing_is_drawn(made):
@@ -387,7 +409,9 @@ def test_several_data_sets_of_one_robot_count_once_in_the_analysis(made):
     assert len(analysis.robots) == 5
     assert analysis.outcome.mean_ranks.tolist() == [1.0, 2.0, 3.0]  # c's mean is 2.53 on each
     assert analysis.outcome.critical_difference == pytest.approx(1.48, abs=0.01)
-    assert cells(board, "Critical difference over robots")["holdout"][0] == "5 x kr10_r1100_2"
+    assert cells(board, "Critical difference over robots")["holdout"][0] == (
+        "5 specimens of omni and twin and twin@torques=hook"
+    )
 
 
 def test_data_without_a_specimen_are_of_one_robot_for_each_robot_name(made):
@@ -440,26 +464,92 @@ def test_the_weight_of_each_protocol_in_the_mean_rank_is_said(made):
 
 def test_a_model_without_the_metric_takes_no_splits_from_the_others(made):
     for model in "ab":
-        made.add(model, [1.0, 1.0, 1.0], coverage=0.9)
-    made.add("c", [1.0])
-    board = board_of(made, metric="width")
+        made.add(model, [1.0, 1.0, 1.0])
+    (key,) = made.add("c", [1.0])
+    rewrite(made, [key], records=())
+    board = board_of(made)
     (field,) = board.sections[0].fields
     assert len(field.slots) == 3 and set(field.scores) == {"a", "b"}
-    assert field.missing["c"].startswith("no value of width")
+    assert field.missing["c"] == "no value of norm [mm]"
     assert "splits count" not in text_of(board)
 
 
-def test_of_two_coverages_those_of_the_newest_run_count(made):
-    for run_id, coverage, models in (("1", 0.8, "abc"), ("2", 0.9, "ab"), ("3", None, "abc")):
-        for model in models:
-            made.add(model, [1.0], run_id=run_id, coverage=coverage)
-    board = board_of(made, metric="width")
-    (field,) = board.sections[0].fields
-    used = {one.cell.coverage for model in field.scores for one in field.results(model)}
-    assert used == {0.9} and set(field.scores) == {"a", "b"}
-    assert field.missing["c"] == "its intervals have another coverage (0.8, not 0.9)"
-    assert "intervals of coverage 0.9 count" in text_of(board)
-    assert set(ranks(board_of(made))) == {"a", "b", "c"}  # the errors are the same with any
+def test_runs_that_were_all_interrupted_rank_nobody(made):
+    for model in "ab":
+        rewrite(made, made.add(model, [1.0, 1.0]), n_splits=5)
+    board = board_of(made)
+    reason = "2 of 5 splits asked for: run not finished"
+    assert board.sections[0].fields[0].missing == {"a": reason, "b": reason}
+    assert not board.sections[0].ranked
+    assert f"1 of 1 contest missing. {reason}: holdout (1 data set)." in text_of(board)
+
+
+@pytest.mark.parametrize(
+    ("done", "asked", "ranked", "n_slots"),
+    [
+        ((5, 5, 5), (5, 5, 5), "abc", 5),
+        ((2, 5, 5), (5, 5, 5), "bc", 5),  # a takes no split from the others
+        ((2, 2, 5), (2, 5, 5), "abc", 2),  # b has all that the others share
+        ((2, 3, 5), (5, 3, 5), "bc", 3),  # --splits 3 for b; a lacks one of those
+        ((8, 5, 5), (20, 5, 5), "abc", 5),  # asked for more later, and interrupted
+        ((2, 2, 5), (0, 5, 5), "abc", 2),  # a's number is not known
+    ],
+)
+def test_an_interrupted_run_takes_part_where_it_takes_no_split_from_the_finished(
+    made, done, asked, ranked, n_slots
+):
+    for model, n_done, n_asked in zip("abc", done, asked, strict=True):
+        rewrite(made, made.add(model, [1.0] * n_done), n_splits=n_asked)
+    (field,) = board_of(made).sections[0].fields
+    assert set(field.scores) == set(ranked) and len(field.slots) == n_slots
+
+
+def test_costs_are_ranked_without_a_test(made):
+    for dataset in TWINS:
+        for model, seconds in (("a", 1.0), ("b", 5.0), ("c", 9.0)):
+            record = ResultRecord("fit-time", *METRICS["fit-time"].axes, seconds, "s")
+            rewrite(made, made.add(model, [1.0, 1.0], dataset), records=(record,))
+    board = board_of(made, metric="fit-time")
+    assert ranks(board) == {"a": 1.0, "b": 2.0, "c": 3.0}
+    ranked = board.sections[0].ranked
+    assert {(model.like_best, model.within_cd) for model in ranked} == {(None, None)}
+    assert all(v.like_best is None for v in board.sections[0].columns[0].values.values())
+    text = text_of(board)
+    assert "costs: no test; the first fit of a run loads libraries" in text
+    assert "no critical-difference analysis: it does not apply to costs." in text
+    assert "\u2248" not in text
+
+
+def test_the_only_complete_model_is_said_to_lack_nothing(made):
+    made.add("a", [1.0], TWINS[0])
+    made.add("b", [1.0], TWINS[1])
+    for dataset in TWINS[:2]:
+        made.add("vjm", [1.0], dataset)
+    assert "vjm: no mean rank, it is the only model with all contests." in text_of(board_of(made))
+
+
+def test_a_table_shows_the_caveats_of_its_own_data_sets_alone(made):
+    for dataset, caveat in (("left", "left is odd"), ("right", "right is odd")):
+        for model in "ab":
+            made.add(model, [1.0], dataset, caveats=(caveat,))
+    first, left, right = text_of(board_of(made)).split("\n**")
+    assert "left is odd" in first and "right is odd" in first
+    assert "left is odd" in left and "right is odd" not in left
+    assert "right is odd" in right and "left is odd" not in right
+
+
+def test_several_seeds_are_said_and_named(made):
+    for dataset in TWINS[:2]:
+        for model, n_splits in (("a", 2), ("b", 3)):
+            made.add(model, [1.0] * n_splits, dataset)
+    for result in list(read_results(made.folder)):
+        other = replace(result, cell=replace(result.cell, seed=1))
+        ResultStore(made.folder).write_cell(other)
+    text = text_of(board_of(made))
+    assert "**Leaderboard, 4 contests: 2 x twin (simulated) under holdout, 2 seeds |" in text
+    assert "holdout (2 data sets, 2 seeds)" in text
+    for seed in (0, 1):
+        assert f"{TWINS[0]} | holdout | seed {seed}: only the 2 of 3 splits count" in text
 
 
 def test_what_all_splits_find_on_the_same_poses_needs_the_poses_too(made, rng):
@@ -496,6 +586,7 @@ def test_of_two_versions_of_the_source_data_the_newest_counts(made):
     ("metric", "axis", "said"),
     [
         ("coverage", None, "its best value is the nominal one"),
+        ("width", None, "narrower intervals are better only at equal coverage"),
         ("norm", "x", "metrics with axes are mae"),
         ("maw", None, "did you mean 'mae'"),
     ],

@@ -117,6 +117,31 @@ def test_the_naive_t_finds_one_far_more_often_and_ever_more_with_more_splits(
     assert rate - 2 * error > at_least
 
 
+def errors_after(features, target, train, test):
+    """Return (n,) mean absolute errors on `test` rows of least squares on `train` rows."""
+    fitted_to, tested = features[:, train], features[:, test]
+    across = np.swapaxes(fitted_to, -1, -2)
+    weights = np.linalg.solve(across @ fitted_to, across @ target[:, train, None])
+    return np.abs(target[:, test] - (tested @ weights)[..., 0]).mean(axis=1)
+
+
+@pytest.mark.parametrize("n_train", [10, 40])
+def test_with_few_training_rows_the_tested_share_of_the_data_is_correction_enough(n_train):
+    """As in a learning curve: 30 of 151 poses are tested, `n_train` of the others learned from."""
+    rng, result = np.random.default_rng(3), []
+    for _ in range(30):
+        features, target = simulated(rng, 200)
+        orders = [rng.permutation(N_POSES) for _ in range(5)]
+        a, b = (
+            np.stack([errors_after(f, target, o[30 : 30 + n_train], o[:30]) for o in orders], 1)
+            for f in features
+        )
+        result.append(a - b)
+    rate, error = rate_and_error(corrected_p_values(np.array(result)))
+    print(f"corrected t, {n_train} training poses, 5 splits: {rate:.4f} +- {error:.4f}")
+    assert rate + 2 * error < ALLOWED
+
+
 @pytest.mark.slow
 def test_the_corrected_t_is_a_little_too_bold_for_models_with_a_parameter_per_three_poses():
     """The limit of the test, stated in docs/comparing.md: 40 parameters on 120 training poses."""

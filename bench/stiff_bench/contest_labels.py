@@ -1,0 +1,40 @@
+"""What contests are called where several stand beside each other: no two alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from stiff_bench.collected import ContestName
+from stiff_bench.grouped import grouped
+
+SHORT = 8
+"""So many characters of a hash tell data apart."""
+
+
+def label_parts(names: Iterable[ContestName]) -> dict[ContestName, tuple[str, ...]]:
+    """Return the parts of each name for people: data set, protocol, condition, and what differs.
+
+    Contests with one text have other seeds or other data (one file name, say); the seed or the
+    hash that tells them apart stands there then, and only then.
+    """
+    parts = {}
+    for same_text in grouped(dict.fromkeys(names), lambda name: name.text).values():
+        differing = [
+            kind
+            for kind in ("seed", "data_sha256", "source_sha256")
+            if len({getattr(name, kind) for name in same_text}) > 1
+        ]
+        for name in same_text:
+            apart = {
+                "seed": f"seed {name.seed}",
+                "data_sha256": f"data {name.data_sha256[:SHORT]}",
+                "source_sha256": f"source data {name.source_sha256[:SHORT] or 'none'}",
+            }
+            words = (name.dataset, name.protocol, name.condition, *map(apart.get, differing))
+            parts[name] = tuple(word for word in words if word)
+    return parts
+
+
+def labels(names: Iterable[ContestName]) -> dict[ContestName, str]:
+    """Return each name in one text, as `ContestName.text` has it, with what tells it apart."""
+    return {name: " | ".join(parts) for name, parts in label_parts(names).items()}
