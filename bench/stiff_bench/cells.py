@@ -78,9 +78,7 @@ def compute_cell(task: CellTask, run_id: str) -> CellResult:
 def _unfinished(
     task: CellTask, run_id: str, status: Literal["failed", "skipped"], reason: str
 ) -> CellResult:
-    return CellResult(
-        task.cell, task.shown, run_id, status, failure=reason, n_splits=task.n_splits
-    )
+    return CellResult(task.cell, task.shown, run_id, status, failure=reason, n_splits=task.n_splits)
 
 
 def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from stiff_bench.choice import OPTION_MARK, split_word
+from stiff_bench.contest_name import ContestName, labels
 from stiff_bench.grouped import grouped
 from stiff_bench.newest import (
     Slot,
@@ -25,35 +26,6 @@ from stiff_bench.newest import (
 from stiff_bench.store import read_results
 from stiff_protocols.errors import ConfigError, StoreError, unknown_name
 from stiff_protocols.record import Cell, CellResult, Presentation
-
-
-@dataclass(frozen=True, order=True)
-class ContestName:
-    """What makes results comparable.
-
-    Attributes:
-        dataset, protocol, condition: as shown.
-        seed: of the run's splits.
-        data_sha256: hash of the data set's numbers.
-        source_sha256: of the other robot's data that source domains come from; "" for none.
-    """
-
-    dataset: str
-    protocol: str
-    condition: str
-    seed: int
-    data_sha256: str
-    source_sha256: str = ""
-
-    @property
-    def text(self) -> str:
-        """Data set, protocol and condition for people."""
-        return " | ".join(filter(None, (self.dataset, self.protocol, self.condition)))
-
-    @property
-    def text_with_seed(self) -> str:
-        """The same for contests that differ in the seed of their splits."""
-        return f"{self.text} | seed {self.seed}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,16 +153,6 @@ def _contest(name: ContestName, found: Sequence[CellResult]) -> Contest:
     )
 
 
-def shown_names(contests: Iterable[Contest]) -> dict[ContestName, str]:
-    """Return what to call these contests: with their seed where some differ in it alone."""
-    names = [contest.name for contest in contests]
-    return {
-        name: name.text_with_seed if len({one.seed for one in members}) > 1 else name.text
-        for members in grouped(names, lambda name: name.text).values()
-        for name in members
-    }
-
-
 def competitor_names(contests: Iterable[Contest]) -> list[str]:
     """Return the names of all models that have a result or a failure anywhere."""
     return sorted({name for contest in contests for name in contest.competitors})
@@ -253,7 +215,7 @@ def same_name_other_data(contests: Sequence[Contest]) -> Iterator[str]:
     of_dataset = grouped(contests, lambda one: one.name.dataset)
     for dataset, found in of_dataset.items():
         yield from _several(dataset, "data", {one.name.data_sha256 for one in found})
-    names = shown_names(contests)
+    names = labels(contest.name for contest in contests)
     for found in grouped(contests, lambda one: replace(one.name, source_sha256="")).values():
         hashes = {one.name.source_sha256 for one in found}
         yield from _several(names[found[0].name], "source data", hashes)
@@ -267,7 +229,7 @@ def _several(name: str, what: str, hashes: Set[str]) -> Iterator[str]:
 
 def left_out_notes(contests: Sequence[Contest]) -> Iterator[str]:
     """Yield a line for each reason why results of these contests do not count."""
-    names = shown_names(contests)
+    names = labels(contest.name for contest in contests)
     reasons = [(reason, names[one.name]) for one in contests for reason in one.left_out]
     for reason, found in grouped(reasons, lambda pair: pair[0]).items():
         places = list(dict.fromkeys(place for _, place in found))

@@ -11,7 +11,6 @@ from pathlib import Path
 from stiff_bench.across import Across, across_datasets
 from stiff_bench.collected import (
     Contest,
-    ContestName,
     chosen_contests,
     collect,
     left_out_notes,
@@ -19,7 +18,7 @@ from stiff_bench.collected import (
 )
 from stiff_bench.comparison import Comparison, compare, paired_errors
 from stiff_bench.competitor_words import competitor_meant
-from stiff_bench.contest_labels import labels
+from stiff_bench.contest_name import ContestName, labels
 from stiff_bench.estimates import Question
 from stiff_bench.natural_order import natural_key
 from stiff_bench.result_source import sources

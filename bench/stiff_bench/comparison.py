@@ -8,7 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from stiff_bench.collected import Contest, ContestName
+from stiff_bench.collected import Contest
+from stiff_bench.contest_name import ContestName
 from stiff_bench.estimates import (
     Estimate,
     Question,

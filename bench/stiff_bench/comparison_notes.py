@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from stiff_bench.compare import Report
 from stiff_bench.comparison import Comparison
 from stiff_bench.comparison_words import rope_text
-from stiff_bench.contest_labels import labels
+from stiff_bench.contest_name import labels
 from stiff_bench.units import percent
 from stiff_bench.where import FEWEST_POSES, Where
 from stiff_protocols.ranks import FEWEST_DATASETS

@@ -19,7 +19,7 @@ from stiff_bench.comparison_words import (
     name_with_mark,
     sentence,
 )
-from stiff_bench.contest_labels import label_parts
+from stiff_bench.contest_name import label_parts
 from stiff_bench.estimates import Estimate, decide
 from stiff_bench.render import TextTable, latex_text, render_texts
 from stiff_bench.units import MM, percent

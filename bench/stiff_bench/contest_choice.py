@@ -8,13 +8,12 @@ from typing import Any
 
 from stiff_bench.collected import (
     Contest,
-    ContestName,
     competitor_names,
     left_out_notes,
     same_name_other_data,
-    shown_names,
     stands_for,
 )
+from stiff_bench.contest_name import ContestName, labels
 from stiff_bench.natural_order import natural_key
 from stiff_protocols.errors import ConfigError, unknown_name
 from stiff_protocols.plugin import STIFFNESS, kind_label
@@ -59,7 +58,7 @@ def shown_contests(contests: Sequence[Contest], words: Sequence[str]) -> ShownCo
             f"protocol and condition (models with results: {', '.join(names) or 'none'}){why}"
         )
     lonely = sorted((c for c in usable if _n_run(c, names) == 1), key=_order)
-    called = shown_names(usable)
+    called = labels(contest.name for contest in usable)
     return ShownContests(
         contests=tuple(sorted(ranked, key=_order)),
         models=tuple(name for name in names if any(name in c.competitors for c in ranked)),

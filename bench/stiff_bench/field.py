@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from itertools import combinations
 
-from stiff_bench.collected import Competitor, Contest, ContestName
+from stiff_bench.collected import Competitor, Contest
+from stiff_bench.contest_name import ContestName
 from stiff_bench.newest import Slot
 from stiff_bench.sort_key import SortKey
 from stiff_protocols.errors import StoreError

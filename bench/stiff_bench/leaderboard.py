@@ -15,8 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from stiff_bench.board_columns import Column, columns
-from stiff_bench.collected import Contest, ContestName, competitor_names
+from stiff_bench.collected import Contest, competitor_names
 from stiff_bench.contest_choice import FEWEST_RANKED, presentation, shown_contests
+from stiff_bench.contest_name import ContestName
 from stiff_bench.field import Field, complete_models, field_of
 from stiff_bench.rank_analysis import RankAnalysis, rank_analyses
 from stiff_bench.same_robot import family_of

@@ -10,7 +10,7 @@ import numpy as np
 
 from stiff_bench.analyses_table import analyses_table
 from stiff_bench.board_columns import Column, ColumnValue
-from stiff_bench.collected import shown_names
+from stiff_bench.contest_name import labels
 from stiff_bench.grouped import grouped
 from stiff_bench.leaderboard import Leaderboard, RankedModel, Section, UnrankedModel
 from stiff_bench.leaderboard_data import as_csv, as_json
@@ -152,7 +152,7 @@ def _rank_notes(section: Section, key: SortKey) -> Iterator[str]:
         )
     for model in section.unranked:
         yield _missing_note(model, len(section.fields))
-    called = shown_names([field.contest for field in section.fields])
+    called = labels(field.contest.name for field in section.fields)
     for field in section.fields:
         if field.left_out:
             yield f"{called[field.name]}: {field.left_out}"

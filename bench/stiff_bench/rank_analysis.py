@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stiff_bench.collected import ContestName
+from stiff_bench.contest_name import ContestName
 from stiff_bench.field import Field, complete_models
 from stiff_bench.grouped import grouped
 from stiff_bench.same_robot import Robot, family_of, robots_of

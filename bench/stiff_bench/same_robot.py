@@ -10,7 +10,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from stiff_bench.choice import OPTION_MARK, split_word
-from stiff_bench.collected import Contest, ContestName
+from stiff_bench.collected import Contest
+from stiff_bench.contest_name import ContestName
 from stiff_bench.grouped import grouped
 
 SPECIMEN = "specimen"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from stiff_bench.collected import ContestName
+from stiff_bench.contest_name import ContestName
 from stiff_bench.field import Field
 from stiff_bench.sort_key import SortKey
 from stiff_bench.split_sizes import split_sizes

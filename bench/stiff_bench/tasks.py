@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -119,7 +120,7 @@ def _of_protocol(
         for word in {split.source for split in splits}
     }
     source_sha256 = {word: source.sha256 for word, source in sources.items()}
-    n_splits = 1 + max(split.index for split in splits)
+    n_splits = Counter(split.condition for split in splits)
     return [
         CellTask(
             cell=replace(
@@ -137,7 +138,7 @@ def _of_protocol(
             data=data,
             split=split,
             chooses_epoch=model.chooses_epoch,
-            n_splits=n_splits,
+            n_splits=n_splits[split.condition],
             source=sources.get(split.source),
         )
         for split in splits

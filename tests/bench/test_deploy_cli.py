@@ -56,6 +56,7 @@ def predict(vjm_file, tmp_path):
     return make
 
 
+@pytest.mark.slow
 def test_fit_predict_and_export_on_the_real_command_line(tmp_path):
     done = bench("fit", "--model", "vjm", "--dataset", "kr10-twin", "--output", "vjm.stiff",
                  cwd=tmp_path)  # fmt: skip

@@ -195,6 +195,7 @@ def test_a_folder_that_cannot_be_made_is_a_warning_and_no_failure(data, tmp_path
         fit(data)
 
 
+@pytest.mark.slow
 def test_two_processes_may_use_it_at_once(empty_cache):
     program = (
         "import numpy as np, hashlib\n"

@@ -1,14 +1,38 @@
-"""What contests are called where several stand beside each other: no two alike."""
+"""What makes results comparable, and what it is called: beside each other no two are alike."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
-from stiff_bench.collected import ContestName
 from stiff_bench.grouped import grouped
 
 SHORT = 8
 """So many characters of a hash tell data apart."""
+
+
+@dataclass(frozen=True, order=True)
+class ContestName:
+    """What makes results comparable.
+
+    Attributes:
+        dataset, protocol, condition: as shown.
+        seed: of the run's splits.
+        data_sha256: hash of the data set's numbers.
+        source_sha256: of the other robot's data that source domains come from; "" for none.
+    """
+
+    dataset: str
+    protocol: str
+    condition: str
+    seed: int
+    data_sha256: str
+    source_sha256: str = ""
+
+    @property
+    def text(self) -> str:
+        """Data set, protocol and condition for people."""
+        return " | ".join(filter(None, (self.dataset, self.protocol, self.condition)))
 
 
 def label_parts(names: Iterable[ContestName]) -> dict[ContestName, tuple[str, ...]]:
