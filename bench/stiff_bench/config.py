@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -91,18 +91,7 @@ def plan_run(request: RunRequest, registry: Registry) -> RunPlan:
         for kind, said in words.items()
         for key, _ in map(split_word, said)
     }
-    files = [] if request.data is None else [replace(MEASURED_FILE, key=request.data.name)]
-    for info in files:
-        if info.key in classes:
-            raise ConfigError(
-                f"--data {request.data}: its name is also a key of this run; rename it"
-            )
-        classes[info.key] = info.load()
     params = parse_settings(request.settings, classes)
-    if request.data is not None and params[request.data.name]:
-        raise ConfigError(
-            f"--set {request.data.name}...: a file has no options; use --robot, --urdf, --tcp"
-        )
 
     def chosen(kind: str) -> list[Choice[Any]]:
         return _different([_choice(kind, word, classes, params, registry) for word in words[kind]])
@@ -112,10 +101,7 @@ def plan_run(request: RunRequest, registry: Registry) -> RunPlan:
         models=tuple(
             _different([_on_device(choice, request.device) for choice in chosen("model")])
         ),
-        datasets=(
-            *chosen("dataset"),
-            *(_with_files(Choice(info, classes[info.key], {}, {}), request) for info in files),
-        ),
+        datasets=(*chosen("dataset"), *_own_file(request, classes)),
         protocols=tuple(chosen("protocol")),
         metrics=metrics,
         splits=request.splits,
@@ -243,14 +229,23 @@ def _datasets(request: RunRequest) -> list[str]:
     return list(request.datasets) or ["kr10-twin"]
 
 
-def _with_files(choice: Choice[DatasetInfo], request: RunRequest) -> Choice[DatasetInfo]:
-    """Give the user's own files to the data set that stands for them."""
+def _own_file(request: RunRequest, keys: Container[str]) -> tuple[Choice[DatasetInfo], ...]:
+    """Return the data set that stands for the user's own file, if there is one.
+
+    Raises:
+        ConfigError: its name is a key of the run, or its robot is missing.
+    """
+    if request.data is None:
+        return ()
+    if request.data.name in keys:
+        raise ConfigError(f"--data {request.data}: its name is also a key of this run; rename it")
     if not (request.robot.urdf or request.robot.robot):
         raise ConfigError(
             f"--data {request.data}: needs its robot too: --urdf FILE.urdf or --robot NAME"
         )
+    info = replace(MEASURED_FILE, key=request.data.name)
     files = {"csv": request.data, "robot": request.robot.read()[0]}
-    return replace(choice, context=files)
+    return (Choice(info, info.load(), {}, files),)
 
 
 def _on_device(choice: Choice[ModelInfo], device: str) -> Choice[ModelInfo]:
