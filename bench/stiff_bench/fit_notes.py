@@ -12,6 +12,24 @@ from stiff_protocols.record import CellResult
 from stiff_protocols.search_space import in_words
 
 
+def size_notes(results: Sequence[CellResult]) -> list[str]:
+    """Return how many samples a split's training side and its test part have; none if unknown."""
+    sizes = {
+        (result.n_train, len(result.prediction.rows))
+        for result in results
+        if result.prediction is not None and result.n_train
+    }
+    if not sizes:
+        return []
+    trained, tested = (_range(column) for column in zip(*sizes, strict=True))
+    return [f"a split trains on {trained} samples, validation included, and tests on {tested}."]
+
+
+def _range(numbers: tuple[int, ...]) -> str:
+    low, high = min(numbers), max(numbers)
+    return f"{low}" if low == high else f"{low} to {high}"
+
+
 def model_notes(results: Sequence[CellResult]) -> list[str]:
     """Return what a model's cells reported: numbers as means, warnings, reasons of failure."""
     name = results[0].shown.model

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stiff_bench.fit_notes import model_notes
+from stiff_bench.fit_notes import model_notes, size_notes
 from stiff_bench.published import MARK, NOTE, published_rows
 from stiff_bench.units import PRINTED, percent
 from stiff_protocols.errors import StoreError
@@ -129,7 +129,7 @@ def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
         by_model.setdefault(result.shown.model, []).append(result)
     refuse_mixed(by_model)
     rows = [_model_row(results, metrics) for results in by_model.values()]
-    notes = [*shown.caveats]
+    notes = [*shown.caveats, *size_notes(group)]
     if shown.selects_on_test:
         notes.append(shown.warning)
     for results in by_model.values():

@@ -298,3 +298,14 @@ def test_costs_of_leave_one_out_are_means_over_its_splits(tasks_of):
     results = [scored(task, result(task, 1e-4).prediction, metrics) for task in tasks]
     (table,) = build_tables(results, metrics)
     assert table.rows[0].values["fit-time", ""].mean == pytest.approx(1500.0)
+
+
+def test_a_table_says_how_many_samples_a_split_trains_and_tests_on(tasks_of):
+    tasks = tasks_of(splits=2)
+    results = [result(task, 1e-4, n_train=n) for task, n in zip(tasks, (120, 119), strict=True)]
+    (table,) = build_tables(results, METRICS)
+    assert "a split trains on 119 to 120 samples, validation included, and tests on 31." in (
+        table.notes
+    )
+    (unknown,) = build_tables([result(task, 1e-4) for task in tasks], METRICS)
+    assert not any("a split trains" in note for note in unknown.notes)
