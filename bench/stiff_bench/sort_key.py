@@ -14,7 +14,6 @@ from stiff_protocols.metrics import METRICS, Metric, absolute_errors, metric, no
 from stiff_protocols.record import CellResult
 from stiff_protocols.types import AXES, FloatArray, Prediction
 
-DEFAULT_METRIC = "norm"
 _ROW_ERRORS: dict[str, Callable[[Prediction], FloatArray]] = {
     "mae": absolute_errors,
     "norm": norm_errors,
