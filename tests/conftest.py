@@ -16,9 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiff_bench.config import RunRequest, plan_run
-from stiff_bench.registry import build_registry
-from stiff_bench.robot_words import RobotWords
+from run_requests import planned
 from stiff_bench.tasks import CellTask, cell_tasks
 from stiff_datasets.kr10_twin import Kr10Twin
 from stiff_datasets.robots.robot import ChainModel, shipped_chain, shipped_robot
@@ -88,20 +86,14 @@ def tasks_of() -> Callable[..., list[CellTask]]:
         protocol: str = "holdout",
         splits: int | None = None,
     ) -> list[CellTask]:
-        request = RunRequest(
-            models=models,
-            datasets=(dataset,),
-            protocols=(protocol,),
-            metrics=("mae", "stde", "me"),
-            splits=splits,
-            seed=0,
-            settings=(),
-            device="cpu",
-            output=Path("unused"),
-            data=None,
-            robot=RobotWords(None, None, ""),
-            command="bench run",
+        return cell_tasks(
+            planned(
+                models=models,
+                datasets=(dataset,),
+                protocols=(protocol,),
+                metrics=("mae", "stde", "me"),
+                splits=splits,
+            )
         )
-        return cell_tasks(plan_run(request, build_registry()))
 
     return make

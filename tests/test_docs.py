@@ -7,10 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from run_requests import planned
 from stiff_bench.cells import compute_cell
-from stiff_bench.config import RunRequest, plan_run
 from stiff_bench.registry import build_registry
-from stiff_bench.robot_words import RobotWords
 from stiff_bench.tasks import cell_tasks
 from stiff_datasets.fanuc_r2000ic import FanucR2000iC
 from stiff_protocols.conformance import check_model
@@ -47,21 +46,13 @@ def test_a_model_of_the_page_keeps_the_contract(key, registry):
 
 
 def test_a_model_of_the_page_can_be_run(key, registry):
-    request = RunRequest(
+    plan = planned(
+        registry,
         models=(key,),
         datasets=("fanuc-r2000ic",),
-        protocols=("holdout",),
-        metrics=("mae",),
-        splits=None,
-        seed=0,
         settings=("bagged-ridge.members=3",) if key == "bagged-ridge" else (),
-        device="cpu",
-        output=Path("unused"),
-        data=None,
-        robot=RobotWords(None, None, ""),
-        command="bench run",
     )
-    (task,) = cell_tasks(plan_run(request, registry))
+    (task,) = cell_tasks(plan)
     result = compute_cell(task, "run")
     assert (result.status, result.failure) == ("ok", "")
     assert bool(result.diagnostics) == (key == "bagged-ridge")

@@ -7,6 +7,7 @@ in a value, which may be such a word itself, is doubled: `cross-robot@source=ur5
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Generic
 
@@ -27,6 +28,12 @@ def split_word(word: str) -> tuple[str, list[str]]:
         for part in word.replace(2 * OPTION_MARK, _HELD).split(OPTION_MARK)
     )
     return key, settings
+
+
+def join_word(key: str, settings: Iterable[str]) -> str:
+    """Return the word that `split_word` takes apart."""
+    held = (setting.replace(OPTION_MARK, 2 * OPTION_MARK) for setting in settings)
+    return OPTION_MARK.join([key, *held])
 
 
 @dataclass(frozen=True)
@@ -69,11 +76,11 @@ class Choice(Generic[Info]):
         """Key with every option that differs from its default: a word of the command line."""
         options = options_of(self.cls)
         changed = [
-            f"{name}={value}".replace(OPTION_MARK, 2 * OPTION_MARK)
+            f"{name}={value}"
             for name, value in sorted(self.params.items())
             if value != options[name].default
         ]
-        return OPTION_MARK.join([self.info.key, *changed])
+        return join_word(self.info.key, changed)
 
     def missing(self) -> str:
         """Return why this cannot be used here, with its options; "" where it can."""

@@ -6,7 +6,6 @@ Only click is imported here; what a command needs comes when it runs, so that he
 from __future__ import annotations
 
 import os
-import shlex
 import signal
 import sys
 from pathlib import Path
@@ -17,7 +16,10 @@ import click
 from stiff_bench.cache_cli import cache
 from stiff_bench.cli_options import (
     FILE,
+    RESULTS,
+    command_line,
     debug_option,
+    format_option,
     plugin_option,
     robot_options,
     robot_words,
@@ -166,28 +168,19 @@ def bench() -> None:
 @click.option(
     "--output",
     type=FILE,
-    default=Path("results/runs"),
+    default=RESULTS,
     show_default=True,
     metavar="DIR",
     help="Where results are stored.",
 )
-@click.option(
-    "--format",
-    "fmt",
-    type=click.Choice(["github", "latex", "csv", "html", "json"]),
-    default="github",
-    show_default=True,
-    help="Of the tables on standard output.",
-)
+@format_option("the tables")
 @debug_option
 def run(plugins: tuple[Path, ...], fmt: str, **words: Any) -> int:
     """Fit and test models and print a table for each data set and protocol."""
     from stiff_bench.config import RunRequest, plan_run
     from stiff_bench.registry import usable_registry
 
-    request = RunRequest(
-        robot=robot_words(words), **words, command=shlex.join(["bench", *sys.argv[1:]])
-    )
+    request = RunRequest(robot=robot_words(words), **words, command=command_line())
     plan = plan_run(request, usable_registry(plugins))
     from stiff_bench.run import execute
 

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 if TYPE_CHECKING:
     from stiff_bench.robot_words import RobotWords
 
+Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 FILE = click.Path(path_type=Path)
+RESULTS = Path("results/runs")
+"""Where results are stored, and read, unless the user says otherwise."""
 
 debug_option = click.option(
     "--debug", is_flag=True, expose_value=False, help="Show the traceback of an error."
@@ -30,6 +36,52 @@ settings_option = click.option(
     metavar="KEY.OPTION=VALUE",
     help="An option of a model, data set or protocol; `bench show KEY` lists them.",
 )
+results_option = click.option(
+    "--results",
+    type=FILE,
+    default=RESULTS,
+    show_default=True,
+    metavar="DIR",
+    help="Folder of the results: the --output of `bench run`.",
+)
+draws_seed_option = click.option(
+    "--seed",
+    type=click.IntRange(0, 2**32 - 1),
+    default=0,
+    show_default=True,
+    help="Of the resampling of poses.",
+)
+
+
+def format_option(of: str) -> Callable[[Decorated], Decorated]:
+    """Return the option of a command that prints tables, or `of` something like them."""
+    return click.option(
+        "--format",
+        "fmt",
+        type=click.Choice(["github", "latex", "csv", "html", "json"]),
+        default="github",
+        show_default=True,
+        help=f"Of {of} on standard output.",
+    )
+
+
+def contest_options(command: Any) -> Any:
+    """Add the two options that choose among stored results."""
+    for name, thing in (("protocol", "A protocol"), ("dataset", "A data set")):
+        command = click.option(
+            f"--{name}",
+            f"{name}s",
+            multiple=True,
+            metavar="KEY",
+            help=f"{thing}, or a key that stands for all its variants; may be repeated.  "
+            "[default: all]",
+        )(command)
+    return command
+
+
+def command_line() -> str:
+    """Return what the user typed, for the record."""
+    return shlex.join(["bench", *sys.argv[1:]])
 
 
 def robot_options(command: Any) -> Any:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from stiff_bench.choice import OPTION_MARK, split_word
-from stiff_bench.contest_name import ContestName, labels
+from stiff_bench.contest_name import SHORT, ContestName, labels
 from stiff_bench.grouped import grouped
 from stiff_bench.newest import (
     Slot,
@@ -223,7 +223,7 @@ def same_name_other_data(contests: Sequence[Contest]) -> Iterator[str]:
 
 def _several(name: str, what: str, hashes: Set[str]) -> Iterator[str]:
     if len(hashes) > 1:
-        short = ", ".join(sorted(sha256[:8] for sha256 in hashes))
+        short = ", ".join(sorted(sha256[:SHORT] for sha256 in hashes))
         yield f"{name} stands for different {what} here ({short}); they are never compared."
 
 

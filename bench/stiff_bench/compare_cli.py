@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
-import shlex
-import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
-from stiff_bench.cli_options import FILE, debug_option
+from stiff_bench.cli_options import (
+    command_line,
+    contest_options,
+    debug_option,
+    draws_seed_option,
+    format_option,
+    results_option,
+)
 from stiff_bench.messages import print_text
 
 
@@ -33,28 +38,8 @@ class FiniteRange(click.FloatRange):
 @click.command()
 @click.argument("a", metavar="A")
 @click.argument("b", metavar="B")
-@click.option(
-    "--results",
-    type=FILE,
-    default=Path("results/runs"),
-    show_default=True,
-    metavar="DIR",
-    help="Where `bench run` stored results.",
-)
-@click.option(
-    "--dataset",
-    "datasets",
-    multiple=True,
-    metavar="KEY",
-    help="A data set, or a key that stands for all its variants; may be repeated.  [default: all]",
-)
-@click.option(
-    "--protocol",
-    "protocols",
-    multiple=True,
-    metavar="KEY",
-    help="A protocol, or a key that stands for all its variants; may be repeated.  [default: all]",
-)
+@results_option
+@contest_options
 @click.option(
     "--condition",
     "conditions",
@@ -79,21 +64,8 @@ class FiniteRange(click.FloatRange):
     show_default=True,
     help="Of intervals and verdicts.",
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(0, 2**32 - 1),
-    default=0,
-    show_default=True,
-    help="Of the resampling of poses.",
-)
-@click.option(
-    "--format",
-    "fmt",
-    type=click.Choice(["github", "latex", "csv", "html", "json"]),
-    default="github",
-    show_default=True,
-    help="Of the report on standard output.",
-)
+@draws_seed_option
+@format_option("the report")
 @debug_option
 def compare(
     a: str,
@@ -124,6 +96,6 @@ def compare(
         protocols=protocols,
         conditions=conditions,
         question=Question(rope=rope_mm / MM, confidence=confidence, seed=seed),
-        command=shlex.join(["bench", *sys.argv[1:]]),
+        command=command_line(),
     )
     print_text(render_report(compare_folder(words), fmt))

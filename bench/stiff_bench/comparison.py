@@ -22,6 +22,7 @@ from stiff_bench.estimates import (
 from stiff_bench.newest import Slot
 from stiff_bench.split_sizes import SplitSizes, split_sizes
 from stiff_bench.stored_data import StoredData
+from stiff_bench.words import counted
 from stiff_protocols.bootstrap import pose_errors
 from stiff_protocols.errors import DataError
 from stiff_protocols.metrics import absolute_errors, norm_errors
@@ -105,7 +106,7 @@ class Comparison:
     @property
     def splits_text(self) -> str:
         """The number of shared splits, for people."""
-        return "1 split" if self.n_splits == 1 else f"{self.n_splits} splits"
+        return counted(self.n_splits, "split")
 
     @property
     def over_splits(self) -> bool:

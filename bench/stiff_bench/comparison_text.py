@@ -24,6 +24,7 @@ from stiff_bench.estimates import Estimate, decide
 from stiff_bench.render import TextTable, latex_text, render_texts
 from stiff_bench.units import MM, percent
 from stiff_bench.where import Place
+from stiff_bench.words import marked
 from stiff_protocols.plugin import kind_label
 
 
@@ -95,7 +96,7 @@ def _contests(report: Report) -> TextTable:
         row = one.row(NORM)
         rows.append(
             [
-                _marked(_joined(*called[one.name]), contest_marks(one)),
+                marked(_joined(*called[one.name]), contest_marks(one)),
                 str(one.n_splits),
                 *_numbers(row, row.main),
                 *_chances(row.main),
@@ -103,10 +104,6 @@ def _contests(report: Report) -> TextTable:
             ]
         )
     return TextTable(_title(report), header, rows, ())
-
-
-def _marked(text: str, marks: str) -> str:
-    return f"{text} [{marks}]" if marks else text
 
 
 def _joined(*parts: str) -> str:
@@ -144,7 +141,7 @@ def _across_text(one: Across, among: Sequence[Across]) -> str:
     seed = f"seed {one.seed}" if repeated else ""
     fits = "these fits" if one.of_fits else ""
     text = _joined(one.family, one.protocol, one.condition, seed, fits)
-    return _marked(text, SELECTS_ON_TEST if one.selects_on_test else "")
+    return marked(text, SELECTS_ON_TEST if one.selects_on_test else "")
 
 
 def _places(report: Report, places: Sequence[Place]) -> TextTable:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 
 from stiff_bench.compare import Report
 from stiff_bench.comparison import NORM, Comparison, Row
 from stiff_bench.tables import mark_of
 from stiff_bench.units import MM, percent
+from stiff_bench.words import counted, marked
 from stiff_protocols.record import Presentation
 from stiff_protocols.types import AXES
 
@@ -35,24 +37,19 @@ def sentence(report: Report) -> str:
         parts.append(f"{says[:-1]}, which says nothing about another training.")
     if n_unfair := len(report.comparisons) - len(fair):
         parts.append(
-            f"Not counted: {_contests(n_unfair)} whose protocol lets models choose on the test "
-            "part."
+            f"Not counted: {counted(n_unfair, 'contest')} whose protocol lets models choose on the "
+            "test part."
         )
     return " ".join(parts)
 
 
 def _counts(report: Report, found: Sequence[Comparison], kind: str, fitted: str) -> str:
-    verdicts = [one.row(NORM).verdict for one in found]
+    count = Counter(one.row(NORM).verdict for one in found)
     return (
-        f"Of {_contests(len(found))}{kind} {fitted}{report.a} is better in {verdicts.count('a')} "
-        f"and {fitted}{report.b} in {verdicts.count('b')}; in {verdicts.count('equivalent')} they "
-        f"are equivalent to within {rope_text(report)}, in {verdicts.count('open')} they "
-        "cannot be told apart."
+        f"Of {counted(len(found), 'contest')}{kind} {fitted}{report.a} is better in {count['a']} "
+        f"and {fitted}{report.b} in {count['b']}; in {count['equivalent']} they are equivalent to "
+        f"within {rope_text(report)}, in {count['open']} they cannot be told apart."
     )
-
-
-def _contests(count: int) -> str:
-    return "1 contest" if count == 1 else f"{count} contests"
 
 
 def mm_text(length: float) -> str:
@@ -177,8 +174,7 @@ def _setting(found: Comparison) -> str:
 
 def name_with_mark(shown: Presentation) -> str:
     """Return a model's name with all that must stand beside it in a contest."""
-    mark = mark_of(shown)
-    return f"{shown.model} [{mark}]" if mark else shown.model
+    return marked(shown.model, mark_of(shown))
 
 
 def contest_marks(found: Comparison) -> str:

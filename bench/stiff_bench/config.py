@@ -94,15 +94,15 @@ def plan_run(request: RunRequest, registry: Registry) -> RunPlan:
     params = parse_settings(request.settings, classes)
 
     def chosen(kind: str) -> list[Choice[Any]]:
-        return _different([_choice(kind, word, classes, params, registry) for word in words[kind]])
+        return [_choice(kind, word, classes, params, registry) for word in words[kind]]
 
     metrics = tuple(metric(key) for key in dict.fromkeys(request.metrics))
     plan = RunPlan(
         models=tuple(
             _different([_on_device(choice, request.device) for choice in chosen("model")])
         ),
-        datasets=(*chosen("dataset"), *_own_file(request, classes)),
-        protocols=tuple(chosen("protocol")),
+        datasets=(*_different(chosen("dataset")), *_own_file(request, classes)),
+        protocols=tuple(_different(chosen("protocol"))),
         metrics=metrics,
         splits=request.splits,
         seed=request.seed,

@@ -2,47 +2,33 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
 from pathlib import Path
 
 import click
 
-from stiff_bench.cli_options import FILE, debug_option
+from stiff_bench.cli_options import (
+    FILE,
+    command_line,
+    contest_options,
+    debug_option,
+    draws_seed_option,
+    format_option,
+    results_option,
+)
 from stiff_bench.messages import print_text
 
 
 @click.command()
-@click.option(
-    "--results",
-    type=FILE,
-    default=Path("results/runs"),
-    show_default=True,
-    metavar="DIR",
-    help="Folder of the results: the --output of `bench run`.",
-)
+@results_option
 @click.option(
     "--model",
     "models",
     multiple=True,
-    metavar="WORD",
+    metavar="KEY",
     help="A model, or a key that stands for all its variants; may be repeated. Ranks are among "
     "those that are shown.  [default: all]",
 )
-@click.option(
-    "--dataset",
-    "datasets",
-    multiple=True,
-    metavar="WORD",
-    help="A data set, or a key that stands for all its variants; may be repeated.  [default: all]",
-)
-@click.option(
-    "--protocol",
-    "protocols",
-    multiple=True,
-    metavar="WORD",
-    help="A protocol, or a key that stands for all its variants; may be repeated.  [default: all]",
-)
+@contest_options
 @click.option(
     "--metric",
     default="norm",
@@ -56,13 +42,7 @@ from stiff_bench.messages import print_text
     default=None,
     help="Of a metric that has axes.  [default: the mean over the three]",
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(0, 2**32 - 1),
-    default=0,
-    show_default=True,
-    help="Of the resampling of poses.",
-)
+@draws_seed_option
 @click.option(
     "--figure",
     type=FILE,
@@ -70,14 +50,7 @@ from stiff_bench.messages import print_text
     metavar="FILE.png",
     help="Draw the critical-difference diagrams, too (.png, .pdf or .svg).",
 )
-@click.option(
-    "--format",
-    "fmt",
-    type=click.Choice(["github", "latex", "csv", "html", "json"]),
-    default="github",
-    show_default=True,
-    help="Of the tables on standard output.",
-)
+@format_option("the tables")
 @debug_option
 def leaderboard(
     results: Path,
@@ -119,5 +92,4 @@ def leaderboard(
         f"{n_counting} results of the folder count.",
         *sources(results, runs, board.run_ids),
     )
-    command = shlex.join(["bench", *sys.argv[1:]])
-    print_text(render_leaderboard(board, fmt, command, provenance))
+    print_text(render_leaderboard(board, fmt, command_line(), provenance))

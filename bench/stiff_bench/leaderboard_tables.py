@@ -20,6 +20,7 @@ from stiff_bench.same_robot import dataset_of, of_families
 from stiff_bench.sort_key import SortKey
 from stiff_bench.tables import SELECTION_MARK, Value
 from stiff_bench.units import PRINTED, percent
+from stiff_bench.words import counted, marked
 from stiff_protocols.bootstrap import RANK_RESAMPLES
 from stiff_protocols.paired import LEVEL
 
@@ -58,7 +59,7 @@ def _ranks(section: Section, board: Leaderboard, provenance: Sequence[str]) -> T
     apart = f" | {SELECTION_MARK}s: not a fair comparison" if section.selects_on_test else ""
     return TextTable(
         title=(
-            f"Leaderboard, {_count(n_contests, 'contest')}: {_scope(section)}{apart} | sorted by "
+            f"Leaderboard, {counted(n_contests, 'contest')}: {_scope(section)}{apart} | sorted by "
             f"mean rank of {board.key.text} ({better} is better)"
         ),
         header=(
@@ -87,22 +88,14 @@ def _scope(section: Section) -> str:
     return f"{of_families(list(datasets))} ({kinds}) under {', '.join([*protocols, *seeds])}"
 
 
-def _count(number: int, thing: str) -> str:
-    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
-
-
 def _seeds(number: int) -> list[str]:
-    return [_count(number, "seed")] if number > 1 else []
-
-
-def _label(name: str, mark: str) -> str:
-    return f"{name} [{mark}]" if mark else name
+    return [counted(number, "seed")] if number > 1 else []
 
 
 def _ranked_cells(place: int, model: RankedModel, n_contests: int) -> list[str]:
     known = np.isfinite(model.low)
     return [
-        _label(model.name, model.mark),
+        marked(model.name, model.mark),
         str(place),
         f"{model.mean_rank:.2f}",
         f"{model.low:.2f} to {model.high:.2f}" if known else "-",
@@ -115,14 +108,14 @@ def _ranked_cells(place: int, model: RankedModel, n_contests: int) -> list[str]:
 
 def _unranked_cells(model: UnrankedModel, n_contests: int) -> list[str]:
     done = f"{n_contests - len(model.missing)}/{n_contests}"
-    return [_label(model.name, model.mark), *["-"] * 6, done]
+    return [marked(model.name, model.mark), *["-"] * 6, done]
 
 
 def _rank_notes(section: Section, key: SortKey) -> Iterator[str]:
     n_ranked = len(section.ranked)
     if n_ranked:
         yield (
-            f"mean rank: of {_count(n_ranked, 'model')} with a result in every contest, ranked "
+            f"mean rank: of {counted(n_ranked, 'model')} with a result in every contest, ranked "
             "among themselves; 1 is the best, ties share their mean rank. A contest is a data set "
             "under a protocol, condition and seed; each weighs the same, so that a protocol weighs "
             f"as many as it has: {_weights(section)}."
@@ -192,12 +185,12 @@ def _missing_note(model: UnrankedModel, n_contests: int) -> str:
     parts = []
     for reason, blocks in by_reason.items():
         named = [
-            f"{block} ({_count(n, 'data set')})" for block, n in [*blocks.items()][:NAMED_BLOCKS]
+            f"{block} ({counted(n, 'data set')})" for block, n in [*blocks.items()][:NAMED_BLOCKS]
         ]
         more = blocks.total() - sum([*blocks.values()][:NAMED_BLOCKS])
         parts.append(f"{reason}: {', '.join(named)}{f' and {more} more' if more else ''}")
     return (
-        f"{model.name}: no mean rank, {len(model.missing)} of {_count(n_contests, 'contest')} "
+        f"{model.name}: no mean rank, {len(model.missing)} of {counted(n_contests, 'contest')} "
         f"missing. {'; '.join(parts)}."
     )
 
@@ -227,7 +220,7 @@ def _by_protocol(section: Section, key: SortKey) -> Iterator[TextTable]:
             header=("model", *(_heading(column, several) for column in found)),
             rows=[
                 [
-                    _label(model, section.mark_under(protocol, model)),
+                    marked(model, section.mark_under(protocol, model)),
                     *(_column_text(column, model, key) for column in found),
                 ]
                 for model in models
@@ -249,7 +242,7 @@ def _marks_note(key: SortKey, several: bool) -> str:
 
 def _heading(column: Column, several: bool) -> str:
     name = column.condition or column.protocol
-    datasets = [_count(len(column.datasets), "data set")] if several else []
+    datasets = [counted(len(column.datasets), "data set")] if several else []
     about = ", ".join([*datasets, *_seeds(len(column.seeds))])
     return f"{name} ({about})" if about else name
 

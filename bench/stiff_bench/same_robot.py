@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from stiff_bench.choice import OPTION_MARK, split_word
+from stiff_bench.choice import join_word, split_word
 from stiff_bench.collected import Contest
 from stiff_bench.contest_name import ContestName
 from stiff_bench.grouped import grouped
+from stiff_bench.words import counted
 
 SPECIMEN = "specimen"
 _REPEATS = ("seed",)
@@ -73,7 +74,7 @@ def of_robots(families: Mapping[Robot, Sequence[str]]) -> str:
         parts.append(f"{len(members)} specimens of {named}" if len(members) > 1 else named)
     if len(parts) == 1 and len(families) > 1:
         return parts[0]
-    return f"{len(families)} robot{'s' * (len(families) > 1)}: {', '.join(parts)}"
+    return f"{counted(len(families), 'robot')}: {', '.join(parts)}"
 
 
 def dataset_of(name: str) -> str:
@@ -88,12 +89,7 @@ def family_of(name: str) -> str:
 
 def _without(name: str, options: Sequence[str]) -> str:
     key, settings = split_word(name)
-    kept = [
-        setting.replace(OPTION_MARK, 2 * OPTION_MARK)
-        for setting in settings
-        if setting.partition("=")[0] not in options
-    ]
-    return OPTION_MARK.join([key, *kept])
+    return join_word(key, [one for one in settings if one.partition("=")[0] not in options])
 
 
 def of_families(datasets: Sequence[str]) -> str:

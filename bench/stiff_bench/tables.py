@@ -15,6 +15,7 @@ import numpy as np
 from stiff_bench.fit_notes import model_notes, size_notes
 from stiff_bench.published import MARK, NOTE, published_rows
 from stiff_bench.units import PRINTED, percent
+from stiff_bench.words import counted, marked
 from stiff_protocols.errors import StoreError
 from stiff_protocols.metrics import Metric
 from stiff_protocols.plugin import kind_label
@@ -58,7 +59,7 @@ class Row:
     @property
     def label(self) -> str:
         """Name with its mark."""
-        return f"{self.name} [{self.mark}]" if self.mark else self.name
+        return marked(self.name, self.mark)
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ class Table:
     @property
     def title(self) -> str:
         """Data set, protocol, splits, seed, unit and nominal coverage in one line."""
-        splits = "1 split" if self.n_splits == 1 else f"{self.n_splits} splits"
+        splits = counted(self.n_splits, "split")
         spread = ""
         if self.pooled:
             spread = " over the predictions of all splits"

@@ -19,20 +19,11 @@ from stiff_protocols.contract import (
     StatesRegime,
     StiffnessModel,
 )
-from stiff_protocols.errors import (
-    ConfigError,
-    StiffBenchError,
-)
+from stiff_protocols.errors import ConfigError, StiffBenchError
 from stiff_protocols.plugin import DatasetInfo, ModelInfo, ProtocolInfo
-from stiff_protocols.record import (
-    Cell,
-    Presentation,
-)
+from stiff_protocols.record import Cell, Presentation
 from stiff_protocols.split_checks import first_fault
-from stiff_protocols.types import (
-    BenchmarkData,
-    Split,
-)
+from stiff_protocols.types import BenchmarkData, Split
 
 NO_SOURCE = "no source: target alone"
 """Regime of a model that has no source domain, where the others' comes from another robot."""

@@ -2,35 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path
-
 import pytest
 
-from stiff_bench.config import RunRequest, chosen_dataset, plan_run
+from run_requests import planned
+from stiff_bench.config import chosen_dataset
 from stiff_bench.registry import build_registry
-from stiff_bench.robot_words import RobotWords
 from stiff_bench.tasks import cell_tasks
 from stiff_protocols.errors import ConfigError
-
-REQUEST = RunRequest(
-    models=("vjm",),
-    datasets=("kr10-twin",),
-    protocols=("holdout",),
-    metrics=("mae",),
-    splits=None,
-    seed=0,
-    settings=(),
-    device="cpu",
-    output=Path("unused"),
-    data=None,
-    robot=RobotWords(None, None, ""),
-    command="bench run",
-)
-
-
-def plan(**changes):
-    return plan_run(replace(REQUEST, **changes), build_registry())
 
 
 def names(choices):
@@ -38,7 +16,7 @@ def names(choices):
 
 
 def test_several_variants_of_one_key_meet_in_one_run():
-    made = plan(
+    made = planned(
         models=("ft-mlp@freeze=full", "ft-mlp@freeze=layers:2,3@epochs=5", "ft-mlp"),
         datasets=("kr10-twin", "kr10-twin@specimen=3"),
         protocols=("kfold@folds=3",),
@@ -54,7 +32,9 @@ def test_several_variants_of_one_key_meet_in_one_run():
 
 
 def test_variants_are_cells_of_their_own_with_the_options_in_their_names():
-    tasks = cell_tasks(plan(models=("vjm", "knn@neighbours=3"), datasets=("kr10-twin@specimen=2",)))
+    tasks = cell_tasks(
+        planned(models=("vjm", "knn@neighbours=3"), datasets=("kr10-twin@specimen=2",))
+    )
     assert [task.shown.model for task in tasks] == ["vjm", "knn@neighbours=3"]
     assert {task.shown.dataset for task in tasks} == {"kr10-twin@specimen=2"}
     assert len({task.cell.key for task in tasks}) == 2
@@ -62,16 +42,16 @@ def test_variants_are_cells_of_their_own_with_the_options_in_their_names():
 
 
 def test_a_default_spelled_out_is_the_same_thing_and_stands_once():
-    made = plan(datasets=("kr10-twin", "kr10-twin@specimen=0"))
+    made = planned(datasets=("kr10-twin", "kr10-twin@specimen=0"))
     assert names(made.datasets) == ["kr10-twin"]
 
 
 def test_the_device_makes_no_other_model():
-    assert names(plan(models=("mlp@device=cpu", "mlp")).models) == ["mlp"]
+    assert names(planned(models=("mlp@device=cpu", "mlp")).models) == ["mlp"]
 
 
 def test_set_reaches_every_variant_and_the_word_has_the_last_word():
-    made = plan(
+    made = planned(
         models=("mlp", "mlp@width=8"), settings=("mlp.width=16", "mlp.epochs=3"), metrics=("mae",)
     )
     assert names(made.models) == ["mlp@epochs=3@width=16", "mlp@epochs=3@width=8"]
@@ -102,5 +82,5 @@ def test_every_command_that_takes_a_data_set_takes_a_word():
 )
 def test_a_wrong_word_is_refused_with_what_is_valid(changes, message):
     with pytest.raises(ConfigError) as refused:
-        plan(**changes)
+        planned(**changes)
     assert message in str(refused.value)

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from run_requests import planned
 from stiff_bench.cells import compute_cell
 from stiff_bench.choice import split_word
-from stiff_bench.config import RunPlan, RunRequest, chosen_dataset, plan_run
+from stiff_bench.config import RunPlan, chosen_dataset
 from stiff_bench.registry import build_registry
-from stiff_bench.robot_words import RobotWords
 from stiff_bench.runner import run_cells
 from stiff_bench.sources import check_named, check_source
 from stiff_bench.store import ResultStore
@@ -206,19 +205,6 @@ def test_a_word_inside_a_word_doubles_the_mark_and_its_name_can_be_typed_again(t
 
 
 def test_an_option_of_the_source_can_be_set_apart_from_the_word():
-    request = RunRequest(
-        models=("vjm",),
-        datasets=(),
-        protocols=("cross-robot",),
-        metrics=("mae",),
-        splits=None,
-        seed=0,
-        settings=("cross-robot.source=kr10-twin@specimen=3",),
-        device="cpu",
-        output=Path("unused"),
-        data=None,
-        robot=RobotWords(None, None, ""),
-        command="bench run",
-    )
-    (choice,) = plan_run(request, build_registry()).sources.values()
+    setting = "cross-robot.source=kr10-twin@specimen=3"
+    (choice,) = planned(protocols=("cross-robot",), settings=(setting,)).sources.values()
     assert choice.name == "kr10-twin@specimen=3"

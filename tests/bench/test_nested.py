@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 
 from command_line import bench
+from run_requests import planned
 from stiff_bench.cells import compute_cell
-from stiff_bench.config import RunRequest, plan_run
-from stiff_bench.registry import build_registry
-from stiff_bench.robot_words import RobotWords
 from stiff_bench.store import ResultStore
 from stiff_bench.tables import build_tables
 from stiff_bench.tasks import cell_tasks
@@ -27,22 +25,16 @@ METRICS = (metric("mae"),)
 
 
 def tasks(*models, protocol="nested", splits=1, coverage=False, settings=()):
-    request = RunRequest(
+    plan = planned(
         models=models,
         datasets=("fanuc-r2000ic",),
         protocols=(protocol,),
         metrics=("mae", "width") if coverage else ("mae",),
         splits=splits,
-        seed=0,
         settings=settings,
-        device="cpu",
-        output=Path("unused"),
-        data=None,
-        robot=RobotWords(None, None, ""),
-        command="bench run",
         coverage=0.8 if coverage else None,
     )
-    return cell_tasks(plan_run(request, build_registry()))
+    return cell_tasks(plan)
 
 
 def grids(found):

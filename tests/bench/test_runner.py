@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 from sklearn.base import BaseEstimator
 
+from run_requests import planned
 from stiff_bench.cells import compute_cell
-from stiff_bench.config import RunRequest, plan_run
 from stiff_bench.registry import build_registry
-from stiff_bench.robot_words import RobotWords
 from stiff_bench.store import ResultStore
 from stiff_bench.tasks import cell_tasks
 from stiff_models.vjm import VirtualJointModel
@@ -176,23 +175,12 @@ def test_all_models_on_a_split_get_the_same_seed_and_splits_get_their_own(tasks_
 
 
 def plan(metrics, coverage, protocol="holdout", registry=None):
-    return plan_run(
-        RunRequest(
-            models=("vjm",),
-            datasets=("fanuc-r2000ic",),
-            protocols=(protocol,),
-            metrics=metrics,
-            splits=None,
-            seed=0,
-            settings=(),
-            device="cpu",
-            output=None,
-            data=None,
-            robot=RobotWords(None, None, ""),
-            command="bench run",
-            coverage=coverage,
-        ),
-        build_registry() if registry is None else registry,
+    return planned(
+        registry,
+        datasets=("fanuc-r2000ic",),
+        protocols=(protocol,),
+        metrics=metrics,
+        coverage=coverage,
     )
 
 
