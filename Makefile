@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 READY = $(VENV)/.ready
 
-.PHONY: run test slow-test bench-speed lint clean
+.PHONY: run test slow-test lint clean
 
 run: $(READY)
 	$(BIN)/bench run --model ft-mlp
@@ -14,9 +14,6 @@ test: $(READY)
 
 slow-test: $(READY)
 	$(BIN)/python -m pytest -m slow
-
-bench-speed: $(READY)
-	$(BIN)/python -m pytest tests/speed/speed_*.py --benchmark-columns=median,iqr,rounds --benchmark-group-by=group
 
 lint: $(READY)
 	$(BIN)/ruff check .

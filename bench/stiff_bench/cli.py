@@ -30,6 +30,7 @@ from stiff_bench.data_cli import data
 from stiff_bench.deploy_cli import export, fit, predict
 from stiff_bench.leaderboard_cli import leaderboard
 from stiff_bench.messages import say
+from stiff_bench.perf_cli import perf
 from stiff_bench.plugin_cli import check, new
 from stiff_bench.provenance import usable_cores
 from stiff_protocols.errors import StiffBenchError
@@ -217,7 +218,7 @@ def show(key: str, plugins: tuple[Path, ...]) -> None:
     click.echo(describe(usable_registry(plugins).find(key)))
 
 
-for command in (cache, check, compare, data, export, fit, leaderboard, new, predict):
+for command in (cache, check, compare, data, export, fit, leaderboard, new, perf, predict):
     bench.add_command(command)
 
 

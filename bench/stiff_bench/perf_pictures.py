@@ -1,0 +1,40 @@
+"""The pictures of `bench perf`: measured curves on logarithmic axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from stiff_bench.grouped import grouped
+from stiff_bench.perf_report import Curve
+from stiff_bench.picture_file import save_figure
+
+SIZE_INCH = (8.0, 5.0)
+
+
+def save_pictures(curves: Sequence[Curve], folder: Path) -> list[Path]:
+    """Draw a picture of each name and return the files.
+
+    Raises:
+        StoreError: a file cannot be written.
+    """
+    by_picture = grouped(curves, lambda curve: curve.picture)
+    return [_save(found, folder / f"performance_{name}.png") for name, found in by_picture.items()]
+
+
+def _save(curves: Sequence[Curve], path: Path) -> Path:
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator
+
+    figure = Figure(figsize=SIZE_INCH, layout="constrained")
+    ax = figure.subplots()
+    for curve in curves:
+        style = {"linewidth": 2.2} if curve.ours else {"linewidth": 1.2, "linestyle": "--"}
+        ax.plot(curve.x, curve.y, marker="o", markersize=3.5, label=curve.who, **style)
+    ax.set(xscale="log", yscale="log", xlabel=curves[0].x_label, ylabel=curves[0].y_label)
+    ax.yaxis.set_minor_locator(LogLocator(subs="auto"))
+    ax.grid(True, which="major", linewidth=0.6, color="0.8")
+    ax.grid(True, which="minor", linewidth=0.3, color="0.9")
+    ax.legend(frameon=False)
+    save_figure(figure, path)
+    return path

@@ -1,0 +1,72 @@
+"""Runs the benchmarks of a checkout in a process of their own."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from importlib.util import find_spec
+from pathlib import Path
+
+from stiff_bench.perf_report import PerfReport, read_report
+from stiff_protocols.errors import ConfigError, StoreError
+from stiff_protocols.files import written_whole
+
+BENCHMARKS = Path(__file__).resolve().parents[2] / "tests" / "perf"
+_NONE_COLLECTED = 5  # pytest's exit status
+
+
+def run_benchmarks(
+    only: str, *, long: bool, json_file: Path | None, folder: Path = BENCHMARKS
+) -> PerfReport:
+    """Run the benchmarks and return what they measured; their progress goes to standard error.
+
+    Args:
+        only: pytest's -k expression over the benchmarks' names; "" for all.
+        long: those of several minutes, too.
+        json_file: where pytest-benchmark's own JSON is kept.
+        folder: of the benchmarks.
+
+    Raises:
+        ConfigError: this is no checkout, pytest-benchmark is missing, or `only` names nothing.
+        StoreError: `json_file` cannot be written.
+    """
+    _check_usable(folder)
+    if json_file is not None and not json_file.absolute().parent.is_dir():
+        raise StoreError(f"--json {json_file}: there is no folder {json_file.absolute().parent}")
+    with tempfile.TemporaryDirectory() as scratch:
+        benchmarks, outcomes = Path(scratch) / "benchmarks.json", Path(scratch) / "outcomes.xml"
+        words = [
+            *map(str, sorted(folder.glob("perf_*.py"))),
+            "--benchmark-only",
+            f"--benchmark-json={benchmarks}",
+        ]
+        words += [f"--junitxml={outcomes}", "--benchmark-quiet", "-v", "--tb=short", "-k", only]
+        words += ["-p", "no:cacheprovider", "-p", "no:xdist", "-m", "" if long else "not slow"]
+        # One thread, as a run of many cells has it: two that wait for each other on a busy
+        # machine measure the machine.
+        threads = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "MKL", "OPENBLAS")}
+        status = subprocess.run(
+            [sys.executable, "-m", "pytest", *words],
+            cwd=folder.parents[1],
+            env=os.environ | threads,
+            stdout=sys.stderr.fileno(),
+            check=False,
+        ).returncode
+        if status == _NONE_COLLECTED:
+            raise ConfigError(f"--only {only!r}: no benchmark's name matches")
+        if json_file is not None and benchmarks.exists():
+            with written_whole(json_file) as temporary:
+                temporary.write_bytes(benchmarks.read_bytes())
+        return read_report(benchmarks, outcomes)
+
+
+def _check_usable(folder: Path) -> None:
+    if not folder.is_dir():
+        raise ConfigError(
+            "bench perf runs the benchmarks of a checkout (tests/perf), and this stiffbench is "
+            "installed without one: clone its repository and pip install -e '.[perf]' there"
+        )
+    if find_spec("pytest_benchmark") is None:
+        raise ConfigError("bench perf needs pytest-benchmark: pip install 'stiffbench[perf]'")
