@@ -28,11 +28,15 @@ def search_breakpoints(finest: FloatArray, target: FloatArray, start: IntArray) 
     """
     _, _, n_joints, n_finest = finest.shape
     rows = finest.reshape(-1, n_joints * n_finest)
-    basis, triangle = np.linalg.qr(rows)
-    seen = basis.T @ target.reshape(-1)  # what slopes can explain; the rest is the same for all
+    # the target beside them: the last column is what slopes can explain of it, and what they cannot
+    beside = np.column_stack([rows, target.reshape(-1)])
+    compressed = np.asarray(np.linalg.qr(beside, mode="r"))  # numpy's own types lack this mode
+    triangle, seen = compressed[:, :-1], compressed[:, -1]
+    # where each joint's segments begin in the columns: the first at the joint's own first one
+    own, nothing = n_finest * np.arange(n_joints)[:, None], np.zeros(n_joints, dtype=np.int64)
 
     def residual(chosen: IntArray) -> float:
-        first = np.pad(chosen + 1, ((0, 0), (1, 0))) + n_finest * np.arange(n_joints)[:, None]
+        first = own + np.column_stack([nothing, chosen + 1])
         coarse = np.add.reduceat(triangle, first.ravel(), axis=1)
         size = np.linalg.norm(coarse, axis=0)
         size[size == 0.0] = 1.0  # no sample's torque lies in the segment
@@ -53,7 +57,7 @@ def search_breakpoints(finest: FloatArray, target: FloatArray, start: IntArray) 
 
 def _moves(chosen: IntArray, joint: int, number: int, n_candidates: int) -> list[IntArray]:
     """Return the choices that one breakpoint's move between its neighbours gives."""
-    around = np.pad(chosen[joint], 1, constant_values=(-1, n_candidates))
+    around = [-1, *chosen[joint], n_candidates]
     moves = []
     for candidate in range(around[number] + 1, around[number + 2]):
         trial = chosen.copy()

@@ -24,8 +24,8 @@ import joblib
 import numpy as np
 import torch
 
+from stiff_models.arithmetic import arithmetic
 from stiff_models.cache_folder import OFF, VARIABLE, cache_folder, usable_folder
-from stiff_models.networks import has_fast_bfloat16
 from stiff_models.training import Curve, Rows
 from stiff_models.training_plan import TrainingPlan
 from stiff_protocols.errors import StiffBenchWarning, StoreError
@@ -159,7 +159,7 @@ def training_digest(
         str(seed),
         about,
         _machine(device),
-        f"bfloat16 {plan.mixed_precision and has_fast_bfloat16(device)}",
+        repr(arithmetic(device, mixed_precision=plan.mixed_precision)),
         _our_code(),
         *(_code_of(file) for file in _strangers_files([*network.modules(), *actors])),
     ):

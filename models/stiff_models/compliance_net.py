@@ -118,7 +118,7 @@ class ComplianceNet(FtMlp):
             len(self.input_scaler_.mean),
             layers=self.layers,
             width=self.width,
-            activation=self.activation,
+            activation=self.hidden_activation,
             seed=seed,
             n_outputs=n_joints,
         )

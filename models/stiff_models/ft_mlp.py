@@ -11,7 +11,7 @@ import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 import torch
 from annotated_types import Ge
@@ -24,8 +24,10 @@ from stiff_models.training import Curve, Rows, train_network
 from stiff_models.training_plan import Trainable, TrainingPlan
 from stiff_protocols.types import Robot, Samples
 
+FAST = TrainingPlan(steps=300, learning_rate=3e-4, loss="mae", optimizer="adam")
 FINE_TUNING: dict[Recipe, TrainingPlan] = {
-    "fast": TrainingPlan(steps=300, learning_rate=3e-4, loss="mae", optimizer="adam"),
+    "fast": FAST,
+    "best": FAST,
     # exactly the paper's: rate 0.03, 50,000 epochs, mean absolute error; plain gradient descent
     "paper": TrainingPlan(steps=50_000, learning_rate=0.03, loss="mae", optimizer="sgd"),
 }
@@ -42,6 +44,8 @@ class FtMlp(MlpPretrained):
         training: "best" keeps the best epoch on the validation rows, "normal" the last.
         epochs: of fine-tuning; none: the recipe's.
         learning_rate: of fine-tuning; none: the recipe's.
+        precision: of fine-tuning's products: "float32", or "bfloat16" where the device has it,
+            which is faster, and not accurate enough to compare with other programs' losses.
         unfreeze_every: epochs between two layers of freeze="gradual".
         l2sp_alpha: strength of the penalty of freeze="l2sp", on the weights that the
             standardised network has.
@@ -51,6 +55,7 @@ class FtMlp(MlpPretrained):
     training: Selection = "best"
     epochs: Epochs | None = None
     learning_rate: LearningRate | None = None
+    precision: Literal["float32", "bfloat16"] = "float32"
     unfreeze_every: Annotated[int, Ge(1)] = 50
     l2sp_alpha: Annotated[float, Ge(0.0)] = 1.0
 
@@ -106,6 +111,7 @@ class FtMlp(MlpPretrained):
             steps=plan.steps if self.epochs is None else self.epochs,
             learning_rate=plan.learning_rate if self.learning_rate is None else self.learning_rate,
             keep_best=keep_best and self.training == "best",
+            mixed_precision=self.precision == "bfloat16",
         )
 
     def _stages(self, epochs: int) -> tuple[Stage, ...]:

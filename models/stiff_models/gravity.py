@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
-from stiff_models.kinematics import jacobian
+from stiff_models.chain import Chain
+from stiff_models.kinematics import PROGRAMS_KEPT
+from stiff_models.straight_line import Program, half_angle, tape_with
 from stiff_protocols.forward_kinematics import checked_positions
 from stiff_protocols.types import FloatArray, Robot
 
@@ -15,10 +17,10 @@ def gravity_torque(robot: Robot, q: FloatArray) -> FloatArray:
     """Return the torque that the links' weights exert on the joints.
 
     It has the sign of the loads' torque, and so the opposite one of the generalised gravity g(q)
-    that drives must balance. A weight is a force at a centre of mass: J_com^T (m g), link by link.
+    that drives must balance. Loads and tools that the robot carries are not part of it.
 
     Args:
-        robot: with masses; loads and tools it carries are not part of it.
+        robot: with masses.
         q: (n, n_joints) joint positions, rad or m.
 
     Returns:
@@ -28,21 +30,12 @@ def gravity_torque(robot: Robot, q: FloatArray) -> FloatArray:
         DataError: `q` has another number of joints than the robot.
     """
     q = checked_positions(robot, q)
-    torque = np.zeros(q.shape)
-    for link in range(robot.n_joints):
-        upto = slice(link + 1)
-        below = replace(
-            robot,
-            joint_names=robot.joint_names[upto],
-            joint_types=robot.joint_types[upto],
-            placements=robot.placements[upto],
-            axes=robot.axes[upto],
-            lower=robot.lower[upto],
-            upper=robot.upper[upto],
-            masses=robot.masses[upto],
-            centres_of_mass=robot.centres_of_mass[upto],
-            tcp=robot.centres_of_mass[link],
-        )
-        weight = robot.masses[link] * robot.gravity
-        torque[:, upto] += weight @ jacobian(below, q[:, upto])[:, :3]
-    return torque
+    torque = np.empty((robot.n_joints, len(q)))
+    _program(robot).run([q], torque)
+    return np.ascontiguousarray(torque.T)
+
+
+@lru_cache(PROGRAMS_KEPT)
+def _program(robot: Robot) -> Program:
+    tape, (q,) = tape_with(robot.n_joints)
+    return Program.of(tape, Chain.of(robot).gravity_torque(q, half_angle))

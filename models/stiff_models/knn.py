@@ -8,7 +8,8 @@ from typing import Annotated, Any, Literal
 from annotated_types import Ge
 from sklearn.neighbors import KNeighborsRegressor
 
-from stiff_models.regressor_model import RegressorModel, Rows
+from stiff_models.regressor_model import RegressorModel
+from stiff_models.standardised_model import Rows
 from stiff_protocols.errors import ModelError
 
 

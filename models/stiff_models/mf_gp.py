@@ -9,11 +9,10 @@ import numpy as np
 from annotated_types import Ge
 
 from stiff_models.co_kriging import fit_co_kriging
-from stiff_models.gp import AT_A_BOUND, GaussianProcessModel, noise_in_mm
-from stiff_models.regressor_model import told_as_ours
+from stiff_models.gp import GaussianProcessModel, noise_in_mm
+from stiff_models.joint_springs import joint_deflection
 from stiff_models.source import PoseDesign, WrenchDesign, drawn_from
 from stiff_models.source_model import SourceModel
-from stiff_models.vjm import joint_deflection
 from stiff_protocols.types import AXES, FloatArray, Robot, Samples
 
 
@@ -47,7 +46,7 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
 
         Raises:
             ConfigError: the source cannot be made for the robot.
-            ModelError: no joint can be identified.
+            ModelError: no joint can be identified, or a level cannot be solved.
         """
         inputs, targets = self._standardised(robot, train)
         origin = self._origin(train, robot)
@@ -61,16 +60,16 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
         q, wrench = np.vstack([drawn_q, train.q]), np.vstack([drawn_wrench, train.wrench])
         cheap_inputs = self._inputs(robot, q, wrench)
         cheap = self.output_scaler_.apply(joint_deflection(origin.robot, compliance, q, wrench))
-        with told_as_ours(but=AT_A_BOUND):
-            self.levels_ = tuple(
-                fit_co_kriging(
-                    self._process(inputs.shape[1], seed, noise=False),
-                    self._process(inputs.shape[1], seed),
-                    (cheap_inputs, cheap[:, axis]),
-                    (inputs, targets[:, axis]),
-                )
-                for axis in range(len(AXES))
+        self.levels_ = tuple(
+            fit_co_kriging(
+                self._start(inputs.shape[1], noise=False),
+                self._start(inputs.shape[1]),
+                (cheap_inputs, cheap[:, axis]),
+                (inputs, targets[:, axis]),
+                self._search(seed),
             )
+            for axis in range(len(AXES))
+        )
         self.diagnostics_ = {
             **{f"rho {a.upper()}": c.rho for a, c in zip(AXES, self.levels_, strict=True)},
             **noise_in_mm([level.delta for level in self.levels_], self.output_scaler_.scale),
@@ -78,11 +77,8 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
         self.robot_ = robot
         return self
 
-    def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        inputs = self._inputs(self.robot_, q, wrench)
-        mean = np.stack([level.mean(inputs) for level in self.levels_], axis=1)
-        return self.output_scaler_.undo(mean)
+    def _means(self, inputs: FloatArray) -> FloatArray:
+        return np.stack([level.mean(inputs) for level in self.levels_], axis=1)
 
-    def _posterior(self, inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
-        mean = np.stack([level.mean(inputs) for level in self.levels_], axis=1)
-        return mean, np.stack([level.deviation(inputs) for level in self.levels_], axis=1)
+    def _deviations(self, inputs: FloatArray) -> FloatArray:
+        return np.stack([level.deviation(inputs) for level in self.levels_], axis=1)

@@ -14,7 +14,7 @@ from annotated_types import Ge, Le
 from stiff_models.base import FittedModel
 from stiff_models.cache import Trained, remembered, training_digest
 from stiff_models.features import AngleEncoding, Scaler, encode
-from stiff_models.networks import Activation, Device, build_network, torch_device
+from stiff_models.networks import Activation, ChosenActivation, Device, build_network, torch_device
 from stiff_models.torch_parts import EncodedNetwork
 from stiff_models.training import Objective, Rows, train_network
 from stiff_models.training_plan import Trainable, TrainingPlan
@@ -157,18 +157,23 @@ class NetworkModel(EncodedNetworkModel):
     Attributes:
         layers: hidden layers.
         width: nodes a hidden layer.
-        activation: of the hidden layers.
+        activation: of the hidden layers; "auto" is "relu", unless a recipe says otherwise.
     """
 
     layers: Layers = 4
     width: Width = 380
-    activation: Activation = "relu"
+    activation: ChosenActivation = "auto"
+
+    @property
+    def hidden_activation(self) -> Activation:
+        """Return the activation that the network gets."""
+        return "relu" if self.activation == "auto" else self.activation
 
     def _new_network(self, seed: int) -> torch.nn.Module:
         return build_network(
             len(self.input_scaler_.mean),
             layers=self.layers,
             width=self.width,
-            activation=self.activation,
+            activation=self.hidden_activation,
             seed=seed,
         )

@@ -10,6 +10,7 @@ import torch
 from stiff_protocols.errors import ConfigError
 
 Activation = Literal["relu", "tanh", "sigmoid", "gelu"]
+ChosenActivation = Literal["auto", "relu", "tanh", "sigmoid", "gelu"]
 Device = Literal["auto", "cpu", "cuda"]
 
 _ACTIVATIONS = {
@@ -60,14 +61,3 @@ def torch_device(device: Device) -> torch.device:
     if device == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     return torch.device(device)
-
-
-def has_fast_bfloat16(device: torch.device) -> bool:
-    """Say whether bfloat16 products run in hardware there; in emulation they only cost."""
-    if device.type == "cuda":
-        return bool(torch.cuda.is_bf16_supported())
-    checks = (
-        getattr(torch.cpu, name, lambda: False)
-        for name in ("_is_avx512_bf16_supported", "_is_amx_tile_supported")
-    )
-    return any(check() for check in checks)

@@ -6,30 +6,47 @@ from collections.abc import Mapping
 
 import torch
 
-from stiff_models.muon import Muon
+from stiff_models.muon import WHITENED_ROWS, Muon
 from stiff_models.networks import linear_layers
 from stiff_models.training_plan import Trainable, TrainingPlan
 
-ADAM_RATE_BESIDE_MUON = 2e-3  # of biases and of the first and last layer
+ADAM_RATE_BESIDE_MUON = 4e-3  # of biases and of the first and last layer
 
 
 def optimizers(
-    network: torch.nn.Module, plan: TrainingPlan, trainable: Trainable, bfloat16: bool
+    network: torch.nn.Module,
+    plan: TrainingPlan,
+    trainable: Trainable,
+    inputs: torch.Tensor,
+    *,
+    bfloat16: bool,
 ) -> list[torch.optim.Optimizer]:
-    """Return the optimizers, each parameter in one group of its own rate."""
+    """Return the optimizers, each parameter in one group of its own rate.
+
+    Args:
+        network: that is trained.
+        plan: how.
+        trainable: which parameters move.
+        inputs: (n, n_inputs) of the network, of the rows it learns from.
+        bfloat16: low precision is at hand.
+    """
     rates = trainable.rates
     if plan.optimizer == "sgd":
         return [torch.optim.SGD(_groups(rates, plan.learning_rate))]
     if plan.optimizer == "adam":
         groups = _groups(rates, plan.learning_rate)
         return [torch.optim.Adam(groups, weight_decay=plan.weight_decay, fused=True)]
-    hidden = [layer.weight for layer in linear_layers(network)[1:-1] if layer.weight in rates]
-    rest = {parameter: rate for parameter, rate in rates.items() if parameter not in set(hidden)}
+    hidden = [layer for layer in linear_layers(network)[1:-1] if layer.weight in rates]
+    weights = {layer.weight for layer in hidden}
+    rest = {parameter: rate for parameter, rate in rates.items() if parameter not in weights}
     optimizers: list[torch.optim.Optimizer] = [
         torch.optim.Adam(_groups(rest, ADAM_RATE_BESIDE_MUON), fused=True)
     ]
     if hidden:
-        optimizers.append(Muon(hidden, lr=plan.learning_rate, low_precision=bfloat16))
+        sample = inputs[:: max(1, len(inputs) // WHITENED_ROWS)][:WHITENED_ROWS]
+        optimizers.append(
+            Muon(network, hidden, sample, lr=plan.learning_rate, low_precision=bfloat16)
+        )
     return optimizers
 
 

@@ -18,7 +18,8 @@ import torch
 from annotated_types import Ge
 
 from stiff_models.networks import Device, torch_device
-from stiff_models.regressor_model import RegressorModel, Rows
+from stiff_models.regressor_model import RegressorModel
+from stiff_models.standardised_model import Rows
 from stiff_protocols.errors import NotSavable
 from stiff_protocols.types import FloatArray
 

@@ -14,27 +14,14 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.multioutput import MultiOutputRegressor
 from sklearn.utils import get_tags
 
-from stiff_models.base import FittedModel
-from stiff_models.features import AngleEncoding, Scaler, encode
+from stiff_models.standardised_model import Rows, StandardisedModel
 from stiff_protocols.errors import StiffBenchWarning
 from stiff_protocols.types import FloatArray, Robot, Samples
 
-Rows = tuple[FloatArray, FloatArray]
-"""Standardised features (n, n_features) and deflections (n, 3)."""
-
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class RegressorModel(FittedModel):
-    """Base of the families that hand standardised rows to a regressor.
-
-    Features and deflections are standardised with the training rows' statistics: the defaults of
-    most regressors (a kernel's width, a tube of 0.1) mean nothing on deflections of 1e-4 m.
-
-    Attributes:
-        angle_encoding: "sincos" (sine and cosine of each angle) or "raw" (the angle).
-    """
-
-    angle_encoding: AngleEncoding = "sincos"
+class RegressorModel(StandardisedModel):
+    """Base of the families whose learner has scikit-learn's `fit` and `predict`."""
 
     def fit(
         self,
@@ -69,20 +56,6 @@ class RegressorModel(FittedModel):
         predicted = self.regressor_.predict(self._inputs(self.robot_, q, wrench))
         return self.output_scaler_.undo(predicted)
 
-    def _standardised(self, robot: Robot, train: Samples) -> Rows:
-        """Take the training rows' statistics and return the rows in them."""
-        features = encode(robot, train.q, train.wrench, self.angle_encoding)
-        self.input_scaler_ = Scaler.of(features)
-        self.output_scaler_ = Scaler.of(train.deflection)
-        return self.input_scaler_.apply(features), self.output_scaler_.apply(train.deflection)
-
-    def _inputs(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        return self.input_scaler_.apply(encode(robot, q, wrench, self.angle_encoding))
-
-    def _rows(self, robot: Robot, samples: Samples) -> Rows:
-        inputs = self._inputs(robot, samples.q, samples.wrench)
-        return inputs, self.output_scaler_.apply(samples.deflection)
-
 
 def for_three_outputs(regressor: Any) -> Any:
     """Return a regressor of the three axes: one copy an axis where it has one output only."""
@@ -91,19 +64,15 @@ def for_three_outputs(regressor: Any) -> Any:
 
 
 @contextmanager
-def told_as_ours(but: str = "") -> Iterator[None]:
-    """Turn scikit-learn's convergence warnings into ours, which stand beside a result.
-
-    Args:
-        but: a warning whose text contains this is dropped; "": none is.
-    """
+def told_as_ours() -> Iterator[None]:
+    """Turn scikit-learn's convergence warnings into ours, which stand beside a result."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
     for text, category in dict.fromkeys((str(w.message), w.category) for w in caught):
         if not issubclass(category, ConvergenceWarning):
             warnings.warn(text, category, stacklevel=4)
-        elif not (but and but in text):
+        else:
             finding = " ".join(text.split()).partition(" You might")[0]  # advice on other data
             warnings.warn(finding, StiffBenchWarning, stacklevel=4)
 

@@ -16,7 +16,8 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils import all_estimators
 
 from stiff_models.on_physics import OnPhysics
-from stiff_models.regressor_model import RegressorModel, Rows, for_three_outputs
+from stiff_models.regressor_model import RegressorModel, for_three_outputs
+from stiff_models.standardised_model import Rows
 from stiff_protocols.errors import ConfigError, ModelError, unknown_name
 from stiff_protocols.plugin import ModelInfo
 

@@ -1,19 +1,20 @@
 """The simulated source domain: many poses and wrenches whose deflection a VJM supplies.
 
-A design is a set of poses and some wrenches a pose. The Jacobian is computed once a pose and
-shared by that pose's wrenches. Where a design follows data, it follows the training samples alone.
+A design is a set of poses and some wrenches a pose. The compliance matrix is computed once a pose
+and shared by that pose's wrenches; on a grid it is computed once for all values of the first joint.
+Where a design follows data, it follows the training samples alone.
 """
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
-from stiff_models.kinematics import jacobian
+from stiff_models.joint_springs import compliance_matrix
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.types import FloatArray, IntArray, Robot, Samples
 
@@ -49,10 +50,13 @@ class SourceDesign:
     Attributes:
         q: (n_poses, n_joints) rad.
         wrench: (n_poses, n_wrenches, 6) or (1, n_wrenches, 6) when all poses share them.
+        first_values: (k,) values of the first joint where the poses are a grid, of which `q` holds
+            all others' poses k times, once a value; None where they are none.
     """
 
     q: FloatArray
     wrench: FloatArray
+    first_values: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,10 +104,9 @@ def source_design(
     check_poses(poses, robot)
     automatic: Literal["paper", "data"] = "paper" if robot.name == PAPER_ROBOT else "data"
     rng = np.random.default_rng(seed)
-    q = _poses(automatic if poses == "auto" else poses, train, rng)
-    return SourceDesign(
-        q, _wrenches(automatic if wrenches == "auto" else wrenches, train, len(q), rng)
-    )
+    q, first_values = _poses(automatic if poses == "auto" else poses, train, rng)
+    wrench = _wrenches(automatic if wrenches == "auto" else wrenches, train, len(q), rng)
+    return SourceDesign(q, wrench, first_values)
 
 
 def check_poses(poses: PoseDesign, robot: Robot) -> None:
@@ -123,16 +126,65 @@ def simulate(robot: Robot, compliance: FloatArray, design: SourceDesign) -> Sour
         compliance: (n_joints,) rad/(N m).
         design: poses and wrenches.
     """
-    rows = jacobian(robot, design.q)  # (p, 6, n_joints): once a pose
     n_poses, n_wrenches = len(design.q), design.wrench.shape[1]
     wrench = np.broadcast_to(design.wrench, (n_poses, n_wrenches, 6))
-    bent = (wrench @ rows) * compliance  # (p, w, n_joints): joint angles, rad
-    deflection = bent @ rows[:, :3].transpose(0, 2, 1)  # (p, w, 3)
     return SourceDomain(
         q=np.repeat(design.q, n_wrenches, axis=0),
-        wrench=np.ascontiguousarray(wrench.reshape(-1, 6)),
-        deflection=deflection.reshape(-1, 3),
+        wrench=wrench.reshape(-1, 6),
+        deflection=design_deflection(robot, compliance, design).reshape(-1, 3),
     )
+
+
+def design_deflection(robot: Robot, compliance: FloatArray, design: SourceDesign) -> FloatArray:
+    """Return the (n_poses, n_wrenches, 3) deflections [m] of joint springs over a design.
+
+    Args:
+        robot: the robot.
+        compliance: (n_joints,) rad/(N m).
+        design: poses and wrenches.
+    """
+    if design.first_values is not None and len(design.wrench) == 1:
+        return _on_grid(robot, compliance, design.q, design.first_values, design.wrench[0])
+    matrices = compliance_matrix(robot, compliance, design.q)  # (p, 3, 6)
+    return np.asarray(design.wrench @ matrices.transpose(0, 2, 1))
+
+
+def _on_grid(
+    robot: Robot,
+    compliance: FloatArray,
+    q: FloatArray,
+    first_values: FloatArray,
+    wrenches: FloatArray,
+) -> FloatArray:
+    """Return the deflections where every value of the first joint meets the same other poses.
+
+    A turn R of the first joint turns the whole chain: ``C(q) = R C(0, q2, ...) R^T``, and a slide
+    leaves C as it is. The deflection ``d = R C' R^T w`` is linear in the 18 components of C', with
+    factors that depend on the first joint and the wrench alone.
+
+    Args:
+        robot: the robot.
+        compliance: (n_joints,) rad/(N m).
+        q: (n_poses, n_joints) rad, see `SourceDesign`.
+        first_values: (k,) rad or m.
+        wrenches: (w, 6) N and N m.
+
+    Returns:
+        (n_poses, w, 3) m.
+    """
+    k, n_others = len(first_values), len(q) // len(first_values)
+    others = q[:n_others].copy()
+    others[:, 0] = 0.0
+    matrices = compliance_matrix(robot, compliance, others).reshape(1, n_others, 18)
+    turns = np.tile(np.eye(3), (k, 1, 1))  # (k, 3, 3)
+    if robot.joint_types[0] == "revolute":
+        axis = robot.placements[0, :3, :3] @ robot.axes[0]
+        turns = Rotation.from_rotvec(first_values[:, None] * axis).as_matrix()
+    # wrenches as the turned chain feels them: R^T f and R^T m
+    felt = np.einsum("kba,wcb->kwca", turns, wrenches.reshape(-1, 2, 3)).reshape(k, -1, 6)
+    factors = np.einsum("kxa,kwb->kabwx", turns, felt).reshape(k, 18, -1)
+    deflection = matrices @ factors  # (k, n_others, w * 3)
+    return np.asarray(deflection.reshape(len(q), -1, 3))
 
 
 def drawn_from(
@@ -149,19 +201,21 @@ def drawn_from(
     return design.q[chosen], wrench[chosen, which]
 
 
-def _grid(axes: list[FloatArray]) -> FloatArray:
-    return np.array(list(itertools.product(*axes)), dtype=np.float64)
+def _grid(axes: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Return the product of the joints' values, the first slowest, and the first's values."""
+    values = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    return values.reshape(-1, len(axes)), np.asarray(axes[0])
 
 
 def _poses(
     design: Literal["paper", "data", "sobol"], train: Samples, rng: np.random.Generator
-) -> FloatArray:
-    """Return the (n_poses, n_joints) poses of a design."""
+) -> tuple[FloatArray, FloatArray | None]:
+    """Return the (n_poses, n_joints) poses of a design, and of a grid the first joint's values."""
     if design == "paper":
         return _grid([np.deg2rad(axis) for axis in _PAPER_GRID_DEG])
     lower, upper = train.q.min(axis=0), train.q.max(axis=0)
     if design == "sobol":
-        return _sobol(lower, upper, POSE_BUDGET, rng)
+        return _sobol(lower, upper, POSE_BUDGET, rng), None
     moving = upper > lower
     # every moving joint gets the same number of values, as many as the budget of poses allows
     n_values = int(POSE_BUDGET ** (1.0 / moving.sum())) if moving.any() else 1

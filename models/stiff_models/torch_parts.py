@@ -10,8 +10,9 @@ from collections.abc import Iterable
 
 import torch
 
+from stiff_models.chain import Chain
 from stiff_models.features import AngleEncoding, Scaler
-from stiff_models.torch_kinematics import TorchJacobian
+from stiff_models.torch_kinematics import cos_sin, stacked
 from stiff_protocols.types import FloatArray, Robot
 
 
@@ -69,17 +70,16 @@ class EncodedNetwork(torch.nn.Module):
 class JointSprings(torch.nn.Module):
     """Linear joint springs: ``d = J_v diag(c) J^T w``, the virtual joint model."""
 
-    compliance: torch.Tensor
-
     def __init__(self, robot: Robot, compliance: FloatArray) -> None:
-        """Store `compliance` (n_joints,), rad/(N m) or m/N."""
+        """Take the constants of `robot` and `compliance` (n_joints,), rad/(N m) or m/N."""
         super().__init__()
-        self.jacobian = TorchJacobian(robot)
-        self.register_buffer("compliance", torch.tensor(compliance, dtype=torch.float64))
+        self.chain = Chain.of(robot)
+        self.compliance: list[float] = compliance.tolist()
 
     def forward(self, q: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
         """Return the deflection; shapes as above."""
-        return bent_joints(self.jacobian(q), self.compliance, wrench)
+        components = q.unbind(dim=1), wrench.unbind(dim=1)
+        return stacked(self.chain.deflection(self.compliance, *components, cos_sin), q)
 
 
 class SumOf(torch.nn.Module):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 import torch
 
-from stiff_models.networks import has_fast_bfloat16
+from stiff_models.arithmetic import arithmetic
 from stiff_models.optimizers import optimizers, pull_back
+from stiff_models.plain_sequence import PlainSequence
 from stiff_models.training_plan import Trainable, TrainingPlan, loss_function
 from stiff_protocols.errors import ModelError
 from stiff_protocols.progress import report
@@ -19,7 +19,7 @@ Objective = Callable[[float, torch.Tensor, torch.Tensor], torch.Tensor]
 """Takes the progress of the training (0 at its first step, towards 1), inputs (n, n_features) and
 standardised targets (n, 3); returns the loss."""
 
-FULL_PRECISION_END = 0.05  # share of the steps that mixed precision leaves to float32
+FULL_PRECISION_END = 0.1  # share of the steps that mixed precision leaves to float32
 REPORT_EVERY = 10  # steps
 
 
@@ -92,14 +92,22 @@ def train_network(
         ModelError: the loss became NaN or infinite.
     """
     trainable = trainable or Trainable.all_of(network)
-    moving = list(trainable.rates)
     for parameter in network.parameters():
         parameter.requires_grad_(parameter in trainable.rates)
     held_out = validation if plan.keep_best else None
-    run = _Run(network, rows, plan, trainable, held_out, seed, objective)
+    kind = arithmetic(rows.inputs.device, mixed_precision=plan.mixed_precision)
+    with kind.in_force():
+        run = _Run(network, rows, plan, trainable, held_out, seed, objective, kind.bfloat16)
+        curve = _steps(run, plan, trainable, phase)
+    network.eval()
+    return curve
+
+
+def _steps(run: _Run, plan: TrainingPlan, trainable: Trainable, phase: str) -> Curve:
+    moving = list(trainable.rates)
     origin = [parameter.detach().clone() for parameter in moving] if trainable.pull else []
     report(phase, 0, plan.steps)
-    network.train()
+    run.network.train()
     for step in range(plan.steps):
         loss = run.step(step)
         if origin:
@@ -113,9 +121,7 @@ def train_network(
                 )
             run.note(step + 1, value)
             report(phase, step + 1, plan.steps, value)
-    curve = run.finish()
-    network.eval()
-    return curve
+    return run.finish()
 
 
 class _Run:
@@ -130,11 +136,12 @@ class _Run:
         validation: Rows | None,
         seed: int,
         objective: Objective | None,
+        bfloat16: bool,
     ) -> None:
         self.network = network
         self.plan = plan
         self.device = rows.inputs.device
-        self.bfloat16 = plan.mixed_precision and has_fast_bfloat16(self.device)
+        self.bfloat16 = bfloat16
         self.objective = objective
         self.tail, before = (
             _split_at_first_moving(network, trainable)
@@ -143,15 +150,18 @@ class _Run:
         )
         self.rows = _through(before, rows)
         self.validation = None if validation is None else _through(before, validation)
+        self.by_hand = None if objective else PlainSequence.of(self.tail, trainable.rates)
         self.loss = loss_function(plan.loss)
-        self.optimizers = optimizers(self.tail, plan, trainable, self.bfloat16)
+        self.optimizers = optimizers(
+            self.tail, plan, trainable, self.rows.inputs, bfloat16=self.bfloat16
+        )
         self.highest = [[g["lr"] for g in opt.param_groups] for opt in self.optimizers]
         self.generator = torch.Generator().manual_seed(seed)
         self.order = torch.empty(0, dtype=torch.int64)
         # batch statistics belong to the weights, and must not be taken over validation rows
         buffers = [*network.buffers()]
         self.one_pass = objective is None and not buffers
-        self.kept = [*trainable.rates, *buffers]
+        self.kept = [tensor.detach() for tensor in (*trainable.rates, *buffers)]
         self.points: list[CurvePoint] = []
         self.validation_loss = math.nan
         self.best_step, self.best_loss = 0, math.inf
@@ -163,28 +173,46 @@ class _Run:
             for group, rate in zip(optimizer.param_groups, highest, strict=True):
                 group["lr"] = rate * self.plan.rate(step)
             optimizer.zero_grad(set_to_none=True)
-        loss = self._loss_of_a_batch(step)
-        loss.backward()  # type: ignore[no-untyped-call]
+        loss = self._gradients(step)
         for optimizer in self.optimizers:
             optimizer.step()
         return loss.detach()
 
-    def _loss_of_a_batch(self, step: int) -> torch.Tensor:
+    def _gradients(self, step: int) -> torch.Tensor:
+        """Set the gradients of a batch's loss and return that loss."""
         inputs, targets = self._batch()
+        low = self.bfloat16 and step < (1.0 - FULL_PRECISION_END) * self.plan.steps
         if self.validation is not None and not self.one_pass:
             self._judge(step, self._predicted(self.validation.inputs))
         if self.objective is not None:
-            with self._precision(step):
-                return self.objective(step / self.plan.steps, inputs, targets)
+            with self._autocast(low):
+                loss = self.objective(step / self.plan.steps, inputs, targets)
+            loss.backward()  # type: ignore[no-untyped-call]
+            return loss
         n = len(targets)
         if self.validation is not None and self.one_pass:  # one pass serves both
             inputs = torch.cat([inputs, self.validation.inputs])
-        with self._precision(step):
-            outputs = self.tail(inputs)
-        outputs = outputs.float()
+        outputs = self._outputs(inputs, low)
         if self.validation is not None and self.one_pass:
             self._judge(step, outputs[n:].detach())
-        return self.loss(outputs[:n], targets)
+        learned = outputs[:n]
+        if self.by_hand is not None:  # autograd's part begins behind the network
+            learned.requires_grad_()
+        loss = self.loss(learned, targets)
+        loss.backward()  # type: ignore[no-untyped-call]
+        if self.by_hand is not None and learned.grad is not None:
+            self.by_hand.backward(learned.grad)
+        return loss
+
+    def _outputs(self, inputs: torch.Tensor, low: bool) -> torch.Tensor:
+        if self.by_hand is not None:
+            return self.by_hand.outputs(inputs, bfloat16=low)
+        with self._autocast(low):
+            outputs: torch.Tensor = self.tail(inputs)
+        return outputs.float()
+
+    def _autocast(self, low: bool) -> torch.autocast:
+        return torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=low)
 
     def _predicted(self, inputs: torch.Tensor) -> torch.Tensor:
         """Return the outputs as a prediction has them: dropout off, batch statistics fixed."""
@@ -202,9 +230,7 @@ class _Run:
         if self.validation is None:
             return Curve(tuple(self.points), self.plan.steps, math.nan)
         self._judge(self.plan.steps, self._predicted(self.validation.inputs))
-        with torch.no_grad():
-            for tensor, best in zip(self.kept, self.best_weights, strict=True):
-                tensor.copy_(best)
+        torch._foreach_copy_(self.kept, self.best_weights)
         return Curve(tuple(self.points), self.best_step, self.best_loss)
 
     def _batch(self) -> tuple[torch.Tensor, torch.Tensor]:
@@ -216,17 +242,14 @@ class _Run:
         chosen, self.order = self.order[:batch].to(self.device), self.order[batch:]
         return self.rows.inputs[chosen], self.rows.targets[chosen]
 
-    def _precision(self, step: int) -> AbstractContextManager[object]:
-        low = self.bfloat16 and step < (1.0 - FULL_PRECISION_END) * self.plan.steps
-        return torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=low)
-
     def _judge(self, step: int, outputs: torch.Tensor) -> None:
         """Remember the weights if the validation rows were never predicted better."""
         assert self.validation is not None  # for the type checker
         self.validation_loss = (outputs - self.validation.targets).abs().mean().item()
         if self.validation_loss < self.best_loss or not self.best_weights:
             self.best_step, self.best_loss = step, self.validation_loss
-            self.best_weights = [tensor.detach().clone() for tensor in self.kept]
+            self.best_weights = self.best_weights or [torch.empty_like(t) for t in self.kept]
+            torch._foreach_copy_(self.best_weights, self.kept)
 
 
 def _split_at_first_moving(

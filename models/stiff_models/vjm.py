@@ -8,16 +8,19 @@ With the Jacobian J at the TCP and its translational rows J_v, the deflection un
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
+from functools import cached_property
+from typing import Any, Self
 
 import numpy as np
 
 from stiff_models.base import FittedModel
 from stiff_models.congruence import linearised_at_best, loaded_deflection
 from stiff_models.identification import identify, stiffness_error
+from stiff_models.joint_springs import OneDeflection, joint_deflection, one_deflection
 from stiff_models.kinematics import jacobian, unit_deflections
-from stiff_protocols.errors import StiffBenchWarning
+from stiff_protocols.errors import NotFittedError, StiffBenchWarning
 from stiff_protocols.types import FloatArray, Robot, Samples
 
 
@@ -116,6 +119,7 @@ class VirtualJointModel(FittedModel):
         Raises:
             ModelError: no joint can be identified.
         """
+        self.__dict__.pop("_one", None)  # of an earlier fit
         self.joints_ = identify_joints(robot, train, congruence=self.congruence)
         self.diagnostics_ = _diagnostics(self.joints_, robot)
         warn_unidentifiable(self.joints_)
@@ -132,6 +136,48 @@ class VirtualJointModel(FittedModel):
         deflection = loaded_deflection if self.congruence else joint_deflection
         return deflection(self.robot_, self.joints_.compliance, q, wrench)
 
+    def predict_one(
+        self, q: Sequence[float], wrench: Sequence[float]
+    ) -> tuple[float, float, float]:
+        """Return the deflection of one sample: microseconds, by a function made at the first call.
+
+        Args:
+            q: n_joints joint positions, rad or m.
+            wrench: N and N m at the TCP, base frame.
+
+        Returns:
+            (dx, dy, dz) m, base frame; what `predict` gives, to rounding.
+
+        Raises:
+            NotFittedError: `fit` was not called.
+            ModelError: the lengths are not those of the robot fitted for, or, with `congruence`,
+                the load is beyond buckling.
+        """
+        try:
+            return self._one(q, wrench)
+        except ValueError:
+            self._checked(np.array([q]), np.array([wrench]))  # says which length is wrong
+            raise
+
+    @cached_property
+    def _one(self) -> OneDeflection:
+        """The prediction on plain numbers; code, and so no part of the fitted state."""
+        if not hasattr(self, "robot_"):
+            raise NotFittedError("VirtualJointModel: call fit before predict_one")
+        if self.congruence:
+            return self._one_of_predict
+        return one_deflection(self.robot_, self.joints_.compliance)
+
+    def _one_of_predict(
+        self, q: Sequence[float], wrench: Sequence[float]
+    ) -> tuple[float, float, float]:
+        x, y, z = self.predict(np.array([q]), np.array([wrench]))[0].tolist()
+        return x, y, z
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is pickled: all but the function that `predict_one` made."""
+        return {name: value for name, value in vars(self).items() if name != "_one"}
+
 
 def _diagnostics(joints: IdentifiedJoints, robot: Robot) -> dict[str, float]:
     named: dict[str, float] = {}
@@ -140,13 +186,6 @@ def _diagnostics(joints: IdentifiedJoints, robot: Robot) -> dict[str, float]:
         named[f"stiffness {name} [{unit}]"] = float(joints.stiffness[i])
         named[f"standard error {name} [{unit}]"] = float(joints.standard_error[i])
     return named | {"rank": float(joints.rank), "condition number": joints.condition}
-
-
-def joint_deflection(
-    robot: Robot, compliance: FloatArray, q: FloatArray, wrench: FloatArray
-) -> FloatArray:
-    """Return the (n, 3) deflection [m] of springs with `compliance` (n_joints,) rad/(N m)."""
-    return np.asarray(compliance_regressor(robot, q, wrench) @ compliance)
 
 
 def warn_unidentifiable(joints: IdentifiedJoints, samples: str = "training samples") -> None:

@@ -9,8 +9,8 @@ import pytest
 
 from run_requests import planned
 from stiff_bench.cells import compute_cell
-from stiff_bench.choice import split_word
 from stiff_bench.config import RunPlan, chosen_dataset
+from stiff_bench.option_word import split_word
 from stiff_bench.registry import build_registry
 from stiff_bench.runner import run_cells
 from stiff_bench.sources import check_named, check_source

@@ -14,12 +14,14 @@ import torch
 
 from stiff_datasets.kr10_twin import Kr10Twin
 from stiff_models import cache, network_model
+from stiff_models.arithmetic import Arithmetic
 from stiff_models.cache import cache_info, clear_cache
 from stiff_models.ft_mlp import FtMlp
 from stiff_models.mlp_pretrained import MlpPretrained
 from stiff_protocols.errors import StiffBenchWarning
 from stiff_protocols.types import Samples
 
+NEITHER = Arithmetic("highest", bfloat16=False)
 SMALL = {"width": 8, "pretrain_steps": 10, "device": "cpu", "source_poses": "data"}
 
 
@@ -126,10 +128,15 @@ def test_a_strangers_code_is_part_of_the_key(data, monkeypatch, tmp_path, traini
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("has_fast_bfloat16", lambda device: True), ("_machine", lambda d: "GPU")]
+    ("name", "value"),
+    [
+        ("arithmetic", lambda device, mixed_precision: Arithmetic("highest", mixed_precision)),
+        ("arithmetic", lambda device, mixed_precision: Arithmetic("medium", False)),
+        ("_machine", lambda device: "GPU"),
+    ],
 )
 def test_another_machines_rounding_is_another_training(data, monkeypatch, trainings, name, value):
-    monkeypatch.setattr(cache, "has_fast_bfloat16", lambda device: False)
+    monkeypatch.setattr(cache, "arithmetic", lambda device, mixed_precision: NEITHER)
     fit(data)
     monkeypatch.setattr(cache, name, value)
     fit(data)

@@ -7,7 +7,8 @@ import pinocchio as pin
 import pytest
 
 from stiff_datasets.robots.robot import load_robot
-from stiff_models.kinematics import CHUNK, jacobian, kinematic_hessian, virtual_jacobian
+from stiff_models.kinematics import jacobian, kinematic_hessian, virtual_jacobian
+from stiff_models.straight_line import CHUNK
 from stiff_protocols.errors import DataError
 
 

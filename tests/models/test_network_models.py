@@ -176,6 +176,25 @@ def test_the_papers_schedule_is_the_papers():
     assert (PRETRAINING["paper"].steps, PRETRAINING["paper"].loss) == (100_000, "mse")
 
 
+def test_the_best_recipe_has_gelu_unless_the_option_says_otherwise():
+    for options, expected in (
+        ({}, "relu"),
+        ({"recipe": "best"}, "gelu"),
+        ({"recipe": "best", "activation": "relu"}, "relu"),
+        ({"activation": "tanh"}, "tanh"),
+        ({"recipe": "paper"}, "relu"),
+    ):
+        assert FtMlp(**options).hidden_activation == expected
+    assert Mlp().hidden_activation == "relu"
+
+
+def test_fine_tuning_in_bfloat16_is_close_to_float32_and_is_asked_for(parts):
+    exact = fit(FtMlp(**SMALL_SOURCE, epochs=20), parts).fine_tuning_[0]
+    low = fit(FtMlp(**SMALL_SOURCE, epochs=20, precision="bfloat16"), parts).fine_tuning_[0]
+    assert FtMlp().precision == "float32"
+    assert low.best_loss == pytest.approx(exact.best_loss, rel=0.02)
+
+
 @pytest.mark.slow
 def test_the_fast_recipe_predicts_the_full_source_to_5_micrometres(parts):
     model = fit(MlpPretrained(device="cpu"), parts)

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+import itertools
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import qmc
 
+from made_robots import random_chain
 from stiff_datasets.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.kr10_twin import Kr10Twin
 from stiff_models.mlp_pretrained import MlpPretrained
-from stiff_models.source import PAPER_WRENCHES, simulate, source_design
+from stiff_models.source import (
+    PAPER_WRENCHES,
+    SourceDesign,
+    design_deflection,
+    simulate,
+    source_design,
+)
 from stiff_models.vjm import joint_deflection
 from stiff_protocols.errors import ConfigError
 
@@ -47,6 +57,52 @@ def test_source_deflections_are_those_of_each_sample_alone(twin, rng):
         rtol=1e-12,
         atol=1e-18,
     )
+
+
+@pytest.mark.parametrize(
+    ("kinds", "values"),
+    [
+        (("revolute",) * 6, (7, 3, 2, 1, 2, 1)),
+        (("prismatic", "revolute", "revolute"), (4, 3, 5)),
+        (("revolute", "prismatic", "revolute", "prismatic"), (1, 3, 2, 4)),
+        (("revolute",), (5,)),
+        (("prismatic",), (3,)),
+    ],
+)
+def test_a_grid_of_any_robot_gives_what_its_samples_give_alone(kinds, values, rng):
+    for _ in range(5):
+        robot = random_chain(rng, kinds)
+        compliance = rng.uniform(size=len(kinds))
+        axes = [rng.uniform(-3, 3, size=n) for n in values]
+        q = np.array(list(itertools.product(*axes)))
+        design = SourceDesign(q, rng.normal(size=(1, 3, 6)), axes[0])
+        whole = simulate(robot, compliance, design)
+        truth = joint_deflection(robot, compliance, whole.q, whole.wrench)
+        largest = np.abs(truth).max()
+        np.testing.assert_allclose(whole.deflection, truth, rtol=0, atol=1e-13 * largest)
+        plain = design_deflection(robot, compliance, replace(design, first_values=None))
+        np.testing.assert_allclose(
+            whole.deflection, plain.reshape(-1, 3), rtol=0, atol=1e-13 * largest
+        )
+
+
+@pytest.mark.parametrize("poses", ["paper", "data", "sobol"])
+@pytest.mark.parametrize("wrenches", ["paper", "data"])
+def test_every_design_gives_what_its_samples_give_alone(poses, wrenches, twin, rng):
+    design = source_design(poses, wrenches, twin.robot, twin.samples, 0)
+    assert (design.first_values is None) == (poses == "sobol")
+    domain = simulate(twin.robot, COMPLIANCE, design)
+    rows = rng.integers(len(domain), size=2_000)
+    truth = joint_deflection(twin.robot, COMPLIANCE, domain.q[rows], domain.wrench[rows])
+    np.testing.assert_allclose(domain.deflection[rows], truth, rtol=0, atol=1e-17)
+
+
+def test_a_joint_that_stands_still_leaves_the_first_joints_values_to_a_grid(twin):
+    still = twin.samples.q.copy()
+    still[:, 0] = 0.25
+    samples = replace(twin.samples, q=still)
+    design = source_design("data", "paper", twin.robot, samples, 0)
+    np.testing.assert_array_equal(design.first_values, [0.25])
 
 
 def test_another_robots_source_spans_its_own_poses_and_loads():

@@ -136,9 +136,9 @@ def test_a_compliance_network_begins_with_the_other_robots_springs_in_the_target
 def test_co_kriging_has_the_other_robots_vjm_as_its_low_fidelity(target, ur5, monkeypatch):
     cheap = []
 
-    def witnessed(low, high, cheap_rows, rows):
+    def witnessed(low, high, cheap_rows, rows, search):
         cheap.append(cheap_rows[1])
-        return real(low, high, cheap_rows, rows)
+        return real(low, high, cheap_rows, rows, search)
 
     real = mf_gp.fit_co_kriging
     monkeypatch.setattr(mf_gp, "fit_co_kriging", witnessed)

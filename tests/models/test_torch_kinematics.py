@@ -6,34 +6,12 @@ import numpy as np
 import pytest
 import torch
 
+from made_robots import random_chain
 from stiff_models.features import Scaler, encode
 from stiff_models.kinematics import jacobian
 from stiff_models.networks import build_network
 from stiff_models.torch_kinematics import TorchJacobian
 from stiff_models.torch_parts import EncodedNetwork, JointSprings, MeanOf, SumOf
-from stiff_protocols.types import Robot
-
-
-def random_chain(rng, kinds):
-    n = len(kinds)
-    placements = np.tile(np.eye(4), (n, 1, 1))
-    placements[:, :3, 3] = rng.normal(size=(n, 3))
-    placements[:, :3, :3] = [np.linalg.qr(rng.normal(size=(3, 3)))[0] for _ in range(n)]
-    placements[:, :3, :3] *= np.linalg.det(placements[:, :3, :3])[:, None, None]
-    axes = rng.normal(size=(n, 3))
-    return Robot(
-        name="chain",
-        joint_names=tuple(f"j{i}" for i in range(n)),
-        joint_types=kinds,
-        placements=placements,
-        axes=axes / np.linalg.norm(axes, axis=1, keepdims=True),
-        lower=np.full(n, -3.0),
-        upper=np.full(n, 3.0),
-        masses=np.zeros(n),
-        centres_of_mass=np.zeros((n, 3)),
-        tcp=rng.normal(size=3),
-    )
-
 
 CHAINS = [
     ("revolute",) * 6,

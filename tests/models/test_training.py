@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from stiff_models.muon import orthogonalised
+from stiff_models.muon import orthogonalised, whitening
 from stiff_models.networks import build_network, linear_layers
 from stiff_models.training import Rows, train_network
 from stiff_models.training_plan import Trainable, TrainingPlan
@@ -149,7 +149,28 @@ def test_progress_reports_phase_step_and_loss():
 
 
 def test_muon_directions_are_nearly_orthogonal():
-    matrices = torch.randn(3, 48, 48, generator=torch.Generator().manual_seed(0))
-    singular = torch.linalg.svdvals(orthogonalised(matrices))
-    assert singular.max() < 1.3
-    assert singular.median() > 0.65
+    matrix = torch.randn(48, 48, generator=torch.Generator().manual_seed(0))
+    before, after = (torch.linalg.svdvals(each) for each in (matrix, orthogonalised(matrix)))
+    assert after.max() < 1.3
+    assert after.median() > 0.65 > before.median() / before.max()
+
+
+def test_whitened_inputs_have_the_same_size_in_every_direction():
+    generator = torch.Generator().manual_seed(0)
+    inputs = torch.randn(4000, 12, generator=generator) @ torch.randn(12, 12, generator=generator)
+    white = inputs @ whitening(inputs).T
+    sizes = torch.linalg.eigvalsh(white.T @ white / len(white))
+    assert sizes.max() < 1.0  # the damping shrinks small directions, and none is enlarged
+    assert sizes.median() > 0.8
+
+
+def test_muon_moves_every_hidden_matrix_and_leaves_no_hook_behind():
+    net = network()
+    first = [layer.weight.clone() for layer in linear_layers(net)]
+    train_network(net, rows(), plan(steps=3, optimizer="muon"), seed=0, phase="t")
+    moved = [
+        not torch.equal(layer.weight, before)
+        for layer, before in zip(linear_layers(net), first, strict=True)
+    ]
+    assert all(moved)
+    assert not any(layer._forward_pre_hooks for layer in net)

@@ -1,0 +1,90 @@
+"""How a training multiplies matrices on the machine at hand, after a check of what it gives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from typing import Literal
+
+import torch
+
+FLOAT32_ERROR = 2.0**-21  # of a product, against the product of its factors' lengths
+BFLOAT16_ERROR = 2.0**-8  # bfloat16 has 8 bits
+
+
+@dataclass(frozen=True)
+class Arithmetic:
+    """How a training multiplies matrices.
+
+    Attributes:
+        float32_route: torch's name. "medium" is oneDNN on a processor, which is faster there; the
+            name allows it to round to bfloat16, and where it does, "highest" is taken.
+        bfloat16: multiply in bfloat16 while the training is in low precision.
+    """
+
+    float32_route: Literal["highest", "medium"]
+    bfloat16: bool
+
+    @contextmanager
+    def in_force(self) -> Iterator[None]:
+        """Take the float32 route meanwhile; everybody else's stays as it was."""
+        before = torch.get_float32_matmul_precision()
+        torch.set_float32_matmul_precision(self.float32_route)
+        try:
+            yield
+        finally:
+            torch.set_float32_matmul_precision(before)
+
+
+def arithmetic(device: torch.device, *, mixed_precision: bool) -> Arithmetic:
+    """Return the fastest arithmetic of the device that is as accurate as its name says.
+
+    Args:
+        device: where the training runs.
+        mixed_precision: bfloat16 is wanted.
+    """
+    return Arithmetic(
+        "medium" if device.type == "cpu" and medium_is_float32() else "highest",
+        mixed_precision and has_fast_bfloat16(device),
+    )
+
+
+@cache
+def medium_is_float32() -> bool:
+    """Say whether the processor's "medium" products have float32's accuracy."""
+    with Arithmetic("medium", bfloat16=False).in_force():
+        return _relative_error(torch.float32) <= FLOAT32_ERROR
+
+
+@cache
+def has_fast_bfloat16(device: torch.device) -> bool:
+    """Say whether bfloat16 products run in hardware there, and sum up in float32.
+
+    In emulation they only cost.
+    """
+    if device.type == "cuda":
+        return bool(torch.cuda.is_bf16_supported())
+    checks = (
+        getattr(torch.cpu, name, lambda: False)
+        for name in ("_is_avx512_bf16_supported", "_is_amx_tile_supported")
+    )
+    return any(check() for check in checks) and _relative_error(torch.bfloat16) <= BFLOAT16_ERROR
+
+
+def _relative_error(dtype: torch.dtype) -> float:
+    """Return the error of a product of the base network's size, on a processor."""
+    generator = torch.Generator().manual_seed(0)
+    left, right = torch.randn(2, 380, 380, generator=generator).to(dtype)
+    return relative_error(left, right, left @ right)
+
+
+def relative_error(left: torch.Tensor, right: torch.Tensor, product: torch.Tensor) -> float:
+    """Return the largest error of a product (m, n) of (m, k) and (k, n), against float64.
+
+    Each element's is taken relative to the lengths of the row and the column it comes from.
+    """
+    left, right = left.double(), right.double()
+    lengths = left.norm(dim=1)[:, None] * right.norm(dim=0)
+    return float((product.double() - left @ right).abs().div(lengths).max())

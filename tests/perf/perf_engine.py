@@ -1,0 +1,226 @@
+"""The engine itself: start-up, overhead of a cell, a large leaderboard, growth of cost."""
+
+from __future__ import annotations
+
+import contextlib
+import inspect
+import io
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from command_line import BENCH
+from made_board import made_board
+from perf_case import curve, figure, ours, peer
+from run_requests import planned
+from stiff_bench.collected import collect
+from stiff_bench.config import RunPlan
+from stiff_bench.registry import build_registry
+from stiff_bench.robot_words import RobotWords
+from stiff_bench.run import execute
+from stiff_bench.store import read_results
+from stiff_datasets.measured import write_samples
+from stiff_datasets.robots.robot import shipped_robot
+from stiff_models.kinematics import jacobian
+from stiff_protocols.plugin import ModelInfo
+from stiff_protocols.types import Samples
+
+N_CELLS = 1000
+ROBOT = RobotWords("kr10-r1100-2", None, "")
+
+
+class Nothing:
+    def fit(self, train, *, robot, validation=None, seed=0):
+        return self
+
+    def predict(self, q, wrench):
+        return np.zeros((len(q), 3))
+
+
+PLUGIN = f"""
+import numpy as np
+
+from stiff_protocols.plugin import ModelInfo
+
+{inspect.getsource(Nothing)}
+
+MODELS = [ModelInfo(key="nothing", target=Nothing, summary="does nothing")]
+"""
+
+
+def command(*words: str | Path) -> str:
+    """Run a command to its end; its standard output."""
+    done = subprocess.run(words, check=True, capture_output=True, text=True)
+    return done.stdout
+
+
+def seconds(benchmark) -> float:
+    """The shortest round."""
+    return benchmark.stats.stats.min
+
+
+@pytest.mark.benchmark(group="start-up")
+@pytest.mark.parametrize("words", ["pass", "import click"])
+def test_start_of_python(benchmark, words):
+    peer(benchmark, f"python -c '{words}'")
+    benchmark.pedantic(command, (sys.executable, "-c", words), rounds=5)
+
+
+@pytest.mark.benchmark(group="start-up")
+@pytest.mark.parametrize(
+    ("words", "at_most"),
+    [
+        (["--help"], 0.3),
+        (["list", "models"], 0.5),
+        (["list", "datasets"], 0.5),
+        (["list", "protocols"], 0.5),
+        (["list", "metrics"], 0.5),
+    ],
+    ids=["--help", "models", "datasets", "protocols", "metrics"],
+)
+def test_start_of_bench(benchmark, words, at_most):
+    ours(benchmark, " ".join(["bench", *words]))
+    assert benchmark.pedantic(command, (BENCH, *words), rounds=5)
+    figure(benchmark, f"bench {' '.join(words)}, wall", seconds(benchmark), "s", at_most=at_most)
+
+
+@pytest.mark.benchmark(group=f"a run of {N_CELLS} cells of a model that does nothing")
+def test_overhead_of_a_cell(benchmark, tmp_path):
+    """The whole command: start, splits, reference model, metrics, costs, storing, tables."""
+    plugin = tmp_path / "nothing.py"
+    plugin.write_text(PLUGIN)
+    run = ("run", "--plugin", plugin, "--model", "nothing", "--splits", str(N_CELLS))
+    ours(benchmark, "bench run", work=N_CELLS, unit="cell")
+    benchmark.pedantic(command, (BENCH, *run, "--output", tmp_path / "out"), rounds=1)
+    found = list(read_results(tmp_path / "out"))
+    assert len(found) == N_CELLS and all(one.status == "ok" for one in found)
+    overhead = 1e3 * seconds(benchmark) / N_CELLS
+    figure(benchmark, "overhead of a cell, wall of the command / cells", overhead, "ms", at_most=20)
+
+
+@pytest.fixture(scope="module")
+def board(tmp_path_factory) -> tuple[Path, int]:
+    """A folder of results and how many records it has."""
+    folder = tmp_path_factory.mktemp("board")
+    n_records = made_board(folder)
+    assert n_records >= 100_000
+    return folder, n_records
+
+
+@pytest.mark.benchmark(group="results of 100,000 records")
+def test_leaderboard(benchmark, board):
+    folder, n_records = board
+    ours(benchmark, "bench leaderboard", work=n_records, unit="record")
+    text = benchmark.pedantic(command, (BENCH, "leaderboard", "--results", folder), rounds=3)
+    contests = collect(folder)
+    assert f"{sum(one.n_results for one in contests)} results of the folder count." in text
+    assert f"{len(contests)} contests" in text and "within CD of the best" in text
+    said = f"bench leaderboard of {n_records} records, wall"
+    figure(benchmark, said, seconds(benchmark), "s", at_most=2.0)
+
+
+@pytest.mark.benchmark(group="results of 100,000 records")
+def test_compare(benchmark, board):
+    folder, n_records = board
+    ours(benchmark, "bench compare", work=n_records, unit="record")
+    words = (BENCH, "compare", "vjm", "knn", "--results", folder)
+    assert "vjm" in benchmark.pedantic(command, words, rounds=3)
+    said = f"bench compare in {len(collect(folder))} contests, wall"
+    figure(benchmark, said, seconds(benchmark), "s")
+
+
+def measurement(n: int, path: Path) -> Path:
+    """Write random poses of a KR10 that bends like a VJM, with noise."""
+    rng = np.random.default_rng(0)
+    robot = shipped_robot("kr10_r1100_2", tcp=(0.06, 0.0, 0.08))
+    q = rng.uniform(robot.lower, robot.upper, (n, 6))
+    wrench = np.column_stack([rng.uniform(-100.0, 100.0, (n, 3)), np.zeros((n, 3))])
+    rows = jacobian(robot, q)
+    compliance = 1e-6 * np.array([2.0, 1.6, 3.0, 20.0, 20.0, 50.0])
+    deflection = np.einsum("nij,j,nkj,nk->ni", rows, compliance, rows, wrench)[:, :3]
+    samples = Samples(
+        q=q,
+        wrench=wrench,
+        deflection=deflection + rng.normal(scale=1e-5, size=(n, 3)),
+        pose_id=np.array([f"P{pose}" for pose in range(n)]),
+        load_id=np.full(n, "1"),
+        group=np.full(n, "all"),
+    )
+    write_samples(path, samples, robot)
+    return path
+
+
+@pytest.fixture(scope="module")
+def measurements(tmp_path_factory) -> Callable[[int], Path]:
+    folder = tmp_path_factory.mktemp("measurements")
+    return lambda n: measurement(n, folder / f"{n}.csv")
+
+
+def of_samples(n: int, measured: Callable[[int], Path]) -> RunPlan:
+    return planned(models=("zero", "vjm"), datasets=(), data=measured(n), robot=ROBOT)
+
+
+def of_splits(n: int, _: object) -> RunPlan:
+    return planned(models=("vjm",), splits=n)
+
+
+def of_models(n: int, _: object) -> RunPlan:
+    keys = tuple(f"nothing-{number}" for number in range(n))
+    registry = build_registry()
+    registry.add([ModelInfo(key=key, target=Nothing, summary="does nothing") for key in keys], "")
+    return planned(registry, models=keys)
+
+
+def cpu_seconds(plan: RunPlan, folder: Path) -> float:
+    """How long a run takes this process; what it prints is not shown."""
+    with quiet():
+        start = time.process_time()
+        assert execute(replace(plan, output=folder), "github") == 0
+        return time.process_time() - start
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        yield
+
+
+@pytest.mark.parametrize(
+    ("of", "sizes"),
+    [
+        (of_samples, (151, 1_000, 10_000, 30_000, 100_000)),
+        (of_splits, (2, 10, 100, 400, 1_600)),
+        (of_models, (2, 10, 100, 400, 1_600)),
+    ],
+    ids=["samples", "splits", "models"],
+)
+@pytest.mark.benchmark(group="growth of a run's cost")
+def test_growth(benchmark, of, sizes, measurements, tmp_path, request):
+    """The exponent over the upper three sizes, where constant cost no longer hides it."""
+    what = request.node.callspec.id
+    cpu_seconds(planned(models=("vjm", "zero")), tmp_path / "warm")
+    plans = [of(size, measurements) for size in sizes]
+
+    def measured() -> list[float]:
+        return [
+            cpu_seconds(plan, tmp_path / str(size)) for plan, size in zip(plans, sizes, strict=True)
+        ]
+
+    ours(benchmark, f"run of many {what}", work=sum(sizes), unit=what.removesuffix("s"))
+    times = benchmark.pedantic(measured, rounds=1)
+    exponent = np.polyfit(np.log(sizes[-3:]), np.log(times[-3:]), 1)[0]
+    figure(benchmark, f"exponent, {what}", exponent, "", at_most=1.15)
+    curve(
+        benchmark,
+        "cost_growth",
+        sizes,
+        times,
+        x_label="samples, splits or models",
+        y_label="processor time of a run [s]",
+    )

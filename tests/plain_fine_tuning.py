@@ -1,0 +1,89 @@
+"""The textbook loop of fine-tuning in plain torch, which ours is compared with."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+
+from stiff_models.freeze import stages
+from stiff_models.ft_mlp import fine_tune
+from stiff_models.networks import linear_layers
+from stiff_models.training import Curve, Rows
+from stiff_models.training_plan import TrainingPlan
+
+
+@dataclass(frozen=True, eq=False)
+class Pretrained:
+    """A network, the measured rows that it is fine-tuned on, and those that choose the epoch."""
+
+    network: torch.nn.Sequential
+    rows: Rows
+    held_out: Rows
+
+
+@dataclass(frozen=True)
+class PlainCurve:
+    """Losses of each epoch: on the rows before its step, on the held-out rows after it."""
+
+    train: list[float] = field(default_factory=list)
+    held_out: list[float] = field(default_factory=list)
+
+
+def plain_loop(case: Pretrained, moving: Iterable[int], plan: TrainingPlan) -> PlainCurve:
+    """Fine-tune a copy of the network as most people write it: a separate validation pass.
+
+    Args:
+        case: what is fine-tuned.
+        moving: numbers of the layers that move, from 0.
+        plan: its length, its constant learning rate, and "adam" or "sgd"; on the mean absolute
+            error.
+    """
+    network = copy.deepcopy(case.network)
+    for parameter in network.parameters():
+        parameter.requires_grad = False
+    layers = linear_layers(network)
+    free = [parameter for number in moving for parameter in layers[number].parameters()]
+    for parameter in free:
+        parameter.requires_grad = True
+    kind = torch.optim.Adam if plan.optimizer == "adam" else torch.optim.SGD
+    optimizer = kind(free, lr=plan.learning_rate)
+    loss_of = torch.nn.L1Loss()
+    curve = PlainCurve()
+    for _ in range(plan.steps):
+        network.train()
+        optimizer.zero_grad()
+        loss = loss_of(network(case.rows.inputs), case.rows.targets)
+        loss.backward()
+        optimizer.step()
+        network.eval()
+        with torch.no_grad():
+            judged = loss_of(network(case.held_out.inputs), case.held_out.targets).item()
+        if judged < min(curve.held_out, default=np.inf):
+            best = copy.deepcopy(network.state_dict())
+        curve.train.append(loss.item())
+        curve.held_out.append(judged)
+    network.load_state_dict(best)
+    return curve
+
+
+def our_loop(case: Pretrained, freeze: str, plan: TrainingPlan) -> Curve:
+    """Fine-tune a copy of the network through the product's code."""
+    strategy = stages(freeze, hidden_layers=4, epochs=plan.steps, unfreeze_every=1, l2sp_alpha=0.0)
+    (curve,) = fine_tune(
+        copy.deepcopy(case.network), case.rows, plan, strategy, validation=case.held_out, seed=0
+    )
+    return curve
+
+
+def largest_difference(curve: Curve, plain: PlainCurve) -> float:
+    """Return the largest difference of a loss from the plain loop's, as a share of the latter."""
+    pairs = [(curve.best_loss, min(plain.held_out))]
+    for point in curve.points:
+        pairs.append((point.train_loss, plain.train[point.step - 1]))
+        pairs.append((point.validation_loss, plain.held_out[point.step - 2]))
+    ours, theirs = np.array(pairs).T
+    return float((abs(ours - theirs) / theirs).max())
