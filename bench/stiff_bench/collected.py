@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from stiff_bench.choice import OPTION_MARK, split_word
 from stiff_bench.contest_name import SHORT, ContestName, labels
 from stiff_bench.grouped import grouped
 from stiff_bench.newest import (
@@ -23,6 +23,7 @@ from stiff_bench.newest import (
     of_newest_splits,
     slot_of,
 )
+from stiff_bench.option_word import OPTION_MARK, split_word
 from stiff_bench.store import read_results
 from stiff_protocols.errors import ConfigError, StoreError, unknown_name
 from stiff_protocols.record import Cell, CellResult, Presentation
@@ -70,6 +71,14 @@ class Contest:
     cell: Cell
     coverages: tuple[float, ...]
     left_out: tuple[str, ...]
+
+    @cached_property
+    def rows_sha256(self) -> Mapping[Slot, str]:
+        """Split -> hash of its rows alone, as its cells have it; "" where nobody has a result."""
+        found = dict.fromkeys(self.slots, "")
+        for competitor in self.competitors.values():
+            found |= {slot: one.cell.rows_sha256 for slot, one in competitor.done.items()}
+        return found
 
     @property
     def n_results(self) -> int:

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from stiff_bench.choice import OPTION_MARK, split_word
 from stiff_bench.collected import Contest, competitor_names
+from stiff_bench.option_word import OPTION_MARK, split_word
 from stiff_protocols.errors import ConfigError
 
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from stiff_bench.choice import Choice, split_word
+from stiff_bench.choice import Choice
+from stiff_bench.option_word import split_word
 from stiff_bench.options import options_of, parse_settings, parse_word
 from stiff_bench.registry import EVERY_MODEL, Registry, lookup
 from stiff_bench.robot_words import RobotWords

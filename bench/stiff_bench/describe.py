@@ -1,17 +1,20 @@
-"""The texts of `bench list` and `bench show KEY`."""
+"""The texts of `bench list` and `bench show KEY`.
+
+What needs numpy or pydantic is imported where it is used: a list of keys answers without them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 from tabulate import tabulate
 
-from stiff_bench.options import Option, options_of
-from stiff_bench.units import PRINTED
-from stiff_protocols.metrics import METRICS, Metric
 from stiff_protocols.plugin import DatasetInfo, ModelFamily, ModelInfo, PluginInfo, ProtocolInfo
 from stiff_protocols.search_space import Grid, Range
-from stiff_protocols.types import AXES
+
+if TYPE_CHECKING:
+    from stiff_bench.options import Option
 
 
 def overview(infos: Iterable[PluginInfo], families: Iterable[ModelFamily] = ()) -> str:
@@ -34,19 +37,27 @@ def overview(infos: Iterable[PluginInfo], families: Iterable[ModelFamily] = ()) 
 
 def metrics_overview() -> str:
     """Return a line for each metric: key, unit as printed, what is best, what it is."""
+    from stiff_bench.units import PRINTED
+    from stiff_protocols.metrics import METRICS
+    from stiff_protocols.types import AXES
+
     rows = [
-        [item.key, PRINTED[item.unit][0], item.direction, _of_what(item), item.meaning]
+        [
+            item.key,
+            PRINTED[item.unit][0],
+            item.direction,
+            "x, y, z" if item.axes == AXES else "one",
+            item.meaning,
+        ]
         for item in METRICS.values()
     ]
     return tabulate(rows, headers=["key", "unit", "best", "values", "what it is"])
 
 
-def _of_what(item: Metric) -> str:
-    return "x, y, z" if item.axes == AXES else "one"
-
-
 def describe(info: PluginInfo) -> str:
     """Return summary, reference, caveats and options of a catalogue line."""
+    from stiff_bench.options import options_of
+
     parts = [f"{info.key}: {info.summary}"]
     if info.reference:
         parts.append(f"reference: {info.reference}")

@@ -142,15 +142,10 @@ def _why_unfinished(contest: Contest, competitor: Competitor, asked: Set[str]) -
 def _asked_for_more(contest: Contest, competitor: Competitor, asked: Set[str]) -> bool:
     """Say whether a model was to be run on more of the others' splits and was not."""
     own = {result.cell.coverage: result.cell for result in competitor.done.values()}
-    rows = {
-        slot: result.cell.rows_sha256
-        for other in contest.competitors.values()
-        for slot, result in other.done.items()
-    }
     return any(
-        replace(cell, split_index=slot[0], split_sha256=slot[1], rows_sha256=rows.get(slot, "")).key
+        replace(cell, split_index=slot[0], split_sha256=slot[1], rows_sha256=rows_sha256).key
         in asked
-        for slot in contest.slots
+        for slot, rows_sha256 in contest.rows_sha256.items()
         if slot not in competitor.done
         for cell in own.values()
     )

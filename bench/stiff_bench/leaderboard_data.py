@@ -11,10 +11,13 @@ from dataclasses import asdict
 from typing import Any
 
 from stiff_bench.board_columns import ColumnValue
+from stiff_bench.cost_table import ModelCost, model_costs
 from stiff_bench.field import Field
 from stiff_bench.leaderboard import Leaderboard, Section
 from stiff_bench.rank_analysis import RankAnalysis
 from stiff_bench.units import PRINTED
+from stiff_bench.words import counted
+from stiff_protocols.metrics import METRICS
 
 _CSV_HEADER = (
     *("selects_on_test", "model", "mark", "dataset", "data_sha256", "protocol", "condition"),
@@ -23,7 +26,7 @@ _CSV_HEADER = (
 
 
 def as_csv(board: Leaderboard) -> str:
-    """Return a line for each mean rank, and for each model's score in each contest.
+    """Return a line for each mean rank, each model's score in each contest, and each cost.
 
     A missing score is a line without a value, with the reason.
     """
@@ -33,6 +36,7 @@ def as_csv(board: Leaderboard) -> str:
     for section in board.sections:
         writer.writerows(_csv_ranks(section, board))
         writer.writerows(_csv_scores(section, board))
+        writer.writerows(_csv_costs(section))
     return out.getvalue().rstrip("\n")
 
 
@@ -59,6 +63,16 @@ def _csv_scores(section: Section, board: Leaderboard) -> Iterator[list[object]]:
                 yield [*about, repr(field.mean(model) * factor), "", "", unit, field.left_out]
             else:
                 yield [*about, "", "", "", unit, field.missing[model]]
+
+
+def _csv_costs(section: Section) -> Iterator[list[object]]:
+    for model in model_costs(section):
+        note = f"median, lowest and highest of {counted(model.n_cells, 'cell')}"
+        for key, spread in model.costs.items():
+            unit, factor = PRINTED[METRICS[key].unit]
+            about = [section.selects_on_test, model.name, model.mark, *[""] * 6, key]
+            values = (spread.median * factor, spread.low * factor, spread.high * factor)
+            yield [*about, *_numbers(*values), unit, note]
 
 
 def _numbers(*values: float) -> list[str]:
@@ -102,7 +116,17 @@ def _section(section: Section, board: Leaderboard) -> dict[str, Any]:
             for column in section.columns
         ],
         "analyses": [_analysis(analysis) for analysis in section.analyses],
+        "costs": [_cost(model) for model in model_costs(section)],
     }
+
+
+def _cost(model: ModelCost) -> dict[str, Any]:
+    costs = {}
+    for key, spread in model.costs.items():
+        unit, factor = PRINTED[METRICS[key].unit]
+        scaled = {name: value * factor for name, value in asdict(spread).items()}
+        costs[key] = {**scaled, "unit": unit}
+    return {"name": model.name, "mark": model.mark, "cells": model.n_cells, "costs": costs}
 
 
 def _contest(field: Field, section: Section, factor: float) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import numpy as np
 from stiff_bench.analyses_table import analyses_table
 from stiff_bench.board_columns import Column, ColumnValue
 from stiff_bench.contest_name import labels
+from stiff_bench.cost_table import cost_table
 from stiff_bench.grouped import grouped
 from stiff_bench.leaderboard import Leaderboard, RankedModel, Section, UnrankedModel
 from stiff_bench.leaderboard_data import as_csv, as_json
@@ -50,6 +51,9 @@ def render_leaderboard(
         tables += _by_protocol(section, board.key)
         if any(analysis.outcome for analysis in section.analyses):
             tables.append(analyses_table(section, board.key))
+        costs = cost_table(section)
+        if costs.rows:
+            tables.append(costs)
     return render_texts(tables, fmt, command)
 
 

@@ -25,10 +25,9 @@ def slot_of(result: CellResult) -> Slot:
 def newest_first(results: Iterable[CellResult]) -> list[CellResult]:
     """Return the results by run, the newest first; of one run, what succeeded before what failed.
 
-    Equals are in the order of their keys.
+    Equals stay in their order, which is that of their keys where a folder was read.
     """
-    in_order = sorted(results, key=lambda result: result.cell.key)
-    return sorted(in_order, key=lambda one: (one.run_id, one.status == "ok"), reverse=True)
+    return sorted(results, key=lambda one: (one.run_id, one.status == "ok"), reverse=True)
 
 
 def of_newest_splits(results: Sequence[CellResult]) -> tuple[list[CellResult], list[str]]:

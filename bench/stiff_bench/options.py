@@ -6,6 +6,7 @@ type of its default where there is no annotation.
 
 from __future__ import annotations
 
+import functools
 import inspect
 import math
 import re
@@ -49,8 +50,9 @@ class Option:
         return " or ".join(_schema_text(part) for part in schema.get("anyOf", [schema]))
 
 
-def options_of(cls: type) -> dict[str, Option]:
-    """Return the constructor's options by name."""
+@functools.cache
+def options_of(cls: type) -> Mapping[str, Option]:
+    """Return the constructor's options by name; asked for in every cell, read off once."""
     init = cls.__init__  # type: ignore[misc]
     try:
         hints = get_type_hints(cls if is_dataclass(cls) else init, include_extras=True)

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import os
-import platform
-import subprocess
 import sys
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 _PACKAGES = ("stiffbench", "numpy", "scipy", "scikit-learn", "torch", "pin", "pandas")
@@ -21,6 +18,9 @@ def usable_cores() -> int:
 
 def environment() -> dict[str, str]:
     """Return versions, processor, threads, commit and whether the tree was dirty."""
+    import platform
+    from importlib.metadata import PackageNotFoundError, version
+
     facts = {
         "python": platform.python_version(),
         "platform": platform.platform(),
@@ -46,6 +46,8 @@ def _gpu() -> str:
 
 
 def _processor() -> str:
+    import platform
+
     try:
         for line in Path("/proc/cpuinfo").read_text().splitlines():
             if line.startswith("model name"):
@@ -57,6 +59,8 @@ def _processor() -> str:
 
 def _commit() -> dict[str, str]:
     """Return the checkout's commit; empty where stiffbench is installed without one."""
+    import subprocess
+
     here = Path(__file__).resolve().parent
     try:
         commit = _git(here, "rev-parse", "HEAD")
@@ -67,6 +71,8 @@ def _commit() -> dict[str, str]:
 
 
 def _git(folder: Path, *words: str) -> str:
+    import subprocess
+
     done = subprocess.run(
         ["git", "-C", str(folder), *words], capture_output=True, text=True, check=True, timeout=10
     )

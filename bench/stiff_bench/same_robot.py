@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from stiff_bench.choice import join_word, split_word
 from stiff_bench.collected import Contest
 from stiff_bench.contest_name import ContestName
 from stiff_bench.grouped import grouped
+from stiff_bench.option_word import join_word, split_word
 from stiff_bench.words import counted
 
 SPECIMEN = "specimen"

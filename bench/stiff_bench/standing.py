@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from stiff_bench.contest_name import ContestName
 from stiff_bench.field import Field
@@ -16,6 +15,7 @@ from stiff_bench.sort_key import SortKey
 from stiff_bench.split_sizes import split_sizes
 from stiff_bench.stored_data import StoredData, read_data
 from stiff_protocols.bootstrap import PoseErrors, resampled_means
+from stiff_protocols.mean_ranks import ranked
 from stiff_protocols.paired import LEVEL, corrected_t, holm, wilcoxon_signed_rank
 from stiff_protocols.types import FloatArray, IntArray, TextArray
 
@@ -48,7 +48,7 @@ class Standing:
     @cached_property
     def ranks(self) -> FloatArray:
         """The (m,) ranks among these models: 1 is the best, ties share their mean rank."""
-        return np.asarray(stats.rankdata(self.key.sign * self.scores))
+        return ranked(self.key.sign * self.scores)
 
     @cached_property
     def is_best(self) -> BoolArray:
@@ -89,7 +89,7 @@ class Standing:
     def drawn_ranks(self) -> FloatArray | None:
         """The (B, m) ranks on the same draws; NaN where a draw holds no tested pose."""
         means = self.drawn_means
-        return None if means is None else np.asarray(stats.rankdata(means, axis=1))
+        return None if means is None else ranked(means)
 
     @cached_property
     def like_best(self) -> BoolArray | None:

@@ -7,7 +7,9 @@
     OUTPUT/runs/<run id>.json      a run's manifest
     OUTPUT/data/<sha256>.npz       the samples (see stored_data.py)
 
-Numbers are stored in SI units at full precision, with a checksum over the content.
+A JSON file is one line, ``{"schema":3,"sha256":"...","content":{...}}``; the checksum is over the
+bytes of the content as they stand there, so that nothing need be written anew to check it. Numbers
+are in SI units at full precision.
 """
 
 from __future__ import annotations
@@ -15,13 +17,16 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 import tempfile
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import fields
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import orjson
 
 from stiff_bench.stored_data import write_data
 from stiff_protocols.cost import Cost
@@ -36,6 +41,9 @@ from stiff_protocols.record import (
     RunManifest,
 )
 from stiff_protocols.types import BenchmarkData, Interval, Prediction
+
+_CONTENT, _END = b'"content":', b"}\n"
+"""What stands before and behind the content of a file."""
 
 
 class ResultStore:
@@ -74,7 +82,7 @@ class ResultStore:
     def write_manifest(self, manifest: RunManifest) -> Path:
         """Store a run's manifest, replacing an older state of it."""
         path = self.folder / "runs" / f"{manifest.run_id}.json"
-        _write_atomically(path, asdict(manifest))
+        _write_atomically(path, _fields(manifest))
         return path
 
     def write_data(self, data: BenchmarkData) -> None:
@@ -105,7 +113,7 @@ def read_results(folder: Path) -> Iterator[CellResult]:
     Raises:
         StoreError: a file cannot be read or is damaged.
     """
-    for path in sorted((folder / "cells").glob("*.json")):
+    for path in _stored(folder / "cells"):
         yield _cell_result(_read_checked(path))
 
 
@@ -115,8 +123,19 @@ def read_manifests(folder: Path) -> Iterator[RunManifest]:
     Raises:
         StoreError: a file cannot be read or is damaged.
     """
-    for path in sorted((folder / "runs").glob("*.json")):
+    for path in _stored(folder / "runs"):
         yield _manifest(path)
+
+
+def _stored(folder: Path) -> Iterator[Path]:
+    """Yield the files of a folder by name, none where there is no folder.
+
+    A name that begins with a dot is a temporary file's: of a run that writes it now, or was killed.
+    """
+    names = sorted(os.listdir(folder)) if folder.is_dir() else []
+    for name in names:
+        if name.endswith(".json") and not name.startswith("."):
+            yield folder / name
 
 
 def _manifest(path: Path) -> RunManifest:
@@ -126,13 +145,13 @@ def _manifest(path: Path) -> RunManifest:
 
 def _cell_content(result: CellResult) -> dict[str, Any]:
     return {
-        "cell": asdict(result.cell),
-        "shown": asdict(result.shown),
+        "cell": _fields(result.cell),
+        "shown": _fields(result.shown),
         "run_id": result.run_id,
         "status": result.status,
-        "records": [asdict(record) for record in result.records],
+        "records": result.records,
         "prediction": None if result.prediction is None else _plain(result.prediction),
-        "cost": None if result.cost is None else asdict(result.cost),
+        "cost": None if result.cost is None else _fields(result.cost),
         # JSON has no infinity (a rigid joint) and no NaN (one that cannot be identified)
         "diagnostics": {
             name: value if math.isfinite(value) else str(value)
@@ -145,6 +164,11 @@ def _cell_content(result: CellResult) -> dict[str, Any]:
         "n_splits": result.n_splits,
         "chosen": dict(result.chosen),
     }
+
+
+def _fields(found: Any) -> dict[str, Any]:
+    """Return a dataclass's fields as they are; `asdict` copies all that is in them."""
+    return {item.name: getattr(found, item.name) for item in fields(found)}
 
 
 def _plain(prediction: Prediction) -> dict[str, Any]:
@@ -170,7 +194,7 @@ def _cell_result(content: dict[str, Any]) -> CellResult:
         shown=Presentation(**{**shown, "caveats": tuple(shown["caveats"])}),
         run_id=content["run_id"],
         status=content["status"],
-        records=tuple(ResultRecord(**record) for record in content["records"]),
+        records=tuple(starmap(ResultRecord, content["records"])),
         prediction=None if prediction is None else _prediction(prediction, cell.coverage),
         cost=None if content["cost"] is None else Cost(**content["cost"]),
         diagnostics={name: float(value) for name, value in content["diagnostics"].items()},
@@ -186,34 +210,28 @@ def _cell_result(content: dict[str, Any]) -> CellResult:
 def _prediction(content: dict[str, Any], coverage: float | None) -> Prediction:
     interval = None
     if coverage is not None and "lower_m" in content:
-        interval = Interval(np.array(content["lower_m"]), np.array(content["upper_m"]), coverage)
+        interval = Interval(content["lower_m"], content["upper_m"], coverage)
     return Prediction(
         rows=np.array(content["rows"], dtype=np.int64),
-        predicted=np.array(content["predicted_m"]),
-        measured=np.array(content["measured_m"]),
+        predicted=content["predicted_m"],
+        measured=content["measured_m"],
         interval=interval,
-        reference=np.array(content["reference_m"]) if "reference_m" in content else None,
+        reference=content.get("reference_m"),
     )
-
-
-def _checksum(content: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def _write_atomically(path: Path, content: dict[str, Any]) -> None:
-    content = json.loads(json.dumps(content))  # as it will be read: the checksum is over that
-    text = json.dumps(
-        {"schema": SCHEMA, "sha256": _checksum(content), "content": content},
-        indent=1,
-        allow_nan=False,
-    )
+    text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    stored = text.encode(errors="replace")  # a file's name may hold what is no character
+    head = f'{{"schema":{SCHEMA},"sha256":"{_checksum(stored)}",'.encode()
     with written_whole(path) as temporary:
-        temporary.write_text(text + "\n", encoding="utf-8")
+        temporary.write_bytes(b"".join((head, _CONTENT, stored, _END)))
 
 
 def _read_checked(path: Path) -> dict[str, Any]:
     try:
-        stored = json.loads(path.read_text(encoding="utf-8"))
+        raw = path.read_bytes()
+        stored = orjson.loads(raw)
         content, checksum, schema = stored["content"], stored["sha256"], stored["schema"]
     except OSError as error:
         raise StoreError(f"{path}: cannot be read: {error.strerror or error}") from error
@@ -221,6 +239,10 @@ def _read_checked(path: Path) -> dict[str, Any]:
         raise StoreError(f"{path}: damaged: {error}") from error
     if schema != SCHEMA:
         raise StoreError(f"{path}: stored format {schema}, this stiffbench reads {SCHEMA}")
-    if _checksum(content) != checksum:
+    if _checksum(raw.partition(_CONTENT)[2].removesuffix(_END)) != checksum:
         raise StoreError(f"{path}: damaged: its checksum does not match its content")
     return dict(content)
+
+
+def _checksum(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()

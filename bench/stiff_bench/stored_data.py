@@ -16,10 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from stiff_bench.statics import load_torque
 from stiff_protocols.errors import StoreError
 from stiff_protocols.files import written_whole
-from stiff_protocols.forward_kinematics import tcp_position
 from stiff_protocols.types import BenchmarkData, FloatArray, Samples
 
 
@@ -50,6 +48,9 @@ def write_data(folder: Path, data: BenchmarkData, sha256: str) -> None:
     path = folder / f"{sha256}.npz"
     if _is_whole(folder, sha256):
         return
+    from stiff_bench.statics import load_torque  # what only reads data needs no kinematics
+    from stiff_protocols.forward_kinematics import tcp_position
+
     arrays = {item.name: getattr(data.samples, item.name) for item in fields(Samples)}
     with written_whole(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(

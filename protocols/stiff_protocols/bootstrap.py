@@ -17,7 +17,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 
 from stiff_protocols.errors import DataError
 from stiff_protocols.paired import LEVEL, check_share
@@ -142,20 +141,21 @@ def resampled_means(
             same poses, each equally often.
     """
     totals, counts = _side_by_side(errors)
-    draws = _pose_draws(len(counts), resamples, seed)  # (B, p)
     # a matrix product may round equal columns differently, which would break their tie
     distinct, column = np.unique(totals, axis=1, return_inverse=True)
-    means = (draws @ distinct) / (draws @ counts)[:, None]
+    draws = _pose_draws(len(counts), resamples, seed)  # (B, p)
+    means = (draws @ distinct) / (draws @ counts.astype(np.float64))[:, None]
     return np.asarray(means[:, column.ravel()])
 
 
 @lru_cache(maxsize=8)
-def _pose_draws(n_poses: int, resamples: int, seed: int) -> IntArray:
+def _pose_draws(n_poses: int, resamples: int, seed: int) -> FloatArray:
     """Return (B, p) how often each pose was drawn; read-only, as many contests share it."""
     shares = np.full(n_poses, 1.0 / n_poses)
     draws = np.random.default_rng(seed).multinomial(n_poses, shares, size=resamples)
-    draws.setflags(write=False)
-    return draws
+    exact = draws.astype(np.float64)  # products of integers are not BLAS's
+    exact.setflags(write=False)
+    return exact
 
 
 def _side_by_side(errors: Sequence[PoseErrors]) -> tuple[FloatArray, IntArray]:
@@ -172,17 +172,19 @@ def _side_by_side(errors: Sequence[PoseErrors]) -> tuple[FloatArray, IntArray]:
 
 
 def _check_paired(a: PoseErrors, b: PoseErrors) -> None:
-    alone = sorted(set(a.poses.tolist()) ^ set(b.poses.tolist()))
-    if alone:
+    if not np.array_equal(a.poses, b.poses):
+        alone = np.setxor1d(a.poses, b.poses)
         raise DataError(
             f"only poses that both models were tested on can be compared; {len(alone)} were tested "
-            f"with one of them alone, the first is {alone[0]!r}"
+            f"with one of them alone, the first is {str(alone[0])!r}"
         )
-    for pose, n_a, n_b in zip(a.poses, a.counts, b.counts, strict=True):
-        if n_a != n_b:
-            raise DataError(
-                f"pose {str(pose)!r} has {n_a} rows of one model and {n_b} of the other"
-            )
+    differing = np.flatnonzero(a.counts != b.counts)
+    if len(differing):
+        pose = differing[0]
+        raise DataError(
+            f"pose {str(a.poses[pose])!r} has {a.counts[pose]} rows of one model and "
+            f"{b.counts[pose]} of the other"
+        )
     if a.totals.shape != b.totals.shape:
         raise DataError(
             f"one model has {a.totals.shape[1]} columns of errors, the other {b.totals.shape[1]}"
@@ -196,6 +198,8 @@ def _bca(
 
     Where BCa gives no numbers, they are the percentile interval's.
     """
+    from scipy import stats  # it takes longer to import than a leaderboard, which needs none of it
+
     if np.ptp(differences) == 0.0:  # nothing to resample, and BCa would divide by zero
         return float(differences[0]), float(differences[0])
     with warnings.catch_warnings(), np.errstate(all="ignore"):

@@ -3,19 +3,24 @@
 Each data set gives each model one rank; no more than the order within a data set is used
 (Demsar 2006, Statistical comparisons of classifiers over multiple data sets). The data sets must be
 independent: specimens of a robot type are, splits of one data set share their samples and are not.
+
+The tests stand here in a few lines each: scipy.stats and scikit-posthocs have them too, but import
+pandas and matplotlib, which takes longer than a whole leaderboard. The tests compare with theirs.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
+from scipy import special
 
 from stiff_protocols.errors import DataError
-from stiff_protocols.paired import LEVEL
+from stiff_protocols.mean_ranks import ranked
+from stiff_protocols.paired import LEVEL, holm
 from stiff_protocols.types import FloatArray, frozen_array
 
 FEWEST_DATASETS = 5
@@ -74,7 +79,7 @@ def compare_over_datasets(scores: ArrayLike) -> OverDatasets:
     reason = why_not(*values.shape)
     if reason:
         raise DataError(f"the critical-difference analysis {reason}")
-    ranks = stats.rankdata(values, axis=1)  # (n, m)
+    ranks = ranked(values)  # (n, m)
     mean_ranks = np.asarray(ranks.mean(axis=0))
     distance = critical_difference(*values.shape)
     return OverDatasets(
@@ -93,31 +98,79 @@ def critical_difference(n_datasets: int, n_models: int) -> float:
     q sqrt(m (m + 1) / (6 n)), with q from the studentised range / sqrt 2 (Demsar 2006, section
     3.2.2).
     """
-    q = float(stats.studentized_range.ppf(1.0 - LEVEL, n_models, np.inf)) / math.sqrt(2.0)
-    return q * math.sqrt(n_models * (n_models + 1) / (6.0 * n_datasets))
+    return _critical_range(n_models) * _rank_scale(n_datasets, n_models)
+
+
+def _rank_scale(n_datasets: int, n_models: int) -> float:
+    """Return the standard deviation of a mean rank, which the studentised range is in units of."""
+    return math.sqrt(n_models * (n_models + 1) / (12.0 * n_datasets))
+
+
+@lru_cache
+def _critical_range(n_models: int) -> float:
+    """Return the studentised range whose probability is `LEVEL`, by bisection."""
+    low, high = 0.0, 100.0
+    while (middle := 0.5 * (low + high)) not in (low, high):
+        if _range_probability(np.array([middle]), n_models)[0] > LEVEL:
+            low = middle
+        else:
+            high = middle
+    return high
+
+
+def _range_probability(size: FloatArray, n_models: int) -> FloatArray:
+    """Return the (k,) probabilities that m standard normal numbers span more than (k,) sizes.
+
+    It is 1 - m times the integral of phi(z) (Phi(z) - Phi(z - size))^(m - 1) over the largest of
+    them, z. The trapezoidal rule is exact to rounding where smooth tails are cut off this far out.
+    """
+    z = np.linspace(-9.0, 9.0, 361)
+    density = np.exp(-0.5 * z**2) / math.sqrt(2.0 * math.pi)
+    below = special.ndtr(z) - special.ndtr(z - size[:, None])  # (k, 361)
+    inside = n_models * (z[1] - z[0]) * (density * below ** (n_models - 1)).sum(axis=1)
+    return np.asarray(np.clip(1.0 - inside, 0.0, 1.0))
 
 
 def _friedman(ranks: FloatArray) -> float:
-    if np.ptp(ranks) == 0.0:  # all models tie everywhere: the statistic is 0/0
+    """Return the p-value of Friedman's test, with the correction for ties."""
+    n, m = ranks.shape
+    spread = float(((ranks - 0.5 * (m + 1)) ** 2).sum())
+    if spread == 0.0:  # all models tie everywhere: the statistic is 0/0
         return 1.0
-    return float(stats.friedmanchisquare(*ranks.T).pvalue)
+    between = float(((ranks.mean(axis=0) - 0.5 * (m + 1)) ** 2).sum())
+    return float(special.chdtrc(m - 1, n**2 * (m - 1) * between / spread))
 
 
 def _nemenyi(ranks: FloatArray) -> FloatArray:
-    import scikit_posthocs
-
-    return np.array(scikit_posthocs.posthoc_nemenyi_friedman(ranks), dtype=np.float64)
+    """Return the p-values of the pairs, from the studentised range (Demsar 2006)."""
+    n, m = ranks.shape
+    first, second = np.triu_indices(m, 1)
+    sums = ranks.sum(axis=0)  # whole or half, so that many of their differences are the same
+    apart, of_pair = np.unique(np.abs(sums[first] - sums[second]), return_inverse=True)
+    return _of_pairs(_range_probability(apart / n / _rank_scale(n, m), m)[of_pair], m)
 
 
 def _conover(ranks: FloatArray) -> FloatArray | None:
-    """Return Conover's p-values; None where the data sets agree and leave no residual."""
-    import scikit_posthocs
+    """Return Conover's p-values; None where the data sets agree and leave no residual.
 
+    Conover 1999, Practical Nonparametric Statistics, section 5.8, with Holm's correction.
+    """
     if (ranks == ranks[0]).all():
         return None
-    return np.array(
-        scikit_posthocs.posthoc_conover_friedman(ranks, p_adjust="holm"), dtype=np.float64
-    )
+    n, m = ranks.shape
+    sums = ranks.sum(axis=0)
+    df = (n - 1) * (m - 1)
+    residual = n * float((ranks**2).sum()) - float((sums**2).sum())
+    first, second = np.triu_indices(m, 1)
+    t_values = np.abs(sums[first] - sums[second]) / math.sqrt(2.0 * residual / df)
+    return _of_pairs(holm(2.0 * special.stdtr(df, -t_values)), m)
+
+
+def _of_pairs(p_values: FloatArray, n_models: int) -> FloatArray:
+    """Return the (m, m) matrix of the p-values of the pairs; 1 on the diagonal."""
+    matrix = np.eye(n_models)
+    matrix[np.triu_indices(n_models, 1)] = p_values
+    return np.maximum(matrix, matrix.T)
 
 
 def _groups(mean_ranks: FloatArray, distance: float) -> list[tuple[int, ...]]:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any, Literal, NamedTuple
 
 from stiff_protocols.cost import Cost
 from stiff_protocols.types import Prediction
 
-SCHEMA = 2
+SCHEMA = 3
 """Version of the stored format."""
 
 
@@ -47,10 +48,10 @@ class Cell:
     rows_sha256: str = ""
     source_sha256: str = ""
 
-    @property
+    @cached_property
     def key(self) -> str:
         """Name of the cell: a hash that does not depend on the order of options."""
-        identity = asdict(self)
+        identity = self._identity()
         for name in _OPTIONAL:  # what does not apply leaves the key as it was without it
             if not identity[name]:
                 del identity[name]
@@ -64,11 +65,14 @@ class Cell:
         variants that begin with the same pre-training can share it. Two conditions with the same
         rows give the same fit.
         """
-        identity = asdict(self)
+        identity = self._identity()
         identity["split_sha256"] = self.rows_sha256 or self.split_sha256
         for name in ("model", "model_params", *_OPTIONAL):
             del identity[name]
         return int(_hash(identity)[:8], 16)
+
+    def _identity(self) -> dict[str, Any]:
+        return {item.name: getattr(self, item.name) for item in fields(self)}
 
 
 _OPTIONAL = ("coverage", "condition", "rows_sha256", "source_sha256")
@@ -79,9 +83,8 @@ def _hash(identity: Mapping[str, Any]) -> str:
     return hashlib.sha256(canonical.encode()).hexdigest()
 
 
-@dataclass(frozen=True)
-class ResultRecord:
-    """One value: a metric on one axis of one cell."""
+class ResultRecord(NamedTuple):
+    """One value: a metric on one axis of one cell. A tuple: a folder holds 100,000 of them."""
 
     metric: str
     axis: str

@@ -179,7 +179,7 @@ class Split:
     wrench_error: FloatArray | None = None
     source: str = ""
 
-    @property
+    @cached_property
     def sha256(self) -> str:
         """Hash of rows and sensor errors: rows of different splits never meet in one table."""
         if self.wrench_error is None:
@@ -188,7 +188,7 @@ class Split:
         digest.update(_canonical_bytes(self.wrench_error))
         return digest.hexdigest()
 
-    @property
+    @cached_property
     def rows_sha256(self) -> str:
         """Hash of the three row lists alone."""
         digest = hashlib.sha256()

@@ -22,6 +22,7 @@ from stiff_bench.leaderboard_tables import render_leaderboard
 from stiff_bench.sort_key import sort_key
 from stiff_bench.store import ResultStore, read_manifests, read_results
 from stiff_protocols.bootstrap import pose_errors, resampled_means
+from stiff_protocols.cost import Cost
 from stiff_protocols.errors import ConfigError, StoreError
 from stiff_protocols.metrics import METRICS
 from stiff_protocols.record import ResultRecord
@@ -634,3 +635,50 @@ def test_the_command_prints_the_board_and_loads_neither_torch_nor_pinocchio(made
     assert done.stdout.startswith("**Leaderboard, 3 contests: 3 x twin (simulated) under holdout")
     assert done.stdout.endswith("[]\n")
     assert "12 results of " in done.stdout and "made by stiffbench 9.9 at 01234567." in done.stdout
+
+
+def priced(
+    made: MadeResults, model: str, fits_s: Sequence[float], memory: int | None = None
+) -> None:
+    """Say what a model's three splits cost."""
+    for key, fit_s in zip(made.add(model, [1.0, 1.0, 1.0]), fits_s, strict=True):
+        rewrite(made, [key], cost=Cost(fit_s, 0.1, 0.5 * fit_s, 12_345.6, memory))
+
+
+def test_costs_stand_beside_the_ranks_as_medians_with_their_range(made):
+    priced(made, "quick", [4e-5, 2e-5, 2e-4], memory=3 * 2**20)
+    priced(made, "slow", [90.0, 60.0, 70.0])
+    made.add("unknown", [1.0, 1.0, 1.0])
+    board = board_of(made)
+    rows = cells(board, "Costs, 6 cells | median (lowest to highest), not ranked")
+    assert rows["quick"] == ["40 us (20 to 200)", "12,300", "20 us (10 to 100)", "3.0", "3"]
+    assert rows["slow"] == ["70 s (60 to 90)", "12,300", "35 s (30 to 45)", "-", "3"]
+    assert "unknown" not in rows
+    assert "A pre-training from the cache costs nothing in fit time" in text_of(board)
+
+
+def test_a_board_whose_costs_nobody_knows_has_no_table_of_them(made):
+    add_three(made)
+    assert "**Costs" not in text_of(board_of(made))
+
+
+def test_csv_and_json_hold_the_costs(made):
+    priced(made, "quick", [4e-5, 2e-5, 2e-4])
+    priced(made, "slow", [90.0, 60.0, 70.0])
+    board = board_of(made)
+    lines = list(csv.DictReader(io.StringIO(text_of(board, "csv"))))
+    (fit,) = (x for x in lines if x["model"] == "slow" and x["quantity"] == "fit-time")
+    assert [float(fit[name]) for name in ("value", "low", "high")] == [70e3, 60e3, 90e3]
+    assert (fit["unit"], fit["note"]) == ("ms", "median, lowest and highest of 3 cells")
+    (section,) = json.loads(text_of(board, "json"))["sections"]
+    (slow,) = (model for model in section["costs"] if model["name"] == "slow")
+    assert slow["cells"] == 3
+    assert slow["costs"]["latency"] == {"median": 35e3, "low": 30e3, "high": 45e3, "unit": "ms"}
+    assert "memory" not in slow["costs"]
+
+
+def test_latex_and_html_hold_the_costs(made):
+    priced(made, "quick", [4e-5, 2e-5, 2e-4])
+    priced(made, "slow", [90.0, 60.0, 70.0])
+    for fmt in ("latex", "html"):
+        assert "40 us (20 to 200)" in text_of(board_of(made), fmt)

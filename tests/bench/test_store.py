@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from dataclasses import replace
@@ -84,8 +85,8 @@ def test_a_result_without_the_intervals_that_were_asked_for_is_read(tmp_path):
 def test_a_file_of_another_format_is_refused_with_both_numbers(tmp_path):
     store = ResultStore(tmp_path)
     path = store.write_cell(result())
-    path.write_text(path.read_text().replace('"schema": 2', '"schema": 1'))
-    with pytest.raises(StoreError, match="stored format 1, this stiffbench reads 2"):
+    path.write_text(path.read_text().replace('"schema":3', '"schema":1'))
+    with pytest.raises(StoreError, match="stored format 1, this stiffbench reads 3"):
         store.read_cell(CELL.key)
 
 
@@ -153,6 +154,26 @@ def test_a_changed_or_cut_file_is_found_damaged(tmp_path):
         path.write_text(damage)
         with pytest.raises(StoreError, match="damaged"):
             store.read_cell(CELL.key)
+
+
+def test_the_checksum_is_over_the_bytes_of_the_content(tmp_path):
+    raw = ResultStore(tmp_path).write_cell(result()).read_bytes()
+    head, _, content = raw.partition(b'"content":')
+    assert content.endswith(b"}}\n")
+    assert hashlib.sha256(content[:-2]).hexdigest() == json.loads(head + b'"":0}')["sha256"]
+
+
+def test_text_that_no_file_can_hold_is_stored_with_a_question_mark(tmp_path):
+    """A file's name on a command line may hold bytes that are no character."""
+    store = ResultStore(tmp_path)
+    store.write_cell(result(failure="M\xfcller \udcff.csv"))
+    assert store.read_cell(CELL.key).failure == "M\xfcller ?.csv"
+
+
+def test_temporary_files_that_a_killed_run_left_are_no_results(tmp_path):
+    path = ResultStore(tmp_path).write_cell(result())
+    path.with_name(".abc.tmp.json").write_text("half")
+    assert len(list(read_results(tmp_path))) == 1
 
 
 def test_a_write_that_fails_leaves_the_old_result_and_no_rubbish(tmp_path, monkeypatch):

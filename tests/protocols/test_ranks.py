@@ -9,6 +9,7 @@ import pytest
 from scipy import stats
 
 from stiff_protocols.errors import DataError
+from stiff_protocols.mean_ranks import ranked
 from stiff_protocols.paired import LEVEL, holm
 from stiff_protocols.ranks import compare_over_datasets, critical_difference, why_not
 
@@ -73,6 +74,32 @@ def test_conover_is_the_textbook_statistic_with_holms_correction(rng):
     result = compare_over_datasets(values)
     np.testing.assert_allclose([result.conover[i, j] for i, j in pairs], wanted)
     np.testing.assert_array_equal(result.conover, result.conover.T)
+
+
+@pytest.mark.parametrize("n_models", [3, 10, 40])
+def test_critical_differences_and_p_values_are_those_of_scipy_and_scikit_posthocs(rng, n_models):
+    scikit_posthocs = pytest.importorskip("scikit_posthocs")
+    values = np.round(scores(rng, n_models=n_models, apart=0.1), 1)
+    ranks = stats.rankdata(values, axis=1)
+    result = compare_over_datasets(values)
+    np.testing.assert_allclose(
+        result.nemenyi, scikit_posthocs.posthoc_nemenyi_friedman(ranks), atol=1e-12
+    )
+    np.testing.assert_allclose(
+        result.conover, scikit_posthocs.posthoc_conover_friedman(ranks, p_adjust="holm"), rtol=1e-9
+    )
+    assert result.friedman_p == pytest.approx(stats.friedmanchisquare(*ranks.T).pvalue, rel=1e-9)
+    spread = np.sqrt(n_models * (n_models + 1) / (12 * len(values)))
+    quantile = stats.studentized_range.ppf(1.0 - LEVEL, n_models, np.inf)
+    assert result.critical_difference == pytest.approx(quantile * spread, rel=1e-9)
+
+
+@pytest.mark.parametrize("shape", [(6,), (50, 7), (1, 1)])
+def test_ranks_are_scipys_with_ties_and_missing_values(rng, shape):
+    values = rng.integers(0, 4, shape).astype(float)
+    np.testing.assert_array_equal(ranked(values), stats.rankdata(values, axis=-1))
+    values[..., 0] = np.nan
+    assert np.isnan(ranked(values)).all()
 
 
 @pytest.mark.parametrize("apart", [0.0, 0.5, 1.0, 3.0])

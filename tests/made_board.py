@@ -1,0 +1,71 @@
+"""A large folder of results: real data, protocols and splits, made-up predictions, no fit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+
+from run_requests import planned
+from stiff_bench.store import ResultStore
+from stiff_bench.tasks import CellTask, cell_tasks
+from stiff_protocols.cost import Cost
+from stiff_protocols.metrics import METRICS
+from stiff_protocols.record import CellResult, ResultRecord, RunManifest
+from stiff_protocols.types import Prediction
+
+MODELS = (
+    *("zero", "mean", "knn", "knn@neighbours=1", "vjm", "vjm@congruence=true"),
+    *("vjm-multisegment", "vjm-full", "gp", "vjm-gp"),
+)
+DATASETS = tuple(f"kr10-twin@specimen={number}" for number in range(6))
+PROTOCOLS = (*("holdout", "kfold", "sample-efficiency", "space-transfer", "load-extrapolation"),)
+RUN_ID = "20261121T120000Z-made00"
+
+
+def made_board(folder: Path, *, n_splits: int = 5, datasets: tuple[str, ...] = DATASETS) -> int:
+    """Write a finished run of ten models and return how many records it has.
+
+    Args:
+        folder: of the results.
+        n_splits: of every protocol in each of its conditions.
+        datasets: words of the data sets.
+    """
+    protocols = [f"kfold@folds={n_splits}" if key == "kfold" else key for key in PROTOCOLS]
+    plan = planned(models=MODELS, datasets=datasets, protocols=tuple(protocols), splits=n_splits)
+    tasks = cell_tasks(plan)
+    store = ResultStore(folder)
+    for data in {task.cell.data_sha256: task.data for task in tasks}.values():
+        store.write_data(data)
+    n_records = 0
+    with patch("stiff_protocols.files._flush_to_disk"):  # nobody misses it after a power cut
+        for number, task in enumerate(tasks):
+            result = _made_up(task, np.random.default_rng(number))
+            store.write_cell(result)
+            n_records += len(result.records)
+    keys = tuple(task.cell.key for task in tasks)
+    environment = {"stiffbench": "9.9", "commit": "", "dirty": ""}
+    store.write_manifest(RunManifest(RUN_ID, "bench run", "now", "finished", environment, keys))
+    return n_records
+
+
+def _made_up(task: CellTask, rng: np.random.Generator) -> CellResult:
+    """Return a result whose errors are larger the later the model stands in `MODELS`."""
+    measured = task.data.samples.deflection[task.split.test]
+    scale = 1e-4 * (1 + MODELS.index(task.shown.model.replace("=True", "=true")))
+    errors = rng.normal(scale=scale, size=(2, *measured.shape))
+    prediction = Prediction(
+        task.split.test, measured + errors[0], measured, reference=measured + errors[1]
+    )
+    cost = Cost(*(rng.uniform(1e-4, 1e-3, 4).tolist()), 2**20)
+    records = tuple(
+        ResultRecord(metric.key, axis, value, metric.unit)
+        for metric in METRICS.values()
+        for axis, value in metric.values(prediction, cost).items()
+    )
+    return CellResult(
+        *(task.cell, task.shown, RUN_ID, "ok", records, prediction, cost),
+        n_train=len(task.split.train) + len(task.split.validation),
+        n_splits=task.n_splits,
+    )
