@@ -23,6 +23,8 @@ from stiff_protocols.types import FloatArray, Robot, Samples
 Layers = Annotated[int, Ge(1), Le(20)]
 Width = Annotated[int, Ge(1), Le(4096)]
 
+PREDICTED_AT_ONCE = 1024  # rows: what the layers pass on stays in the processor's cache
+
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class EncodedNetworkModel(FittedModel):
@@ -52,7 +54,7 @@ class EncodedNetworkModel(FittedModel):
     ) -> FloatArray:
         inputs = self._inputs(q, wrench)
         with torch.no_grad():
-            outputs = [network(part) for part in torch.split(inputs, 8192)]
+            outputs = [network(part) for part in torch.split(inputs, PREDICTED_AT_ONCE)]
         standardised = torch.cat(outputs).cpu().double().numpy()
         return self.output_scaler_.undo(standardised)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 from typing import Literal
 
 import torch
@@ -53,11 +54,16 @@ def linear_layers(network: torch.nn.Module) -> list[torch.nn.Linear]:
 def torch_device(device: Device) -> torch.device:
     """Return the device a network runs on; "auto" takes a GPU where there is one.
 
+    On a GPU torch is put into its deterministic mode, for the whole process: the same training
+    gives the same weights again on the same GPU.
+
     Raises:
         ConfigError: "cuda" was asked for and there is none.
     """
-    if device == "cuda" and not torch.cuda.is_available():
+    on_gpu = device != "cpu" and torch.cuda.is_available()
+    if device == "cuda" and not on_gpu:
         raise ConfigError("device 'cuda': no CUDA device is available here (valid: auto, cpu)")
-    if device == "auto":
-        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    return torch.device(device)
+    if on_gpu:
+        os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # cuBLAS reads it as it starts
+        torch.use_deterministic_algorithms(True)
+    return torch.device("cuda" if on_gpu else "cpu")

@@ -230,7 +230,7 @@ def trained_for(budget: float, seed: int, activation: Activation) -> End:
     source, network = source_of(seed), new_network(seed, activation)
     probe = replace(FAST, steps=50)
     step = seconds_of(lambda: train(copy.deepcopy(network), source, probe, seed)) / probe.steps
-    plan = replace(FAST, steps=int(0.97 * budget / step))
+    plan = replace(FAST, steps=int(0.95 * budget / step))
     seconds = seconds_of(lambda: train(network, source, plan, seed))
     return End(seconds, plan.steps, source.network_error(network))
 
