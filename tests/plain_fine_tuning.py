@@ -49,8 +49,14 @@ def plain_loop(case: Pretrained, moving: Iterable[int], plan: TrainingPlan) -> P
     free = [parameter for number in moving for parameter in layers[number].parameters()]
     for parameter in free:
         parameter.requires_grad = True
-    kind = torch.optim.Adam if plan.optimizer == "adam" else torch.optim.SGD
-    optimizer = kind(free, lr=plan.learning_rate)
+    optimizer: torch.optim.Optimizer
+    if plan.optimizer == "adam":
+        optimizer = torch.optim.Adam(free, lr=plan.learning_rate)
+    else:
+        nesterov = plan.momentum > 0
+        optimizer = torch.optim.SGD(
+            free, lr=plan.learning_rate, momentum=plan.momentum, nesterov=nesterov
+        )
     loss_of = torch.nn.L1Loss()
     curve = PlainCurve()
     for _ in range(plan.steps):

@@ -47,10 +47,11 @@ def run_benchmarks(
         # One thread, as a run of many cells has it: two that wait for each other on a busy
         # machine measure the machine.
         threads = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "MKL", "OPENBLAS")}
+        outer = {name: text for name, text in os.environ.items() if not name.startswith("PYTEST_")}
         status = subprocess.run(
             [sys.executable, "-m", "pytest", *words],
             cwd=folder.parents[1],
-            env=os.environ | threads,
+            env=outer | threads,
             stdout=sys.stderr.fileno(),
             check=False,
         ).returncode

@@ -29,6 +29,7 @@ from stiff_models.cache_folder import OFF, VARIABLE, cache_folder, usable_folder
 from stiff_models.training import Curve, Rows
 from stiff_models.training_plan import TrainingPlan
 from stiff_protocols.errors import StiffBenchWarning, StoreError
+from stiff_protocols.types import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,11 +40,13 @@ class Trained:
         weights: the network's state, name -> array.
         curve: what happened.
         seconds: wall time when it was computed.
+        judged: what was measured with the network right after; empty: nothing.
     """
 
     weights: dict[str, np.ndarray[Any, Any]]
     curve: Curve
     seconds: float
+    judged: FloatArray
 
 
 @dataclass(frozen=True)

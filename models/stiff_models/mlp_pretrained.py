@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Literal, Self
 
 import numpy as np
+import torch
 from annotated_types import Ge
 
 from stiff_models.base import FittedModel
@@ -87,9 +88,11 @@ class MlpPretrained(SourceModel, NetworkModel):
             self._pretraining_plan(),
             seed,
             "pre-train",
+            judge=lambda: source_error(self, test),
+            extra=map(torch.from_numpy, (test.q, test.wrench, test.deflection)),
         )
         self.history_ = trained.curve
-        self.source_test_mae_ = source_error(self, test)
+        self.source_test_mae_ = trained.judged
         self.diagnostics_ = source_report(len(domain), trained.seconds, self.source_test_mae_)
         self.robot_ = robot
         return self

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from abc import abstractmethod
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Annotated
 
+import numpy as np
 import torch
 from annotated_types import Ge, Le
 
@@ -93,6 +94,7 @@ class EncodedNetworkModel(FittedModel):
         *,
         trainable: Trainable | None = None,
         objective: Objective | None = None,
+        judge: Callable[[], FloatArray] = lambda: np.empty(0),
         extra: Iterable[torch.Tensor] = (),
         about: str = "",
     ) -> Trained:
@@ -105,7 +107,8 @@ class EncodedNetworkModel(FittedModel):
             phase: name for progress reports.
             trainable: as for `train_network`.
             objective: as for `train_network`; `extra` and `about` say what it is made of.
-            extra: tensors that the objective uses.
+            judge: measures the trained network, once: the outcome is kept with the weights.
+            extra: tensors that the objective or `judge` uses.
             about: settings of the objective, as text.
         """
 
@@ -123,7 +126,8 @@ class EncodedNetworkModel(FittedModel):
             weights = {
                 name: tensor.cpu().numpy() for name, tensor in self.network_.state_dict().items()
             }
-            return Trained(weights, curve, time.perf_counter() - start)
+            seconds = time.perf_counter() - start
+            return Trained(weights, curve, seconds, judge())
 
         if plan.steps == 0:
             return compute()

@@ -58,7 +58,7 @@ def test_a_key_may_hold_dots():
         ("ft-mlp.epochs=many", r"'many' is no valid epochs.*whole number >= 0"),
         ("ft-mlp.epochs=-1", "greater than or equal to 0"),
         ("ft-mlp.epochs=1.5", "no valid epochs"),
-        ("ft-mlp.activation=swish", r"valid: relu \| tanh \| sigmoid \| gelu"),
+        ("ft-mlp.activation=swish", r"valid: auto \| relu \| tanh \| sigmoid \| gelu"),
         ("holdout.test_fraction=1", "less than 1"),
         ("ft-mlp.learning_rate=nan", "no valid learning_rate"),
         ("ft-mlp.freeze", "expected KEY.option=value"),

@@ -13,7 +13,7 @@ import pytest
 import torch
 
 from stiff_datasets.kr10_twin import Kr10Twin
-from stiff_models import cache, network_model
+from stiff_models import cache, mlp_pretrained, network_model
 from stiff_models.arithmetic import Arithmetic
 from stiff_models.cache import cache_info, clear_cache
 from stiff_models.ft_mlp import FtMlp
@@ -61,6 +61,13 @@ def test_variants_of_fine_tuning_pre_train_once_and_so_does_the_pretrained_model
     MlpPretrained(**SMALL).fit(data.samples.take(np.arange(100)), robot=data.robot, seed=1)
     assert trainings == ["pre-train"]
     assert cache_info().entries == 1 and cache_info().size_bytes > 0
+
+
+def test_the_source_error_is_measured_once_and_kept_with_the_training(data, monkeypatch):
+    first = fit(data).source_test_mae_
+    monkeypatch.delattr(mlp_pretrained, "source_error")
+    np.testing.assert_array_equal(fit(data, freeze="full").source_test_mae_, first)
+    assert first.shape == (3,) and (first > 0).all()
 
 
 def test_a_cached_training_gives_the_same_predictions_to_the_bit(data, trainings):

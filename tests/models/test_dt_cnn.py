@@ -23,7 +23,7 @@ def small_source_and_short_training(monkeypatch):
     monkeypatch.setenv("STIFFBENCH_CACHE", "off")
     monkeypatch.setattr("stiff_models.source.POSE_BUDGET", 120)  # 600 source samples
     monkeypatch.setattr("stiff_models.dt_cnn.FAST", replace(FAST, batch=32))
-    monkeypatch.setitem(FINE_TUNING, "fast", replace(FINE_TUNING["fast"], steps=12))
+    monkeypatch.setattr(dt_cnn, "FINE_TUNING", replace(dt_cnn.FINE_TUNING, steps=12))
 
 
 def fit(parts, train=None, validation=False, seed=5, **options):
