@@ -16,11 +16,12 @@ import torch
 from annotated_types import Ge
 
 from stiff_models.features import Scaler, encode
-from stiff_models.ft_mlp import FtMlp
+from stiff_models.ft_mlp import ADAM, FtMlp
 from stiff_models.kinematics import jacobian, joint_torque
 from stiff_models.networks import build_network, linear_layers, torch_device
 from stiff_models.torch_kinematics import TorchJacobian
 from stiff_models.torch_parts import EncodedNetwork, bent_joints
+from stiff_models.training_plan import TrainingPlan
 from stiff_protocols.types import FloatArray, Robot, Samples
 
 _SOFTPLUS_0 = math.log(2.0)
@@ -90,6 +91,9 @@ class ComplianceNet(FtMlp):
         with torch.no_grad():
             relative = self._compliances().compliance(features)
         return np.asarray(relative.cpu().double().numpy() * self.reference_compliance_)
+
+    def _fine_tuning_recipe(self) -> TrainingPlan:
+        return super()._fine_tuning_recipe() if self.recipe == "paper" else ADAM
 
     def _compliances(self) -> ComplianceNetwork:
         return cast(ComplianceNetwork, self.network_)

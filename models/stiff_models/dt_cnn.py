@@ -20,6 +20,7 @@ from stiff_models.alignment import AlignedObjective, Alignment, uses_target
 from stiff_models.cache import Trained
 from stiff_models.cnn import Cnn, Pool, adapt_statistics, build_cnn
 from stiff_models.features import Scaler
+from stiff_models.ft_mlp import ADAM
 from stiff_models.mlp_pretrained import divided, source_error, source_report
 from stiff_models.network_model import EncodedNetworkModel
 from stiff_models.source_model import SourceModel
@@ -40,7 +41,6 @@ FAST = TrainingPlan(
     schedule="linear",
     mixed_precision=True,
 )
-FINE_TUNING = TrainingPlan(steps=300, learning_rate=3e-4, loss="mae", optimizer="adam")
 
 
 def udtl_plan(n_source: int) -> TrainingPlan:
@@ -176,7 +176,7 @@ class DtCnn(SourceModel, EncodedNetworkModel):
             self.fine_tuning_ = train_network(
                 self.network_,
                 rows,
-                replace(FINE_TUNING, keep_best=validation is not None),
+                replace(ADAM, keep_best=validation is not None),
                 seed=seed,
                 phase="fine-tune",
                 validation=validation,

@@ -26,6 +26,8 @@ from stiff_protocols.types import Robot, Samples
 
 # the paper's descent, which momentum makes about twenty times faster
 FAST = TrainingPlan(steps=300, learning_rate=0.03, loss="mae", optimizer="sgd", momentum=0.95)
+# for networks of other kinds, in which every layer moves
+ADAM = TrainingPlan(steps=300, learning_rate=3e-4, loss="mae", optimizer="adam")
 FINE_TUNING: dict[Recipe, TrainingPlan] = {
     "fast": FAST,
     "best": FAST,
@@ -106,7 +108,7 @@ class FtMlp(MlpPretrained):
         return self
 
     def _fine_tuning_plan(self, *, keep_best: bool) -> TrainingPlan:
-        plan = FINE_TUNING[self.recipe]
+        plan = self._fine_tuning_recipe()
         return replace(
             plan,
             steps=plan.steps if self.epochs is None else self.epochs,
@@ -114,6 +116,9 @@ class FtMlp(MlpPretrained):
             keep_best=keep_best and self.training == "best",
             mixed_precision=self.precision == "bfloat16",
         )
+
+    def _fine_tuning_recipe(self) -> TrainingPlan:
+        return FINE_TUNING[self.recipe]
 
     def _stages(self, epochs: int) -> tuple[Stage, ...]:
         return stages(
