@@ -89,6 +89,7 @@ def curve(
     *,
     x_label: str,
     y_label: str,
+    note: str = "",
 ) -> None:
     """Add a curve to a picture that `bench perf` draws with logarithmic axes.
 
@@ -98,6 +99,7 @@ def curve(
             name is the benchmark's (`ours` or `peer`).
         x, y: of the points, positive.
         x_label, y_label: with units.
+        note: stands beside the curve's name.
     """
     benchmark.extra_info["curve"] = {
         "picture": picture,
@@ -105,4 +107,5 @@ def curve(
         "y": [float(one) for one in y],
         "x_label": x_label,
         "y_label": y_label,
+        "note": note,
     }

@@ -30,7 +30,8 @@ def _save(curves: Sequence[Curve], path: Path) -> Path:
     ax = figure.subplots()
     for curve in curves:
         style = {"linewidth": 2.2} if curve.ours else {"linewidth": 1.2, "linestyle": "--"}
-        ax.plot(curve.x, curve.y, marker="o", markersize=3.5, label=curve.who, **style)
+        label = f"{curve.who}: {curve.note}" if curve.note else curve.who
+        ax.plot(curve.x, curve.y, marker="o", markersize=3.5, label=label, **style)
     ax.set(xscale="log", yscale="log", xlabel=curves[0].x_label, ylabel=curves[0].y_label)
     ax.yaxis.set_minor_locator(LogLocator(subs="auto"))
     ax.grid(True, which="major", linewidth=0.6, color="0.8")

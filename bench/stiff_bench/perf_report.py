@@ -23,6 +23,7 @@ class Curve:
     y: Sequence[float]
     x_label: str
     y_label: str
+    note: str
 
 
 @dataclass(frozen=True)

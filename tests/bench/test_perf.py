@@ -21,7 +21,8 @@ def test_ours(benchmark):
         "figures": [
             {"what": "error", "value": 0.5, "unit": "mm", "at_most": 0.4, "at_least": None}
         ],
-        "curve": {"picture": "growth", "x": [1, 2], "y": [1, 2], "x_label": "n", "y_label": "s"},
+        "curve": {"picture": "growth", "x": [1, 2], "y": [1, 2], "x_label": "n", "y_label": "s",
+                  "note": ""},
     }
     benchmark.pedantic(sum, ([1, 2],), rounds=2)
 

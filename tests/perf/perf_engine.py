@@ -223,4 +223,5 @@ def test_growth(benchmark, of, sizes, measurements, tmp_path, request):
         times,
         x_label="samples, splits or models",
         y_label="processor time of a run [s]",
+        note=f"exponent {exponent:.2f} over the last three",
     )

@@ -16,9 +16,10 @@ from plain_fine_tuning import Pretrained, largest_difference, our_loop, plain_lo
 from run_requests import planned
 from stiff_bench.tasks import CellTask, cell_tasks
 from stiff_datasets.kr10_twin import Kr10Twin
-from stiff_models.arithmetic import has_fast_bfloat16
+from stiff_models.arithmetic import arithmetic, has_fast_bfloat16
 from stiff_models.ft_mlp import FINE_TUNING, FtMlp
 from stiff_models.mlp_pretrained import Recipe
+from stiff_models.networks import linear_layers
 from stiff_models.training_plan import TrainingPlan
 from stiff_protocols.protocol import PaperHoldout
 from stiff_protocols.types import FloatArray, Samples
@@ -93,6 +94,35 @@ def test_ours(benchmark, case, freeze, plan, precision):
 def test_plain(benchmark, case, freeze):
     peer(benchmark, PLAIN, work=PLAN.steps, unit="epoch")
     benchmark.pedantic(plain_loop, (case, MOVING[freeze], PLAN), rounds=8, warmup_rounds=1)
+
+
+def products(network: torch.nn.Sequential, moving: tuple[int, ...], kind: torch.dtype):
+    """Return a function that does the matrix products of an epoch, and nothing else."""
+    weights = [layer.weight.detach().to(kind) for layer in linear_layers(network)]
+    first, n_layers = min(moving), len(weights)
+    inputs = [torch.randn(151, weight.shape[1]).to(kind) for weight in weights]
+    slopes = [torch.randn(121, weight.shape[0]).to(kind) for weight in weights]
+    pairs = [(inputs[i], weights[i].T) for i in range(first, n_layers)]
+    pairs += [(slopes[i], weights[i]) for i in range(first + 1, n_layers)]
+    pairs += [(slopes[i].T, inputs[i][:121]) for i in moving]
+    return lambda: [torch.mm(*pair) for pair in pairs]
+
+
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+@pytest.mark.parametrize(
+    "freeze", [pytest.param(key, marks=pytest.mark.benchmark(group=GROUP[key])) for key in GROUP]
+)
+def test_products_alone(benchmark, case, freeze, precision):
+    """The limit: what an epoch takes when everything but its products is free."""
+    low = precision == "bfloat16"
+    kind = arithmetic(torch.device("cpu"), mixed_precision=low)
+    if low and not kind.bfloat16:
+        pytest.skip("bfloat16: this processor has no products of it")
+    dtype = torch.bfloat16 if low else torch.float32
+    peer(benchmark, f"the products alone, {precision}", unit="epoch")
+    with kind.in_force():
+        run = products(case.network, MOVING[freeze], dtype)
+        benchmark.pedantic(run, rounds=8, iterations=50, warmup_rounds=1)
 
 
 @pytest.mark.benchmark(group="fine-tuning, 121 + 30 rows, two processes of one thread")
