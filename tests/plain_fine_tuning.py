@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -29,8 +29,8 @@ class Pretrained:
 class PlainCurve:
     """Losses of each epoch: on the rows before its step, on the held-out rows after it."""
 
-    train: list[float] = field(default_factory=list)
-    held_out: list[float] = field(default_factory=list)
+    train: list[float]
+    held_out: list[float]
 
 
 def plain_loop(case: Pretrained, moving: Iterable[int], plan: TrainingPlan) -> PlainCurve:
@@ -42,13 +42,11 @@ def plain_loop(case: Pretrained, moving: Iterable[int], plan: TrainingPlan) -> P
         plan: its length, its constant learning rate, and "adam" or "sgd"; on the mean absolute
             error.
     """
-    network = copy.deepcopy(case.network)
-    for parameter in network.parameters():
-        parameter.requires_grad = False
+    network = copy.deepcopy(case.network).requires_grad_(False)
     layers = linear_layers(network)
     free = [parameter for number in moving for parameter in layers[number].parameters()]
     for parameter in free:
-        parameter.requires_grad = True
+        parameter.requires_grad_()
     optimizer: torch.optim.Optimizer
     if plan.optimizer == "adam":
         optimizer = torch.optim.Adam(free, lr=plan.learning_rate)
@@ -58,22 +56,27 @@ def plain_loop(case: Pretrained, moving: Iterable[int], plan: TrainingPlan) -> P
             free, lr=plan.learning_rate, momentum=plan.momentum, nesterov=nesterov
         )
     loss_of = torch.nn.L1Loss()
-    curve = PlainCurve()
+    best, kept = torch.tensor(torch.inf), [torch.empty_like(parameter) for parameter in free]
+    losses, judged = [], []
     for _ in range(plan.steps):
-        network.train()
         optimizer.zero_grad()
         loss = loss_of(network(case.rows.inputs), case.rows.targets)
         loss.backward()
         optimizer.step()
-        network.eval()
+        losses.append(loss.detach())
         with torch.no_grad():
-            judged = loss_of(network(case.held_out.inputs), case.held_out.targets).item()
-        if judged < min(curve.held_out, default=np.inf):
-            best = copy.deepcopy(network.state_dict())
-        curve.train.append(loss.item())
-        curve.held_out.append(judged)
-    network.load_state_dict(best)
-    return curve
+            judged.append(loss_of(network(case.held_out.inputs), case.held_out.targets))
+            if judged[-1] < best:
+                best = judged[-1]
+                copy_into(kept, free)
+    with torch.no_grad():
+        copy_into(free, kept)
+    return PlainCurve(torch.stack(losses).tolist(), torch.stack(judged).tolist())
+
+
+def copy_into(places: Iterable[torch.Tensor], values: Iterable[torch.Tensor]) -> None:
+    for place, value in zip(places, values, strict=True):
+        place.copy_(value)
 
 
 def our_loop(case: Pretrained, freeze: str, plan: TrainingPlan) -> Curve:

@@ -129,7 +129,12 @@ def _add(parsed: dict[str, Any], said: str, key: str, cls: type, name: str, text
     parsed[name] = _value(said, options[name], text)
 
 
+_STORED = (-(2**63), 2**63 - 1)
+
+
 def _value(said: str, option: Option, text: str) -> Any:
+    if not text.isprintable() and any(0xD800 <= ord(letter) <= 0xDFFF for letter in text):
+        raise ConfigError(f"{said}: {text!r} is no UTF-8, which results are stored in")
     try:
         adapter = TypeAdapter(option.annotation)
     except PydanticUserError:
@@ -146,6 +151,8 @@ def _value(said: str, option: Option, text: str) -> Any:
         value = adapter.validate_strings(text)
         if isinstance(value, float) and not math.isfinite(value):
             raise ConfigError(f"{said}: {text!r} is not finite (valid: {option.type_text})")
+        if isinstance(value, int) and not _STORED[0] <= value <= _STORED[1]:
+            raise ConfigError(f"{said}: {text} takes more than the 64 bits that a result stores")
         return value
     except ValidationError as error:
         reasons = {_lower_first(str(problem["msg"])) for problem in error.errors()}

@@ -17,7 +17,8 @@ PAGE, HISTORY = "performance.md", "performance_history.csv"
     "--only",
     default="",
     metavar="EXPRESSION",
-    help="Benchmarks whose name matches, as pytest's -k.  [default: all]",
+    help=f"Benchmarks whose name matches, as pytest's -k; {PAGE} is then left as it is.  "
+    "[default: all]",
 )
 @click.option("--long", is_flag=True, help="The studies of several minutes, too.")
 @click.option(
@@ -52,11 +53,12 @@ def perf(only: str, long: bool, json_file: Path | None, output: Path) -> int:
         report,
         history,
         environment=facts,
-        pictures=save_pictures(report.curves, output),
+        pictures=[] if only else save_pictures(report.curves, output),
         command=command_line(),
     )
-    with written_whole(output / PAGE) as temporary:
-        temporary.write_text(page + "\n", encoding="utf-8")
+    if not only:
+        with written_whole(output / PAGE) as temporary:
+            temporary.write_text(page + "\n", encoding="utf-8")
     write_history(output / HISTORY, history, report.findings, date=report.date, environment=facts)
     print_text(page)
     say(f"{len(report.timings)} benchmarks, {len(report.failed)} failed; stored in {output}")

@@ -30,7 +30,7 @@ import orjson
 
 from stiff_bench.stored_data import write_data
 from stiff_protocols.cost import Cost
-from stiff_protocols.errors import StoreError
+from stiff_protocols.errors import DataError, StoreError
 from stiff_protocols.files import written_whole
 from stiff_protocols.record import (
     SCHEMA,
@@ -95,8 +95,7 @@ class ResultStore:
         Raises:
             StoreError: there is none, or it is damaged.
         """
-        content = _read_checked(self.folder / "cells" / f"{key}.json")
-        return _cell_result(content)
+        return _read_cell(self.folder / "cells" / f"{key}.json")
 
     def read_manifest(self, run_id: str) -> RunManifest:
         """Read a run's manifest.
@@ -114,7 +113,7 @@ def read_results(folder: Path) -> Iterator[CellResult]:
         StoreError: a file cannot be read or is damaged.
     """
     for path in _stored(folder / "cells"):
-        yield _cell_result(_read_checked(path))
+        yield _read_cell(path)
 
 
 def read_manifests(folder: Path) -> Iterator[RunManifest]:
@@ -141,6 +140,17 @@ def _stored(folder: Path) -> Iterator[Path]:
 def _manifest(path: Path) -> RunManifest:
     content = _read_checked(path)
     return RunManifest(**{**content, "cells": tuple(content["cells"])})
+
+
+def _read_cell(path: Path) -> CellResult:
+    content = _read_checked(path)
+    try:
+        result = _cell_result(content)
+    except (KeyError, TypeError, AttributeError, ValueError, DataError) as error:
+        raise StoreError(f"{path}: damaged: {type(error).__name__}: {error}") from error
+    if result.cell.key != path.name.partition(".")[0]:
+        raise StoreError(f"{path}: holds the cell {result.cell.key}, which is another one's file")
+    return result
 
 
 def _cell_content(result: CellResult) -> dict[str, Any]:

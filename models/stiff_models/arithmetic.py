@@ -22,20 +22,26 @@ class Arithmetic:
         float32_route: torch's name. "medium" is oneDNN on a processor, which is faster there; the
             name allows it to round to bfloat16, and where it does, "highest" is taken.
         bfloat16: multiply in bfloat16 while the training is in low precision.
+        deterministic: torch's deterministic mode, which a GPU needs to repeat itself.
     """
 
     float32_route: Literal["highest", "medium"]
     bfloat16: bool
+    deterministic: bool = False
 
     @contextmanager
     def in_force(self) -> Iterator[None]:
-        """Take the float32 route meanwhile; everybody else's stays as it was."""
-        before = torch.get_float32_matmul_precision()
+        """Take route and mode meanwhile; everybody else's stay as they were."""
+        route = torch.get_float32_matmul_precision()
+        mode = torch.get_deterministic_debug_mode()
         torch.set_float32_matmul_precision(self.float32_route)
+        if self.deterministic:
+            torch.use_deterministic_algorithms(True)
         try:
             yield
         finally:
-            torch.set_float32_matmul_precision(before)
+            torch.set_float32_matmul_precision(route)
+            torch.set_deterministic_debug_mode(mode)
 
 
 def arithmetic(device: torch.device, *, mixed_precision: bool) -> Arithmetic:
@@ -48,6 +54,7 @@ def arithmetic(device: torch.device, *, mixed_precision: bool) -> Arithmetic:
     return Arithmetic(
         "medium" if device.type == "cpu" and medium_is_float32() else "highest",
         mixed_precision and has_fast_bfloat16(device),
+        deterministic=device.type == "cuda",
     )
 
 
@@ -55,7 +62,7 @@ def arithmetic(device: torch.device, *, mixed_precision: bool) -> Arithmetic:
 def medium_is_float32() -> bool:
     """Say whether the processor's "medium" products have float32's accuracy."""
     with Arithmetic("medium", bfloat16=False).in_force():
-        return _relative_error(torch.float32) <= FLOAT32_ERROR
+        return _relative_error(torch.float32, torch.device("cpu")) <= FLOAT32_ERROR
 
 
 @cache
@@ -65,18 +72,17 @@ def has_fast_bfloat16(device: torch.device) -> bool:
     In emulation they only cost.
     """
     if device.type == "cuda":
-        return bool(torch.cuda.is_bf16_supported())
-    checks = (
-        getattr(torch.cpu, name, lambda: False)
-        for name in ("_is_avx512_bf16_supported", "_is_amx_tile_supported")
-    )
-    return any(check() for check in checks) and _relative_error(torch.bfloat16) <= BFLOAT16_ERROR
+        in_hardware = torch.cuda.is_bf16_supported(including_emulation=False)
+    else:
+        names = ("_is_avx512_bf16_supported", "_is_amx_tile_supported")
+        in_hardware = any(getattr(torch.cpu, name, lambda: False)() for name in names)
+    return in_hardware and _relative_error(torch.bfloat16, device) <= BFLOAT16_ERROR
 
 
-def _relative_error(dtype: torch.dtype) -> float:
-    """Return the error of a product of the base network's size, on a processor."""
+def _relative_error(dtype: torch.dtype, device: torch.device) -> float:
+    """Return the error of a product of the base network's size there."""
     generator = torch.Generator().manual_seed(0)
-    left, right = torch.randn(2, 380, 380, generator=generator).to(dtype)
+    left, right = torch.randn(2, 380, 380, generator=generator).to(device, dtype)
     return relative_error(left, right, left @ right)
 
 

@@ -43,7 +43,7 @@ def joint_deflection(
         (n, 3) m, base frame.
 
     Raises:
-        DataError: a shape is another one.
+        DataError: a shape is another one, or a compliance is not finite.
     """
     q = checked_positions(robot, q)
     wrench, springs = np.asarray(wrench, dtype=np.float64), _checked_springs(robot, compliance)
@@ -66,7 +66,7 @@ def compliance_matrix(robot: Robot, compliance: FloatArray, q: FloatArray) -> Fl
         (n, 3, 6) m/N, then m/(N m), base frame.
 
     Raises:
-        DataError: a shape is another one.
+        DataError: a shape is another one, or a compliance is not finite.
     """
     q = checked_positions(robot, q)
     matrix = np.empty((len(q), 18))
@@ -103,7 +103,7 @@ def deflections(
         (n, 3) m, base frame, a chunk.
 
     Raises:
-        DataError: a shape is another one.
+        DataError: a shape is another one, or a compliance is not finite.
     """
     for q, wrench in chunks:
         yield joint_deflection(robot, compliance, q, wrench)
@@ -126,5 +126,7 @@ def _checked_springs(robot: Robot, compliance: FloatArray) -> list[float]:
     compliance = np.asarray(compliance, dtype=np.float64)
     if compliance.shape != (robot.n_joints,):
         raise DataError(f"compliance has shape {compliance.shape}, expected ({robot.n_joints},)")
+    if not np.isfinite(compliance).all():
+        raise DataError(f"compliance is {compliance.tolist()}, expected finite numbers")
     values: list[float] = compliance.tolist()
     return values

@@ -34,7 +34,7 @@ def jacobian(robot: Robot, q: FloatArray) -> FloatArray:
     """
     q = checked_positions(robot, q)
     columns = np.empty((6, robot.n_joints, len(q)))
-    _jacobian_program(robot).run([q], columns.reshape(-1, len(q)))
+    _jacobian_program(robot).run([q], columns.reshape(6 * robot.n_joints, len(q)))
     return columns.transpose(2, 0, 1)
 
 
@@ -58,7 +58,7 @@ def virtual_jacobian(robot: Robot, q: FloatArray) -> FloatArray:
     """
     q = checked_positions(robot, q)
     columns = np.empty((6, robot.n_joints, 6, len(q)))
-    _virtual_program(robot).run([q], columns.reshape(-1, len(q)))
+    _virtual_program(robot).run([q], columns.reshape(36 * robot.n_joints, len(q)))
     return columns.transpose(3, 0, 1, 2)
 
 

@@ -79,6 +79,7 @@ def _inverse(vectors: torch.Tensor, spectrum: torch.Tensor) -> torch.Tensor:
 
 def _leading(spectrum: torch.Tensor) -> int:
     """Return the number of eigenvalues that one domain asks DARE-GRAM to keep."""
+    spectrum = spectrum.cpu()  # on a GPU a cumulative sum is not deterministic
     share = spectrum.cumsum(0) / spectrum.sum()
     within = int((share <= max(EXPLAINED, float(share[min(1, len(share) - 1)]))).sum())
     return max(within - 1, 1)

@@ -10,8 +10,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -105,6 +104,8 @@ class VirtualJointModel(FittedModel):
     """
 
     congruence: bool = False
+    # code for `predict_one` and the springs it was made for; no part of the fitted state
+    _one: ClassVar[tuple[IdentifiedJoints, OneDeflection]]
 
     def fit(
         self,
@@ -119,7 +120,6 @@ class VirtualJointModel(FittedModel):
         Raises:
             ModelError: no joint can be identified.
         """
-        self.__dict__.pop("_one", None)  # of an earlier fit
         self.joints_ = identify_joints(robot, train, congruence=self.congruence)
         self.diagnostics_ = _diagnostics(self.joints_, robot)
         warn_unidentifiable(self.joints_)
@@ -154,19 +154,24 @@ class VirtualJointModel(FittedModel):
                 the load is beyond buckling.
         """
         try:
-            return self._one(q, wrench)
-        except ValueError:
-            self._checked(np.array([q]), np.array([wrench]))  # says which length is wrong
-            raise
+            made_for, one = self._one
+            if made_for is not self.joints_ or self.congruence:
+                one = self._made_anew()
+        except AttributeError:
+            one = self._made_anew()
+        try:
+            return one(q, wrench)
+        except (TypeError, ValueError):
+            return self._one_of_predict(q, wrench)  # which says what is wrong with them
 
-    @cached_property
-    def _one(self) -> OneDeflection:
-        """The prediction on plain numbers; code, and so no part of the fitted state."""
+    def _made_anew(self) -> OneDeflection:
         if not hasattr(self, "robot_"):
             raise NotFittedError("VirtualJointModel: call fit before predict_one")
         if self.congruence:
             return self._one_of_predict
-        return one_deflection(self.robot_, self.joints_.compliance)
+        one = one_deflection(self.robot_, self.joints_.compliance)
+        self.__dict__["_one"] = self.joints_, one
+        return one
 
     def _one_of_predict(
         self, q: Sequence[float], wrench: Sequence[float]

@@ -63,6 +63,8 @@ def test_a_key_may_hold_dots():
         ("ft-mlp.learning_rate=nan", "no valid learning_rate"),
         ("ft-mlp.freeze", "expected KEY.option=value"),
         ("freeze=full", "expected KEY.option=value"),
+        ("ft-mlp.epochs=18446744073709551617", "more than the 64 bits"),
+        ("ft-mlp.freeze=full\udcff", "no UTF-8"),
     ],
 )
 def test_a_wrong_setting_is_refused_with_what_is_valid(word, message):

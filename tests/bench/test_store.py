@@ -156,6 +156,21 @@ def test_a_changed_or_cut_file_is_found_damaged(tmp_path):
             store.read_cell(CELL.key)
 
 
+def test_a_file_under_another_cells_name_is_found(tmp_path):
+    path = ResultStore(tmp_path).write_cell(result())
+    path.rename(path.with_name("0123456789abcdef01234567.json"))
+    with pytest.raises(StoreError, match=f"holds the cell {CELL.key}, which is another"):
+        list(read_results(tmp_path))
+
+
+def test_a_whole_file_without_a_cell_in_it_is_damaged(tmp_path):
+    path = ResultStore(tmp_path).write_cell(result())
+    checksum = hashlib.sha256(b"{}").hexdigest()
+    path.write_text(f'{{"schema":3,"sha256":"{checksum}","content":{{}}}}\n')
+    with pytest.raises(StoreError, match=r"damaged: KeyError: 'cell'"):
+        list(read_results(tmp_path))
+
+
 def test_the_checksum_is_over_the_bytes_of_the_content(tmp_path):
     raw = ResultStore(tmp_path).write_cell(result()).read_bytes()
     head, _, content = raw.partition(b'"content":')

@@ -24,7 +24,7 @@ def checked_anew():
 
 
 def test_the_check_passes_float32_and_fails_factors_rounded_to_bfloat16():
-    assert module._relative_error(torch.float32) <= module.FLOAT32_ERROR
+    assert module._relative_error(torch.float32, torch.device("cpu")) <= module.FLOAT32_ERROR
     left, right = torch.randn(2, 64, 380, generator=torch.Generator().manual_seed(0))
     rounded = left.bfloat16().float() @ right.bfloat16().float().T
     assert module.relative_error(left, right.T, rounded) > 100 * module.FLOAT32_ERROR
@@ -32,7 +32,7 @@ def test_the_check_passes_float32_and_fails_factors_rounded_to_bfloat16():
 
 @pytest.mark.parametrize("error", [0.0, 1.0])
 def test_a_route_that_is_less_accurate_than_its_name_is_not_taken(monkeypatch, error):
-    monkeypatch.setattr(module, "_relative_error", lambda dtype: error)
+    monkeypatch.setattr(module, "_relative_error", lambda dtype, device: error)
     monkeypatch.setattr(torch.cpu, "_is_avx512_bf16_supported", lambda: True)
     accurate = error == 0.0
     assert arithmetic(CPU, mixed_precision=True) == Arithmetic(

@@ -1,10 +1,12 @@
 """What can be seen of the code for a GPU without one."""
 
 import contextlib
+import os
 
 import pytest
 import torch
 
+from stiff_models.arithmetic import arithmetic
 from stiff_models.cnn import build_cnn
 from stiff_models.dt_cnn import FAST
 from stiff_models.ft_mlp import FINE_TUNING
@@ -59,12 +61,19 @@ def test_a_step_with_rows_of_another_device_than_the_network_fails():
         _Run(network, rows, FINE_TUNING["fast"], trainable, None, 0, None, False).step(0)
 
 
-def test_a_network_on_a_gpu_is_deterministic(monkeypatch):
-    asked = []
+def test_a_training_on_a_gpu_repeats_itself_and_leaves_torchs_mode_as_it_was():
+    with arithmetic(torch.device("cuda"), mixed_precision=False).in_force():
+        assert torch.are_deterministic_algorithms_enabled()
+    assert not torch.are_deterministic_algorithms_enabled()
+    with arithmetic(torch.device("cpu"), mixed_precision=False).in_force():
+        assert not torch.are_deterministic_algorithms_enabled()
+
+
+def test_a_gpus_matrix_products_are_told_to_repeat_themselves(monkeypatch):
+    monkeypatch.setenv("CUBLAS_WORKSPACE_CONFIG", "")  # so that it is put back afterwards
+    monkeypatch.delenv("CUBLAS_WORKSPACE_CONFIG")
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    monkeypatch.setattr(torch, "use_deterministic_algorithms", asked.append)
-    monkeypatch.delenv("CUBLAS_WORKSPACE_CONFIG", raising=False)
-    assert torch_device("auto") == torch_device("cuda") == torch.device("cuda")
-    assert asked == [True, True]
     assert torch_device("cpu") == torch.device("cpu")
-    assert len(asked) == 2
+    assert "CUBLAS_WORKSPACE_CONFIG" not in os.environ
+    assert torch_device("auto") == torch_device("cuda") == torch.device("cuda")
+    assert os.environ["CUBLAS_WORKSPACE_CONFIG"] == ":4096:8"

@@ -112,6 +112,14 @@ def test_planar_arm_has_the_textbook_jacobian(tmp_path):
 
 
 @pytest.mark.parametrize("function", [jacobian, virtual_jacobian])
+def test_no_pose_has_no_jacobian(function, kr10):
+    assert function(kr10, np.empty((0, 6))).shape == (
+        0,
+        *function(kr10, np.zeros((1, 6))).shape[1:],
+    )
+
+
+@pytest.mark.parametrize("function", [jacobian, virtual_jacobian])
 def test_wrong_number_of_joint_angles_is_refused(function, kr10):
     with pytest.raises(DataError, match=r"\(2, 5\), expected \(n, 6\)"):
         function(kr10, np.zeros((2, 5)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 import pickle
 from dataclasses import replace
 
@@ -171,6 +172,17 @@ def test_one_prediction_follows_the_last_fit(kr10, rng):
     first = np.array(model.predict_one(*row))
     model.fit(replace(samples, deflection=2 * samples.deflection), robot=kr10)
     np.testing.assert_allclose(model.predict_one(*row), 2 * first, rtol=1e-9)
+    model.joints_ = replace(model.joints_, compliance=model.joints_.compliance / 2)
+    np.testing.assert_allclose(model.predict_one(*row), first, rtol=1e-9)
+    model.set_params(congruence=True)
+    truth = model.predict(samples.q[:1], samples.wrench[:1])[0]
+    np.testing.assert_allclose(model.predict_one(*row), truth, rtol=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
+def test_one_prediction_at_an_infinite_angle_is_no_number_as_predicts(kr10, rng):
+    model = VirtualJointModel().fit(simulated(kr10, rng), robot=kr10)
+    assert np.isnan(model.predict_one([math.inf] * 6, [1.0] * 6)).all()
 
 
 def test_one_prediction_leaves_no_trace_in_what_is_saved_cloned_pickled_or_shown(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -41,14 +40,6 @@ AT_LEAST = {"float32": 1.6, "bfloat16": 3.0}
 SPLITS = 10
 CHOSEN_ON = 5  # the recipe was chosen on splits 0 to 4, and the others confirm it
 PROCESSES = 2
-
-
-@pytest.fixture(scope="module", autouse=True)
-def one_thread() -> Iterator[None]:
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import tracemalloc
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import lru_cache
 from importlib.resources import files
 from typing import Any
@@ -33,17 +33,12 @@ DEFLECTION = "VJM deflection, random samples"
 JACOBIAN = "Jacobian, random samples"
 STREAM = "VJM deflection, stream"
 LATENCY = "VJM deflection, one sample"
+ROUNDS, STREAM_ROUNDS = 8, 3
+PLAIN_NUMBERS = "plain numbers in, three numbers out"
+ARRAYS = "arrays in, array out"
 
 Samples = tuple[FloatArray, FloatArray]
 Way = Callable[[FloatArray, FloatArray], FloatArray]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def one_thread() -> Iterator[None]:
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 SHIPPED = shipped_robot(ROBOT, tcp=TCP)  # one robot: a program is written once for it
@@ -74,23 +69,47 @@ def pinocchio_jacobian() -> Callable[[FloatArray], FloatArray]:
     return lambda q: pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)
 
 
-def pinocchio_rows(q: FloatArray) -> FloatArray:
-    call, rows = pinocchio_jacobian(), np.empty((len(q), 6, q.shape[1]))
-    for i, position in enumerate(q):
-        rows[i] = call(position)
-    return rows
+def pinocchio_rows() -> Callable[[FloatArray], FloatArray]:
+    call = pinocchio_jacobian()
+
+    def way(q: FloatArray) -> FloatArray:
+        rows = np.empty((len(q), 6, q.shape[1]))
+        for i, position in enumerate(q):
+            rows[i] = call(position)
+        return rows
+
+    return way
 
 
-def pinocchio_product_of_all(q: FloatArray, wrench: FloatArray) -> FloatArray:
-    return product(pinocchio_rows(q), wrench)
+def pinocchio_product_of_all() -> Way:
+    rows = pinocchio_rows()
+    return lambda q, wrench: product(rows(q), wrench)
 
 
-def pinocchio_product_of_each(q: FloatArray, wrench: FloatArray) -> FloatArray:
-    call, deflection = pinocchio_jacobian(), np.empty((len(q), 3))
-    for i, position in enumerate(q):
-        rows = call(position)
-        deflection[i] = rows[:3] @ (COMPLIANCE * (wrench[i] @ rows))
-    return deflection
+def pinocchio_one() -> Way:
+    """One sample as lean as NumPy's calls allow; every call returns the same array."""
+    call, turn, deflection = pinocchio_jacobian(), np.empty(6), np.empty(3)
+
+    def way(q: FloatArray, wrench: FloatArray) -> FloatArray:
+        rows = call(q)
+        np.dot(wrench, rows, out=turn)
+        np.multiply(turn, COMPLIANCE, out=turn)
+        np.dot(rows[:3], turn, out=deflection)
+        return deflection
+
+    return way
+
+
+def pinocchio_product_of_each() -> Way:
+    one = pinocchio_one()
+
+    def way(q: FloatArray, wrench: FloatArray) -> FloatArray:
+        deflection = np.empty((len(q), 3))
+        for i, position in enumerate(q):
+            deflection[i] = one(position, wrench[i])
+        return deflection
+
+    return way
 
 
 def casadi_map() -> Way:
@@ -182,8 +201,8 @@ def roboticstoolbox_loop() -> Way:
 
 
 PEERS: dict[str, tuple[Callable[[], Way], int]] = {
-    "Pinocchio loop": (lambda: pinocchio_product_of_all, SAMPLES),
-    "Pinocchio loop, product of each": (lambda: pinocchio_product_of_each, SAMPLES),
+    "Pinocchio loop": (pinocchio_product_of_all, SAMPLES),
+    "Pinocchio loop, product of each": (pinocchio_product_of_each, SAMPLES),
     "CasADi map": (casadi_map, SAMPLES),
     "MuJoCo loop": (mujoco_loop, FEW),
     "pytorch_kinematics batched": (pytorch_kinematics_batch, FEW),
@@ -195,7 +214,7 @@ AT_LEAST = {"Pinocchio loop": 15.0, "Pinocchio loop, product of each": 15.0, "Ca
 @pytest.mark.benchmark(group=DEFLECTION)
 def test_our_deflections(benchmark):
     ours(benchmark, work=SAMPLES, unit="sample", at_least=AT_LEAST)
-    benchmark.pedantic(our_way, drawn(SAMPLES), rounds=15, warmup_rounds=1)
+    benchmark.pedantic(our_way, drawn(SAMPLES), rounds=ROUNDS, warmup_rounds=1)
 
 
 @pytest.mark.benchmark(group=DEFLECTION)
@@ -206,21 +225,21 @@ def test_a_peers_deflections(benchmark, name):
     # pytorch_kinematics reads a URDF's numbers in float32
     np.testing.assert_allclose(way(*drawn(50)), our_way(*drawn(50)), rtol=0, atol=NANOMETRE)
     peer(benchmark, name, work=n, unit="sample")
-    benchmark.pedantic(way, drawn(n), rounds=4, warmup_rounds=1)
+    benchmark.pedantic(way, drawn(n), rounds=ROUNDS, warmup_rounds=1)
 
 
 @pytest.mark.benchmark(group=JACOBIAN)
 def test_our_jacobians(benchmark):
     ours(benchmark, work=SAMPLES, unit="sample")
-    benchmark.pedantic(jacobian, (SHIPPED, drawn(SAMPLES)[0]), rounds=10, warmup_rounds=1)
+    benchmark.pedantic(jacobian, (SHIPPED, drawn(SAMPLES)[0]), rounds=ROUNDS, warmup_rounds=1)
 
 
 @pytest.mark.benchmark(group=JACOBIAN)
 def test_pinocchios_jacobians(benchmark):
-    q = drawn(SAMPLES)[0]
-    np.testing.assert_allclose(pinocchio_rows(q[:50]), jacobian(SHIPPED, q[:50]), atol=1e-13)
+    q, rows = drawn(SAMPLES)[0], pinocchio_rows()
+    np.testing.assert_allclose(rows(q[:50]), jacobian(SHIPPED, q[:50]), atol=1e-13)
     peer(benchmark, "Pinocchio loop", work=SAMPLES, unit="sample")
-    benchmark.pedantic(pinocchio_rows, (q,), rounds=4, warmup_rounds=1)
+    benchmark.pedantic(rows, (q,), rounds=ROUNDS, warmup_rounds=1)
 
 
 def streamed(n_chunks: int) -> FloatArray:
@@ -234,7 +253,7 @@ def streamed(n_chunks: int) -> FloatArray:
 @pytest.mark.benchmark(group=STREAM)
 def test_the_same_samples_at_once(benchmark):
     peer(benchmark, "at once", work=SAMPLES, unit="sample")
-    benchmark.pedantic(our_way, drawn(SAMPLES), rounds=10, warmup_rounds=1)
+    benchmark.pedantic(our_way, drawn(SAMPLES), rounds=STREAM_ROUNDS, warmup_rounds=1)
 
 
 @pytest.mark.benchmark(group=STREAM)
@@ -249,7 +268,7 @@ def test_a_stream_of_deflections(benchmark, n):
     for share in (10, 1):  # what grows with the stream would show
         peak = peak_mb(lambda share=share: streamed(n_chunks // share))
         figure(benchmark, f"peak of {n / share / 1e6:.0f} million", peak, "MB", at_most=40.0)
-    benchmark.pedantic(streamed, (n_chunks,), rounds=2, warmup_rounds=0)
+    benchmark.pedantic(streamed, (n_chunks,), rounds=STREAM_ROUNDS, warmup_rounds=0)
 
 
 def peak_mb(call: Callable[[], object]) -> float:
@@ -260,27 +279,45 @@ def peak_mb(call: Callable[[], object]) -> float:
     return peak / 1e6
 
 
-@pytest.mark.benchmark(group=LATENCY)
-def test_our_single_prediction(benchmark):
+@pytest.fixture(scope="module")
+def one_sample() -> Samples:
+    q, wrench = drawn(1)
+    return q[0], wrench[0]
+
+
+def our_one() -> Callable[..., tuple[float, float, float]]:
+    """`predict_one` of a model that was fitted to deflections of the very springs."""
     q, wrench = drawn(100)
     samples = samples_with(q, wrench, our_way(q, wrench))
-    model = VirtualJointModel().fit(samples, robot=SHIPPED)
-    arguments = q[0].tolist(), wrench[0].tolist()
-    truth = our_way(q[:1], wrench[:1])[0]
-    np.testing.assert_allclose(model.predict_one(*arguments), truth, rtol=1e-6)
-    ours(benchmark, at_least={"Pinocchio": 1.25})
-    benchmark.pedantic(model.predict_one, arguments, rounds=30, iterations=2_000, warmup_rounds=1)
+    return VirtualJointModel().fit(samples, robot=SHIPPED).predict_one
+
+
+def our_one_on_arrays() -> Way:
+    one = our_one()
+    return lambda q, wrench: np.array(one(q.tolist(), wrench.tolist()))
+
+
+def check_and_time(benchmark, way: Callable, sample: Samples, arguments: tuple) -> None:
+    q, wrench = sample
+    truth = our_way(q[None], wrench[None])[0]
+    np.testing.assert_allclose(way(*arguments), truth, rtol=1e-6)
+    benchmark.pedantic(way, arguments, rounds=30, iterations=2_000, warmup_rounds=1)
 
 
 @pytest.mark.benchmark(group=LATENCY)
-def test_pinocchios_single_prediction(benchmark):
-    q, wrench = (part[0] for part in drawn(1))
-    jacobian_at = pinocchio_jacobian()
+def test_our_single_prediction_on_plain_numbers(benchmark, one_sample):
+    ours(benchmark, f"stiffbench, {PLAIN_NUMBERS}", at_least={f"Pinocchio, {ARRAYS}": 1.25})
+    plain = tuple(part.tolist() for part in one_sample)
+    check_and_time(benchmark, our_one(), one_sample, plain)
 
-    def call() -> FloatArray:
-        rows = jacobian_at(q)
-        return rows[:3] @ (COMPLIANCE * (wrench @ rows))
 
-    np.testing.assert_allclose(call(), our_way(q[None], wrench[None])[0], rtol=1e-9)
-    peer(benchmark, "Pinocchio")
-    benchmark.pedantic(call, rounds=30, iterations=2_000, warmup_rounds=1)
+@pytest.mark.benchmark(group=LATENCY)
+def test_our_single_prediction_on_arrays(benchmark, one_sample):
+    ours(benchmark, f"stiffbench, {ARRAYS}")
+    check_and_time(benchmark, our_one_on_arrays(), one_sample, one_sample)
+
+
+@pytest.mark.benchmark(group=LATENCY)
+def test_pinocchios_single_prediction(benchmark, one_sample):
+    peer(benchmark, f"Pinocchio, {ARRAYS}")
+    check_and_time(benchmark, pinocchio_one(), one_sample, one_sample)

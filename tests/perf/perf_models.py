@@ -77,7 +77,7 @@ def test_scikit_learns_likelihood(benchmark, likelihoods):
     n, _, theirs = likelihoods
     benchmark.group = LIKELIHOOD.format(f"{n:,}")
     peer(benchmark, SCIKIT_LEARN)
-    benchmark.pedantic(theirs, rounds=3, iterations=5 if n < 1000 else 1, warmup_rounds=1)
+    benchmark.pedantic(theirs, rounds=5, iterations=10 if n < 1000 else 1, warmup_rounds=1)
 
 
 @pytest.fixture(scope="module")
@@ -151,7 +151,7 @@ def test_our_search(benchmark, springs):
 @pytest.mark.benchmark(group=SEARCH)
 def test_a_brute_force_search(benchmark, springs):
     peer(benchmark, BRUTE_FORCE)
-    benchmark.pedantic(brute_force, springs, rounds=1)
+    benchmark.pedantic(brute_force, springs, rounds=3, warmup_rounds=1)
 
 
 @pytest.fixture(scope="module")
