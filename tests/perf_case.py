@@ -49,8 +49,8 @@ def needed(module: str, name: str) -> Any:
     """Import a peer's module, or skip the benchmark with the peer's name."""
     try:
         return importlib.import_module(module)
-    except ImportError:
-        pytest.skip(f"peer {name}: not installed (pip install 'stiffbench[perf]')")
+    except ImportError as error:
+        pytest.skip(f"peer {name}: {error} (pip install 'stiffbench[perf]')")
 
 
 def figure(

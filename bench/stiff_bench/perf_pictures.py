@@ -9,7 +9,8 @@ from stiff_bench.grouped import grouped
 from stiff_bench.perf_report import Curve
 from stiff_bench.picture_file import save_figure
 
-SIZE_INCH = (8.0, 5.0)
+SIZE_INCH = (8.0, 5.6)
+PREFIX = "performance_"
 
 
 def save_pictures(curves: Sequence[Curve], folder: Path) -> list[Path]:
@@ -19,7 +20,7 @@ def save_pictures(curves: Sequence[Curve], folder: Path) -> list[Path]:
         StoreError: a file cannot be written.
     """
     by_picture = grouped(curves, lambda curve: curve.picture)
-    return [_save(found, folder / f"performance_{name}.png") for name, found in by_picture.items()]
+    return [_save(found, folder / f"{PREFIX}{name}.png") for name, found in by_picture.items()]
 
 
 def _save(curves: Sequence[Curve], path: Path) -> Path:
@@ -36,6 +37,7 @@ def _save(curves: Sequence[Curve], path: Path) -> Path:
     ax.yaxis.set_minor_locator(LogLocator(subs="auto"))
     ax.grid(True, which="major", linewidth=0.6, color="0.8")
     ax.grid(True, which="minor", linewidth=0.3, color="0.9")
-    ax.legend(frameon=False)
+    ax.set_title(path.stem.removeprefix(PREFIX).replace("_", " "))
+    figure.legend(loc="outside lower center", ncols=2, frameon=False)
     save_figure(figure, path)
     return path

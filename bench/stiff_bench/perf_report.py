@@ -11,6 +11,9 @@ from xml.etree import ElementTree
 
 from stiff_bench.grouped import grouped
 
+RATIO = "x"
+A_SECOND = "/s"
+
 
 @dataclass(frozen=True)
 class Curve:
@@ -47,6 +50,11 @@ class Timing:
     unit: str
     at_least: Mapping[str, float]
 
+    @property
+    def finding(self) -> Finding:
+        """Return the rate as a figure, for the history."""
+        return Finding(self.path, self.who, self.rate, self.unit + A_SECOND)
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -78,11 +86,8 @@ class Finding:
 
     @property
     def more_is_better(self) -> bool:
-        """Say in which direction the value is good: ratios and what has a lower bound grow."""
-        return self.unit == "x" or self.at_least is not None
-
-
-RATIO = "x"
+        """Say in which direction the value is good: rates, ratios, what has a lower bound."""
+        return self.unit == RATIO or self.unit.endswith(A_SECOND) or self.at_least is not None
 
 
 @dataclass(frozen=True)
@@ -156,12 +161,16 @@ def _figures(entry: Mapping[str, Any]) -> Iterator[Finding]:
     for figure in about.get("figures", []):
         yield Finding(
             path=entry["group"],
-            what=f"{about['who']}: {figure['what']}",
+            what=figure["what"] if about["who"] in figure["what"] else _told(about, figure),
             value=figure["value"],
             unit=figure["unit"],
             at_least=figure["at_least"],
             at_most=figure["at_most"],
         )
+
+
+def _told(about: Mapping[str, Any], figure: Mapping[str, Any]) -> str:
+    return f"{about['who']}: {figure['what']}"
 
 
 def _curve(entry: Mapping[str, Any]) -> Curve:

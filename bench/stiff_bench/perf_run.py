@@ -14,7 +14,7 @@ from stiff_protocols.errors import ConfigError, StoreError
 from stiff_protocols.files import written_whole
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "tests" / "perf"
-_NONE_COLLECTED = 5  # pytest's exit status
+_WRONG_WORDS = 4  # pytest's exit status
 
 
 def run_benchmarks(
@@ -33,8 +33,8 @@ def run_benchmarks(
         StoreError: `json_file` cannot be written.
     """
     _check_usable(folder)
-    if json_file is not None and not json_file.absolute().parent.is_dir():
-        raise StoreError(f"--json {json_file}: there is no folder {json_file.absolute().parent}")
+    if json_file is not None:
+        _check_file(json_file)
     with tempfile.TemporaryDirectory() as scratch:
         benchmarks, outcomes = Path(scratch) / "benchmarks.json", Path(scratch) / "outcomes.xml"
         words = [
@@ -43,6 +43,7 @@ def run_benchmarks(
             f"--benchmark-json={benchmarks}",
         ]
         words += [f"--junitxml={outcomes}", "--benchmark-quiet", "-v", "--tb=short", "-k", only]
+        words += ["-W", "ignore:Not saving anything"]  # said where every benchmark was skipped
         words += ["-p", "no:cacheprovider", "-p", "no:xdist", "-m", "" if long else "not slow"]
         # One thread, as a run of many cells has it: two that wait for each other on a busy
         # machine measure the machine.
@@ -55,12 +56,25 @@ def run_benchmarks(
             stdout=sys.stderr.fileno(),
             check=False,
         ).returncode
-        if status == _NONE_COLLECTED:
-            raise ConfigError(f"--only {only!r}: no benchmark's name matches")
+        report = read_report(benchmarks, outcomes)
+        if status == _WRONG_WORDS:
+            raise ConfigError(
+                f"--only {only!r}: pytest's -k cannot read it (valid: word, not a or b)"
+            )
+        if not (report.timings or report.skipped or report.failed):
+            longer = "" if long else " (with --long there are more)"
+            raise ConfigError(f"--only {only!r}: no benchmark's name matches{longer}")
         if json_file is not None and benchmarks.exists():
             with written_whole(json_file) as temporary:
                 temporary.write_bytes(benchmarks.read_bytes())
-        return read_report(benchmarks, outcomes)
+        return report
+
+
+def _check_file(path: Path) -> None:
+    if path.is_dir():
+        raise StoreError(f"--json {path}: is a folder, expected the name of a file")
+    if not path.absolute().parent.is_dir():
+        raise StoreError(f"--json {path}: there is no folder {path.absolute().parent}")
 
 
 def _check_usable(folder: Path) -> None:

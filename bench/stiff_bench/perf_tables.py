@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from stiff_bench.perf_history import RUNS, SLOWDOWN, History, n_runs, worse_by
-from stiff_bench.perf_report import RATIO, Finding, PerfReport
+from stiff_bench.perf_report import A_SECOND, RATIO, Finding, PerfReport, Timing
 from stiff_bench.render import TextTable, render_texts
+from stiff_bench.words import counted
 
 FACTS = ("processor", "cores", "gpu", "python", "torch", "numpy", "pin", "commit", "dirty")
 
@@ -31,7 +32,7 @@ def perf_page(
     """
     processor = environment["processor"]
     tables = [
-        _rates_table(report),
+        _rates_table(report, history, processor),
         _findings_table("Times as fast as the peer", report, history, processor, ratios=True),
         _findings_table("Other figures", report, history, processor, ratios=False),
     ]
@@ -48,14 +49,22 @@ def perf_page(
     )
 
 
-def _rates_table(report: PerfReport) -> TextTable:
+def _rates_table(report: PerfReport, history: History, processor: str) -> TextTable:
+    def cells(timing: Timing) -> tuple[str, ...]:
+        rate, each = timing.finding, _duration(1.0 / timing.rate)
+        before = _before(rate, history.expected(rate, processor), "slower now")
+        return (
+            timing.path,
+            timing.who,
+            _rate(rate.value, rate.unit),
+            f"{each} a {timing.unit}",
+            before,
+        )
+
     return TextTable(
         title="Rates on this machine",
-        header=("path", "who", "rate", "time for one"),
-        rows=[
-            (t.path, t.who, f"{t.rate:.4g} {t.unit}/s", _duration(1.0 / t.rate))
-            for t in report.timings
-        ],
+        header=("path", "who", "rate", "time", "before"),
+        rows=[cells(timing) for timing in report.timings],
         notes=("the fastest round of each; machines differ, so compare ratios and not these.",),
     )
 
@@ -65,8 +74,9 @@ def _findings_table(
 ) -> TextTable:
     found = [finding for finding in report.findings if (finding.unit == RATIO) == ratios]
     notes = [
-        f"before: median of the last {RUNS} of {n_runs(history, processor)} earlier runs on this "
-        f'processor; "slower" (or "worse") from {SLOWDOWN:.0%} on.'
+        f"before: median of the last {RUNS} at most of {counted(n_runs(history, processor), 'run')} "
+        f'before this one on this processor; "lower now" (or "worse now") from {SLOWDOWN:.0%} on. '
+        "The rates say whether we became slower or a peer faster."
     ]
     return TextTable(
         title=title,
@@ -78,11 +88,20 @@ def _findings_table(
 
 def _cells(finding: Finding, expected: float | None) -> tuple[str, ...]:
     met = {None: "", True: "yes", False: "no"}[finding.met]
-    before = "-" if expected is None else _value(expected, finding.unit)
-    if worse_by(finding, expected) > SLOWDOWN:
-        before += " (slower)" if finding.unit == RATIO else " (worse)"
+    before = _before(finding, expected, "lower now" if finding.unit == RATIO else "worse now")
     value = _value(finding.value, finding.unit)
     return finding.path, finding.what, value, _target(finding), met, before
+
+
+def _before(finding: Finding, expected: float | None, remark: str) -> str:
+    if expected is None:
+        return "-"
+    text = (_rate if finding.unit.endswith(A_SECOND) else _value)(expected, finding.unit)
+    return f"{text} ({remark})" if worse_by(finding, expected) > SLOWDOWN else text
+
+
+def _rate(value: float, unit: str) -> str:
+    return f"{value:.4g} {unit}"
 
 
 def _target(finding: Finding) -> str:

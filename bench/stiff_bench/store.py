@@ -20,8 +20,9 @@ import math
 import os
 import tempfile
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import fields
-from itertools import starmap
+from itertools import islice, starmap
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +69,7 @@ class ResultStore:
             raise StoreError(
                 f"--output {folder}: cannot be written: {error.strerror or error}"
             ) from error
+        _refuse_other_format(folder)
 
     def write_cell(self, result: CellResult) -> Path:
         """Store a cell's result, replacing an older one of the same key and status."""
@@ -135,6 +137,18 @@ def _stored(folder: Path) -> Iterator[Path]:
     for name in names:
         if name.endswith(".json") and not name.startswith("."):
             yield folder / name
+
+
+def _refuse_other_format(folder: Path) -> None:
+    """Keep new results out of a folder of another format: nobody could read both."""
+    for path in islice(_stored(folder / "cells"), 1):
+        with suppress(OSError, ValueError, KeyError, TypeError):  # a damaged file is found later
+            schema = orjson.loads(path.read_bytes())["schema"]
+            if schema != SCHEMA:
+                raise StoreError(
+                    f"--output {folder}: holds results of format {schema}, this stiffbench writes "
+                    f"{SCHEMA}; give a new folder"
+                )
 
 
 def _manifest(path: Path) -> RunManifest:
@@ -248,7 +262,10 @@ def _read_checked(path: Path) -> dict[str, Any]:
     except (ValueError, KeyError, TypeError) as error:
         raise StoreError(f"{path}: damaged: {error}") from error
     if schema != SCHEMA:
-        raise StoreError(f"{path}: stored format {schema}, this stiffbench reads {SCHEMA}")
+        raise StoreError(
+            f"{path}: stored format {schema}, this stiffbench reads {SCHEMA}; run again into a new "
+            "folder"
+        )
     if _checksum(raw.partition(_CONTENT)[2].removesuffix(_END)) != checksum:
         raise StoreError(f"{path}: damaged: its checksum does not match its content")
     return dict(content)

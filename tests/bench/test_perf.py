@@ -123,7 +123,7 @@ def test_a_slowdown_is_called_out_on_the_page(run):
         "value": str(2.0 * ratio.value),
     }
     page = perf_page(report, History((row,)), environment=MACHINE, pictures=[], command="")
-    assert "(slower)" in next(line for line in page.splitlines() if ratio.what in line)
+    assert "(lower now)" in next(line for line in page.splitlines() if ratio.what in line)
 
 
 @pytest.mark.parametrize(
@@ -142,9 +142,23 @@ def test_benchmarks_need_a_checkout(tmp_path):
         run_benchmarks("", long=False, json_file=None, folder=tmp_path / "tests" / "perf")
 
 
-def test_an_expression_that_names_no_benchmark_is_an_error(folder):
-    with pytest.raises(ConfigError, match="'nothing_like_it'"):
-        run_benchmarks("nothing_like_it", long=False, json_file=None, folder=folder)
+@pytest.mark.parametrize(
+    ("only", "said"), [("nothing_like_it", "name matches"), ("ours and and", "cannot read")]
+)
+def test_an_expression_that_names_no_benchmark_is_an_error(only, said, folder):
+    with pytest.raises(ConfigError, match=f"--only '{only}': .*{said}"):
+        run_benchmarks(only, long=False, json_file=None, folder=folder)
+
+
+def test_where_every_benchmark_is_skipped_the_report_says_why(folder):
+    report = run_benchmarks("other", long=False, json_file=None, folder=folder)
+    assert report.skipped == {"test_other": "peer Other: not installed"}
+    assert not report.failed
+
+
+def test_a_json_file_that_is_a_folder_is_refused_before_anything_is_measured(folder, tmp_path):
+    with pytest.raises(StoreError, match="--json .*: is a folder"):
+        run_benchmarks("", long=False, json_file=tmp_path, folder=folder)
 
 
 @pytest.mark.slow

@@ -90,6 +90,13 @@ def test_a_file_of_another_format_is_refused_with_both_numbers(tmp_path):
         store.read_cell(CELL.key)
 
 
+def test_a_run_does_not_add_to_a_folder_of_another_format(tmp_path):
+    path = ResultStore(tmp_path).write_cell(result())
+    path.write_text(path.read_text().replace('"schema":3', '"schema":2'))
+    with pytest.raises(StoreError, match=r"--output .* format 2, this stiffbench writes 3"):
+        ResultStore(tmp_path)
+
+
 def test_a_folder_keeps_the_samples_of_its_results_with_the_joints_torques(tmp_path):
     data = FanucR2000iC().load()
     ResultStore(tmp_path).write_data(data)
