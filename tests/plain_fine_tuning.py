@@ -51,10 +51,7 @@ def plain_loop(case: Pretrained, moving: Iterable[int], plan: TrainingPlan) -> P
     if plan.optimizer == "adam":
         optimizer = torch.optim.Adam(free, lr=plan.learning_rate)
     else:
-        nesterov = plan.momentum > 0
-        optimizer = torch.optim.SGD(
-            free, lr=plan.learning_rate, momentum=plan.momentum, nesterov=nesterov
-        )
+        optimizer = torch.optim.SGD(free, lr=plan.learning_rate)
     loss_of = torch.nn.L1Loss()
     best, kept = torch.tensor(torch.inf), [torch.empty_like(parameter) for parameter in free]
     losses, judged = [], []

@@ -73,9 +73,10 @@ def _findings_table(
     title: str, report: PerfReport, history: History, processor: str, *, ratios: bool
 ) -> TextTable:
     found = [finding for finding in report.findings if (finding.unit == RATIO) == ratios]
+    earlier = n_runs(history, processor)
     notes = [
-        f"before: median of the last {RUNS} at most of {counted(n_runs(history, processor), 'run')} "
-        f'before this one on this processor; "lower now" (or "worse now") from {SLOWDOWN:.0%} on. '
+        f"before: median of the last {RUNS} at most of {counted(earlier, 'run')} before this one "
+        f'on this processor; "lower now" (or "worse now") from {SLOWDOWN:.0%} on. '
         "The rates say whether we became slower or a peer faster."
     ]
     return TextTable(

@@ -83,7 +83,7 @@ MODELS = (
             "freeze-pairs": {
                 "freeze": tuple(f"layers:{','.join(pair)}" for pair in combinations(_LAYERS, 2))
             },
-            "rate": {"learning_rate": (3e-3, 1e-2, 3e-2, 0.1)},
+            "rate": {"learning_rate": (1e-4, 3e-4, 1e-3, 3e-3)},
         },
     ),
     ModelInfo(

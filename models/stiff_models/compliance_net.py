@@ -16,7 +16,7 @@ import torch
 from annotated_types import Ge
 
 from stiff_models.features import Scaler, encode
-from stiff_models.ft_mlp import ADAM, FtMlp
+from stiff_models.ft_mlp import GENTLE, FtMlp
 from stiff_models.kinematics import jacobian, joint_torque
 from stiff_models.networks import build_network, linear_layers, torch_device
 from stiff_models.torch_kinematics import TorchJacobian
@@ -93,7 +93,7 @@ class ComplianceNet(FtMlp):
         return np.asarray(relative.cpu().double().numpy() * self.reference_compliance_)
 
     def _fine_tuning_recipe(self) -> TrainingPlan:
-        return super()._fine_tuning_recipe() if self.recipe == "paper" else ADAM
+        return super()._fine_tuning_recipe() if self.recipe == "paper" else GENTLE
 
     def _compliances(self) -> ComplianceNetwork:
         return cast(ComplianceNetwork, self.network_)

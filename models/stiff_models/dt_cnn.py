@@ -20,7 +20,7 @@ from stiff_models.alignment import AlignedObjective, Alignment, uses_target
 from stiff_models.cache import Trained
 from stiff_models.cnn import Cnn, Pool, adapt_statistics, build_cnn
 from stiff_models.features import Scaler
-from stiff_models.ft_mlp import ADAM
+from stiff_models.ft_mlp import GENTLE
 from stiff_models.mlp_pretrained import divided, source_error, source_report
 from stiff_models.network_model import EncodedNetworkModel
 from stiff_models.source_model import SourceModel
@@ -176,7 +176,7 @@ class DtCnn(SourceModel, EncodedNetworkModel):
             self.fine_tuning_ = train_network(
                 self.network_,
                 rows,
-                replace(ADAM, keep_best=validation is not None),
+                replace(GENTLE, keep_best=validation is not None),
                 seed=seed,
                 phase="fine-tune",
                 validation=validation,

@@ -32,8 +32,7 @@ def optimizers(
     """
     rates = trainable.rates
     if plan.optimizer == "sgd":
-        groups = _groups(rates, plan.learning_rate)
-        return [torch.optim.SGD(groups, momentum=plan.momentum, nesterov=plan.momentum > 0)]
+        return [torch.optim.SGD(_groups(rates, plan.learning_rate))]
     if plan.optimizer == "adam":
         groups = _groups(rates, plan.learning_rate)
         return [torch.optim.Adam(groups, weight_decay=plan.weight_decay, fused=True)]

@@ -31,7 +31,6 @@ class TrainingPlan:
         keep_best: end with the weights of the step that was best on the validation rows.
         mixed_precision: use bfloat16 where the device has it in hardware.
         weight_decay: of "adam", added to the gradient (L2).
-        momentum: of "sgd", Nesterov's.
     """
 
     steps: int
@@ -43,7 +42,6 @@ class TrainingPlan:
     keep_best: bool = False
     mixed_precision: bool = False
     weight_decay: float = 0.0
-    momentum: float = 0.0
 
     def rate(self, step: int) -> float:
         """Return the schedule's factor on the learning rate at a step, from 0."""

@@ -157,7 +157,7 @@ def test_where_every_benchmark_is_skipped_the_report_says_why(folder):
 
 
 def test_a_json_file_that_is_a_folder_is_refused_before_anything_is_measured(folder, tmp_path):
-    with pytest.raises(StoreError, match="--json .*: is a folder"):
+    with pytest.raises(StoreError, match=r"--json .*: is a folder"):
         run_benchmarks("", long=False, json_file=tmp_path, folder=folder)
 
 

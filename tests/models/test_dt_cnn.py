@@ -10,7 +10,7 @@ import torch
 
 from stiff_models.cnn import CellMaxPool, SampleNormalisation
 from stiff_models.dt_cnn import FAST, DtCnn, udtl_plan
-from stiff_models.ft_mlp import ADAM
+from stiff_models.ft_mlp import GENTLE
 from stiff_models.source_model import NO_TARGET_LABELS
 from stiff_protocols.errors import NotFittedError
 from stiff_protocols.types import Samples
@@ -23,7 +23,7 @@ def small_source_and_short_training(monkeypatch):
     monkeypatch.setenv("STIFFBENCH_CACHE", "off")
     monkeypatch.setattr("stiff_models.source.POSE_BUDGET", 120)  # 600 source samples
     monkeypatch.setattr("stiff_models.dt_cnn.FAST", replace(FAST, batch=32))
-    monkeypatch.setattr("stiff_models.dt_cnn.ADAM", replace(ADAM, steps=12))
+    monkeypatch.setattr("stiff_models.dt_cnn.GENTLE", replace(GENTLE, steps=12))
 
 
 def fit(parts, train=None, validation=False, seed=5, **options):

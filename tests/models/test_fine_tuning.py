@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import replace
 
 import pytest
 import torch
 
 from plain_fine_tuning import Pretrained, largest_difference, our_loop, plain_loop
-from stiff_models.freeze import Stage
-from stiff_models.ft_mlp import fine_tune
 from stiff_models.networks import build_network
 from stiff_models.training import Rows
 from stiff_models.training_plan import TrainingPlan
@@ -39,31 +36,12 @@ def case():
     ("freeze", "moving"),
     [("layers:1,2", (0, 1)), ("layers:4,out", (3, 4)), ("full", range(5))],
 )
-@pytest.mark.parametrize(
-    ("optimizer", "rate", "momentum"), [("adam", 3e-3, 0.0), ("sgd", 0.1, 0.0), ("sgd", 0.01, 0.95)]
-)
-def test_the_losses_are_those_of_the_textbook_loop(case, freeze, moving, optimizer, rate, momentum):
-    plan = TrainingPlan(
-        60, rate, loss="mae", optimizer=optimizer, momentum=momentum, keep_best=True
-    )
+@pytest.mark.parametrize(("optimizer", "rate"), [("adam", 3e-3), ("sgd", 0.1)])
+def test_the_losses_are_those_of_the_textbook_loop(case, freeze, moving, optimizer, rate):
+    plan = TrainingPlan(60, rate, loss="mae", optimizer=optimizer, keep_best=True)
     curve, plain = our_loop(case, freeze, plan), plain_loop(case, moving, plan)
     assert plain.train[-1] < 0.995 * plain.train[0]
     assert len(curve.points) == 6
     assert largest_difference(curve, plain) < SAME
     slower = plain_loop(case, moving, replace(plan, learning_rate=rate / 2))
     assert largest_difference(curve, slower) > 10 * SAME
-
-
-def test_momentum_does_not_move_where_the_penalty_on_the_way_from_the_source_ends(case):
-    # with the output layer alone and the squared error, there is one such place
-    ends = []
-    for momentum in (0.0, 0.9):
-        network = copy.deepcopy(case.network)
-        plan = TrainingPlan(
-            2000, 0.05 * (1 - momentum), loss="mse", optimizer="sgd", momentum=momentum
-        )
-        stage = Stage(plan.steps, {4: 1.0}, pull=0.5)
-        fine_tune(network, case.rows, plan, [stage], validation=None, seed=0)
-        ends.append(network[-1].weight)
-    assert (ends[0] - case.network[-1].weight).abs().max() > 0.01
-    torch.testing.assert_close(*ends, atol=1e-4, rtol=0.0)

@@ -92,10 +92,9 @@ def pinocchio_one() -> Way:
 
     def way(q: FloatArray, wrench: FloatArray) -> FloatArray:
         rows = call(q)
-        np.dot(wrench, rows, out=turn)
+        wrench.dot(rows, out=turn)  # the method: np.dot first asks whose function it is to call
         np.multiply(turn, COMPLIANCE, out=turn)
-        np.dot(rows[:3], turn, out=deflection)
-        return deflection
+        return rows[:3].dot(turn, out=deflection)
 
     return way
 
