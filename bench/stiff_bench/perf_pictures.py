@@ -11,6 +11,7 @@ from stiff_bench.picture_file import save_figure
 
 SIZE_INCH = (8.0, 5.6)
 PREFIX = "performance_"
+LONG_LABEL = 45  # characters; two such labels do not fit beside each other
 
 
 def save_pictures(curves: Sequence[Curve], folder: Path) -> list[Path]:
@@ -38,6 +39,8 @@ def _save(curves: Sequence[Curve], path: Path) -> Path:
     ax.grid(True, which="major", linewidth=0.6, color="0.8")
     ax.grid(True, which="minor", linewidth=0.3, color="0.9")
     ax.set_title(path.stem.removeprefix(PREFIX).replace("_", " "))
-    figure.legend(loc="outside lower center", ncols=2, frameon=False)
+    longest = max(len(str(line.get_label())) for line in ax.get_lines())
+    n_columns = 1 if longest > LONG_LABEL else 2
+    figure.legend(loc="outside lower center", ncols=n_columns, frameon=False)
     save_figure(figure, path)
     return path
