@@ -16,23 +16,23 @@ import click
 from stiff_bench.cache_cli import cache
 from stiff_bench.cli_options import (
     FILE,
-    RESULTS,
     command_line,
     debug_option,
     format_option,
+    output_option,
     plugin_option,
     robot_options,
     robot_words,
     settings_option,
 )
 from stiff_bench.compare_cli import compare
+from stiff_bench.cores import usable_cores
 from stiff_bench.data_cli import data
 from stiff_bench.deploy_cli import export, fit, predict
 from stiff_bench.leaderboard_cli import leaderboard
 from stiff_bench.messages import say
 from stiff_bench.perf_cli import perf
 from stiff_bench.plugin_cli import check, new
-from stiff_bench.provenance import usable_cores
 from stiff_protocols.errors import StiffBenchError
 
 INTERRUPTION = "interrupted; finished cells are kept, and no file is left half-written"
@@ -166,14 +166,7 @@ def bench() -> None:
     show_default=True,
     help="Where networks run.",
 )
-@click.option(
-    "--output",
-    type=FILE,
-    default=RESULTS,
-    show_default=True,
-    metavar="DIR",
-    help="Where results are stored.",
-)
+@output_option("Where results are stored.")
 @format_option("the tables")
 @debug_option
 def run(plugins: tuple[Path, ...], fmt: str, **words: Any) -> int:

@@ -65,6 +65,13 @@ def format_option(of: str) -> Callable[[Decorated], Decorated]:
     )
 
 
+def output_option(what: str) -> Callable[[Decorated], Decorated]:
+    """Return the option of a command that writes into a folder; `what` is its help."""
+    return click.option(
+        "--output", type=FILE, default=RESULTS, show_default=True, metavar="DIR", help=what
+    )
+
+
 def contest_options(command: Any) -> Any:
     """Add the two options that choose among stored results."""
     for name, thing in (("protocol", "A protocol"), ("dataset", "A data set")):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from stiff_bench.cli_options import FILE, RESULTS, command_line, debug_option
+from stiff_bench.cli_options import FILE, command_line, debug_option, output_option
 from stiff_bench.messages import print_text, say
 
 PAGE, HISTORY = "performance.md", "performance_history.csv"
@@ -24,13 +24,8 @@ PAGE, HISTORY = "performance.md", "performance_history.csv"
 @click.option(
     "--json", "json_file", type=FILE, metavar="FILE", help="Keep pytest-benchmark's own JSON."
 )
-@click.option(
-    "--output",
-    type=FILE,
-    default=RESULTS,
-    show_default=True,
-    metavar="DIR",
-    help=f"Where {PAGE}, its pictures and {HISTORY} are written; the history grows by one run.",
+@output_option(
+    f"Where {PAGE}, its pictures and {HISTORY} are written; the history grows by one run."
 )
 @debug_option
 def perf(only: str, long: bool, json_file: Path | None, output: Path) -> int:

@@ -9,11 +9,10 @@ from __future__ import annotations
 import csv
 import io
 import statistics
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from stiff_bench.grouped import grouped
 from stiff_bench.perf_report import Finding
 from stiff_protocols.errors import StoreError
 from stiff_protocols.files import written_whole
@@ -115,5 +114,4 @@ def write_history(
 
 def n_runs(history: History, processor: str) -> int:
     """Return how many runs on that processor a history holds."""
-    mine: Sequence[Mapping[str, str]] = [r for r in history.rows if r["processor"] == processor]
-    return len(grouped(mine, lambda row: row["date"]))
+    return len({row["date"] for row in history.rows if row["processor"] == processor})

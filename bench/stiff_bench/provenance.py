@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 import os
+import platform
+import subprocess
 import sys
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+
+from stiff_bench.cores import usable_cores
 
 _PACKAGES = ("stiffbench", "numpy", "scipy", "scikit-learn", "torch", "pin", "pandas")
 
 
-def usable_cores() -> int:
-    """Return the number of processor cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 def environment() -> dict[str, str]:
     """Return versions, processor, threads, commit and whether the tree was dirty."""
-    import platform
-    from importlib.metadata import PackageNotFoundError, version
-
     facts = {
         "python": platform.python_version(),
         "platform": platform.platform(),
@@ -46,8 +41,6 @@ def _gpu() -> str:
 
 
 def _processor() -> str:
-    import platform
-
     try:
         for line in Path("/proc/cpuinfo").read_text().splitlines():
             if line.startswith("model name"):
@@ -59,8 +52,6 @@ def _processor() -> str:
 
 def _commit() -> dict[str, str]:
     """Return the checkout's commit; empty where stiffbench is installed without one."""
-    import subprocess
-
     here = Path(__file__).resolve().parent
     try:
         commit = _git(here, "rev-parse", "HEAD")
@@ -71,8 +62,6 @@ def _commit() -> dict[str, str]:
 
 
 def _git(folder: Path, *words: str) -> str:
-    import subprocess
-
     done = subprocess.run(
         ["git", "-C", str(folder), *words], capture_output=True, text=True, check=True, timeout=10
     )

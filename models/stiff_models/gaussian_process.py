@@ -107,6 +107,18 @@ class Covariance:
         slope *= self.variance
         return covariance, slope
 
+    def factor(self, of_rows: FloatArray) -> FloatArray:
+        """Return the (n, n) lower Cholesky factor of training outputs' covariance.
+
+        Args:
+            of_rows: (n, n) covariance of the rows without noise; it is written over.
+
+        Raises:
+            numpy.linalg.LinAlgError: rounding leaves none.
+        """
+        of_rows[np.diag_indices(len(of_rows))] += self.noise + self.jitter
+        return np.asarray(cholesky(of_rows.T, lower=True, overwrite_a=True, check_finite=False))
+
     def _correlate(self, squares: FloatArray, slope: FloatArray, decay: FloatArray) -> None:
         """Turn squared distances of `scaled` rows into k, and fill its slope; `decay` is scratch.
 
@@ -160,10 +172,8 @@ class GaussianProcess:
             ModelError: the rows' covariance has no Cholesky factor.
         """
         rows = covariance.scaled(inputs)
-        of_rows = covariance.between(rows, rows)
-        of_rows[np.diag_indices(len(rows))] += covariance.noise + covariance.jitter
         try:
-            factor = cholesky(of_rows.T, lower=True, overwrite_a=True, check_finite=False)
+            factor = covariance.factor(covariance.between(rows, rows))
         except np.linalg.LinAlgError as error:
             raise ModelError(
                 f"a Gaussian process of {len(rows)} rows cannot be solved: {error}; are rows "

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cholesky
 from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
 from sklearn.utils import check_random_state
@@ -104,9 +103,8 @@ def log_likelihood(
     """
     scaled, n = covariance.scaled(inputs), len(inputs)
     of_rows, slope = covariance.with_slope(scaled)
-    of_rows[np.diag_indices(n)] += covariance.noise + covariance.jitter
     try:
-        factor = cholesky(of_rows.T, lower=True, overwrite_a=True, check_finite=False)
+        factor = covariance.factor(of_rows)
     except np.linalg.LinAlgError:
         return -math.inf, np.zeros_like(covariance.theta)
     weights, rho = weights_and_rho(factor, outputs, trend)

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from stiff_protocols.errors import ConfigError, DataError
+from stiff_protocols.mean_ranks import ranked
 from stiff_protocols.types import FloatArray, IntArray, frozen_array
 
 ROPE_M = 1e-5
@@ -159,8 +160,6 @@ def wilcoxon_signed_rank(differences: ArrayLike) -> float:
     Raises:
         DataError: there is none, or one is no finite number.
     """
-    from scipy import stats
-
     values = frozen_array(differences, "differences", (None,))
     if not len(values):
         raise DataError("the signed-rank test needs at least 1 difference, there are none")
@@ -168,8 +167,10 @@ def wilcoxon_signed_rank(differences: ArrayLike) -> float:
     if not len(values):
         return 1.0
     if len(values) > MOST_EXACT:
+        from scipy import stats  # it takes longer to import than a leaderboard
+
         return float(stats.wilcoxon(values, method="approx").pvalue)
-    return _counted_signed_rank(values, np.rint(2.0 * stats.rankdata(np.abs(values))).astype(int))
+    return _counted_signed_rank(values, np.rint(2.0 * ranked(np.abs(values))).astype(int))
 
 
 def _counted_signed_rank(values: FloatArray, doubled_ranks: IntArray) -> float:
