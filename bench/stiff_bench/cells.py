@@ -59,25 +59,34 @@ def compute_cell(task: CellTask, run_id: str) -> CellResult:
         try:
             missing = task.model.missing()
             if missing:
-                result = _unfinished(task, run_id, "skipped", missing)
+                result = unfinished(task, run_id, "skipped", missing)
             else:
                 result = _fit_predict_score(task, run_id)
         except StiffBenchError as error:
-            result = _unfinished(task, run_id, "failed", str(error))
+            result = failed(task, run_id, type(error).__name__, str(error))
         except (
             Exception,
             SystemExit,
         ) as error:  # whatever a plugin raises is that cell's failure alone
             where = traceback.extract_tb(error.__traceback__)[-1]
-            reason = f"{type(error).__name__}: {error} ({where.filename}:{where.lineno})"
-            result = _unfinished(task, run_id, "failed", reason)
+            cause = type(error).__name__
+            reason = f"{cause}: {error} ({where.filename}:{where.lineno})"
+            result = failed(task, run_id, cause, reason)
     messages = dict.fromkeys(str(warning.message) for warning in caught)
     return replace(result, warnings=tuple(messages))
 
 
-def _unfinished(
+def failed(
+    task: CellTask, run_id: str, cause: str, reason: str, log: tuple[str, ...] = ()
+) -> CellResult:
+    """Return the row of a cell that gave no result."""
+    return replace(unfinished(task, run_id, "failed", reason), cause=cause, log=log)
+
+
+def unfinished(
     task: CellTask, run_id: str, status: Literal["failed", "skipped"], reason: str
 ) -> CellResult:
+    """Return the row of a cell without numbers."""
     return CellResult(task.cell, task.shown, run_id, status, failure=reason, n_splits=task.n_splits)
 
 

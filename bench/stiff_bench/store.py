@@ -183,6 +183,8 @@ def _cell_content(result: CellResult) -> dict[str, Any]:
         },
         "warnings": list(result.warnings),
         "failure": result.failure,
+        "cause": result.cause,
+        "log": list(result.log),
         "calibration_samples": result.calibration_samples,
         "n_train": result.n_train,
         "n_splits": result.n_splits,
@@ -224,6 +226,8 @@ def _cell_result(content: dict[str, Any]) -> CellResult:
         diagnostics={name: float(value) for name, value in content["diagnostics"].items()},
         warnings=tuple(content["warnings"]),
         failure=content["failure"],
+        cause=content.get("cause", ""),
+        log=tuple(content.get("log", ())),
         calibration_samples=content["calibration_samples"],
         n_splits=content.get("n_splits", 0),
         n_train=content.get("n_train", 0),  # unknown in results from before it was stored

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from stiff_bench.choice import Choice
 from stiff_bench.config import RunPlan, loaded
@@ -22,9 +23,12 @@ from stiff_protocols.contract import (
 from stiff_protocols.errors import ConfigError, StiffBenchError
 from stiff_protocols.plugin import DatasetInfo, ModelInfo, ProtocolInfo
 from stiff_protocols.record import Cell, Presentation
+from stiff_protocols.source_code import code_of
 from stiff_protocols.split_checks import first_fault
 from stiff_protocols.types import BenchmarkData, Split
 
+SCORING = tuple(Path(__file__).with_name(name) for name in ("cells.py", "tasks.py"))
+"""The files that say what a cell is and how it is computed; the rest is in the packages below."""
 NO_SOURCE = "no source: target alone"
 """Regime of a model that has no source domain, where the others' comes from another robot."""
 
@@ -123,6 +127,7 @@ def _of_protocol(
                 condition=split.condition,
                 rows_sha256="" if split.wrench_error is None else split.rows_sha256,
                 source_sha256=source_sha256.get(split.source, ""),
+                code_sha256=model.code_sha256,
             ),
             shown=_presentation(model, dataset, choice, protocol, plan.sources.get(split.source)),
             model=model.choice,
@@ -167,6 +172,7 @@ class _Prepared:
     choice: Choice[ModelInfo]
     chooses_epoch: bool
     regime: str
+    code_sha256: str
 
 
 def _prepared(
@@ -185,7 +191,8 @@ def _prepared(
         chooses = made.chooses_epoch()
     if isinstance(made, StatesRegime):
         regimes.append(made.regime)
-    return _Prepared(choice, chooses, ", ".join(filter(None, regimes)))
+    code = code_of(type(made), *SCORING)
+    return _Prepared(choice, chooses, ", ".join(filter(None, regimes)), code)
 
 
 def _presentation(

@@ -11,12 +11,9 @@ from __future__ import annotations
 import hashlib
 import logging
 import platform
-import sys
 import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +26,7 @@ from stiff_models.cache_folder import OFF, VARIABLE, cache_folder, usable_folder
 from stiff_models.training import Curve, Rows
 from stiff_models.training_plan import TrainingPlan
 from stiff_protocols.errors import StiffBenchWarning, StoreError
+from stiff_protocols.source_code import code_of
 from stiff_protocols.types import FloatArray
 
 
@@ -163,8 +161,7 @@ def training_digest(
         about,
         _machine(device),
         repr(arithmetic(device, mixed_precision=plan.mixed_precision)),
-        _our_code(),
-        *(_code_of(file) for file in _strangers_files([*network.modules(), *actors])),
+        *sorted({code_of(type(thing)) for thing in (*network.modules(), *actors)}),
     ):
         digest.update(text.encode() + b"\0")
     for tensor in (rows.inputs, rows.targets, *network.state_dict().values(), *extra):
@@ -178,27 +175,3 @@ def _machine(device: torch.device) -> str:
     """Return what decides how sums are rounded."""
     name = torch.cuda.get_device_name(device) if device.type == "cuda" else platform.machine()
     return f"{device.type} {name} {torch.get_num_threads()} threads"
-
-
-@cache
-def _our_code() -> str:
-    """Return versions and a hash of this package: another code is another training."""
-    sources = (_code_of(path) for path in sorted(Path(__file__).parent.glob("*.py")))
-    return f"torch {torch.__version__} numpy {version('numpy')} {' '.join(sources)}"
-
-
-def _strangers_files(objects: Iterable[object]) -> list[Path]:
-    """Return the source files of the objects' classes that are neither ours nor a library's."""
-    known = {"builtins", "abc", "typing", "sklearn", "torch", "stiff_models", "stiff_protocols"}
-    modules = {
-        sys.modules.get(cls.__module__)
-        for thing in objects
-        for cls in type(thing).__mro__
-        if cls.__module__.partition(".")[0] not in known
-    }
-    files = {getattr(module, "__file__", None) for module in modules}
-    return sorted(Path(file) for file in files if file)
-
-
-def _code_of(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()

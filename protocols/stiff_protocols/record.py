@@ -31,6 +31,7 @@ class Cell:
         rows_sha256: hash of the split's rows alone, where sensor errors are in the other; else "".
         source_sha256: hash of the other robot's data that the source domain comes from; "" for
             none.
+        code_sha256: hash of the code that computes it; "" where it is not known.
     """
 
     model: str
@@ -47,6 +48,7 @@ class Cell:
     condition: str = ""
     rows_sha256: str = ""
     source_sha256: str = ""
+    code_sha256: str = ""
 
     @cached_property
     def key(self) -> str:
@@ -59,7 +61,7 @@ class Cell:
 
     @property
     def model_seed(self) -> int:
-        """Seed given to the model: from all of the cell but model, options, condition, intervals.
+        """Seed given to the model: from data, protocol, split and the run's seed alone.
 
         Common random numbers: what differs between two models on one split is the models, and
         variants that begin with the same pre-training can share it. Two conditions with the same
@@ -75,7 +77,7 @@ class Cell:
         return {item.name: getattr(self, item.name) for item in fields(self)}
 
 
-_OPTIONAL = ("coverage", "condition", "rows_sha256", "source_sha256")
+_OPTIONAL = ("coverage", "condition", "rows_sha256", "source_sha256", "code_sha256")
 
 
 def _hash(identity: Mapping[str, Any]) -> str:
@@ -139,6 +141,8 @@ class CellResult:
         diagnostics: numbers the model reported, by name and unit.
         warnings: what was warned of during fit and prediction.
         failure: why it failed or was skipped; "" otherwise.
+        cause: of a failure, in a word or two that count it: "ValueError", "SIGKILL", "timed out".
+        log: the last lines that a failed cell's own process printed.
         calibration_samples: that the split-conformal intervals come from; 0 where the model gave
             its own, and where there are none.
         n_train: rows of the training side, with those that choose an epoch; 0 where it is not ok.
@@ -156,6 +160,8 @@ class CellResult:
     diagnostics: Mapping[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     failure: str = ""
+    cause: str = ""
+    log: tuple[str, ...] = ()
     calibration_samples: int = 0
     n_train: int = 0
     chosen: Mapping[str, str] = field(default_factory=dict)

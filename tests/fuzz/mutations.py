@@ -1,0 +1,139 @@
+"""Damages valid input, as bytes, as text, as cells and as a tree of JSON; a seed says how."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from random import Random
+from typing import Any
+
+Mutator = Callable[[bytes, Random], bytes]
+
+NUMBERS = (
+    *("nan", "inf", "-inf", "1e999", "-1e308", "5e-324", "-0.0", "0", "-1", "1e3", "0x10", "1_0"),
+    *("9" * 25, "-" + "9" * 400, "9" * 5000, "1,5", "1.5.5", "2147483648", "9223372036854775808"),
+)
+WORDS = (
+    *("", " ", "\x00", "\ufeff", "\u2028", "\u202e", "é", "姿勢", "\U0001f916", '"', "'", '"""', "\\"),
+    *("\n", "\r", ",", ";", "\t", "=", "[", "]", "{", "}", "<", ">", "&lt;", "]]>", "../../etc/passwd"),
+    *("true", "null", "None", "NA", "=1+1", "%s%n", "{0}", "<script>", "/dev/null", "a" * 70_000),
+)
+NONSENSE = (*NUMBERS, *WORDS)
+JSON_NONSENSE: tuple[Any, ...] = (
+    *(None, True, False, 0, -1, 1.5, 1e308, 5e-324, 2**31, 2**63, -(2**63), 10**30),
+    *("", "nan", "inf", "\x00", "é", "\u2028", "../../etc", "a" * 5000, [], {}, [[]], [None], {"": 0}),
+    *([0] * 1000, {"type": "list"}, {"low": 1}, [[[[[[1]]]]]]),
+)
+ENCODINGS = ("utf-16", "utf-32", "utf-8-sig", "utf-16-le", "utf-7", "cp037")
+_TOKEN = re.compile(r"[\w.+-]+")
+
+
+def bytes_damaged(data: bytes, rng: Random) -> bytes:
+    """Flip, cut, double, insert or overwrite some bytes, one to three times."""
+    found = bytearray(data)
+    for _ in range(rng.randint(1, 3)):
+        start = rng.randrange(len(found) + 1)
+        end = min(len(found), start + int(rng.expovariate(1 / 20)))
+        match rng.randrange(6):
+            case 0 if start < len(found):
+                found[start] ^= 1 << rng.randrange(8)
+            case 1:
+                del found[start:end]
+            case 2:
+                found[start:start] = found[start:end] * rng.choice((1, 2, 50))
+            case 3:
+                found[start:start] = rng.choice(NONSENSE).encode()
+            case 4:
+                found[start:end] = rng.randbytes(end - start)
+            case _ if rng.random() < 0.3:
+                del found[start:]
+    return bytes(found)
+
+
+def tokens_replaced(text: str, rng: Random) -> str:
+    """Put nonsense, or another token of the text, in the place of one to four tokens."""
+    tokens = list(_TOKEN.finditer(text))
+    for token in sorted(rng.sample(tokens, min(len(tokens), rng.randint(1, 4))), key=_start)[::-1]:
+        other = rng.choice(tokens).group() if rng.random() < 0.3 else rng.choice(NONSENSE)
+        text = text[: token.start()] + other + text[token.end() :]
+    return text
+
+
+def _start(token: re.Match[str]) -> int:
+    return token.start()
+
+
+def lines_damaged(text: str, rng: Random) -> str:
+    """Remove, double, repeat, move or empty a line, or end all lines otherwise."""
+    lines = text.split("\n")
+    at = rng.randrange(len(lines))
+    match rng.randrange(7):
+        case 0:
+            del lines[at]
+        case 1:
+            lines.insert(rng.randrange(len(lines)), lines[at])
+        case 2:
+            lines[at:at] = [lines[at]] * 100
+        case 3:
+            rng.shuffle(lines)
+        case 4:
+            lines[at] = ""
+        case 5:
+            lines[at] += rng.choice(WORDS)
+        case _:
+            return rng.choice(("\r", "\r\n", "\n\n", "\x0b")).join(lines)
+    return "\n".join(lines)
+
+
+def text_damaged(data: bytes, rng: Random) -> bytes:
+    """Damage UTF-8 text in tokens, lines, bytes or its encoding."""
+    text = data.decode()
+    match rng.randrange(10):
+        case 0 | 1 | 2 | 3:
+            return tokens_replaced(text, rng).encode()
+        case 4 | 5:
+            return lines_damaged(text, rng).encode()
+        case 6:
+            return tokens_replaced(lines_damaged(text, rng), rng).encode()
+        case 7:
+            return text.encode(rng.choice(ENCODINGS))
+        case _:
+            return bytes_damaged(data, rng)
+
+
+def tree_damaged(tree: Any, rng: Random) -> Any:
+    """Return a tree of JSON with one to three nodes replaced, removed, doubled or wrapped."""
+    tree = json.loads(json.dumps(tree))
+    for _ in range(rng.randint(1, 3)):
+        places = list(_places(tree))
+        if not places:
+            return rng.choice(JSON_NONSENSE)
+        parent, key = rng.choice(places)
+        match rng.randrange(6):
+            case 0 | 1:
+                parent[key] = rng.choice(JSON_NONSENSE)
+            case 2:
+                other, its_key = rng.choice(places)
+                parent[key] = json.loads(json.dumps(other[its_key]))
+            case 3:
+                del parent[key]
+            case 4 if isinstance(parent, list):
+                parent.extend([parent[key]] * rng.choice((1, 100)))
+            case 4:
+                parent[rng.choice(WORDS)] = parent[key]
+            case _:
+                parent[key] = [parent[key]] if rng.random() < 0.5 else {"type": parent[key]}
+    return tree
+
+
+def _places(tree: Any) -> Any:
+    """Yield (container, key) of every node below the root; a sample of long lists."""
+    todo = [tree]
+    while todo:
+        node = todo.pop()
+        keys = list(node) if isinstance(node, dict) else range(min(len(node), 8))
+        for key in keys:
+            yield node, key
+            if isinstance(node[key], dict | list):
+                todo.append(node[key])

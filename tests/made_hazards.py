@@ -1,0 +1,160 @@
+"""Samples that hurt: what a laboratory, a converter or a plan of few poses makes of a data set."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from made_robots import random_chain
+from made_samples import samples_with
+from stiff_models.joint_springs import joint_deflection
+from stiff_models.kinematics import jacobian
+from stiff_protocols.types import FloatArray, JointType, Robot, Samples
+
+ELBOW, WRIST = 2, 4  # A3 and A5
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """What a model is fitted to, and what it is asked then."""
+
+    robot: Robot
+    train: Samples
+    validation: Samples | None
+    test: Samples
+
+
+Hazard = Callable[[Case], Case]
+
+
+def in_all_parts(change: Callable[[Samples], Samples]) -> Hazard:
+    """The same change of training, validation and test samples."""
+
+    def changed(case: Case) -> Case:
+        validation = None if case.validation is None else change(case.validation)
+        return Case(case.robot, change(case.train), validation, change(case.test))
+
+    return changed
+
+
+def _with_joints(samples: Samples, values: dict[int, float]) -> Samples:
+    q = samples.q.copy()
+    for joint, value in values.items():
+        q[:, joint] = value
+    return replace(samples, q=q)
+
+
+def wrist_singular(samples: Samples) -> Samples:
+    """A5 = 0: A4 and A6 turn about one line."""
+    return _with_joints(samples, {WRIST: 0.0})
+
+
+def _stretching_angle(robot: Robot) -> float:
+    """The elbow's angle at which the Jacobian loses most of its rank with a bent wrist."""
+    angles = np.linspace(-np.pi, np.pi, 2001)
+    q = np.tile([0.0, -1.0, 0.0, 0.0, 1.0, 0.0], (len(angles), 1))
+    q[:, ELBOW] = angles
+    return float(angles[np.linalg.svd(jacobian(robot, q))[1][:, -1].argmin()])
+
+
+def _stretched(case: Case) -> Case:
+    angle = _stretching_angle(case.robot)
+    return in_all_parts(lambda samples: _with_joints(samples, {ELBOW: angle}))(case)
+
+
+def _one_pose(case: Case) -> Case:
+    q, pose_id = case.train.q[0], case.train.pose_id[0]
+
+    def there(samples: Samples) -> Samples:
+        n = len(samples)
+        return replace(samples, q=np.tile(q, (n, 1)), pose_id=np.full(n, pose_id))
+
+    return in_all_parts(there)(case)
+
+
+def _one_load(case: Case) -> Case:
+    wrench = case.train.wrench[0]
+    return in_all_parts(lambda s: replace(s, wrench=np.tile(wrench, (len(s), 1))))(case)
+
+
+def _few(n_train: int, n_validation: int | None) -> Hazard:
+    def changed(case: Case) -> Case:
+        assert case.validation is not None
+        held_out = None if n_validation is None else case.validation.take(np.arange(n_validation))
+        return Case(case.robot, case.train.take(np.arange(n_train)), held_out, case.test)
+
+    return changed
+
+
+def _wrench_times(factor: float | FloatArray) -> Hazard:
+    return in_all_parts(lambda s: replace(s, wrench=s.wrench * factor))
+
+
+def _deflection_times(factor: float) -> Hazard:
+    return in_all_parts(lambda s: replace(s, deflection=s.deflection * factor))
+
+
+def _repeated(samples: Samples) -> Samples:
+    return samples.take(np.repeat(np.arange(len(samples)), 3))
+
+
+def _contradicted(samples: Samples) -> Samples:
+    repeated = _repeated(samples)
+    sign = np.tile([1.0, -1.0, 1.0], len(samples))
+    return replace(repeated, deflection=repeated.deflection * sign[:, None])
+
+
+def _only_moving(joint: int) -> Hazard:
+    def changed(case: Case) -> Case:
+        others = {i: float(case.train.q[0, i]) for i in range(6) if i != joint}
+        return in_all_parts(lambda s: _with_joints(s, others))(case)
+
+    return changed
+
+
+def _robot_of(kinds: tuple[JointType, ...]) -> Hazard:
+    def changed(case: Case) -> Case:
+        rng = np.random.default_rng(0)
+        robot = random_chain(rng, kinds)
+
+        def drawn(n: int) -> Samples:
+            q = rng.uniform(-1.0, 1.0, (n, len(kinds)))
+            wrench = rng.normal(size=(n, 6)) * 50.0
+            deflection = joint_deflection(robot, np.full(len(kinds), 1e-5), q, wrench)
+            return samples_with(q, wrench, deflection)
+
+        return Case(robot, drawn(30), drawn(10), drawn(20))
+
+    return changed
+
+
+HAZARDS: dict[str, Hazard] = {
+    "wrist singular": in_all_parts(wrist_singular),
+    "arm stretched": _stretched,
+    "test poses singular": lambda case: replace(case, test=wrist_singular(case.test)),
+    "1 row": _few(1, None),
+    "1 row, 1 validation": _few(1, 1),
+    "2 rows": _few(2, None),
+    "2 rows, 1 validation": _few(2, 1),
+    "5 rows": _few(5, 2),
+    "one pose": _one_pose,
+    "one load": _one_load,
+    "no load": _wrench_times(0.0),
+    "force along z alone": _wrench_times(np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])),
+    "A4 never moves": in_all_parts(lambda s: _with_joints(s, {3: 0.3})),
+    "A2 alone moves": _only_moving(1),
+    "no deflection": _deflection_times(0.0),
+    "loads x 1e6": _wrench_times(1e6),
+    "loads x 1e-6": _wrench_times(1e-6),
+    "test loads x 1e6": lambda c: replace(c, test=replace(c.test, wrench=c.test.wrench * 1e6)),
+    "deflections x 1e6": _deflection_times(1e6),
+    "deflections x 1e-6": _deflection_times(1e-6),
+    "rows repeated": in_all_parts(_repeated),
+    "rows contradict": in_all_parts(_contradicted),
+    "slides and turns": _robot_of(("prismatic", "revolute", "revolute", "prismatic")),
+    "slides alone": _robot_of(("prismatic",) * 3),
+    "2 joints": _robot_of(("revolute",) * 2),
+    "7 joints": _robot_of(("revolute",) * 7),
+}
