@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,23 @@ def bench(*words: str, cwd: Path, **options: Any) -> subprocess.CompletedProcess
     return subprocess.run(
         [BENCH, *words], cwd=cwd, capture_output=True, text=True, timeout=300, **options
     )
+
+
+@contextmanager
+def started(*words: str, cwd: Path, **options: Any) -> Iterator[subprocess.Popen[str]]:
+    """A command that runs meanwhile, and is killed at the end if it still does."""
+    with subprocess.Popen(
+        [BENCH, *words],
+        cwd=cwd,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        **options,
+    ) as command:
+        try:
+            yield command
+        finally:
+            command.kill()
 
 
 def assert_refused(done: subprocess.CompletedProcess[str], *parts: str) -> None:

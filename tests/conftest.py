@@ -86,14 +86,13 @@ def tasks_of() -> Callable[..., list[CellTask]]:
         protocol: str = "holdout",
         splits: int | None = None,
     ) -> list[CellTask]:
-        return cell_tasks(
-            planned(
-                models=models,
-                datasets=(dataset,),
-                protocols=(protocol,),
-                metrics=("mae", "stde", "me"),
-                splits=splits,
-            )
+        plan = planned(
+            models=models,
+            datasets=(dataset,),
+            protocols=(protocol,),
+            metrics=("mae", "stde", "me"),
+            splits=splits,
         )
+        return list(cell_tasks(plan))
 
     return make

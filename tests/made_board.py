@@ -8,6 +8,7 @@ from unittest.mock import patch
 import numpy as np
 
 from run_requests import planned
+from stiff_bench.packs import CELLS_A_PACK, write_pack
 from stiff_bench.store import ResultStore
 from stiff_bench.tasks import CellTask, cell_tasks
 from stiff_protocols.cost import Cost
@@ -24,26 +25,41 @@ PROTOCOLS = (*("holdout", "kfold", "sample-efficiency", "space-transfer", "load-
 RUN_ID = "20261121T120000Z-made00"
 
 
-def made_board(folder: Path, *, n_splits: int = 5, datasets: tuple[str, ...] = DATASETS) -> int:
+def made_board(
+    folder: Path,
+    *,
+    n_splits: int = 5,
+    datasets: tuple[str, ...] = DATASETS,
+    packed: bool = False,
+) -> int:
     """Write a finished run of ten models and return how many records it has.
 
     Args:
         folder: of the results.
         n_splits: of every protocol in each of its conditions.
         datasets: words of the data sets.
+        packed: as after `bench pack`.
     """
     protocols = [f"kfold@folds={n_splits}" if key == "kfold" else key for key in PROTOCOLS]
     plan = planned(models=MODELS, datasets=datasets, protocols=tuple(protocols), splits=n_splits)
-    tasks = cell_tasks(plan)
+    tasks = list(cell_tasks(plan))
     store = ResultStore(folder)
     for data in {task.cell.data_sha256: task.data for task in tasks}.values():
         store.write_data(data)
+    (folder / "packs").mkdir(exist_ok=True)
     n_records = 0
-    with patch("stiff_protocols.files._flush_to_disk"):  # nobody misses it after a power cut
-        for number, task in enumerate(tasks):
-            result = _made_up(task, np.random.default_rng(number))
-            store.write_cell(result)
-            n_records += len(result.records)
+    with patch("stiff_protocols.files.flush_to_disk"):  # nobody misses it after a power cut
+        for first in range(0, len(tasks), CELLS_A_PACK):
+            results = [
+                _made_up(task, np.random.default_rng(number))
+                for number, task in enumerate(tasks[first : first + CELLS_A_PACK], first)
+            ]
+            n_records += sum(len(result.records) for result in results)
+            if packed:
+                write_pack(folder, results)
+            else:
+                for result in results:
+                    store.write_cell(result)
     keys = tuple(task.cell.key for task in tasks)
     environment = {"stiffbench": "9.9", "commit": "", "dirty": ""}
     store.write_manifest(RunManifest(RUN_ID, "bench run", "now", "finished", environment, keys))

@@ -106,6 +106,19 @@ def _contradicted(samples: Samples) -> Samples:
     return replace(repeated, deflection=repeated.deflection * sign[:, None])
 
 
+def _one_gauge(samples: Samples) -> Samples:
+    return replace(samples, deflection=samples.deflection * [0.0, 0.0, 1.0])
+
+
+def _float32(samples: Samples) -> Samples:
+    """What a reader may hand over: single precision, column by column, read-only."""
+    arrays = {name: getattr(samples, name) for name in ("q", "wrench", "deflection")}
+    made = {name: np.asfortranarray(array, dtype=np.float32) for name, array in arrays.items()}
+    for array in made.values():
+        array.flags.writeable = False
+    return replace(samples, **made)
+
+
 def _only_moving(joint: int) -> Hazard:
     def changed(case: Case) -> Case:
         others = {i: float(case.train.q[0, i]) for i in range(6) if i != joint}
@@ -146,6 +159,8 @@ HAZARDS: dict[str, Hazard] = {
     "A4 never moves": in_all_parts(lambda s: _with_joints(s, {3: 0.3})),
     "A2 alone moves": _only_moving(1),
     "no deflection": _deflection_times(0.0),
+    "deflection along z alone": in_all_parts(_one_gauge),
+    "wrenches of wrong sign": _wrench_times(-1.0),
     "loads x 1e6": _wrench_times(1e6),
     "loads x 1e-6": _wrench_times(1e-6),
     "test loads x 1e6": lambda c: replace(c, test=replace(c.test, wrench=c.test.wrench * 1e6)),
@@ -153,6 +168,7 @@ HAZARDS: dict[str, Hazard] = {
     "deflections x 1e-6": _deflection_times(1e-6),
     "rows repeated": in_all_parts(_repeated),
     "rows contradict": in_all_parts(_contradicted),
+    "float32": in_all_parts(_float32),
     "slides and turns": _robot_of(("prismatic", "revolute", "revolute", "prismatic")),
     "slides alone": _robot_of(("prismatic",) * 3),
     "2 joints": _robot_of(("revolute",) * 2),

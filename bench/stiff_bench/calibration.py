@@ -43,6 +43,7 @@ def calibrate_twin(*, generations: int, seed: int, output: Path) -> str:
     Raises:
         StoreError: a file cannot be written.
     """
+    make_folder(output)  # before the work, not after it
     start = time.perf_counter()
     make_vjm = lookup(build_registry().models, "model", "vjm").load()
     target = paper_figures()
@@ -53,7 +54,6 @@ def calibrate_twin(*, generations: int, seed: int, output: Path) -> str:
         mean_figures(line_figures(found.constants, make_vjm, specimen=number))
         for number in range(LAST_SPECIMEN + 1)
     ]
-    make_folder(output)
     constants = found.constants.model_dump(mode="json")
     record = {
         "command": f"bench data calibrate --generations {generations} --seed {seed}",

@@ -34,7 +34,7 @@ from stiff_protocols.record import (
     CellResult,
     ResultRecord,
 )
-from stiff_protocols.sanity import check_prediction, check_units
+from stiff_protocols.sanity import check_prediction, check_units, warn_of_rows
 from stiff_protocols.types import (
     FloatArray,
     IntArray,
@@ -93,6 +93,7 @@ def unfinished(
 def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
     """Fit and predict, and only then look at what was measured at the test rows."""
     train, validation = _training_side(task, chooses_epoch=task.chooses_epoch)
+    warn_of_rows(train)
     q, wrench = task.data.samples.q[task.split.test], task.split.test_wrench(task.data.samples)
     model = task.make()
     memory = MemoryMeter()

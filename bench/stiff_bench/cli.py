@@ -16,6 +16,7 @@ import click
 from stiff_bench.cache_cli import cache
 from stiff_bench.cli_options import (
     FILE,
+    FiniteRange,
     command_line,
     debug_option,
     format_option,
@@ -26,18 +27,21 @@ from stiff_bench.cli_options import (
     settings_option,
 )
 from stiff_bench.compare_cli import compare
-from stiff_bench.cores import usable_cores
 from stiff_bench.data_cli import data
 from stiff_bench.deploy_cli import export, fit, predict
+from stiff_bench.execution_options import begin_execution, execution_of, execution_options
 from stiff_bench.leaderboard_cli import leaderboard
-from stiff_bench.messages import say
+from stiff_bench.library_folders import keep_libraries_in_our_cache
+from stiff_bench.merge_cli import merge
+from stiff_bench.messages import print_text, say
+from stiff_bench.pack_cli import pack
 from stiff_bench.perf_cli import perf
 from stiff_bench.plugin_cli import check, new
+from stiff_bench.threads import pin_threads, threads_asked_for
 from stiff_protocols.errors import StiffBenchError
 
-INTERRUPTION = "interrupted; finished cells are kept, and no file is left half-written"
+INTERRUPTION = "interrupted; finished cells are kept, and the same command again computes the rest"
 USAGE_ERROR, CELLS_FAILED, INTERRUPTED = 2, 1, 130
-MOST_THREADS = 4  # the networks here are too small to feed more
 
 
 class Stopped(BaseException):
@@ -94,7 +98,9 @@ def bench() -> None:
     # Read by OpenMP when torch is imported. Threads that spin while they wait make small networks
     # a hundred times slower as soon as another process wants their core.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-    os.environ.setdefault("OMP_NUM_THREADS", str(min(MOST_THREADS, usable_cores())))
+    os.environ["PYTHONSAFEPATH"] = "1"  # no Python that we start imports from the working directory
+    keep_libraries_in_our_cache()
+    pin_threads(threads_asked_for())
 
 
 @bench.command()
@@ -133,7 +139,7 @@ def bench() -> None:
 )
 @click.option(
     "--coverage",
-    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    type=FiniteRange(0, 1, min_open=True, max_open=True),
     default=None,
     help="Probability that an interval is to hold a sample.  [default: 0.9]",
 )
@@ -166,19 +172,26 @@ def bench() -> None:
     show_default=True,
     help="Where networks run.",
 )
+@execution_options
 @output_option("Where results are stored.")
 @format_option("the tables")
 @debug_option
 def run(plugins: tuple[Path, ...], fmt: str, **words: Any) -> int:
-    """Fit and test models and print a table for each data set and protocol."""
+    """Fit and test models and print a table for each data set and protocol.
+
+    Results are kept in --output, each as soon as it is there: the same command again computes what
+    is missing.
+    """
+    taken = begin_execution(words)
     from stiff_bench.config import RunRequest, plan_run
     from stiff_bench.registry import usable_registry
 
-    request = RunRequest(robot=robot_words(words), **words, command=command_line())
-    plan = plan_run(request, usable_registry(plugins))
-    from stiff_bench.run import execute
+    registry = usable_registry(plugins)
+    plan = plan_run(RunRequest(robot=robot_words(words), **words, command=command_line()), registry)
+    execution = execution_of(taken, plan, registry)
+    from stiff_bench.run import execute, show_plan
 
-    return execute(plan, fmt)
+    return (show_plan if taken["plan"] else execute)(plan, fmt, execution)
 
 
 @bench.command("list")
@@ -191,12 +204,12 @@ def list_(kind: str, plugins: tuple[Path, ...]) -> None:
     from stiff_bench.registry import usable_registry
 
     if kind == "metrics":
-        click.echo(metrics_overview())
+        print_text(metrics_overview())
         return
 
     registry = usable_registry(plugins)
     families = registry.families if kind == "models" else ()
-    click.echo(overview(getattr(registry, kind).values(), families))
+    print_text(overview(getattr(registry, kind).values(), families))
 
 
 @bench.command()
@@ -208,10 +221,12 @@ def show(key: str, plugins: tuple[Path, ...]) -> None:
     from stiff_bench.describe import describe
     from stiff_bench.registry import usable_registry
 
-    click.echo(describe(usable_registry(plugins).find(key)))
+    print_text(describe(usable_registry(plugins).find(key)))
 
 
-for command in (cache, check, compare, data, export, fit, leaderboard, new, perf, predict):
+for command in (
+    *(cache, check, compare, data, export, fit, leaderboard, merge, new, pack, perf, predict),
+):
     bench.add_command(command)
 
 

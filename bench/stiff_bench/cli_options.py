@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 import sys
 from collections.abc import Callable
@@ -17,6 +18,23 @@ Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 FILE = click.Path(path_type=Path)
 RESULTS = Path("results/runs")
 """Where results are stored, and read, unless the user says otherwise."""
+
+
+class FiniteRange(click.FloatRange):
+    """A number within bounds; click's own takes "nan" for one, and "inf" where no bound is."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Return the number, or refuse it naming what is valid."""
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            valid = (
+                f"{self.min} or more" if self.max is None else f"between {self.min} and {self.max}"
+            )
+            self.fail(f"{value} is not a finite number (valid: {valid}).", param, ctx)
+        return number
+
 
 debug_option = click.option(
     "--debug", is_flag=True, expose_value=False, help="Show the traceback of an error."
@@ -116,4 +134,6 @@ def robot_words(words: dict[str, Any]) -> RobotWords:
     """Take the three options out of a command's words."""
     from stiff_bench.robot_words import RobotWords
 
+    if words["robot"] == "":
+        raise click.BadParameter("an empty word names no robot", param_hint="--robot")
     return RobotWords(*(words.pop(name) for name in ("robot", "urdf", "tcp")))

@@ -16,15 +16,15 @@ from typing import Any
 from stiff_bench.contest_name import SHORT, ContestName, labels
 from stiff_bench.grouped import grouped
 from stiff_bench.newest import (
+    Runs,
     Slot,
     counting,
-    newest_first,
     of_newest_options,
     of_newest_splits,
     slot_of,
 )
 from stiff_bench.option_word import OPTION_MARK, split_word
-from stiff_bench.store import read_results
+from stiff_bench.store import read_manifests, read_results
 from stiff_protocols.errors import ConfigError, StoreError, unknown_name
 from stiff_protocols.record import Cell, CellResult, Presentation
 
@@ -37,11 +37,13 @@ class Competitor:
         shown: what must stand beside its numbers.
         done: its results by slot.
         reasons: slot -> why it failed there or was skipped; no slot that is done.
+        n_asked: how many splits its newest run was asked for here; 0 where it is not known.
     """
 
     shown: Presentation
     done: Mapping[Slot, CellResult]
     reasons: Mapping[Slot, str]
+    n_asked: int
 
     @property
     def name(self) -> str:
@@ -57,8 +59,8 @@ class Contest:
         name: what they share.
         slots: the splits that any of them was run on, in order.
         competitors: by name, in the order of their names.
-        newest_run: the latest of the runs that made its results and failures; a run's name begins
-            with its time.
+        newest_run: the latest of the runs that asked for its results and failures; a run's name
+            begins with its time.
         cell: one of its cells; the options of data set and protocol are the same in all.
         coverages: of the intervals, those of the newest run first; () where there are none.
         left_out: which results do not count, and why.
@@ -110,10 +112,11 @@ def collect(folder: Path) -> list[Contest]:
     Raises:
         StoreError: the folder holds no results, or one is damaged.
     """
+    runs = Runs.of(read_manifests(folder))
     by_name = grouped(read_results(folder), _name_of)
     if not by_name:
         raise StoreError(f"--results {folder}: holds no results; `bench run --output` makes them")
-    return [_contest(name, results) for name, results in by_name.items()]
+    return [_contest(name, results, runs) for name, results in by_name.items()]
 
 
 def _name_of(result: CellResult) -> ContestName:
@@ -128,34 +131,37 @@ def _name_of(result: CellResult) -> ContestName:
     )
 
 
-def _contest(name: ContestName, found: Sequence[CellResult]) -> Contest:
-    results, left_out = of_newest_splits(found)
+def _contest(name: ContestName, found: Sequence[CellResult], runs: Runs) -> Contest:
+    results, left_out = of_newest_splits(found, runs)
+    in_order = runs.newest_first(results)
     coverages = tuple(
         dict.fromkeys(
             result.cell.coverage
-            for result in newest_first(results)
+            for result in in_order
             if result.status == "ok" and result.cell.coverage is not None
         )
     )
     competitors = {}
     for model, of_model in sorted(grouped(results, lambda one: one.shown.model).items()):
-        own, older_options = of_newest_options(of_model)
+        own, older_options = of_newest_options(of_model, runs)
         left_out += older_options
-        of_slots = [counting(of_slot, coverages) for of_slot in grouped(own, slot_of).values()]
+        newest = runs.newest_first(own)[0]
+        of_slots = [counting(one, coverages, runs) for one in grouped(own, slot_of).values()]
         competitors[model] = Competitor(
-            shown=newest_first(own)[0].shown,
+            shown=newest.shown,
             done={slot_of(one): one for one in of_slots if one.status == "ok"},
             reasons={
                 slot_of(one): f"{one.status}: {one.failure}"
                 for one in of_slots
                 if one.status != "ok"
             },
+            n_asked=newest.n_splits,
         )
     return Contest(
         name=name,
         slots=tuple(sorted({s for one in competitors.values() for s in (*one.done, *one.reasons)})),
         competitors=competitors,
-        newest_run=newest_first(results)[0].run_id,
+        newest_run=runs.run_of(in_order[0]),
         cell=results[0].cell,
         coverages=coverages,
         left_out=tuple(left_out),

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
-from typing import Any
 
 import click
 
 from stiff_bench.cli_options import (
+    FiniteRange,
     command_line,
     contest_options,
     debug_option,
@@ -17,22 +16,6 @@ from stiff_bench.cli_options import (
     results_option,
 )
 from stiff_bench.messages import print_text
-
-
-class FiniteRange(click.FloatRange):
-    """A number within bounds; click's own takes "nan" for one, and "inf" where no bound is."""
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        """Return the number, or refuse it naming what is valid."""
-        number = float(super().convert(value, param, ctx))
-        if not math.isfinite(number):
-            valid = (
-                f"{self.min} or more" if self.max is None else f"between {self.min} and {self.max}"
-            )
-            self.fail(f"{value} is not a finite number (valid: {valid}).", param, ctx)
-        return number
 
 
 @click.command()

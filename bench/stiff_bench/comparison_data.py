@@ -13,6 +13,7 @@ from stiff_bench.comparison import NORM, Comparison, Row
 from stiff_bench.comparison_notes import notes
 from stiff_bench.comparison_words import sentence
 from stiff_bench.estimates import Estimate, Verdict
+from stiff_bench.render import csv_cells
 from stiff_bench.tables import mark_of
 from stiff_bench.units import MM, PRINTED
 from stiff_bench.where import Place
@@ -66,16 +67,20 @@ def as_csv(report: Report) -> str:
         lineterminator="\n",
     )
     writer.writeheader()
+
+    def write(row: dict[str, Any]) -> None:
+        writer.writerow(dict(zip(row, csv_cells(row.values()), strict=True)))
+
     names = {"a": report.a, "b": report.b}
     for one in report.comparisons:
         about = names | _about(one)
         for row in one.rows:
             for method, estimate in _methods(row):
                 values = _plain_values(row, estimate)
-                writer.writerow(about | {"error": row.error, "method": method} | values)
+                write(about | {"error": row.error, "method": method} | values)
     for place in report.where.places if report.where is not None else ():
         about = names | _about(report.comparisons[0]) | {"error": NORM, "method": "over poses"}
-        writer.writerow(about | {"place": place_text(place)} | _plain_values(place, place.estimate))
+        write(about | {"place": place_text(place)} | _plain_values(place, place.estimate))
     return out.getvalue().rstrip("\n")
 
 

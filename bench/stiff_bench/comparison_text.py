@@ -21,7 +21,8 @@ from stiff_bench.comparison_words import (
 )
 from stiff_bench.contest_name import label_parts
 from stiff_bench.estimates import Estimate, decide
-from stiff_bench.render import TextTable, latex_text, render_texts
+from stiff_bench.messages import one_line
+from stiff_bench.render import TextTable, latex_text, markdown_text, render_texts
 from stiff_bench.units import MM, percent
 from stiff_bench.where import Place
 from stiff_bench.words import marked
@@ -34,9 +35,15 @@ def render_report(report: Report, fmt: str) -> str:
         return as_json(report)
     if fmt == "csv":
         return as_csv(report)
-    said = sentence(report)
-    said = {"github": said, "latex": latex_text(said), "html": f"<p>{html.escape(said)}</p>"}[fmt]
+    said = _said(one_line(sentence(report)), fmt)
     return "\n\n".join([said, render_texts(_tables(report), fmt, report.command), said])
+
+
+def _said(text: str, fmt: str) -> str:
+    """Return a sentence as a paragraph of the format."""
+    if fmt == "html":
+        return f"<p>{html.escape(text)}</p>"
+    return latex_text(text) if fmt == "latex" else markdown_text(text)
 
 
 def _tables(report: Report) -> list[TextTable]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiff_bench.picture_file import check_suffix, save_figure
+from stiff_bench.picture_file import check_suffix, drawing, save_figure
 from stiff_bench.rank_analysis import RankAnalysis
 from stiff_bench.same_robot import of_robots
 from stiff_protocols.errors import ConfigError
@@ -54,12 +54,11 @@ def save_diagrams(
     if not drawn:
         reasons = "; ".join(dict.fromkeys(analysis.why_none for analysis in analyses))
         raise ConfigError(f"--figure {path}: there is no critical difference to draw: it {reasons}")
-    from matplotlib import rc_context
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     heights = [HEAD_INCH + LINE_INCH * _n_lines(analysis) for analysis in drawn]
-    with rc_context(_STYLE):
+    with drawing(_STYLE):
         layout = ConstrainedLayoutEngine(h_pad=GAP_INCH)
         figure = Figure(figsize=(WIDTH_INCH, sum(heights) + LEGEND_INCH), layout=layout)
         axes = figure.subplots(len(drawn), 1, squeeze=False, height_ratios=heights)[:, 0]

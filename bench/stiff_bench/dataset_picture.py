@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiff_bench.picture_file import check_suffix, save_figure
+from stiff_bench.picture_file import check_suffix, drawing, save_figure
 from stiff_bench.statics import load_torque
 from stiff_datasets.reachable import arm_points
 from stiff_models.gravity import gravity_torque
@@ -61,9 +61,8 @@ def save_picture(data: BenchmarkData, title: str, path: Path, quantity: str = DE
         StoreError: the file cannot be written.
     """
     check_suffix(path)
-    from matplotlib import rc_context
 
-    with rc_context(_STYLE):
+    with drawing(_STYLE):
         save_figure(_draw(data, title, quantity), path)
 
 

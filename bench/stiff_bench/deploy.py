@@ -23,7 +23,7 @@ from stiff_protocols.contract import (
     PredictsInterval,
     ReportsDiagnostics,
 )
-from stiff_protocols.errors import ConfigError, StoreError
+from stiff_protocols.errors import ConfigError, DataError, StiffBenchError, StoreError
 from stiff_protocols.files import refuse_existing
 from stiff_protocols.plugin import DatasetInfo, ModelInfo
 from stiff_protocols.types import frozen_array
@@ -114,7 +114,8 @@ def predict_file(model_file: Path, loads: Path, output: Path, coverage: float | 
     """
     _check_new_file(output)
     model = load(model_file)
-    table = read_loads(loads, model.robot_)
+    with _blamed_on(model_file):
+        table = read_loads(loads, model.robot_)
     for oddity in table.oddities:
         say(f"warning: {oddity}")
     interval = None
@@ -124,9 +125,11 @@ def predict_file(model_file: Path, loads: Path, output: Path, coverage: float | 
                 f"--coverage {coverage:g}: {key_of(model)} has no intervals of its own (those of "
                 "`bench run` come from samples that were held out)"
             )
-        interval = model.predict_interval(table.q, table.wrench, coverage)
-    predicted = model.predict(table.q, table.wrench)
-    deflection = frozen_array(predicted, "the prediction", (len(table.q), 3))
+        with _blamed_on(model_file):
+            interval = model.predict_interval(table.q, table.wrench, coverage)
+    with _blamed_on(model_file):
+        predicted = model.predict(table.q, table.wrench)
+        deflection = frozen_array(predicted, "the prediction", (len(table.q), 3))
     write_predictions(output, table, deflection, interval)
     rows = "1 row" if len(table.q) == 1 else f"{len(table.q)} rows"
     return f"{output}: {rows} predicted by {key_of(model)} for robot {model.robot_.name}"
@@ -157,6 +160,20 @@ def _check_new_file(path: Path) -> None:
     refuse_existing(path)
     if not path.parent.is_dir():
         raise StoreError(f"{path}: cannot be written: no folder {path.parent}")
+
+
+@contextmanager
+def _blamed_on(model_file: Path) -> Iterator[None]:
+    """Make one clear error of whatever a model from a crafted file raises.
+
+    Raises:
+        DataError: it raised something; the message names the file.
+    """
+    try:
+        yield
+    except Exception as error:
+        kind = "" if isinstance(error, StiffBenchError) else f"{type(error).__name__}: "
+        raise DataError(f"{model_file}: its model cannot predict: {kind}{error}") from error
 
 
 @contextmanager

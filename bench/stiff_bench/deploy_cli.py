@@ -9,6 +9,7 @@ import click
 
 from stiff_bench.cli_options import (
     FILE,
+    FiniteRange,
     debug_option,
     plugin_option,
     robot_options,
@@ -88,7 +89,7 @@ def fit(models: tuple[str, ...], plugins: tuple[Path, ...], **words: Any) -> Non
 )
 @click.option(
     "--coverage",
-    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    type=FiniteRange(0, 1, min_open=True, max_open=True),
     help="Write intervals that are to hold each deflection with this probability too.",
 )
 @debug_option

@@ -133,9 +133,8 @@ def _unfinished(contest: Contest, models: Sequence[str], asked: Set[str]) -> dic
 
 def _why_unfinished(contest: Contest, competitor: Competitor, asked: Set[str]) -> str:
     n_done = len(competitor.done)
-    n_asked = max(result.n_splits for result in competitor.done.values())
-    if n_done < n_asked:
-        return f"{n_done} of {n_asked} splits asked for: {NOT_FINISHED}"
+    if n_done < competitor.n_asked:
+        return f"{n_done} of {competitor.n_asked} splits asked for: {NOT_FINISHED}"
     return NOT_FINISHED if _asked_for_more(contest, competitor, asked) else ""
 
 

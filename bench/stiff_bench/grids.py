@@ -9,7 +9,6 @@ A file has a table a model (quoted where the key holds a colon or a dot)::
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -20,6 +19,7 @@ from stiff_bench.options import parse_word
 from stiff_protocols.errors import ConfigError, unknown_name
 from stiff_protocols.plugin import ModelInfo
 from stiff_protocols.search_space import DEFAULT_GRID, Grid, Range
+from stiff_protocols.toml_file import read_toml
 
 FILE_ENDING = ".toml"
 VALID = "a list of values, or {low = ..., high = ..., log = true} of numbers for search=optuna"
@@ -50,10 +50,10 @@ def written_grids(
 
 def _read(path: Path, said: str, keys: set[str]) -> dict[str, dict[str, Any]]:
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = read_toml(path)
     except OSError as error:
         raise ConfigError(f"{said}: cannot be read: {error.strerror or error}") from error
-    except ValueError as error:  # no TOML, or no UTF-8
+    except ValueError as error:
         raise ConfigError(f"{said}: no TOML: {error}") from error
     for key, table in content.items():
         if not isinstance(table, dict):

@@ -15,6 +15,7 @@ from stiff_bench.cost_table import ModelCost, model_costs
 from stiff_bench.field import Field
 from stiff_bench.leaderboard import Leaderboard, Section
 from stiff_bench.rank_analysis import RankAnalysis
+from stiff_bench.render import csv_cells
 from stiff_bench.units import PRINTED
 from stiff_bench.words import counted
 from stiff_protocols.metrics import METRICS
@@ -34,9 +35,8 @@ def as_csv(board: Leaderboard) -> str:
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(_CSV_HEADER)
     for section in board.sections:
-        writer.writerows(_csv_ranks(section, board))
-        writer.writerows(_csv_scores(section, board))
-        writer.writerows(_csv_costs(section))
+        for rows in (_csv_ranks(section, board), _csv_scores(section, board), _csv_costs(section)):
+            writer.writerows(map(csv_cells, rows))
     return out.getvalue().rstrip("\n")
 
 

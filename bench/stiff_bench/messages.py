@@ -12,7 +12,24 @@ import click
 
 def say(message: str) -> None:
     """Print one line for people."""
-    click.echo(f"bench: {message}", err=True)
+    click.echo(f"bench: {one_line(message)}", err=True)
+
+
+def one_line(text: str) -> str:
+    """Return a text as `printable` has it, its line breaks as spaces."""
+    return printable(" ".join(text.splitlines()))
+
+
+def printable(text: str) -> str:
+    """Return a text with all but its printable characters, line breaks and tabs escaped.
+
+    Names in strangers' files may hold what moves a terminal's cursor, or turns the text around.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        sign if sign.isprintable() or sign in "\n\t" else ascii(sign)[1:-1] for sign in text
+    )
 
 
 @contextlib.contextmanager
@@ -31,6 +48,6 @@ def printing_to_stderr() -> Iterator[None]:
 def print_text(text: str) -> None:
     """Print a result; a reader that has left (`| head`) is no failure of ours."""
     try:
-        click.echo(text)
+        click.echo(printable(text))
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -2,16 +2,19 @@
 
 A folder may hold results of several runs, of several versions of stiffbench, of other splits under
 one name. They never mix: what contradicts the newest is left out, and is said. A run's name begins
-with its time, so that names sort by it.
+with its time, so that names sort by it. A result is of the newest run that was asked for its cell,
+also where that run found it computed: a resumed run stands for all that it resumed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 from itertools import takewhile
 
 from stiff_bench.grouped import grouped
-from stiff_protocols.record import CellResult
+from stiff_protocols.record import CellResult, RunManifest
 
 Slot = tuple[int, str]
 """A split: its number and the hash of its rows."""
@@ -22,15 +25,42 @@ def slot_of(result: CellResult) -> Slot:
     return result.cell.split_index, result.cell.split_sha256
 
 
-def newest_first(results: Iterable[CellResult]) -> list[CellResult]:
-    """Return the results by run, the newest first; of one run, what succeeded before what failed.
+@dataclass(frozen=True)
+class Runs:
+    """Which run a result is of.
 
-    Equals stay in their order, which is that of their keys where a folder was read.
+    Attributes:
+        newest: key of a cell -> the newest run that was asked for it.
     """
-    return sorted(results, key=lambda one: (one.run_id, one.status == "ok"), reverse=True)
+
+    newest: Mapping[str, str]
+
+    @classmethod
+    def of(cls, manifests: Iterable[RunManifest]) -> Runs:
+        """Return what a folder's manifests say."""
+        in_order = sorted(manifests, key=lambda run: run.run_id)
+        return cls({key: run.run_id for run in in_order for key in run.cells})
+
+    def run_of(self, result: CellResult) -> str:
+        """Return the newest run that was asked for a result, or made it."""
+        return max(self.newest.get(result.cell.key, ""), result.run_id)
+
+    def newest_first(self, results: Iterable[CellResult]) -> list[CellResult]:
+        """Return results by run, the newest first; of one run, what succeeded before what failed.
+
+        Of two results of one cell, the one that was made later comes first. Equals stay in their
+        order, which is that of their keys where a folder was read.
+        """
+
+        def age(one: CellResult) -> tuple[str, str, bool]:
+            return self.run_of(one), one.run_id, one.status == "ok"
+
+        return sorted(results, key=age, reverse=True)
 
 
-def of_newest_splits(results: Sequence[CellResult]) -> tuple[list[CellResult], list[str]]:
+def of_newest_splits(
+    results: Sequence[CellResult], runs: Runs
+) -> tuple[list[CellResult], list[str]]:
     """Return the results of one contest that share the newest run's splits, and what is left out.
 
     Two splits of one number show that the data were divided in two ways (another version of the
@@ -39,7 +69,7 @@ def of_newest_splits(results: Sequence[CellResult]) -> tuple[list[CellResult], l
     """
     if len({slot_of(one) for one in results}) == len({one.cell.split_index for one in results}):
         return list(results), []
-    by_run = grouped(newest_first(results), lambda result: result.run_id)
+    by_run = grouped(runs.newest_first(results), runs.run_of)
     splits = [dict(sorted(map(slot_of, found))) for found in by_run.values()]
     kept = splits[0]
     while joining := [more for more in splits if _continues(kept, more)]:
@@ -57,13 +87,30 @@ def _continues(kept: Mapping[int, str], more: Mapping[int, str]) -> bool:
     return bool(shared) and agree and not more.keys() <= kept.keys()
 
 
-def of_newest_options(results: Sequence[CellResult]) -> tuple[list[CellResult], list[str]]:
-    """Return a model's results with the options of its newest one, and what is left out.
+def of_newest_options(
+    results: Sequence[CellResult], runs: Runs
+) -> tuple[list[CellResult], list[str]]:
+    """Return a model's results with options and code of its newest one, and what is left out.
 
     A name holds the options that differ from their defaults; one name has other options where a
     default, or a file that an option names, was changed.
     """
-    options = newest_first(results)[0].cell.model_params
+    newest = runs.newest_first(results)[0].cell
+    results, older = _of_code(newest.code_sha256, results)
+    same, older_options = _of_options(newest.model_params, results)
+    return same, older + older_options
+
+
+def _of_code(code: str, results: Sequence[CellResult]) -> tuple[list[CellResult], list[str]]:
+    same = [result for result in results if result.cell.code_sha256 == code]
+    if len(same) == len(results):
+        return same, []
+    return same, [f"older results of {results[0].shown.model} by other code or library versions"]
+
+
+def _of_options(
+    options: Mapping[str, Any], results: Sequence[CellResult]
+) -> tuple[list[CellResult], list[str]]:
     same = [result for result in results if result.cell.model_params == options]
     differing = sorted(
         {
@@ -79,7 +126,7 @@ def of_newest_options(results: Sequence[CellResult]) -> tuple[list[CellResult], 
     return same, [f"older results of {model} with other options ({', '.join(differing)})"]
 
 
-def counting(results: Sequence[CellResult], coverages: Sequence[float]) -> CellResult:
+def counting(results: Sequence[CellResult], coverages: Sequence[float], runs: Runs) -> CellResult:
     """Return which of a model's results on one split counts.
 
     The newest run's, also where it failed; but a model that was skipped on some machine does not
@@ -89,11 +136,13 @@ def counting(results: Sequence[CellResult], coverages: Sequence[float]) -> CellR
     Args:
         results: at least one.
         coverages: of intervals, in the order of preference.
+        runs: of the folder.
     """
-    run = [result for result in newest_first(results) if result.status != "skipped"]
+    in_order = runs.newest_first(results)
+    run = [result for result in in_order if result.status != "skipped"]
     valid = list(takewhile(lambda result: result.status == "ok", run))
     if not valid:
-        return (run or newest_first(results))[0]
+        return (run or in_order)[0]
 
     def preference(result: CellResult) -> int:
         coverage = result.cell.coverage

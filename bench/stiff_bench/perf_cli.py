@@ -35,11 +35,12 @@ def perf(only: str, long: bool, json_file: Path | None, output: Path) -> int:
     """
     from stiff_bench.perf_history import read_history, write_history
     from stiff_bench.perf_pictures import save_pictures
-    from stiff_bench.perf_run import run_benchmarks
+    from stiff_bench.perf_run import check_usable, run_benchmarks
     from stiff_bench.perf_tables import perf_page
     from stiff_bench.provenance import environment
     from stiff_protocols.files import make_folder, written_whole
 
+    check_usable(json_file)  # before anything is written
     make_folder(output)
     history = read_history(output / HISTORY)
     report = run_benchmarks(only, long=long, json_file=json_file)

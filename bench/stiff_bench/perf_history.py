@@ -64,13 +64,12 @@ def read_history(path: Path) -> History:
     try:
         with path.open(newline="", encoding="utf-8") as file:
             reader = csv.DictReader(file)
-            rows = tuple(reader)
+            rows, columns = tuple(reader), tuple(reader.fieldnames or ())
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise StoreError(f"{path}: cannot be read: {error}") from error
-    if tuple(reader.fieldnames or ()) != COLUMNS:
+    if columns != COLUMNS:
         raise StoreError(
-            f"{path}: has the columns {', '.join(reader.fieldnames or ())}; a history has "
-            f"{', '.join(COLUMNS)}"
+            f"{path}: has the columns {', '.join(columns)}; a history has {', '.join(COLUMNS)}"
         )
     for number, row in enumerate(rows, start=2):
         if not _is_number(row["value"]):

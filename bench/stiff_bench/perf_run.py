@@ -32,9 +32,7 @@ def run_benchmarks(
         ConfigError: this is no checkout, pytest-benchmark is missing, or `only` names nothing.
         StoreError: `json_file` cannot be written.
     """
-    _check_usable(folder)
-    if json_file is not None:
-        _check_file(json_file)
+    check_usable(json_file, folder)
     with tempfile.TemporaryDirectory() as scratch:
         benchmarks, outcomes = Path(scratch) / "benchmarks.json", Path(scratch) / "outcomes.xml"
         words = [
@@ -77,7 +75,10 @@ def _check_file(path: Path) -> None:
         raise StoreError(f"--json {path}: there is no folder {path.absolute().parent}")
 
 
-def _check_usable(folder: Path) -> None:
+def check_usable(json_file: Path | None, folder: Path = BENCHMARKS) -> None:
+    """See that benchmarks can run and the file can be written; errors as `run_benchmarks`."""
+    if json_file is not None:
+        _check_file(json_file)
     if not folder.is_dir():
         raise ConfigError(
             "bench perf runs the benchmarks of a checkout (tests/perf), and this stiffbench is "

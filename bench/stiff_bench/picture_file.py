@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +31,17 @@ def check_suffix(path: Path) -> None:
     if path.suffix.lower() not in _TIMELESS:
         valid = ", ".join(_TIMELESS)
         raise ConfigError(f"picture {path}: suffix {path.suffix!r} is not known (valid: {valid})")
+
+
+@contextmanager
+def drawing(style: Mapping[str, Any]) -> Iterator[None]:
+    """Draw with matplotlib's defaults and a style: no matplotlibrc that lies about takes part."""
+    import matplotlib
+
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(dict[Any, Any](style))
+        yield
 
 
 def save_figure(figure: Figure, path: Path) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import sys
 import time
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Protocol
@@ -22,21 +23,63 @@ from rich.progress import (
 )
 from rich.progress import Progress as Bars
 
+from stiff_bench.messages import one_line
 from stiff_bench.tasks import CellTask
 from stiff_protocols.progress import Progress, listening
+from stiff_protocols.record import CellResult
 
 SECONDS_BETWEEN_LINES = 5.0
 SECONDS_BETWEEN_CELLS = 1.0
+SHOWN_LOG_LINES = 12
 
 
 class Display(Protocol):
-    """Shows which cell runs and how far it is."""
+    """Shows which cells run, how far they are, and what became of those that ended."""
 
-    def cell(self, number: int, total: int, task: CellTask) -> None:
+    def begin(self, total: int, cached: int) -> None:
+        """Cells are about to be computed, beside those that are there."""
+
+    def start(self, task: CellTask) -> None:
         """A cell starts."""
 
     def step(self, progress: Progress) -> None:
-        """The cell reports."""
+        """A cell reports."""
+
+    def end(self, result: CellResult) -> None:
+        """A cell has ended."""
+
+
+class Count:
+    """How far a run is.
+
+    Attributes:
+        total: number of cells to compute.
+        cached: number of those that were there.
+        started: how many have begun.
+        ended: how many have ended, by their status.
+    """
+
+    def __init__(self) -> None:
+        """Begin with nothing."""
+        self.total = self.cached = self.started = 0
+        self.ended: Counter[str] = Counter()
+        self._begun = time.monotonic()
+
+    def begin(self, total: int, cached: int) -> None:
+        """Start the clock."""
+        self.total, self.cached, self._begun = total, cached, time.monotonic()
+
+    def __str__(self) -> str:
+        """Return what became of the cells so far, for people."""
+        shown = dict(self.ended) | ({"cached": self.cached} if self.cached else {})
+        return ", ".join(f"{number} {status}" for status, number in shown.items())
+
+    def seconds_left(self) -> float | None:
+        """Return how long the rest takes, if it takes what the cells so far took; None at first."""
+        done, elapsed = self.ended.total(), time.monotonic() - self._begun
+        if not done or elapsed < SECONDS_BETWEEN_CELLS:
+            return None
+        return elapsed / done * (self.total - done)
 
 
 def name_of(number: int, total: int, task: CellTask) -> str:
@@ -44,27 +87,39 @@ def name_of(number: int, total: int, task: CellTask) -> str:
     cell = task.cell
     condition = f"({cell.condition}) " if cell.condition else ""
     return (
-        f"[{number + 1}/{total}] {task.shown.model} on {task.shown.dataset}, "
+        f"[{number}/{total}] {task.shown.model} on {task.shown.dataset}, "
         f"{task.shown.protocol} {condition}split {cell.split_index + 1}/{task.n_splits}"
     )
 
 
+def failure_lines(result: CellResult) -> Iterator[str]:
+    """Yield what is said of a cell that failed: the reason, and the end of its log."""
+    if result.status == "failed":
+        yield f"  {result.shown.model}: FAILED: {result.failure}"
+        for line in result.log[-SHOWN_LOG_LINES:]:
+            yield f"    | {line}"
+
+
 class BarDisplay:
-    """Two bars: cells, and the phase of the cell that runs."""
+    """Two bars: cells, and the phase of the cell that reported last."""
 
     def __init__(self, bars: Bars) -> None:
         """Add the bars."""
-        self._bars = bars
-        self._cells = bars.add_task("cells", total=None, loss="", visible=False)
-        self._phase = bars.add_task("", total=None, visible=False, loss="")
+        self._bars, self._count = bars, Count()
+        self._cells = bars.add_task("cells", total=None, note="", visible=False)
+        self._phase = bars.add_task("", total=None, visible=False, note="")
         self._shown: tuple[str, int] | None = None
 
-    def cell(self, number: int, total: int, task: CellTask) -> None:
-        """Move the first bar."""
-        name = name_of(number, total, task)
-        self._bars.update(
-            self._cells, description=name, total=total, completed=number, visible=True
-        )
+    def begin(self, total: int, cached: int) -> None:
+        """Show the first bar."""
+        self._count.begin(total, cached)
+        self._bars.update(self._cells, total=total, visible=total > 0)
+
+    def start(self, task: CellTask) -> None:
+        """Name the cell."""
+        self._count.started += 1
+        name = name_of(self._count.started, self._count.total, task)
+        self._bars.update(self._cells, description=name)
         self._bars.update(self._phase, visible=False)
         self._shown = None
 
@@ -76,7 +131,14 @@ class BarDisplay:
             self._bars.reset(
                 self._phase, description=f"  {progress.phase}", total=progress.total, visible=True
             )
-        self._bars.update(self._phase, completed=progress.step, loss=loss)
+        self._bars.update(self._phase, completed=progress.step, note=loss)
+
+    def end(self, result: CellResult) -> None:
+        """Move the first bar."""
+        self._count.ended[result.status] += 1
+        self._bars.update(self._cells, advance=1, note=str(self._count))
+        for line in failure_lines(result):
+            self._bars.console.print(one_line(line), markup=False, highlight=False)
 
 
 class LineDisplay:
@@ -87,14 +149,25 @@ class LineDisplay:
 
     def __init__(self) -> None:
         """Start the clocks."""
+        self._count = Count()
         self._phase = self._unsaid = ""
         self._phase_start = time.monotonic()
         self._last_line = -math.inf
 
-    def cell(self, number: int, total: int, task: CellTask) -> None:
+    def begin(self, total: int, cached: int) -> None:
+        """Say what is there, where that is something."""
+        self._count.begin(total, cached)
+        if cached:
+            self._print(f"{cached} of {total + cached} cells are there; {total} to compute")
+
+    def start(self, task: CellTask) -> None:
         """Print the cell's name, not too often."""
-        self._phase, self._unsaid = "", name_of(number, total, task)
-        if time.monotonic() - self._last_line >= SECONDS_BETWEEN_CELLS or number + 1 == total:
+        self._count.started += 1
+        self._phase, self._unsaid = "", name_of(self._count.started, self._count.total, task)
+        if (
+            time.monotonic() - self._last_line >= SECONDS_BETWEEN_CELLS
+            or self._count.started == self._count.total
+        ):
             self._say_name()
 
     def step(self, progress: Progress) -> None:
@@ -110,6 +183,12 @@ class LineDisplay:
             f"  {progress.phase} {progress.step}/{progress.total}{loss}{self._left(progress)}"
         )
 
+    def end(self, result: CellResult) -> None:
+        """Count it; a failure is said at once."""
+        self._count.ended[result.status] += 1
+        for line in failure_lines(result):
+            self._print(line)
+
     def _left(self, progress: Progress) -> str:
         elapsed = time.monotonic() - self._phase_start
         if not 0 < progress.step < progress.total or elapsed < SECONDS_BETWEEN_CELLS:
@@ -118,13 +197,28 @@ class LineDisplay:
         return f", {a_step * (progress.total - progress.step):.0f} s left"
 
     def _say_name(self) -> None:
-        if self._unsaid:
-            self._print(self._unsaid)
-            self._unsaid = ""
+        if not self._unsaid:
+            return
+        said, left = str(self._count), self._count.seconds_left()
+        time_left = "" if left is None else f"; {left:.0f} s left"
+        self._print(self._unsaid + (f" ({said}{time_left})" if said else ""))
+        self._unsaid = ""
 
     def _print(self, line: str) -> None:
         self._last_line = time.monotonic()
-        print(line, file=sys.stderr, flush=True)
+        print(one_line(line), file=sys.stderr, flush=True)
+
+
+class OnlyCells:
+    """Another display without the phases, which several cells at once would mix."""
+
+    def __init__(self, display: Display) -> None:
+        """Remember it."""
+        self._display = display
+        self.begin, self.start, self.end = display.begin, display.start, display.end
+
+    def step(self, progress: Progress) -> None:
+        """Show nothing."""
 
 
 @contextmanager
@@ -144,10 +238,10 @@ def display() -> Iterator[Display]:
             yield lines
         return
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=20),
         MofNCompleteColumn(),
-        TextColumn("{task.fields[loss]}"),
+        TextColumn("{task.fields[note]}", markup=False),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )

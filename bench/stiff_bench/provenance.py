@@ -105,8 +105,9 @@ def _plugins() -> Iterator[str]:
         if name.startswith(_PLUGIN_MODULE) and module.__file__ is not None:
             file = Path(module.__file__)
             yield f"{file} sha256 {hashlib.sha256(file.read_bytes()).hexdigest()}"
+    found = entry_points()
     for kind in ("models", "datasets", "protocols"):
-        for point in entry_points(group=f"{_OURS}.{kind}"):
+        for point in found.select(group=f"{_OURS}.{kind}"):
             if point.dist is not None:
                 yield f"{point.dist.name} {point.dist.version} ({point.group}: {point.name})"
 

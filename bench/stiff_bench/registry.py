@@ -30,6 +30,8 @@ KEY = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 """What a key of a catalogue line looks like, so that every command line can name it."""
 EVERY_MODEL = "all"
 """The word that stands for every registered model on the command line."""
+_PLUGIN = "stiffbench_plugin_"
+"""How the modules of plugin files are called."""
 _KINDS: dict[str, type[PluginInfo]] = {
     "models": ModelInfo,
     "datasets": DatasetInfo,
@@ -149,7 +151,7 @@ def build_registry(plugin_files: Sequence[Path] = ()) -> Registry:
         for point in entry_points(group=f"stiffbench.{kind}"):
             _add_installed(registry, point)
     for path in plugin_files:
-        registry.add(_lines_of(_import_file(path), path), str(path))
+        registry.add(_lines_of(import_plugin_file(path), path), str(path))
     return registry
 
 
@@ -200,12 +202,17 @@ def _as_list(lines: object) -> list[object]:
     return list(lines) if isinstance(lines, list | tuple) else [lines]
 
 
-def _import_file(path: Path) -> ModuleType:
+def import_plugin_file(path: Path) -> ModuleType:
+    """Import a plugin's file, whose code runs with that.
+
+    Raises:
+        ConfigError: it cannot be imported.
+    """
     if not path.is_file():
         raise ConfigError(f"--plugin {path}: no such file")
     # two files may have one name, and each needs a module of its own
     place = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]
-    name = f"stiffbench_plugin_{path.stem}_{place}"
+    name = f"{_PLUGIN}{path.stem}_{place}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise ConfigError(f"--plugin {path}: not a Python file (valid: a file that ends in .py)")
@@ -214,6 +221,13 @@ def _import_file(path: Path) -> ModuleType:
     with _guarded(f"--plugin {path}"):
         spec.loader.exec_module(module)
     return module
+
+
+def plugin_file(cls: type) -> Path | None:
+    """Return the plugin file that a class comes from; None where it was imported by name."""
+    if not cls.__module__.startswith(_PLUGIN):
+        return None
+    return Path(str(sys.modules[cls.__module__].__file__)).resolve()
 
 
 def _lines_of(module: ModuleType, path: Path) -> list[object]:

@@ -7,12 +7,14 @@ import html
 import io
 import json
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from tabulate import tabulate
 
+from stiff_bench.messages import one_line
 from stiff_bench.published import NOTE
 from stiff_bench.tables import Row, Table, Value
 from stiff_bench.units import PRINTED
@@ -62,7 +64,18 @@ def render(tables: Sequence[Table], fmt: str, command: str) -> str:
 def render_texts(tables: Sequence[TextTable], fmt: str, command: str) -> str:
     """Return the tables as "github", "latex" or "html", with the command that makes them."""
     parts = {"github": _github, "latex": _latex, "html": _html}[fmt]
-    return "\n\n".join(parts(table, command) for table in tables)
+    return "\n\n".join(parts(_in_one_line(table), one_line(command)) for table in tables)
+
+
+def _in_one_line(table: TextTable) -> TextTable:
+    """Return the table with each of its texts in one line: another would be another row."""
+    return replace(
+        table,
+        title=one_line(table.title),
+        header=[one_line(cell) for cell in table.header],
+        rows=[[one_line(cell) for cell in row] for row in table.rows],
+        notes=[one_line(note) for note in table.notes],
+    )
 
 
 def _header(table: Table) -> list[str]:
@@ -85,9 +98,23 @@ def _cells(table: Table, row: Row) -> list[str]:
     return [row.label, *(value_text(value) for value in values)]
 
 
-def _without_bars(text: str) -> str:
-    """Escape what would begin a new cell in markdown."""
-    return text.replace("|", r"\|")
+_MARKDOWN_SIGNS = re.compile(r"<(?=[A-Za-z/!?])|(?<=\])\(")
+
+
+def markdown_text(text: str) -> str:
+    """Escape what markdown would read as HTML, a link or a picture."""
+    return _MARKDOWN_SIGNS.sub(r"\\\g<0>", text)
+
+
+def _markdown_cell(text: str) -> str:
+    """Escape what would begin a new cell, too."""
+    return markdown_text(text).replace("|", r"\|")
+
+
+def _markdown_code(text: str) -> str:
+    """Return a text as code; more backticks than it holds together stand around it."""
+    longest = max(map(len, re.findall("`+", text)), default=0)
+    return f"`{text}`" if longest == 0 else f"{'`' * (longest + 1)} {text} {'`' * (longest + 1)}"
 
 
 def value_text(value: Value | None) -> str:
@@ -102,14 +129,15 @@ def value_text(value: Value | None) -> str:
 def _body(table: TextTable, fmt: str) -> str:
     rows = [list(table.header), *table.rows]
     if fmt == "github":
-        rows = [[_without_bars(cell) for cell in row] for row in rows]
+        rows = [[_markdown_cell(cell) for cell in row] for row in rows]
     align = ["left", *["right"] * (len(table.header) - 1)]
     return tabulate(rows[1:], headers=rows[0], tablefmt=fmt, colalign=align, disable_numparse=True)
 
 
 def _github(table: TextTable, command: str) -> str:
-    notes = [f"- {note}" for note in (*table.notes, f"made by: `{command}`")]
-    return "\n".join([f"**{table.title}**", "", _body(table, "github"), "", *notes])
+    notes = [*map(markdown_text, table.notes), f"made by: {_markdown_code(command)}"]
+    listed = [f"- {note}" for note in notes]
+    return "\n".join([f"**{markdown_text(table.title)}**", "", _body(table, "github"), "", *listed])
 
 
 def _latex(table: TextTable, command: str) -> str:
@@ -180,8 +208,20 @@ def _csv(tables: Sequence[Table]) -> str:
             for metric, axis in _columns(table):
                 value = row.values.get((metric.key, axis))
                 about_value = [row.name, row.source, row.mark, note, axis, metric.key]
-                writer.writerow([*about, *about_value, *_csv_numbers(value)])
+                writer.writerow(csv_cells([*about, *about_value, *_csv_numbers(value)]))
     return out.getvalue().rstrip("\n")
+
+
+_FORMULA = re.compile(r"[=+\-@\t\r](?![\d.]+(e[+-]?\d+)?$|inf$)")
+"""How a text begins that a spreadsheet would compute; no number does."""
+
+
+def csv_cells(values: Iterable[object]) -> list[object]:
+    """Return the cells of a CSV row; a quote before a text says that it is no formula."""
+    return [
+        f"'{value}" if isinstance(value, str) and _FORMULA.match(value) else value
+        for value in values
+    ]
 
 
 def _csv_numbers(value: Value | None) -> list[str]:

@@ -1,63 +1,150 @@
-"""Runs the cells of a plan and stores each as it ends."""
+"""Runs the cells of a plan that have no result yet, and stores each as it ends."""
 
 from __future__ import annotations
 
 import time
 import uuid
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence, Set
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from typing import Literal
 
-from stiff_bench.cells import compute_cell
 from stiff_bench.config import RunPlan
+from stiff_bench.execution import Execution, Rerun
 from stiff_bench.memory import peak_memory_bytes
+from stiff_bench.messages import say
+from stiff_bench.progress import Display
 from stiff_bench.provenance import environment
 from stiff_bench.store import ResultStore
 from stiff_bench.tasks import CellTask
-from stiff_protocols.record import (
-    CellResult,
-    RunManifest,
-)
+from stiff_protocols.errors import StoreError
+from stiff_protocols.record import CellResult, RunManifest
 
-Watcher = Callable[[int, int, CellTask], None]
-"""Is told the number of the cell that starts, how many there are, and the cell."""
+
+@dataclass(frozen=True)
+class Finished:
+    """What a run has in the end.
+
+    Attributes:
+        results: of every cell, in the order of the plan.
+        cached: keys of the cells whose results or failures were there.
+    """
+
+    results: tuple[CellResult, ...]
+    cached: Set[str]
 
 
 def run_cells(
-    tasks: Sequence[CellTask], plan: RunPlan, store: ResultStore, watcher: Watcher
-) -> Iterator[CellResult]:
-    """Compute the cells one after another, store each as it ends, and yield it.
+    tasks: Sequence[CellTask],
+    plan: RunPlan,
+    store: ResultStore,
+    execution: Execution,
+    display: Display,
+) -> Finished:
+    """Compute the cells that have no result yet, store each as it ends, and return them all.
 
     The run's manifest is written first and completed at the end, also when it is interrupted.
+
+    Raises:
+        StoreError: a result cannot be written.
+        ConfigError: the cluster does not answer.
     """
+    found = {} if execution.rerun == "all" else _stored(tasks, store, execution.rerun)
+    cached = set(found)
+    missing = [task for task in tasks if task.cell.key not in found]
+
+    def waiting() -> Iterator[CellTask]:
+        """Give a cell when its turn comes, unless another run has finished it meanwhile."""
+        for task in missing:
+            other = None if execution.rerun == "all" else store.loose(task.cell.key)
+            if other is None:
+                yield task
+            else:
+                found[task.cell.key] = _as_asked(other, task)
+                cached.add(task.cell.key)
+                display.end(other)
+
+    display.begin(len(missing), len(cached))
+    with _described(tasks, plan, store, execution) as run_id:
+        _keep_data(tasks, store)
+        with closing(execution.executor.results(waiting(), run_id, display)) as results:
+            for result in results:
+                store.write_cell(result)
+                found[result.cell.key] = result
+                display.end(result)
+    return Finished(tuple(found[task.cell.key] for task in tasks), cached)
+
+
+def _stored(tasks: Sequence[CellTask], store: ResultStore, rerun: Rerun) -> dict[str, CellResult]:
+    """Return the results and failures that are there and count; damaged ones do not, and are said.
+
+    A cell that was skipped is looked at again: what it lacked may be installed now.
+    """
+    wanted = {task.cell.key: task for task in tasks}
+    counting = {"ok"} if rerun == "failed" else {"ok", "failed"}
+    found: dict[str, CellResult] = {}
+    for result in store.find(wanted.keys(), _say_damaged):
+        better = result.status == "ok" or result.cell.key not in found
+        if result.status in counting and better:
+            found[result.cell.key] = result
+    for key, result in found.items():
+        found[key] = _as_asked(result, wanted[key])
+        if found[key] is not result:
+            store.write_cell(found[key])
+    return found
+
+
+def _say_damaged(error: StoreError) -> None:
+    say(f"warning: {error}; what it held is computed again")
+
+
+def _as_asked(result: CellResult, task: CellTask) -> CellResult:
+    """Return a stored result with what this run puts beside its numbers."""
+    if (result.shown, result.n_splits) == (task.shown, task.n_splits):
+        return result
+    return replace(result, shown=task.shown, n_splits=task.n_splits)
+
+
+def _keep_data(tasks: Sequence[CellTask], store: ResultStore) -> None:
+    kept = {task.cell.data_sha256: task.data for task in tasks}
+    kept |= {task.cell.source_sha256: task.source for task in tasks if task.source is not None}
+    for data in kept.values():
+        store.write_data(data)
+
+
+@contextmanager
+def _described(
+    tasks: Sequence[CellTask], plan: RunPlan, store: ResultStore, execution: Execution
+) -> Iterator[str]:
+    """Keep the manifest of a run while it lasts, and give its name."""
     started = time.perf_counter()
     manifest = RunManifest(
         run_id=f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{uuid.uuid4().hex[:6]}",
         command=plan.command,
         started=datetime.now(UTC).isoformat(timespec="seconds"),
         status="running",
-        environment=environment(),
+        environment=environment() | dict(execution.facts),
         cells=tuple(task.cell.key for task in tasks),
     )
     store.write_manifest(manifest)
-    kept = {task.cell.data_sha256: task.data for task in tasks}
-    kept |= {task.cell.source_sha256: task.source for task in tasks if task.source is not None}
-    for data in kept.values():
-        store.write_data(data)
-    done = 0
-    try:
-        for number, task in enumerate(tasks):
-            watcher(number, len(tasks), task)
-            result = compute_cell(task, manifest.run_id)
-            store.write_cell(result)
-            done += 1
-            yield result
-    finally:
+
+    def complete(status: Literal["finished", "interrupted"]) -> None:
+        seconds = time.perf_counter() - started
         store.write_manifest(
             replace(
                 manifest,
-                status="finished" if done == len(tasks) else "interrupted",
-                wall_s=time.perf_counter() - started,
+                status=status,
+                wall_s=seconds,
                 peak_memory_bytes=peak_memory_bytes(),
+                machines=execution.executor.machines(),
             )
         )
+
+    try:
+        yield manifest.run_id
+    except BaseException:
+        with suppress(StoreError):  # what stopped the run is what is to be said
+            complete("interrupted")
+        raise
+    complete("finished")

@@ -9,16 +9,24 @@ Once a data set, so that a folder of results can be judged without the data set'
 
 from __future__ import annotations
 
+import lzma
+import re
 import zipfile
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from stiff_protocols.errors import StoreError
+from stiff_protocols.errors import DataError, StoreError
 from stiff_protocols.files import written_whole
-from stiff_protocols.types import BenchmarkData, FloatArray, Samples
+from stiff_protocols.types import BenchmarkData, FloatArray, Samples, frozen_array
+
+LARGEST_BYTES = 4 * 2**30
+"""What a file may unpack to: ten million samples. Few bytes can stand for many."""
+_HASH = re.compile(r"[0-9A-Za-z]+")
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,27 +84,50 @@ def read_data(folder: Path, sha256: str) -> StoredData:
     """Read a stored data set.
 
     Raises:
-        StoreError: there is none, or it is damaged.
+        StoreError: there is none, it is damaged or too large, or its name is no hash.
     """
+    if not _HASH.fullmatch(sha256):
+        raise StoreError(f"{folder}: {sha256!r} is no hash of a data set")
     path = folder / f"{sha256}.npz"
     try:
+        _check_size(path)
         with path.open("rb") as file, np.load(file, allow_pickle=False) as found:
-            samples = Samples(**{item.name: found[item.name] for item in fields(Samples)})
-            joint_names = tuple(found["joint_names"].tolist())
-            types = (
-                found["joint_types"].tolist()
-                if "joint_types" in found
-                else ["revolute"] * len(joint_names)
-            )
-            return StoredData(
-                samples=samples,
-                torque=found["torque"],
-                joint_names=joint_names,
-                robot=str(found["robot"]),
-                tcp=found["tcp"] if "tcp" in found else None,
-                torque_units=tuple("N" if kind == "prismatic" else "Nm" for kind in types),
-            )
+            return _stored(found)
     except OSError as error:
         raise StoreError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (ValueError, KeyError, EOFError, zlib.error, zipfile.BadZipFile) as error:
+    except _DAMAGES as error:
         raise StoreError(f"{path}: damaged: {error}") from error
+
+
+def _check_size(path: Path) -> None:
+    """See that a file is a plain one (a pipe would never end) and unpacks to no more than said."""
+    if path.exists() and not path.is_file():
+        raise StoreError(f"{path}: no plain file")
+    with zipfile.ZipFile(path) as parts:
+        size = sum(part.file_size for part in parts.infolist())
+    if size > LARGEST_BYTES:
+        raise StoreError(f"{path}: unpacks to {size} bytes (valid: up to {LARGEST_BYTES})")
+
+
+def _stored(found: Mapping[str, Any]) -> StoredData:
+    samples = Samples(**{item.name: found[item.name] for item in fields(Samples)})
+    joint_names = tuple(str(name) for name in found["joint_names"])
+    types = found["joint_types"] if "joint_types" in found else ["revolute"] * len(joint_names)
+    if len(types) != len(joint_names):
+        raise DataError(f"{len(types)} joint_types for {len(joint_names)} joint_names")
+    tcp = found["tcp"] if "tcp" in found else None
+    return StoredData(
+        samples=samples,
+        torque=frozen_array(found["torque"], "torque", (len(samples), len(joint_names))),
+        joint_names=joint_names,
+        robot=str(found["robot"]),
+        tcp=None if tcp is None else frozen_array(tcp, "tcp", (len(samples), 3)),
+        torque_units=tuple("N" if kind == "prismatic" else "Nm" for kind in types),
+    )
+
+
+_DAMAGES = (
+    *(ValueError, KeyError, TypeError, EOFError, MemoryError, RuntimeError, NotImplementedError),
+    *(zlib.error, lzma.LZMAError, zipfile.BadZipFile, DataError),
+)
+"""What a file that is none of ours can raise, or one that somebody made to do so."""

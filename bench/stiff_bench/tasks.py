@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from stiff_bench.choice import Choice
 from stiff_bench.config import RunPlan, loaded
@@ -25,6 +26,7 @@ from stiff_protocols.plugin import DatasetInfo, ModelInfo, ProtocolInfo
 from stiff_protocols.record import Cell, Presentation
 from stiff_protocols.source_code import code_of
 from stiff_protocols.split_checks import first_fault
+from stiff_protocols.splits import LazySplits
 from stiff_protocols.types import BenchmarkData, Split
 
 SCORING = tuple(Path(__file__).with_name(name) for name in ("cells.py", "tasks.py"))
@@ -66,8 +68,10 @@ class CellTask:
         return model
 
 
-def cell_tasks(plan: RunPlan) -> list[CellTask]:
-    """Load the data, divide it, and list every cell: data set by protocol by split by model.
+def cell_tasks(plan: RunPlan) -> Iterator[CellTask]:
+    """Yield every cell: data set by protocol by split by model.
+
+    All splits of a data set under a protocol are checked before its first cell comes.
 
     Raises:
         StiffBenchError: a data set cannot be loaded or divided, or is no source for another; a
@@ -75,15 +79,13 @@ def cell_tasks(plan: RunPlan) -> list[CellTask]:
     """
     tuned = tuned_models(plan.protocols, plan.models)
     sources = {word: loaded(choice) for word, choice in plan.sources.items()}
-    tasks: list[CellTask] = []
     for dataset in plan.datasets:
         data = loaded(dataset)
         for word, source in sources.items():
             check_source(word, source, dataset.name, data)
         for protocol in plan.protocols:
             models = tuned.get(protocol.name, plan.models)
-            tasks += _of_protocol(plan, dataset, data, protocol, models, sources)
-    return tasks
+            yield from _of_protocol(plan, dataset, data, protocol, models, sources)
 
 
 def _of_protocol(
@@ -93,10 +95,10 @@ def _of_protocol(
     choice: Choice[ProtocolInfo],
     models: Sequence[Choice[ModelInfo]],
     sources: Mapping[str, BenchmarkData],
-) -> list[CellTask]:
-    """Return the cells of one data set under one protocol."""
+) -> Iterator[CellTask]:
+    """Yield the cells of one data set under one protocol."""
     protocol: EvaluationProtocol = choice.make()
-    splits = _divided(protocol, choice.info.key, dataset.name, data, plan)
+    divided = _divided(protocol, choice.info.key, dataset.name, data, plan)
     common = Cell(
         model="",
         model_params={},
@@ -110,59 +112,90 @@ def _of_protocol(
         seed=plan.seed,
         coverage=plan.coverage,
     )
-    entered = {
-        word: [_prepared(model, data, sources.get(word)) for model in models]
-        for word in {split.source for split in splits}
-    }
     source_sha256 = {word: source.sha256 for word, source in sources.items()}
-    n_splits = Counter(split.condition for split in splits)
-    return [
-        CellTask(
-            cell=replace(
-                common,
-                model=model.choice.info.key,
-                model_params=model.choice.identity,
-                split_index=split.index,
-                split_sha256=split.sha256,
-                condition=split.condition,
-                rows_sha256="" if split.wrench_error is None else split.rows_sha256,
-                source_sha256=source_sha256.get(split.source, ""),
-                code_sha256=model.code_sha256,
-            ),
-            shown=_presentation(model, dataset, choice, protocol, plan.sources.get(split.source)),
-            model=model.choice,
-            data=data,
-            split=split,
-            chooses_epoch=model.chooses_epoch,
-            n_splits=n_splits[split.condition],
-            source=sources.get(split.source),
+    entered = {}
+    for word in divided.sources:
+        of_models = [_prepared(model, data, sources.get(word)) for model in models]
+        named = plan.sources.get(word)
+        entered[word] = [
+            (model, _presentation(model, dataset, choice, protocol, named)) for model in of_models
+        ]
+    for split in divided.splits:
+        of_split = replace(
+            common,
+            split_index=split.index,
+            split_sha256=split.sha256,
+            condition=split.condition,
+            rows_sha256="" if split.wrench_error is None else split.rows_sha256,
+            source_sha256=source_sha256.get(split.source, ""),
         )
-        for split in splits
-        for model in entered[split.source]
-    ]
+        for model, shown in entered[split.source]:
+            yield CellTask(
+                cell=replace(
+                    of_split,
+                    model=model.choice.info.key,
+                    model_params=model.identity,
+                    code_sha256=model.code_sha256,
+                ),
+                shown=shown,
+                model=model.choice,
+                data=data,
+                split=split,
+                chooses_epoch=model.chooses_epoch,
+                n_splits=divided.n_splits[split.condition],
+                source=sources.get(split.source),
+            )
+
+
+@dataclass(frozen=True)
+class _Divided:
+    """The splits of a data set, all of them checked.
+
+    Attributes:
+        splits: computed while they are looked at, or held where a stranger's protocol made them.
+        n_splits: of each condition.
+        sources: words of the data sets that source domains come from; "" for the training rows.
+    """
+
+    splits: Sequence[Split]
+    n_splits: Mapping[str, int]
+    sources: Collection[str]
 
 
 def _divided(
     protocol: EvaluationProtocol, key: str, dataset: str, data: BenchmarkData, plan: RunPlan
-) -> Sequence[Split]:
+) -> _Divided:
     """Return the splits of a data set, each of which can be used and does not leak.
 
     Raises:
         ConfigError: the data cannot be divided, or a split is none.
     """
+    n_splits: Counter[str] = Counter()
+    first_of_source: dict[str, Split] = {}
+
+    def seen(splits: Sequence[Split]) -> Iterator[Split]:
+        for split in splits:
+            n_splits[split.condition] += 1
+            first_of_source.setdefault(split.source, split)
+            yield split
+
     try:
         if isinstance(protocol, DividesByRobot):
             protocol.use_robot(data.robot)
-        splits = tuple(protocol.splits(data.samples, n_splits=plan.splits, seed=plan.seed))
+        found = protocol.splits(data.samples, n_splits=plan.splits, seed=plan.seed)
+        # a stranger's collection need not give the same splits twice
+        splits = found if isinstance(found, LazySplits) else tuple(found)
+        fault = first_fault(
+            seen(splits), len(data.samples), selects_on_test=protocol.selects_on_test
+        )
     except StiffBenchError as error:
         raise ConfigError(f"{dataset}: {error}") from error
     except Exception as error:  # whatever a stranger's protocol raises
         raise ConfigError(f"protocol {key!r}: {type(error).__name__}: {error}") from error
-    fault = first_fault(splits, len(data.samples), selects_on_test=protocol.selects_on_test)
     if fault:
         raise ConfigError(f"protocol {key!r}: {fault}")
-    check_named(splits, plan.sources, key)
-    return splits
+    check_named(tuple(first_of_source.values()), plan.sources, key)
+    return _Divided(splits, n_splits, tuple(first_of_source))
 
 
 @dataclass(frozen=True)
@@ -170,6 +203,7 @@ class _Prepared:
     """A model of the plan: what is asked of it once, not once a cell."""
 
     choice: Choice[ModelInfo]
+    identity: Mapping[str, Any]
     chooses_epoch: bool
     regime: str
     code_sha256: str
@@ -191,8 +225,13 @@ def _prepared(
         chooses = made.chooses_epoch()
     if isinstance(made, StatesRegime):
         regimes.append(made.regime)
-    code = code_of(type(made), *SCORING)
-    return _Prepared(choice, chooses, ", ".join(filter(None, regimes)), code)
+    regime = ", ".join(filter(None, regimes))
+    return _Prepared(choice, choice.identity, chooses, regime, code_of_model(choice))
+
+
+def code_of_model(choice: Choice[ModelInfo]) -> str:
+    """Return the hash of the code that computes a cell of this model, whatever is around it."""
+    return code_of(choice.cls, type(choice.make()), files=SCORING)
 
 
 def _presentation(

@@ -7,7 +7,6 @@ functions that need them, so that a list of data sets can ask `missing` at no co
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from stiff_datasets.home import home, make_folder
 from stiff_protocols.errors import DataError, unknown_name
 from stiff_protocols.files import written_whole
+from stiff_protocols.toml_file import read_toml
 
 if TYPE_CHECKING:
     from stiff_protocols.types import BenchmarkData
@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 KR10_MEASURED = "kr10-measured"
 SLOTS = {KR10_MEASURED: "kr10_r1100_2"}
 """Key -> the shipped robot that stands in where no URDF is registered."""
+
+
+_LONGEST_M = 1e3
+"""What no length of a tool reaches, so that the number can be a float."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +128,7 @@ def registration(key: str) -> Registration | None:
             "tcp": [float() | int() as x, float() | int() as y, float() | int() as z],
             "sha256": str(checksum),
             "urdf_sha256": str(of_urdf),
-        }:
+        } if all(abs(length) < _LONGEST_M for length in (x, y, z)):
             tcp = (float(x), float(y), float(z))
             return Registration(
                 key, Path(csv), Path(urdf) if urdf else None, tcp, checksum, of_urdf
@@ -198,12 +202,12 @@ def _sha256(path: Path) -> str:
 def _tables(path: Path) -> dict[str, Any]:
     """Return every table of the file; none where there is no file."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return read_toml(path)
     except FileNotFoundError:
         return {}
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:
         raise DataError(f"{path}: not TOML: {error}; mend or delete the file") from error
 
 

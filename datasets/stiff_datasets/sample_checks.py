@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from stiff_datasets.sample_files import (
     DEFLECTION_COLUMNS,
     ID_COLUMNS,
+    LONGEST_CELL,
     MM_PER_M,
     WRENCH_COLUMNS,
     Sheet,
@@ -35,6 +36,9 @@ SAME_POSE = 1e-3
 """deg or mm; joint positions of one pose may differ by the rounding of a log."""
 LIMIT_SLACK = 1e-6
 """deg or mm; a limit may have been written with rounding."""
+
+_SHOWN = 60
+"""Characters of a wrong cell that a message shows."""
 
 _UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")  # or breaks a line
 
@@ -86,7 +90,7 @@ def check_sheet(sheet: Sheet, robot: Robot) -> CheckedSamples:
         sheet: the cells.
         robot: the robot that was measured; gives the number of joints and their limits.
     """
-    problems = table_problems(sheet, all_columns(robot))
+    problems = table_problems(sheet, all_columns(robot)) or [*_long_names(sheet)]
     if problems:
         return CheckedSamples(sheet.path, tuple(problems), None, sheet.lines)
     numbers = _Numbers.read(sheet, robot)
@@ -159,11 +163,22 @@ def table_problems(
 
 def _problem(sheet: Sheet, row: int | np.integer, column: str, valid: str) -> Problem:
     return Problem(
-        value=str(sheet.cells[column].iloc[row]),
+        value=_shortened(str(sheet.cells[column].iloc[row])),
         valid=valid,
         row=int(sheet.lines[row]),
         column=column,
     )
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
+
+
+def _long_names(sheet: Sheet) -> Iterator[Problem]:
+    for column in ID_COLUMNS:
+        for row, name in enumerate(sheet.cells[column]):
+            if len(name) > LONGEST_CELL:
+                yield _problem(sheet, row, column, f"a name of at most {LONGEST_CELL} characters")
 
 
 def _id_problems(sheet: Sheet) -> Iterator[Problem]:
@@ -176,7 +191,7 @@ def _id_problems(sheet: Sheet) -> Iterator[Problem]:
     pair = sheet.cells[["pose_id", "load_id"]]
     for again in np.flatnonzero(pair.duplicated() & (pair != "").all(axis=1)):
         yield Problem(
-            value=",".join(pair.iloc[again]),
+            value=",".join(map(_shortened, pair.iloc[again])),
             valid="a pair that no earlier row has",
             row=int(sheet.lines[again]),
             column="pose_id,load_id",

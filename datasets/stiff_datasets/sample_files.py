@@ -9,6 +9,7 @@ loaded minus the unloaded position.
 from __future__ import annotations
 
 import io
+import math
 import re
 import warnings
 from dataclasses import dataclass
@@ -33,6 +34,13 @@ DEG_PER_RAD = 180.0 / np.pi
 PARQUET = ".parquet"
 """The ending of a Parquet file; every other file is CSV."""
 
+MOST_COLUMNS = 100
+"""No robot has so many joints."""
+LONGEST_CELL = 100
+"""Characters of a name or a number; an array of names is as wide as its longest."""
+LONGEST_LINE = 20_000
+"""Characters; a line of 500,000 commas takes pandas seconds."""
+
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _DECIMALS = 10
 """Numbers are written with so few decimals where that reads back as the same SI number."""
@@ -55,7 +63,7 @@ class Sheet:
     lines: NDArray[np.int64]
 
     def numbers(self, columns: tuple[str, ...]) -> FloatArray:
-        """Return (n, len(columns)) the cells as numbers, NaN where a cell is none.
+        """Return (n, len(columns)) the cells as numbers, NaN where a cell is no finite one.
 
         Text is read as Python reads it, to the nearest floating point number; not every version
         of pandas promises that.
@@ -147,6 +155,9 @@ def _read_csv(path: Path) -> Sheet:
     """Return the table as text, so that a message can show a wrong value as it was written."""
     try:
         text = path.read_text(encoding="utf-8-sig")
+        longest = max(map(len, text.split("\n")))
+        if longest > LONGEST_LINE:
+            raise DataError(f"{path}: a line of {longest} characters (valid: {LONGEST_LINE})")
         header = text.partition("\n")[0]
         for name, separator in (("semicolons", ";"), ("tabs", "\t")):
             if separator in header and "," not in header:
@@ -173,18 +184,30 @@ def _read_csv(path: Path) -> Sheet:
 
 
 def _read_parquet(path: Path) -> Sheet:
-    with path.open("rb") as file:  # so that a file that is not there is an OSError
-        try:
-            cells = pd.read_parquet(file)
-        except ImportError as error:
-            raise _no_parquet(path) from error
-        except ValueError as error:  # pyarrow's errors are ValueErrors
-            reason = " ".join(str(error).split())
-            raise DataError(f"{path}: not a Parquet table: {reason}") from error
+    try:
+        import pyarrow as pa
+        from pyarrow.parquet import ParquetFile
+    except ImportError as error:
+        raise _no_parquet(path) from error
+    size = path.stat().st_size
+    try:
+        about = ParquetFile(path).metadata
+        if about.num_columns > MOST_COLUMNS:
+            raise ValueError(f"{about.num_columns} columns (valid: at most {MOST_COLUMNS})")
+        if about.num_rows > size:  # a measured row takes dozens of bytes, one repeated takes none
+            raise ValueError(f"{about.num_rows} rows in {size} bytes")
+        paths = [about.schema.column(i).path for i in range(about.num_columns)]
+        # as a dictionary, a long text in many rows is kept once
+        table = ParquetFile(path, read_dictionary=paths).read()
+        cells = table.to_pandas(ignore_metadata=True)
+    except (ValueError, KeyError, pa.ArrowException) as error:
+        reason = " ".join(str(error).split())
+        raise DataError(f"{path}: not a Parquet table: {reason}") from error
     cells = cells.astype(object).rename(columns=str)
     for name in set(ID_COLUMNS) & set(cells.columns):
         names = cells[name].where(cells[name].notna(), "")
-        cells[name] = [str(value).strip() for value in names]  # a name may be a number there
+        stripped = [str(value).strip() for value in names]  # a name may be a number there
+        cells[name] = pd.Series(stripped, dtype=object)
     return sheet_of(path, cells)
 
 
@@ -193,11 +216,13 @@ def _no_parquet(path: Path) -> DataError:
 
 
 def _number(cell: object) -> float:
+    number = np.nan
     if isinstance(cell, str):
-        return float(cell) if _NUMBER.fullmatch(cell) else np.nan
-    if isinstance(cell, int | float | np.integer | np.floating) and not isinstance(cell, bool):
-        return float(cell)
-    return np.nan
+        short = len(cell) <= LONGEST_CELL
+        number = float(cell) if short and _NUMBER.fullmatch(cell) else np.nan
+    elif isinstance(cell, int | float | np.integer | np.floating) and not isinstance(cell, bool):
+        number = float(cell)
+    return number if math.isfinite(number) else np.nan
 
 
 def in_file_units(values: FloatArray, unit: float) -> FloatArray:

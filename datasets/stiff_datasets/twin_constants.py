@@ -20,7 +20,6 @@ catalogue: ``gear = {slopes_Nm_per_rad = [..3], breakpoints_Nm = [..2], rated_Nm
 
 from __future__ import annotations
 
-import tomllib
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -48,6 +47,7 @@ from stiff_datasets.robots.robot import (
 )
 from stiff_datasets.springs import Gear, JointSprings
 from stiff_protocols.errors import DataError
+from stiff_protocols.toml_file import read_toml
 from stiff_protocols.types import Robot
 
 Positive = Annotated[float, Gt(0), Field(allow_inf_nan=False)]
@@ -185,10 +185,13 @@ class TwinConstants(_Table):
         Raises:
             DataError: the URDF cannot be read, or its joints are not those of the tables.
         """
-        if self.urdf in shipped_names():
-            chain = shipped_chain(self.urdf, tcp=self.tcp_m)
-        else:
-            chain = read_chain(self._path.parent / self.urdf, tcp=self.tcp_m)
+        try:
+            if self.urdf in shipped_names():
+                chain = shipped_chain(self.urdf, tcp=self.tcp_m)
+            else:
+                chain = read_chain(self._path.parent / self.urdf, tcp=self.tcp_m)
+        except DataError as error:
+            raise DataError(f"{self._path}: {error}") from error
         model = chain.model
         kinds = [joint_type_and_axis(model, joint)[0] for joint in range(1, model.njoints)]
         if len(self.joint) != len(kinds) or "prismatic" in kinds:
@@ -210,10 +213,10 @@ def read_constants(path: Path) -> TwinConstants:
         DataError: it cannot be read, or a key or value is wrong; the message names them.
     """
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = read_toml(path)
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:
         raise DataError(f"{path}: not a TOML file: {error}") from error
     try:
         constants = TwinConstants(**table)

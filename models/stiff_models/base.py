@@ -40,9 +40,19 @@ class FittedModel(BaseEstimator):  # type: ignore[misc]
 
         Raises:
             NotFittedError: `fit` was not called.
-            ModelError: the shapes are not those of the robot fitted for.
+            ModelError: the shapes are not those of the robot fitted for, or a number is not finite.
         """
-        return self._predict(*self._checked(q, wrench))
+        q, wrench = self._checked(q, wrench)
+        if not len(q):
+            return np.empty((0, 3))
+        predicted = self._predict(q, wrench)
+        if not np.isfinite(predicted).all():
+            row = _first_not_finite(predicted)
+            raise ModelError(
+                f"row {row}: q = {q[row].tolist()}, wrench = {wrench[row].tolist()}: "
+                f"the prediction is {predicted[row].tolist()}, expected finite numbers"
+            )
+        return predicted
 
     def save(self, path: Path) -> None:
         """Write the fitted model to one file that `stiff_models.load` reads; see `saved`.
@@ -74,4 +84,12 @@ class FittedModel(BaseEstimator):  # type: ignore[misc]
         for name, array, columns in (("q", q, self.robot_.n_joints), ("wrench", wrench, 6)):
             if array.ndim != 2 or array.shape[1] != columns or len(array) != len(q):
                 raise ModelError(f"{name} has shape {array.shape}, expected (n, {columns})")
+            if not np.isfinite(array).all():
+                row = _first_not_finite(array)
+                raise ModelError(f"{name}[{row}] is {array[row].tolist()}, expected finite numbers")
         return q, wrench
+
+
+def _first_not_finite(rows: FloatArray) -> int:
+    """Return the number of the first row that holds a NaN or an infinity."""
+    return int(np.isfinite(rows).all(axis=1).argmin())

@@ -41,10 +41,22 @@ def usable_folder() -> Path | None:
     folder = cache_folder()
     if folder is None:
         return None
-    make_folder(folder)
+    _make_private(folder)
     if not os.access(folder, os.W_OK):
         raise StoreError(f"{folder}: cannot be written")
     about = folder.stat()
-    if hasattr(os, "getuid") and (about.st_uid != os.getuid() or about.st_mode & stat.S_IWOTH):
-        raise StoreError(f"{folder}: belongs to another user, or everybody may write there")
+    if hasattr(os, "getuid") and (about.st_uid != os.getuid() or about.st_mode & _OTHERS_WRITE):
+        raise StoreError(
+            f"{folder}: belongs to another user, or others may write there (chmod go-w ends that)"
+        )
     return folder
+
+
+_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+
+
+def _make_private(folder: Path) -> None:
+    """Make the folder, if it is not there, so that its user alone may read and write."""
+    if not folder.exists():
+        make_folder(folder)
+        folder.chmod(stat.S_IRWXU)

@@ -101,7 +101,7 @@ class ComplianceNet(FtMlp):
     def _source_compliance(self, samples: Samples, robot: Robot) -> FloatArray:
         compliance = super()._source_compliance(samples, robot)
         # a joint that the VJM found rigid must still be able to give way
-        typical = np.median(compliance[compliance > 0.0]) if compliance.any() else 1.0
+        typical = np.median(compliance[compliance > 0.0])
         self.reference_compliance_ = np.where(compliance > 0.0, compliance, typical)
         return compliance
 

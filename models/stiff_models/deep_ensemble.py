@@ -53,14 +53,17 @@ class DeepEnsemble(FtMlp):
                 are of one pose.
         """
         self.check_params()
+        parts = inner_validation(train, np.arange(len(train)), HELD_OUT, seed)
+        if not len(parts.validation):
+            raise ModelError(
+                "deep-ensemble needs samples of two poses or more for its intervals, all "
+                f"{len(train)} are of one"
+            )
         further = np.random.default_rng(seed).integers(2**31, size=self.members - 1)
         self.members_ = [
             self._member().fit(train, robot=robot, validation=validation, seed=int(member_seed))
             for member_seed in (seed, *further)
         ]
-        parts = inner_validation(train, np.arange(len(train)), HELD_OUT, seed)
-        if not len(parts.validation):
-            raise ModelError("deep-ensemble needs samples of two poses or more for its intervals")
         held_out = train.take(parts.validation)
         probe = self._member().fit(
             train.take(parts.train), robot=robot, validation=validation, seed=seed

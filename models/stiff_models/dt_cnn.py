@@ -26,6 +26,7 @@ from stiff_models.network_model import EncodedNetworkModel
 from stiff_models.source_model import SourceModel
 from stiff_models.training import Rows, train_network
 from stiff_models.training_plan import Trainable, TrainingPlan
+from stiff_protocols.errors import ModelError
 from stiff_protocols.types import FloatArray, Robot, Samples
 
 Recipe = Literal["fast", "udtl"]
@@ -145,6 +146,8 @@ class DtCnn(SourceModel, EncodedNetworkModel):
     def _train_aligned(
         self, rows: Rows, target: torch.Tensor, plan: TrainingPlan, seed: int
     ) -> Trained:
+        if self.alignment == "coral" and len(target) < 2:
+            raise ModelError("alignment 'coral' compares covariances: 2 training samples or more")
         objective = AlignedObjective(
             self._cnn(),
             target,

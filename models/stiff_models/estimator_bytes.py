@@ -7,6 +7,9 @@ there; `tree_checks` looks at those before anything is predicted.
 
 from __future__ import annotations
 
+import io
+import zipfile
+
 import skops.io
 from sklearn.base import BaseEstimator
 
@@ -71,6 +74,7 @@ def estimator_from_bytes(data: bytes) -> BaseEstimator:
         DataError: the bytes are damaged, or name a type that is not known to be harmless.
     """
     try:
+        _refuse_bomb(data)
         unknown = _unknown_types(data)
         if unknown:
             raise DataError(
@@ -86,6 +90,14 @@ def estimator_from_bytes(data: bytes) -> BaseEstimator:
         raise DataError(f"holds a {type(estimator).__name__} where an estimator belongs")
     check_indices(estimator)
     return estimator
+
+
+def _refuse_bomb(data: bytes) -> None:
+    """See that an archive unpacks to no more than it takes: `dumps` compresses nothing."""
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        size = sum(member.file_size for member in archive.infolist())
+    if size > len(data):
+        raise DataError(f"a scikit-learn part of {len(data)} bytes unpacks to {size}")
 
 
 def _unknown_types(data: bytes) -> list[str]:

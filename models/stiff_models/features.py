@@ -11,6 +11,9 @@ from stiff_protocols.types import FloatArray, Robot
 
 AngleEncoding = Literal["sincos", "raw"]
 
+NO_DEFLECTION = 1e-9
+"""Unit [m] of deflections that are all zero: far below what any instrument resolves."""
+
 
 def encode(
     robot: Robot, q: FloatArray, wrench: FloatArray, angle_encoding: AngleEncoding
@@ -37,18 +40,33 @@ class Scaler:
 
     Attributes:
         mean: (n_columns,)
-        scale: (n_columns,); 1 for a column that does not vary.
+        scale: (n_columns,)
     """
 
     mean: FloatArray
     scale: FloatArray
 
     @classmethod
-    def of(cls, values: FloatArray) -> Self:
-        """Take the statistics of (n, n_columns) values."""
+    def of(cls, values: FloatArray, *, of_constant: float = 1.0) -> Self:
+        """Take the statistics of (n, n_columns) values.
+
+        Args:
+            values: of the training samples.
+            of_constant: scale of a column that does not vary.
+        """
         scale = values.std(axis=0)
         constant = scale <= 1e-12 * np.maximum(np.abs(values).max(axis=0), 1e-300)
-        return cls(values.mean(axis=0), np.where(constant, 1.0, scale))
+        return cls(values.mean(axis=0), np.where(constant, of_constant, scale))
+
+    @classmethod
+    def of_deflection(cls, deflection: FloatArray) -> Self:
+        """Take the statistics of (n, 3) deflections, m.
+
+        A component that does not vary (one sample, one gauge) is scaled by the size of all: in
+        units of 1 m whatever a learner leaves of it would be decimetres.
+        """
+        size = float(np.sqrt(np.mean(deflection**2)))
+        return cls.of(deflection, of_constant=size or NO_DEFLECTION)
 
     def apply(self, values: FloatArray) -> FloatArray:
         """Return standardised values."""

@@ -13,6 +13,7 @@ singular values of the column-scaled regressor say how many can. SI: rad, N, N m
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import Literal, Self
 
@@ -22,6 +23,7 @@ from stiff_models.base import FittedModel
 from stiff_models.identification import Identified, Solver, identify, nonnegative, ridge
 from stiff_models.kinematics import unit_deflections, virtual_jacobian
 from stiff_models.vjm import warn_unexplained
+from stiff_protocols.errors import StiffBenchWarning
 from stiff_protocols.types import FloatArray, Robot, Samples
 
 Springs = Literal[3, 6]
@@ -73,7 +75,8 @@ class FullVjm(FittedModel):
             name for name, known in zip(self.springs_, found.known, strict=True) if not known
         )
         self.diagnostics_ = _diagnostics(found)
-        warn_unexplained(found.compliance)
+        _warn_few(found, len(train))
+        warn_unexplained(found.compliance, train)
         self.robot_ = robot
         return self
 
@@ -120,6 +123,17 @@ def _columns(robot: Robot, springs: Springs) -> list[list[int]]:
     if springs == 6:
         return [turns + slides] * robot.n_joints
     return [turns if kind == "revolute" else slides for kind in robot.joint_types]
+
+
+def _warn_few(found: Identified, n_samples: int) -> None:
+    n_springs = len(found.compliance)
+    if 3 * n_samples < n_springs:
+        warnings.warn(
+            f"{n_samples} training samples give {3 * n_samples} equations for {n_springs} springs "
+            f"(regressor rank {found.rank}): predictions at other poses and loads mean little",
+            StiffBenchWarning,
+            stacklevel=3,
+        )
 
 
 def _diagnostics(found: Identified) -> dict[str, float]:

@@ -49,8 +49,17 @@ class Identified:
 
 
 def nonnegative(scaled: FloatArray, target: FloatArray) -> FloatArray:
-    """Return the least-squares solution without negative entries."""
-    return np.asarray(nnls(scaled, target)[0])
+    """Return the least-squares solution without negative entries.
+
+    Raises:
+        ModelError: the search for it goes round in circles.
+    """
+    try:
+        return np.asarray(nnls(scaled, target)[0])
+    except RuntimeError as error:
+        raise ModelError(
+            f"no compliances >= 0 were found for {scaled.shape[1]} springs: {error}"
+        ) from error
 
 
 def ridge(scaled: FloatArray, target: FloatArray) -> FloatArray:

@@ -78,7 +78,8 @@ class Search:
         best = min((searched(theta) for theta in (start.theta, *drawn)), key=lambda one: one.fun)
         if not best.success:
             warnings.warn(
-                f"hyperparameters of a Gaussian process: {best.message}",
+                f"hyperparameters of a Gaussian process: the search for the likeliest ones stopped "
+                f"early ({best.message.strip(' :')}); the best that it met are used",
                 StiffBenchWarning,
                 stacklevel=3,
             )

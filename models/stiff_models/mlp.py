@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import Annotated, Literal, Self
 
@@ -10,6 +11,7 @@ from annotated_types import Ge, Gt
 from stiff_models.network_model import NetworkModel
 from stiff_models.training import train_network
 from stiff_models.training_plan import TrainingPlan
+from stiff_protocols.errors import StiffBenchWarning
 from stiff_protocols.types import Robot, Samples
 
 Epochs = Annotated[int, Ge(0)]
@@ -63,4 +65,12 @@ class Mlp(NetworkModel):
             phase="train",
             validation=None if validation is None else self._measured_rows(validation),
         )
+        if self.history_.best_step < min(self.epochs, 1):
+            warnings.warn(
+                f"none of {self.epochs} epochs was better on the validation rows than the "
+                "untrained network, which is kept; is a learning rate of "
+                f"{self.learning_rate:g} too high?",
+                StiffBenchWarning,
+                stacklevel=2,
+            )
         return self

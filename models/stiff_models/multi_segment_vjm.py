@@ -110,6 +110,7 @@ class MultiSegmentVjm(FittedModel):
         self.slopes_ = found.compliance.reshape(robot.n_joints, self.segments)
         self.diagnostics_ = _diagnostics(robot, found, self.breakpoints_)
         self._warn(robot, found)
+        warn_unexplained(found.compliance, train)
         self.robot_ = robot
         return self
 
@@ -154,7 +155,6 @@ class MultiSegmentVjm(FittedModel):
                 StiffBenchWarning,
                 stacklevel=3,
             )
-        warn_unexplained(found.compliance)
 
 
 def segment_torques(torque: FloatArray, breakpoints: FloatArray) -> FloatArray:

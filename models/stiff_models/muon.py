@@ -10,7 +10,8 @@ half the error, and three iterations of Newton and Schulz are enough.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import torch
 
@@ -98,10 +99,22 @@ def whitening(inputs: torch.Tensor) -> torch.Tensor:
     moment = inputs.T @ inputs / len(inputs)
     n = len(moment)
     moment.diagonal().add_(DAMPING * moment.trace() / n + 1e-12)
-    factor = torch.linalg.cholesky_ex(moment).L  # of NaN it is NaN, which the loss will show
     eye = torch.eye(n, dtype=moment.dtype, device=moment.device)
-    white: torch.Tensor = torch.linalg.solve_triangular(factor, eye, upper=False)
+    with _one_thread():  # LAPACK divides the work by their number, and rounds accordingly
+        factor = torch.linalg.cholesky_ex(moment).L  # of NaN it is NaN, which the loss will show
+        white: torch.Tensor = torch.linalg.solve_triangular(factor, eye, upper=False)
     return white
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Compute on one thread meanwhile."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 def orthogonalised(matrix: torch.Tensor) -> torch.Tensor:

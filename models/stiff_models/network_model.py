@@ -65,7 +65,7 @@ class EncodedNetworkModel(FittedModel):
         """Take the statistics of the first training data and draw a new network."""
         self.robot_ = robot
         self.input_scaler_ = Scaler.of(encode(robot, q, wrench, self.angle_encoding))
-        self.output_scaler_ = Scaler.of(deflection)
+        self.output_scaler_ = Scaler.of_deflection(deflection)
         self.network_ = self._new_network(seed).to(torch_device(self.device)).eval()
 
     @abstractmethod
@@ -83,7 +83,7 @@ class EncodedNetworkModel(FittedModel):
         )
 
     def _empty_module(self, name: str) -> torch.nn.Module:
-        return self._new_network(seed=0).to(torch_device(self.device))
+        return self._new_network(seed=0)
 
     def _train_remembered(
         self,

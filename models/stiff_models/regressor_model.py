@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-from sklearn.exceptions import ConvergenceWarning
 from sklearn.multioutput import MultiOutputRegressor
 from sklearn.utils import get_tags
 
@@ -53,7 +52,8 @@ class RegressorModel(StandardisedModel):
             self.regressor_.fit(*train)
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        predicted = self.regressor_.predict(self._inputs(self.robot_, q, wrench))
+        with told_as_ours():
+            predicted = self.regressor_.predict(self._inputs(self.robot_, q, wrench))
         return self.output_scaler_.undo(predicted)
 
 
@@ -65,16 +65,21 @@ def for_three_outputs(regressor: Any) -> Any:
 
 @contextmanager
 def told_as_ours() -> Iterator[None]:
-    """Turn scikit-learn's convergence warnings into ours, which stand beside a result."""
+    """Turn what a regressor says of the samples into our warnings, which stand beside a result.
+
+    What it says of its code (deprecations, changes to come) stays what it is.
+    """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
     for text, category in dict.fromkeys((str(w.message), w.category) for w in caught):
-        if not issubclass(category, ConvergenceWarning):
+        if not issubclass(category, UserWarning | RuntimeWarning):
             warnings.warn(text, category, stacklevel=4)
-        else:
-            finding = " ".join(text.split()).partition(" You might")[0]  # advice on other data
-            warnings.warn(finding, StiffBenchWarning, stacklevel=4)
+            continue
+        finding = " ".join(text.split()).partition(" You might")[0]  # advice on other data
+        if category is RuntimeWarning:  # numpy's, which does not say whose arithmetic it was
+            finding = f"the regressor's arithmetic: {finding}"
+        warnings.warn(finding, StiffBenchWarning, stacklevel=4)
 
 
 @contextmanager

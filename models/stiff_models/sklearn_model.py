@@ -20,6 +20,7 @@ from stiff_models.regressor_model import RegressorModel, for_three_outputs
 from stiff_models.standardised_model import Rows
 from stiff_protocols.errors import ConfigError, ModelError, unknown_name
 from stiff_protocols.plugin import ModelInfo
+from stiff_protocols.types import FloatArray
 
 PREFIX = "sklearn:"
 ON_PHYSICS = "vjm+"
@@ -61,7 +62,16 @@ class SklearnModel(RegressorModel):
         try:
             super()._learn(train, validation)
         except ValueError as error:
-            raise ModelError(f"{self.key} cannot learn these samples: {error}") from error
+            raise self._refusal("learn", error) from error
+
+    def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        try:
+            return super()._predict(q, wrench)
+        except ValueError as error:  # for example, fewer training samples than neighbours
+            raise self._refusal("predict", error) from error
+
+    def _refusal(self, what: str, error: ValueError) -> ModelError:
+        return ModelError(f"{self.key} cannot {what} these samples: {' '.join(str(error).split())}")
 
 
 def member(key: str) -> ModelInfo:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field
 from typing import Any, Literal, Self
 
@@ -17,12 +18,15 @@ from stiff_models.source import (
     simulate,
     source_design,
 )
-from stiff_models.vjm import identify_joints, warn_unidentifiable
-from stiff_protocols.errors import ConfigError
+from stiff_models.vjm import identify_joints, warn_unidentifiable, why_rigid
+from stiff_protocols.errors import ConfigError, ModelError, StiffBenchWarning
 from stiff_protocols.types import BenchmarkData, FloatArray, Robot, Samples
 
 PAPER_STIFFNESS = (50_900.0, 63_360.0, 50_340.0, 2_270.0, 8_890.0, 1_390.0)
 """Source paper, Table 3: A1..A6, N m/rad."""
+
+FAR_OFF = 100.0
+"""A network says nothing of forces so many times larger or smaller than those it learned from."""
 
 NO_TARGET_LABELS = "target labels not trained on"
 """Regime of a model whose weights see the source domain alone: the labels identify the VJM."""
@@ -108,7 +112,9 @@ class SourceModel:
         return simulate(robot, compliance, self._design(samples, robot, seed))
 
     def _design(self, samples: Samples, robot: Robot, seed: int) -> SourceDesign:
-        return source_design(self.source_poses, self.source_wrenches, robot, samples, seed)
+        design = source_design(self.source_poses, self.source_wrenches, robot, samples, seed)
+        _warn_of_other_loads(design, samples)
+        return design
 
     def _source_compliance(self, samples: Samples, robot: Robot) -> FloatArray:
         """Return the (n_joints,) compliance, rad/(N m), of the joints that make the source."""
@@ -116,6 +122,10 @@ class SourceModel:
             return np.asarray(1.0 / self._nominal(robot))
         joints = identify_joints(robot, samples)
         of_source = "training samples" if self._source is None else "source's samples"
+        if not joints.compliance.any():
+            raise ModelError(
+                f"no source can be simulated from the {of_source}: {why_rigid(samples)}"
+            )
         warn_unidentifiable(joints, of_source)
         return joints.compliance
 
@@ -138,3 +148,20 @@ class SourceModel:
                 f"positive numbers, base to tip, in N m/rad, separated by commas"
             )
         return values
+
+
+def _warn_of_other_loads(design: SourceDesign, samples: Samples) -> None:
+    """Warn where the source's loads are far larger or smaller than the measured ones."""
+    simulated, measured = (_force_size(w) for w in (design.wrench, samples.wrench))
+    if measured > 0.0 and not 1.0 / FAR_OFF < simulated / measured < FAR_OFF:
+        warnings.warn(
+            f"the source is simulated under forces of {simulated:.3g} N, the samples were measured "
+            f"under {measured:.3g} N (root mean square): is the file in N? source_wrenches=data "
+            "draws loads like the measured ones",
+            StiffBenchWarning,
+            stacklevel=4,
+        )
+
+
+def _force_size(wrench: FloatArray) -> float:
+    return float(np.sqrt(np.mean(wrench[..., :3] ** 2)))

@@ -29,7 +29,7 @@ class StandardisedModel(FittedModel):
         """Take the training rows' statistics and return the rows in them."""
         features = encode(robot, train.q, train.wrench, self.angle_encoding)
         self.input_scaler_ = Scaler.of(features)
-        self.output_scaler_ = Scaler.of(train.deflection)
+        self.output_scaler_ = Scaler.of_deflection(train.deflection)
         return self.input_scaler_.apply(features), self.output_scaler_.apply(train.deflection)
 
     def _inputs(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:

@@ -8,14 +8,16 @@ that they had (matrix products of the other order may differ in the last bit).
 from __future__ import annotations
 
 import dataclasses
+import functools
 import importlib
 import math
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any, TypeGuard
+from typing import TYPE_CHECKING, Any, TypeGuard, get_type_hints
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 from sklearn.base import BaseEstimator
 
 from stiff_models.base import FittedModel
@@ -165,6 +167,7 @@ class _Unpacker:
         params = {name: self.unpack(value) for name, value in node["params"].items()}
         if params.get("device") == "cuda" and not _has_cuda():
             params["device"] = "auto"
+        _check_options(cls, params)
         model = cls(**params)
         modules = {}
         for name, value in node["fitted"].items():
@@ -175,15 +178,19 @@ class _Unpacker:
             else:
                 setattr(model, name, self.unpack(value))
         for name, state in modules.items():  # last: their shape follows from the rest
-            setattr(model, name, self._module(model._empty_module(name), state))
+            setattr(model, name, self._module(model, name, state))
         return model
 
-    def _module(self, module: torch.nn.Module, state: Node) -> torch.nn.Module:
+    def _module(self, model: FittedModel, name: str, state: Node) -> torch.nn.Module:
         import torch
 
-        tensors = {name: torch.from_numpy(self._array(value)) for name, value in state.items()}
-        module.load_state_dict(tensors)
-        return module.eval()
+        from stiff_models.networks import torch_device
+
+        with torch.device("meta"):  # shapes alone: a file may promise more than it holds
+            module = model._empty_module(name)
+        tensors = {key: torch.from_numpy(self._array(value)) for key, value in state.items()}
+        module.load_state_dict(tensors, assign=True)
+        return module.to(torch_device(model.get_params().get("device", "cpu"))).eval()
 
     def unpack(self, node: Node) -> Any:
         if not isinstance(node, dict):
@@ -218,6 +225,24 @@ class _Unpacker:
             stored = np.frombuffer(stored.tobytes(), dtype=dtype)
         array = stored.reshape(node["shape"]).copy()
         return array.T if node.get("transposed") else array
+
+
+def _check_options(cls: type, params: Mapping[str, object]) -> None:
+    """See that options have the values that a user could set: no network has 10**9 layers."""
+    owner = cls if dataclasses.is_dataclass(cls) else cls.__init__  # type: ignore[misc]
+    hints = get_type_hints(owner, include_extras=True)
+    for name, value in params.items():
+        if name in hints:
+            try:
+                _adapter(hints[name]).validate_python(value)
+            except ValidationError as error:
+                reason = error.errors()[0]["msg"]
+                raise DataError(f"has the option {name} = {value!r}: {reason}") from error
+
+
+@functools.cache
+def _adapter(annotation: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(annotation)
 
 
 def is_fitted(name: str) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -11,8 +12,9 @@ import torch
 from stiff_models.arithmetic import arithmetic
 from stiff_models.optimizers import optimizers, pull_back
 from stiff_models.plain_sequence import PlainSequence
+from stiff_models.training_checks import ROWS_LOOKED_AT, dead, rose
 from stiff_models.training_plan import Trainable, TrainingPlan, loss_function
-from stiff_protocols.errors import ModelError
+from stiff_protocols.errors import ModelError, StiffBenchWarning
 from stiff_protocols.progress import report
 
 Objective = Callable[[float, torch.Tensor, torch.Tensor], torch.Tensor]
@@ -106,22 +108,36 @@ def train_network(
 def _steps(run: _Run, plan: TrainingPlan, trainable: Trainable, phase: str) -> Curve:
     moving = list(trainable.rates)
     origin = [parameter.detach().clone() for parameter in moving] if trainable.pull else []
+    too_high = f"a learning rate of {plan.learning_rate:g} is too high here"
+
+    def finite(loss: torch.Tensor, steps: int) -> float:
+        value = loss.item()
+        if not math.isfinite(value):
+            raise ModelError(f"{phase}: the loss is {value} after {steps} steps; {too_high}")
+        return value
+
     report(phase, 0, plan.steps)
     run.network.train()
+    first = loss = torch.tensor(0.0)
     for step in range(plan.steps):
         loss = run.step(step)
+        first = loss if step == 0 else first
         if origin:
             pull_back(moving, origin, trainable, plan.learning_rate * plan.rate(step))
         if (step + 1) % REPORT_EVERY == 0 or step + 1 == plan.steps:
-            value = loss.item()
-            if not math.isfinite(value):
-                raise ModelError(
-                    f"{phase}: the loss is {value} after {step + 1} steps; a learning rate of "
-                    f"{plan.learning_rate:g} is too high here"
-                )
+            value = finite(loss, step + 1)
             run.note(step + 1, value)
             report(phase, step + 1, plan.steps, value)
-    return run.finish()
+    curve = run.finish()
+    if plan.steps:
+        inputs, outputs, targets = run.at_the_end()
+        final = finite(run.loss(outputs, targets), plan.steps)
+        nothing = run.loss(torch.zeros_like(targets), targets).item()
+        finding = rose(first.item(), max(loss.item(), final), nothing)
+        finding = finding or dead(inputs, outputs, targets)
+        if finding:
+            warnings.warn(f"{phase}: {finding}; {too_high}", StiffBenchWarning, stacklevel=4)
+    return curve
 
 
 class _Run:
@@ -232,6 +248,11 @@ class _Run:
         self._judge(self.plan.steps, self._predicted(self.validation.inputs))
         torch._foreach_copy_(self.kept, self.best_weights)
         return Curve(tuple(self.points), self.best_step, self.best_loss)
+
+    def at_the_end(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Return inputs, outputs and targets of some training rows."""
+        inputs, targets = self.rows.inputs[:ROWS_LOOKED_AT], self.rows.targets[:ROWS_LOOKED_AT]
+        return inputs, self._predicted(inputs), targets
 
     def _batch(self) -> tuple[torch.Tensor, torch.Tensor]:
         batch = self.plan.batch

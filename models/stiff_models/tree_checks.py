@@ -88,7 +88,8 @@ def _check_search_tree(tree: KDTree | BallTree) -> None:
     _, _, _, _, _, n_levels, n_nodes, *_ = tree.__getstate__()
     ends = np.stack([nodes["idx_start"], nodes["idx_end"]])
     if not (
-        n_nodes == len(nodes) == bounds.shape[1] == 2**n_levels - 1
+        0 < n_levels < 64  # two to the power of more would fill the memory
+        and n_nodes == len(nodes) == bounds.shape[1] == 2**n_levels - 1
         and bounds.shape[2] == data.shape[1]
         and sorted(rows.tolist()) == list(range(len(data)))
         and ((ends >= 0) & (ends <= len(data))).all()

@@ -7,6 +7,7 @@ With the Jacobian J at the TCP and its translational rows J_v, the deflection un
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -123,7 +124,7 @@ class VirtualJointModel(FittedModel):
         self.joints_ = identify_joints(robot, train, congruence=self.congruence)
         self.diagnostics_ = _diagnostics(self.joints_, robot)
         warn_unidentifiable(self.joints_)
-        warn_unexplained(self.joints_.compliance)
+        warn_unexplained(self.joints_.compliance, train)
         self.robot_ = robot
         return self
 
@@ -150,8 +151,8 @@ class VirtualJointModel(FittedModel):
 
         Raises:
             NotFittedError: `fit` was not called.
-            ModelError: the lengths are not those of the robot fitted for, or, with `congruence`,
-                the load is beyond buckling.
+            ModelError: the lengths are not those of the robot fitted for, a number is not finite,
+                or, with `congruence`, the load is beyond buckling.
         """
         try:
             made_for, one = self._one
@@ -160,9 +161,12 @@ class VirtualJointModel(FittedModel):
         except AttributeError:
             one = self._made_anew()
         try:
-            return one(q, wrench)
+            x, y, z = one(q, wrench)
+            if math.isfinite(x + y + z):
+                return x, y, z
         except (TypeError, ValueError):
-            return self._one_of_predict(q, wrench)  # which says what is wrong with them
+            pass
+        return self._one_of_predict(q, wrench)  # which says what is wrong with them
 
     def _made_anew(self) -> OneDeflection:
         if not hasattr(self, "robot_"):
@@ -205,12 +209,17 @@ def warn_unidentifiable(joints: IdentifiedJoints, samples: str = "training sampl
         )
 
 
-def warn_unexplained(compliance: FloatArray) -> None:
+def warn_unexplained(compliance: FloatArray, samples: Samples) -> None:
     """Warn where every spring was found rigid."""
     if not compliance.any():
-        warnings.warn(
-            "no joint spring explains any of the deflections: is the sign or the frame of the "
-            "wrench wrong? `bench data validate` compares them",
-            StiffBenchWarning,
-            stacklevel=3,
-        )
+        warnings.warn(why_rigid(samples), StiffBenchWarning, stacklevel=3)
+
+
+def why_rigid(samples: Samples) -> str:
+    """Return why these samples make every spring rigid."""
+    if not samples.deflection.any():
+        return f"every deflection is zero in all {len(samples)} samples: every joint is found rigid"
+    return (
+        "no joint spring explains any of the deflections: is the sign or the frame of the "
+        "wrench wrong? `bench data validate` compares them"
+    )

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from stiff_protocols.protocol import Fraction, Holdout
+from stiff_protocols.splits import LazySplits
 from stiff_protocols.types import Samples, Split
 
 OWN = "own source"
@@ -43,11 +44,11 @@ class CrossRobot(Holdout):
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
         """Return `n_splits` (default 1) divisions, `holdout`'s of the same seed, under both."""
-        return [
-            split
-            for division in super().splits(samples, n_splits=n_splits, seed=seed)
-            for split in (
-                replace(division, condition=OWN),
-                replace(division, condition=f"source {self.source}", source=self.source),
-            )
-        ]
+        divisions = super().splits(samples, n_splits=n_splits, seed=seed)
+
+        def under_both() -> Iterator[Split]:
+            for division in divisions:
+                yield replace(division, condition=OWN)
+                yield replace(division, condition=f"source {self.source}", source=self.source)
+
+        return LazySplits(under_both, 2 * len(divisions))

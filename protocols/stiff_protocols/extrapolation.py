@@ -14,7 +14,7 @@ import numpy as np
 
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.protocol import Fraction
-from stiff_protocols.splits import divided_inside
+from stiff_protocols.splits import LazySplits, divided_inside
 from stiff_protocols.types import FloatArray, IntArray, Samples, Split, TextArray
 
 ALL_POSES = ", all training poses"
@@ -34,24 +34,26 @@ def drawn(
     train_fraction: float,
     validation_fraction: float,
     seed: int,
-) -> list[Split]:
+) -> LazySplits:
     """Return each division once, or `n_splits` times with a part of its training poses.
 
     The two are different conditions: they train on different numbers of poses.
     """
     repeated = n_splits is not None and n_splits > 1
-    found = []
-    for index in range(n_splits or 1):
-        rng = np.random.default_rng([seed, index])
-        for condition, train, test in divisions:
-            if repeated:
-                train = _part(samples, train, train_fraction, rng)
-            else:
-                condition = f"{condition}{ALL_POSES}"
-            found.append(
-                divided_inside(samples, index, train, test, validation_fraction, seed, condition)
-            )
-    return found
+
+    def divided() -> Iterator[Split]:
+        for index in range(n_splits or 1):
+            rng = np.random.default_rng([seed, index])
+            for condition, train, test in divisions:
+                if repeated:
+                    train = _part(samples, train, train_fraction, rng)
+                else:
+                    condition = f"{condition}{ALL_POSES}"
+                yield divided_inside(
+                    samples, index, train, test, validation_fraction, seed, condition
+                )
+
+    return LazySplits(divided, (n_splits or 1) * len(divisions))
 
 
 def _part(samples: Samples, rows: IntArray, fraction: float, rng: np.random.Generator) -> IntArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import tempfile
 from collections.abc import Iterator
@@ -35,6 +36,17 @@ def refuse_existing(path: Path) -> None:
         )
 
 
+def read_plain(path: Path) -> bytes:
+    """Read a plain file: a pipe or a device in its place would never end.
+
+    Raises:
+        OSError: it cannot be read, or is no plain file.
+    """
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "no plain file")
+    return path.read_bytes()
+
+
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
     """Give the path of a temporary file beside `path`; rename it to `path` at the end.
@@ -53,18 +65,23 @@ def written_whole(path: Path) -> Iterator[Path]:
     temporary = Path(name)
     try:
         yield temporary
-        _flush_to_disk(temporary)
+        flush_to_disk(temporary)
         temporary.chmod(0o666 & ~_umask())  # mkstemp's own mode is for secrets
         temporary.replace(path)
+        flush_to_disk(path.parent)  # else a power cut may take back the name
     except OSError as error:
         raise _cannot_write(path, error) from error
     finally:
         temporary.unlink(missing_ok=True)
 
 
-def _flush_to_disk(path: Path) -> None:
-    with path.open("rb") as file:
-        os.fsync(file.fileno())
+def flush_to_disk(path: Path) -> None:
+    """See that a file's content, or a folder's names, outlast a power cut."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def _umask() -> int:

@@ -181,6 +181,7 @@ class RunManifest:
         cells: keys of the cells it asked for.
         wall_s: seconds in all; 0 while running.
         peak_memory_bytes: of the process; 0 while running.
+        machines: environments of the other machines that took part, by their addresses.
     """
 
     run_id: str
@@ -191,3 +192,4 @@ class RunManifest:
     cells: tuple[str, ...]
     wall_s: float = 0.0
     peak_memory_bytes: int = 0
+    machines: Mapping[str, Mapping[str, str]] = field(default_factory=dict)

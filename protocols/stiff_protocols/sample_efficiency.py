@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.protocol import Fraction
-from stiff_protocols.splits import divided_inside
+from stiff_protocols.splits import LazySplits, divided_inside
 from stiff_protocols.types import IntArray, Samples, Split, TextArray
 
 PAPER_SIZES = "5,10,20,40,80,121"
@@ -56,18 +56,18 @@ class SampleEfficiency:
                 f"test_fraction {self.test_fraction:g}"
             )
         sizes = self._sizes(len(poses) - n_test)
-        found = []
-        for index in range(n_splits or 1):
-            order = np.random.default_rng([seed, index]).permutation(poses)
-            test = _rows(samples, order[:n_test])
-            for size in sizes:
-                train = _rows(samples, order[n_test : n_test + size])
-                found.append(
-                    divided_inside(
+
+        def divided() -> Iterator[Split]:
+            for index in range(n_splits or 1):
+                order = np.random.default_rng([seed, index]).permutation(poses)
+                test = _rows(samples, order[:n_test])
+                for size in sizes:
+                    train = _rows(samples, order[n_test : n_test + size])
+                    yield divided_inside(
                         samples, index, train, test, self.validation_fraction, seed, f"n = {size}"
                     )
-                )
-        return found
+
+        return LazySplits(divided, (n_splits or 1) * len(sizes))
 
     def _sizes(self, available: int) -> list[int]:
         """Return the numbers of poses, ascending."""

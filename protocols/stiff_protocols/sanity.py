@@ -1,21 +1,34 @@
-"""What a prediction must be before it is scored: its shape, finite numbers, and metres.
+"""What a prediction must be before it is scored, and what training rows cannot teach any model.
+
+A prediction has its shape, finite numbers, and metres.
 
 A stranger's model may predict mm. Nobody sees that in a table of its own, so it is an error.
 """
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterator
+
 import numpy as np
 
-from stiff_protocols.errors import ModelError
-from stiff_protocols.types import FloatArray
+from stiff_protocols.errors import ModelError, StiffBenchWarning
+from stiff_protocols.types import FloatArray, Samples
 
 FAR_OFF = 100.0
 """A root mean square so many times the measured one, or so small a part of it, is suspect."""
 UNIT_FACTORS = (300.0, 3000.0)
 """Factors that a mistake between m and mm leaves, for a model that is not perfect either."""
+OUT_OF_HAND = 1e5
+"""So many times too large, and mm are not to blame."""
 EXPLAINED = 0.5
 """Share of the measured squares that small predictions must explain once they are scaled up."""
+FEWEST = 3
+"""Training samples; in fewer, whatever differs may be what the deflection comes from."""
+FORCES = (1e-2, 1e5)
+"""N; forces that are smaller bend no robot, and larger ones break it."""
+DEFLECTIONS = (1e-7, 0.1)
+"""m; what is smaller no instrument resolves on a robot, and what is larger is none."""
 
 
 def check_prediction(predicted: FloatArray, n: int) -> None:
@@ -53,9 +66,14 @@ def check_units(predicted: FloatArray, measured: FloatArray) -> None:
     if size == 0.0 or wanted == 0.0:
         return
     if size > FAR_OFF * wanted:
+        cause = (
+            "stiffbench wants m, are these mm?"
+            if size < OUT_OF_HAND * wanted
+            else "has the model diverged (a learning rate too high), or is its unit another one?"
+        )
         raise ModelError(
             f"predictions are about {_rough(size / wanted)} times larger than the training "
-            "deflections: stiffbench wants m, are these mm?"
+            f"deflections: {cause}"
         )
     # both divided by their size first: the squares of tiny numbers would underflow
     unit, target = predicted / size, measured / wanted
@@ -67,6 +85,37 @@ def check_units(predicted: FloatArray, measured: FloatArray) -> None:
             f"predictions are about {_rough(factor)} times smaller than the training deflections, "
             "and right when multiplied by that: stiffbench wants m"
         )
+
+
+def warn_of_rows(train: Samples) -> None:
+    """Warn of what these training rows cannot teach a model, whichever it is."""
+    for finding in _findings(train):
+        warnings.warn(finding, StiffBenchWarning, stacklevel=2)
+
+
+def _findings(train: Samples) -> Iterator[str]:
+    n = len(train)
+    if n < FEWEST:
+        yield f"training samples: {n}; so few show neither what a pose nor what a load changes"
+    elif not np.ptp(train.q, axis=0).any():
+        yield f"all {n} training samples are of one pose: they do not show what a pose changes"
+    if not train.wrench.any():
+        yield f"the wrench is zero in all {n} training samples: they do not show what a load does"
+    elif n >= FEWEST and not np.ptp(train.wrench, axis=0).any():
+        yield f"all {n} training samples have one load: they do not show what a load changes"
+    if not train.deflection.any():
+        yield f"the deflection is zero in all {n} training samples: there is nothing to learn"
+    sizes = (
+        ("forces", train.wrench[:, :3], "N", FORCES),
+        ("deflections", train.deflection, "m", DEFLECTIONS),
+    )
+    for name, values, unit, (least, most) in sizes:
+        size = _root_mean_square(values)
+        if size and not least <= size <= most:
+            yield (
+                f"the training samples' {name} are of {size:.2g} {unit} (root mean square, "
+                f"expected {least:g} to {most:g}): is the unit right?"
+            )
 
 
 def _rough(factor: float) -> str:

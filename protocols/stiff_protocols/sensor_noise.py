@@ -12,6 +12,7 @@ from annotated_types import Ge
 
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.protocol import Fraction, Holdout
+from stiff_protocols.splits import LazySplits
 from stiff_protocols.types import FloatArray, Samples, Split
 
 SENSOR = (0.04, 0.04, 0.04, 0.002, 0.002, 0.002)
@@ -63,7 +64,12 @@ class SensorNoise(Holdout):
         """
         levels = self._levels()
         divisions = super().splits(samples, n_splits=n_splits, seed=seed)
-        return [split for one in divisions for split in self._at_levels(one, levels, seed)]
+
+        def at_all_levels() -> Iterator[Split]:
+            for one in divisions:
+                yield from self._at_levels(one, levels, seed)
+
+        return LazySplits(at_all_levels, len(divisions) * len(levels))
 
     def _at_levels(self, split: Split, levels: Sequence[float], seed: int) -> Iterator[Split]:
         rng = np.random.default_rng([seed, split.index])

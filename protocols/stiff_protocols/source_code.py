@@ -15,14 +15,14 @@ _NO_FILES_OF = {"builtins", "abc", "typing", "numpy", "scipy", "sklearn", "torch
 """Top-level names of classes' bases whose files are not read: the interpreter's and libraries'."""
 
 
-def code_of(cls: type, *files: Path) -> str:
-    """Return a hash of the code that an object of this class runs, and of further files.
+def code_of(*classes: type, files: Iterable[Path] = ()) -> str:
+    """Return a hash of the code that objects of these classes run, and of further files.
 
-    It covers the whole package of the class and of each of its bases (the file alone where it is
+    It covers the whole package of each class and of each of its bases (the file alone where it is
     in no package), stiff_protocols with its metrics, and the versions of `LIBRARIES`. It depends
     on nothing else that the process did before.
     """
-    modules = {base.__module__ for base in cls.__mro__} | {__name__}
+    modules = {base.__module__ for cls in classes for base in cls.__mro__} | {__name__}
     roots = {
         _root(Path(file))
         for name in modules

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -70,16 +70,22 @@ def fault_of_numbers(splits: Iterable[Split]) -> str:
     indices: dict[str, list[int]] = {}
     for split in splits:
         indices.setdefault(split.condition, []).append(split.index)
+    return _fault_of_indices(indices)
+
+
+def _fault_of_indices(indices: Mapping[str, Sequence[int]]) -> str:
     for condition, found in indices.items():
         if sorted(found) != list(range(len(found))):
             return f"condition {condition!r} has splits of index {found}"
     return ""
 
 
-def first_fault(splits: Sequence[Split], n_samples: int, *, selects_on_test: bool) -> str:
-    """Return the first fault of a protocol's splits; "" where there is none."""
-    if not splits:
-        return "made no split of these samples"
+def first_fault(splits: Iterable[Split], n_samples: int, *, selects_on_test: bool) -> str:
+    """Return the first fault of a protocol's splits; "" where there is none.
+
+    The splits are looked at once, one by one.
+    """
+    indices: dict[str, list[int]] = {}
     for split in splits:
         fault = (
             fault_of_rows(split, n_samples)
@@ -88,4 +94,5 @@ def first_fault(splits: Sequence[Split], n_samples: int, *, selects_on_test: boo
         )
         if fault:
             return f"{named(split)} {fault}"
-    return fault_of_numbers(splits)
+        indices.setdefault(split.condition, []).append(split.index)
+    return _fault_of_indices(indices) if indices else "made no split of these samples"

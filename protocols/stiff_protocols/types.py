@@ -31,9 +31,12 @@ def frozen_array(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> 
     """Return `value` as a read-only float64 copy of the given shape (None: any length).
 
     Raises:
-        DataError: the shape differs, or an entry is NaN or infinite.
+        DataError: the shape differs, or an entry is no real number, NaN or infinite.
     """
-    array = np.array(value, dtype=np.float64, order="C")
+    given = np.asarray(value)
+    if given.dtype.kind not in "fiub":  # complex numbers and dates would lose a part
+        raise DataError(f"{name} holds {given.dtype}, expected real numbers")
+    array = np.array(given, dtype=np.float64, order="C")
     if array.ndim != len(shape) or any(
         want is not None and want != have for want, have in zip(shape, array.shape, strict=True)
     ):

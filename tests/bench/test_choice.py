@@ -32,9 +32,8 @@ def test_several_variants_of_one_key_meet_in_one_run():
 
 
 def test_variants_are_cells_of_their_own_with_the_options_in_their_names():
-    tasks = cell_tasks(
-        planned(models=("vjm", "knn@neighbours=3"), datasets=("kr10-twin@specimen=2",))
-    )
+    plan = planned(models=("vjm", "knn@neighbours=3"), datasets=("kr10-twin@specimen=2",))
+    tasks = list(cell_tasks(plan))
     assert [task.shown.model for task in tasks] == ["vjm", "knn@neighbours=3"]
     assert {task.shown.dataset for task in tasks} == {"kr10-twin@specimen=2"}
     assert len({task.cell.key for task in tasks}) == 2

@@ -52,7 +52,7 @@ def test_a_run_prints_one_table_and_stores_every_cell(tmp_path):
         "made by",
     ):
         assert part in done.stdout
-    assert "pre-train 0/20" in done.stderr and "4 cells ok, 0 failed" in done.stderr
+    assert "pre-train 0/20" in done.stderr and "bench: 4 ok; " in done.stderr
     store = ResultStore(tmp_path / "results" / "runs")
     (manifest_path,) = (store.folder / "runs").iterdir()
     manifest = store.read_manifest(manifest_path.stem)
@@ -132,7 +132,7 @@ def test_a_model_that_raises_is_a_failed_row_and_the_others_finish(tmp_path, rai
     assert done.returncode == 1
     assert "bad [FAILED in 1 of 1 splits]" in done.stdout
     assert raised.split("'")[1] in done.stdout and "| vjm  " in done.stdout
-    assert "1 cells ok, 1 failed" in done.stderr
+    assert "1 ok, 1 failed (" in done.stderr
     assert "Traceback" not in done.stderr
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from made_results import MadeResults
 from stiff_bench.collected import Contest, collect, left_out_notes
 from stiff_bench.same_robot import dataset_of, family_of
+from stiff_bench.store import ResultStore
 
 
 @pytest.fixture()
@@ -50,6 +52,43 @@ def test_an_older_run_of_the_newest_splits_keeps_what_it_has_more(made):
     made.add("a", [1.0] * 5, run_id="2", splits_named="new-")
     made.add("b", [1.0] * 3, run_id="3", splits_named="new-")
     assert [slot[1] for slot in only(made).slots] == [f"split-new-{index}" for index in range(5)]
+
+
+def test_a_resumed_run_stands_for_what_it_found_computed(made):
+    """The second run was killed after two splits; the third did the rest."""
+    made.add("a", [9.0] * 5, run_id="1", splits_named="old-")
+    made.add_run("3", made.add("a", [1.0] * 5, run_id="3", splits_named="new-"))
+    made.add("a", [1.0] * 2, run_id="2", splits_named="new-")
+    contest = only(made)
+    assert [slot[1] for slot in contest.slots] == [f"split-new-{index}" for index in range(5)]
+    assert [one.run_id for one in contest.results("a")] == ["2", "2", "3", "3", "3"]
+    assert contest.newest_run == "3"
+
+
+def test_results_that_a_later_run_asked_for_again_are_the_newest(made):
+    """The data were divided anew, and then as before: all of that run was computed already."""
+    old = made.add("a", [1.0] * 3, run_id="1", splits_named="old-")
+    made.add("a", [2.0] * 3, run_id="2", splits_named="new-")
+    made.add_run("3", old)
+    contest = only(made)
+    assert {one.run_id for one in contest.results("a")} == {"1"} and contest.newest_run == "3"
+
+
+def test_a_cell_that_fails_when_it_is_computed_again_has_failed(made):
+    made.add("a", [1.0, 1.0], run_id="1")
+    made.add_run("2", made.add("a", failed=[0], run_id="2"))
+    found = only(made).competitors["a"]
+    assert [slot[0] for slot in found.done] == [1] and len(found.reasons) == 1
+
+
+@pytest.mark.parametrize(("newest", "n_asked"), [(slice(0, 2), 2), (slice(2, 3), 5)])
+def test_the_newest_run_says_how_many_splits_were_asked_for(made, newest, n_asked):
+    keys = made.add("a", [1.0] * 3)
+    store = ResultStore(made.folder)
+    for index, key in enumerate(keys):
+        store.write_cell(replace(store.read_cell(key), n_splits=2 if index < 2 else 5))
+    made.add_run("run-2", keys[newest])
+    assert only(made).competitors["a"].n_asked == n_asked
 
 
 def test_runs_of_the_same_splits_are_one_contest(made):

@@ -10,7 +10,9 @@ import pytest
 from run_requests import planned
 from stiff_bench.cells import compute_cell
 from stiff_bench.config import RunPlan, chosen_dataset
+from stiff_bench.execution import IN_THIS_PROCESS
 from stiff_bench.option_word import split_word
+from stiff_bench.progress import LineDisplay
 from stiff_bench.registry import build_registry
 from stiff_bench.runner import run_cells
 from stiff_bench.sources import check_named, check_source
@@ -122,7 +124,7 @@ def test_caveats_of_both_data_sets_stand_beside_the_foreign_sources_numbers(cros
 def test_the_sources_samples_are_stored_beside_the_targets(cross_tasks, tmp_path):
     plan = RunPlan((), (), (), (), None, 0, tmp_path, "bench run", None)
     tasks = cross_tasks("vjm")
-    list(run_cells(tasks, plan, ResultStore(tmp_path), lambda *_: None))
+    run_cells(tasks, plan, ResultStore(tmp_path), IN_THIS_PROCESS, LineDisplay())
     stored = {path.stem for path in (tmp_path / "data").iterdir()}
     assert stored == {tasks[0].data.sha256, Ur5Twin().load().sha256}
 

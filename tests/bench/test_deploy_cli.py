@@ -13,6 +13,7 @@ from click.testing import CliRunner
 
 from command_line import bench
 from stiff_bench import deploy_cli
+from stiff_bench.deploy import predict_file
 from stiff_datasets.measured import write_samples
 from stiff_datasets.robots.robot import load_robot
 from stiff_models import load
@@ -192,3 +193,13 @@ def test_ones_own_robot_with_a_rail_from_a_measurement_to_predictions_in_parquet
     np.testing.assert_allclose(table["q1_mm"], q[:, 0] * 1000, rtol=1e-12)
     ours = table[["dx_mm", "dy_mm", "dz_mm"]].to_numpy() / 1000
     np.testing.assert_allclose(ours, deflection, atol=1e-12)
+
+
+def test_whatever_a_crafted_model_raises_is_blamed_on_its_file(vjm_file, tmp_path, monkeypatch):
+    model = load(vjm_file)
+    model.joints_ = "no joints"
+    monkeypatch.setattr("stiff_bench.deploy.load", lambda path: model)
+    poses = tmp_path / "poses.csv"
+    poses.write_text(f"{HEADER}\n{ROW}\n")
+    with pytest.raises(DataError, match=r"vjm\.stiff: its model cannot predict: AttributeError"):
+        predict_file(vjm_file, poses, tmp_path / "out.csv", None)

@@ -34,7 +34,7 @@ def tasks(*models, protocol="nested", splits=1, coverage=False, settings=()):
         settings=settings,
         coverage=0.8 if coverage else None,
     )
-    return cell_tasks(plan)
+    return list(cell_tasks(plan))
 
 
 def grids(found):

@@ -128,7 +128,11 @@ def test_a_slowdown_is_called_out_on_the_page(run):
 
 @pytest.mark.parametrize(
     ("text", "named"),
-    [("a,b\n1,2\n", "columns a, b"), (f"{','.join(COLUMNS)}\n,,,,,,fast,\n", "line 2.*'fast'")],
+    [
+        ("a,b\n1,2\n", "columns a, b"),
+        ("\n", "has the columns"),
+        (f"{','.join(COLUMNS)}\n,,,,,,fast,\n", "line 2.*'fast'"),
+    ],
 )
 def test_a_file_that_is_no_history_is_refused_and_kept(tmp_path, text, named):
     path = tmp_path / "history.csv"

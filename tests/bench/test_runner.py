@@ -249,7 +249,7 @@ class Raising(Divided):
 def tasks_under(cls):
     registry = build_registry()
     registry.protocols["theirs"] = ProtocolInfo(key="theirs", target=cls, summary="")
-    return cell_tasks(plan(("mae",), None, "theirs", registry))
+    return list(cell_tasks(plan(("mae",), None, "theirs", registry)))
 
 
 def test_a_protocol_may_yield_its_splits():
@@ -303,3 +303,12 @@ def test_a_model_whose_prediction_draws_gives_the_same_interval_however_often_it
     monkeypatch.setattr("stiff_bench.costs.MOST_SINGLE_PREDICTIONS", 3)
     again = compute_cell(task_of(Drawing, 0.8), "r")
     np.testing.assert_array_equal(first.prediction.interval.lower, again.prediction.interval.lower)
+
+
+def test_what_training_rows_cannot_teach_stands_beside_the_result(tasks_of):
+    task = tasks_of(("knn",), splits=1)[0]
+    samples = task.data.samples
+    one_pose = replace(samples, q=np.tile(samples.q[0], (len(samples), 1)))
+    result = compute_cell(replace(task, data=replace(task.data, samples=one_pose)), "run")
+    assert result.status == "ok"
+    assert any("training samples are of one pose" in said for said in result.warnings)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -274,3 +275,39 @@ def test_a_failure_never_replaces_a_result_and_a_result_clears_the_failure(tmp_p
     assert store.read_cell(CELL.key).status == "ok" and kept != noted
     store.write_cell(result())
     assert kept.exists() and not noted.exists()
+
+
+def test_a_file_is_on_the_disk_before_its_name_is_and_the_name_before_anything_else(
+    tmp_path, monkeypatch
+):
+    """So that a power cut loses nothing that was reported as stored."""
+    steps: list[str] = []
+    monkeypatch.setattr("stiff_protocols.files.flush_to_disk", lambda path: steps.append(path.name))
+    rename = os.replace
+
+    def noted(source, target):
+        steps.append("rename")
+        rename(source, target)
+
+    monkeypatch.setattr("os.replace", noted)
+    monkeypatch.setattr("os.rename", noted)
+    ResultStore(tmp_path).write_cell(result())
+    file, *rest = steps
+    assert file.endswith(".tmp.json") and rest == ["rename", "cells"]
+
+
+def test_a_failure_in_the_place_of_a_result_is_found(tmp_path):
+    path = ResultStore(tmp_path).write_cell(result())
+    path.rename(path.with_suffix(".failed.json"))
+    with pytest.raises(StoreError, match="damaged: its status is 'ok'"):
+        list(read_results(tmp_path))
+
+
+@pytest.mark.parametrize("content", ["[]", "{}", '{"run_id": 1, "cells": 2}'])
+def test_a_whole_file_without_a_manifest_in_it_is_damaged(tmp_path, content):
+    store = ResultStore(tmp_path)
+    path = store.write_manifest(RunManifest("r", "bench", "now", "finished", {}, ()))
+    checksum = hashlib.sha256(content.encode()).hexdigest()
+    path.write_text(f'{{"schema":3,"sha256":"{checksum}","content":{content}}}\n')
+    with pytest.raises(StoreError, match="damaged"):
+        store.read_manifest("r")

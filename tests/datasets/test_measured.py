@@ -5,6 +5,8 @@ from __future__ import annotations
 from importlib.resources import files
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from stiff_datasets.fanuc_r2000ic import FanucR2000iC
@@ -126,3 +128,47 @@ def test_a_prismatic_joints_column_is_in_millimetres(tmp_path):
 def test_a_pose_may_be_called_na_and_blank_lines_are_skipped(tmp_path, kr10):
     samples = read_samples(write(tmp_path, HEADER, "", line(pose_id="NA"), ""), kr10)
     assert samples.pose_id.tolist() == ["NA"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"pose_id": "P" * 101},
+            r"row 2, column pose_id: 'P{60}\.\.\.', expected a name of at most",
+        ),
+        ({"dx_mm": "0." + "1" * 99}, "column dx_mm"),
+        ({"dx_mm": "1e999"}, "row 2, column dx_mm: '1e999', expected a finite number"),
+        ({"dx_mm": "0" * 30_000}, r"a line of \d+ characters"),
+    ],
+)
+def test_endless_names_and_numbers_are_refused_in_a_short_line(tmp_path, kr10, changes, message):
+    with pytest.raises(DataError, match=message) as refused:
+        read_samples(write(tmp_path, HEADER, line(**changes), line(load_id="2")), kr10)
+    assert len(str(refused.value)) < 400
+
+
+def test_infinite_angles_of_one_pose_are_refused_without_a_warning(tmp_path, kr10):
+    rows = [line(q1_deg="1e999"), line(q1_deg="1e999", load_id="2")]
+    with pytest.raises(DataError, match="row 2, column q1_deg: '1e999'"):
+        read_samples(write(tmp_path, HEADER, *rows), kr10)
+
+
+def repeated(value, n):
+    return pa.DictionaryArray.from_arrays(pa.array(np.zeros(n, dtype=np.int8)), [value])
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ({"pose_id": repeated("P1", 3_000_000)}, "3000000 rows in"),
+        ({f"c{i}": pa.array([1.0]) for i in range(101)}, "101 columns"),
+        ({"pose_id": pa.array([[["P1"]]])}, "missing load_id"),
+        ({name: repeated("1" * 100_000, 500) for name in HEADER.split(",")}, "a name of at most"),
+    ],
+)
+def test_a_parquet_file_that_would_fill_the_memory_is_refused(tmp_path, kr10, columns, message):
+    path = tmp_path / "my.parquet"
+    pq.write_table(pa.table(columns), path)
+    with pytest.raises(DataError, match=message):
+        read_samples(path, kr10)

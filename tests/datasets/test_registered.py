@@ -153,6 +153,13 @@ def test_a_file_that_is_gone_is_named(csv):
             '[kr10-measured]\ncsv = "a.csv"\ntcp = [0.0, 0.0, 0.0]\nsha256 = "0"\nurdf = 1\n',
             r"urdf \(empty: the shipped robot\)",
         ),
+        (
+            f'[kr10-measured]\ncsv = "a"\nurdf = ""\ntcp = [0, 0, {"9" * 400}]\nsha256 = "0"\n'
+            'urdf_sha256 = ""\n',
+            r"three lengths in m",
+        ),
+        (f"a = {'[' * 999}{']' * 999}\n", "not TOML: more than 16"),
+        (f"a = {'9' * 5000}\n", "not TOML: .*4300 digits"),
     ],
 )
 def test_a_damaged_file_of_registrations_is_one_clear_error(text, message):

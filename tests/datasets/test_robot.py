@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -114,3 +116,43 @@ def test_a_file_that_is_no_urdf_is_refused(tmp_path):
 def test_a_tcp_in_millimetres_or_with_gaps_is_refused(tmp_path, tcp):
     with pytest.raises(DataError, match="in m"):
         load_robot(urdf(tmp_path, JOINT.format("a", "revolute", "base", "l1")), tcp=tcp)
+
+
+def joints(*pairs, origin="0 0 0"):
+    return "".join(
+        f'<joint name="J{i}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{origin}"/><axis xyz="0 0 1"/>'
+        f'<limit lower="-1" upper="1" effort="1" velocity="1"/></joint><link name="{child}{i}"/>'
+        for i, (parent, child) in enumerate(pairs)
+    )
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        (joints(("base", "A"), ("A", "B"), ("B", "A")), "link 'A' is the child of 2 joints"),
+        (joints(*((f"L{i}", f"L{i + 1}") for i in range(1001))), "more than 1000 joints"),
+        ("<a>" * 60 + "</a>" * 60, "more than 50 elements inside each other"),
+        ("<!--" + "x" * 2**24 + "-->", "larger than 16777216 bytes"),
+        (
+            JOINT.format("J", "revolute", "base", "A").replace("0 0 1", "1e308 0 1e308"),
+            "unit length",
+        ),
+    ],
+)
+def test_what_would_end_the_parsers_stack_or_the_memory_is_refused(tmp_path, body, message):
+    with pytest.raises(DataError, match=rf"robot\.urdf: .*{message}"):
+        load_robot(urdf(tmp_path, body))
+
+
+def test_what_pinocchio_takes_and_no_robot_has_is_refused_by_the_files_name(tmp_path):
+    body = JOINT.format("J", "revolute", "base", "A").replace(
+        "<axis", '<origin xyz="nan 0 0"/><axis'
+    )
+    with pytest.raises(DataError, match=r"robot\.urdf: "):
+        load_robot(urdf(tmp_path, body))
+
+
+def test_a_file_without_end_is_refused():
+    with pytest.raises(DataError, match=r"/dev/zero: larger than"):
+        load_robot(Path("/dev/zero"))

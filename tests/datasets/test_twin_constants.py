@@ -79,6 +79,13 @@ def test_a_missing_joint_is_named_with_the_file(tmp_path):
         constants.chain()
 
 
+@pytest.mark.parametrize("urdf", ["none.urdf", "", "/dev/zero", "\\u0000"])
+def test_a_urdf_that_cannot_be_read_is_named_with_the_file(tmp_path, urdf):
+    constants = read_constants(write(tmp_path, TOP.replace('"ur5"', f'"{urdf}"') + JOINT))
+    with pytest.raises(DataError, match=r"my\.toml: "):
+        constants.chain()
+
+
 def test_a_file_that_is_not_there_is_named(tmp_path):
     with pytest.raises(DataError, match=r"absent\.toml: cannot be read"):
         read_constants(tmp_path / "absent.toml")

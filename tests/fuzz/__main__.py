@@ -6,7 +6,6 @@ import tempfile
 from pathlib import Path
 
 import click
-
 from fuzz.fuzzing import fuzz
 from fuzz.readers import READERS
 

@@ -15,14 +15,58 @@ NUMBERS = (
     *("9" * 25, "-" + "9" * 400, "9" * 5000, "1,5", "1.5.5", "2147483648", "9223372036854775808"),
 )
 WORDS = (
-    *("", " ", "\x00", "\ufeff", "\u2028", "\u202e", "é", "姿勢", "\U0001f916", '"', "'", '"""', "\\"),
-    *("\n", "\r", ",", ";", "\t", "=", "[", "]", "{", "}", "<", ">", "&lt;", "]]>", "../../etc/passwd"),
+    *(
+        "",
+        " ",
+        "\x00",
+        "\ufeff",
+        "\u2028",
+        "\u202e",
+        "é",
+        "姿勢",
+        "\U0001f916",
+        '"',
+        "'",
+        '"""',
+        "\\",
+    ),
+    *(
+        "\n",
+        "\r",
+        ",",
+        ";",
+        "\t",
+        "=",
+        "[",
+        "]",
+        "{",
+        "}",
+        "<",
+        ">",
+        "&lt;",
+        "]]>",
+        "../../etc/passwd",
+    ),
     *("true", "null", "None", "NA", "=1+1", "%s%n", "{0}", "<script>", "/dev/null", "a" * 70_000),
 )
 NONSENSE = (*NUMBERS, *WORDS)
 JSON_NONSENSE: tuple[Any, ...] = (
     *(None, True, False, 0, -1, 1.5, 1e308, 5e-324, 2**31, 2**63, -(2**63), 10**30),
-    *("", "nan", "inf", "\x00", "é", "\u2028", "../../etc", "a" * 5000, [], {}, [[]], [None], {"": 0}),
+    *(
+        "",
+        "nan",
+        "inf",
+        "\x00",
+        "é",
+        "\u2028",
+        "../../etc",
+        "a" * 5000,
+        [],
+        {},
+        [[]],
+        [None],
+        {"": 0},
+    ),
     *([0] * 1000, {"type": "list"}, {"low": 1}, [[[[[[1]]]]]]),
 )
 ENCODINGS = ("utf-16", "utf-32", "utf-8-sig", "utf-16-le", "utf-7", "cp037")
@@ -104,18 +148,18 @@ def text_damaged(data: bytes, rng: Random) -> bytes:
 
 def tree_damaged(tree: Any, rng: Random) -> Any:
     """Return a tree of JSON with one to three nodes replaced, removed, doubled or wrapped."""
-    tree = json.loads(json.dumps(tree))
+    tree = _copied(tree)
     for _ in range(rng.randint(1, 3)):
         places = list(_places(tree))
         if not places:
-            return rng.choice(JSON_NONSENSE)
+            return _copied(rng.choice(JSON_NONSENSE))
         parent, key = rng.choice(places)
         match rng.randrange(6):
             case 0 | 1:
-                parent[key] = rng.choice(JSON_NONSENSE)
+                parent[key] = _copied(rng.choice(JSON_NONSENSE))
             case 2:
                 other, its_key = rng.choice(places)
-                parent[key] = json.loads(json.dumps(other[its_key]))
+                parent[key] = _copied(other[its_key])
             case 3:
                 del parent[key]
             case 4 if isinstance(parent, list):
@@ -125,6 +169,10 @@ def tree_damaged(tree: Any, rng: Random) -> Any:
             case _:
                 parent[key] = [parent[key]] if rng.random() < 0.5 else {"type": parent[key]}
     return tree
+
+
+def _copied(tree: Any) -> Any:
+    return json.loads(json.dumps(tree))
 
 
 def _places(tree: Any) -> Any:

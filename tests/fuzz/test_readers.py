@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-
 from fuzz.fuzzing import fuzz
 from fuzz.readers import READERS
 

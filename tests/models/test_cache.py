@@ -166,7 +166,7 @@ def test_a_full_disk_is_a_warning_and_no_failure(data, monkeypatch, trainings):
 def test_a_folder_where_everybody_may_write_is_not_used(data, empty_cache):
     empty_cache.mkdir()
     empty_cache.chmod(0o777)
-    with pytest.warns(StiffBenchWarning, match="everybody may write"):
+    with pytest.warns(StiffBenchWarning, match="others may write"):
         fit(data)
     assert not [*empty_cache.iterdir()]
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import io
+import zipfile
+
 import numpy as np
 import pytest
 import skops.io
@@ -107,3 +110,11 @@ def test_a_neighbour_tree_that_points_outside_of_itself_is_refused(rng):
     regressor._tree.__setstate__(tuple(state))
     with pytest.raises(DataError, match="neighbour tree"):
         estimator_from_bytes(estimator_to_bytes(regressor))
+
+
+def test_an_archive_that_unpacks_to_more_than_it_takes_is_refused():
+    bomb = io.BytesIO()
+    with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("schema.json", bytes(2**20))
+    with pytest.raises(DataError, match=r"part of \d+ bytes unpacks to 1048576"):
+        estimator_from_bytes(bomb.getvalue())

@@ -121,10 +121,18 @@ def test_a_regressor_that_does_not_converge_says_so_as_our_warning():
         warnings.warn("lbfgs  failed\n\nYou might scale", ConvergenceWarning, stacklevel=1)
 
 
-def test_other_warnings_of_a_regressor_stay_what_they_are():
-    with pytest.warns(UserWarning, match="odd") as caught, told_as_ours():
-        warnings.warn("odd", UserWarning, stacklevel=1)
-    assert caught[0].category is UserWarning
+def test_a_regressors_warnings_about_the_samples_become_ours():
+    with pytest.warns(StiffBenchWarning, match="^y residual is constant$"), told_as_ours():
+        warnings.warn("y residual is constant", UserWarning, stacklevel=1)
+    said = "^the regressor's arithmetic: overflow$"
+    with pytest.warns(StiffBenchWarning, match=said), told_as_ours():
+        warnings.warn("overflow", RuntimeWarning, stacklevel=1)
+
+
+def test_what_a_regressor_says_of_its_code_stays_what_it_is():
+    with pytest.warns(FutureWarning, match="odd") as caught, told_as_ours():
+        warnings.warn("odd", FutureWarning, stacklevel=1)
+    assert caught[0].category is FutureWarning
 
 
 def test_a_missing_package_is_named_with_its_extra():

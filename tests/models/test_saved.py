@@ -251,3 +251,12 @@ def test_a_crafted_scikit_learn_part_is_refused_by_its_types_name(tampered):
     node = {"type": "estimator", "data": "x", "dtype": "|u1", "shape": [len(data)]}
     with pytest.raises(DataError, match=r"holds posix\.system, which is not loaded"):
         load(tampered(fitted(a_=node), extra={"x": data}))
+
+
+@pytest.mark.parametrize(("option", "value"), [("layers", 10**9), ("width", 0), ("width", "all")])
+def test_a_network_that_no_user_could_ask_for_is_not_built(option, value, tampered):
+    def change(head):
+        head["model"]["params"][option] = value
+
+    with pytest.raises(DataError, match=rf"model\.stiff: has the option {option} = "):
+        load(tampered(change, key="mlp"))

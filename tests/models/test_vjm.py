@@ -179,10 +179,13 @@ def test_one_prediction_follows_the_last_fit(kr10, rng):
     np.testing.assert_allclose(model.predict_one(*row), truth, rtol=1e-12)
 
 
-@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
-def test_one_prediction_at_an_infinite_angle_is_no_number_as_predicts(kr10, rng):
+@pytest.mark.parametrize("angle", [math.inf, math.nan])
+def test_one_prediction_at_an_angle_that_is_no_number_is_refused_as_predicts(angle, kr10, rng):
     model = VirtualJointModel().fit(simulated(kr10, rng), robot=kr10)
-    assert np.isnan(model.predict_one([math.inf] * 6, [1.0] * 6)).all()
+    with pytest.raises(ModelError, match=r"q\[0\] is .*, expected finite numbers"):
+        model.predict_one([angle] * 6, [1.0] * 6)
+    with pytest.raises(ModelError, match=r"wrench\[0\] is .*, expected finite numbers"):
+        model.predict_one([0.1] * 6, [angle] * 6)
 
 
 def test_one_prediction_leaves_no_trace_in_what_is_saved_cloned_pickled_or_shown(

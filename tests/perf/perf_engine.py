@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import inspect
 import io
+import os
 import subprocess
 import sys
 import time
@@ -24,7 +25,7 @@ from stiff_bench.config import RunPlan
 from stiff_bench.registry import build_registry
 from stiff_bench.robot_words import RobotWords
 from stiff_bench.run import execute
-from stiff_bench.store import read_results
+from stiff_bench.store import read_results, stored_keys
 from stiff_datasets.measured import write_samples
 from stiff_datasets.robots.robot import shipped_robot
 from stiff_models.kinematics import jacobian
@@ -133,6 +134,58 @@ def test_compare(benchmark, board):
     assert "vjm" in benchmark.pedantic(command, words, rounds=3)
     said = f"bench compare in {len(collect(folder))} contests, wall"
     figure(benchmark, said, seconds(benchmark), "s")
+
+
+@pytest.fixture(scope="module")
+def million(tmp_path_factory) -> tuple[Path, int]:
+    """A packed folder of results and how many records it has."""
+    folder = tmp_path_factory.mktemp("million")
+    n_records = made_board(folder, n_splits=48, packed=True)
+    assert n_records >= 1_000_000
+    return folder, n_records
+
+
+def peak_mib(*words: str | Path) -> float:
+    """Run a command to its end; the most memory that it took, MiB."""
+    process = subprocess.Popen(words, stdout=subprocess.DEVNULL)
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)  # it has been waited for
+    assert process.returncode == 0
+    return usage.ru_maxrss / 1024
+
+
+@pytest.mark.slow
+@pytest.mark.benchmark(group="results of 1,000,000 records, packed")
+@pytest.mark.parametrize(
+    ("words", "at_most"),
+    [(["leaderboard"], 10.0), (["compare", "vjm", "knn"], None)],
+    ids=["leaderboard", "compare"],
+)
+def test_million_records(benchmark, million, words, at_most):
+    folder, n_records = million
+    name = f"bench {words[0]}"
+    ours(benchmark, name, work=n_records, unit="record")
+    whole = (BENCH, *words, "--results", folder)
+    peak = benchmark.pedantic(peak_mib, whole, rounds=1)
+    figure(
+        benchmark, f"{name} of {n_records} records, wall", seconds(benchmark), "s", at_most=at_most
+    )
+    figure(benchmark, f"{name}, peak memory", peak, "MiB", at_most=2048)
+
+
+@pytest.mark.slow
+@pytest.mark.benchmark(group="packing")
+def test_packing(benchmark, tmp_path):
+    """`bench pack` of cells in files of their own, with the fsync of every pack."""
+    made_board(tmp_path)
+    n_cells = len(stored_keys(tmp_path))
+    ours(benchmark, "bench pack", work=n_cells, unit="cell")
+    benchmark.pedantic(command, (BENCH, "pack", tmp_path), rounds=1)
+    assert len(stored_keys(tmp_path)) == n_cells >= 3_600 and not any(
+        (tmp_path / "cells").iterdir()
+    )
+    files = [path.stat().st_size for path in (tmp_path / "packs").iterdir()]
+    figure(benchmark, "a packed cell", sum(files) / n_cells, "bytes")
 
 
 def measurement(n: int, path: Path) -> Path:

@@ -142,7 +142,7 @@ def test_fast_recipe(benchmark):
     Both choose their epoch on the split's validation rows, and it is their error there that is
     compared; the test rows take no part.
     """
-    tasks = cell_tasks(planned(models=("ft-mlp@epochs=0",), splits=SPLITS))
+    tasks = list(cell_tasks(planned(models=("ft-mlp@epochs=0",), splits=SPLITS)))
     with parallel_config("loky", inner_max_num_threads=1), Parallel(PROCESSES) as workers:
         models = workers(
             delayed(task.make().fit)(

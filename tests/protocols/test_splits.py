@@ -7,10 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sklearn.model_selection import GroupShuffleSplit
 
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.protocol import Holdout, KFold, LeaveOneOut, PaperHoldout, RepeatedHoldout
+from stiff_protocols.sample_efficiency import SampleEfficiency
 from stiff_protocols.split_checks import first_fault
+from stiff_protocols.splits import LazySplits, inner_validation
 from stiff_protocols.types import Samples, Split
 
 
@@ -161,3 +164,46 @@ def test_splits_that_keep_the_rules_have_no_fault_and_selecting_on_test_can_be_d
     assert first_fault([split_of(), replace(split_of(), index=1)], 10, selects_on_test=False) == ""
     selecting = split_of(validation=np.arange(8, 10))
     assert first_fault([selecting], 10, selects_on_test=True) == ""
+
+
+def test_the_inner_part_is_that_of_scikit_learns_splitter():
+    samples = samples_with(23, 3)
+    train = np.random.default_rng(0).permutation(69)[:50]
+    for seed, fraction in ((0, 0.2), (5, 0.5), (2**32 - 1, 0.07)):
+        found = inner_validation(samples, train, fraction, seed)
+        theirs = GroupShuffleSplit(n_splits=1, test_size=fraction, random_state=seed)
+        ((fit, validate),) = theirs.split(train, groups=samples.pose_id[train])
+        np.testing.assert_array_equal(found.train, np.sort(train[fit]))
+        np.testing.assert_array_equal(found.validation, np.sort(train[validate]))
+
+
+def test_a_fraction_that_leaves_no_pose_to_fit_to_is_refused():
+    with pytest.raises(ConfigError, match=r"validation_fraction: 0\.99"):
+        inner_validation(samples_with(3, 2), np.arange(6), 0.99, 0)
+
+
+def test_lazy_splits_are_computed_when_they_are_looked_at_and_are_the_same_every_time():
+    made = []
+
+    def make():
+        for index in range(4):
+            made.append(index)
+            yield replace(split_of(), index=index)
+
+    splits = LazySplits(make, 4)
+    assert made == [0]  # whether the data can be divided
+    assert len(splits) == 4 and made == [0]
+    assert splits[1].index == 1 and made == [0, 0, 1]
+    assert splits[-1].index == 3
+    assert [split.index for split in splits[1:3]] == [1, 2]
+    assert [[split.index for split in splits] for _ in range(2)] == [[0, 1, 2, 3]] * 2
+    with pytest.raises(IndexError):
+        splits[4]
+
+
+@pytest.mark.parametrize(
+    "protocol", [Holdout(), KFold(), LeaveOneOut(), PaperHoldout(), SampleEfficiency(sizes="5,9")]
+)
+def test_protocols_say_how_many_splits_they_make(protocol):
+    splits = protocol.splits(samples_with(20, 2), n_splits=None, seed=0)
+    assert isinstance(splits, LazySplits) and len(splits) == len(list(splits))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,6 +20,12 @@ from stiff_protocols.types import FloatArray, JointType, Robot
 
 LONGEST_TCP_M = 5.0
 """No tool is longer; a larger number was written in mm."""
+
+
+LARGEST_URDF = 2**24
+"""Bytes; a twin's file may name any file, and some (/dev/zero) have no end."""
+DEEPEST_XML, MOST_JOINTS = 50, 1000
+"""Of a URDF; more ends the C++ parser's stack, and with it the process."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +75,12 @@ def read_chain(urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0)) -> ChainMo
             f"tcp {list(tcp)} is no tool centre point: three finite lengths in m, "
             f"each within +-{LONGEST_TCP_M:g}"
         )
-    return ChainModel(model, model.name, _tip_placement(model, urdf).act(offset))
+    chain = ChainModel(model, model.name, _tip_placement(model, urdf).act(offset))
+    try:
+        robot_of(chain)  # Pinocchio takes what no robot has: NaN, an axis without direction
+    except DataError as error:
+        raise DataError(f"{urdf}: {error}") from error
+    return chain
 
 
 def load_robot(urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0)) -> Robot:
@@ -119,12 +131,15 @@ def shipped_robot(name: str, *, tcp: Sequence[float]) -> Robot:
 
 def _parse(urdf: Path) -> pin.Model:
     try:
-        text = urdf.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        with urdf.open("rb") as file:
+            content = file.read(LARGEST_URDF + 1)
+        text = content.decode()
+    except (OSError, ValueError) as error:  # ValueError: no UTF-8, or a name that holds NUL
         raise DataError(f"{urdf}: cannot read the URDF: {error}") from error
+    if len(content) > LARGEST_URDF:
+        raise DataError(f"{urdf}: larger than {LARGEST_URDF} bytes, which no robot's URDF is")
     try:
-        if ElementTree.fromstring(text).find(".//mimic") is not None:
-            raise DataError(f"{urdf}: has a mimic joint; only independent joints are supported")
+        _check_description(ElementTree.fromstring(text), urdf)
         with _captured_stderr() as printed:
             return pin.buildModelFromXML(text)
     except ElementTree.ParseError as error:
@@ -132,6 +147,23 @@ def _parse(urdf: Path) -> pin.Model:
     except (ValueError, RuntimeError) as error:
         reason = " ".join([str(error), *printed])
         raise DataError(f"{urdf}: not a robot description (URDF): {reason}") from error
+
+
+def _check_description(root: ElementTree.Element, urdf: Path) -> None:
+    """Refuse what the C++ parser follows until the stack ends, and what no model here has."""
+    if root.find(".//mimic") is not None:
+        raise DataError(f"{urdf}: has a mimic joint; only independent joints are supported")
+    level = [root]
+    for _ in range(DEEPEST_XML):
+        level = [child for element in level for child in element]
+    if level:
+        raise DataError(f"{urdf}: more than {DEEPEST_XML} elements inside each other")
+    if len(root.findall("joint")) > MOST_JOINTS:
+        raise DataError(f"{urdf}: more than {MOST_JOINTS} joints")
+    children = Counter(child.get("link") for child in root.findall("joint/child"))
+    for link, count in children.items():
+        if count > 1:
+            raise DataError(f"{urdf}: link {link!r} is the child of {count} joints (valid: one)")
 
 
 @contextmanager

@@ -1,0 +1,199 @@
+"""Computes a cell in a process of its own, whatever may become of that.
+
+The processes are forked from a server that has imported what they need, so that one costs
+milliseconds; the server itself never runs a model's code.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import signal
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import ForkServerProcess
+
+import psutil
+
+from stiff_bench.cell_process import Limits, Work, compute
+from stiff_bench.crash import Crash, ended, out_of_memory, timed_out
+from stiff_bench.registry import plugin_file
+from stiff_bench.tasks import CellTask
+from stiff_protocols.progress import Progress
+from stiff_protocols.record import CellResult
+
+LOG_LINES = 30
+LONGEST_LINE = 500
+"""Bytes that are kept of a line of the log."""
+_NOISE = ("Extension modules:", "/multiprocessing/", 'File "<string>"')
+"""In lines of faulthandler that say nothing of the model: names of modules, our own beginning."""
+SECONDS_BETWEEN_LOOKS = 0.1
+SECONDS_TO_LEAVE = 5.0
+"""How long a process that sent its result may take to end."""
+
+
+def work_of(task: CellTask, run_id: str, limits: Limits) -> Work:
+    """Return what is sent to the process that will compute a cell."""
+    file = plugin_file(task.model.cls)
+    return Work(
+        task=pickle.dumps(task),
+        plugins=() if file is None else (file,),
+        run_id=run_id,
+        limits=limits,
+        imports=_imports(),
+    )
+
+
+def _imports() -> tuple[str, ...]:
+    """Return which modules a cell will need, as this process shows that has made its model."""
+    ours = sorted(name for name in sys.modules if name.startswith("stiff_models."))
+    return ("stiff_bench.cells", *(("torch",) if "torch" in sys.modules else ()), *ours)
+
+
+def compute_isolated(
+    work: Work,
+    *,
+    heard: Callable[[Progress], None] = lambda _: None,
+    unwanted: Callable[[], bool] = lambda: False,
+) -> CellResult | Crash | None:
+    """Compute a cell in a process of its own and return its result, or how that process ended.
+
+    Args:
+        work: the cell.
+        heard: is told what the cell reports.
+        unwanted: is asked ten times a second whether the result is still wanted.
+
+    Returns:
+        None where the result became unwanted.
+    """
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(list(work.imports))
+    result_end, results = context.Pipe(duplex=False)
+    log_end, log = context.Pipe(duplex=False)
+    process = context.Process(target=compute, args=(work, results, log))
+    with result_end, log_end, _may_have_children():
+        process.start()
+        results.close()
+        log.close()
+        try:
+            return _Watch(process, result_end, log_end, work.limits).outcome(heard, unwanted)
+        finally:
+            _end(process)
+
+
+class _Watch:
+    """Follows one process to its end."""
+
+    def __init__(
+        self, process: ForkServerProcess, results: Connection, log: Connection, limits: Limits
+    ) -> None:
+        self._process, self._results, self._log, self._limits = process, results, log, limits
+        os.set_blocking(log.fileno(), False)
+        self._lines: deque[bytes] = deque([b""], maxlen=LOG_LINES + 1)
+        self._start = time.monotonic()
+
+    def outcome(
+        self, heard: Callable[[Progress], None], unwanted: Callable[[], bool]
+    ) -> CellResult | Crash | None:
+        ends: list[Connection | int] = [self._results, self._log, self._process.sentinel]
+        while not unwanted():
+            ready = wait(ends, SECONDS_BETWEEN_LOOKS)
+            if self._log in ready and not self._read_log():
+                ends.remove(self._log)
+            if self._results in ready:
+                found = self._received()
+                if isinstance(found, Progress):
+                    heard(found)
+                    continue
+                return self._finished(found)
+            if self._process.sentinel in ready:  # and nothing more to receive
+                return self._finished(None)
+            if (crash := self._over_a_limit()) is not None:
+                return crash
+        return None
+
+    def _received(self) -> object:
+        """Return what the process sent; None where it ended in the middle of it."""
+        try:
+            return self._results.recv()
+        except (EOFError, OSError, pickle.UnpicklingError):
+            return None
+
+    def _finished(self, found: object) -> CellResult | Crash:
+        seconds = time.monotonic() - self._start
+        self._process.join(SECONDS_TO_LEAVE)
+        self._read_log()
+        if isinstance(found, CellResult):
+            return replace(found, log=self._last_lines()) if found.status == "failed" else found
+        exit_code = self._process.exitcode
+        return ended(0 if exit_code is None else exit_code, seconds, self._last_lines())
+
+    def _over_a_limit(self) -> Crash | None:
+        limits = self._limits
+        if limits.timeout_s is not None and time.monotonic() - self._start > limits.timeout_s:
+            return timed_out(limits.timeout_s, self._last_lines())
+        if limits.memory_bytes is not None:
+            taken = _resident(self._process.pid)
+            if taken > limits.memory_bytes:
+                return out_of_memory(limits.memory_bytes, taken, self._last_lines())
+        return None
+
+    def _read_log(self) -> bool:
+        """Keep the last lines of what was printed; False where nothing more can come."""
+        try:
+            while part := os.read(self._log.fileno(), 1 << 16):
+                first, *more = part.split(b"\n")
+                self._lines[-1] = (self._lines[-1] + first)[:LONGEST_LINE]
+                self._lines.extend(line[:LONGEST_LINE] for line in more)
+        except BlockingIOError:
+            return True
+        except OSError:
+            return False
+        return False
+
+    def _last_lines(self) -> tuple[str, ...]:
+        lines = [line.decode(errors="replace").rstrip() for line in self._lines]
+        telling = [line for line in lines if line and not any(noise in line for noise in _NOISE)]
+        return tuple(telling[-LOG_LINES:])
+
+
+def _resident(pid: int | None) -> int:
+    """Return the resident memory of a process and of those that it started, bytes."""
+    total = 0
+    with suppress(psutil.Error):
+        process = psutil.Process(pid)
+        for one in (process, *process.children(recursive=True)):
+            with suppress(psutil.Error):
+                total += one.memory_info().rss
+    return total
+
+
+def _end(process: ForkServerProcess) -> None:
+    """End a process, if it runs, with those that it started."""
+    if process.pid is not None:
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+    process.kill()
+    process.join()
+    process.close()
+
+
+@contextmanager
+def _may_have_children() -> Iterator[None]:
+    """Let a worker of Dask, which multiprocessing calls a daemon, start a process.
+
+    A daemon's children would be left behind when it is killed; ours end by themselves.
+    """
+    config = multiprocessing.current_process()._config  # type: ignore[attr-defined]
+    before = config.get("daemon", False)
+    config["daemon"] = False
+    try:
+        yield
+    finally:
+        config["daemon"] = before

@@ -1,0 +1,79 @@
+"""`bench merge`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from stiff_bench.cli_options import FILE, command_line, debug_option
+from stiff_bench.messages import print_text, say
+
+if TYPE_CHECKING:
+    from stiff_bench.merge import Merged
+    from stiff_bench.merge_survey import Disagreement
+
+MOST_LINES = 20
+"""So many damaged files are named."""
+
+
+@click.command()
+@click.argument("folders", metavar="DIR...", type=FILE, nargs=-1, required=True)
+@click.option(
+    "--output",
+    type=FILE,
+    required=True,
+    metavar="DIR",
+    help="Folder that takes all results: a new one, or one that holds some.",
+)
+@click.option(
+    "--allow",
+    multiple=True,
+    type=click.Choice(["data", "split", "code"]),
+    help="Merge though the folders differ in this; may be repeated.",
+)
+@debug_option
+def merge(folders: tuple[Path, ...], output: Path, allow: tuple[str, ...]) -> int:
+    """Join the results of several machines in one folder.
+
+    Folders that differ in data, splits or code are refused, and it is shown what differs. The
+    folders that are joined stay as they are.
+    """
+    from stiff_bench import merge as merging
+
+    try:
+        merged = merging.merge(folders, output, frozenset(allow))  # type: ignore[arg-type]
+    except merging.Disagreeing as error:
+        _print(error.found)
+        raise
+    if merged.disagreements:
+        _print(merged.disagreements)
+    return _summed_up(merged, output)
+
+
+def _print(found: Sequence[Disagreement]) -> None:
+    from stiff_bench.merge_tables import difference_table
+    from stiff_bench.render import render_texts
+
+    print_text(render_texts([difference_table(found)], "github", command_line()))
+
+
+def _summed_up(merged: Merged, output: Path) -> int:
+    """Say what was done, and return the exit status: 1 where damaged files were left out."""
+    for line in merged.damaged[:MOST_LINES]:
+        say(f"left out: {line}")
+    if len(merged.damaged) > MOST_LINES:
+        say(f"left out: {len(merged.damaged) - MOST_LINES} more files")
+    for folder, (n_cells, n_taken) in merged.taken.items():
+        others = "" if n_taken == n_cells else "; the others are there, or newer in another folder"
+        say(f"{folder}: {n_taken} of {n_cells} cells taken{others}")
+    if merged.n_other_numbers:
+        say(
+            f"warning: {merged.n_other_numbers} cells have other numbers in another folder (other "
+            "rounding?); those of the newest run count"
+        )
+    left_out = f", {len(merged.damaged)} damaged files left out" if merged.damaged else ""
+    say(f"{merged.n_cells} cells in {output}, {merged.n_there} of them were there{left_out}")
+    return 1 if merged.damaged else 0

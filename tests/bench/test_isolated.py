@@ -1,0 +1,160 @@
+"""Cells in processes of their own: whatever a model does there costs that cell alone."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+import hostile_models
+from command_line import assert_refused, bench, started
+from stiff_bench.store import read_manifests, read_results
+
+PLUGIN = Path(hostile_models.__file__)
+SECONDS = 8
+EXPECTED = {
+    "Good": ("ok", "", ""),
+    "Raises": ("failed", "RuntimeError", "RuntimeError: no licence (/"),
+    "Hangs": ("failed", "timed out", f"took longer than --timeout {SECONDS} s"),
+    "Spins": ("failed", "timed out", f"took longer than --timeout {SECONDS} s"),
+    "Eats": ("failed", "out of memory", "more than --memory 500 MiB"),
+    "FeedsChildren": ("failed", "out of memory", "more than --memory 500 MiB"),
+    "Segfaults": ("failed", "SIGSEGV", "its process was ended by SIGSEGV after"),
+    "Aborts": ("failed", "SIGABRT", "its process was ended by SIGABRT after"),
+    "Exits": ("failed", "exit status 3", "without a result (exit status 3)"),
+    "ExitsWell": ("failed", "exit status 0", "without a result (exit status 0)"),
+    "Quits": ("failed", "SystemExit", "SystemExit: enough"),
+    "Interrupts": ("failed", "exit status 1", "without a result (exit status 1)"),
+    "KillsItself": ("failed", "SIGKILL", "ended by SIGKILL after"),
+    "TellsLies": ("failed", "ModelError", "predict returned <U7 values, expected (31, 3)"),
+    "LeavesAChild": ("ok", "", ""),
+    "vjm": ("ok", "", ""),
+}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """The command with all of them, its results by model, and which processes are left."""
+    folder = tmp_path_factory.mktemp("run")
+    before = {process.pid for process in psutil.process_iter()}
+    models = [word for key in EXPECTED for word in ("--model", key)]
+    limits = ["--timeout", str(SECONDS), "--memory", "500MiB", "--jobs", "4"]
+    done = bench("run", "--plugin", str(PLUGIN), *models, *limits, "--output", "out", cwd=folder)
+    left = [
+        process
+        for process in psutil.process_iter(["cmdline"])
+        if process.pid not in before and "forkserver" in " ".join(process.info["cmdline"] or ())
+    ]
+    return done, {one.cell.model: one for one in read_results(folder / "out")}, left, folder
+
+
+@pytest.mark.parametrize("key", EXPECTED)
+def test_what_a_model_does_becomes_its_own_row(run, key):
+    _, results, _, _ = run
+    status, cause, reason = EXPECTED[key]
+    assert (results[key].status, results[key].cause) == (status, cause)
+    assert reason in results[key].failure
+
+
+def test_the_summary_counts_every_cause_and_the_exit_status_is_1(run):
+    done, _, left, _ = run
+    assert done.returncode == 1
+    last = done.stderr.strip().splitlines()[-1]
+    assert last.startswith("bench: 3 ok, 9 failed (")
+    assert "2 timed out, 2 out of memory; " in last
+    for cause in ("1 RuntimeError", "1 SIGSEGV", "1 exit status 3", "1 SIGKILL", "1 ModelError"):
+        assert cause in last
+    assert not left  # what a model started goes with it
+
+
+def test_a_failure_keeps_the_end_of_its_log(run):
+    done, results, _, _ = run
+    assert results["Raises"].log == ("about to raise",)
+    assert results["Hangs"].log[0] == "going to sleep"
+    for key, words in (("Hangs", "in fit"), ("Spins", "in fit"), ("Segfaults", "string_at")):
+        assert any(PLUGIN.name in line for line in results[key].log), key
+        assert any(words in line for line in results[key].log), key
+    assert not any("multiprocessing" in line for one in results.values() for line in one.log)
+    assert results["Good"].log == () and "    | about to raise" in done.stderr
+
+
+def test_the_table_shows_good_and_failed_models(run):
+    done, _, _, _ = run
+    assert "| Good " in done.stdout and "Segfaults: FAILED: its process was ended" in done.stdout
+
+
+def test_the_manifest_says_how_it_was_run(run):
+    *_, folder = run
+    (manifest,) = read_manifests(folder / "out")
+    assert {name: manifest.environment[name] for name in ("jobs", "isolated", "threads")} == {
+        "jobs": "4",
+        "isolated": "true",
+        "threads": "1",
+    }
+    assert manifest.status == "finished" and len(manifest.cells) == len(EXPECTED)
+
+
+def test_strangers_models_are_isolated_and_ours_are_not(tmp_path):
+    isolated = {}
+    for name, words in {
+        "ours": ["--model", "vjm"],
+        "a stranger's": ["--plugin", str(PLUGIN), "--model", "Good"],
+        "refused": ["--plugin", str(PLUGIN), "--model", "Good", "--no-isolate"],
+    }.items():
+        assert bench("run", *words, "--output", name, cwd=tmp_path).returncode == 0
+        (manifest,) = read_manifests(tmp_path / name)
+        isolated[name] = manifest.environment["isolated"]
+    assert isolated == {"ours": "false", "a stranger's": "true", "refused": "false"}
+
+
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        (["--no-isolate", "--jobs", "2"], ["--no-isolate: --jobs 2 needs a process"]),
+        (["--no-isolate", "--timeout", "3"], ["--no-isolate: --timeout needs a process"]),
+        (["--jobs", "2", "--dask", "local:2"], ["--jobs 2: the cluster of --dask says how many"]),
+        (["--memory", "much"], ["--memory 'much': no size (valid: 2GiB, 500MB, ...)"]),
+        (["--memory", "0"], ["--memory '0'"]),
+        (["--dask", "tcp:here"], ["--dask 'tcp:here': no cluster (valid: tcp://HOST:PORT, local"]),
+        (["--dask", "slurm:no.toml"], ["--dask slurm:no.toml: cannot be read: No such file"]),
+    ],
+)
+def test_options_that_cannot_be_meant_are_refused(tmp_path, words, parts):
+    done = bench("run", "--model", "vjm", *words, "--output", "out", cwd=tmp_path)
+    assert_refused(done, *parts)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_plugin_that_changes_during_a_run_gives_no_result_under_the_old_key(tmp_path):
+    plugin = tmp_path / "mine.py"
+    good = PLUGIN.read_text()
+    plugin.write_text(
+        good.replace("time.sleep(self.seconds)", f"open({str(plugin)!r}, 'a').write('# changed')")
+    )
+    words = ["run", "--plugin", str(plugin), "--model", "Good", "--splits", "2", "--output", "out"]
+    done = bench(*words, cwd=tmp_path)
+    first, second = sorted(read_results(tmp_path / "out"), key=lambda one: one.cell.split_index)
+    assert done.returncode == 1
+    assert (first.status, second.status, second.cause) == ("ok", "failed", "other code")
+
+
+def test_processes_end_with_the_run_that_is_killed(tmp_path):
+    words = ["run", "--plugin", str(PLUGIN), "--model", "Spins", "--output", "out"]
+    with started(*words, cwd=tmp_path) as command:
+        family = wait_for_family(command.pid)
+        command.kill()
+        command.wait()
+        gone, alive = psutil.wait_procs(family, timeout=20)
+    assert len(gone) >= 2 and not alive
+
+
+def wait_for_family(pid: int) -> list[psutil.Process]:
+    """The server of a command and the process of its cell, once they run."""
+    for _ in range(600):
+        found = psutil.Process(pid).children(recursive=True)
+        if len(found) >= 3 and any(one.cpu_times().user > 0.5 for one in found[-1:]):
+            return found
+        time.sleep(0.1)
+    raise AssertionError("no process was started")

@@ -1,0 +1,250 @@
+"""Inputs that damage by chance does not find: bombs, deep nests, endless names, loops."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from fuzz.sealed import model_opened, model_sealed, record_sealed
+
+LONG = 500_000
+
+
+def tables(valid: bytes) -> tuple[bytes, ...]:
+    """CSV: no bytes, wide, long names, NULs, unclosed quotes."""
+    header, first, *rest = valid.split(b"\n")
+    pose, *cells = first.split(b",")
+    return (
+        b"",
+        b"\n" * LONG,
+        b"," * LONG,
+        b"\x00" * LONG,
+        b'"' * LONG,
+        header + b"\n" + b"," * LONG,
+        b"\n".join([header, b",".join([pose * 20_000, *cells]), *rest * 1000]),
+        header + b'\n"' + b"a" * LONG,
+        header + b"\n" + first.replace(b".", b"." + b"0" * LONG, 1),
+        b",".join(b"c%d" % i for i in range(50_000)) + b"\n" + b"1," * 50_000,
+    )
+
+
+def parquet_tables(valid: bytes) -> tuple[bytes, ...]:
+    """Parquet: a row repeated 50 million times, a long name in many rows, a deep type."""
+    table = pq.read_table(io.BytesIO(valid))
+    names = table.column_names
+    return (
+        b"",
+        b"PAR1" * 100,
+        _parquet({"pose_id": pa.DictionaryArray.from_arrays(_zeros(50_000_000), ["a"])}),
+        _parquet(
+            {name: pa.DictionaryArray.from_arrays(_zeros(2_000_000), ["1"]) for name in names}
+        ),
+        _parquet(
+            {
+                name: pa.DictionaryArray.from_arrays(
+                    _zeros(5000), ["a" * LONG if name == "pose_id" else "1"]
+                )
+                for name in names
+            }
+        ),
+        _parquet({f"c{i}": pa.array([1.0]) for i in range(5000)}),
+        _parquet({"pose_id": _nested(60)}),
+    )
+
+
+def _zeros(n: int) -> pa.Array:
+    return pa.array(np.zeros(n, dtype=np.int8))
+
+
+def _nested(depth: int) -> pa.Array:
+    value: object = 1.0
+    for _ in range(depth):
+        value = [value]
+    return pa.array([value])
+
+
+def _parquet(columns: dict[str, pa.Array]) -> bytes:
+    file = io.BytesIO()
+    pq.write_table(pa.table(columns), file)
+    return file.getvalue()
+
+
+def tomls(valid: bytes) -> tuple[bytes, ...]:
+    """TOML: deep nests, long numbers, long dotted keys."""
+    return (
+        b"",
+        b"a = " + b"[" * 20_000,
+        b"a = " + b"[" * 5000 + b"]" * 5000,
+        b"a = " + b"{a=" * 5000,
+        b"a = " + b"9" * 100_000,
+        b"a" + b".a" * 100_000 + b" = 1",
+        b"[a" + b".a" * 2000 + b"]\nb = 1",
+        b"".join(b"[a%d]\n" % i for i in range(20_000)),
+        valid + b'"' * LONG,
+        valid + b"#" * LONG,
+        valid + b"\n[mlp.width" + b".a" * 900 + b"]\nb = 1",
+    )
+
+
+def twins(valid: bytes) -> tuple[bytes, ...]:
+    """Twins: a robot's file without end, without a name, or one that is a folder."""
+    names = (b"/dev/zero", b"", b"..", b"\\u0000", b"twin.toml", b"x" * 5000)
+    return tuple(_with_urdf(valid, name) for name in names)
+
+
+def _with_urdf(valid: bytes, name: bytes) -> bytes:
+    before, found, rest = valid.partition(b'urdf = "')
+    return before + found + name + rest[rest.index(b'"') :]
+
+
+def urdfs(valid: bytes) -> tuple[bytes, ...]:
+    """URDF: entities, deep nests, loops of joints, chains without end."""
+    body = valid.partition(b"?>")[2] or valid
+    laughs = b"".join(
+        b'<!ENTITY l%d "%s">' % (i, b"&l%d;" % (i - 1) * 10 if i else b"ha" * 10) for i in range(9)
+    )
+    return (
+        b"",
+        b"<!DOCTYPE robot [" + laughs + b']><robot name="&l8;"/>',
+        b'<!DOCTYPE robot [<!ENTITY x SYSTEM "file:///etc/passwd">]><robot name="&x;"/>',
+        b'<!DOCTYPE robot [<!ENTITY x SYSTEM "file:///etc/passwd">]>' + body,
+        b"<robot>" + b"<a>" * 100_000 + b"</a>" * 100_000 + b"</robot>",
+        b'<robot name="deep"><link name="base">'
+        + b"<a>" * 50_000
+        + b"</a>" * 50_000
+        + b"</link></robot>",
+        _robot([(f"L{i}", f"L{i + 1}") for i in range(20_000)]),
+        _robot([("root", "A"), ("A", "B"), ("B", "A")]),
+        _robot([("root", "A"), ("A", "A")]),
+        _robot([("A", "B"), ("B", "A")]),
+        _robot([("root", "A")] * 3),
+        _robot([("root", "A"), ("root", "B"), ("A", "C"), ("B", "C")]),
+        _robot([("root", "A")], limits='lower="-1e308" upper="1e308"'),
+        _robot([("root", "A")], limits='lower="nan" upper="nan"'),
+        _robot([("root", "A")], axis="0 0 0"),
+        _robot([("root", "A")], axis="nan 0 1"),
+        _robot([("root", "A")], axis="1e308 1e308 1e308"),
+        _robot([("root", "A")], origin="1e999 0 0"),
+        _robot([("root", "A" * LONG)]),
+    )
+
+
+def _robot(
+    joints: list[tuple[str, str]],
+    limits: str = 'lower="-1" upper="1"',
+    axis: str = "0 0 1",
+    origin: str = "0 0 0.1",
+) -> bytes:
+    links = sorted({link for pair in joints for link in pair})
+    text = "".join(f'<link name="{link}"/>' for link in links) + "".join(
+        f'<joint name="J{i}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{origin}"/><axis xyz="{axis}"/>'
+        f'<limit {limits} effort="1" velocity="1"/></joint>'
+        for i, (parent, child) in enumerate(joints)
+    )
+    return f'<robot name="r">{text}</robot>'.encode()
+
+
+def records(valid: bytes) -> tuple[bytes, ...]:
+    """Records: deep nests, with and without the right checksum."""
+    content = json.loads(valid)["content"]
+    deep: object = 1
+    for _ in range(900):
+        deep = [deep]
+    sealed = [record_sealed(value) for value in (None, 1, [], {}, [[1, 2]], "ab", deep)]
+    nested = [record_sealed(content | {key: deep}) for key in content]
+    return (
+        b"",
+        b"[" * LONG,
+        b'{"a":' * LONG,
+        b"[" * 1000 + b"]" * 1000,
+        b'{"schema":3,"sha256":1,"content":2}',
+        *sealed,
+        *nested,
+        *(record_sealed({**content, key: None}) for key in content),
+        *(record_sealed({**content, key: {"a": 1}}) for key in content),
+    )
+
+
+def archives(valid: bytes) -> tuple[bytes, ...]:
+    """Zip archives of arrays: a bomb, shapes that are not there, pickles."""
+    with zipfile.ZipFile(io.BytesIO(valid)) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    return (
+        b"",
+        b"PK\x05\x06" + bytes(18),
+        _zipped(members | {"q.npy": npy_header((2**31,), "|u1") + bytes(2**24)}),
+        *(_zipped(members | {"q.npy": npy_header(shape, dtype)}) for shape, dtype in _SHAPES),
+        _zipped(members | {"q.npy": b"\x93NUMPY\x02\x00" + (2**31).to_bytes(4, "little")}),
+        _zipped(members | {"q.npy": b"no array"}),
+    )
+
+
+_SHAPES = (
+    ((2**40, 6), "<f8"),
+    ((-1, 6), "<f8"),
+    ((0, 6), "<f8"),
+    ((2**31,), "<U1000"),
+    ((12, 6), "|O"),
+    ((10,) * 70, "<f8"),
+)
+
+
+def npy_header(shape: tuple[int, ...], dtype: str) -> bytes:
+    """Return the head of an array file."""
+    text = f"{{'descr': '{dtype}', 'fortran_order': False, 'shape': {shape}, }}\n".encode()
+    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text
+
+
+def _zipped(members: dict[str, bytes]) -> bytes:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return file.getvalue()
+
+
+def models(valid: list[bytes]) -> tuple[bytes, ...]:
+    """Model files: heads that promise too much, deep structures, archives that are bombs."""
+    found = [b"", (2**63).to_bytes(8, "little") + b"{}", (2**30).to_bytes(8, "little")]
+    for data in valid:
+        head, arrays = model_opened(data)
+        params = head["model"]["params"]
+        for name, value in params.items():
+            if type(value) is int:
+                changed = {**head["model"], "params": {**params, name: 4096}}
+                found.append(model_sealed({**head, "model": changed}, arrays))
+        for name, stored in arrays.items():
+            if stored[:2].tobytes() == b"PK":
+                found += [
+                    model_sealed(head, arrays | {name: np.frombuffer(bomb, np.uint8)})
+                    for bomb in _archive_bombs(stored.tobytes())
+                ]
+    deep = '{"format": 1, "model": ' + "[" * 100_000 + "]" * 100_000 + "}"
+    return (*found, _with_text(deep))
+
+
+def _archive_bombs(valid: bytes) -> list[bytes]:
+    with zipfile.ZipFile(io.BytesIO(valid)) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    arrays = [name for name in members if name.endswith(".npy")][:2]
+    return [
+        *(_zipped(members | {name: npy_header((2**40,), "<f8")}) for name in arrays),
+        *(_zipped(members | {name: npy_header((2**27,), "|u1") + bytes(2**27)}) for name in arrays),
+        _zipped(members | {"schema.json": b"[" * 2**27}),
+        _zipped(members | {"schema.json": b"[" * LONG}),
+    ]
+
+
+def _with_text(text: str) -> bytes:
+    """Return a model file of any text as its head."""
+    import hashlib
+
+    import safetensors.numpy
+
+    sha256 = hashlib.sha256(text.encode()).hexdigest()
+    return safetensors.numpy.save({}, {"stiffbench_model": text, "sha256": sha256})

@@ -1,0 +1,266 @@
+"""The readers of what a user gives: valid inputs, the hardest cases, how to damage, how to read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+from fuzz import hard_cases
+from fuzz.mutations import Mutator, text_damaged
+from fuzz.sealed import model_damaged, npz_damaged, parquet_damaged, record_damaged
+
+from made_results import MadeResults, made_data
+from quick_models import quick_model, twin_data
+from run_requests import planned
+from stiff_bench.deploy import predict_file
+from stiff_bench.grids import checked_grid, written_grids
+from stiff_bench.perf_history import COLUMNS, read_history
+from stiff_bench.registry import build_registry
+from stiff_bench.robot_words import parse_tcp
+from stiff_bench.store import read_manifests, read_results
+from stiff_bench.stored_data import read_data, write_data
+from stiff_datasets import registered
+from stiff_datasets.load_file import read_loads
+from stiff_datasets.measured import read_samples, write_samples
+from stiff_datasets.robots.robot import load_robot
+from stiff_datasets.twin_constants import read_constants
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A reader with a folder to work in.
+
+    Attributes:
+        path: where an input is written.
+        valid: inputs that are accepted.
+        damage: what is done to them.
+        read: the reader.
+        hard: inputs that are tried first.
+        also_named: what a refusal may name in place of the file.
+    """
+
+    path: Path
+    valid: tuple[bytes, ...]
+    damage: Mutator
+    read: Callable[[Path], object]
+    hard: tuple[bytes, ...] = ()
+    also_named: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A reader by name."""
+
+    name: str
+    prepare: Callable[[Path], Prepared]
+
+
+def _sample_file(folder: Path, name: str) -> bytes:
+    data = twin_data()
+    write_samples(folder / name, data.samples.take(range(6)), data.robot)
+    return (folder / name).read_bytes()
+
+
+def _measured_csv(folder: Path) -> Prepared:
+    robot = twin_data().robot
+    valid = _sample_file(folder, "samples.csv")
+    return Prepared(
+        folder / "samples.csv",
+        (valid,),
+        text_damaged,
+        lambda path: read_samples(path, robot),
+        hard_cases.tables(valid),
+    )
+
+
+def _measured_parquet(folder: Path) -> Prepared:
+    robot = twin_data().robot
+    valid = _sample_file(folder, "samples.parquet")
+    return Prepared(
+        folder / "samples.parquet",
+        (valid,),
+        parquet_damaged,
+        lambda path: read_samples(path, robot),
+        hard_cases.parquet_tables(valid),
+    )
+
+
+def _loads(folder: Path) -> Prepared:
+    robot = twin_data().robot
+    valid = _sample_file(folder, "loads.csv")
+    return Prepared(
+        folder / "loads.csv", (valid,), text_damaged, lambda path: read_loads(path, robot)
+    )
+
+
+def _urdf(folder: Path) -> Prepared:
+    robots = files("stiff_datasets.robots")
+    valid = tuple((robots / f"{name}.urdf").read_bytes() for name in ("kr10_r1100_2", "ur5"))
+    return Prepared(
+        folder / "robot.urdf", valid, text_damaged, load_robot, hard_cases.urdfs(valid[0])
+    )
+
+
+def _twin(folder: Path) -> Prepared:
+    twins = files("stiff_datasets.twins")
+    valid = tuple((twins / f"{name}.toml").read_bytes() for name in ("kr10_r1100_2", "ur5"))
+    return Prepared(
+        folder / "twin.toml",
+        valid,
+        text_damaged,
+        lambda path: read_constants(path).robot(),
+        (*hard_cases.tomls(valid[0]), *hard_cases.twins(valid[0])),
+    )
+
+
+GRID = b"""[mlp]
+learning_rate = {low = 1e-4, high = 1e-2, log = true}
+width = [64, 128]
+activation = ["relu", "tanh"]
+
+["sklearn:ensemble.RandomForestRegressor"]
+n_estimators = [10, 20]
+"""
+
+
+def _grid(folder: Path) -> Prepared:
+    models = planned(models=("mlp", "sklearn:ensemble.RandomForestRegressor")).models
+
+    def read(path: Path) -> object:
+        said = f"nested.grid={path}"
+        grids = written_grids(str(path), said, models)
+        return [
+            checked_grid(said, model, grids[model.info.key])
+            for model in models
+            if model.info.key in grids
+        ]
+
+    return Prepared(folder / "grid.toml", (GRID,), text_damaged, read, hard_cases.tomls(GRID))
+
+
+def _registrations(folder: Path) -> Prepared:
+    entry = '[kr10-measured]\ncsv = "/a.csv"\nurdf = ""\ntcp = [0.0, 0, 0.1]\n'
+    valid = f'{entry}sha256 = "aa"\nurdf_sha256 = ""\n'.encode()
+
+    def read(path: Path) -> object:
+        registered.registry_file = lambda: path
+        return registered.registration(registered.KR10_MEASURED)
+
+    return Prepared(folder / "datasets.toml", (valid,), text_damaged, read, hard_cases.tomls(valid))
+
+
+def _records(folder: Path) -> Prepared:
+    results = MadeResults(folder)
+    (key,) = results.add("model", [[0.1, 0.2, 0.3, 0.4]], coverage=0.9)
+    path = folder / "cells" / f"{key}.json"
+    return Prepared(
+        path,
+        (path.read_bytes(),),
+        record_damaged,
+        lambda _: list(read_results(folder)),
+        hard_cases.records(path.read_bytes()),
+    )
+
+
+def _manifests(folder: Path) -> Prepared:
+    MadeResults(folder).add_run("run-1", ["a", "b"])
+    path = folder / "runs" / "run-1.json"
+    return Prepared(
+        path,
+        (path.read_bytes(),),
+        record_damaged,
+        lambda _: list(read_manifests(folder)),
+        hard_cases.records(path.read_bytes()),
+    )
+
+
+def _stored_data(folder: Path) -> Prepared:
+    data = made_data(0)
+    write_data(folder, data, "abc")
+    path = folder / "abc.npz"
+    return Prepared(
+        path,
+        (path.read_bytes(),),
+        npz_damaged,
+        lambda _: read_data(folder, "abc"),
+        hard_cases.archives(path.read_bytes()),
+    )
+
+
+MODELS = ("vjm", "mlp", "sklearn:neighbors.KNeighborsRegressor", "vjm-boosting")
+
+
+def _models(folder: Path) -> Prepared:
+    valid = []
+    for key in MODELS:
+        quick_model(key).save(folder / "model.stiff")
+        valid.append((folder / "model.stiff").read_bytes())
+    _sample_file(folder, "loads.csv")
+
+    def read(path: Path) -> object:
+        output = folder / "predicted.csv"
+        output.unlink(missing_ok=True)
+        return predict_file(path, folder / "loads.csv", output, None)
+
+    return Prepared(
+        folder / "model.stiff",
+        tuple(valid),
+        model_damaged,
+        read,
+        hard_cases.models(valid),
+        ("loads.csv", "predicted.csv"),
+    )
+
+
+WORDS = (
+    b"mlp@learning_rate=1e-3@width=64\nkr10-twin@specimen=3\nholdout\nmlp.width=128\n0,0,0.1",
+    b"sklearn:ensemble.RandomForestRegressor@n_estimators=10\nkr10-twin\nkfold@folds=5\n"
+    b"kr10-twin.torques=hook\n0.1,0,0",
+    b"vjm\nkr10-twin\ncross-robot@source=ur5-twin@@seed=1\nkr10-twin.seed=0\n",
+)
+
+
+def _words(folder: Path) -> Prepared:
+    registry = build_registry()
+
+    def read(path: Path) -> object:
+        text = path.read_bytes().decode(errors="surrogateescape")
+        model, dataset, protocol, setting, tcp, *_ = [*text.split("\n"), *[""] * 5]
+        parse_tcp(tcp)
+        return planned(
+            registry,
+            models=(model,),
+            datasets=(dataset,),
+            protocols=(protocol,),
+            settings=(setting,) if setting else (),
+        )
+
+    return Prepared(folder / "words.txt", WORDS, text_damaged, read, also_named=("",))
+
+
+def _history(folder: Path) -> Prepared:
+    row = "2026-01-01,abc,false,a cpu,a path,what,1.5,ms\n"
+    valid = (",".join(COLUMNS) + "\n" + row * 5).encode()
+    return Prepared(folder / "history.csv", (valid,), text_damaged, read_history)
+
+
+READERS = {
+    name: Reader(name, prepare)
+    for name, prepare in {
+        "measured CSV": _measured_csv,
+        "measured Parquet": _measured_parquet,
+        "loads CSV": _loads,
+        "URDF": _urdf,
+        "twin TOML": _twin,
+        "grid TOML": _grid,
+        "registrations TOML": _registrations,
+        "cell records": _records,
+        "run manifests": _manifests,
+        "model files": _models,
+        "command words": _words,
+        "perf history": _history,
+        "stored data": _stored_data,
+    }.items()
+}

@@ -1,0 +1,143 @@
+"""What every model does with samples that hurt; the hazards are those of `made_hazards`.
+
+"works", or what it warns of or fails with, as a regular expression from the message's start.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from stiff_models.catalog import MODELS
+
+VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
+    **{info.key: (info.key, {}) for info in MODELS},
+    "vjm, loaded": ("vjm", {"congruence": True}),
+    "vjm-multisegment, search": ("vjm-multisegment", {"breakpoints": "search"}),
+    "vjm-full, ridge": ("vjm-full", {"solver": "ridge"}),
+    "gp, ard": ("gp", {"ard": True, "restarts": 1}),
+    "dt-cnn, adabn": ("dt-cnn", {"alignment": "adabn"}),
+    "dt-cnn, coral": ("dt-cnn", {"alignment": "coral"}),
+    "dt-cnn, udtl": ("dt-cnn", {"preset": "udtl"}),
+    "forest": ("sklearn:ensemble.RandomForestRegressor", {}),
+    "ridge": ("sklearn:linear_model.Ridge", {}),
+    "pls": ("sklearn:cross_decomposition.PLSRegression", {}),
+    "sklearn mlp": ("sklearn:neural_network.MLPRegressor", {"max_iter": 20}),
+    "vjm + neighbours": ("vjm+sklearn:neighbors.KNeighborsRegressor", {}),
+}
+
+LOADED = {"vjm, loaded"}
+SEGMENTS = {"vjm-multisegment", "vjm-multisegment, search"}
+RESIDUAL = {"residual-mlp", "vjm-gp", "vjm-boosting", "vjm + neighbours"}
+CNN = {"dt-cnn", "dt-cnn, adabn", "dt-cnn, coral", "dt-cnn, udtl"}
+PRETRAINED = {"mlp-pretrained", "ft-mlp", "compliance-net", "deep-ensemble"} | CNN
+SOURCE = PRETRAINED | {"mf-gp"}
+SPRINGS = {"vjm"} | RESIDUAL | SOURCE  # one linear spring a joint
+FULL = {"vjm-full", "vjm-full, ridge"}
+IDENTIFY = SPRINGS | LOADED | SEGMENTS | FULL
+
+SLOPES = "warns: slope not identifiable from the training samples"
+FEW_NEIGHBOURS = {
+    frozenset({"knn"}): "fails: neighbours 5: only ",
+    frozenset({"vjm + neighbours"}): "fails: .*n_neighbors = 5, n_samples_fit = ",
+}
+OTHER_LOADS = {frozenset(PRETRAINED): "warns: .*simulated under forces of .* N, the samples"}
+NO_MASSES = {frozenset(SEGMENTS): "warns: robot 'chain' has no masses"}
+NOT_BOTH = {
+    frozenset({"residual-mlp", "mlp"}): "(works|warns: .*none of 3 epochs was better)",
+}
+
+
+def unidentifiable(joints: str, rank: int) -> str:
+    return f"warns: joint stiffness not identifiable from .*: {joints} .regressor rank {rank} of 6"
+
+
+def few(n: int) -> str:
+    return f"warns: {n} training samples give {3 * n} equations for 18 springs"
+
+
+ALL_JOINTS = "A1, A2, A3, A4, A5, A6"
+ONE_ROW = {
+    **FEW_NEIGHBOURS,
+    frozenset({"deep-ensemble"}): "fails: .*needs samples of two poses",
+    frozenset({"dt-cnn, coral"}): "fails: alignment 'coral' .* 2 training samples or more",
+    frozenset({"pls"}): "fails: .*Found array with 1 sample",
+    frozenset(SPRINGS | LOADED): unidentifiable(ALL_JOINTS, 3),
+    frozenset(SEGMENTS): SLOPES,
+    frozenset(FULL): few(1),
+}
+TWO_ROWS = {
+    **FEW_NEIGHBOURS,
+    frozenset({"pls"}): "warns: y residual is constant",
+    frozenset({"mlp"}): "(works|warns: none of 3 epochs was better on the validation rows)",
+    frozenset(SPRINGS): unidentifiable("A1, A4, A6", 5),
+    frozenset(SEGMENTS): SLOPES,
+    frozenset(FULL): few(2),
+}
+
+OUTCOMES: dict[str, dict[frozenset[str], str]] = {
+    "wrist singular": {
+        frozenset(SPRINGS): unidentifiable("A4, A6", 5),
+        frozenset(SEGMENTS): f"{SLOPES}: A4 segment 1, 2; A6 segment 1, 2",
+    },
+    "1 row": ONE_ROW,
+    "1 row, 1 validation": ONE_ROW,
+    "2 rows": TWO_ROWS,
+    "2 rows, 1 validation": TWO_ROWS,
+    "5 rows": {frozenset(SEGMENTS): SLOPES, frozenset(FULL): few(5), **NOT_BOTH},
+    "one pose": {
+        frozenset({"deep-ensemble"}): "fails: .*needs samples of two poses.*all 32 are of one",
+        frozenset({"mf-gp"}): "warns: .*search for the likeliest ones stopped early",
+    },
+    "no load": {frozenset(IDENTIFY): "fails: .*no wrench turns any joint"},
+    "force along z alone": {
+        frozenset(SPRINGS | LOADED): unidentifiable("A1, A4, A6", 3),
+        frozenset(SEGMENTS): SLOPES,
+    },
+    "no deflection": {
+        frozenset(SOURCE): "fails: no source can be simulated .*every deflection is zero",
+        frozenset({"pls"}): "warns: y residual is constant",
+        frozenset(IDENTIFY): "warns: every deflection is zero in all 32 samples",
+    },
+    "wrenches of wrong sign": {
+        frozenset(SOURCE): "fails: no source can be simulated .*is the sign .*wrong",
+        frozenset({"vjm-full, ridge"}): "works",  # its compliances may be negative
+        frozenset(IDENTIFY): "warns: no joint spring explains .*is the sign .*wrong",
+    },
+    "loads x 1e6": OTHER_LOADS,
+    "loads x 1e-6": OTHER_LOADS,
+    "test loads x 1e6": {frozenset(LOADED): "fails: row 0: the load buckles the joint springs"},
+    "deflections x 1e6": {frozenset(LOADED): "fails: row 0: the load buckles the joint springs"},
+    "slides and turns": NO_MASSES,
+    "slides alone": {
+        **NO_MASSES,
+        frozenset({"gp", "gp, ard", "mf-gp"}): "warns: .*search for the likeliest ones stopped",
+    },
+    "2 joints": NO_MASSES | NOT_BOTH,
+    "7 joints": NO_MASSES | NOT_BOTH,
+}
+"""Hazard -> models -> what is said, of which the first group that has the model counts."""
+
+ALWAYS = {"sklearn mlp": "warns: Stochastic Optimizer: Maximum iterations .20. reached"}
+
+ROWS = {
+    "1 row": "training samples: 1; so few",
+    "2 rows": "training samples: 2; so few",
+    "one pose": "all 32 training samples are of one pose",
+    "one load": "all 32 training samples have one load",
+    "no load": "the wrench is zero in all 32 training samples",
+    "no deflection": "the deflection is zero in all 32 training samples",
+    "loads x 1e6": "forces are of 5.2e.07 N .*expected 0.01 to 100000.: is the unit right",
+    "loads x 1e-6": "forces are of 5.2e-05 N .*is the unit right",
+    "deflections x 1e6": "deflections are of 8.9e.02 m .*is the unit right",
+    "deflections x 1e-6": "deflections are of 8.9e-10 m .*is the unit right",
+}
+"""Hazard -> what the engine says of its training rows, whichever the model."""
+
+SLOW = {"dt-cnn, adabn", "dt-cnn, coral", "dt-cnn, udtl", "gp, ard", "vjm-multisegment, search"}
+
+
+def expected(hazard: str, variant: str) -> str:
+    for models, said in OUTCOMES.get(hazard, {}).items():
+        if variant in models:
+            return said
+    return ALWAYS.get(variant, "works")

@@ -1,0 +1,129 @@
+"""A plugin file of models that misbehave, each in its own way, and one that does not."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import time
+
+import numpy as np
+import psutil
+
+from stiff_protocols.plugin import ModelInfo
+
+
+class Good:
+    """Predicts the mean deflection, a little late."""
+
+    def __init__(self, *, seconds: float = 0.0):
+        self.seconds = seconds
+
+    def get_params(self, deep=True):
+        return {"seconds": self.seconds}
+
+    def fit(self, train, *, robot, validation=None, seed=0):
+        time.sleep(self.seconds)
+        self.mean_ = train.deflection.mean(axis=0)
+        return self
+
+    def predict(self, q, wrench):
+        return np.repeat(self.mean_[None], len(q), axis=0)
+
+
+class Raises(Good):
+    def fit(self, train, **_):
+        print("about to raise")
+        raise RuntimeError("no licence")
+
+
+class Hangs(Good):
+    def fit(self, train, **_):
+        print("going to sleep", flush=True)
+        time.sleep(1e6)
+
+
+class Spins(Good):
+    def fit(self, train, **_):
+        while True:
+            pass
+
+
+class Eats(Good):
+    def fit(self, train, **_):
+        kept = []
+        while True:
+            kept.append(np.ones(2**20))
+
+
+class FeedsChildren(Good):
+    """What takes the memory is a process that the model starts."""
+
+    def fit(self, train, **_):
+        if os.fork() == 0:
+            Eats().fit(train)
+        time.sleep(1e6)
+
+
+class Segfaults(Good):
+    def fit(self, train, **_):
+        ctypes.string_at(0)
+
+
+class Aborts(Good):
+    def fit(self, train, **_):
+        os.abort()
+
+
+class Exits(Good):
+    def fit(self, train, **_):
+        os._exit(3)
+
+
+class ExitsWell(Good):
+    def fit(self, train, **_):
+        os._exit(0)
+
+
+class Quits(Good):
+    def fit(self, train, **_):
+        raise SystemExit("enough")
+
+
+class Interrupts(Good):
+    def fit(self, train, **_):
+        raise KeyboardInterrupt
+
+
+class KillsItself(Good):
+    def fit(self, train, **_):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+class TellsLies(Good):
+    def predict(self, q, wrench):
+        return "rubbish"
+
+
+class LeavesAChild(Good):
+    def fit(self, train, **options):
+        if os.fork() == 0:
+            time.sleep(1e6)
+        return super().fit(train, **options)
+
+
+class KillsWorkers(Good):
+    """Kills the process that its server belongs to: the worker of a cluster."""
+
+    def fit(self, train, **_):
+        psutil.Process(os.getppid()).parent().kill()
+        time.sleep(1e6)
+
+
+MODELS = [
+    ModelInfo(key=cls.__name__, target=cls, summary="misbehaves")
+    for cls in (
+        *(Good, Raises, Hangs, Spins, Eats, FeedsChildren, Segfaults, Aborts, Exits, ExitsWell),
+        *(Quits, Interrupts, KillsItself, TellsLies, LeavesAChild, KillsWorkers),
+    )
+]

@@ -1,0 +1,225 @@
+"""Every model on samples that hurt: it works, says what is wrong, or refuses with the cause.
+
+A model that is not named in `hazard_outcomes` works in silence. What no model can learn from some
+rows ("all of one pose") the engine says once, for all of them: see `ROWS`.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hazard_outcomes import ROWS, SLOW, VARIANTS, expected
+from made_hazards import HAZARDS, Case
+
+import stiff_models.network_model
+import stiff_models.source
+from stiff_datasets.kr10_twin import Kr10Twin
+from stiff_models.catalog import model_info
+from stiff_models.identification import nonnegative
+from stiff_protocols.errors import ModelError, StiffBenchError, StiffBenchWarning
+from stiff_protocols.protocol import Holdout
+from stiff_protocols.sanity import check_units, warn_of_rows
+from stiff_protocols.types import FloatArray
+
+TINY = {
+    "width": 8,
+    "epochs": 3,
+    "pretrain_steps": 3,
+    "source_poses": "sobol",
+    "source_samples": 16,
+    "members": 2,
+    "ard": False,
+    "restarts": 0,
+    "trees": 5,
+    "n_estimators": 5,
+    "device": "cpu",
+}
+"""What makes a fit take milliseconds, where a model has the option."""
+
+
+@pytest.fixture(scope="module")
+def healthy() -> Case:
+    data = Kr10Twin().load()
+    (split,) = Holdout().splits(data.samples, n_splits=1, seed=0)
+    train, validation, test = (
+        data.samples.take(rows) for rows in (split.train[::3], split.validation, split.test)
+    )
+    return Case(data.robot, train, validation, test)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_source() -> Iterator[None]:
+    """A source of few poses, trained on anew each time: looking for old ones takes longer."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stiff_models.source, "POSE_BUDGET", 16)
+        patch.setattr(stiff_models.network_model, "training_digest", lambda *_, **__: "")
+        patch.setattr(stiff_models.network_model, "remembered", lambda _, compute: compute())
+        yield
+
+
+def tiny_model(variant: str, **options: Any) -> Any:
+    key, own = VARIANTS[variant]
+    info = model_info(key)
+    if info.missing():
+        pytest.skip(info.missing())
+    model = info.load()()
+    if missing := getattr(model, "missing", str)():
+        pytest.skip(missing)
+    params = model.get_params()
+    tiny = {name: value for name, value in TINY.items() if name in params}
+    return model.set_params(**tiny | own | options)
+
+
+def fitted(variant: str, case: Case) -> Any:
+    """What it warns of is another test's concern."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StiffBenchWarning)
+        return tiny_model(variant).fit(case.train, robot=case.robot)
+
+
+def outcome(model: Any, case: Case) -> str:
+    """Fit and predict; return "works", "warns: ..." or "fails: ..."."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            model.fit(case.train, robot=case.robot, validation=case.validation, seed=1)
+            for samples in (case.train, case.test):
+                predicted = model.predict(samples.q, samples.wrench)
+                assert predicted.shape == (len(samples), 3) and np.isfinite(predicted).all()
+        except StiffBenchError as error:
+            assert "\n" not in str(error)
+            return f"fails: {error}"
+    assert {warning.category for warning in caught} <= {StiffBenchWarning}
+    said = dict.fromkeys(str(warning.message) for warning in caught)
+    return f"warns: {' | '.join(said)}" if said else "works"
+
+
+def combinations() -> Iterator[Any]:
+    for variant in VARIANTS:
+        marks = [pytest.mark.slow] if variant in SLOW else []
+        for hazard in HAZARDS:
+            if "validation" in hazard and not model_info(VARIANTS[variant][0]).uses_validation:
+                continue  # it never sees those rows
+            yield pytest.param(variant, hazard, marks=marks)
+
+
+@pytest.mark.parametrize(("variant", "hazard"), list(combinations()))
+def test_a_model_works_or_says_what_is_wrong_with_the_samples(variant, hazard, healthy):
+    case = HAZARDS[hazard](healthy)
+    assert re.match(expected(hazard, variant), outcome(tiny_model(variant), case))
+
+
+@pytest.mark.parametrize("hazard", HAZARDS)
+def test_what_rows_cannot_teach_any_model_is_said_once(hazard, healthy):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        warn_of_rows(HAZARDS[hazard](healthy).train)
+    said = [str(warning.message) for warning in caught]
+    rows = hazard.partition(",")[0]  # whatever the validation rows
+    wanted = [ROWS[rows]] if rows in ROWS else []
+    assert len(said) == len(wanted) and all(map(re.search, wanted, said))
+    assert all(warning.category is StiffBenchWarning for warning in caught)
+
+
+@pytest.mark.parametrize("hazard", ["1 row", "no deflection", "deflection along z alone"])
+@pytest.mark.parametrize("variant", ["mlp", "residual-mlp", "ridge", "gp", "sklearn mlp"])
+def test_a_learner_leaves_no_decimetres_where_the_deflection_does_not_vary(
+    variant, hazard, healthy
+):
+    case = HAZARDS[hazard](healthy)
+    largest = np.abs(case.train.deflection).max(axis=0)
+    model = fitted(variant, case)
+    predicted = np.abs(model.predict(case.train.q, case.train.wrench)).max(axis=0)
+    assert (predicted <= 1e-8 + 5 * largest.max()).all()
+
+
+@pytest.mark.parametrize("variant", ["vjm", "vjm-full", "vjm-full, ridge"])
+def test_linear_springs_scale_with_the_load_whatever_its_size(variant, healthy):
+    test = healthy.test
+    model = tiny_model(variant).fit(healthy.train, robot=healthy.robot)
+    predicted = model.predict(test.q, test.wrench)
+    np.testing.assert_allclose(model.predict(test.q, 1e6 * test.wrench), 1e6 * predicted, rtol=1e-9)
+    for hazard in ("loads x 1e6", "loads x 1e-6"):
+        case = HAZARDS[hazard](healthy)
+        scaled = tiny_model(variant).fit(case.train, robot=case.robot)
+        np.testing.assert_allclose(
+            scaled.predict(case.test.q, case.test.wrench), predicted, rtol=1e-6, atol=1e-12
+        )
+
+
+@pytest.mark.parametrize("variant", sorted(VARIANTS.keys() - SLOW))
+def test_arrays_of_any_kind_and_no_rows_are_predicted(variant, healthy):
+    test = healthy.test
+    model = fitted(variant, healthy)
+    q, wrench = (np.asarray(a, dtype=np.float32).astype(float) for a in (test.q, test.wrench))
+    plain = model.predict(q, wrench)
+    twice = np.repeat(wrench, 2, axis=1)[:, ::2]  # not contiguous
+    for others in (
+        (q.astype(np.float32), wrench.astype(np.float32)),
+        (np.asfortranarray(q), twice),
+        (q.tolist(), wrench.tolist()),
+    ):
+        # the order of memory may change the order of sums
+        np.testing.assert_allclose(model.predict(*others), plain, rtol=1e-5, atol=1e-12)
+    assert model.predict(np.empty((0, 6)), np.empty((0, 6))).shape == (0, 3)
+
+
+@pytest.mark.parametrize("variant", sorted(VARIANTS.keys() - SLOW))
+def test_a_pose_that_is_no_number_is_refused_by_its_row(variant, healthy):
+    model = fitted(variant, healthy)
+    q = healthy.test.q.copy()
+    q[2, 1] = np.nan
+    with pytest.raises(ModelError, match=r"q\[2\] is .*nan.*, expected finite numbers"):
+        model.predict(q, healthy.test.wrench)
+
+
+DIVERGING = [
+    ("mlp", {"learning_rate": 1e30, "epochs": 1}, "fails: train: the loss is nan after 1 steps"),
+    ("mlp", {"learning_rate": 1e6, "epochs": 1}, "warns: train: the loss rose from"),
+    ("mlp", {"learning_rate": 1e30}, "fails: train: the loss is nan after 3 steps"),
+    ("mlp", {"learning_rate": 1e6}, "warns: train: the loss rose from"),
+    ("mlp", {"learning_rate": 10.0, "epochs": 60}, "warns: train: .*every row the same output"),
+    ("residual-mlp", {"learning_rate": 1e6}, "warns: train: the loss rose from"),
+    ("ft-mlp", {"learning_rate": 1e30}, "fails: fine-tune: the loss is nan"),
+    ("ft-mlp", {"learning_rate": 1e6, "freeze": "full"}, "warns: fine-tune: the loss rose from"),
+    ("compliance-net", {"learning_rate": 1e6}, "warns: fine-tune: .*every row the same output"),
+    ("deep-ensemble", {"learning_rate": 1e30}, "fails: fine-tune: the loss is nan"),
+]
+
+
+@pytest.mark.parametrize(("variant", "options", "said"), DIVERGING)
+def test_a_diverging_training_says_so_with_its_learning_rate(variant, options, said, healthy):
+    case = replace(healthy, validation=None)
+    rate = re.escape(f"a learning rate of {options['learning_rate']:g} is too high here")
+    assert re.search(f"{said}.*{rate}", outcome(tiny_model(variant, **options), case))
+
+
+def test_trees_that_diverge_are_told_in_our_words(healthy):
+    said = outcome(tiny_model("vjm-boosting", learning_rate=1e300), healthy)
+    assert re.match("(warns|fails): .*(the regressor's arithmetic|expected finite numbers)", said)
+
+
+def test_an_untrained_network_that_no_epoch_improves_is_named(healthy):
+    said = outcome(tiny_model("mlp", learning_rate=1e6, epochs=60), healthy)
+    assert re.search("none of 60 epochs was better .* is a learning rate of 1e.06 too high", said)
+
+
+def test_predictions_out_of_hand_are_not_taken_for_millimetres(healthy):
+    measured = healthy.train.deflection
+    with pytest.raises(ModelError, match=r"1e\+09 times larger .*: has the model diverged"):
+        check_units(1e9 * measured, measured)
+
+
+def test_least_squares_that_go_round_in_circles_are_our_error(monkeypatch, rng):
+    def circling(*_: FloatArray) -> None:
+        raise RuntimeError("Maximum number of iterations reached.")
+
+    monkeypatch.setattr("stiff_models.identification.nnls", circling)
+    with pytest.raises(ModelError, match="no compliances >= 0 were found for 3 springs: Maximum"):
+        nonnegative(rng.normal(size=(9, 3)), rng.normal(size=9))

@@ -1,0 +1,185 @@
+"""Nothing runs code of a file but what is listed here, and Python files that lie about never."""
+
+from __future__ import annotations
+
+import ast
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from command_line import BENCH
+from made_results import MadeResults
+
+ROOT = Path(__file__).parents[1]
+SOURCES = sorted(
+    path
+    for top in ("bench", "models", "datasets", "protocols")
+    for path in (ROOT / top).rglob("*.py")
+)
+
+MODULES = frozenset(
+    "pickle cPickle marshal shelve dill cloudpickle joblib yaml ruamel lxml xml subprocess "
+    "importlib runpy imp code codeop ctypes pty dbm pickletools multiprocessing".split()
+)
+"""Modules that can run code, start programs, or read formats that do."""
+HARMLESS = {"importlib.metadata", "importlib.resources"}
+CALLS = frozenset(
+    "eval exec compile __import__ read_pickle loads_pickle system popen execv spawnv".split()
+)
+LOADERS = {
+    "torch.load",
+    "np.load",
+    "numpy.load",
+    "pd.eval",
+    "pd.read_pickle",
+    "pd.read_xml",
+    "pd.read_html",
+}
+
+ALLOWED = {
+    "bench/stiff_bench/registry.py": "importlib: --plugin files, which the user names",
+    "bench/stiff_bench/execution.py": "importlib: asks whether a package is there",
+    "bench/stiff_bench/plugin_commands.py": "importlib: asks whether a name is free",
+    "bench/stiff_bench/perf_run.py": "subprocess, importlib: runs our own benchmarks by pytest",
+    "bench/stiff_bench/perf_report.py": "xml: what our own pytest wrote just now",
+    "bench/stiff_bench/provenance.py": "subprocess: git status of our own checkout",
+    "bench/stiff_bench/stored_data.py": "np.load with allow_pickle=False",
+    "bench/stiff_bench/cell_process.py": "pickle: between our own processes",
+    "bench/stiff_bench/isolated.py": "pickle, multiprocessing: between our own processes",
+    "bench/stiff_bench/executor.py": "pickle, multiprocessing: between our own processes",
+    "bench/stiff_bench/crash.py": "pickle: between our own processes",
+    "models/stiff_models/cache.py": "joblib: the user's own cache, refused where others may write",
+    "models/stiff_models/on_physics.py": "importlib: a table of our own",
+    "models/stiff_models/onnx_export.py": "importlib: asks whether a package is there",
+    "models/stiff_models/optional_packages.py": "importlib: asks whether a package is there",
+    "models/stiff_models/sklearn_model.py": "importlib: modules of sklearn alone",
+    "models/stiff_models/state_codec.py": "importlib: modules of ours alone",
+    "models/stiff_models/straight_line.py": "exec: a text that this file writes of numbers",
+    "datasets/stiff_datasets/robots/robot.py": "xml: ElementTree, which reads no external entities",
+    "protocols/stiff_protocols/plugin.py": "importlib: targets of catalogue lines",
+}
+"""File -> what it uses, and why a stranger's file cannot make it run anything."""
+
+
+def _risks(tree: ast.AST) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names = [node.module or ""]
+        else:
+            names = []
+        yield from (
+            name for name in names if name not in HARMLESS and name.partition(".")[0] in MODULES
+        )
+        if isinstance(node, ast.Call):
+            called = ast.unparse(node.func)
+            plain = isinstance(node.func, ast.Name) or called.startswith(("os.", "pd."))
+            if called in LOADERS or (plain and called.rpartition(".")[2] in CALLS):
+                yield called
+
+
+def test_what_can_run_code_is_used_only_where_the_list_says_why():
+    found = {
+        path.relative_to(ROOT).as_posix(): risks
+        for path in SOURCES
+        if (risks := set(_risks(ast.parse(path.read_text(encoding="utf-8")))))
+    }
+    assert {file: risks for file, risks in found.items() if file not in ALLOWED} == {}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "import pickle",
+        "from yaml import load",
+        "eval('1')",
+        "torch.load(f)",
+        "os.system('x')",
+        "import xml.sax",
+    ],
+)
+def test_the_walk_finds_what_it_looks_for(text):
+    assert list(_risks(ast.parse(text)))
+
+
+def test_arrays_are_never_read_with_pickles_in_them():
+    for path in SOURCES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) in ("np.load", "numpy.load"):
+                assert "allow_pickle=False" in ast.unparse(node), path
+
+
+def lay_about(folder: Path) -> Path:
+    """Put files into a folder that somebody might import, and return where they leave a mark."""
+    mark = folder.parent / "run"
+    text = f"open({str(mark)!r}, 'a').write(__file__ + chr(10))\nMODELS = []\n"
+    names = (
+        "conftest sitecustomize usercustomize my_model test_my_model numpy torch click signal "
+        "multiprocessing pickle stiff_bench stiff_models stiff_plugins matplotlibrc"
+    )
+    for name in names.split():
+        (folder / f"{name}.py").write_text(text)
+    (folder / "stiff_bench").mkdir()
+    (folder / "stiff_bench" / "__init__.py").write_text(text)
+    (folder / "x.pth").write_text(f"import os; open({str(mark)!r}, 'a').write('pth')\n")
+    return mark
+
+
+@pytest.fixture()
+def laid(tmp_path):
+    """A working directory, with results and data in it, full of Python files."""
+    folder = tmp_path / "work"
+    made = MadeResults(folder)
+    made.add_run("run-1", [*made.add("vjm", [0.1, 0.2]), *made.add("mlp", [0.3, 0.1])])
+    mark = lay_about(folder)
+    for part in ("cells", "runs", "data"):
+        for file in folder.glob("*.py"):
+            shutil.copy(file, folder / part)
+    return folder, mark
+
+
+def run_there(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [BENCH, *words], cwd=folder, capture_output=True, text=True, timeout=120, env=os.environ
+    )
+
+
+def test_python_files_that_lie_about_are_never_imported(laid):
+    folder, mark = laid
+    done = run_there(folder, "leaderboard", "--results", ".")
+    assert done.returncode == 0, done.stderr
+    assert not mark.exists(), mark.read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "words",
+    [
+        "list models",
+        "show vjm",
+        "compare vjm mlp --results .",
+        "run --model vjm --splits 1 --output new",
+        "run --model mlp --set mlp.epochs=2 --splits 1 --output new --isolate",
+        "run --model vjm --model knn --splits 1 --output new --jobs 2",
+        "data info kr10-twin",
+        "check vjm",
+    ],
+)
+def test_no_command_imports_python_files_that_lie_about(laid, words):
+    folder, mark = laid
+    done = run_there(folder, *words.split())
+    assert not mark.exists(), mark.read_text()
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+def test_a_plugin_file_runs_where_it_is_named(laid):
+    """The test's own test: the files do leave their mark."""
+    folder, mark = laid
+    run_there(folder, "list", "models", "--plugin", "my_model.py")
+    assert mark.read_text().endswith("my_model.py\n")

@@ -1,0 +1,149 @@
+"""The same cell on the same machine: the same bits, in any process, order and number of threads."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from quick_models import KEYS
+from stiff_bench.cells import compute_cell
+from stiff_datasets.kr10_twin import Kr10Twin
+from stiff_models.catalog import model_info
+
+SEED = 5
+TOLERANCE_M = 1e-12
+"""Of a predicted deflection, where only the number of threads differs: a millionth of a nm. A solve
+by LAPACK may divide its work by them, on a machine other than the one where all were the same."""
+CONVOLUTION_TOLERANCE_M = 2e-5
+"""oneDNN sums a convolution's gradients thread by thread, and a training amplifies that: after
+these few steps, 0.003 mm was seen."""
+CONVOLUTIONS = ("dt-cnn",)
+
+
+WIDE = "ft-mlp at its full width"
+WIDE_OPTIONS = {"pretrain_steps": 60, "epochs": 60}
+"""The recipe's 380 nodes: the sizes at which libraries divide their work by the threads."""
+
+
+def prediction(key: str) -> np.ndarray:
+    """What a model, fitted anew with its quick options, predicts on all of the KR10 twin."""
+    if key == WIDE:
+        return fitted_prediction("ft-mlp", WIDE_OPTIONS)
+    return fitted_prediction(key, model_info(key).quick)
+
+
+def fitted_prediction(key: str, quick: Mapping[str, Any]) -> np.ndarray:
+    info = model_info(key)
+    data = Kr10Twin().load()
+    cls = info.load()
+    options = dict(quick)
+    if "device" in cls(**options).get_params():
+        options["device"] = "cpu"
+    rows = np.arange(0, len(data.samples), 4)
+    model = cls(**options).fit(
+        data.samples.take(rows),
+        robot=data.robot,
+        validation=data.samples.take(rows + 1) if info.uses_validation else None,
+        seed=SEED,
+    )
+    return np.asarray(model.predict(data.samples.q, data.samples.wrench))
+
+
+def usable() -> list[str]:
+    return [WIDE, *(key for key in KEYS if not model_info(key).missing())]
+
+
+def write_predictions(path: str, keys: list[str]) -> None:
+    """Fit these models one after another and store what they predict."""
+    np.savez(path, **{key: prediction(key) for key in keys})
+
+
+@dataclass(frozen=True)
+class Process:
+    """How a process differs from others."""
+
+    hash_seed: str
+    threads: int
+    reverse: bool
+
+
+REFERENCE = Process("0", 1, reverse=False)
+OTHER_ORDER = Process("random", 1, reverse=True)
+MORE_THREADS = Process("0", 2, reverse=False)
+
+
+def predictions_of(process: Process, folder: Path, keys: list[str]) -> dict[str, np.ndarray]:
+    path = folder / "predictions.npz"
+    program = (
+        f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
+        f"from test_determinism import write_predictions\n"
+        f"write_predictions({str(path)!r}, {keys[::-1] if process.reverse else keys!r})\n"
+    )
+    threads = dict.fromkeys(
+        ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), str(process.threads)
+    )
+    about = {"PYTHONHASHSEED": process.hash_seed, "STIFFBENCH_CACHE": "off"}
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=os.environ | threads | about, stderr=subprocess.PIPE
+    )
+    assert done.returncode == 0, done.stderr.decode()
+    with np.load(path, allow_pickle=False) as found:
+        return {key: found[key] for key in keys}
+
+
+@pytest.fixture(scope="module")
+def of_process(tmp_path_factory):
+    """A function that gives every model's predictions in a process of that kind, computed once."""
+    found: dict[Process, dict[str, np.ndarray]] = {}
+
+    def get(process: Process) -> dict[str, np.ndarray]:
+        if process not in found:
+            found[process] = predictions_of(process, tmp_path_factory.mktemp("p"), usable())
+        return found[process]
+
+    return get
+
+
+@pytest.mark.parametrize("key", ["vjm", "vjm-full", "mlp", "gp"])
+def test_the_same_fit_twice_in_one_process_gives_the_same_bits(key, monkeypatch):
+    monkeypatch.setenv("STIFFBENCH_CACHE", "off")
+    first = prediction(key)
+    prediction("mean" if key == "mlp" else "mlp")  # draws random numbers in between
+    np.random.seed(3)  # noqa: NPY002  # what a plugin may have done to the process
+    np.testing.assert_array_equal(prediction(key), first)
+
+
+@pytest.mark.parametrize("models", [("vjm", "knn"), ("knn", "vjm")])
+def test_a_cells_prediction_does_not_depend_on_the_cells_before(models, tasks_of):
+    (alone,) = tasks_of(models=("vjm",), splits=1)
+    expected = compute_cell(alone, "r")
+    both = [compute_cell(task, "r") for task in tasks_of(models=models, splits=1)]
+    (found,) = [result for result in both if result.cell.model == "vjm"]
+    assert found.cell.key == expected.cell.key
+    np.testing.assert_array_equal(found.prediction.predicted, expected.prediction.predicted)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("key", [WIDE, *KEYS])
+def test_every_model_predicts_the_same_bits_in_another_process_and_order(key, of_process):
+    if key not in usable():
+        pytest.skip(model_info(key).missing())
+    np.testing.assert_array_equal(of_process(OTHER_ORDER)[key], of_process(REFERENCE)[key])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("key", [WIDE, *KEYS])
+def test_every_model_predicts_the_same_within_a_tolerance_on_two_threads(key, of_process):
+    if key not in usable():
+        pytest.skip(model_info(key).missing())
+    tolerance = CONVOLUTION_TOLERANCE_M if key in CONVOLUTIONS else TOLERANCE_M
+    one, two = of_process(REFERENCE)[key], of_process(MORE_THREADS)[key]
+    np.testing.assert_allclose(two, one, rtol=0.0, atol=tolerance)

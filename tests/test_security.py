@@ -1,0 +1,324 @@
+"""Loading results, data, robots and models runs nothing of theirs, whoever made them."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import pickle
+import signal
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import skops.io
+from safetensors import safe_open
+from safetensors.numpy import save_file
+from sklearn.linear_model import LinearRegression
+from sklearn.preprocessing import FunctionTransformer
+
+from made_results import ROBOT, MadeResults, made_data
+from quick_models import quick_model
+from stiff_bench.store import read_manifests, read_results
+from stiff_bench.stored_data import LARGEST_BYTES, read_data, write_data
+from stiff_datasets.measured import read_samples
+from stiff_datasets.robots.robot import load_robot
+from stiff_models import load
+from stiff_models.cache_folder import usable_folder
+from stiff_models.estimator_bytes import estimator_from_bytes
+from stiff_protocols.errors import DataError, StoreError
+
+ROOT = Path(__file__).parents[1]
+URDF = ROOT / "datasets" / "stiff_datasets" / "robots" / "kr10_r1100_2.urdf"
+SECRET = "the content of a private file"
+
+
+class Bomb:
+    """Writes a file as soon as a pickle of it is read."""
+
+    def __init__(self, mark: Path) -> None:
+        self.mark = mark
+
+    def __reduce__(self):
+        return Path.write_text, (self.mark, "run")
+
+
+@pytest.fixture()
+def mark(tmp_path):
+    """A file that must not come to be."""
+    path = tmp_path / "somebody's code was run"
+    yield path
+    assert not path.exists()
+
+
+@pytest.fixture()
+def bomb(mark):
+    return pickle.dumps(Bomb(mark))
+
+
+def test_the_bomb_of_these_tests_goes_off(tmp_path):
+    pickle.loads(pickle.dumps(Bomb(tmp_path / "mark")))
+    assert (tmp_path / "mark").read_text() == "run"
+
+
+# Model files
+
+
+def torch_zip(content: bytes) -> bytes:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as parts:
+        parts.writestr("archive/data.pkl", content)
+        parts.writestr("archive/version", "3\n")
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("wrapped", [bytes, torch_zip], ids=["pickle", "torch's zip"])
+def test_a_model_file_that_is_a_pickle_is_refused_unread(wrapped, bomb, tmp_path):
+    path = tmp_path / "model.stiff"
+    path.write_bytes(wrapped(bomb))
+    with pytest.raises(DataError, match="no model file"):
+        load(path)
+
+
+def test_a_pickle_within_a_model_file_stays_bytes(bomb, tmp_path, mark):
+    path = tmp_path / "model.stiff"
+    quick_model("vjm").save(path)
+    with safe_open(path, framework="numpy") as file:
+        text = file.metadata()["stiffbench_model"]
+        arrays = {name: file.get_tensor(name) for name in file.keys()}
+    arrays["x"] = np.frombuffer(bomb, dtype=np.uint8).copy()
+    head = json.loads(text)
+    node = {"data": "x", "dtype": "|u1", "shape": [len(bomb)]}
+    head["model"]["fitted"]["a_"] = {"type": "estimator", **node}
+    text = json.dumps(head)
+    digest = hashlib.sha256(text.encode())
+    for name in sorted(arrays):
+        digest.update(name.encode() + arrays[name].tobytes())
+    save_file(arrays, path, metadata={"stiffbench_model": text, "sha256": digest.hexdigest()})
+    with pytest.raises(DataError, match="a scikit-learn part cannot be read"):
+        load(path)
+
+
+class Stranger(LinearRegression):
+    """An estimator of a module that is none of scikit-learn's."""
+
+
+@pytest.mark.parametrize("thing", [Stranger(), FunctionTransformer(func=os.system)])
+def test_a_skops_file_with_a_type_that_nobody_knows_is_refused(thing):
+    with pytest.raises(DataError, match="which is not loaded"):
+        estimator_from_bytes(skops.io.dumps(thing))
+
+
+# Data
+
+
+def npz(path: Path, **arrays) -> None:
+    data = made_data(0)
+    samples = {name: getattr(data.samples, name) for name in data.samples.__dataclass_fields__}
+    about = {"torque": np.zeros((12, 6)), "joint_names": np.array(list("123456"))}
+    np.savez(path, **(samples | about | {"robot": np.array("r")} | arrays), allow_pickle=True)
+
+
+def test_a_pickle_in_the_samples_of_a_results_folder_is_refused_unread(tmp_path, mark):
+    npz(tmp_path / "00.npz", torque=np.array([Bomb(mark)]))
+    with pytest.raises(StoreError, match=r"damaged: .*allow_pickle=False"):
+        read_data(tmp_path, "00")
+
+
+@pytest.mark.parametrize(
+    "arrays",
+    [
+        {"torque": np.zeros(3)},
+        {"torque": np.full((12, 6), "text")},
+        {"tcp": np.zeros((11, 3))},
+        {"joint_types": np.array(["revolute"])},
+        {"joint_names": np.array("A1")},
+        {"q": np.zeros((3, 3))},
+    ],
+    ids=str,
+)
+def test_samples_whose_arrays_do_not_fit_together_are_damaged(tmp_path, arrays):
+    npz(tmp_path / "00.npz", **arrays)
+    with pytest.raises(StoreError, match=r"00\.npz: damaged"):
+        read_data(tmp_path, "00")
+
+
+def test_few_bytes_that_stand_for_too_many_samples_are_refused_unread(tmp_path):
+    with zipfile.ZipFile(tmp_path / "00.npz", "w", zipfile.ZIP_DEFLATED) as parts:
+        with parts.open("q.npy", "w", force_zip64=True) as part:
+            part.write(bytes(1000))
+    raw = bytearray((tmp_path / "00.npz").read_bytes())
+    head = raw.rindex(b"PK\x01\x02")  # the directory's entry: the size is its 24th byte
+    raw[head + 24 : head + 28] = (2**32 - 2).to_bytes(4, "little")
+    (tmp_path / "00.npz").write_bytes(raw)
+    with pytest.raises(StoreError) as refused:
+        read_data(tmp_path, "00")
+    assert "damaged" in str(refused.value) or str(LARGEST_BYTES) in str(refused.value)
+
+
+@pytest.mark.parametrize("name", ["../00", "/00", "a/b", "", "..", "0\0"])
+def test_a_hash_that_is_a_path_is_no_hash(tmp_path, name):
+    folder = tmp_path / "data"
+    folder.mkdir()
+    write_data(tmp_path, made_data(0), "00")
+    with pytest.raises(StoreError, match="no hash"):
+        read_data(folder, name)
+
+
+def test_a_pipe_in_the_place_of_samples_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "00.npz")
+    with pytest.raises(StoreError, match="no plain file"):
+        read_data(tmp_path, "00")
+
+
+def test_a_parquet_file_whose_types_are_pickles_is_refused_or_read_as_plain_bytes(
+    tmp_path, bomb, mark
+):
+    """CVE-2023-47248: pyarrow before 14.0.1 unpickled such a type."""
+    about = {
+        b"ARROW:extension:name": b"arrow.py_extension_type",
+        b"ARROW:extension:metadata": bomb,
+    }
+    field = pa.field("pose_id", pa.string(), metadata=about)
+    table = pa.Table.from_arrays([pa.array(["P1"])], schema=pa.schema([field]))
+    pq.write_table(table, tmp_path / "data.parquet")
+    with pytest.raises(DataError):
+        read_samples(tmp_path / "data.parquet", ROBOT)
+
+
+def test_a_pickle_that_calls_itself_a_table_is_refused(tmp_path, bomb, mark):
+    for name in ("data.csv", "data.parquet"):
+        (tmp_path / name).write_bytes(bomb)
+        with pytest.raises(DataError):
+            read_samples(tmp_path / name, ROBOT)
+
+
+# Robots
+
+ENTITIES = "".join(
+    f'<!ENTITY a{i + 1} "{f"&a{i};" * 10}">' for i in range(12)
+)  # a thousand milliards of laughs
+DOCTYPES = {
+    "external file": '<!DOCTYPE robot [<!ENTITY x SYSTEM "file://{secret}">]>',
+    "external page": '<!DOCTYPE robot [<!ENTITY x SYSTEM "http://127.0.0.1:9/">]>',
+    "parameter": '<!DOCTYPE robot [<!ENTITY % p SYSTEM "file://{secret}"> %p; <!ENTITY x "1">]>',
+    "laughs": f'<!DOCTYPE robot [<!ENTITY a0 "ha">{ENTITIES}<!ENTITY x "&a12;">]>',
+}
+
+
+def urdf(tmp_path: Path, doctype: str, name: str, extra: str = "") -> Path:
+    """The KR10 under another head and name, and with more in it."""
+    _, _, rest = URDF.read_text().partition("<robot ")
+    _, _, rest = rest.partition(">")
+    path = tmp_path / "robot.urdf"
+    path.write_text(f'<?xml version="1.0"?>{doctype}<robot name="{name}">{extra}{rest}')
+    return path
+
+
+@pytest.fixture()
+def secret(tmp_path):
+    path = tmp_path / "secret"
+    path.write_text(SECRET)
+    return path
+
+
+@pytest.mark.parametrize("kind", DOCTYPES)
+@pytest.mark.parametrize("where", ["name", "text"])
+def test_a_urdf_reads_no_other_file_and_does_not_grow(kind, where, tmp_path, secret):
+    doctype = DOCTYPES[kind].replace("{secret}", str(secret))
+    name, extra = ("&x;", "") if where == "name" else ("r", "<note>&x;</note>")
+    try:
+        robot = load_robot(urdf(tmp_path, doctype, name, extra))
+    except DataError as refused:
+        assert SECRET not in str(refused) and len(str(refused)) < 1000
+    else:
+        assert SECRET not in repr(robot) and len(robot.name) < 100
+
+
+def test_a_urdf_includes_no_file_and_opens_no_mesh(tmp_path, secret):
+    include = (
+        f'<xi:include xmlns:xi="http://www.w3.org/2001/XInclude" href="{secret}" parse="text"/>'
+    )
+    meshes = "".join(
+        f'<visual><geometry><mesh filename="{name}"/></geometry></visual>'
+        for name in ("package://../../secret", f"file://{secret}", "http://127.0.0.1:9/x.dae")
+    )
+    extra = f'{include}<link name="bracket">{meshes}</link>'
+    fixed = (
+        '<joint name="to_bracket" type="fixed"><parent link="base_link"/>'
+        '<child link="bracket"/></joint>'
+    )
+    robot = load_robot(urdf(tmp_path, "", "r", extra + fixed))
+    assert robot.joint_names == ROBOT.joint_names and SECRET not in repr(robot)
+
+
+# Results folders
+
+
+@pytest.fixture()
+def folder(tmp_path):
+    """A small folder of results."""
+    made = MadeResults(tmp_path / "results")
+    made.add_run("run-1", made.add("vjm", [0.1, 0.2]))
+    return made.folder
+
+
+def test_files_of_a_results_folder_that_link_elsewhere_are_no_results(folder, secret):
+    (folder / "cells" / "0123.json").symlink_to(secret)
+    with pytest.raises(StoreError, match=r"0123\.json: damaged") as refused:
+        list(read_results(folder))
+    assert SECRET not in str(refused.value)
+    (folder / "runs" / "0123.json").symlink_to(secret)
+    with pytest.raises(StoreError, match=r"0123\.json: damaged"):
+        list(read_manifests(folder))
+
+
+@contextmanager
+def no_longer_than(seconds: float) -> Iterator[None]:
+    """End what waits for ever."""
+
+    def end(*_: object) -> None:
+        raise TimeoutError("waited for ever")
+
+    before = signal.signal(signal.SIGALRM, end)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.parametrize(("part", "read"), [("cells", read_results), ("runs", read_manifests)])
+def test_a_pipe_in_a_results_folder_is_not_waited_for(folder, part, read):
+    os.mkfifo(folder / part / "0123.json")
+    with no_longer_than(10.0), pytest.raises(StoreError, match=r"0123\.json: .*no plain file"):
+        list(read(folder))
+
+
+# The cache, which holds pickles
+
+
+@pytest.mark.parametrize("mode", [0o777, 0o775, 0o722])
+def test_a_cache_that_others_may_write_is_refused(tmp_path, monkeypatch, mode):
+    monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path / "cache"))
+    (tmp_path / "cache").mkdir()
+    (tmp_path / "cache").chmod(mode)
+    with pytest.raises(StoreError, match="may write there"):
+        usable_folder()
+
+
+def test_a_new_cache_is_the_users_alone(tmp_path, monkeypatch):
+    monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path / "cache"))
+    before = os.umask(0)
+    try:
+        usable_folder()
+    finally:
+        os.umask(before)
+    assert (tmp_path / "cache").stat().st_mode & 0o777 == 0o700

@@ -1,0 +1,134 @@
+"""Files are written under --output, in the cache and in stiffbench's own home, and nowhere else."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+from pathlib import Path
+
+import pytest
+
+from command_line import bench
+from made_results import MadeResults
+
+ROOT = Path(__file__).parents[1]
+DATA = ROOT / "datasets" / "stiff_datasets" / "data"
+SKIPPED = {"PYTHONDONTWRITEBYTECODE", "MPLCONFIGDIR", "STIFFBENCH_HOME"}
+
+
+class Place:
+    """A user's whole world: home, working directory, temporary files, cache, output."""
+
+    def __init__(self, top: Path) -> None:
+        self.top = top
+        for name in ("home", "work", "tmp", "cache", "out"):
+            (top / name).mkdir()
+        (top / "cache").chmod(0o700)
+        made = MadeResults(top / "results")
+        made.add_run("run-1", [*made.add("vjm", [0.1, 0.2]), *made.add("mlp", [0.3, 0.1])])
+        kept = {
+            name: value
+            for name, value in os.environ.items()
+            if name not in SKIPPED and not name.startswith("XDG_")
+        }
+        self.environment = kept | {
+            "HOME": str(top / "home"),
+            "TMPDIR": str(top / "tmp"),
+            "STIFFBENCH_CACHE": str(top / "cache"),
+        }
+
+    def bench(self, words: str):
+        return bench(*shlex.split(words), cwd=self.top / "work", env=self.environment)
+
+    def files(self) -> set[str]:
+        """All that is there, but for cache and output."""
+        return {
+            path.relative_to(self.top).as_posix()
+            for path in self.top.rglob("*")
+            if path.relative_to(self.top).parts[0] not in ("cache", "out")
+        }
+
+
+@pytest.fixture()
+def place(tmp_path):
+    return Place(tmp_path)
+
+
+def assert_writes_there_alone(place: Place, commands: list[str]) -> None:
+    before, shared = place.files(), set(os.listdir("/dev/shm"))
+    for words in commands:
+        done = place.bench(words)
+        assert done.returncode == 0, (words, done.stderr)
+        assert place.files() == before, words
+        ours = {name for name in set(os.listdir("/dev/shm")) - shared if "stiff" in name}
+        assert not ours, words
+
+
+@pytest.mark.slow
+def test_a_run_and_a_leaderboard_write_into_the_output_alone(place):
+    assert_writes_there_alone(
+        place,
+        [
+            "run --model vjm --splits 1 --output ../out",
+            "leaderboard --results ../results",
+        ],
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "commands",
+    [
+        ["run --model mlp-pretrained@pretrain_steps=3 --splits 1 --output ../out"],
+        ["run --model vjm --model knn --splits 2 --output ../out --jobs 2"],
+        ["list models", "show vjm", "compare vjm mlp --results ../results"],
+        ["check vjm"],
+        ["data info kr10-twin --output ../out"],
+        ["data plan --poses 5 --candidates 50 --output ../out/plan.csv"],
+        ["data simulate --samples 100 --output ../out/some.parquet"],
+        ["new model mine --output ../out"],
+        ["cache info"],
+        [
+            "fit --model vjm --dataset kr10-twin --output ../out/vjm.stiff",
+            "data simulate --samples 9 --output ../out/some.csv",
+            "predict --model ../out/vjm.stiff --input ../out/some.csv --output ../out/all.csv",
+        ],
+    ],
+    ids=lambda commands: commands[-1].split(" --")[0],
+)
+def test_no_command_writes_elsewhere(place, commands):
+    assert_writes_there_alone(place, commands)
+
+
+@pytest.mark.slow
+def test_an_export_writes_its_one_file(place):
+    pytest.importorskip("onnxscript")
+    options = "--set mlp.width=8 --set mlp.epochs=2"
+    commands = [
+        f"fit --model mlp {options} --dataset kr10-twin --output ../out/mlp.stiff",
+        "export --model ../out/mlp.stiff --output ../out/mlp.onnx",
+    ]
+    assert_writes_there_alone(place, commands)
+
+
+@pytest.mark.slow
+def test_a_matplotlibrc_that_lies_about_changes_no_picture(place):
+    """matplotlib reads the working directory's first; one may ask for LaTeX, and files by it."""
+    first = place.bench("data info kr10-twin --output ../out/a")
+    assert first.returncode == 0, first.stderr
+    text = "text.usetex: True\ntext.latex.preamble: \\input{/etc/passwd}\nlines.linewidth: 9\n"
+    (place.top / "work" / "matplotlibrc").write_text(text + "axes.facecolor: red\n")
+    second = place.bench("data info kr10-twin --output ../out/b")
+    assert second.returncode == 0, second.stderr
+    one, other = ((place.top / "out" / name / "kr10-twin.png").read_bytes() for name in "ab")
+    assert one == other
+
+
+@pytest.mark.slow
+def test_what_is_registered_goes_into_stiffbenchs_home(place, tmp_path):
+    shutil.copy(next(DATA.glob("*.csv")), tmp_path / "out" / "mine.csv")
+    place.environment["STIFFBENCH_HOME"] = str(tmp_path / "out" / "home")
+    before = place.files()
+    place.bench("data register kr10-measured ../out/mine.csv")
+    assert place.files() == before
