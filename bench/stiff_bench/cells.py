@@ -93,7 +93,6 @@ def unfinished(
 def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
     """Fit and predict, and only then look at what was measured at the test rows."""
     train, validation = _training_side(task, chooses_epoch=task.chooses_epoch)
-    warn_of_rows(train)
     q, wrench = task.data.samples.q[task.split.test], task.split.test_wrench(task.data.samples)
     model = task.make()
     memory = MemoryMeter()
@@ -105,6 +104,7 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
     memory_bytes = memory.rise()
     check_prediction(predicted, len(q))
     _check_units(model, train)
+    warn_of_rows(train)
     diagnostics, chosen = _diagnostics(model), _chosen(model)
     intervals = _interval_source(task, model, train, validation)
     interval = None

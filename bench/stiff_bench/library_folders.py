@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-from contextlib import suppress
 
-from stiff_models.cache_folder import usable_folder
-from stiff_protocols.errors import StoreError
+from stiff_models.cache_folder import cache_folder
 
 _FOLDERS = {
     "DASK_CONFIG": "dask",
@@ -21,8 +19,7 @@ dask-jobqueue puts its settings beside Dask's; a user's own are still read from 
 
 def keep_libraries_in_our_cache() -> None:
     """Set the libraries' folders, unless the user did, or has switched the cache off."""
-    with suppress(StoreError):
-        folder = usable_folder()
-        if folder is not None:
-            for variable, name in _FOLDERS.items():
-                os.environ.setdefault(variable, str(folder / name))
+    folder = cache_folder()
+    if folder is not None:
+        for variable, name in _FOLDERS.items():
+            os.environ.setdefault(variable, str(folder / name))

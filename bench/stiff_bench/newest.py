@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 from itertools import takewhile
+from typing import Any
 
 from stiff_bench.grouped import grouped
 from stiff_protocols.record import CellResult, RunManifest

@@ -29,8 +29,8 @@ def execute(plan: RunPlan, fmt: str, execution: Execution = IN_THIS_PROCESS) -> 
         StiffBenchError: the data cannot be loaded or divided, or the output not written.
     """
     start = time.perf_counter()
-    store = ResultStore(plan.output)
     tasks = list(cell_tasks(plan))
+    store = ResultStore(plan.output)
     for choice in plan.protocols:
         if choice.info.warning:
             say(f"warning: {choice.info.warning}")

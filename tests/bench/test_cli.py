@@ -353,7 +353,7 @@ def test_a_run_that_is_stopped_keeps_what_was_finished_and_blames_no_cell(tmp_pa
     assert process.returncode == status
     assert stdout == ""
     assert stderr.strip().splitlines()[-1] == (
-        "bench: interrupted; finished cells are kept, and no file is left half-written"
+        "bench: interrupted; finished cells are kept, and the same command again computes the rest"
     )
     assert "Traceback" not in stderr
     store = ResultStore(tmp_path / "out")
