@@ -202,6 +202,7 @@ print(json.dumps(told))
 """
 
 
+@pytest.mark.slow
 def test_a_hostile_word_on_the_command_line_is_refused_in_one_printable_line(tmp_path):
     asked = [
         words

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import time
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 
 import hostile_models
 from command_line import assert_refused, bench, started
+from stiff_bench.cli import main
 from stiff_bench.store import read_manifests, read_results
 
 PLUGIN = Path(hostile_models.__file__)
@@ -38,18 +40,27 @@ EXPECTED = {
 def run(tmp_path_factory):
     """The command with all of them, its results by model, and which processes are left."""
     folder = tmp_path_factory.mktemp("run")
-    before = {process.pid for process in psutil.process_iter()}
     models = [word for key in EXPECTED for word in ("--model", key)]
     limits = ["--timeout", str(SECONDS), "--memory", "500MiB", "--jobs", "4"]
     done = bench("run", "--plugin", str(PLUGIN), *models, *limits, "--output", "out", cwd=folder)
-    left = [
-        process
-        for process in psutil.process_iter(["cmdline"])
-        if process.pid not in before and "forkserver" in " ".join(process.info["cmdline"] or ())
-    ]
+    left = [one for one in psutil.process_iter(["cwd"]) if one.info["cwd"] == str(folder)]
     return done, {one.cell.model: one for one in read_results(folder / "out")}, left, folder
 
 
+def test_a_crash_costs_its_own_row_alone(tmp_path):
+    models = [word for key in ("Segfaults", "Raises", "knn") for word in ("--model", key)]
+    done = bench("run", "--plugin", str(PLUGIN), *models, "--output", "out", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "bench: 1 ok, 2 failed (1 SIGSEGV, 1 RuntimeError); " in done.stderr
+    assert "| knn " in done.stdout and "Segfaults: FAILED: its process was ended" in done.stdout
+    assert {one.cell.model: one.cause for one in read_results(tmp_path / "out")} == {
+        "Segfaults": "SIGSEGV",
+        "Raises": "RuntimeError",
+        "knn": "",
+    }
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("key", EXPECTED)
 def test_what_a_model_does_becomes_its_own_row(run, key):
     _, results, _, _ = run
@@ -58,6 +69,7 @@ def test_what_a_model_does_becomes_its_own_row(run, key):
     assert reason in results[key].failure
 
 
+@pytest.mark.slow
 def test_the_summary_counts_every_cause_and_the_exit_status_is_1(run):
     done, _, left, _ = run
     assert done.returncode == 1
@@ -69,6 +81,7 @@ def test_the_summary_counts_every_cause_and_the_exit_status_is_1(run):
     assert not left  # what a model started goes with it
 
 
+@pytest.mark.slow
 def test_a_failure_keeps_the_end_of_its_log(run):
     done, results, _, _ = run
     assert results["Raises"].log == ("about to raise",)
@@ -80,11 +93,13 @@ def test_a_failure_keeps_the_end_of_its_log(run):
     assert results["Good"].log == () and "    | about to raise" in done.stderr
 
 
+@pytest.mark.slow
 def test_the_table_shows_good_and_failed_models(run):
     done, _, _, _ = run
     assert "| Good " in done.stdout and "Segfaults: FAILED: its process was ended" in done.stdout
 
 
+@pytest.mark.slow
 def test_the_manifest_says_how_it_was_run(run):
     *_, folder = run
     (manifest,) = read_manifests(folder / "out")
@@ -96,6 +111,7 @@ def test_the_manifest_says_how_it_was_run(run):
     assert manifest.status == "finished" and len(manifest.cells) == len(EXPECTED)
 
 
+@pytest.mark.slow
 def test_strangers_models_are_isolated_and_ours_are_not(tmp_path):
     isolated = {}
     for name, words in {
@@ -121,12 +137,17 @@ def test_strangers_models_are_isolated_and_ours_are_not(tmp_path):
         (["--dask", "slurm:no.toml"], ["--dask slurm:no.toml: cannot be read: No such file"]),
     ],
 )
-def test_options_that_cannot_be_meant_are_refused(tmp_path, words, parts):
-    done = bench("run", "--model", "vjm", *words, "--output", "out", cwd=tmp_path)
-    assert_refused(done, *parts)
+def test_options_that_cannot_be_meant_are_refused(tmp_path, capfd, monkeypatch, words, parts):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("stiff_bench.cli.pin_threads", lambda _: None)
+    with pytest.raises(SystemExit) as left:
+        main(["run", "--model", "vjm", *words, "--output", "out"])
+    out, err = capfd.readouterr()
+    assert_refused(subprocess.CompletedProcess([], left.value.code, out, err), *parts)
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_plugin_that_changes_during_a_run_gives_no_result_under_the_old_key(tmp_path):
     plugin = tmp_path / "mine.py"
     good = PLUGIN.read_text()
@@ -140,6 +161,7 @@ def test_a_plugin_that_changes_during_a_run_gives_no_result_under_the_old_key(tm
     assert (first.status, second.status, second.cause) == ("ok", "failed", "other code")
 
 
+@pytest.mark.slow
 def test_processes_end_with_the_run_that_is_killed(tmp_path):
     words = ["run", "--plugin", str(PLUGIN), "--model", "Spins", "--output", "out"]
     with started(*words, cwd=tmp_path) as command:

@@ -6,7 +6,7 @@ import pytest
 from fuzz.fuzzing import fuzz
 from fuzz.readers import READERS
 
-FEW, MANY = 60, 10_000
+FEW, MANY = 30, 10_000
 
 
 @pytest.mark.parametrize("name", READERS)
