@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -33,6 +34,15 @@ def started(*words: str, cwd: Path, **options: Any) -> Iterator[subprocess.Popen
             yield command
         finally:
             command.kill()
+
+
+def peak_mib(*words: str | Path) -> float:
+    """Run a command to its end; the most memory that it took, MiB."""
+    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)  # it has been waited for
+    assert process.returncode == 0
+    return usage.ru_maxrss / 1024
 
 
 def assert_refused(done: subprocess.CompletedProcess[str], *parts: str) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import inspect
 import io
-import os
 import subprocess
 import sys
 import time
@@ -16,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from command_line import BENCH
+from command_line import BENCH, peak_mib
 from made_board import made_board
 from perf_case import curve, figure, ours, peer
 from run_requests import planned
@@ -143,15 +142,6 @@ def million(tmp_path_factory) -> tuple[Path, int]:
     n_records = made_board(folder, n_splits=48, packed=True)
     assert n_records >= 1_000_000
     return folder, n_records
-
-
-def peak_mib(*words: str | Path) -> float:
-    """Run a command to its end; the most memory that it took, MiB."""
-    process = subprocess.Popen(words, stdout=subprocess.DEVNULL)
-    _, status, usage = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)  # it has been waited for
-    assert process.returncode == 0
-    return usage.ru_maxrss / 1024
 
 
 @pytest.mark.slow
