@@ -65,6 +65,14 @@ class FeedsChildren(Good):
         time.sleep(1e6)
 
 
+class Talks(Good):
+    """Prints without end."""
+
+    def fit(self, train, **_):
+        while True:
+            print("words " * 100)
+
+
 class Segfaults(Good):
     def fit(self, train, **_):
         ctypes.string_at(0)
@@ -123,7 +131,7 @@ class KillsWorkers(Good):
 MODELS = [
     ModelInfo(key=cls.__name__, target=cls, summary="misbehaves")
     for cls in (
-        *(Good, Raises, Hangs, Spins, Eats, FeedsChildren, Segfaults, Aborts, Exits, ExitsWell),
-        *(Quits, Interrupts, KillsItself, TellsLies, LeavesAChild, KillsWorkers),
+        *(Good, Raises, Hangs, Spins, Eats, FeedsChildren, Talks, Segfaults, Aborts, Exits),
+        *(ExitsWell, Quits, Interrupts, KillsItself, TellsLies, LeavesAChild, KillsWorkers),
     )
 ]

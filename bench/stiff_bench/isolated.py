@@ -28,6 +28,9 @@ from stiff_bench.tasks import CellTask
 from stiff_protocols.progress import Progress
 from stiff_protocols.record import CellResult
 
+BYTES_A_READ = 2**16
+READS_AT_THE_END = 16
+"""As much as a pipe holds, even where the system was told to make it larger."""
 LOG_LINES = 30
 LONGEST_LINE = 500
 """Bytes that are kept of a line of the log."""
@@ -96,7 +99,7 @@ class _Watch:
         self._process, self._results, self._log, self._limits = process, results, log, limits
         os.set_blocking(log.fileno(), False)
         self._lines: deque[bytes] = deque([b""], maxlen=LOG_LINES + 1)
-        self._start = time.monotonic()
+        self._start = self._looked = time.monotonic()
 
     def outcome(
         self, heard: Callable[[Progress], None], unwanted: Callable[[], bool]
@@ -105,7 +108,7 @@ class _Watch:
         while not unwanted():
             ready = wait(ends, SECONDS_BETWEEN_LOOKS)
             if self._log in ready and not self._read_log():
-                ends.remove(self._log)
+                ends.remove(self._log)  # all who could print have ended
             if self._results in ready:
                 found = self._received()
                 if isinstance(found, Progress):
@@ -128,15 +131,19 @@ class _Watch:
     def _finished(self, found: object) -> CellResult | Crash:
         seconds = time.monotonic() - self._start
         self._process.join(SECONDS_TO_LEAVE)
-        self._read_log()
+        for _ in range(READS_AT_THE_END):
+            self._read_log()
         if isinstance(found, CellResult):
             return replace(found, log=self._last_lines()) if found.status == "failed" else found
         exit_code = self._process.exitcode
         return ended(0 if exit_code is None else exit_code, seconds, self._last_lines())
 
     def _over_a_limit(self) -> Crash | None:
-        limits = self._limits
-        if limits.timeout_s is not None and time.monotonic() - self._start > limits.timeout_s:
+        limits, now = self._limits, time.monotonic()
+        if now - self._looked < SECONDS_BETWEEN_LOOKS:  # a process that prints wakes us often
+            return None
+        self._looked = now
+        if limits.timeout_s is not None and now - self._start > limits.timeout_s:
             return timed_out(limits.timeout_s, self._last_lines())
         if limits.memory_bytes is not None:
             taken = _resident(self._process.pid)
@@ -145,17 +152,15 @@ class _Watch:
         return None
 
     def _read_log(self) -> bool:
-        """Keep the last lines of what was printed; False where nothing more can come."""
+        """Keep the last lines of some of what was printed; False where nothing more can come."""
         try:
-            while part := os.read(self._log.fileno(), 1 << 16):
-                first, *more = part.split(b"\n")
-                self._lines[-1] = (self._lines[-1] + first)[:LONGEST_LINE]
-                self._lines.extend(line[:LONGEST_LINE] for line in more)
+            part = os.read(self._log.fileno(), BYTES_A_READ)
         except BlockingIOError:
             return True
-        except OSError:
-            return False
-        return False
+        first, *more = part.split(b"\n")
+        self._lines[-1] = (self._lines[-1] + first)[:LONGEST_LINE]
+        self._lines.extend(line[:LONGEST_LINE] for line in more)
+        return bool(part)
 
     def _last_lines(self) -> tuple[str, ...]:
         lines = [line.decode(errors="replace").rstrip() for line in self._lines]

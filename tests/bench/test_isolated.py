@@ -21,6 +21,7 @@ EXPECTED = {
     "Raises": ("failed", "RuntimeError", "RuntimeError: no licence (/"),
     "Hangs": ("failed", "timed out", f"took longer than --timeout {SECONDS} s"),
     "Spins": ("failed", "timed out", f"took longer than --timeout {SECONDS} s"),
+    "Talks": ("failed", "timed out", f"took longer than --timeout {SECONDS} s"),
     "Eats": ("failed", "out of memory", "more than --memory 500 MiB"),
     "FeedsChildren": ("failed", "out of memory", "more than --memory 500 MiB"),
     "Segfaults": ("failed", "SIGSEGV", "its process was ended by SIGSEGV after"),
@@ -75,7 +76,7 @@ def test_the_summary_counts_every_cause_and_the_exit_status_is_1(run):
     assert done.returncode == 1
     last = done.stderr.strip().splitlines()[-1]
     assert last.startswith("bench: 3 ok, 9 failed (")
-    assert "2 timed out, 2 out of memory; " in last
+    assert "3 timed out, 2 out of memory; " in last
     for cause in ("1 RuntimeError", "1 SIGSEGV", "1 exit status 3", "1 SIGKILL", "1 ModelError"):
         assert cause in last
     assert not left  # what a model started goes with it
