@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import os
+import re
 import signal
+import subprocess
 import time
 
 import numpy as np
@@ -120,6 +122,36 @@ class LeavesAChild(Good):
         return super().fit(train, **options)
 
 
+class DetachesAChild(Good):
+    """Starts a process in a session of its own, as daemons do."""
+
+    def fit(self, train, **options):
+        subprocess.Popen(["sleep", "1000"], start_new_session=True)
+        return super().fit(train, **options)
+
+
+class ClosesItsPipes(Good):
+    def fit(self, train, **_):
+        os.closerange(3, 4096)
+        time.sleep(1e6)
+
+
+class KillsTheServer(Good):
+    """Kills the process that the cells' processes are forked from."""
+
+    def fit(self, train, **_):
+        os.kill(os.getppid(), signal.SIGKILL)
+        time.sleep(1e6)
+
+
+class HoldsTheInterpreter(Good):
+    """Starts a process, and computes where no other thread of Python's can run."""
+
+    def fit(self, train, **_):
+        subprocess.Popen(["sleep", "1000"])
+        re.match(r"(a+)+$", "a" * 60 + "b")
+
+
 class KillsWorkers(Good):
     """Kills the process that its server belongs to: the worker of a cluster."""
 
@@ -132,6 +164,7 @@ MODELS = [
     ModelInfo(key=cls.__name__, target=cls, summary="misbehaves")
     for cls in (
         *(Good, Raises, Hangs, Spins, Eats, FeedsChildren, Talks, Segfaults, Aborts, Exits),
+        *(DetachesAChild, ClosesItsPipes, KillsTheServer, HoldsTheInterpreter),
         *(ExitsWell, Quits, Interrupts, KillsItself, TellsLies, LeavesAChild, KillsWorkers),
     )
 ]

@@ -9,12 +9,18 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
-from multiprocessing import parent_process
+from dataclasses import asdict, dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
+
+from stiff_bench.cell_content import cell_content
+from stiff_bench.checked_json import json_text
+from stiff_bench.process_family import end_descendants, end_with_parent
+from stiff_protocols.errors import said_by
+from stiff_protocols.progress import Progress, listening
+from stiff_protocols.record import CellResult
 
 SECONDS_BETWEEN_REPORTS = 0.2
 _LAST_WORDS = 0.9
@@ -57,29 +63,29 @@ class Work:
 
 
 def compute(work: Work, results: Connection, log: Connection) -> None:
-    """Compute a cell and send its result, after what it reports on the way.
+    """Compute a cell and send its result, after what it reports on the way: a line of JSON each.
 
     Everything that it prints, and so does what it starts, goes to `log`.
     """
-    os.setsid()  # so that a limit ends the processes that the model started, too
+    end_with_parent()
     for descriptor in (1, 2):
         os.dup2(log.fileno(), descriptor)
     faulthandler.enable(all_threads=False)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
     with suppress(OSError):  # Linux: where memory runs out, this process goes before the others
         Path("/proc/self/oom_score_adj").write_text("1000")
     if work.limits.timeout_s is not None:
         faulthandler.dump_traceback_later(_LAST_WORDS * work.limits.timeout_s)
-    results.send(_result(work, _throttled(results.send)))
+    sender = _Sender(results.fileno())
+    sender.send({"result": cell_content(_result(work, sender))})
     sys.stdout.flush()
+    end_descendants(os.getpid())
 
 
-def _result(work: Work, listener: Callable[[object], None]) -> object:
-    from stiff_bench.cells import compute_cell, failed
+def _result(work: Work, sender: _Sender) -> CellResult:
+    from stiff_bench.cells import compute_cell, failed, short
     from stiff_bench.registry import import_plugin_file
     from stiff_bench.tasks import CellTask, code_of_model
     from stiff_bench.threads import pin_threads
-    from stiff_protocols.progress import listening
 
     pin_threads(work.limits.threads)
     for path in work.plugins:
@@ -88,34 +94,40 @@ def _result(work: Work, listener: Callable[[object], None]) -> object:
         warnings.simplefilter("ignore")  # a cell's own are collected
         task: CellTask = pickle.loads(work.task)  # from our own process
         if not task.model.missing() and code_of_model(task.model) != task.cell.code_sha256:
-            return failed(task, work.run_id, *OTHER_CODE)
-        with listening(listener):
-            return compute_cell(task, work.run_id)
+            return failed(task, work.run_id, OTHER_CODE, _WHY_OTHER_CODE)
+        try:
+            with listening(sender.report):
+                return compute_cell(task, work.run_id)
+        except BaseException as error:  # a model may raise what would stop a program
+            return failed(task, work.run_id, type(error).__name__, short(said_by(error)))
 
 
-OTHER_CODE = (
-    "other code",
+OTHER_CODE = "other code"
+"""Cause where a key would not be true."""
+_WHY_OTHER_CODE = (
     "the model's code, stiffbench or a library it uses is not what it was when the run began, or "
-    "not the same on the machine that ran this cell",
+    "not the same on the machine that ran this cell"
 )
-"""Cause and reason where a key would not be true."""
 
 
-def _throttled(send: Callable[[object], None]) -> Callable[[object], None]:
-    last = 0.0
+class _Sender:
+    """Writes lines of JSON to the process that waits for the result.
 
-    def report(progress: object) -> None:
-        nonlocal last
-        if time.monotonic() - last >= SECONDS_BETWEEN_REPORTS:
-            last = time.monotonic()
-            send(progress)
+    Args:
+        descriptor: of the pipe.
+    """
 
-    return report
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor, self._lock, self._last = descriptor, threading.Lock(), 0.0
 
+    def send(self, content: dict[str, Any]) -> None:
+        line = memoryview(json_text(content).encode() + b"\n")
+        with self._lock:  # a model may report from several threads
+            while line:
+                line = line[os.write(self._descriptor, line) :]
 
-def _end_with_parent() -> None:
-    """Wait until the process that asked for the cell is gone; nobody wants the result then."""
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
+    def report(self, progress: Progress) -> None:
+        """Send what a cell reports, not too often."""
+        if time.monotonic() - self._last >= SECONDS_BETWEEN_REPORTS:
+            self._last = time.monotonic()
+            self.send({"progress": asdict(progress)})

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import random
+import sys
 import time
 import traceback
 import warnings
@@ -28,6 +30,7 @@ from stiff_protocols.errors import (
     StiffBenchError,
     StiffBenchWarning,
     TooFewToCalibrate,
+    said_by,
 )
 from stiff_protocols.metrics import METRICS
 from stiff_protocols.record import (
@@ -47,12 +50,17 @@ ROWS_FOR_UNITS = 256
 """How many training rows are predicted to see that a model predicts m: enough, and soon done."""
 
 
+LONGEST_MESSAGE, MOST_WARNINGS = 2000, 100
+"""Of a failure or warning, characters; and how many warnings of a cell are kept."""
+
+
 def compute_cell(task: CellTask, run_id: str) -> CellResult:
     """Fit, predict and score one cell; what goes wrong in the model becomes a failed result.
 
     Every metric is stored, whichever a table shows; those of intervals where there are intervals.
     A model that cannot be used on this machine gives a skipped result.
     """
+    _seed_global_numbers(task.cell.model_seed)
     with printing_to_stderr(), warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         warnings.simplefilter("ignore", DeprecationWarning)
@@ -63,17 +71,29 @@ def compute_cell(task: CellTask, run_id: str) -> CellResult:
             else:
                 result = _fit_predict_score(task, run_id)
         except StiffBenchError as error:
-            result = failed(task, run_id, type(error).__name__, str(error))
+            result = failed(task, run_id, type(error).__name__, short(str(error)))
         except (
             Exception,
             SystemExit,
         ) as error:  # whatever a plugin raises is that cell's failure alone
             where = traceback.extract_tb(error.__traceback__)[-1]
-            cause = type(error).__name__
-            reason = f"{cause}: {error} ({where.filename}:{where.lineno})"
-            result = failed(task, run_id, cause, reason)
-    messages = dict.fromkeys(str(warning.message) for warning in caught)
-    return replace(result, warnings=tuple(messages))
+            reason = f"{short(said_by(error))} ({where.filename}:{where.lineno})"
+            result = failed(task, run_id, type(error).__name__, reason)
+    messages = dict.fromkeys(short(str(warning.message)) for warning in caught)
+    return replace(result, warnings=tuple(messages)[:MOST_WARNINGS])
+
+
+def _seed_global_numbers(seed: int) -> None:
+    """Give a model that draws from global random numbers the same ones wherever the cell runs."""
+    random.seed(seed)
+    np.random.seed(seed)  # noqa: NPY002
+    if (torch := sys.modules.get("torch")) is not None:
+        torch.manual_seed(seed)
+
+
+def short(text: str) -> str:
+    """Return a message that a model may have made megabytes long, cut to what people read."""
+    return text if len(text) <= LONGEST_MESSAGE else f"{text[:LONGEST_MESSAGE]} [...]"
 
 
 def failed(

@@ -23,6 +23,19 @@ _CONTENT, _END = b'"content":', b"}\n"
 """What stands before and behind the content of a file."""
 
 
+class DamagedFile(StoreError):
+    """A file does not hold what was once written there.
+
+    Attributes:
+        path: of it.
+    """
+
+    def __init__(self, path: Path, why: str) -> None:
+        """Store the path and say why."""
+        super().__init__(f"{path}: damaged: {why}")
+        self.path = path
+
+
 def write_checked(path: Path, content: Mapping[str, Any]) -> None:
     """Write a file, whole or not at all.
 
@@ -54,7 +67,8 @@ def read_checked(path: Path) -> dict[str, Any]:
     """Read a file's content.
 
     Raises:
-        StoreError: it cannot be read, is damaged or of another format.
+        DamagedFile: it is damaged.
+        StoreError: it cannot be read, or is of another format.
     """
     try:
         raw = read_plain(path)
@@ -63,12 +77,12 @@ def read_checked(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise StoreError(f"{path}: cannot be read: {error.strerror or error}") from error
     except (ValueError, KeyError, TypeError) as error:
-        raise StoreError(f"{path}: damaged: {error}") from error
+        raise DamagedFile(path, str(error)) from error
     refuse_other_format(path, schema)
     if _checksum(raw.partition(_CONTENT)[2].removesuffix(_END)) != checksum:
-        raise StoreError(f"{path}: damaged: its checksum does not match its content")
+        raise DamagedFile(path, "its checksum does not match its content")
     if not isinstance(content, dict):
-        raise StoreError(f"{path}: damaged: its content is no table of names and values")
+        raise DamagedFile(path, "its content is no table of names and values")
     return content
 
 

@@ -13,6 +13,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from stiff_bench.checked_json import DamagedFile
 from stiff_bench.contest_name import SHORT, ContestName, labels
 from stiff_bench.grouped import grouped
 from stiff_bench.newest import (
@@ -27,6 +28,14 @@ from stiff_bench.option_word import OPTION_MARK, split_word
 from stiff_bench.store import read_manifests, read_results
 from stiff_protocols.errors import ConfigError, StoreError, unknown_name
 from stiff_protocols.record import Cell, CellResult, Presentation
+
+_OF_CELLS = "the `bench run` that made it computes it again, and sets the file aside"
+_REMEDIES = {
+    "cells": _OF_CELLS,
+    "packs": _OF_CELLS,
+    "runs": "the same `bench run` again writes another one; move this file out of the folder",
+}
+"""What to do about a damaged file, by its folder."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,10 +119,14 @@ def collect(folder: Path) -> list[Contest]:
     Where results contradict each other, those of the newest run count: see `newest.py`.
 
     Raises:
-        StoreError: the folder holds no results, or one is damaged.
+        StoreError: the folder holds no results, or a file of it is damaged: what it held would be
+            missing unnoticed.
     """
-    runs = Runs.of(read_manifests(folder))
-    by_name = grouped(read_results(folder), _name_of)
+    try:
+        runs = Runs.of(read_manifests(folder))
+        by_name = grouped(read_results(folder), _name_of)
+    except DamagedFile as error:
+        raise StoreError(f"{error}; {_REMEDIES[error.path.parent.name]}") from error
     if not by_name:
         raise StoreError(f"--results {folder}: holds no results; `bench run --output` makes them")
     return [_contest(name, results, runs) for name, results in by_name.items()]

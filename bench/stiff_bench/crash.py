@@ -16,25 +16,38 @@ class Crash:
         cause: in a word or two that count it: "SIGKILL", "exit status 3", "timed out".
         reason: the whole sentence.
         log: the last lines that it printed.
+        server_gone: perhaps another cell's process has killed the server of all.
     """
 
     cause: str
     reason: str
     log: tuple[str, ...] = ()
+    server_gone: bool = False
+
+
+SERVER_GONE = 255
+"""Exit code that multiprocessing gives where the server that forks the processes has ended."""
 
 
 def ended(exit_code: int, seconds: float, log: tuple[str, ...]) -> Crash:
     """Return what became of a process with this exit code (negative: a signal's number)."""
     if exit_code >= 0:
         cause = f"exit status {exit_code}"
+        if exit_code == SERVER_GONE:
+            cause += ", or its server was killed"
         said = f"its process ended after {seconds:.1f} s without a result ({cause})"
-        return Crash(cause, said, log)
+        return Crash(cause, said, log, server_gone=exit_code == SERVER_GONE)
     try:
         name = signal.Signals(-exit_code).name
     except ValueError:
         name = f"signal {-exit_code}"
     hint = ", as the system does where memory runs out" if name == "SIGKILL" else ""
     return Crash(name, f"its process was ended by {name} after {seconds:.1f} s{hint}", log)
+
+
+def no_result(why: str, log: tuple[str, ...]) -> Crash:
+    """Return the end of a process that sent what is no result."""
+    return Crash("no result", f"its process sent no result: {why}", log)
 
 
 def timed_out(limit_s: float, log: tuple[str, ...]) -> Crash:

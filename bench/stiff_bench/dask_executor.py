@@ -1,40 +1,38 @@
-"""Computes cells on a Dask cluster: each in a process of its own, beside a worker of one thread.
+"""Computes cells on a Dask cluster: each in a process of its own, beside a worker.
 
 `Client.submit` and `as_completed`, not joblib's backend: there a cell that kills its worker hangs
-the whole run, here it costs that cell alone. What the cluster loses (a worker with its result, the
+the whole run, here it costs that cell alone. A worker has one cell at a time, given to it by name,
+so that nobody else's is lost with it; what the cluster loses (a worker with its result, the
 scheduler with all that it knew) is submitted again.
 """
 
 from __future__ import annotations
 
 import time
-from collections import deque
-from collections.abc import Generator, Iterable, Iterator, Mapping
-from contextlib import ExitStack, suppress
+from collections import Counter, deque
+from collections.abc import Generator, Iterable, Mapping
+from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 
-from distributed import Client, Future, KilledWorker, as_completed
+from distributed import Client
 
-from stiff_bench.cell_process import Limits, Work
+from stiff_bench.cell_process import Limits
 from stiff_bench.cluster_words import cluster_of
 from stiff_bench.crash import Crash
+from stiff_bench.dask_connection import SECONDS_BETWEEN_COUNTS, Connection, Lost
 from stiff_bench.executor import result_of
-from stiff_bench.isolated import compute_isolated, work_of
+from stiff_bench.isolated import work_of
 from stiff_bench.messages import say
 from stiff_bench.progress import Display
-from stiff_bench.provenance import environment
 from stiff_bench.tasks import CellTask
-from stiff_bench.threads import pin_threads
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.record import CellResult
 
 PATIENCE_S = 300.0
 """How long a run waits for a scheduler that has gone, before it gives up."""
-SECONDS_TO_CONNECT = 10.0
-SECONDS_BETWEEN_LOOKS = 0.01
-SECONDS_BETWEEN_COUNTS = 2.0
-SECONDS_UNTIL_SAID = 30.0
-"""How long there is no worker before that is said."""
+MOST_DEATHS = 3
+"""How many workers may end while they compute a cell, before it is the cell's fault."""
 
 
 class DaskExecutor:
@@ -56,9 +54,17 @@ class DaskExecutor:
             ConfigError: they name no cluster.
         """
         self._words, self._limits, self._patience_s = words, limits, patience_s
-        self._machines: dict[str, Mapping[str, str]] = {}
         self._cluster = cluster_of(words, limits, output)
+        self._machines: dict[str, Mapping[str, str]] = {}
         self.at_once = self._cluster.workers
+
+    def job_script(self) -> str:
+        """Return the script of a job that would be submitted; "" where there are no jobs."""
+        return self._cluster.job_script()
+
+    def machines(self) -> Mapping[str, Mapping[str, str]]:
+        """Return the environments of the workers that were given cells, by their addresses."""
+        return self._machines
 
     def results(
         self, tasks: Iterable[CellTask], run_id: str, display: Display
@@ -68,51 +74,37 @@ class DaskExecutor:
         Raises:
             ConfigError: there is no scheduler, or it stays away.
         """
-        lost: deque[CellTask] = deque()
         fresh = iter(tasks)
+        first = next(fresh, None)
+        if first is None:
+            return  # and no cluster is needed
+        queue = _Queue(chain([first], fresh))
         with self._cluster.entered as address:
-            while True:
-                with _Connection(address, self._words) as connection:
-                    self._machines |= connection.environments()
-                    yield from self._until_gone(connection, lost, fresh, run_id, display)
-                if not lost:
-                    return
-                say(f"--dask {self._words}: the scheduler is gone; waiting for another")
-                self._wait_for_scheduler(address)
-
-    def job_script(self) -> str:
-        """Return the script of a job that would be submitted; "" where there are no jobs."""
-        return self._cluster.job_script()
-
-    def machines(self) -> Mapping[str, Mapping[str, str]]:
-        """Return the environments of the workers that were there at the start."""
-        return self._machines
+            while queue:
+                with Connection(address, self._words, self._machines) as connection:
+                    yield from self._until_gone(connection, queue, run_id, display)
+                if queue:
+                    say(f"--dask {self._words}: the scheduler is gone; waiting for another")
+                    self._wait_for_scheduler(address)
 
     def _until_gone(
-        self,
-        connection: _Connection,
-        lost: deque[CellTask],
-        fresh: Iterator[CellTask],
-        run_id: str,
-        display: Display,
+        self, connection: Connection, queue: _Queue, run_id: str, display: Display
     ) -> Generator[CellResult, None, None]:
-        """Yield results until all are there, or the scheduler is gone: then `lost` holds cells."""
-        while True:
-            while connection.has_room():
-                task = lost.popleft() if lost else next(fresh, None)
-                if task is None:
-                    break
-                display.start(task)
-                connection.submit(task, work_of(task, run_id, self._limits))
-            if not connection.running:
-                return
+        """Yield results until all are there or the scheduler is gone; the queue has the rest."""
+        while queue or connection.running:
+            for worker in connection.free_workers():
+                if (task := queue.next()) is not None:
+                    display.start(task)
+                    connection.submit(work_of(task, run_id, self._limits), task, worker)
             for task, found in connection.ended():
-                if found is None:
-                    lost.append(task)
+                if isinstance(found, Lost):
+                    if (crash := queue.lost(task)) is not None:
+                        yield result_of(task, run_id, crash)
                 else:
                     yield result_of(task, run_id, found)
             if connection.gone():
-                lost.extend(connection.running.values())
+                for task in connection.running:
+                    queue.again(task)
                 return
 
     def _wait_for_scheduler(self, address: str) -> None:
@@ -127,125 +119,43 @@ class DaskExecutor:
         )
 
 
-class _Connection:
-    """A client of a scheduler, and the cells that it was given."""
+class _Queue:
+    """The cells that nobody computes now: those that were lost first, then new ones.
 
-    def __init__(self, address: str, words: str) -> None:
-        """Store what is needed to connect."""
-        self._address, self._words = address, words
-        self.running: dict[Future, CellTask] = {}
-        self._stack = ExitStack()
-        self._n_workers, self._counted = 0, -SECONDS_BETWEEN_COUNTS
-        self._alone_since: float | None = None
+    Args:
+        fresh: the new ones, taken when their turn comes.
+    """
 
-    def __enter__(self) -> _Connection:
-        """Connect.
+    def __init__(self, fresh: Iterable[CellTask]) -> None:
+        self._fresh = iter(fresh)
+        self._waiting: deque[CellTask] = deque()
+        self._deaths: Counter[str] = Counter()
+        self._look_ahead()
 
-        Raises:
-            ConfigError: there is no scheduler.
-        """
-        try:
-            self._client = self._stack.enter_context(
-                Client(self._address, timeout=SECONDS_TO_CONNECT)
-            )
-        except (OSError, ValueError) as error:
-            raise ConfigError(
-                f"--dask {self._words}: no scheduler answers there ({error})"
-            ) from error
-        self._done = as_completed(loop=self._client.loop)
-        return self
+    def __bool__(self) -> bool:
+        return bool(self._waiting)
 
-    def __exit__(self, *_: object) -> None:
-        """Tell the scheduler that nothing is wanted any more, and leave."""
-        with suppress(Exception):  # it may be gone
-            self._client.cancel(list(self.running), force=True)
-        self._stack.close()
-
-    def environments(self) -> dict[str, Mapping[str, str]]:
-        """Return the environment of each worker.
-
-        Raises:
-            ConfigError: a worker has no stiffbench.
-        """
-        try:
-            found: dict[str, Mapping[str, str]] = self._client.run(environment)
-        except ImportError as error:
-            raise ConfigError(
-                f"--dask {self._words}: a worker cannot import stiffbench ({error}); install this "
-                "version there"
-            ) from error
-        return found
-
-    def has_room(self) -> bool:
-        """Say whether a worker waits for work. One that had two cells could lose both."""
-        return len(self.running) < self._workers()
-
-    def submit(self, task: CellTask, work: Work) -> None:
-        """Give a cell to the cluster."""
-        future = self._client.submit(compute_on_worker, work, pure=False)
-        self.running[future] = task
-        self._done.add(future)
-
-    def ended(self) -> Iterator[tuple[CellTask, CellResult | Crash | None]]:
-        """Yield what has ended: a result, how the cell failed, or None where it must go again."""
-        if not self._done.has_ready():
-            time.sleep(SECONDS_BETWEEN_LOOKS)
-            return
-        for future in self._done.next_batch(block=False):
-            task = self.running.pop(future)
-            yield task, _found(future)
-            future.release()
-
-    def gone(self) -> bool:
-        """Say whether the scheduler is."""
-        return bool(self._client.status != "running")
-
-    def _workers(self) -> int:
-        """Return how many threads there are, as of a moment ago; none for long is said."""
-        now = time.monotonic()
-        if now - self._counted >= SECONDS_BETWEEN_COUNTS:
-            self._counted = now
-            with suppress(OSError):
-                self._n_workers = sum(self._client.nthreads().values())
-            self._say_if_alone(now)
-        return self._n_workers
-
-    def _say_if_alone(self, now: float) -> None:
-        if self._n_workers:
-            self._alone_since = None
-        elif self._alone_since is None:
-            self._alone_since = now
-        elif now - self._alone_since > SECONDS_UNTIL_SAID:
-            self._alone_since = now
-            say(f"--dask {self._words}: no worker is there; waiting for one")
-
-
-def _found(future: Future) -> CellResult | Crash | None:
-    """Return what became of a cell."""
-    if future.status == "finished":
-        try:
-            found: CellResult | Crash | None = future.result(timeout=SECONDS_TO_CONNECT)
-            return found
-        except (OSError, TimeoutError):  # the worker that held it has gone
+    def next(self) -> CellTask | None:
+        """Return the next cell; None where there is none."""
+        if not self._waiting:
             return None
-    if future.status != "error":  # cancelled or lost
-        return None
-    error = future.exception()
-    if isinstance(error, KilledWorker):
-        return Crash("killed its workers", f"one worker after another ended while it ran: {error}")
-    return Crash(type(error).__name__, f"its worker could not run it: {error}")
+        task = self._waiting.popleft()
+        self._look_ahead()
+        return task
 
+    def again(self, task: CellTask) -> None:
+        """Take a cell back."""
+        self._waiting.appendleft(task)
 
-def compute_on_worker(work: Work) -> CellResult | Crash | None:
-    """Compute a cell in a process of its own beside this worker."""
-    from distributed import get_worker
+    def lost(self, task: CellTask) -> Crash | None:
+        """Take a cell back whose worker has ended; return its end where that is too often."""
+        self._deaths[task.cell.key] += 1
+        if self._deaths[task.cell.key] < MOST_DEATHS:
+            self.again(task)
+            return None
+        return Crash("killed its workers", f"{MOST_DEATHS} workers ended while they computed it")
 
-    pin_threads(work.limits.threads)
-    worker = get_worker()
-    key = worker.get_current_task()
-
-    def unwanted() -> bool:
-        task = worker.state.tasks.get(key)
-        return task is None or task.state == "cancelled"
-
-    return compute_isolated(work, unwanted=unwanted)
+    def _look_ahead(self) -> None:
+        """Have a cell waiting while there are any, so that the end is seen without a worker."""
+        if not self._waiting and (task := next(self._fresh, None)) is not None:
+            self._waiting.append(task)

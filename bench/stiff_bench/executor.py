@@ -5,15 +5,18 @@ from __future__ import annotations
 import threading
 from collections.abc import Generator, Iterable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import replace
 from itertools import islice
 from typing import Protocol
 
 from stiff_bench.cell_process import Limits
 from stiff_bench.cells import compute_cell, failed
+from stiff_bench.company import Company
 from stiff_bench.crash import Crash
 from stiff_bench.isolated import compute_isolated, work_of
 from stiff_bench.progress import Display
 from stiff_bench.tasks import CellTask
+from stiff_protocols.errors import said_by
 from stiff_protocols.record import CellResult
 
 
@@ -61,7 +64,7 @@ class InProcess(OnThisMachine):
         """Yield every cell's result, in order."""
         for task in tasks:
             display.start(task)
-            yield compute_cell(task, run_id)
+            yield result_of(task, run_id, compute_cell(task, run_id))
 
 
 class LocalProcesses(OnThisMachine):
@@ -82,12 +85,17 @@ class LocalProcesses(OnThisMachine):
         """Yield the result of every cell as it ends."""
         waiting = iter(tasks)
         stopped = threading.Event()
+        company = Company()
         running: dict[Future[CellResult | Crash | None], CellTask] = {}
         with ThreadPoolExecutor(self.at_once) as pool:  # a thread waits for each process
 
             def compute(task: CellTask) -> CellResult | Crash | None:
-                work = work_of(task, run_id, self._limits)
-                return compute_isolated(work, heard=display.step, unwanted=stopped.is_set)
+                with company.shared():
+                    found = self._computed(task, run_id, display, stopped)
+                if isinstance(found, Crash) and found.server_gone:
+                    with company.alone():  # whoever killed it ends itself alone this time
+                        found = self._computed(task, run_id, display, stopped)
+                return found
 
             try:
                 while True:
@@ -103,9 +111,21 @@ class LocalProcesses(OnThisMachine):
             finally:
                 stopped.set()
 
+    def _computed(
+        self, task: CellTask, run_id: str, display: Display, stopped: threading.Event
+    ) -> CellResult | Crash | None:
+        try:
+            work = work_of(task, run_id, self._limits)
+            return compute_isolated(work, heard=display.step, unwanted=stopped.is_set)
+        except Exception as error:  # it could not be started: no reason to stop the others
+            return Crash(type(error).__name__, f"no process could be started: {said_by(error)}")
+
 
 def result_of(task: CellTask, run_id: str, found: CellResult | Crash) -> CellResult:
-    """Return the row of a cell, whatever became of its process."""
+    """Return the row of a cell, whatever became of its process.
+
+    What was computed is what was asked for, whatever a model made of it.
+    """
     if isinstance(found, Crash):
         return failed(task, run_id, found.cause, found.reason, found.log)
-    return found
+    return replace(found, cell=task.cell, shown=task.shown, run_id=run_id, n_splits=task.n_splits)

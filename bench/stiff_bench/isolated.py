@@ -9,7 +9,6 @@ from __future__ import annotations
 import multiprocessing
 import os
 import pickle
-import signal
 import sys
 import time
 from collections import deque
@@ -19,12 +18,16 @@ from dataclasses import replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkServerProcess
 
+import orjson
 import psutil
 
+from stiff_bench.cell_content import cell_result
 from stiff_bench.cell_process import Limits, Work, compute
-from stiff_bench.crash import Crash, ended, out_of_memory, timed_out
-from stiff_bench.registry import plugin_file
+from stiff_bench.crash import Crash, ended, no_result, out_of_memory, timed_out
+from stiff_bench.process_family import end_family
+from stiff_bench.registry import plugin_files
 from stiff_bench.tasks import CellTask
+from stiff_protocols.errors import DataError
 from stiff_protocols.progress import Progress
 from stiff_protocols.record import CellResult
 
@@ -43,10 +46,9 @@ SECONDS_TO_LEAVE = 5.0
 
 def work_of(task: CellTask, run_id: str, limits: Limits) -> Work:
     """Return what is sent to the process that will compute a cell."""
-    file = plugin_file(task.model.cls)
     return Work(
         task=pickle.dumps(task),
-        plugins=() if file is None else (file,),
+        plugins=plugin_files(),
         run_id=run_id,
         limits=limits,
         imports=_imports(),
@@ -97,7 +99,9 @@ class _Watch:
         self, process: ForkServerProcess, results: Connection, log: Connection, limits: Limits
     ) -> None:
         self._process, self._results, self._log, self._limits = process, results, log, limits
-        os.set_blocking(log.fileno(), False)
+        for end in (results, log):
+            os.set_blocking(end.fileno(), False)
+        self._received, self._closed = b"", False
         self._lines: deque[bytes] = deque([b""], maxlen=LOG_LINES + 1)
         self._start = self._looked = time.monotonic()
 
@@ -110,33 +114,58 @@ class _Watch:
             if self._log in ready and not self._read_log():
                 ends.remove(self._log)  # all who could print have ended
             if self._results in ready:
-                found = self._received()
-                if isinstance(found, Progress):
-                    heard(found)
-                    continue
-                return self._finished(found)
-            if self._process.sentinel in ready:  # and nothing more to receive
-                return self._finished(None)
+                for line in self._lines_received():
+                    if (found := self._understood(line, heard)) is not None:
+                        return found
+                if self._closed:
+                    return self._without_result()
+            elif self._process.sentinel in ready:  # and nothing more to receive
+                return self._without_result()
             if (crash := self._over_a_limit()) is not None:
                 return crash
         return None
 
-    def _received(self) -> object:
-        """Return what the process sent; None where it ended in the middle of it."""
+    def _lines_received(self) -> list[bytes]:
+        """Return the lines that are complete now."""
         try:
-            return self._results.recv()
-        except (EOFError, OSError, pickle.UnpicklingError):
-            return None
+            part = os.read(self._results.fileno(), BYTES_A_READ)
+        except BlockingIOError:
+            return []
+        self._closed = not part
+        self._received += part
+        if b"\n" not in part:
+            return []
+        *lines, self._received = self._received.split(b"\n")
+        return lines
 
-    def _finished(self, found: object) -> CellResult | Crash:
+    def _understood(
+        self, line: bytes, heard: Callable[[Progress], None]
+    ) -> CellResult | Crash | None:
+        """Pass on what the process reports; return its result, or that it sent what is none."""
+        try:
+            sent = orjson.loads(line)
+            if "progress" in sent:
+                heard(Progress(**sent["progress"]))
+                return None
+            result = cell_result(sent["result"])
+        except (ValueError, KeyError, TypeError, AttributeError, DataError) as error:
+            return no_result(f"{type(error).__name__}: {error}", self._last_lines())
+        self._process.join(SECONDS_TO_LEAVE)
+        self._drain_log()
+        return replace(result, log=self._last_lines()) if result.status == "failed" else result
+
+    def _without_result(self) -> Crash:
         seconds = time.monotonic() - self._start
         self._process.join(SECONDS_TO_LEAVE)
+        self._drain_log()
+        exit_code = self._process.exitcode
+        if exit_code is None:
+            return no_result("it closed the way to send one", self._last_lines())
+        return ended(exit_code, seconds, self._last_lines())
+
+    def _drain_log(self) -> None:
         for _ in range(READS_AT_THE_END):
             self._read_log()
-        if isinstance(found, CellResult):
-            return replace(found, log=self._last_lines()) if found.status == "failed" else found
-        exit_code = self._process.exitcode
-        return ended(0 if exit_code is None else exit_code, seconds, self._last_lines())
 
     def _over_a_limit(self) -> Crash | None:
         limits, now = self._limits, time.monotonic()
@@ -182,8 +211,7 @@ def _resident(pid: int | None) -> int:
 def _end(process: ForkServerProcess) -> None:
     """End a process, if it runs, with those that it started."""
     if process.pid is not None:
-        with suppress(ProcessLookupError, PermissionError):
-            os.killpg(process.pid, signal.SIGKILL)
+        end_family(process.pid)
     process.kill()
     process.join()
     process.close()

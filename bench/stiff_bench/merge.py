@@ -224,11 +224,9 @@ def _join_cells(taken: FolderSurvey, keys: Set[str], store: ResultStore, there: 
     n_copied = 0
     new: list[CellResult] = []
     for result in stored_results(taken.folder, keys, report=lambda _: None):
-        if (result.status == "ok") != taken.records[result.cell.key].ok:
-            continue  # a failure after a result
         n_copied += 1
         if result.cell.key in there:
-            store.write_cell(result)  # a file of its own stands before any pack
+            store.write_cell(result)  # as a file of its own it counts before a pack's
             continue
         new.append(result)
         if len(new) == CELLS_A_PACK:

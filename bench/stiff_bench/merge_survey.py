@@ -138,10 +138,7 @@ def survey(folder: Path, known: Sequence[FolderSurvey] = ()) -> FolderSurvey:
         if replace(result.cell).key != key:  # what is written by its key must have its own
             found.damaged.append(f"{folder}: the record {key!r} is another cell's")
             continue
-        record = _record(result)
-        other = found.records.get(key)
-        if other is None or record.counts_over(other):
-            found.records[key] = record
+        record = found.records[key] = _record(result)
         if not any(one.records.get(key) == record for one in known):
             _note_claims(found, result, runs)
     return found

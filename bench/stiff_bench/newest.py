@@ -3,7 +3,8 @@
 A folder may hold results of several runs, of several versions of stiffbench, of other splits under
 one name. They never mix: what contradicts the newest is left out, and is said. A run's name begins
 with its time, so that names sort by it. A result is of the newest run that was asked for its cell,
-also where that run found it computed: a resumed run stands for all that it resumed.
+also where that run found it computed: a resumed run stands for all that it resumed. Of one cell
+there is one record (see `store.py`): a cell that fails when it is computed again keeps its result.
 """
 
 from __future__ import annotations
@@ -48,12 +49,11 @@ class Runs:
     def newest_first(self, results: Iterable[CellResult]) -> list[CellResult]:
         """Return results by run, the newest first; of one run, what succeeded before what failed.
 
-        Of two results of one cell, the one that was made later comes first. Equals stay in their
-        order, which is that of their keys where a folder was read.
+        Equals stay in their order, which is that of their keys where a folder was read.
         """
 
-        def age(one: CellResult) -> tuple[str, str, bool]:
-            return self.run_of(one), one.run_id, one.status == "ok"
+        def age(one: CellResult) -> tuple[str, bool]:
+            return self.run_of(one), one.status == "ok"
 
         return sorted(results, key=age, reverse=True)
 
@@ -129,9 +129,9 @@ def _of_options(
 def counting(results: Sequence[CellResult], coverages: Sequence[float], runs: Runs) -> CellResult:
     """Return which of a model's results on one split counts.
 
-    The newest run's, also where it failed; but a model that was skipped on some machine does not
-    lose what another machine computed. Results differ in their intervals alone, and those with
-    intervals stand before those without.
+    The newest run's, also where that failed and an older run's cell, of another key, did not; but a
+    model that was skipped on some machine does not lose what another machine computed. Results
+    differ in their intervals alone, and those with intervals stand before those without.
 
     Args:
         results: at least one.

@@ -1,7 +1,7 @@
 """Moves finished cells from files of their own into packs.
 
 Killed at any moment, nothing is lost and nothing counts twice: a pack is on the disk before the
-files that it holds are taken away, and a cell's own file stands before a pack.
+files that it holds are taken away, and of a cell that is in both one record counts.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from stiff_bench.folder_lock import alone
-from stiff_bench.store import is_failure, loose_files, read_cell_file, result_file
+from stiff_bench.loose_cells import loose_files, read_cell_file
 from stiff_protocols.errors import StoreError
 from stiff_protocols.files import flush_to_disk, make_folder
 from stiff_protocols.record import CellResult
@@ -45,13 +45,13 @@ def pack(folder: Path) -> int:
 
     with alone(folder):
         _prepare(folder / "packs")
-    waiting = deque(sorted(loose_files(folder), key=lambda path: (is_failure(path), path)))
+    waiting = deque(loose_files(folder))
     n_packed = 0
     while waiting:
         with alone(folder):  # anew for each pack, so that runs can write between two of them
             batch = _next_batch(waiting)
             if batch:
-                write_pack(folder, list(reversed(batch.values())))
+                write_pack(folder, [*batch.values()])
                 _take_away(batch)
         n_packed += len(batch)
     return n_packed
@@ -66,21 +66,13 @@ def _prepare(packs: Path) -> None:
 
 
 def _next_batch(waiting: deque[Path]) -> dict[Path, CellResult]:
-    """Take files from a queue for one pack and read them.
-
-    Args:
-        waiting: files of results, then those of failures, which are newer than the result of their
-            cell. A failure whose result stays in a file of its own stays with it.
-    """
+    """Take files from a queue for one pack and read them."""
     from stiff_bench.packs import BYTES_A_PACK, CELLS_A_PACK
 
     batch: dict[Path, CellResult] = {}
     n_bytes = 0
     while waiting and len(batch) < CELLS_A_PACK and n_bytes < BYTES_A_PACK:
         path = waiting.popleft()
-        result = result_file(path)
-        if is_failure(path) and result.exists() and result not in batch:
-            continue
         with suppress(StoreError):  # damaged, or taken away since
             batch[path] = read_cell_file(path)
             n_bytes += path.stat().st_size
@@ -88,7 +80,6 @@ def _next_batch(waiting: deque[Path]) -> dict[Path, CellResult]:
 
 
 def _take_away(paths: Iterable[Path]) -> None:
-    """Delete files, results before failures: a failure in a pack would count as the older."""
     try:
         for path in paths:
             path.unlink()

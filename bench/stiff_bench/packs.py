@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -25,7 +26,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from stiff_bench.cell_content import cell_content, cell_result
-from stiff_bench.checked_json import json_text, refuse_other_format
+from stiff_bench.checked_json import DamagedFile, json_text, refuse_other_format
 from stiff_protocols.errors import DataError, StoreError
 from stiff_protocols.files import read_plain, written_whole
 from stiff_protocols.record import SCHEMA, Cell, CellResult
@@ -34,6 +35,7 @@ CELLS_A_PACK, BYTES_A_PACK = 5000, 2**26
 """At most, counted in cells and bytes of their files, so that a pack takes little memory."""
 
 _HASH_LENGTH = 32
+_NAME = re.compile(rf"(\d{{6,}})-[0-9a-f]{{{_HASH_LENGTH}}}\.parquet", re.ASCII)
 _TEXTS = ("run_id", "status", "failure", "cause")
 _COUNTS = ("calibration_samples", "n_train", "n_splits")
 _JSON = ("shown", "cost", "diagnostics", "warnings", "log", "chosen")
@@ -64,7 +66,7 @@ def write_pack(folder: Path, results: Sequence[CellResult]) -> Path:
 
     Args:
         folder: of the results.
-        results: the newest first; of each key at most one that is ok and one that is not.
+        results: of each key at most one that is ok and one that is not.
 
     Raises:
         StoreError: it cannot be written.
@@ -79,7 +81,7 @@ def write_pack(folder: Path, results: Sequence[CellResult]) -> Path:
         write_statistics=False,
     )
     content = file.getvalue()
-    number = 1 + max((int(path.name.partition("-")[0]) for path in pack_files(folder)), default=0)
+    number = 1 + max(_numbered(folder).values(), default=0)
     path = folder / "packs" / f"{number:06d}-{_hash(content)}.parquet"
     with written_whole(path) as temporary:
         temporary.write_bytes(content)
@@ -87,8 +89,15 @@ def write_pack(folder: Path, results: Sequence[CellResult]) -> Path:
 
 
 def pack_files(folder: Path) -> list[Path]:
-    """Return the packs of a folder of results, the newest first."""
-    return sorted((folder / "packs").glob("[0-9]*.parquet"), reverse=True)
+    """Return the packs of a folder of results, the newest first; other files there are none."""
+    numbers = _numbered(folder)
+    return sorted(numbers, key=lambda path: (numbers[path], path.name), reverse=True)
+
+
+def _numbered(folder: Path) -> dict[Path, int]:
+    """Return the packs of a folder of results with their numbers."""
+    names = ((path, _NAME.fullmatch(path.name)) for path in (folder / "packs").glob("*"))
+    return {path: int(name[1]) for path, name in names if name}
 
 
 @dataclass(frozen=True)
@@ -111,7 +120,7 @@ class Pack:
         """Yield the results of some rows.
 
         Raises:
-            StoreError: a row holds no result.
+            DamagedFile: a row holds no result.
         """
         table = self.file.read(use_threads=False)
         if len(rows) < len(table):
@@ -123,21 +132,22 @@ class Pack:
                     raise DataError(f"the cell {result.cell.key} stands under the key {key}")
                 yield result
         except (KeyError, TypeError, AttributeError, ValueError, DataError) as error:
-            raise _damaged(self.path, f"{type(error).__name__}: {error}") from error
+            raise DamagedFile(self.path, f"{type(error).__name__}: {error}") from error
 
 
 def read_pack(path: Path) -> Pack:
     """Check a pack and read which cells it holds.
 
     Raises:
-        StoreError: it cannot be read, is damaged or of another format.
+        DamagedFile: it is damaged.
+        StoreError: it cannot be read, or is of another format.
     """
     try:
         content = read_plain(path)
     except OSError as error:
         raise StoreError(f"{path}: cannot be read: {error.strerror or error}") from error
     if path.stem.partition("-")[2] != _hash(content):
-        raise _damaged(path, "the checksum in its name does not match its content")
+        raise DamagedFile(path, "the checksum in its name does not match its content")
     try:
         file = pq.ParquetFile(pa.BufferReader(content))
         schema = (file.schema_arrow.metadata or {}).get(b"schema", b"").decode()
@@ -146,7 +156,7 @@ def read_pack(path: Path) -> Pack:
         keys = [str(key) for key in index["key"].to_pylist()]
         ok = [status == "ok" for status in index["status"].to_pylist()]
     except (pa.ArrowException, KeyError, OSError, ValueError) as error:
-        raise _damaged(path, str(error)) from error
+        raise DamagedFile(path, str(error)) from error
     return Pack(path, file, keys, ok)
 
 
@@ -201,10 +211,6 @@ def _arrays(column: pa.ListArray[Any], width: int | None) -> list[Any]:
     if width is None:
         return arrays
     return [None if array is None else array.reshape(-1, width) for array in arrays]
-
-
-def _damaged(path: Path, why: str) -> StoreError:
-    return StoreError(f"{path}: damaged: {why}")
 
 
 def _hash(content: bytes) -> str:

@@ -209,18 +209,6 @@ class LineDisplay:
         print(one_line(line), file=sys.stderr, flush=True)
 
 
-class OnlyCells:
-    """Another display without the phases, which several cells at once would mix."""
-
-    def __init__(self, display: Display) -> None:
-        """Remember it."""
-        self._display = display
-        self.begin, self.start, self.end = display.begin, display.start, display.end
-
-    def step(self, progress: Progress) -> None:
-        """Show nothing."""
-
-
 @contextmanager
 def phases() -> Iterator[None]:
     """Show the progress of work that has no cells."""

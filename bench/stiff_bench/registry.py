@@ -223,11 +223,10 @@ def import_plugin_file(path: Path) -> ModuleType:
     return module
 
 
-def plugin_file(cls: type) -> Path | None:
-    """Return the plugin file that a class comes from; None where it was imported by name."""
-    if not cls.__module__.startswith(_PLUGIN):
-        return None
-    return Path(str(sys.modules[cls.__module__].__file__)).resolve()
+def plugin_files() -> tuple[Path, ...]:
+    """Return the plugin files that this process has imported: their classes need them elsewhere."""
+    names = [name for name in sys.modules if name.startswith(_PLUGIN)]
+    return tuple(Path(str(sys.modules[name].__file__)).resolve() for name in names)
 
 
 def _lines_of(module: ModuleType, path: Path) -> list[object]:

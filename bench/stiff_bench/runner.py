@@ -8,8 +8,10 @@ from collections.abc import Iterator, Sequence, Set
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Literal
 
+from stiff_bench.checked_json import DamagedFile
 from stiff_bench.config import RunPlan
 from stiff_bench.execution import Execution, Rerun
 from stiff_bench.memory import peak_memory_bytes
@@ -50,7 +52,8 @@ def run_cells(
         StoreError: a result cannot be written.
         ConfigError: the cluster does not answer.
     """
-    found = {} if execution.rerun == "all" else _stored(tasks, store, execution.rerun)
+    damaged: list[Path] = []
+    found = _stored(tasks, store, execution.rerun, damaged)
     cached = set(found)
     missing = [task for task in tasks if task.cell.key not in found]
 
@@ -73,30 +76,31 @@ def run_cells(
                 store.write_cell(result)
                 found[result.cell.key] = result
                 display.end(result)
+        for path in damaged:
+            store.set_aside(path)
     return Finished(tuple(found[task.cell.key] for task in tasks), cached)
 
 
-def _stored(tasks: Sequence[CellTask], store: ResultStore, rerun: Rerun) -> dict[str, CellResult]:
-    """Return the results and failures that are there and count; damaged ones do not, and are said.
+def _stored(
+    tasks: Sequence[CellTask], store: ResultStore, rerun: Rerun, damaged: list[Path]
+) -> dict[str, CellResult]:
+    """Return the results and failures that are there and count; damaged files are said and noted.
 
     A cell that was skipped is looked at again: what it lacked may be installed now.
     """
     wanted = {task.cell.key: task for task in tasks}
-    counting = {"ok"} if rerun == "failed" else {"ok", "failed"}
+    counting = {"missing": {"ok", "failed"}, "failed": {"ok"}, "all": set()}[rerun]
+
+    def note(error: StoreError) -> None:
+        say(f"warning: {error}; what it held is computed again")
+        if isinstance(error, DamagedFile):
+            damaged.append(error.path)
+
     found: dict[str, CellResult] = {}
-    for result in store.find(wanted.keys(), _say_damaged):
-        better = result.status == "ok" or result.cell.key not in found
-        if result.status in counting and better:
-            found[result.cell.key] = result
-    for key, result in found.items():
-        found[key] = _as_asked(result, wanted[key])
-        if found[key] is not result:
-            store.write_cell(found[key])
+    for result in store.find(wanted.keys(), note):
+        if result.status in counting:
+            found[result.cell.key] = _as_asked(result, wanted[result.cell.key])
     return found
-
-
-def _say_damaged(error: StoreError) -> None:
-    say(f"warning: {error}; what it held is computed again")
 
 
 def _as_asked(result: CellResult, task: CellTask) -> CellResult:

@@ -2,19 +2,19 @@
 
 ::
 
-    OUTPUT/cells/<key>.json        a cell: identity, metric values, predictions, timings
-    OUTPUT/cells/<key>.failed.json why it failed or was skipped; never in the place of a result
-    OUTPUT/packs/*.parquet         many cells together (see packs.py, packing.py)
-    OUTPUT/runs/<run id>.json      a run's manifest
-    OUTPUT/data/<sha256>.npz       the samples (see stored_data.py)
+    OUTPUT/cells/*.json        a cell: identity, metric values, predictions, timings, or why it
+                               failed or was skipped (see loose_cells.py)
+    OUTPUT/packs/*.parquet     many cells together (see packs.py, packing.py)
+    OUTPUT/runs/<run id>.json  a run's manifest
+    OUTPUT/data/<sha256>.npz   the samples (see stored_data.py)
 
-A JSON file has a checksum (checked_json.py). Of several records of a cell a file of its own stands
-before a pack, and a newer pack before an older one; a result removes the failures before it.
+Of several records of a cell one counts, for everybody who reads (see counting_records.py); a file
+of its own is newer than a pack. A damaged file is renamed by the run that has computed its cells
+again (`ResultStore.set_aside`).
 """
 
 from __future__ import annotations
 
-import os
 import tempfile
 from collections.abc import Callable, Iterator, Set
 from contextlib import suppress
@@ -24,11 +24,20 @@ from typing import TYPE_CHECKING
 
 import orjson
 
-from stiff_bench.cell_content import cell_content, cell_result, fields_of
-from stiff_bench.checked_json import read_checked, write_checked
+from stiff_bench.cell_content import cell_content, fields_of
+from stiff_bench.checked_json import DamagedFile, read_checked, write_checked
+from stiff_bench.counting_records import CountingRecords
 from stiff_bench.folder_lock import make_lock, shared
+from stiff_bench.loose_cells import (
+    cell_file,
+    is_failure,
+    json_files,
+    key_of,
+    loose_files,
+    read_cell_file,
+)
 from stiff_bench.stored_data import write_data
-from stiff_protocols.errors import DataError, StoreError
+from stiff_protocols.errors import StoreError
 from stiff_protocols.files import read_plain
 from stiff_protocols.record import SCHEMA, CellResult, RunManifest
 from stiff_protocols.types import BenchmarkData
@@ -37,9 +46,7 @@ if TYPE_CHECKING:
     from stiff_bench.packs import Pack
 
 Report = Callable[[StoreError], None]
-"""Is told of each damaged file."""
-
-_FAILED = ".failed"
+"""Is told of each file that cannot be read or is damaged."""
 
 
 class ResultStore:
@@ -68,19 +75,40 @@ class ResultStore:
         _refuse_other_format(folder)
 
     def write_cell(self, result: CellResult) -> Path:
-        """Store a cell's result, replacing an older one of the same key and status.
+        """Store a cell's record, replacing an older one of the same key and status.
+
+        A failure takes nothing from a result, and a result takes the failure's file away.
 
         Raises:
             StoreError: it cannot be written, as on a full disk; what was there stands.
         """
-        done = self.folder / "cells" / f"{result.cell.key}.json"
-        failed = done.with_suffix(f"{_FAILED}.json")
-        path = done if result.status == "ok" else failed
+        key, ok = result.cell.key, result.status == "ok"
+        path = cell_file(self.folder, key, ok=ok)
         with shared(self.folder):
             write_checked(path, cell_content(result))
-            if result.status == "ok":
-                failed.unlink(missing_ok=True)
+            if ok:
+                cell_file(self.folder, key, ok=False).unlink(missing_ok=True)
         return path
+
+    def set_aside(self, path: Path) -> None:
+        """Rename a damaged file to ``<name>.damaged``, so that nobody reads it any more.
+
+        A file that has been written anew since keeps its name.
+
+        Args:
+            path: of a cell's own file or a pack, as `DamagedFile` has it.
+
+        Raises:
+            StoreError: it cannot be renamed.
+        """
+        with shared(self.folder):
+            if path.suffix == ".json" and not _is_damaged(path):  # a pack is never written anew
+                return
+            try:
+                with suppress(FileNotFoundError):  # another run was sooner
+                    path.rename(path.with_name(f"{path.name}.damaged"))
+            except OSError as error:
+                raise StoreError(f"{path}: cannot be renamed: {error.strerror or error}") from error
 
     def write_manifest(self, manifest: RunManifest) -> Path:
         """Store a run's manifest, replacing an older state of it."""
@@ -105,7 +133,7 @@ class ResultStore:
 
     def loose(self, key: str) -> CellResult | None:
         """Return a result that stands in a file of its own now, as one that was just computed."""
-        path = self.folder / "cells" / f"{key}.json"
+        path = cell_file(self.folder, key, ok=True)
         with suppress(StoreError):
             return read_cell_file(path) if path.exists() else None
         return None
@@ -113,10 +141,6 @@ class ResultStore:
     def find(self, keys: Set[str], report: Report) -> Iterator[CellResult]:
         """Yield what is stored of some cells; see `stored_results`."""
         return stored_results(self.folder, keys, report)
-
-    def keys(self, report: Report) -> dict[str, bool]:
-        """Return the keys of the cells that are stored; see `stored_keys`."""
-        return stored_keys(self.folder, report)
 
     def read_manifest(self, run_id: str) -> RunManifest:
         """Read a run's manifest.
@@ -128,54 +152,59 @@ class ResultStore:
 
 
 def read_results(folder: Path) -> Iterator[CellResult]:
-    """Yield every cell of a folder, failed and skipped ones too, in the order of their keys.
+    """Yield every cell of a folder once, failed and skipped ones too, in the order of their keys.
 
     Raises:
         StoreError: a file cannot be read or is damaged.
     """
-    yield from sorted(stored_results(folder), key=lambda one: (one.cell.key, one.status == "ok"))
+    yield from sorted(stored_results(folder), key=lambda one: one.cell.key)
 
 
 def stored_results(
     folder: Path, keys: Set[str] | None = None, report: Report | None = None
 ) -> Iterator[CellResult]:
-    """Yield what is stored of some cells, in no particular order, a pack at a time.
+    """Yield what is stored of some cells, each once, in no particular order, a pack at a time.
 
-    A cell comes twice where it failed after it had succeeded. Nobody can pack the folder before the
-    last one is taken or the iterator is closed.
+    Nobody can pack the folder before the last one is taken or the iterator is closed.
 
     Args:
         folder: of the results; it may be one that cannot be written.
         keys: of the cells; None: all.
-        report: is told of damaged files, which stand for nothing; None: the first is raised.
+        report: is told of files that cannot be read or are damaged, which stand for nothing; None:
+            the first is raised.
 
     Raises:
         StoreError: a file cannot be read or is damaged, and nobody asked for a report.
     """
     tell = report or _raise
-    counting = _Counting()
+    counting = CountingRecords(keys)
     with shared(folder):
-        for path in loose_files(folder):
-            key = _key_of(path)
-            if keys is None or key in keys:
-                try:
-                    result = read_cell_file(path)
-                except StoreError as error:
-                    tell(error)
-                    continue
-                if counting.takes(key, ok=result.status == "ok"):
-                    yield result
+        yield from counting.results(_loose(folder, counting, tell))
         for pack in _packs(folder, tell):
-            rows = [
-                row
-                for row, (key, ok) in enumerate(zip(pack.keys, pack.ok, strict=True))
-                if (keys is None or key in keys) and counting.takes(key, ok=ok)
-            ]
-            if rows:
-                try:
-                    yield from pack.results(rows)
-                except StoreError as error:
-                    tell(error)
+            yield from counting.results(_packed(pack, counting, tell))
+        yield from counting.failures()
+
+
+def _loose(folder: Path, counting: CountingRecords, tell: Report) -> Iterator[CellResult]:
+    for path in loose_files(folder):
+        key = key_of(path)
+        if counting.may_count(key, ok=not is_failure(path)):
+            # a run may have put a result in the place of a failure since the folder was listed
+            there = path if path.exists() else cell_file(folder, key, ok=True)
+            try:
+                yield read_cell_file(there)
+            except StoreError as error:
+                tell(error)
+
+
+def _packed(pack: Pack, counting: CountingRecords, tell: Report) -> Iterator[CellResult]:
+    keys = enumerate(zip(pack.keys, pack.ok, strict=True))
+    rows = [row for row, (key, ok) in keys if counting.may_count(key, ok=ok)]
+    if rows:
+        try:
+            yield from pack.results(rows)
+        except StoreError as error:
+            tell(error)
 
 
 def stored_keys(folder: Path, report: Report | None = None) -> dict[str, bool]:
@@ -193,26 +222,11 @@ def stored_keys(folder: Path, report: Report | None = None) -> dict[str, bool]:
     found: dict[str, bool] = {}
     with shared(folder):
         for path in loose_files(folder):
-            found[_key_of(path)] = found.get(_key_of(path), False) or not is_failure(path)
+            found[key_of(path)] = found.get(key_of(path), False) or not is_failure(path)
         for pack in _packs(folder, report or _raise):
             for key, ok in zip(pack.keys, pack.ok, strict=True):
                 found[key] = found.get(key, False) or ok
     return found
-
-
-class _Counting:
-    """Says of each record, the newest first, whether it counts."""
-
-    def __init__(self) -> None:
-        self._seen: dict[str, bool] = {}  # key -> whether a result was seen
-
-    def takes(self, key: str, *, ok: bool) -> bool:
-        """Say whether to take a record; behind a result nothing counts, nor a second failure."""
-        seen = self._seen.get(key)
-        if seen or (seen is not None and not ok):
-            return False
-        self._seen[key] = ok
-        return True
 
 
 def read_manifests(folder: Path) -> Iterator[RunManifest]:
@@ -221,45 +235,8 @@ def read_manifests(folder: Path) -> Iterator[RunManifest]:
     Raises:
         StoreError: a file cannot be read or is damaged.
     """
-    for path in _stored(folder / "runs"):
+    for path in json_files(folder / "runs"):
         yield _manifest(path)
-
-
-def loose_files(folder: Path) -> list[Path]:
-    """Return the cells' own files; of one cell the failure first, which is the newer."""
-    return list(_stored(folder / "cells"))
-
-
-def read_cell_file(path: Path) -> CellResult:
-    """Read a cell's own file.
-
-    Raises:
-        StoreError: it cannot be read or is damaged.
-    """
-    content = read_checked(path)
-    try:
-        result = cell_result(content)
-    except (KeyError, TypeError, AttributeError, ValueError, OverflowError, DataError) as error:
-        raise StoreError(f"{path}: damaged: {type(error).__name__}: {error}") from error
-    if result.cell.key != _key_of(path):
-        raise StoreError(f"{path}: holds the cell {result.cell.key}, which is another one's file")
-    if (result.status == "ok") == is_failure(path):
-        raise StoreError(f"{path}: damaged: its status is {result.status!r}")
-    return result
-
-
-def _key_of(path: Path) -> str:
-    return path.name.partition(".")[0]
-
-
-def result_file(path: Path) -> Path:
-    """Return the file of the result that stands beside a failure's, or is the one that is given."""
-    return path.with_name(f"{_key_of(path)}.json")
-
-
-def is_failure(path: Path) -> bool:
-    """Say whether a cell's own file says why it failed, or was skipped."""
-    return path.stem.endswith(_FAILED)
 
 
 def _packs(folder: Path, tell: Report) -> Iterator[Pack]:
@@ -277,24 +254,24 @@ def _packs(folder: Path, tell: Report) -> Iterator[Pack]:
             yield pack
 
 
+def _is_damaged(path: Path) -> bool:
+    """Say whether a cell's own file is there and damaged."""
+    try:
+        read_cell_file(path)
+    except DamagedFile:
+        return True
+    except StoreError:
+        return False
+    return False
+
+
 def _raise(error: StoreError) -> None:
     raise error
 
 
-def _stored(folder: Path) -> Iterator[Path]:
-    """Yield the files of a folder by name, none where there is no folder.
-
-    A name that begins with a dot is a temporary file's: of a run that writes it now, or was killed.
-    """
-    names = sorted(os.listdir(folder)) if folder.is_dir() else []
-    for name in names:
-        if name.endswith(".json") and not name.startswith("."):
-            yield folder / name
-
-
 def _refuse_other_format(folder: Path) -> None:
     """Keep new results out of a folder of another format: nobody could read both."""
-    for path in islice(_stored(folder / "cells"), 1):
+    for path in islice(json_files(folder / "cells"), 1):
         with suppress(OSError, ValueError, KeyError, TypeError):  # a damaged file is found later
             schema = orjson.loads(read_plain(path))["schema"]
             if schema != SCHEMA:
@@ -309,4 +286,4 @@ def _manifest(path: Path) -> RunManifest:
     try:
         return RunManifest(**{**content, "cells": tuple(content["cells"])})
     except (KeyError, TypeError) as error:
-        raise StoreError(f"{path}: damaged: {type(error).__name__}: {error}") from error
+        raise DamagedFile(path, f"{type(error).__name__}: {error}") from error

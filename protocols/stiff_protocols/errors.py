@@ -42,6 +42,14 @@ class StiffBenchWarning(UserWarning):
     """A finding that does not stop a run but must stand beside its result."""
 
 
+def said_by(error: BaseException) -> str:
+    """Return an error's type and message, whatever a stranger's class does when it is asked."""
+    try:
+        return f"{type(error).__name__}: {error}"
+    except Exception:
+        return f"{type(error).__name__}, whose message cannot be read"
+
+
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> ConfigError:
     """Return the error for a name that is not registered, with the nearest valid one.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import sys
 from collections.abc import Iterable
@@ -18,17 +19,16 @@ _NO_FILES_OF = {"builtins", "abc", "typing", "numpy", "scipy", "sklearn", "torch
 def code_of(*classes: type, files: Iterable[Path] = ()) -> str:
     """Return a hash of the code that objects of these classes run, and of further files.
 
-    It covers the whole package of each class and of each of its bases (the file alone where it is
-    in no package), stiff_protocols with its metrics, and the versions of `LIBRARIES`. It depends
-    on nothing else that the process did before.
+    It covers the whole package of each class and of each of its bases (where it is in none, its
+    file and those of the same folder that it imports), stiff_protocols with its metrics, and the
+    versions of `LIBRARIES`. It depends on nothing else that the process did before.
     """
     modules = {base.__module__ for cls in classes for base in cls.__mro__} | {__name__}
-    roots = {
-        _root(Path(file))
-        for name in modules
-        if name.partition(".")[0] not in _NO_FILES_OF
-        and (file := getattr(sys.modules.get(name), "__file__", None)) is not None
-    }
+    roots: set[Path] = set()
+    for name in modules:
+        file = getattr(sys.modules.get(name), "__file__", None)
+        if name.partition(".")[0] not in _NO_FILES_OF and file is not None:
+            roots |= _with_neighbours(_root(Path(file)))
     return _hash([library_versions(), *sorted(map(code_below, roots)), *map(file_code, files)])
 
 
@@ -36,7 +36,11 @@ def code_below(root: Path) -> str:
     """Return a hash of a file, or of every Python file of a folder with its place in there."""
     if root.is_file():
         return file_code(root)
-    files = sorted((path.relative_to(root).as_posix(), path) for path in root.rglob("*.py"))
+    files = sorted(
+        (path.relative_to(root).as_posix(), path)
+        for path in root.rglob("*.py")
+        if path.is_file() and not path.name.startswith(".")  # such as an editor's lock
+    )
     return _hash(f"{place} {file_code(path)}" for place, path in files)
 
 
@@ -64,6 +68,39 @@ def _root(file: Path) -> Path:
     while (root.parent / "__init__.py").is_file():
         root = root.parent
     return root
+
+
+def _with_neighbours(root: Path) -> set[Path]:
+    """Return a package, or a file with the files and packages of its folder that it imports."""
+    found, new = {root}, [root] if root.is_file() else []
+    while new:
+        file = new.pop()
+        for name in _imported(file):
+            for path in (file.parent / f"{name}.py", file.parent / name):
+                if path not in found and (path.is_file() or (path / "__init__.py").is_file()):
+                    found.add(path)
+                    new += [path] if path.is_file() else []
+    return found
+
+
+def _imported(file: Path) -> set[str]:
+    """Return the first parts of the names that a file imports anywhere."""
+    try:
+        tree = ast.parse(file.read_bytes())
+    except (SyntaxError, ValueError):  # no Python: an extension module
+        return set()
+    names = {
+        name
+        for node in ast.walk(tree)
+        for name in (
+            [alias.name for alias in node.names]
+            if isinstance(node, ast.Import)
+            else [node.module or "", *(alias.name for alias in node.names if node.level)]
+            if isinstance(node, ast.ImportFrom)
+            else []
+        )
+    }
+    return {name.partition(".")[0] for name in names if name}
 
 
 def _version(distribution: str) -> str:

@@ -9,8 +9,10 @@ import pytest
 
 from made_results import MadeResults
 from stiff_bench.collected import Contest, collect, left_out_notes
+from stiff_bench.packing import pack
 from stiff_bench.same_robot import dataset_of, family_of
 from stiff_bench.store import ResultStore
+from stiff_protocols.errors import StoreError
 
 
 @pytest.fixture()
@@ -74,11 +76,32 @@ def test_results_that_a_later_run_asked_for_again_are_the_newest(made):
     assert {one.run_id for one in contest.results("a")} == {"1"} and contest.newest_run == "3"
 
 
-def test_a_cell_that_fails_when_it_is_computed_again_has_failed(made):
+@pytest.mark.parametrize("packed", [False, True])
+def test_a_cell_that_fails_when_it_is_computed_again_keeps_its_result(made, packed):
     made.add("a", [1.0, 1.0], run_id="1")
+    if packed:
+        pack(made.folder)
     made.add_run("2", made.add("a", failed=[0], run_id="2"))
     found = only(made).competitors["a"]
-    assert [slot[0] for slot in found.done] == [1] and len(found.reasons) == 1
+    assert {slot[0] for slot in found.done} == {0, 1} and not found.reasons
+
+
+@pytest.mark.parametrize(
+    ("part", "remedy"),
+    [
+        ("cells", "the `bench run` that made it computes it again, and sets the file aside"),
+        ("packs", "the `bench run` that made it computes it again, and sets the file aside"),
+        ("runs", "the same `bench run` again writes another one; move this file out of the folder"),
+    ],
+)
+def test_a_damaged_file_is_refused_with_what_to_do_about_it(made, part, remedy):
+    made.add_run("1", made.add("a", [1.0]))
+    if part == "packs":
+        pack(made.folder)
+    (path,) = (made.folder / part).iterdir()
+    path.write_bytes(path.read_bytes() + b" ")
+    with pytest.raises(StoreError, match=rf"{path}: damaged: .*; {remedy}$"):
+        collect(made.folder)
 
 
 @pytest.mark.parametrize(("newest", "n_asked"), [(slice(0, 2), 2), (slice(2, 3), 5)])
@@ -86,7 +109,7 @@ def test_the_newest_run_says_how_many_splits_were_asked_for(made, newest, n_aske
     keys = made.add("a", [1.0] * 3)
     store = ResultStore(made.folder)
     for index, key in enumerate(keys):
-        store.write_cell(replace(store.read_cell(key), n_splits=2 if index < 2 else 5))
+        store.write_cell(replace(store.loose(key), n_splits=2 if index < 2 else 5))
     made.add_run("run-2", keys[newest])
     assert only(made).competitors["a"].n_asked == n_asked
 

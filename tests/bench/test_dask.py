@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -12,12 +13,14 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
 import pytest
 
 import hostile_models
+import stiff_models
 from command_line import assert_refused, bench, started
 from stiff_bench.slurm_file import read_slurm_file
 from stiff_bench.store import read_manifests, read_results
@@ -37,28 +40,30 @@ def free_port() -> int:
 class Cluster:
     """A scheduler and two workers, each a process of its own that can be killed."""
 
-    def __init__(self, stack: ExitStack, folder: Path):
+    def __init__(self, stack: ExitStack, folder: Path, workers: int = 2):
         self.port, self._stack, self._folder = free_port(), stack, folder
         self.address = f"tcp://127.0.0.1:{self.port}"
-        self.start()
+        self.start(workers)
 
-    def start(self) -> None:
+    def start(self, workers: int = 2) -> None:
         self.scheduler = self._run("dask_scheduler", "--host", "127.0.0.1", "--port", self.port)
-        self.workers = [
-            self._run("dask_worker", self.address, "--nthreads", 1, "--host", "127.0.0.1")
-            for _ in range(2)
-        ]
+        self.workers = [self.start_worker() for _ in range(workers)]
+
+    def start_worker(self, **options: Any) -> subprocess.Popen[bytes]:
+        words = (self.address, "--nthreads", 1, "--host", "127.0.0.1")
+        return self._run("dask_worker", *words, **options)
 
     def _python(self, program: str) -> list[str]:
         return [sys.executable, "-m", f"distributed.cli.{program}"]
 
-    def _run(self, program: str, *words: object) -> subprocess.Popen[bytes]:
+    def _run(self, program: str, *words: object, **options: Any) -> subprocess.Popen[bytes]:
         command = subprocess.Popen(
             [*self._python(program), *map(str, words), "--no-dashboard"],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             cwd=self._folder,
             start_new_session=True,
+            **options,
         )
         self._stack.callback(command.wait)
         self._stack.callback(kill_family, command.pid)
@@ -165,7 +170,32 @@ def test_a_cell_that_kills_every_worker_it_meets_costs_that_cell_alone(tmp_path)
     good = [one for one in results if one.cell.model == "Good"]
     bad = [one for one in results if one.cell.model == "KillsWorkers"]
     assert len(good) == len(bad) == 3 and all(one.status == "ok" for one in good)
-    assert all("one worker after another ended" in one.failure for one in bad)
+    assert all("3 workers ended while they computed it" in one.failure for one in bad)
+
+
+@pytest.mark.slow
+def test_a_run_waits_for_workers_and_gives_none_to_one_of_other_code(tmp_path):
+    stub = tmp_path / "older" / "stiff_models"
+    shutil.copytree(Path(stiff_models.__file__).parent, stub)
+    (stub / "vjm.py").write_text((stub / "vjm.py").read_text() + "# of another version\n")
+    run = ["run", "--model", "vjm", "--model", "knn", "--splits", "4"]
+    with ExitStack() as stack:
+        cluster = Cluster(stack, tmp_path, workers=0)
+        command = stack.enter_context(
+            started(*run, "--dask", cluster.address, "--output", "out", cwd=tmp_path)
+        )
+        wait_until(lambda: (tmp_path / "out" / "runs").is_dir())
+        time.sleep(3.0)
+        cluster.start_worker(env={**os.environ, "PYTHONPATH": str(stub.parent)})
+        time.sleep(8.0)
+        assert n_stored(tmp_path / "out") == 0 and command.poll() is None
+        cluster.start_worker()
+        _, said = command.communicate(timeout=120)
+    assert command.returncode == 0, said
+    assert "is given no cells: it has another version of stiffbench or of a library" in said
+    assert "bench: 8 ok; " in said
+    (manifest,) = read_manifests(tmp_path / "out")
+    assert len(manifest.machines) == 1
 
 
 @pytest.mark.slow

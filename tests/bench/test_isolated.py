@@ -29,10 +29,13 @@ EXPECTED = {
     "Exits": ("failed", "exit status 3", "without a result (exit status 3)"),
     "ExitsWell": ("failed", "exit status 0", "without a result (exit status 0)"),
     "Quits": ("failed", "SystemExit", "SystemExit: enough"),
-    "Interrupts": ("failed", "exit status 1", "without a result (exit status 1)"),
+    "Interrupts": ("failed", "KeyboardInterrupt", "KeyboardInterrupt"),
     "KillsItself": ("failed", "SIGKILL", "ended by SIGKILL after"),
     "TellsLies": ("failed", "ModelError", "predict returned <U7 values, expected (31, 3)"),
     "LeavesAChild": ("ok", "", ""),
+    "DetachesAChild": ("ok", "", ""),
+    "ClosesItsPipes": ("failed", "no result", "it closed the way to send one"),
+    "HoldsTheInterpreter": ("failed", "timed out", f"took longer than --timeout {SECONDS} s"),
     "vjm": ("ok", "", ""),
 }
 
@@ -75,8 +78,8 @@ def test_the_summary_counts_every_cause_and_the_exit_status_is_1(run):
     done, _, left, _ = run
     assert done.returncode == 1
     last = done.stderr.strip().splitlines()[-1]
-    assert last.startswith("bench: 3 ok, 9 failed (")
-    assert "3 timed out, 2 out of memory; " in last
+    assert last.startswith("bench: 4 ok, 10 failed (")
+    assert "4 timed out, 2 out of memory; " in last
     for cause in ("1 RuntimeError", "1 SIGSEGV", "1 exit status 3", "1 SIGKILL", "1 ModelError"):
         assert cause in last
     assert not left  # what a model started goes with it
@@ -163,8 +166,9 @@ def test_a_plugin_that_changes_during_a_run_gives_no_result_under_the_old_key(tm
 
 
 @pytest.mark.slow
-def test_processes_end_with_the_run_that_is_killed(tmp_path):
-    words = ["run", "--plugin", str(PLUGIN), "--model", "Spins", "--output", "out"]
+@pytest.mark.parametrize("key", ["Spins", "HoldsTheInterpreter"])
+def test_processes_end_with_the_run_that_is_killed(tmp_path, key):
+    words = ["run", "--plugin", str(PLUGIN), "--isolate", "--model", key, "--output", "out"]
     with started(*words, cwd=tmp_path) as command:
         family = wait_for_family(command.pid)
         command.kill()
@@ -177,7 +181,29 @@ def wait_for_family(pid: int) -> list[psutil.Process]:
     """The server of a command and the process of its cell, once they run."""
     for _ in range(600):
         found = psutil.Process(pid).children(recursive=True)
-        if len(found) >= 3 and any(one.cpu_times().user > 0.5 for one in found[-1:]):
+        if len(found) >= 3 and any(one.cpu_times().user > 0.5 for one in found[2:]):
             return found
         time.sleep(0.1)
     raise AssertionError("no process was started")
+
+
+@pytest.mark.slow
+def test_a_model_that_kills_the_server_of_all_processes_costs_its_own_row_alone(tmp_path):
+    models = ["--model", "Good@seconds=2", "--model", "KillsTheServer", "--model", "knn"]
+    words = ["run", "--plugin", str(PLUGIN), *models, "--splits", "2", "--jobs", "3"]
+    done = bench(*words, "--timeout", "60", "--output", "out", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "bench: 4 ok, 2 failed (exit status 255, or its server was killed); " in done.stderr
+
+
+@pytest.mark.slow
+def test_a_module_beside_a_plugin_is_part_of_the_key(tmp_path):
+    helper, plugin = tmp_path / "helper.py", tmp_path / "mine.py"
+    begin = "import os, sys\nsys.path.insert(0, os.path.dirname(__file__))\nimport helper\n"
+    plugin.write_text(PLUGIN.read_text().replace("import ctypes\n", f"{begin}import ctypes\n"))
+    helper.write_text("factor = 1\n")
+    words = ["run", "--plugin", str(plugin), "--model", "Good", "--output", "out"]
+    said = [bench(*words, cwd=tmp_path).stderr for _ in range(2)]
+    helper.write_text("factor = 22\n")
+    said.append(bench(*words, cwd=tmp_path).stderr)
+    assert ["bench: 1 ok; " in text for text in said] == [True, False, True]

@@ -33,7 +33,7 @@ def folder_of(path, model, errors_mm=(0.1, 0.2), *, run_id=EARLY, code="", **how
     if code:
         store = ResultStore(path)
         for key in keys:
-            result = store.read_cell(key)
+            result = store.loose(key)
             (path / "cells" / f"{key}.json").unlink()
             store.write_cell(replace(result, cell=replace(result.cell, code_sha256=code)))
     made.add_run(run_id, keys)
@@ -109,6 +109,14 @@ def test_a_result_stands_before_a_newer_failure(tmp_path):
         merge(order, tmp_path / str(number), NOTHING)
         (result,) = read_results(tmp_path / str(number))
         assert (result.status, result.run_id) == ("ok", EARLY)
+
+
+def test_a_cell_that_failed_in_a_folder_after_its_result_is_taken_as_that_result(tmp_path):
+    folder = folder_of(tmp_path / "a", "vjm", (0.1,))
+    expected = contents(folder)
+    folder_of(folder, "vjm", (), failed=(0,), run_id=LATE)
+    merged = merge([folder], tmp_path / "c", NOTHING)
+    assert contents(tmp_path / "c") == expected and merged.taken == {folder: (1, 1)}
 
 
 @pytest.mark.parametrize("packed", [False, True])
@@ -352,6 +360,6 @@ def test_numbers_come_through_to_the_last_bit(two, tmp_path):
     merge(two, tmp_path / "c", NOTHING)
     for folder in two:
         for result in read_results(folder):
-            back = ResultStore(tmp_path / "c").read_cell(result.cell.key)
+            back = ResultStore(tmp_path / "c").loose(result.cell.key)
             np.testing.assert_array_equal(back.prediction.predicted, result.prediction.predicted)
             assert back.records == result.records

@@ -27,8 +27,9 @@ from command_line import bench
 from made_results import MadeResults
 from stiff_bench import folder_lock, packing, packs
 from stiff_bench.cell_content import cell_content
-from stiff_bench.checked_json import json_text
+from stiff_bench.checked_json import DamagedFile, json_text
 from stiff_bench.collected import collect
+from stiff_bench.loose_cells import loose_files
 from stiff_bench.packing import pack, pack_if_many
 from stiff_bench.packs import pack_files, write_pack
 from stiff_bench.store import ResultStore, read_results, stored_keys, stored_results
@@ -155,7 +156,6 @@ def test_a_result_in_a_file_of_its_own_stands_before_a_packed_one(tmp_path):
         if run_id != "3":
             pack(tmp_path)
     assert found(tmp_path) == {(0, "3", "ok"): 1}
-    assert store.read_cell(made(0).cell.key).run_id == "3"
 
 
 def test_of_two_packs_the_newer_counts(tmp_path):
@@ -166,18 +166,51 @@ def test_of_two_packs_the_newer_counts(tmp_path):
 
 
 @pytest.mark.parametrize("packings", range(8))
-def test_a_result_removes_older_failures_and_a_failure_no_result(tmp_path, packings):
-    """As without packs, wherever packing comes between."""
+def test_a_result_counts_over_any_failure_before_it_or_after(tmp_path, packings):
+    """Wherever packing comes between."""
     store = ResultStore(tmp_path)
     history = [failure(0, "1"), made(0, "2"), failure(0, "3")]
-    for step, (one, counting) in enumerate(zip(history, ["1", "2", "23"], strict=True)):
+    for step, (one, counting) in enumerate(
+        zip(history, [history[0], *[history[1]] * 2], strict=True)
+    ):
         store.write_cell(one)
         if packings >> step & 1:
             pack(tmp_path)
-        assert {run_id for _, run_id, _ in found(tmp_path)} == set(counting)
-        assert set(found(tmp_path).values()) == {1}
+        assert found(tmp_path) == {(0, counting.run_id, counting.status): 1}
     store.write_cell(made(0, "4"))
     assert found(tmp_path) == {(0, "4", "ok"): 1}
+
+
+@pytest.mark.parametrize("packings", range(4))
+def test_of_several_failures_the_newest_counts(tmp_path, packings):
+    for step, run_id in enumerate("21"):  # the order of writing, whatever the runs' names
+        ResultStore(tmp_path).write_cell(failure(0, run_id))
+        if packings >> step & 1:
+            pack(tmp_path)
+    assert found(tmp_path) == {(0, "1", "failed"): 1}
+
+
+def test_where_a_result_is_damaged_the_failure_after_it_is_what_is_left(tmp_path):
+    store = ResultStore(tmp_path)
+    path = store.write_cell(made(0))
+    store.write_cell(failure(0))
+    path.write_text("{")
+    said: list[StoreError] = []
+    assert [one.status for one in stored_results(tmp_path, report=said.append)] == ["failed"]
+    assert len(said) == 1
+
+
+def test_a_failure_that_gives_way_to_a_result_while_a_folder_is_read_is_that_result(tmp_path):
+    store = ResultStore(tmp_path)
+    store.write_cell(failure(0))
+    store.write_cell(failure(1))
+    reading = stored_results(tmp_path)
+    with patch("stiff_bench.store.loose_files", return_value=loose_files(tmp_path)):
+        store.write_cell(made(1))
+        assert {(one.cell.split_index, one.status) for one in reading} == {
+            (0, "failed"),
+            (1, "ok"),
+        }
 
 
 def test_keys_say_which_cells_have_a_result(tmp_path):
@@ -199,8 +232,6 @@ def test_only_what_is_asked_for_is_found(tmp_path):
             pack(tmp_path)
     wanted = {made(index).cell.key for index in (1, 3, 9)}
     assert {one.cell.split_index for one in store.find(wanted, pytest.fail)} == {1, 3}
-    with pytest.raises(StoreError, match="holds no result of the cell"):
-        store.read_cell(made(9).cell.key)
 
 
 @pytest.fixture()
@@ -237,7 +268,43 @@ def test_a_damaged_file_or_pack_is_reported_and_its_cells_are_missing(damaged, t
     loose.write_text("{")
     assert not list(store.find(keys, said.append))
     assert [str(error).partition(":")[0] for error in said] == [str(path), str(loose), str(path)]
-    assert list(store.keys(said.append)) == [made(2).cell.key]
+    assert list(stored_keys(tmp_path, said.append)) == [made(2).cell.key]
+    for error in said:
+        assert isinstance(error, DamagedFile)
+        store.set_aside(error.path)
+    store.write_cell(made(2))
+    assert found(tmp_path) == {(2, "r", "ok"): 1}
+    assert path.with_name(f"{path.name}.damaged").read_bytes() == content[:-1]
+    assert stored_keys(tmp_path) == {made(2).cell.key: True}
+
+
+def test_other_files_beside_packs_are_none(damaged, tmp_path):
+    path, content = damaged
+    names = (
+        "1x.parquet",
+        "000002.parquet",
+        "mine.parquet",
+        f"12-{'0' * 32}.parquet",
+        path.name[:-8],
+    )
+    for name in (*names, f"{path.name}.damaged", f"000002-{'g' * 32}.parquet"):
+        path.with_name(name).write_bytes(content)
+    assert pack_files(tmp_path) == [path] and len(found(tmp_path)) == 3
+    assert pack(tmp_path) == 1
+    assert [one.name[:7] for one in pack_files(tmp_path)] == ["000002-", "000001-"]
+
+
+def test_packs_are_in_the_order_of_their_numbers_however_many_there_are(tmp_path):
+    ResultStore(tmp_path).write_cell(made(0, "1"))
+    pack(tmp_path)
+    (path,) = pack_files(tmp_path)
+    path.rename(path.with_name(path.name.replace("000001", "999999")))
+    for run_id in "23":
+        ResultStore(tmp_path).write_cell(made(0, run_id))
+        pack(tmp_path)
+    numbers = [one.name.partition("-")[0] for one in pack_files(tmp_path)]
+    assert numbers == ["1000001", "1000000", "999999"]
+    assert found(tmp_path) == {(0, "3", "ok"): 1}
 
 
 def test_a_damaged_file_does_not_hide_the_packed_result(tmp_path):
@@ -280,22 +347,10 @@ def test_many_or_large_cells_go_into_several_packs(tmp_path, monkeypatch, limit,
     store = ResultStore(tmp_path)
     for index in range(5):
         store.write_cell(made(index))
-        store.write_cell(failure(index))
+        store.write_cell(failure(index + 5))
     before = contents(tmp_path)
     assert pack(tmp_path) == 10 and len(pack_files(tmp_path)) == n_packs
     assert contents(tmp_path) == before and len(before) == 10
-
-
-def test_a_failure_stays_with_its_result_where_that_cannot_be_packed(tmp_path):
-    """Else the result would count as the newer, as soon as its file is whole again."""
-    store = ResultStore(tmp_path)
-    path = store.write_cell(made(0))
-    store.write_cell(failure(0, "later"))
-    whole = path.read_bytes()
-    path.write_text("{")
-    assert pack(tmp_path) == 0
-    path.write_bytes(whole)
-    assert found(tmp_path) == {(0, "r", "ok"): 1, (0, "later", "failed"): 1}
 
 
 def test_few_cells_are_not_packed_by_themselves(tmp_path, monkeypatch):
@@ -363,7 +418,7 @@ def test_killed_between_any_two_steps_packing_loses_nothing_and_counts_nothing_t
         killed = killed_at(step, partial(pack, folder))
         assert contents(folder) == before
         pack(folder)
-        assert contents(folder) == before and len(before) == 5
+        assert contents(folder) == before and len(before) == 4
         left = {item.name for part in ("cells", "packs") for item in (folder / part).iterdir()}
         assert left == {path.name for path in pack_files(folder)}
         step += 1
@@ -453,7 +508,7 @@ def test_a_cell_that_finds_no_room_leaves_the_old_one(tmp_path):
     path = store.write_cell(made(0, "1"))
     with files_no_larger_than(100), pytest.raises(StoreError, match="cannot be written: File too"):
         store.write_cell(made(0, "2"))
-    assert store.read_cell(made(0).cell.key).run_id == "1"
+    assert found(tmp_path) == {(0, "1", "ok"): 1}
     assert list(path.parent.iterdir()) == [path]
 
 

@@ -16,6 +16,7 @@ import pytest
 import hostile_models
 from command_line import bench, started
 from run_requests import planned
+from stiff_bench.collected import collect
 from stiff_bench.execution import IN_THIS_PROCESS
 from stiff_bench.packing import pack
 from stiff_bench.run import execute
@@ -76,7 +77,8 @@ def test_more_splits_compute_those_that_are_missing(run, tmp_path):
     run(splits=2)
     _, table, said = run(splits=5)
     assert tally_of(said) == "6 ok, 4 cached"
-    assert {one.n_splits for one in read_results(tmp_path)} == {5}
+    (contest,) = collect(tmp_path)
+    assert {one.n_asked for one in contest.competitors.values()} == {5}
     assert table == run(splits=5)[1]
 
 

@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiff_bench.store import ResultStore, read_results
+from stiff_bench.checked_json import DamagedFile
+from stiff_bench.store import ResultStore, read_manifests, read_results
 from stiff_bench.stored_data import read_data
 from stiff_datasets.fanuc_r2000ic import FanucR2000iC
 from stiff_models.kinematics import jacobian
@@ -50,10 +51,15 @@ def result(**changes) -> CellResult:
     )
 
 
+def only(store: ResultStore) -> CellResult:
+    (found,) = read_results(store.folder)
+    return found
+
+
 def test_a_cell_comes_back_as_it_was_written_to_the_last_bit(tmp_path):
     store = ResultStore(tmp_path)
     store.write_cell(result())
-    back = store.read_cell(CELL.key)
+    back = only(store)
     assert back.cell == CELL and back.records == result().records
     assert back.shown == SHOWN and back.cost == result().cost
     np.testing.assert_array_equal(back.prediction.predicted, result().prediction.predicted)
@@ -69,7 +75,7 @@ def test_intervals_come_back_to_the_last_bit(tmp_path):
     prediction = Prediction(np.array([4]), numbers, numbers, interval)
     store = ResultStore(tmp_path)
     store.write_cell(result(cell=cell, prediction=prediction, calibration_samples=11))
-    back = store.read_cell(cell.key)
+    back = only(store)
     assert back.cell == cell and back.calibration_samples == 11
     assert back.prediction.interval.coverage == 0.9
     np.testing.assert_array_equal(back.prediction.interval.lower, interval.lower)
@@ -80,7 +86,7 @@ def test_a_result_without_the_intervals_that_were_asked_for_is_read(tmp_path):
     cell = replace(CELL, coverage=0.9)  # the training side was too small for them
     store = ResultStore(tmp_path)
     store.write_cell(result(cell=cell))
-    assert store.read_cell(cell.key).prediction.interval is None
+    assert only(store).prediction.interval is None
 
 
 def test_a_file_of_another_format_is_refused_with_both_numbers(tmp_path):
@@ -88,7 +94,7 @@ def test_a_file_of_another_format_is_refused_with_both_numbers(tmp_path):
     path = store.write_cell(result())
     path.write_text(path.read_text().replace('"schema":3', '"schema":1'))
     with pytest.raises(StoreError, match="stored format 1, this stiffbench reads 3"):
-        store.read_cell(CELL.key)
+        only(store)
 
 
 def test_a_run_does_not_add_to_a_folder_of_another_format(tmp_path):
@@ -161,7 +167,7 @@ def test_a_changed_or_cut_file_is_found_damaged(tmp_path):
     for damage in (text.replace("careful", "careless"), text[: len(text) // 2], ""):
         path.write_text(damage)
         with pytest.raises(StoreError, match="damaged"):
-            store.read_cell(CELL.key)
+            only(store)
 
 
 def test_a_file_under_another_cells_name_is_found(tmp_path):
@@ -190,7 +196,7 @@ def test_text_that_no_file_can_hold_is_stored_with_a_question_mark(tmp_path):
     """A file's name on a command line may hold bytes that are no character."""
     store = ResultStore(tmp_path)
     store.write_cell(result(failure="M\xfcller \udcff.csv"))
-    assert store.read_cell(CELL.key).failure == "M\xfcller ?.csv"
+    assert only(store).failure == "M\xfcller ?.csv"
 
 
 def test_temporary_files_that_a_killed_run_left_are_no_results(tmp_path):
@@ -224,7 +230,7 @@ def test_a_manifest_comes_back_as_it_was_written(tmp_path):
     store = ResultStore(tmp_path)
     manifest = RunManifest("r", "bench run", "2026-01-01", "finished", {"numpy": "2"}, ("k",))
     store.write_manifest(manifest)
-    assert store.read_manifest("r") == manifest
+    assert list(read_manifests(tmp_path)) == [manifest]
 
 
 def test_a_cells_key_does_not_depend_on_the_order_of_options():
@@ -272,9 +278,41 @@ def test_a_failure_never_replaces_a_result_and_a_result_clears_the_failure(tmp_p
     failed = result(status=status, records=(), prediction=None, failure="out of memory")
     kept = store.write_cell(result())
     noted = store.write_cell(failed)
-    assert store.read_cell(CELL.key).status == "ok" and kept != noted
+    assert only(store).status == "ok" and kept != noted
     store.write_cell(result())
     assert kept.exists() and not noted.exists()
+
+
+def test_a_damaged_file_that_is_set_aside_is_kept_and_never_read(tmp_path):
+    store = ResultStore(tmp_path)
+    path = store.write_cell(result())
+    path.write_text("{")
+    with pytest.raises(DamagedFile) as caught:
+        only(store)
+    assert caught.value.path == path
+    for _ in range(2):  # as two runs would
+        store.set_aside(path)
+    assert not list(read_results(tmp_path))
+    assert path.with_name(f"{path.name}.damaged").read_text() == "{"
+
+
+def test_a_damaged_file_that_was_written_anew_is_not_set_aside(tmp_path):
+    store = ResultStore(tmp_path)
+    path = store.write_cell(result())
+    store.set_aside(path)
+    assert [one.name for one in path.parent.iterdir()] == [path.name]
+
+
+def test_a_file_that_cannot_be_set_aside_is_said(tmp_path, monkeypatch):
+    path = ResultStore(tmp_path).write_cell(result())
+    path.write_text("{")
+
+    def refuse(*_):
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr("os.rename", refuse)
+    with pytest.raises(StoreError, match=f"{path}: cannot be renamed: Read-only"):
+        ResultStore(tmp_path).set_aside(path)
 
 
 def test_a_file_is_on_the_disk_before_its_name_is_and_the_name_before_anything_else(
@@ -310,4 +348,4 @@ def test_a_whole_file_without_a_manifest_in_it_is_damaged(tmp_path, content):
     checksum = hashlib.sha256(content.encode()).hexdigest()
     path.write_text(f'{{"schema":3,"sha256":"{checksum}","content":{content}}}\n')
     with pytest.raises(StoreError, match="damaged"):
-        store.read_manifest("r")
+        list(read_manifests(tmp_path))
