@@ -49,11 +49,12 @@ class Runs:
     def newest_first(self, results: Iterable[CellResult]) -> list[CellResult]:
         """Return results by run, the newest first; of one run, what succeeded before what failed.
 
-        Equals stay in their order, which is that of their keys where a folder was read.
+        What that run computed comes before what it found computed. Equals stay in their order,
+        which is that of their keys where a folder was read.
         """
 
-        def age(one: CellResult) -> tuple[str, bool]:
-            return self.run_of(one), one.status == "ok"
+        def age(one: CellResult) -> tuple[str, str, bool]:
+            return self.run_of(one), one.run_id, one.status == "ok"
 
         return sorted(results, key=age, reverse=True)
 
