@@ -76,7 +76,8 @@ def run_cells(
                 store.write_cell(result)
                 found[result.cell.key] = result
                 display.end(result)
-        for path in damaged:
+    for path in damaged:
+        with suppress(StoreError):  # then the next run says it again
             store.set_aside(path)
     return Finished(tuple(found[task.cell.key] for task in tasks), cached)
 

@@ -36,7 +36,8 @@ def frozen_array(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> 
     given = np.asarray(value)
     if given.dtype.kind not in "fiub":  # complex numbers and dates would lose a part
         raise DataError(f"{name} holds {given.dtype}, expected real numbers")
-    array = np.array(given, dtype=np.float64, order="C")
+    with np.errstate(over="ignore", invalid="ignore"):  # what is too large is refused below
+        array = np.array(given, dtype=np.float64, order="C")
     if array.ndim != len(shape) or any(
         want is not None and want != have for want, have in zip(shape, array.shape, strict=True)
     ):
