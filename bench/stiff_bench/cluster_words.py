@@ -65,7 +65,7 @@ def _local(n_workers: int, output: Path) -> Iterator[str]:
             n_workers=n_workers,
             threads_per_worker=1,
             processes=True,
-            dashboard_address=None,
+            dashboard_address=":0",
             local_directory=scratch,
         ) as cluster,
     ):

@@ -8,6 +8,7 @@ scheduler with all that it knew) is submitted again.
 
 from __future__ import annotations
 
+import logging
 import time
 from collections import Counter, deque
 from collections.abc import Generator, Iterable, Mapping
@@ -54,6 +55,7 @@ class DaskExecutor:
             ConfigError: they name no cluster.
         """
         self._words, self._limits, self._patience_s = words, limits, patience_s
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters, we say
         self._cluster = cluster_of(words, limits, output)
         self._machines: dict[str, Mapping[str, str]] = {}
         self.at_once = self._cluster.workers
@@ -84,7 +86,8 @@ class DaskExecutor:
                 with Connection(address, self._words, self._machines) as connection:
                     yield from self._until_gone(connection, queue, run_id, display)
                 if queue:
-                    say(f"--dask {self._words}: the scheduler is gone; waiting for another")
+                    gone = "the scheduler is gone; waiting for another, and for workers of it"
+                    say(f"--dask {self._words}: {gone}")
                     self._wait_for_scheduler(address)
 
     def _until_gone(

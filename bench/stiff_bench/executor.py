@@ -118,7 +118,11 @@ class LocalProcesses(OnThisMachine):
             work = work_of(task, run_id, self._limits)
             return compute_isolated(work, heard=display.step, unwanted=stopped.is_set)
         except Exception as error:  # it could not be started: no reason to stop the others
-            return Crash(type(error).__name__, f"no process could be started: {said_by(error)}")
+            return Crash(
+                type(error).__name__,
+                f"no process could be started: {said_by(error)}",
+                server_gone=isinstance(error, EOFError | OSError),
+            )
 
 
 def result_of(task: CellTask, run_id: str, found: CellResult | Crash) -> CellResult:

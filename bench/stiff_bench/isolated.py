@@ -37,7 +37,7 @@ READS_AT_THE_END = 16
 LOG_LINES = 30
 LONGEST_LINE = 500
 """Bytes that are kept of a line of the log."""
-_NOISE = ("Extension modules:", "/multiprocessing/", 'File "<string>"')
+_NOISE = ("Extension modules:", "/multiprocessing/", 'File "<string>"', "/stiff_bench/cell")
 """In lines of faulthandler that say nothing of the model: names of modules, our own beginning."""
 SECONDS_BETWEEN_LOOKS = 0.1
 SECONDS_TO_LEAVE = 5.0
@@ -57,8 +57,9 @@ def work_of(task: CellTask, run_id: str, limits: Limits) -> Work:
 
 def _imports() -> tuple[str, ...]:
     """Return which modules a cell will need, as this process shows that has made its model."""
-    ours = sorted(name for name in sys.modules if name.startswith("stiff_models."))
-    return ("stiff_bench.cells", *(("torch",) if "torch" in sys.modules else ()), *ours)
+    known = list(sys.modules)  # another thread may import meanwhile
+    ours = sorted(name for name in known if name.startswith("stiff_models."))
+    return ("stiff_bench.cells", *(("torch",) if "torch" in known else ()), *ours)
 
 
 def compute_isolated(

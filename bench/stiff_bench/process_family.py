@@ -10,6 +10,7 @@ import sys
 import threading
 from contextlib import suppress
 from multiprocessing import parent_process
+from multiprocessing.connection import wait
 
 import psutil
 
@@ -33,7 +34,10 @@ def end_with_parent() -> None:
         fcntl.fcntl(parent.sentinel, fcntl.F_SETSIG, signal.SIGKILL)
         flags = fcntl.fcntl(parent.sentinel, fcntl.F_GETFL)
         fcntl.fcntl(parent.sentinel, fcntl.F_SETFL, flags | os.O_ASYNC)
-    threading.Thread(target=_wait_and_end, daemon=True).start()
+        if wait([parent.sentinel], 0):  # it was gone before
+            os.killpg(0, signal.SIGKILL)
+    else:
+        threading.Thread(target=_wait_and_end, daemon=True).start()
 
 
 def _wait_and_end() -> None:

@@ -30,7 +30,7 @@ from stiff_protocols.record import CellResult
 
 SECONDS_BETWEEN_LINES = 5.0
 SECONDS_BETWEEN_CELLS = 1.0
-SHOWN_LOG_LINES = 12
+SHOWN_LOG_LINES = 6
 
 
 class Display(Protocol):

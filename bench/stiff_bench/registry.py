@@ -225,7 +225,7 @@ def import_plugin_file(path: Path) -> ModuleType:
 
 def plugin_files() -> tuple[Path, ...]:
     """Return the plugin files that this process has imported: their classes need them elsewhere."""
-    names = [name for name in sys.modules if name.startswith(_PLUGIN)]
+    names = [name for name in list(sys.modules) if name.startswith(_PLUGIN)]
     return tuple(Path(str(sys.modules[name].__file__)).resolve() for name in names)
 
 

@@ -39,7 +39,7 @@ def execute(plan: RunPlan, fmt: str, execution: Execution = IN_THIS_PROCESS) -> 
     print_text(render(build_tables(finished.results, plan.metrics), fmt, plan.command))
     say(
         f"{tally(finished.results, finished.cached)}; {time.perf_counter() - start:.1f} s, peak "
-        f"memory {peak_memory_bytes() / 2**20:.0f} MiB; stored in {plan.output}"
+        f"memory of this process {peak_memory_bytes() / 2**20:.0f} MiB; stored in {plan.output}"
     )
     _say_old_failures(finished)
     pack_if_many(plan.output)

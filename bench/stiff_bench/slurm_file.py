@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -84,7 +85,13 @@ def read_slurm_file(path: Path) -> SlurmFile:
 
 @contextmanager
 def slurm_cluster(settings: SlurmFile, limits: Limits, output: Path) -> Iterator[str]:
-    """Submit the jobs; they end with the block. The scheduler is in this process."""
+    """Submit the jobs; they end with the block. The scheduler is in this process.
+
+    Raises:
+        ConfigError: there is no Slurm here.
+    """
+    if shutil.which("sbatch") is None:
+        raise ConfigError("--dask slurm: no sbatch here; --plan shows the script of a job")
     make_folder(_logs(settings, output))
     with _jobs(settings, limits, output) as cluster:
         cluster.scale(jobs=settings.workers)
@@ -125,6 +132,6 @@ def _jobs(settings: SlurmFile, limits: Limits, output: Path) -> SLURMCluster:
         cores=1,  # of Dask's: threads of the worker, which runs one cell at once
         processes=1,
         job_cpu=limits.threads,
-        scheduler_options={"dashboard": False},
+        scheduler_options={"dashboard": False, "dashboard_address": ":0"},
         **options,
     )

@@ -211,7 +211,10 @@ def test_a_run_goes_on_when_its_scheduler_comes_back(tmp_path):
         cluster.start()
         _, said = command.communicate(timeout=200)
     assert command.returncode == 0, said
-    assert "the scheduler is gone; waiting for another" in said and "bench: 16 ok; " in said
+    assert (
+        "the scheduler is gone; waiting for another, and for workers" in said
+        and "bench: 16 ok; " in said
+    )
     assert len(predictions(tmp_path / "out")) == 16
 
 
