@@ -52,7 +52,7 @@ ALLOWED = {
     "bench/stiff_bench/isolated.py": "pickle, multiprocessing: between our own processes",
     "bench/stiff_bench/executor.py": "pickle, multiprocessing: between our own processes",
     "bench/stiff_bench/crash.py": "pickle: between our own processes",
-    "bench/stiff_bench/process_family.py": "ctypes: one call of prctl(2); multiprocessing: the parent",
+    "bench/stiff_bench/process_family.py": "ctypes: prctl(2); multiprocessing: the parent",
     "models/stiff_models/cache.py": "joblib: the user's own cache, refused where others may write",
     "models/stiff_models/on_physics.py": "importlib: a table of our own",
     "models/stiff_models/onnx_export.py": "importlib: asks whether a package is there",
