@@ -125,7 +125,7 @@ def _described(
     """Keep the manifest of a run while it lasts, and give its name."""
     started = time.perf_counter()
     manifest = RunManifest(
-        run_id=f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{uuid.uuid4().hex[:6]}",
+        run_id=f"{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}-{uuid.uuid4().hex[:6]}",
         command=plan.command,
         started=datetime.now(UTC).isoformat(timespec="seconds"),
         status="running",

@@ -64,8 +64,9 @@ def test_a_run_prints_one_table_and_stores_every_cell(tmp_path):
     assert all(cell.prediction is not None and cell.run_id == manifest.run_id for cell in cells)
 
 
+@pytest.mark.slow
 def test_the_same_command_gives_the_same_numbers(tmp_path):
-    words = ["run", "--model", "ft-mlp", *SMALL[4:], "--format", "csv"]
+    words = ["run", "--model", "ft-mlp", *SMALL[4:], "--format", "csv", "--rerun", "all"]
     first, again = (bench(*words, cwd=tmp_path).stdout for _ in range(2))
     assert first and first == again
 

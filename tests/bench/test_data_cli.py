@@ -45,6 +45,7 @@ def filled_in(plan: Path, kr10_chain) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_from_the_plan_to_the_leaderboard_with_ones_own_file(tmp_path, home, kr10, kr10_chain):
     planned = bench("data", "plan", "--output", "plan.csv", cwd=tmp_path)
     assert planned.returncode == 0, planned.stderr
@@ -217,6 +218,7 @@ def test_info_prints_card_facts_and_caveats_and_draws_a_picture(tmp_path):
     assert (tmp_path / "results/info/fanuc-r2000ic.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_info_takes_a_data_sets_options(tmp_path):
     shown = [
         bench("data", "info", "kr10-twin", *words, cwd=tmp_path).stdout
@@ -232,6 +234,7 @@ def test_info_takes_a_data_sets_options(tmp_path):
     assert pictures == ["kr10-twin.png", "kr10-twin_specimen=3.png"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not POSE_ERRORS.is_dir(), reason="no public files beside this checkout")
 def test_pose_errors_are_fetched_and_never_called_stiffness(tmp_path, home):
     words = ["run", "--model", "mlp", "--set", "mlp.epochs=2", "--dataset", "ur5-pose-error"]

@@ -35,6 +35,7 @@ MODELS = [ModelInfo(key="bad", target=Bad, summary="mm")]
 """
 
 
+@pytest.mark.slow
 def test_a_new_model_passes_its_own_test_and_the_suite_and_can_be_run_as_it_stands(tmp_path):
     made = bench("new", "model", "My-Spring", cwd=tmp_path)
     assert made.returncode == 0, made.stderr
