@@ -6,10 +6,13 @@ milliseconds; the server itself never runs a model's code.
 
 from __future__ import annotations
 
+import atexit
 import multiprocessing
 import os
 import pickle
+import shutil
 import sys
+import tempfile
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -31,6 +34,8 @@ from stiff_protocols.errors import DataError
 from stiff_protocols.progress import Progress
 from stiff_protocols.record import CellResult
 
+LONGEST_TEMPDIR = 70
+"""Bytes."""
 BYTES_A_READ = 2**16
 READS_AT_THE_END = 16
 """As much as a pipe holds, even where the system was told to make it larger."""
@@ -78,6 +83,7 @@ def compute_isolated(
     Returns:
         None where the result became unwanted.
     """
+    _keep_socket_names_short()
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(work.imports))
     result_end, results = context.Pipe(duplex=False)
@@ -216,6 +222,17 @@ def _end(process: ForkServerProcess) -> None:
     process.kill()
     process.join()
     process.close()
+
+
+def _keep_socket_names_short() -> None:
+    """Have the server's socket in /tmp where TMPDIR is long, as batch systems make it.
+
+    A socket's whole name has at most 107 bytes (unix(7)), of which multiprocessing needs 33.
+    """
+    config = multiprocessing.current_process()._config  # type: ignore[attr-defined]
+    if "tempdir" not in config and len(os.fsencode(tempfile.gettempdir())) > LONGEST_TEMPDIR:
+        config["tempdir"] = tempfile.mkdtemp(prefix="bench-", dir="/tmp")
+        atexit.register(shutil.rmtree, config["tempdir"], ignore_errors=True)
 
 
 @contextmanager

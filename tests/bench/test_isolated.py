@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import time
 from pathlib import Path
@@ -207,3 +208,11 @@ def test_a_module_beside_a_plugin_is_part_of_the_key(tmp_path):
     helper.write_text("factor = 22\n")
     said.append(bench(*words, cwd=tmp_path).stderr)
     assert ["bench: 1 ok; " in text for text in said] == [True, False, True]
+
+
+def test_a_long_temporary_folder_is_no_obstacle(tmp_path):
+    deep = tmp_path / ("d" * 60) / ("e" * 60)
+    deep.mkdir(parents=True)
+    words = ["run", "--model", "knn", "--isolate", "--output", "out"]
+    done = bench(*words, cwd=tmp_path, env={**os.environ, "TMPDIR": str(deep)})
+    assert done.returncode == 0, done.stderr
