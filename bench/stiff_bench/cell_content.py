@@ -41,7 +41,13 @@ def cell_content(result: CellResult) -> dict[str, Any]:
         "n_train": result.n_train,
         "n_splits": result.n_splits,
         "chosen": dict(result.chosen),
+        "curves": {name: _points(curve) for name, curve in result.curves.items()},
     }
+
+
+def _points(curve: FloatArray) -> list[list[float | None]]:
+    """Return a curve's points; a NaN, as where there are no validation rows, becomes a null."""
+    return [[value if math.isfinite(value) else None for value in row] for row in curve.tolist()]
 
 
 def fields_of(found: Any) -> dict[str, Any]:
@@ -89,6 +95,10 @@ def cell_result(content: Mapping[str, Any]) -> CellResult:
         n_splits=content.get("n_splits", 0),
         n_train=content.get("n_train", 0),  # unknown in results from before it was stored
         chosen=content.get("chosen", {}),
+        curves={
+            name: np.array(points, dtype=np.float64).reshape(-1, 3)
+            for name, points in content.get("curves", {}).items()
+        },
     )
 
 

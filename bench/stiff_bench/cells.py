@@ -20,6 +20,7 @@ from stiff_models.catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.conformal import SplitConformal
 from stiff_protocols.contract import (
     ChoosesOptions,
+    KeepsCurves,
     PredictsInterval,
     ReportsDiagnostics,
     StiffnessModel,
@@ -49,6 +50,9 @@ from stiff_protocols.types import (
 ROWS_FOR_UNITS = 256
 """How many training rows are predicted to see that a model predicts m: enough, and soon done."""
 
+
+CURVE_POINTS = 200
+"""Of a training that are stored: more than a figure's width shows."""
 
 LONGEST_MESSAGE, MOST_WARNINGS = 2000, 100
 """Of a failure or warning, characters; and how many warnings of a cell are kept."""
@@ -155,6 +159,7 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
         n_train=len(_training_rows(task)),
         n_splits=task.n_splits,
         chosen=chosen,
+        curves=_curves(model),
     )
 
 
@@ -162,6 +167,29 @@ def _diagnostics(model: StiffnessModel) -> dict[str, float]:
     if not isinstance(model, ReportsDiagnostics):
         return {}
     return {str(name): float(value) for name, value in model.diagnostics_.items()}
+
+
+def _curves(model: StiffnessModel) -> dict[str, FloatArray]:
+    if not isinstance(model, KeepsCurves):
+        return {}
+    return {str(name): _thinned(name, curve) for name, curve in model.curves_.items()}
+
+
+def _thinned(name: str, curve: FloatArray) -> FloatArray:
+    """Return a curve of at most `CURVE_POINTS` points, first and last among them.
+
+    Raises:
+        ModelError: it is no curve.
+    """
+    try:
+        points = np.asarray(curve, dtype=np.float64)
+    except (TypeError, ValueError):
+        points = np.empty(0)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ModelError(f"curves_[{name!r}] is no (n, 3) array of step, loss, validation loss")
+    if len(points) <= CURVE_POINTS:
+        return points
+    return points[np.linspace(0, len(points) - 1, CURVE_POINTS).round().astype(np.int64)]
 
 
 def _chosen(model: StiffnessModel) -> dict[str, str]:

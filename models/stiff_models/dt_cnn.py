@@ -21,7 +21,7 @@ from stiff_models.cache import Trained
 from stiff_models.cnn import Cnn, Pool, adapt_statistics, build_cnn
 from stiff_models.features import Scaler
 from stiff_models.ft_mlp import GENTLE
-from stiff_models.mlp_pretrained import divided, source_error, source_report
+from stiff_models.mlp_pretrained import divided, source_errors, source_report
 from stiff_models.network_model import EncodedNetworkModel
 from stiff_models.source_model import SourceModel
 from stiff_models.training import Rows, train_network
@@ -123,13 +123,21 @@ class DtCnn(SourceModel, EncodedNetworkModel):
         trained = self._transfer(rows, self._inputs(train.q, train.wrench), seed)
         self.history_ = trained.curve
         some = test.take(np.arange(min(len(test), SOURCE_TEST_ROWS)))
-        self.source_test_mae_ = source_error(self, some)
-        self.diagnostics_ = source_report(len(domain), trained.seconds, self.source_test_mae_)
+        self.source_errors_ = source_errors(self, learn, some)
+        self.diagnostics_ = source_report(len(domain), trained.seconds, self.source_errors_)
         self.robot_ = robot
         if self.supervision == "fine-tune":
             held_out = None if validation is None else self._measured_rows(validation)
             self._fine_tune(self._measured_rows(train), held_out, seed)
         return self
+
+    @property
+    def curves_(self) -> dict[str, FloatArray]:
+        """Return the curve of the training on the source, and of a fine-tuning."""
+        found = {"pre-training": self.history_.table()}
+        if self.supervision == "fine-tune":
+            found["fine-tuning"] = self.fine_tuning_.table()
+        return found
 
     def _transfer(self, rows: Rows, target: torch.Tensor, seed: int) -> Trained:
         """Train the network on source rows and on the (n, n_inputs) inputs of target rows."""

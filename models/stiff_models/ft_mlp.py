@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal, Self
 
+import numpy as np
 import torch
 from annotated_types import Ge
 
@@ -22,7 +23,7 @@ from stiff_models.mlp_pretrained import MlpPretrained, Recipe
 from stiff_models.networks import linear_layers
 from stiff_models.training import Curve, Rows, train_network
 from stiff_models.training_plan import Trainable, TrainingPlan
-from stiff_protocols.types import Robot, Samples
+from stiff_protocols.types import FloatArray, Robot, Samples
 
 FAST = TrainingPlan(steps=400, learning_rate=1e-3, loss="mae", optimizer="adam", schedule="linear")
 # for networks of other kinds, in which every layer moves
@@ -104,7 +105,21 @@ class FtMlp(MlpPretrained):
         self.fine_tuning_ = fine_tune(
             self.network_, rows, plan, self._stages(plan.steps), validation=held_out, seed=seed
         )
+        learned = np.abs(self.predict(train.q, train.wrench) - train.deflection)
+        self.diagnostics_ |= {
+            "training MAE [mm]": float(learned.mean()) * 1000.0,  # of all axes together
+            "training STDE [mm]": float(learned.std()) * 1000.0,
+        }
         return self
+
+    @property
+    def curves_(self) -> dict[str, FloatArray]:
+        """Return the pre-training's curve and that of each stage of the fine-tuning."""
+        found = super().curves_
+        for number, curve in enumerate(self.fine_tuning_, start=1):
+            stage = "" if len(self.fine_tuning_) == 1 else f" {number}"
+            found[f"fine-tuning{stage}"] = curve.table()
+        return found
 
     def _fine_tuning_plan(self, *, keep_best: bool) -> TrainingPlan:
         plan = self._fine_tuning_recipe()

@@ -12,7 +12,7 @@ from stiff_models.network_model import NetworkModel
 from stiff_models.training import train_network
 from stiff_models.training_plan import TrainingPlan
 from stiff_protocols.errors import StiffBenchWarning
-from stiff_protocols.types import Robot, Samples
+from stiff_protocols.types import FloatArray, Robot, Samples
 
 Epochs = Annotated[int, Ge(0)]
 LearningRate = Annotated[float, Gt(0.0)]
@@ -32,6 +32,11 @@ class Mlp(NetworkModel):
     epochs: Epochs = 1000
     learning_rate: LearningRate = 1e-3
     training: Selection = "best"
+
+    @property
+    def curves_(self) -> dict[str, FloatArray]:
+        """Return the training's curve."""
+        return {"training": self.history_.table()}
 
     def chooses_epoch(self) -> bool:
         """Return whether validation rows choose the epoch."""

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 
 from stiff_models.arithmetic import arithmetic
@@ -16,6 +17,7 @@ from stiff_models.training_checks import ROWS_LOOKED_AT, dead, rose
 from stiff_models.training_plan import Trainable, TrainingPlan, loss_function
 from stiff_protocols.errors import ModelError, StiffBenchWarning
 from stiff_protocols.progress import report
+from stiff_protocols.types import FloatArray
 
 Objective = Callable[[float, torch.Tensor, torch.Tensor], torch.Tensor]
 """Takes the progress of the training (0 at its first step, towards 1), inputs (n, n_features) and
@@ -65,6 +67,11 @@ class Curve:
     points: tuple[CurvePoint, ...]
     best_step: int
     best_loss: float
+
+    def table(self) -> FloatArray:
+        """Return (n_points, 3): step, training loss, validation loss (NaN: no rows)."""
+        rows = [(point.step, point.train_loss, point.validation_loss) for point in self.points]
+        return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
 
 def train_network(

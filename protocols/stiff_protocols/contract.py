@@ -58,6 +58,18 @@ class ReportsDiagnostics(Protocol):
 
 
 @runtime_checkable
+class KeepsCurves(Protocol):
+    """Optional power: how the losses went while a network was trained.
+
+    Attributes:
+        curves_: name of each training -> (n_points, 3) array of step, training loss and validation
+            loss (NaN: none), available after `fit`. Losses are in the network's own units.
+    """
+
+    curves_: Mapping[str, FloatArray]
+
+
+@runtime_checkable
 class ChecksParams(Protocol):
     """Optional power: refuse options that do not fit together before anything is computed."""
 

@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 from stiff_protocols.cost import Cost
-from stiff_protocols.types import Prediction
+from stiff_protocols.types import FloatArray, Prediction
 
 SCHEMA = 3
 """Version of the stored format."""
@@ -148,6 +148,8 @@ class CellResult:
         n_train: rows of the training side, with those that choose an epoch; 0 where it is not ok.
         chosen: option -> value, as text, that the fit chose itself; empty where it chose none.
         n_splits: how many splits its run was asked for in its condition; 0 where it is not known.
+        curves: name of each training -> (n_points, 3) of step, training loss and validation loss
+            (NaN: none), in the network's own units; empty where nothing was trained so.
     """
 
     cell: Cell
@@ -166,6 +168,7 @@ class CellResult:
     n_train: int = 0
     chosen: Mapping[str, str] = field(default_factory=dict)
     n_splits: int = 0
+    curves: Mapping[str, FloatArray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -154,7 +154,7 @@ def test_every_member_of_an_ensemble_has_the_same_foreign_source(target, ur5):
     np.testing.assert_array_equal(predicted(ensemble.members_[0], target), predicted(alone, target))
     own = fitted(DeepEnsemble(**options, members=2), target, None, seed=4)
     for foreign, other in zip(ensemble.members_, own.members_, strict=True):
-        assert (foreign.source_test_mae_ != other.source_test_mae_).any()
+        assert (foreign.source_errors_ != other.source_errors_).any()
 
 
 @pytest.mark.parametrize("key", TAKE_A_SOURCE)
