@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,6 +15,12 @@ from stiff_bench.registry import OURS, Registry
 from stiff_protocols.errors import ConfigError
 
 Rerun = Literal["missing", "failed", "all"]
+COUNTING: Mapping[Rerun, Set[str]] = {
+    "missing": {"ok", "failed"},
+    "failed": {"ok"},
+    "all": frozenset(),
+}
+"""Statuses of the stored results that stand; what was skipped is always looked at again."""
 
 
 @dataclass(frozen=True)

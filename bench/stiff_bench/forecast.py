@@ -11,13 +11,13 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Set
 from dataclasses import dataclass
 from itertools import islice
+from pathlib import Path
 
-from stiff_bench.config import RunPlan
 from stiff_bench.costs import MOST_SINGLE_PREDICTIONS, SECONDS
-from stiff_bench.execution import Execution, Rerun
+from stiff_bench.execution import COUNTING, Execution, Rerun
 from stiff_bench.memory import peak_memory_bytes
 from stiff_bench.store import Report, stored_keys, stored_results
-from stiff_bench.tasks import cell_tasks
+from stiff_bench.tasks import CellTask
 from stiff_protocols.cost import Cost
 from stiff_protocols.errors import StoreError
 from stiff_protocols.record import CellResult
@@ -92,23 +92,31 @@ def computing_s(parts: Iterable[Part]) -> float:
     return sum(part.n_missing * part.cell_s for part in parts if part.cell_s is not None)
 
 
-def forecast(plan: RunPlan, execution: Execution, report: Report) -> Forecast:
+def forecast(
+    tasks: Iterable[CellTask],
+    output: Path,
+    execution: Execution,
+    report: Report,
+    prior: Callable[[str], float | None] = lambda model: None,
+) -> Forecast:
     """Return what a run would compute.
 
     Args:
-        plan: what is asked for; its output folder need not be there.
+        tasks: what is asked for.
+        output: folder of the results; it need not be there.
         execution: how.
         report: is told of damaged packs, whose cells would be computed again. A damaged file of
             one cell is found by the run alone.
+        prior: a model's name -> time of a cell, s, where no stored cell tells; None: not known.
 
     Raises:
         StiffBenchError: a data set cannot be loaded or divided.
     """
-    stored = stored_keys(plan.output, report)
-    cached = _cached(plan, stored, execution.rerun)
+    stored = stored_keys(output, report)
+    cached = _cached(output, stored, execution.rerun)
     counts: dict[tuple[str, str, str], list[int]] = defaultdict(lambda: [0, 0])
     of_pair: dict[tuple[str, str], list[str]] = defaultdict(list)
-    for task in cell_tasks(plan):
+    for task in tasks:
         shown, key = task.shown, task.cell.key
         count = counts[shown.model, shown.dataset, shown.protocol]
         count[0] += 1
@@ -117,7 +125,7 @@ def forecast(plan: RunPlan, execution: Execution, report: Report) -> Forecast:
             of_pair[shown.model, shown.dataset].append(key)
     newest = islice((key for key, ok in stored.items() if ok), NEWEST_CELLS)
     some = {*newest, *(key for keys in of_pair.values() for key in keys)}
-    expected, memory = _expected(stored_results(plan.output, some, _ignore), counts)
+    expected, memory = _expected(stored_results(output, some, _ignore), counts, prior)
     return Forecast(
         parts=tuple(
             Part(*names, n_cells, n_cached, expected(*names[:2]))
@@ -128,15 +136,14 @@ def forecast(plan: RunPlan, execution: Execution, report: Report) -> Forecast:
     )
 
 
-def _cached(plan: RunPlan, stored: Mapping[str, bool], rerun: Rerun) -> Set[str]:
-    """Return the keys of the stored cells that are not computed again; see `runner.py`."""
-    if rerun == "all":
-        return set()
-    done = {key for key, ok in stored.items() if ok}
-    if rerun == "failed":
+def _cached(output: Path, stored: Mapping[str, bool], rerun: Rerun) -> Set[str]:
+    """Return the keys of the stored cells that are not computed again."""
+    counting = COUNTING[rerun]
+    done = {key for key, ok in stored.items() if ok and "ok" in counting}
+    if not counting - {"ok"}:
         return done
-    others = stored_results(plan.output, stored.keys() - done, _ignore)
-    return done | {one.cell.key for one in others if one.status == "failed"}
+    others = stored_results(output, stored.keys() - done, _ignore)
+    return done | {one.cell.key for one in others if one.status in counting}
 
 
 def _ignore(_: StoreError) -> None:
@@ -144,13 +151,16 @@ def _ignore(_: StoreError) -> None:
 
 
 def _expected(
-    results: Iterable[CellResult], names: Iterable[tuple[str, str, str]]
+    results: Iterable[CellResult],
+    names: Iterable[tuple[str, str, str]],
+    prior: Callable[[str], float | None],
 ) -> tuple[Callable[[str, str], float | None], int | None]:
     """Return what a model's cell takes on a data set, and the memory of the largest one.
 
     Args:
         results: stored ones.
         names: model, data set and protocol of the plan's parts.
+        prior: for a model of which none is stored.
     """
     models = {model for model, _, _ in names}
     of_pair: dict[tuple[str, str], list[float]] = defaultdict(list)
@@ -165,7 +175,7 @@ def _expected(
 
     def of_cell(model: str, dataset: str) -> float | None:
         known = of_pair.get((model, dataset)) or of_model.get(model)
-        return statistics.median(known) if known else None
+        return statistics.median(known) if known else prior(model)
 
     return of_cell, peak_memory_bytes() + max(rises) if rises else None
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import gc
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import click
@@ -67,45 +64,17 @@ def leaderboard(
     fmt: str,
 ) -> None:
     """Rank models over data sets and protocols, and say where ranks mean nothing."""
-    from stiff_bench.collected import chosen_contests, collect
-    from stiff_bench.leaderboard import build_leaderboard
     from stiff_bench.leaderboard_tables import render_leaderboard
-    from stiff_bench.result_source import sources
     from stiff_bench.sort_key import sort_key
-    from stiff_bench.store import read_manifests
+    from stiff_bench.stored_leaderboard import stored_leaderboard
 
     key = sort_key(metric, axis)
-    with _no_garbage_collection():
-        contests = collect(results)
-        runs = list(read_manifests(results))
-        board = build_leaderboard(
-            chosen_contests(contests, datasets=datasets, protocols=protocols),
-            models=models,
-            key=key,
-            folder=results,
-            asked={cell for run in runs for cell in run.cells},
-            seed=seed,
-        )
+    board, provenance = stored_leaderboard(
+        results, models=models, datasets=datasets, protocols=protocols, key=key, seed=seed
+    )
     if figure is not None:
         from stiff_bench.critical_difference import save_diagrams
 
         first = board.sections[0]
         save_diagrams(first.analyses, key.text, first.kinds, figure)
-    n_counting = sum(contest.n_results for contest in contests)
-    provenance = (
-        f"{n_counting} results of the folder count.",
-        *sources(results, runs, board.run_ids),
-    )
     print_text(render_leaderboard(board, fmt, command_line(), provenance))
-
-
-@contextmanager
-def _no_garbage_collection() -> Iterator[None]:
-    """Look for no garbage among a million records, none of which is any: a quarter of the time."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()

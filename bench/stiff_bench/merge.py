@@ -10,18 +10,18 @@ from pathlib import Path
 
 from stiff_bench.checked_json import read_checked, write_checked
 from stiff_bench.folder_lock import alone
+from stiff_bench.loose_cells import json_files
 from stiff_bench.merge_survey import (
     Disagreement,
     FolderSurvey,
     Kind,
     disagreements,
-    manifest_files,
     survey,
 )
 from stiff_bench.packing import ENOUGH_TO_PACK
 from stiff_bench.packs import CELLS_A_PACK, write_pack
 from stiff_bench.store import ResultStore, stored_results
-from stiff_bench.stored_data import read_data
+from stiff_bench.stored_data import is_whole, read_data
 from stiff_protocols.errors import ConfigError, StoreError
 from stiff_protocols.files import make_folder, written_whole
 from stiff_protocols.record import CellResult
@@ -169,7 +169,7 @@ def _n_other_numbers(surveys: Sequence[FolderSurvey]) -> int:
 def _join_data(folder: Path, output: Path) -> Iterator[str]:
     """Copy the data sets that the output lacks; yield a line for each that is damaged."""
     for path in sorted((folder / "data").glob("[!.]*.npz")):
-        if _holds_all(output / "data", path.stem):
+        if is_whole(output / "data", path.stem):
             continue
         try:
             read_data(folder / "data", path.stem)
@@ -180,17 +180,9 @@ def _join_data(folder: Path, output: Path) -> Iterator[str]:
                 shutil.copyfile(path, temporary)
 
 
-def _holds_all(data: Path, sha256: str) -> bool:
-    """Say whether a data set is there, with all that is stored now."""
-    try:
-        return read_data(data, sha256).tcp is not None
-    except StoreError:
-        return False
-
-
 def _join_manifests(folder: Path, output: Path) -> None:
     """Copy the runs' manifests; of a run that was copied while it ran, its last state counts."""
-    for path in manifest_files(folder):
+    for path in json_files(folder / "runs"):
         target = output / "runs" / path.name
         found, other = _manifest(path), _manifest(target)
         if found and (not other or _progress(found) > _progress(other)):

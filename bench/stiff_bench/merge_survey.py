@@ -16,6 +16,7 @@ from typing import Any, Literal, NamedTuple
 
 from stiff_bench.checked_json import read_checked
 from stiff_bench.contest_name import SHORT
+from stiff_bench.loose_cells import json_files
 from stiff_bench.store import stored_results
 from stiff_protocols.errors import StoreError
 from stiff_protocols.record import CellResult
@@ -127,7 +128,7 @@ def survey(folder: Path, known: Sequence[FolderSurvey] = ()) -> FolderSurvey:
     """
     found = FolderSurvey(folder)
     runs = {}
-    for path in manifest_files(folder):
+    for path in json_files(folder / "runs"):
         try:
             runs[path.stem] = _software(read_checked(path))
         except StoreError as error:
@@ -142,11 +143,6 @@ def survey(folder: Path, known: Sequence[FolderSurvey] = ()) -> FolderSurvey:
         if not any(one.records.get(key) == record for one in known):
             _note_claims(found, result, runs)
     return found
-
-
-def manifest_files(folder: Path) -> list[Path]:
-    """Return the files of a folder's manifests, by name; none that is being written."""
-    return sorted((folder / "runs").glob("[!.]*.json"))
 
 
 def disagreements(surveys: Sequence[FolderSurvey]) -> list[Disagreement]:

@@ -9,34 +9,52 @@ import math
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import timedelta
 from typing import Protocol
 
 from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
+    Task,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
 from rich.progress import Progress as Bars
+from rich.text import Text
 
 from stiff_bench.messages import one_line
 from stiff_bench.tasks import CellTask
 from stiff_protocols.progress import Progress, listening
-from stiff_protocols.record import CellResult
+from stiff_protocols.record import CellResult, Presentation
 
 SECONDS_BETWEEN_LINES = 5.0
 SECONDS_BETWEEN_CELLS = 1.0
 SHOWN_LOG_LINES = 6
+BELIEVED = 0.1
+
+
+@dataclass(frozen=True)
+class Expected:
+    """How long cells are expected to take, where they differ much.
+
+    Attributes:
+        total_s: of all that are to be computed, side by side as they will be, s.
+        of_cell: of one, as a share of that time, s.
+    """
+
+    total_s: float
+    of_cell: Callable[[Presentation], float]
 
 
 class Display(Protocol):
     """Shows which cells run, how far they are, and what became of those that ended."""
 
-    def begin(self, total: int, cached: int) -> None:
+    def begin(self, total: int, cached: int, expected: Expected | None = None) -> None:
         """Cells are about to be computed, beside those that are there."""
 
     def start(self, task: CellTask) -> None:
@@ -64,10 +82,19 @@ class Count:
         self.total = self.cached = self.started = 0
         self.ended: Counter[str] = Counter()
         self._begun = time.monotonic()
+        self._expected: Expected | None = None
+        self._done_s = 0.0
 
-    def begin(self, total: int, cached: int) -> None:
+    def begin(self, total: int, cached: int, expected: Expected | None) -> None:
         """Start the clock."""
         self.total, self.cached, self._begun = total, cached, time.monotonic()
+        self._expected = expected
+
+    def end(self, result: CellResult) -> None:
+        """Count a cell that has ended."""
+        self.ended[result.status] += 1
+        if self._expected is not None:
+            self._done_s += self._expected.of_cell(result.shown)
 
     def __str__(self) -> str:
         """Return what became of the cells so far, for people."""
@@ -75,8 +102,18 @@ class Count:
         return ", ".join(f"{number} {status}" for status, number in shown.items())
 
     def seconds_left(self) -> float | None:
-        """Return how long the rest takes, if it takes what the cells so far took; None at first."""
+        """Return how long the rest takes, by what the cells so far took; None where nobody knows.
+
+        What was expected counts as if a tenth of it had come true before the first cell.
+        """
         done, elapsed = self.ended.total(), time.monotonic() - self._begun
+        if self._expected is not None:
+            total_s = self._expected.total_s
+            believed = BELIEVED * total_s
+            if not believed:
+                return None
+            pace = (elapsed + believed) / (self._done_s + believed)
+            return pace * max(total_s - self._done_s, 0.0)
         if not done or elapsed < SECONDS_BETWEEN_CELLS:
             return None
         return elapsed / done * (self.total - done)
@@ -100,6 +137,17 @@ def failure_lines(result: CellResult) -> Iterator[str]:
             yield f"    | {line}"
 
 
+class _TimeLeft(TimeRemainingColumn):
+    """The time that we say is left, or what rich makes of the steps so far."""
+
+    def render(self, task: Task) -> Text:
+        """Return it as a cell of the bar's line."""
+        seconds = task.fields.get("seconds_left")
+        if seconds is None or task.finished:
+            return super().render(task)
+        return Text(str(timedelta(seconds=round(seconds))), style="progress.remaining")
+
+
 class BarDisplay:
     """Two bars: cells, and the phase of the cell that reported last."""
 
@@ -110,9 +158,9 @@ class BarDisplay:
         self._phase = bars.add_task("", total=None, visible=False, note="")
         self._shown: tuple[str, int] | None = None
 
-    def begin(self, total: int, cached: int) -> None:
+    def begin(self, total: int, cached: int, expected: Expected | None = None) -> None:
         """Show the first bar."""
-        self._count.begin(total, cached)
+        self._count.begin(total, cached, expected)
         self._bars.update(self._cells, total=total, visible=total > 0)
 
     def start(self, task: CellTask) -> None:
@@ -135,8 +183,9 @@ class BarDisplay:
 
     def end(self, result: CellResult) -> None:
         """Move the first bar."""
-        self._count.ended[result.status] += 1
-        self._bars.update(self._cells, advance=1, note=str(self._count))
+        self._count.end(result)
+        left = self._count.seconds_left()
+        self._bars.update(self._cells, advance=1, note=str(self._count), seconds_left=left)
         for line in failure_lines(result):
             self._bars.console.print(one_line(line), markup=False, highlight=False)
 
@@ -154,9 +203,9 @@ class LineDisplay:
         self._phase_start = time.monotonic()
         self._last_line = -math.inf
 
-    def begin(self, total: int, cached: int) -> None:
+    def begin(self, total: int, cached: int, expected: Expected | None = None) -> None:
         """Say what is there, where that is something."""
-        self._count.begin(total, cached)
+        self._count.begin(total, cached, expected)
         if cached:
             self._print(f"{cached} of {total + cached} cells are there; {total} to compute")
 
@@ -185,7 +234,7 @@ class LineDisplay:
 
     def end(self, result: CellResult) -> None:
         """Count it; a failure is said at once."""
-        self._count.ended[result.status] += 1
+        self._count.end(result)
         for line in failure_lines(result):
             self._print(line)
 
@@ -200,7 +249,7 @@ class LineDisplay:
         if not self._unsaid:
             return
         said, left = str(self._count), self._count.seconds_left()
-        time_left = "" if left is None else f"; {left:.0f} s left"
+        time_left = "" if left is None else f"; {timedelta(seconds=round(left))} left"
         self._print(self._unsaid + (f" ({said}{time_left})" if said else ""))
         self._unsaid = ""
 
@@ -231,7 +280,7 @@ def display() -> Iterator[Display]:
         MofNCompleteColumn(),
         TextColumn("{task.fields[note]}", markup=False),
         TimeElapsedColumn(),
-        TimeRemainingColumn(),
+        _TimeLeft(),
     )
     with Bars(*columns, console=console, transient=True) as bars:
         live = BarDisplay(bars)

@@ -111,7 +111,7 @@ def _markdown_cell(text: str) -> str:
     return markdown_text(text).replace("|", r"\|")
 
 
-def _markdown_code(text: str) -> str:
+def markdown_code(text: str) -> str:
     """Return a text as code; more backticks than it holds together stand around it."""
     longest = max(map(len, re.findall("`+", text)), default=0)
     return f"`{text}`" if longest == 0 else f"{'`' * (longest + 1)} {text} {'`' * (longest + 1)}"
@@ -135,7 +135,7 @@ def _body(table: TextTable, fmt: str) -> str:
 
 
 def _github(table: TextTable, command: str) -> str:
-    notes = [*map(markdown_text, table.notes), f"made by: {_markdown_code(command)}"]
+    notes = [*map(markdown_text, table.notes), f"made by: {markdown_code(command)}"]
     listed = [f"- {note}" for note in notes]
     return "\n".join([f"**{markdown_text(table.title)}**", "", _body(table, "github"), "", *listed])
 

@@ -20,6 +20,7 @@ from stiff_bench.store import ResultStore
 from stiff_bench.tables import build_tables
 from stiff_bench.tally import tally
 from stiff_bench.tasks import cell_tasks
+from stiff_protocols.errors import StoreError
 
 
 def execute(plan: RunPlan, fmt: str, execution: Execution = IN_THIS_PROCESS) -> int:
@@ -35,13 +36,13 @@ def execute(plan: RunPlan, fmt: str, execution: Execution = IN_THIS_PROCESS) -> 
         if choice.info.warning:
             say(f"warning: {choice.info.warning}")
     with display() as shown:
-        finished = run_cells(tasks, plan, store, execution, shown)
+        finished = run_cells(tasks, plan.command, store, execution, shown)
     print_text(render(build_tables(finished.results, plan.metrics), fmt, plan.command))
     say(
         f"{tally(finished.results, finished.cached)}; {time.perf_counter() - start:.1f} s, peak "
         f"memory of this process {peak_memory_bytes() / 2**20:.0f} MiB; stored in {plan.output}"
     )
-    _say_old_failures(finished)
+    say_old_failures(finished)
     pack_if_many(plan.output)
     return 0 if all(result.status == "ok" for result in finished.results) else 1
 
@@ -52,7 +53,7 @@ def show_plan(plan: RunPlan, fmt: str, execution: Execution) -> int:
     Raises:
         StiffBenchError: the data cannot be loaded or divided.
     """
-    found = forecast(plan, execution, lambda error: say(f"warning: {error}"))
+    found = forecast(cell_tasks(plan), plan.output, execution, warn)
     print_text(render_forecast(found, fmt, plan.command))
     if script := execution.executor.job_script():
         click.echo(f"bench: the script of each job:\n\n{script}", err=True)
@@ -60,7 +61,13 @@ def show_plan(plan: RunPlan, fmt: str, execution: Execution) -> int:
     return 0
 
 
-def _say_old_failures(finished: Finished) -> None:
+def warn(error: StoreError) -> None:
+    """Say what is wrong with a stored file that others stand in for."""
+    say(f"warning: {error}")
+
+
+def say_old_failures(finished: Finished) -> None:
+    """Say how many failures were there before, and how they are computed again."""
     failed = [one for one in finished.results if one.status == "failed"]
     old = sum(one.cell.key in finished.cached for one in failed)
     if old:

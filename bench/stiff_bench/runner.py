@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import Literal
 
 from stiff_bench.checked_json import DamagedFile
-from stiff_bench.config import RunPlan
-from stiff_bench.execution import Execution, Rerun
+from stiff_bench.execution import COUNTING, Execution, Rerun
 from stiff_bench.memory import peak_memory_bytes
 from stiff_bench.messages import say
-from stiff_bench.progress import Display
+from stiff_bench.progress import Display, Expected
 from stiff_bench.provenance import environment
 from stiff_bench.store import ResultStore
 from stiff_bench.tasks import CellTask
@@ -39,14 +38,23 @@ class Finished:
 
 def run_cells(
     tasks: Sequence[CellTask],
-    plan: RunPlan,
+    command: str,
     store: ResultStore,
     execution: Execution,
     display: Display,
+    expected: Expected | None = None,
 ) -> Finished:
     """Compute the cells that have no result yet, store each as it ends, and return them all.
 
     The run's manifest is written first and completed at the end, also when it is interrupted.
+
+    Args:
+        tasks: the cells; a cell that several parts of a study need stands here once.
+        command: the command line, for the manifest.
+        store: where results are, and go.
+        execution: how they are computed.
+        display: shows progress.
+        expected: how long the cells are expected to take; None: nobody knows.
 
     Raises:
         StoreError: a result cannot be written.
@@ -68,8 +76,8 @@ def run_cells(
                 cached.add(task.cell.key)
                 display.end(other)
 
-    display.begin(len(missing), len(cached))
-    with _described(tasks, plan, store, execution) as run_id:
+    display.begin(len(missing), len(cached), expected)
+    with _described(tasks, command, store, execution) as run_id:
         _keep_data(tasks, store)
         with closing(execution.executor.results(waiting(), run_id, display)) as results:
             for result in results:
@@ -90,7 +98,6 @@ def _stored(
     A cell that was skipped is looked at again: what it lacked may be installed now.
     """
     wanted = {task.cell.key: task for task in tasks}
-    counting = {"missing": {"ok", "failed"}, "failed": {"ok"}, "all": set()}[rerun]
 
     def note(error: StoreError) -> None:
         say(f"warning: {error}; what it held is computed again")
@@ -99,7 +106,7 @@ def _stored(
 
     found: dict[str, CellResult] = {}
     for result in store.find(wanted.keys(), note):
-        if result.status in counting:
+        if result.status in COUNTING[rerun]:
             found[result.cell.key] = _as_asked(result, wanted[result.cell.key])
     return found
 
@@ -120,13 +127,13 @@ def _keep_data(tasks: Sequence[CellTask], store: ResultStore) -> None:
 
 @contextmanager
 def _described(
-    tasks: Sequence[CellTask], plan: RunPlan, store: ResultStore, execution: Execution
+    tasks: Sequence[CellTask], command: str, store: ResultStore, execution: Execution
 ) -> Iterator[str]:
     """Keep the manifest of a run while it lasts, and give its name."""
     started = time.perf_counter()
     manifest = RunManifest(
         run_id=f"{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}-{uuid.uuid4().hex[:6]}",
-        command=plan.command,
+        command=command,
         started=datetime.now(UTC).isoformat(timespec="seconds"),
         status="running",
         environment=environment() | dict(execution.facts),

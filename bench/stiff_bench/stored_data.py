@@ -54,7 +54,7 @@ class StoredData:
 def write_data(folder: Path, data: BenchmarkData, sha256: str) -> None:
     """Store a data set under its hash, unless it is there; a damaged or older file is replaced."""
     path = folder / f"{sha256}.npz"
-    if _is_whole(folder, sha256):
+    if is_whole(folder, sha256):
         return
     from stiff_bench.statics import load_torque  # what only reads data needs no kinematics
     from stiff_protocols.forward_kinematics import tcp_position
@@ -72,7 +72,7 @@ def write_data(folder: Path, data: BenchmarkData, sha256: str) -> None:
         )
 
 
-def _is_whole(folder: Path, sha256: str) -> bool:
+def is_whole(folder: Path, sha256: str) -> bool:
     """Say whether the data set is there, undamaged and with all that is stored now."""
     try:
         return read_data(folder, sha256).tcp is not None

@@ -124,7 +124,7 @@ def test_caveats_of_both_data_sets_stand_beside_the_foreign_sources_numbers(cros
 def test_the_sources_samples_are_stored_beside_the_targets(cross_tasks, tmp_path):
     plan = RunPlan((), (), (), (), None, 0, tmp_path, "bench run", None)
     tasks = cross_tasks("vjm")
-    run_cells(tasks, plan, ResultStore(tmp_path), IN_THIS_PROCESS, LineDisplay())
+    run_cells(tasks, plan.command, ResultStore(tmp_path), IN_THIS_PROCESS, LineDisplay())
     stored = {path.stem for path in (tmp_path / "data").iterdir()}
     assert stored == {tasks[0].data.sha256, Ur5Twin().load().sha256}
 

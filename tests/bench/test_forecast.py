@@ -42,7 +42,8 @@ def told(plan, *, jobs=1, rerun="missing"):
     def fails(error):
         raise error
 
-    return forecast(plan, Execution(LocalProcesses(jobs, Limits()), rerun), fails)
+    execution = Execution(LocalProcesses(jobs, Limits()), rerun)
+    return forecast(cell_tasks(plan), plan.output, execution, fails)
 
 
 def parts_of(found):
@@ -150,7 +151,7 @@ def test_a_damaged_pack_is_told_and_its_cells_are_to_be_computed(tmp_path):
     (path,) = (tmp_path / "packs").iterdir()
     path.write_bytes(path.read_bytes()[:-1])
     said = []
-    assert forecast(plan, IN_THIS_PROCESS, said.append).n_cached == 0
+    assert forecast(cell_tasks(plan), plan.output, IN_THIS_PROCESS, said.append).n_cached == 0
     assert [path.name in str(error) for error in said] == [True]
 
 

@@ -68,6 +68,10 @@ def paper_study(*, full: bool) -> tuple[StudyRun, ...]:
         run([VJM, FT_MLP, FT_MLP_LAST_EPOCH, *map(unfrozen, layers), DT_CNN]),
         run([VJM, FT_MLP, DT_CNN], FAIR_PROTOCOL),
         run([pretrained(layers=depth, width=DEPTH_WIDTH) for depth in DEPTHS]),
+        run(
+            [pretrained(layers=d, width=DEPTH_WIDTH, stopped_early=True) for d in DEPTHS]
+            + [pretrained(activation=one, stopped_early=True) for one in ACTIVATIONS]
+        ),
         run([pretrained(layers=d, width=w) for w in widths for d in WIDTH_DEPTHS]),
     )
 
