@@ -57,13 +57,13 @@ def save_diagrams(
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    heights = [HEAD_INCH + LINE_INCH * _n_lines(analysis) for analysis in drawn]
+    heights = [HEAD_INCH + LINE_INCH * n_lines(analysis) for analysis in drawn]
     with drawing(_STYLE):
         layout = ConstrainedLayoutEngine(h_pad=GAP_INCH)
         figure = Figure(figsize=(WIDTH_INCH, sum(heights) + LEGEND_INCH), layout=layout)
         axes = figure.subplots(len(drawn), 1, squeeze=False, height_ratios=heights)[:, 0]
         for analysis, ax in zip(drawn, axes, strict=True):
-            _draw(analysis, ax)
+            draw_diagram(analysis, ax)
             ax.set_title(
                 f"{analysis.text} | mean rank of {measure} | "
                 f"{of_robots(analysis.families)} ({' and '.join(kinds)})"
@@ -75,13 +75,14 @@ def save_diagrams(
         save_figure(figure, path)
 
 
-def _n_lines(analysis: RankAnalysis) -> int:
+def n_lines(analysis: RankAnalysis) -> int:
     """Return how many lines of labels and bars a diagram has beneath its axis."""
     n_bars = 0 if analysis.outcome is None else len(analysis.outcome.groups)
     return n_bars + (len(analysis.models) + 1) // 2
 
 
-def _draw(analysis: RankAnalysis, ax: Axes) -> None:
+def draw_diagram(analysis: RankAnalysis, ax: Axes) -> None:
+    """Draw an analysis that has an outcome on axes of its own."""
     from pandas import DataFrame, Series
     from scikit_posthocs import critical_difference_diagram
 

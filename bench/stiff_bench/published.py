@@ -27,10 +27,15 @@ class PublishedRow:
     values_mm: Mapping[tuple[str, str], float]
 
 
+def published_lines(table: str) -> list[dict[str, str]]:
+    """Return the lines of a published table, column -> text as printed in the paper."""
+    text = (files("stiff_published") / f"{table}.csv").read_text(encoding="utf-8")
+    return list(csv.DictReader(text.splitlines()))
+
+
 def published_rows(table: str) -> list[PublishedRow]:
     """Return the rows of a published error table, one a method."""
-    text = (files("stiff_published") / f"{table}.csv").read_text(encoding="utf-8")
-    lines = list(csv.DictReader(text.splitlines()))
+    lines = published_lines(table)
     methods = [name for name in lines[0] if name not in ("axis", "error")]
     return [
         PublishedRow(method, {(line["error"], line["axis"]): float(line[method]) for line in lines})
@@ -40,8 +45,14 @@ def published_rows(table: str) -> list[PublishedRow]:
 
 def published_stiffness() -> dict[str, float]:
     """Return the paper's identified joint stiffnesses (its Table 3), joint -> N m/rad."""
-    text = (files("stiff_published") / "table_3.csv").read_text(encoding="utf-8")
     return {
-        line["joint"]: float(line["stiffness_Nm_per_rad"])
-        for line in csv.DictReader(text.splitlines())
+        line["joint"]: float(line["stiffness_Nm_per_rad"]) for line in published_lines("table_3")
+    }
+
+
+def claimed_reductions() -> dict[tuple[str, str], float]:
+    """Return how far below the VJM's FT-MLP's errors are said to be, (metric key, axis) -> %."""
+    return {
+        (line["error"], line["axis"]): float(line["reduction_percent"])
+        for line in published_lines("claimed_reductions")
     }

@@ -46,7 +46,8 @@ def expected_s(model: str) -> float:
     if key == "mlp-pretrained":
         return pretraining
     if key == "ft-mlp":
-        return SOURCE_S + FINE_TUNING_S
+        own = pretraining if "source_poses" in options else SOURCE_S
+        return own + FINE_TUNING_S
     if key == "dt-cnn":
         return SOURCE_S + _DT_CNN_S * steps
     if key == "deep-ensemble":

@@ -15,6 +15,8 @@ from stiff_bench.option_word import join_word
 VJM, FT_MLP, DT_CNN, MLP_PRETRAINED = "vjm", "ft-mlp", "dt-cnn", "mlp-pretrained"
 FT_MLP_LAST_EPOCH = "ft-mlp@training=normal"
 """Table 9's "normal": the weights after the last epoch."""
+FT_MLP_OWN_SOURCE = "ft-mlp@source_poses=data@source_wrenches=data"
+"""Pre-trained on poses and loads like the training samples' in place of the paper's Tables 4, 5."""
 
 BASE_LAYERS, BASE_WIDTH = 4, 380
 """Of the paper's network, and of ours by default."""

@@ -1,0 +1,162 @@
+"""Table 10: VJM, FT-MLP and DT-CNN, and by how much FT-MLP errs less than the VJM."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from stiff_bench.paper.model_words import DT_CNN, FT_MLP, VJM
+from stiff_bench.paper.paper_results import PaperResults
+from stiff_bench.paper.paper_table import PAPER_DATA, Entry, Group, Labels, PaperTable, Part
+from stiff_bench.paper.recipe_words import fine_tuning_note
+from stiff_bench.paper.reductions import errors_mm, mean_reduction, reduction
+from stiff_bench.paper.shared_splits import SharedSplits, provenance, shared_splits
+from stiff_bench.paper.study import DATASET, FAIR_PROTOCOL, PAPER_PROTOCOL, SEED
+from stiff_bench.published import claimed_reductions, published_rows
+from stiff_bench.tables import mark_of
+from stiff_protocols.errors import StoreError
+from stiff_protocols.metrics import metric
+from stiff_protocols.types import AXES
+
+ERRORS = ("mae", "stde", "me")
+METHODS = {"VJM": VJM, "FT-MLP": FT_MLP, "DT-CNN": DT_CNN}
+"""The paper's name of a method -> our model."""
+OLD, NEW = "VJM", "FT-MLP"
+ROWS: dict[Labels, tuple[str, str]] = {
+    (axis.upper(), metric(key).label): (key, axis) for axis in AXES for key in ERRORS
+}
+"""Labels of a row -> its metric and axis."""
+CLAIMED, RECOMPUTED = "claimed", "from Table 10"
+_NOTES = (
+    "Published: KR10 measured, one 80/20 split; FT-MLP's epoch was picked on its test part. Ours: "
+    "simulated. Not comparable in absolute terms.",
+    f"{FAIR_PROTOCOL}: a fifth of the training samples picks FT-MLP's epoch.",
+)
+_REDUCTION_NOTES = (
+    f"100 (1 - {NEW} / {OLD}); of ours split by split, then mean ± standard deviation over the "
+    "splits. Negative: FT-MLP errs more.",
+    "X MAE: 41.4 % is claimed, the published Table 10 gives 42.0 %, more than its rounding "
+    "explains. ME: claimed and recomputed agree if the published maxima were rounded to two "
+    "decimals.",
+)
+PROTOCOLS = (PAPER_PROTOCOL, FAIR_PROTOCOL)
+
+
+class _OfSplits(NamedTuple):
+    """Errors of a method, mm, one a split, and what must go with them."""
+
+    values: Sequence[float]
+    mark: str
+
+
+OurErrors = Mapping[tuple[Labels, str], _OfSplits]
+"""(row, method) -> errors."""
+
+
+def table_10(results: PaperResults) -> PaperTable:
+    """Return the errors of the three methods, and the reductions.
+
+    Raises:
+        StoreError: the folder has none of them under either protocol.
+    """
+    shared, absent = _shared(results)
+    ours = {one.protocol: _our_errors(one) for one in shared}
+    about = [note for one in shared for note in one.notes()]
+    networks = [found for one in shared for found in one.results.get(FT_MLP, ())]
+    notes = (
+        *(*_NOTES, *absent, *about),
+        f"FT-MLP: {fine_tuning_note(networks)}",
+        provenance(results, shared),
+    )
+    return PaperTable(10, (_errors(ours, notes), _reductions(ours)))
+
+
+def _shared(results: PaperResults) -> tuple[list[SharedSplits], list[str]]:
+    """Return the results under each of the protocols that has any, and why another has none.
+
+    Raises:
+        StoreError: neither has.
+    """
+    found, errors = list[SharedSplits](), list[StoreError]()
+    for protocol in PROTOCOLS:
+        try:
+            found.append(shared_splits(results, METHODS.values(), protocol))
+        except StoreError as error:
+            errors.append(error)
+    if not found:
+        raise errors[0]
+    return found, [f"{error}." for error in errors]
+
+
+def _our_errors(shared: SharedSplits) -> OurErrors:
+    """Return the errors of each method that has results under a protocol."""
+    found = dict[tuple[Labels, str], _OfSplits]()
+    for method, model in METHODS.items():
+        results = shared.results.get(model, ())
+        each = [errors_mm(result, ERRORS) for result in results]
+        for row, place in ROWS.items() if each else ():
+            values = [errors[place] for errors in each]
+            found[row, method] = _OfSplits(values, mark_of(results[0].shown))
+    return found
+
+
+def _label(protocol: str) -> str:
+    return f"ours, {protocol}"
+
+
+def _group(protocol: str, columns: Labels, decimals: int) -> Group:
+    data = f"{DATASET} (simulated)"
+    return Group(_label(protocol), "ours", columns, decimals, data, protocol, SEED)
+
+
+def _errors(ours: Mapping[str, OurErrors], notes: tuple[str, ...]) -> Part:
+    columns = tuple(METHODS)
+    entries = {
+        (row, "published", method.method): Entry(method.values_mm[place])
+        for method in published_rows("table_10")
+        for row, place in ROWS.items()
+    }
+    for protocol, errors in ours.items():
+        for (row, method), (values, mark) in errors.items():
+            entries[row, _label(protocol), method] = Entry.of(values, mark)
+    return Part(
+        caption="VJM, FT-MLP and DT-CNN: errors on 20 % of the poses",
+        unit="mm",
+        row_headings=("axis", "error"),
+        rows=tuple(ROWS),
+        groups=(
+            Group("published", "published", columns, 4, PAPER_DATA),
+            *(_group(protocol, columns, 4) for protocol in PROTOCOLS),
+        ),
+        entries=entries,
+        notes=notes,
+    )
+
+
+def _reductions(ours: Mapping[str, OurErrors]) -> Part:
+    """Return by how much FT-MLP errs less than the VJM: as claimed, as published, and ours."""
+    column = f"{NEW} against {OLD}"
+    claimed, methods = claimed_reductions(), published_rows("table_10")
+    old, new = (next(one.values_mm for one in methods if one.method == name) for name in (OLD, NEW))
+    entries = dict[tuple[Labels, str, str], Entry]()
+    for row, place in ROWS.items():
+        entries[row, "published", CLAIMED] = Entry(claimed[place])
+        entries[row, "published", RECOMPUTED] = Entry(reduction(old[place], new[place]))
+        for protocol, errors in ours.items():
+            if {(row, OLD), (row, NEW)} <= errors.keys():
+                was, (values, mark) = errors[row, OLD], errors[row, NEW]
+                found = mean_reduction(was.values, values, mark)
+                if found is not None:
+                    entries[row, _label(protocol), column] = found
+    return Part(
+        caption="Reduction of FT-MLP's errors against the VJM's",
+        unit="%",
+        row_headings=("axis", "error"),
+        rows=tuple(ROWS),
+        groups=(
+            Group("published", "published", (CLAIMED, RECOMPUTED), 1, PAPER_DATA),
+            *(_group(protocol, (column,), 1) for protocol in PROTOCOLS),
+        ),
+        entries=entries,
+        notes=_REDUCTION_NOTES,
+    )

@@ -1,0 +1,32 @@
+"""The source paper's figures, made again: one line each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from stiff_bench.figures.figure_line import FigureLine, Prepared, by_name, can_be_drawn
+from stiff_bench.paper import freezing_figure, network_figures, regression_figures
+from stiff_bench.paper.paper_results import PaperResults
+
+FIGURES: Mapping[str, FigureLine[PaperResults]] = by_name(
+    (
+        FigureLine("4", "Measured against VJM-fitted", regression_figures.figure_4),
+        FigureLine("5a", "MAE over nodes a layer", network_figures.figure_5a),
+        FigureLine("5b", "STDE over nodes a layer", network_figures.figure_5b),
+        FigureLine("5c", "Loss of the pre-training", network_figures.figure_5c),
+        FigureLine("5", "Depth, width and pre-training of the network", network_figures.figure_5),
+        FigureLine("6", "One unfrozen layer against two", freezing_figure.figure_6),
+        FigureLine("8", "Measured against DT-CNN", regression_figures.figure_8),
+        FigureLine("9", "Measured against FT-MLP and VJM", regression_figures.figure_9),
+    )
+)
+
+
+def available(results: PaperResults) -> list[Prepared]:
+    """Return the figures that a folder's results are enough for."""
+    return can_be_drawn(FIGURES, results)[0]
+
+
+def missing(results: PaperResults) -> dict[str, str]:
+    """Return why the other figures cannot be drawn, by name."""
+    return can_be_drawn(FIGURES, results)[1]

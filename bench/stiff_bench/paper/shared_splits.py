@@ -1,0 +1,142 @@
+"""Results of several models on the splits that all of them have."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from stiff_bench.grouped import grouped
+from stiff_bench.paper.paper_results import PaperResults
+from stiff_bench.paper.study import DATASET, SEED
+from stiff_bench.result_source import sources
+from stiff_bench.store import read_manifests
+from stiff_bench.words import counted
+from stiff_protocols.errors import StoreError
+from stiff_protocols.record import CellResult
+
+REPRODUCE, FULL = "`bench reproduce`", "`bench reproduce --full`"
+"""The commands that make results."""
+
+
+@dataclass(frozen=True, eq=False)
+class SharedSplits:
+    """What a folder has of some models under one protocol.
+
+    Attributes:
+        protocol: its name.
+        results: model -> its results, on the same splits for all; a model that has none is not
+            there.
+        failures: model -> why it has no numbers, though it was run.
+        missing: models that were never run.
+        n_left_out: splits on which some of the models have a result, and others do not.
+    """
+
+    protocol: str
+    results: Mapping[str, Sequence[CellResult]]
+    failures: Mapping[str, str]
+    missing: Sequence[str]
+    n_left_out: int
+
+    @property
+    def n_splits(self) -> int:
+        """How many splits all have."""
+        return len(next(iter(self.results.values()), ()))
+
+    def notes(
+        self, remedy: str = REPRODUCE, labels: Mapping[str, str] | None = None
+    ) -> Iterator[str]:
+        """Yield what was run how often, and what is not there and what makes it.
+
+        Args:
+            remedy: the command that makes what is missing.
+            labels: model -> what it is called in the table, if not so.
+        """
+        spread = ", mean ± standard deviation over them" if self.n_splits > 1 else ""
+        yield (
+            f"Ours: {DATASET} (simulated), {self.protocol}, "
+            f"{counted(self.n_splits, 'split')}{spread}, seed {SEED}."
+        )
+        pickers = [name for name, found in self.results.items() if found[0].shown.picked_on_test]
+        if pickers:
+            which = "all" if len(pickers) == len(self.results) else ", ".join(pickers)
+            yield f"{self.protocol} picks the best epoch on the test part ({which}): optimistic."
+        yield from self._regimes()
+        if self.n_left_out:
+            yield (
+                f"Left out: {counted(self.n_left_out, 'split')} of {self.protocol} that only some "
+                f"of the models have; {FULL} makes the others'."
+            )
+        for reason in self.failures.values():
+            yield f"No numbers: {reason}."
+        if self.missing:
+            names = ", ".join((labels or {}).get(model, model) for model in self.missing)
+            yield f"Without a result under {self.protocol}: {names}; {remedy} makes it."
+
+    def _regimes(self) -> Iterator[str]:
+        """Yield how models used training labels, where there is something to say."""
+        shown = {model: found[0].shown.regime for model, found in self.results.items()}
+        for regime, models in grouped(shown, lambda model: shown[model]).items():
+            if regime:
+                which = "all of ours" if len(models) == len(shown) else ", ".join(models)
+                yield f"{self.protocol}, {which}: {regime}."
+
+
+def shared_splits(results: PaperResults, models: Iterable[str], protocol: str) -> SharedSplits:
+    """Return the results of models on the splits that all of them have, of those that have any.
+
+    Raises:
+        StoreError: none has a result, or no split is of all.
+    """
+    found, failures, missing = dict[str, list[CellResult]](), dict[str, str](), list[str]()
+    for model in models:
+        try:
+            found[model] = results.splits(model, protocol)
+        except StoreError as error:
+            if _was_run(results, model, protocol):
+                failures[model] = str(error)
+            else:
+                missing.append(model)
+    if not found:
+        why = "; ".join(failures.values()) or f"no result of {missing[0]}"
+        if len(missing) > 1 and not failures:
+            why += f" nor of {len(missing) - 1} others"
+        raise StoreError(
+            f"--results {results.folder}: nothing to print of {DATASET} under {protocol}: {why}; "
+            f"{REPRODUCE} makes it"
+        )
+    each = [{one.cell.split_sha256 for one in of_model} for of_model in found.values()]
+    shared, any_of = set.intersection(*each), set.union(*each)
+    if not shared:
+        raise StoreError(
+            f"--results {results.folder}: {', '.join(found)} have no split of {protocol} in "
+            f"common; {FULL} makes what is missing"
+        )
+    return SharedSplits(
+        protocol=protocol,
+        results={
+            model: [one for one in of_model if one.cell.split_sha256 in shared]
+            for model, of_model in found.items()
+        },
+        failures=failures,
+        missing=missing,
+        n_left_out=len(any_of - shared),
+    )
+
+
+def provenance(results: PaperResults, used: Iterable[SharedSplits]) -> str:
+    """Return a line that names which stiffbench made the results that are shown."""
+    counts = Counter(
+        one.run_id for part in used for of_model in part.results.values() for one in of_model
+    )
+    (line,) = sources(results.folder, list(read_manifests(results.folder)), counts)
+    return line
+
+
+def _was_run(results: PaperResults, model: str, protocol: str) -> bool:
+    return any(
+        model in contest.competitors
+        for contest in results.contests
+        if (contest.name.protocol, contest.name.dataset, contest.name.seed)
+        == (protocol, DATASET, SEED)
+    )

@@ -1,0 +1,62 @@
+"""`bench table N` on the command line."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import pytest
+from click.testing import CliRunner
+
+from command_line import assert_refused, bench
+from made_results import MadeResults
+from stiff_bench.paper.paper_tables import TABLES
+from stiff_bench.table_cli import table
+from stiff_protocols.errors import StoreError
+
+
+def printed(*words: str) -> str:
+    """What the command prints."""
+    done = CliRunner().invoke(table, words, catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def test_every_number_that_can_be_made_is_a_choice_and_no_other(tmp_path):
+    done = CliRunner().invoke(table, ["--help"])
+    assert "2, 3, 6, 7, 8, 9 or 10" in done.output
+    for number in range(1, 12):
+        done = CliRunner().invoke(table, [str(number), "--results", str(tmp_path / "none")])
+        assert ("is not one of" in done.output) == (number not in TABLES)
+
+
+@pytest.mark.parametrize("kind", ["is not there", "is empty"])
+def test_a_folder_without_results_is_refused_naming_the_command_that_makes_them(tmp_path, kind):
+    if kind == "is empty":
+        (tmp_path / "runs" / "cells").mkdir(parents=True)
+    with pytest.raises(StoreError, match="runs: holds no results; `bench reproduce` makes them"):
+        CliRunner().invoke(
+            table, ["6", "--results", str(tmp_path / "runs")], catch_exceptions=False
+        )
+
+
+def test_it_reads_the_folder_that_is_named_and_prints_the_format_that_is_asked_for(tmp_path):
+    MadeResults(tmp_path).add("vjm", [0.125], "kr10-twin", "paper-holdout")
+    assert printed("10", "--results", str(tmp_path)).startswith("**Table 10.")
+    text = printed("10", "--results", str(tmp_path), "--format", "csv")
+    (line,) = (
+        line
+        for line in csv.DictReader(io.StringIO(text))
+        if (line["axis"], line["error"], line["column"]) == ("Z", "MAE", "VJM")
+        and line["protocol"] == "paper-holdout"
+    )
+    assert float(line["value"]) == pytest.approx(0.125)
+
+
+def test_tables_2_and_3_need_no_results(tmp_path):
+    assert "| A6 " in printed("3", "--results", str(tmp_path / "none"))
+
+
+def test_the_command_refuses_in_one_line_with_status_2_and_prints_nothing(tmp_path):
+    done = bench("table", "9", "--results", "none", cwd=tmp_path)
+    assert_refused(done, "--results none: holds no results", "`bench reproduce` makes them")
