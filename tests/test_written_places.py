@@ -89,6 +89,8 @@ def test_a_run_and_a_leaderboard_write_into_the_output_alone(place):
         ["data simulate --samples 100 --output ../out/some.parquet"],
         ["new model mine --output ../out"],
         ["cache info"],
+        ["table 3", "report --results ../results --output ../out/report.html"],
+        ["figure regression --results ../results --output ../out/regression.svg"],
         [
             "fit --model vjm --dataset kr10-twin --output ../out/vjm.stiff",
             "data simulate --samples 9 --output ../out/some.csv",

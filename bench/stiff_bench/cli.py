@@ -30,6 +30,7 @@ from stiff_bench.compare_cli import compare
 from stiff_bench.data_cli import data
 from stiff_bench.deploy_cli import export, fit, predict
 from stiff_bench.execution_options import begin_execution, execution_of, execution_options
+from stiff_bench.figure_cli import figure
 from stiff_bench.leaderboard_cli import leaderboard
 from stiff_bench.library_folders import keep_libraries_in_our_cache
 from stiff_bench.merge_cli import merge
@@ -37,6 +38,9 @@ from stiff_bench.messages import print_text, say
 from stiff_bench.pack_cli import pack
 from stiff_bench.perf_cli import perf
 from stiff_bench.plugin_cli import check, new
+from stiff_bench.report_cli import report
+from stiff_bench.reproduce_cli import reproduce
+from stiff_bench.table_cli import table
 from stiff_bench.threads import pin_threads, threads_asked_for
 from stiff_protocols.errors import StiffBenchError
 
@@ -225,7 +229,8 @@ def show(key: str, plugins: tuple[Path, ...]) -> None:
 
 
 for command in (
-    *(cache, check, compare, data, export, fit, leaderboard, merge, new, pack, perf, predict),
+    *(cache, check, compare, data, export, figure, fit, leaderboard, merge, new, pack, perf),
+    *(predict, report, reproduce, table),
 ):
     bench.add_command(command)
 

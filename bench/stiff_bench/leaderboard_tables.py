@@ -45,16 +45,21 @@ def render_leaderboard(
         return as_csv(board)
     if fmt == "json":
         return as_json(board, command, provenance)
-    tables = []
-    for section in board.sections:
-        tables.append(_ranks(section, board, provenance))
-        tables += _by_protocol(section, board.key)
-        if any(analysis.outcome for analysis in section.analyses):
-            tables.append(analyses_table(section, board.key))
-        costs = cost_table(section)
-        if costs.rows:
-            tables.append(costs)
+    tables = [
+        table for section in board.sections for table in section_tables(section, board, provenance)
+    ]
     return render_texts(tables, fmt, command)
+
+
+def section_tables(
+    section: Section, board: Leaderboard, provenance: Sequence[str]
+) -> list[TextTable]:
+    """Return ranks, scores by protocol, critical differences and costs of one section."""
+    tables = [_ranks(section, board, provenance), *_by_protocol(section, board.key)]
+    if any(analysis.outcome for analysis in section.analyses):
+        tables.append(analyses_table(section, board.key))
+    costs = cost_table(section)
+    return [*tables, costs] if costs.rows else tables
 
 
 def _ranks(section: Section, board: Leaderboard, provenance: Sequence[str]) -> TextTable:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.files import written_whole
@@ -44,7 +44,7 @@ def drawing(style: Mapping[str, Any]) -> Iterator[None]:
         yield
 
 
-def save_figure(figure: Figure, path: Path) -> None:
+def save_figure(figure: Figure, path: Path, dots_per_inch: int = DOTS_PER_INCH) -> None:
     """Write a figure in the format that the file's suffix names.
 
     Raises:
@@ -52,6 +52,12 @@ def save_figure(figure: Figure, path: Path) -> None:
         StoreError: the file cannot be written.
     """
     check_suffix(path)
-    suffix = path.suffix.lower()
     with written_whole(path) as temporary:
-        figure.savefig(temporary, format=suffix[1:], dpi=DOTS_PER_INCH, metadata=_TIMELESS[suffix])
+        write_picture(figure, temporary, path.suffix.lower(), dots_per_inch)
+
+
+def write_picture(
+    figure: Figure, target: Path | BinaryIO, suffix: str, dots_per_inch: int = DOTS_PER_INCH
+) -> None:
+    """Write a figure in the format of a known suffix, without the time."""
+    figure.savefig(target, format=suffix[1:], dpi=dots_per_inch, metadata=_TIMELESS[suffix])

@@ -19,8 +19,8 @@ from stiff_bench.messages import print_text, say
     "--quick/--full",
     default=True,
     show_default=True,
-    help="Of the paper: one split and coarse sweeps, in minutes; or five splits, every width, depth "
-    "and pair of layers, in hours.",
+    help="Of the paper: one split and coarse sweeps, in minutes; or five splits, every width, "
+    "depth and pair of layers, in hours.",
 )
 @click.option(
     "--output",
@@ -28,8 +28,8 @@ from stiff_bench.messages import print_text, say
     default=Path("results"),
     show_default=True,
     metavar="DIR",
-    help="Where OUTPUT/paper/, or OUTPUT/leaderboard/ with leaderboard.md and leaderboard.csv beside "
-    "it, are written.",
+    help="Where paper/, or leaderboard/ with leaderboard.md and leaderboard.csv beside it, are "
+    "written.",
 )
 @execution_options
 @debug_option
@@ -54,6 +54,7 @@ def reproduce(context: click.Context, /, what: str, quick: bool, output: Path, *
     from stiff_bench.paper.study import leaderboard_study, paper_study
     from stiff_bench.registry import usable_registry
     from stiff_bench.run import say_old_failures
+    from stiff_bench.store import ResultStore
     from stiff_bench.tally import tally
     from stiff_models.catalog import MODELS
 
@@ -62,15 +63,18 @@ def reproduce(context: click.Context, /, what: str, quick: bool, output: Path, *
     registry, command = usable_registry(), command_line()
     study = Study.of(runs, output=output / what / "runs", command=command, registry=registry)
     execution = execution_of(taken, study.plans[0], registry)
-    foreseen = forecast_of(study, execution)
     if taken["plan"]:
+        foreseen = forecast_of(study, execution)
         print_text(render_forecast(foreseen, "github", command))
-    say(forecast_line(foreseen))
-    if taken["plan"]:
+        say(forecast_line(foreseen))
         return 0
-    finished = run_study(study, execution, foreseen)
+    store = ResultStore(study.output)  # a folder that cannot be written is said before all else
+    foreseen = forecast_of(study, execution)
+    say(forecast_line(foreseen))
+    finished = run_study(study, store, execution, foreseen)
     say(f"{tally(finished.results, finished.cached)}; stored in {study.output}")
     say_old_failures(finished)
+    say("writing tables and figures")
     write = write_leaderboard if what == "leaderboard" else write_paper
     for path in write(output, command):
         click.echo(path)

@@ -27,7 +27,9 @@ def stored_leaderboard(
 
     Args:
         folder: of the results.
-        models, datasets, protocols: names, or keys that stand for all their variants; none: all.
+        models: names, or keys that stand for all their variants; none: all.
+        datasets: the same.
+        protocols: the same.
         key: what to rank by.
         seed: of the draws of poses.
 

@@ -35,10 +35,13 @@ def table(number: str, results: Path, fmt: str) -> None:
     from stiff_bench.paper.paper_results import PaperResults
     from stiff_bench.paper.paper_table_text import render_paper_table
     from stiff_bench.paper.paper_tables import FITTED_HERE, build
-    from stiff_protocols.errors import StoreError
+    from stiff_protocols.errors import ConfigError, StoreError
 
     found = None
-    if int(number) not in FITTED_HERE:
+    if int(number) in FITTED_HERE:
+        if results != PAPER_RESULTS:
+            raise ConfigError(f"--results {results}: table {number} is fitted here and reads none")
+    else:
         if not any(any((results / part).glob("*")) for part in ("cells", "packs")):
             raise StoreError(f"--results {results}: holds no results; `bench reproduce` makes them")
         found = PaperResults.of(results)

@@ -12,7 +12,7 @@ from command_line import assert_refused, bench
 from made_results import MadeResults
 from stiff_bench.paper.paper_tables import TABLES
 from stiff_bench.table_cli import table
-from stiff_protocols.errors import StoreError
+from stiff_protocols.errors import ConfigError, StoreError
 
 
 def printed(*words: str) -> str:
@@ -53,8 +53,10 @@ def test_it_reads_the_folder_that_is_named_and_prints_the_format_that_is_asked_f
     assert float(line["value"]) == pytest.approx(0.125)
 
 
-def test_tables_2_and_3_need_no_results(tmp_path):
-    assert "| A6 " in printed("3", "--results", str(tmp_path / "none"))
+def test_tables_2_and_3_are_fitted_on_the_spot_and_refuse_results():
+    assert "| A6 " in printed("3")
+    with pytest.raises(ConfigError, match="table 3 is fitted here and reads none"):
+        printed("3", "--results", "some")
 
 
 def test_the_command_refuses_in_one_line_with_status_2_and_prints_nothing(tmp_path):

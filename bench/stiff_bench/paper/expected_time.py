@@ -10,7 +10,7 @@ from stiff_bench.option_word import split_word
 from stiff_bench.paper.model_words import BASE_LAYERS, BASE_WIDTH
 
 PRETRAINING_S = 28.0
-"""Of the 4 x 380 network over the recipe's 1,000 steps; it grows with layers times width squared."""
+"""Of 4 x 380 nodes over the recipe's 1,000 steps; it grows with layers times width squared."""
 RECIPE_STEPS = 1000
 SOURCE_S = 4.0
 """The simulated source domain, and the errors on it."""

@@ -13,6 +13,8 @@ from typing import Literal
 from stiff_bench.option_word import join_word
 
 VJM, FT_MLP, DT_CNN, MLP_PRETRAINED = "vjm", "ft-mlp", "dt-cnn", "mlp-pretrained"
+MULTI_SEGMENT = "vjm-multisegment"
+"""Not in the paper: joints whose springs change their slope, as the gears' catalogue has them."""
 FT_MLP_LAST_EPOCH = "ft-mlp@training=normal"
 """Table 9's "normal": the weights after the last epoch."""
 FT_MLP_OWN_SOURCE = "ft-mlp@source_poses=data@source_wrenches=data"
@@ -39,8 +41,9 @@ def pretrained(
     """Return the name of a network that learns the source domain alone.
 
     Args:
-        layers, width: of the network.
-        activation: of its hidden layers.
+        layers: how many hidden ones.
+        width: nodes a hidden layer.
+        activation: of the hidden layers.
         stopped_early: it is trained as the paper's recipe says (plain Adam, mean squared error),
             but for `EARLY_STEPS` alone, after which it is about as good as the paper's networks.
     """

@@ -6,11 +6,11 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from stiff_bench.figures import catalog
+from stiff_bench.figures.catalog import available
 from stiff_bench.figures.figure_line import Prepared
 from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.leaderboard_tables import render_leaderboard
-from stiff_bench.paper import paper_figures
+from stiff_bench.paper.paper_figures import available as papers_available
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.paper_table_text import render_paper_table
 from stiff_bench.paper.paper_tables import TABLES, build
@@ -25,6 +25,8 @@ from stiff_protocols.files import make_folder, written_whole
 TABLE_FILES = {"github": "md", "csv": "csv", "latex": "tex"}
 PICTURE_FILES = ("png", "pdf")
 LEADERBOARD_METRIC = "norm"
+ALL_OF_FIGURE_5 = "5"
+"""Its three panels are drawn one by one, too."""
 
 
 def write_paper(output: Path, command: str) -> Iterator[Path]:
@@ -48,7 +50,10 @@ def write_paper(output: Path, command: str) -> Iterator[Path]:
             path = folder / "tables" / f"table_{number}.{suffix}"
             yield _written(path, render_paper_table(table, fmt, f"{again} --format {fmt}"))
         tables.append(render_paper_table(table, "github", again))
-    figures = [*paper_figures.available(results), *catalog.available(_source(results))]
+    figures = [
+        *(one for one in papers_available(results) if one.name != ALL_OF_FIGURE_5),
+        *available(FigureSource(results.folder, results.contests)),
+    ]
     yield from _pictures(figures, folder / "figures")
     page = _paper_page(tables, figures, provenance_lines(folder / "runs", command))
     yield _written(folder / "README.md", page)
@@ -71,17 +76,13 @@ def write_leaderboard(output: Path, command: str) -> Iterator[Path]:
     yield _written(
         output / "leaderboard.csv", render_leaderboard(board, "csv", command, provenance)
     )
-    figures = catalog.available(FigureSource.of(folder / "runs"))
+    figures = available(FigureSource.of(folder / "runs"))
     yield from _pictures(figures, folder / "figures")
     text = render_leaderboard(board, "github", command, provenance)
     lines = [*_leaderboard_notes(), *provenance_lines(folder / "runs", command)]
     head = ["# Leaderboard", *_listed(lines), text]
     shown = [_figure_text(figure, "leaderboard/figures") for figure in figures]
     yield _written(output / "leaderboard.md", "\n\n".join([*head, "## Figures", *shown]))
-
-
-def _source(results: PaperResults) -> FigureSource:
-    return FigureSource(results.folder, results.contests)
 
 
 def _leaderboard_notes() -> Iterator[str]:
@@ -122,7 +123,8 @@ def _figure_text(figure: Prepared, folder: str) -> str:
     picture = f"{folder}/{_file_name(figure)}"
     alt = re.sub(r"[\[\]\\]", " ", figure.title)
     heading = f"### {markdown_text(_label(figure))}"
-    return f"{heading}\n\n![{alt}]({picture}.png)\n\n{markdown_text(figure.caption)} ([PDF]({picture}.pdf))"
+    caption = f"{markdown_text(figure.caption)} ([PDF]({picture}.pdf))"
+    return f"{heading}\n\n![{alt}]({picture}.png)\n\n{caption}"
 
 
 def _label(figure: Prepared) -> str:

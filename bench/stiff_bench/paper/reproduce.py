@@ -88,11 +88,14 @@ def forecast_of(study: Study, execution: Execution) -> Forecast:
     return forecast(study.tasks(), study.output, execution, warn, prior=expected_s)
 
 
-def run_study(study: Study, execution: Execution, foreseen: Forecast) -> Finished:
+def run_study(
+    study: Study, store: ResultStore, execution: Execution, foreseen: Forecast
+) -> Finished:
     """Compute what is missing of a study, store it, and return all of its results.
 
     Args:
         study: what is asked for.
+        store: its output.
         execution: how.
         foreseen: the forecast, for the time left.
 
@@ -100,7 +103,6 @@ def run_study(study: Study, execution: Execution, foreseen: Forecast) -> Finishe
         StiffBenchError: the data cannot be loaded or divided, or the output not written.
     """
     tasks = list(study.tasks())
-    store = ResultStore(study.output)
     with display() as shown:
         return run_cells(tasks, study.command, store, execution, shown, _expected(foreseen))
 

@@ -14,6 +14,7 @@ from stiff_bench.paper.model_words import (
     FT_MLP,
     FT_MLP_LAST_EPOCH,
     FT_MLP_OWN_SOURCE,
+    MULTI_SEGMENT,
     SINGLE_LAYERS,
     VJM,
     pretrained,
@@ -67,7 +68,7 @@ def paper_study(*, full: bool) -> tuple[StudyRun, ...]:
         # first what others go on from: pre-trainings are kept, by their content
         run([pretrained(activation=activation) for activation in ACTIVATIONS]),
         run([VJM, FT_MLP, FT_MLP_LAST_EPOCH, *map(unfrozen, layers), DT_CNN, FT_MLP_OWN_SOURCE]),
-        run([VJM, FT_MLP, DT_CNN, FT_MLP_OWN_SOURCE], FAIR_PROTOCOL),
+        run([VJM, MULTI_SEGMENT, FT_MLP, DT_CNN, FT_MLP_OWN_SOURCE], FAIR_PROTOCOL),
         run([pretrained(layers=depth, width=DEPTH_WIDTH) for depth in DEPTHS]),
         run(
             [pretrained(layers=d, width=DEPTH_WIDTH, stopped_early=True) for d in DEPTHS]

@@ -1,0 +1,240 @@
+"""Which of a folder's results a figure shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from stiff_bench.collected import (
+    Contest,
+    chosen_contests,
+    collect,
+    competitor_names,
+    stands_for,
+)
+from stiff_bench.competitor_words import competitor_meant
+from stiff_bench.contest_choice import presentation
+from stiff_bench.newest import Slot
+from stiff_bench.words import counted
+from stiff_protocols.errors import StoreError
+from stiff_protocols.plugin import kind_label
+from stiff_protocols.record import CellResult
+from stiff_protocols.types import FloatArray, IntArray
+
+REFERENCE = "vjm"
+"""The linear model that every other one is held against."""
+
+
+@dataclass(frozen=True, eq=False)
+class FigureSource:
+    """Results of a folder that figures may show.
+
+    Attributes:
+        folder: of the results.
+        contests: those of the data sets and protocols that were asked for; at least one.
+        models: words that were asked for; none: each figure takes those that it is clear with.
+    """
+
+    folder: Path
+    contests: tuple[Contest, ...]
+    models: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        folder: Path,
+        models: Sequence[str] = (),
+        datasets: Sequence[str] = (),
+        protocols: Sequence[str] = (),
+    ) -> FigureSource:
+        """Read a folder.
+
+        Raises:
+            StoreError: it holds no results, or a file of it is damaged.
+            ConfigError: a name has no results.
+        """
+        chosen = chosen_contests(collect(folder), datasets=datasets, protocols=protocols)
+        return cls(folder, tuple(chosen), tuple(models))
+
+    def names(self, contests: Iterable[Contest] | None = None) -> list[str]:
+        """Return the models asked for, or all, that have a result in these contests (or any).
+
+        Raises:
+            ConfigError: a word has no results in the folder.
+        """
+        looked_at = self.contests if contests is None else tuple(contests)
+        known = competitor_names(self.contests)
+        asked = dict.fromkeys(name for word in self.models for name in self._meant(word, known))
+        done = {name for one in looked_at for name, found in one.competitors.items() if found.done}
+        return [name for name in (asked or known) if name in done]
+
+    def _meant(self, word: str, known: Sequence[str]) -> list[str]:
+        found = [name for name in known if stands_for(word, name)]
+        return found or [competitor_meant(word, self.contests, self.folder)]
+
+    def contest(
+        self,
+        has: Callable[[CellResult], bool] = lambda _: True,
+        *,
+        needs: str = "a result",
+        most_first: bool = False,
+    ) -> Contest:
+        """Return the contest to draw: fair before others, then the one with most models.
+
+        Args:
+            has: whether a result has what the figure shows.
+            needs: what that is, for the error, with the command that makes it.
+            most_first: the one with most such models, fair or not.
+
+        Raises:
+            StoreError: no contest has such a result of the models asked for.
+        """
+        models = self.names()
+
+        def n_models(contest: Contest) -> int:
+            return sum(
+                any(map(has, contest.results(m))) for m in models if m in contest.competitors
+            )
+
+        def preference(one: Contest) -> tuple[int, tuple[bool, bool, int, int, int, str]]:
+            n_found = n_models(one)
+            return n_found if most_first else min(n_found, 1), _preference(one, n_found)
+
+        best = max(self.contests, key=preference)
+        if n_models(best) == 0:
+            of = f" of {', '.join(self.models)}" if self.models else ""
+            raise StoreError(f"--results {self.folder}: no result{of} has {needs}")
+        return best
+
+    def compared(
+        self,
+        contest: Contest,
+        most: int,
+        has: Callable[[CellResult], bool] = lambda _: True,
+    ) -> Compared:
+        """Return the models to draw of a contest: those asked for, or the best and the linear one.
+
+        Raises:
+            StoreError: they have no split in common.
+        """
+        names = [
+            name
+            for name in self.names([contest])
+            if name in contest.competitors and any(map(has, contest.results(name)))
+        ]
+        if not self.models:
+            names = _best(contest, names, most)
+        slots = contest.shared_slots(names)
+        if not names or not slots:
+            raise StoreError(
+                f"--results {self.folder}: {contest.name.text}: {', '.join(names) or 'no model'}: "
+                "no split on which all have a result; `bench run` with the same --splits makes them"
+            )
+        return Compared(contest, tuple(names), tuple(slots), all_shown=bool(self.models))
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """Models of one contest that a figure shows.
+
+    Attributes:
+        contest: the results.
+        models: their names, best first unless they were asked for.
+        slots: the splits that all of them have.
+        all_shown: they were asked for; otherwise there may be more.
+    """
+
+    contest: Contest
+    models: tuple[str, ...]
+    slots: tuple[Slot, ...]
+    all_shown: bool
+
+    def tested(self, model: str) -> Predicted:
+        """Return a model's test samples of all splits, one after the other."""
+        return pooled(self.contest.results(model, self.slots))
+
+    @property
+    def choice(self) -> str:
+        """Say which models are shown, where there are more."""
+        n_all = sum(bool(one.done) for one in self.contest.competitors.values())
+        if self.all_shown or len(self.models) == n_all:
+            return ""
+        linear = f", {REFERENCE} among them in any case" if REFERENCE in self.models else ""
+        return f"Shown: {len(self.models)} of {n_all} models, least mean error first{linear}."
+
+    @property
+    def setting(self) -> str:
+        """Say which data, protocol, splits and seed."""
+        return setting(self.contest, len(self.slots))
+
+
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """Test samples and what a model says of them.
+
+    Attributes:
+        rows: (n,) row numbers in the data set.
+        measured, predicted: (n, 3) deflection, m, base frame.
+    """
+
+    rows: IntArray
+    measured: FloatArray
+    predicted: FloatArray
+
+    @property
+    def error(self) -> FloatArray:
+        """The (n, 3) absolute errors, m."""
+        return np.asarray(np.abs(self.predicted - self.measured))
+
+    def mean_by_row(self, values: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Return the distinct rows and, for each, the mean of its (n, ...) values."""
+        rows, where, times = np.unique(self.rows, return_inverse=True, return_counts=True)
+        total = np.zeros((len(rows), *values.shape[1:]))
+        np.add.at(total, where, values)
+        return rows, total / times.reshape(-1, *[1] * (values.ndim - 1))
+
+
+def pooled(results: Sequence[CellResult]) -> Predicted:
+    """Return the test samples of some results, one after the other."""
+    found = [one.prediction for one in results if one.prediction is not None]
+    return Predicted(
+        np.concatenate([one.rows for one in found]),
+        np.concatenate([one.measured for one in found]),
+        np.concatenate([one.predicted for one in found]),
+    )
+
+
+def mean_length(results: Iterable[CellResult]) -> float:
+    """Return the mean length of the error over the test samples of some results, m."""
+    tested = pooled(list(results))
+    return float(np.linalg.norm(tested.error, axis=1).mean())
+
+
+def setting(contest: Contest, n_splits: int) -> str:
+    """Return data, protocol, splits and seed in a sentence, and what must be read with them."""
+    shown = presentation(contest)
+    data = f"{contest.name.dataset} ({kind_label(shown.kind, shown.task)})"
+    protocol = " | ".join(filter(None, (contest.name.protocol, contest.name.condition)))
+    picked = " Models that choose an epoch chose it on the test part." * shown.selects_on_test
+    return f"{data}, {protocol}, {counted(n_splits, 'split')}, seed {contest.name.seed}.{picked}"
+
+
+def _preference(contest: Contest, n_models: int) -> tuple[bool, bool, int, int, int, str]:
+    fair = not presentation(contest).selects_on_test
+    whole = not contest.name.condition  # not one of many sizes or directions
+    plain = -len(contest.name.dataset)  # "kr10-twin" before its specimens
+    return fair, whole, n_models, len(contest.slots), plain, contest.newest_run
+
+
+def _best(contest: Contest, names: Sequence[str], most: int) -> list[str]:
+    """Return the best of the models that have most splits; the linear one takes the last place."""
+    n_done = {name: len(contest.competitors[name].done) for name in names}
+    complete = [name for name in names if n_done[name] == max(n_done.values())]
+    ordered = sorted(complete, key=lambda name: mean_length(contest.results(name)))
+    best = ordered[:most]
+    if REFERENCE in complete and REFERENCE not in best:
+        best[-1:] = [REFERENCE]
+    return best

@@ -1,0 +1,71 @@
+"""Critical-difference diagrams of a folder's results."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING
+
+from stiff_bench.contest_choice import presentation, shown_contests
+from stiff_bench.critical_difference import HEAD_INCH, LINE_INCH, draw_diagram, n_lines
+from stiff_bench.field import field_of
+from stiff_bench.figures.figure_line import Content
+from stiff_bench.figures.figure_source import FigureSource
+from stiff_bench.figures.journal_style import PAGE_INCH, new_figure
+from stiff_bench.rank_analysis import RankAnalysis, rank_analyses
+from stiff_bench.same_robot import of_robots
+from stiff_bench.sort_key import sort_key
+from stiff_bench.standing import Standings
+from stiff_protocols.errors import ConfigError
+from stiff_protocols.paired import LEVEL
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+METRIC = "norm"
+MOST = 3
+"""Diagrams on one page."""
+SCALE = 0.8
+"""Of the distances that `critical_difference` has for larger type."""
+
+
+def ranks_figure(analyses: Sequence[RankAnalysis]) -> Figure:
+    """Draw a diagram for each analysis, one beneath the other.
+
+    Args:
+        analyses: at least one; all with an outcome.
+    """
+    heights = [SCALE * (HEAD_INCH + LINE_INCH * n_lines(one)) for one in analyses]
+    figure = new_figure(PAGE_INCH, sum(heights))
+    panels = figure.subplots(len(analyses), 1, squeeze=False, height_ratios=heights)[:, 0]
+    for axes, analysis in zip(panels, analyses, strict=True):
+        draw_diagram(analysis, axes)
+        axes.grid(visible=False)
+        axes.set_title(f"{analysis.text}: {of_robots(analysis.families)}", loc="left")
+    return figure
+
+
+def gather(source: FigureSource) -> Content:
+    """Rank the models over the robots of the folder.
+
+    Raises:
+        ConfigError: there are too few robots or models for a critical difference.
+    """
+    key = sort_key(METRIC, None)
+    shown = shown_contests(source.contests, source.models)
+    fields = [field_of(contest, shown.models, key) for contest in shown.contests]
+    fair = [one for one in fields if not presentation(one.contest).selects_on_test] or fields
+    found = rank_analyses(fair, Standings(key, source.folder, 0))
+    drawn = [one for one in found if one.outcome is not None][:MOST]
+    if not drawn:
+        reasons = "; ".join(dict.fromkeys(one.why_none for one in found))
+        raise ConfigError(
+            f"--results {source.folder}: there is no critical difference to draw: it {reasons}"
+        )
+    kinds = " and ".join(dict.fromkeys(presentation(one.contest).kind for one in fair))
+    caption = (
+        f"Mean ranks over robots of the mean error length ({key.text}); left is better. Models "
+        f"joined by a bar are not told apart (Nemenyi, {LEVEL:g}); the short line is the critical "
+        f"difference. Data: {kinds}. A robot counts once, however many data sets are of it."
+    )
+    return Content(caption, partial(ranks_figure, drawn))

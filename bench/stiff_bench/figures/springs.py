@@ -1,0 +1,198 @@
+"""Torque against deflection of each joint: the springs that were identified, piece by piece."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiff_bench.collected import Contest
+from stiff_bench.config import chosen_dataset, loaded
+from stiff_bench.figures.figure_line import Content
+from stiff_bench.figures.figure_source import REFERENCE, FigureSource, setting
+from stiff_bench.figures.journal_style import (
+    PAGE_INCH,
+    looks,
+    name_panels,
+    new_figure,
+    short,
+)
+from stiff_bench.registry import build_registry
+from stiff_bench.stored_data import StoredData, read_data
+from stiff_models.gravity import gravity_torque
+from stiff_protocols.errors import StiffBenchError
+from stiff_protocols.record import CellResult
+from stiff_protocols.types import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+ROW_INCH, HEAD_INCH = 1.75, 0.3
+N_COLUMNS = 3
+_POINTS = 200
+_SHARES = (0.5, 0.95)
+"""Of the samples: up to which torques they load a joint; marked under the curves."""
+_SEGMENT = re.compile(r"stiffness (?P<joint>.+) segment (?P<number>\d+) \[.*\]")
+_NEEDS = f"springs in segments; `bench run --model {REFERENCE} --model vjm-multisegment` makes them"
+
+
+@dataclass(frozen=True, eq=False)
+class Spring:
+    """An odd, piecewise linear spring.
+
+    Attributes:
+        breakpoints: (n_segments - 1,) torques where slopes change, N m (N), ascending.
+        compliance: (n_segments,) rad/(N m) (m/N); NaN where it was not identifiable.
+    """
+
+    breakpoints: FloatArray
+    compliance: FloatArray
+
+    def deflection(self, torque: FloatArray) -> FloatArray:
+        """Return the (n,) deflection [rad or m] under non-negative torques [N m or N]."""
+        edges = np.concatenate([[0.0], self.breakpoints, [np.inf]])
+        parts = np.clip(torque[:, None], edges[:-1], edges[1:]) - edges[:-1]
+        return np.asarray((np.where(parts > 0.0, parts * self.compliance, 0.0)).sum(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class JointSprings:
+    """What was identified of one joint.
+
+    Attributes:
+        name: of the joint.
+        unit: of its torque, "Nm" or "N".
+        torque: (n,) sizes of the torques that the samples load it with.
+        segmented: of each split.
+        linear: (n_splits,) compliances of the linear model; empty: none.
+    """
+
+    name: str
+    unit: str
+    torque: FloatArray
+    segmented: Sequence[Spring]
+    linear: FloatArray
+
+
+def springs_figure(joints: Sequence[JointSprings], model: str) -> Figure:
+    """Draw a panel a joint."""
+    n_rows = -(-len(joints) // N_COLUMNS)
+    figure = new_figure(PAGE_INCH, ROW_INCH * n_rows + HEAD_INCH)
+    panels = list(figure.subplots(n_rows, N_COLUMNS, squeeze=False).flat)
+    for axes, joint in zip(panels, joints, strict=False):
+        _draw(axes, joint, model)
+    for axes in panels[len(joints) :]:
+        axes.set_axis_off()
+    name_panels(panels[: len(joints)])
+    handles, names = panels[0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside upper center", ncols=4)
+    return figure
+
+
+def _draw(axes: Axes, joint: JointSprings, model: str) -> None:
+    blue, orange = looks(2)
+    top = float(joint.torque.max()) or 1.0
+    torque = np.linspace(0.0, top, _POINTS)
+    curves = np.array([1e3 * one.deflection(torque) for one in joint.segmented])
+    for curve in curves:
+        axes.plot(torque, curve, color=blue.color, linewidth=0.5, alpha=0.45)
+    axes.plot(
+        torque, np.median(curves, axis=0), color=blue.color, linewidth=1.6, label=short(model)
+    )
+    bends = np.median([one.breakpoints for one in joint.segmented], axis=0)
+    bends = bends[bends < top]
+    at = np.interp(bends, torque, np.median(curves, axis=0))
+    axes.plot(bends, at, **blue.points() | {"markersize": 4.5}, label="breakpoint", zorder=4)
+    if len(joint.linear):
+        straight = 1e3 * float(np.median(joint.linear)) * torque
+        axes.plot(torque, straight, color=orange.color, linestyle="--", label=REFERENCE)
+    _mark_torques(axes, joint.torque)
+    per = "mrad" if joint.unit == "Nm" else "mm"
+    axes.set(xlim=(0.0, 1.02 * top), ylim=(0.0, None), ylabel=f"deflection [{per}]")
+    axes.set_xlabel(f"torque [{'N m' if joint.unit == 'Nm' else 'N'}]")
+    axes.set_title(short(joint.name), loc="left")
+
+
+def _mark_torques(axes: Axes, torque: FloatArray) -> None:
+    """Shade the torques that half, and nearly all, of the samples stay below."""
+    for share in _SHARES:
+        axes.axvspan(0.0, float(np.quantile(torque, share)), color="0.5", alpha=0.1, linewidth=0.0)
+
+
+def gather(source: FigureSource) -> Content:
+    """Take the springs that were identified on each split."""
+    contest = source.contest(_is_segmented, needs=_NEEDS)
+    model = next(
+        name for name in source.names([contest]) if any(map(_is_segmented, contest.results(name)))
+    )
+    results = [one for one in contest.results(model) if _is_segmented(one)]
+    stored = read_data(source.folder / "data", contest.name.data_sha256)
+    torque, of_what = _torques(contest, stored, results[0])
+    joints = [
+        JointSprings(
+            name=name,
+            unit=stored.torque_units[i],
+            torque=np.abs(torque[:, i]),
+            segmented=[_spring(one.diagnostics, name) for one in results],
+            linear=_linear(contest, name),
+        )
+        for i, name in enumerate(stored.joint_names)
+    ]
+    caption = (
+        f"Deflection of each joint against the torque on it, as {model} identified it: breakpoints "
+        "and slopes, thin: each split, thick: their median; the springs are odd, so that negative "
+        f"torques look alike. Dashed: the linear model ({REFERENCE}), median of its splits. "
+        f"Shaded: the torques ({of_what}) that {_SHARES[0]:.0%} and {_SHARES[1]:.0%} of the "
+        f"samples stay below; each panel ends at the largest. {setting(contest, len(results))}"
+    )
+    return Content(caption, partial(springs_figure, joints, model))
+
+
+def _is_segmented(result: CellResult) -> bool:
+    return any(map(_SEGMENT.fullmatch, result.diagnostics))
+
+
+def _spring(found: Mapping[str, float], joint: str) -> Spring:
+    stiffness = _values(found, rf"stiffness {re.escape(joint)} segment (\d+) \[.*\]")
+    breakpoints = _values(found, rf"breakpoint {re.escape(joint)} (\d+) \[.*\]")
+    return Spring(breakpoints, 1.0 / stiffness)
+
+
+def _values(found: Mapping[str, float], pattern: str) -> FloatArray:
+    """Return the diagnostics whose names match, in the order of their numbers."""
+    numbered = {
+        int(match.group(1)): value
+        for name, value in found.items()
+        if (match := re.fullmatch(pattern, name))
+    }
+    return np.array([numbered[number] for number in sorted(numbered)])
+
+
+def _linear(contest: Contest, joint: str) -> FloatArray:
+    if REFERENCE not in contest.competitors:
+        return np.empty(0)
+    pattern = re.compile(rf"stiffness {re.escape(joint)} \[.*\]")
+    found = [
+        value
+        for one in contest.results(REFERENCE)
+        for name, value in one.diagnostics.items()
+        if pattern.fullmatch(name) and not np.isnan(value)
+    ]
+    return 1.0 / np.array(found)
+
+
+def _torques(contest: Contest, stored: StoredData, result: CellResult) -> tuple[FloatArray, str]:
+    """Return the (n, n_joints) torques that the model's springs see, and of what they are."""
+    if not result.cell.model_params.get("gravity"):
+        return stored.torque, "of the loads"
+    try:
+        data = loaded(chosen_dataset(contest.name.dataset, (), build_registry()))
+        weights = gravity_torque(data.robot, stored.samples.q)
+    except StiffBenchError:  # a data set of a plugin or of somebody's file: its robot is not stored
+        return stored.torque, "of the loads alone: the robot's masses are not known here"
+    return stored.torque + weights, "of loads and the links' weights"

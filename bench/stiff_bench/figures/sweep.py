@@ -1,0 +1,204 @@
+"""Depth and width of a network: its error on the source domain over both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiff_bench.collected import Contest
+from stiff_bench.figures.figure_line import Content
+from stiff_bench.figures.figure_source import FigureSource, setting
+from stiff_bench.figures.journal_style import (
+    PAGE_INCH,
+    REFERENCE_COLOR,
+    looks,
+    name_panels,
+    new_figure,
+)
+from stiff_bench.figures.log_axes import plain_numbers
+from stiff_bench.grouped import grouped
+from stiff_bench.units import MM
+from stiff_protocols.errors import StoreError
+from stiff_protocols.record import CellResult
+from stiff_protocols.types import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+TRAIN, TEST = "training", "test"
+FEWEST = 4  # networks of one kind that make a sweep
+HEIGHT_INCH = 2.5
+MOST_NUMBERS = 10  # widths beyond which the map's fields have no room for numbers
+_MAE = "source test MAE [mm]"
+_NEEDS = (
+    "a network of several widths and depths; `bench reproduce`, or `bench run --model "
+    "mlp-pretrained@width=40 --model mlp-pretrained@width=160 ...`, makes them"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """Errors of networks on the source domain.
+
+    Attributes:
+        values: (depth, width) -> (n_splits,) error, m.
+    """
+
+    values: Mapping[tuple[int, int], FloatArray]
+
+    @property
+    def depths(self) -> list[int]:
+        """Hidden layers, ascending."""
+        return sorted({depth for depth, _ in self.values})
+
+    @property
+    def widths(self) -> list[int]:
+        """Nodes a layer, ascending."""
+        return sorted({width for _, width in self.values})
+
+    def line(self, depth: int) -> tuple[list[int], FloatArray, FloatArray, FloatArray]:
+        """Return the widths of a depth, and mean, least and largest over the splits, m."""
+        widths = [width for width in self.widths if (depth, width) in self.values]
+        found = [self.values[depth, width] for width in widths]
+        means, least, largest = (
+            np.array([f(one) for one in found]) for f in (np.mean, np.min, np.max)
+        )
+        return widths, means, least, largest
+
+    def grid(self) -> FloatArray:
+        """Return the (n_depths, n_widths) mean errors, m; NaN where there is none."""
+        table = np.full((len(self.depths), len(self.widths)), np.nan)
+        for (depth, width), found in self.values.items():
+            table[self.depths.index(depth), self.widths.index(width)] = found.mean()
+        return table
+
+
+def draw_lines(axes: Axes, sweep: Sweep, quantity: str, *, dashed: Sweep | None = None) -> None:
+    """Draw error against width, one line a depth, with the span over the splits.
+
+    Args:
+        axes: an empty panel.
+        sweep: errors on the test part.
+        quantity: the errors' name, such as "MAE".
+        dashed: errors on the training part.
+    """
+    for depth, look in zip(sweep.depths, looks(len(sweep.depths)), strict=True):
+        widths, means, least, largest = sweep.line(depth)
+        axes.plot(
+            *(widths, means * MM),
+            color=look.color,
+            marker=look.marker,
+            label=f"{depth} hidden layers",
+        )
+        axes.fill_between(widths, least * MM, largest * MM, color=look.color, alpha=0.2, lw=0.0)
+        if dashed is not None and depth in dashed.depths:
+            inner, errors, *_ = dashed.line(depth)
+            axes.plot(
+                *(inner, errors * MM), color=look.color, linestyle=(0, (3, 1.2)), linewidth=0.8
+            )
+    if dashed is not None:
+        axes.plot(
+            *([], []), color=REFERENCE_COLOR, linestyle=(0, (3, 1.2)), lw=0.8, label="training part"
+        )
+    axes.set(xlabel="nodes a layer", ylabel=f"{quantity} on the source [mm]", yscale="log")
+    plain_numbers(axes.yaxis)
+
+
+def sweep_figure(sweep: Sweep, quantity: str = "MAE") -> Figure:
+    """Draw error against width, and the map of both."""
+    figure = new_figure(PAGE_INCH, HEIGHT_INCH)
+    lines, heat = figure.subplots(1, 2, width_ratios=(1.0, 1.35))
+    draw_lines(lines, sweep, quantity)
+    lines.legend()
+    draw_map(heat, sweep, f"{quantity} on the source's test part [mm]")
+    name_panels([lines, heat])
+    return figure
+
+
+def draw_map(axes: Axes, sweep: Sweep, label: str) -> None:
+    """Draw the map of mean errors over widths and depths."""
+    import seaborn
+    from matplotlib.colors import LogNorm
+
+    table = sweep.grid() * MM
+    n_widths = len(sweep.widths)
+    seaborn.heatmap(
+        table,
+        ax=axes,
+        cmap="viridis_r",
+        norm=LogNorm(np.nanmin(table), np.nanmax(table)),
+        annot=n_widths <= MOST_NUMBERS,
+        fmt=".2g",
+        annot_kws={"size": 6.5 if n_widths < 7 else 5.5},
+        linewidths=0.5,
+        xticklabels=sweep.widths,
+        yticklabels=sweep.depths,
+        cbar_kws={"label": label},
+    )
+    axes.grid(visible=False)
+    axes.set(xlabel="nodes a layer", ylabel="hidden layers")
+    axes.tick_params(axis="x", labelrotation=0 if n_widths <= MOST_NUMBERS else 90)
+    axes.tick_params(axis="y", labelrotation=0)
+    axes.invert_yaxis()
+    bar = axes.collections[0].colorbar
+    if bar is not None:  # always there; matplotlib's types do not say so
+        plain_numbers(bar.ax.yaxis)
+
+
+def is_swept(result: CellResult) -> bool:
+    """Say whether a result is of a network with depth and width and an error on the source."""
+    options = result.cell.model_params
+    return all(isinstance(options.get(name), int) for name in ("layers", "width")) and (
+        _MAE in result.diagnostics
+    )
+
+
+def sweep_of(results: Sequence[CellResult], part: str, quantity: str) -> Sweep:
+    """Return the errors of networks on a part of the source domain, by depth and width."""
+    name = f"source {part} {quantity} [mm]"
+    of_size = grouped(
+        [one for one in results if name in one.diagnostics],
+        lambda one: (one.cell.model_params["layers"], one.cell.model_params["width"]),
+    )
+    return Sweep(
+        {size: np.array([one.diagnostics[name] for one in of]) / MM for size, of in of_size.items()}
+    )
+
+
+def gather(source: FigureSource) -> Content:
+    """Take the networks that differ in depth and width alone."""
+    contest = source.contest(is_swept, needs=_NEEDS, most_first=True)
+    model, results = _largest_family(source, contest)
+    sweep = sweep_of(results, TEST, "MAE")
+    if len(sweep.values) < FEWEST:
+        raise StoreError(f"--results {source.folder}: no result has {_NEEDS}")
+    n_splits = max(len(found) for found in sweep.values.values())
+    caption = (
+        f"Mean absolute error of {model} on the test part (30 %) of the simulated source domain, "
+        "all axes together, against nodes a hidden layer and hidden layers. Bands: least to "
+        f"largest of the splits. {setting(contest, n_splits)}"
+    )
+    return Content(caption, partial(sweep_figure, sweep))
+
+
+def _largest_family(source: FigureSource, contest: Contest) -> tuple[str, list[CellResult]]:
+    """Return the model with most sizes, and its results that differ in nothing else."""
+    results = [
+        one for name in source.names([contest]) for one in contest.results(name) if is_swept(one)
+    ]
+    families = grouped(results, _without_size)
+    (model, *_), members = max(
+        families.items(), key=lambda item: len(sweep_of(item[1], TEST, "MAE").values)
+    )
+    return str(model), members
+
+
+def _without_size(result: CellResult) -> tuple[str, ...]:
+    options = result.cell.model_params
+    others = (f"{k}={options[k]}" for k in sorted(options) if k not in ("layers", "width"))
+    return (result.cell.model, *others)

@@ -1,0 +1,50 @@
+"""The figures of a folder as pictures inside the page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from stiff_bench.figures.catalog import FIGURES
+from stiff_bench.figures.figure_line import Prepared, can_be_drawn
+from stiff_bench.figures.figure_source import FigureSource
+from stiff_bench.report.commands import Choice
+from stiff_bench.report.content import Block, Picture
+from stiff_protocols.errors import StiffBenchError
+
+LARGEST_SVG = 300_000
+"""Bytes; a picture of more is embedded as PNG."""
+
+
+def picture_block(source: FigureSource, choice: Choice) -> Block:
+    """Return all figures that the results are enough for, and why others are not there."""
+    prepared, missing = can_be_drawn(FIGURES, source)
+    pictures = []
+    for figure in prepared:
+        try:
+            pictures.append(_picture(figure, source, choice))
+        except StiffBenchError as error:
+            missing[figure.name] = str(error)
+    return Block(
+        "Figures",
+        [] if pictures else ["The results shown are not enough for any figure."],
+        pictures=pictures,
+        notes=_missing_notes(missing),
+    )
+
+
+def _picture(figure: Prepared, source: FigureSource, choice: Choice) -> Picture:
+    media_type, content = "image/svg+xml", figure.picture("svg")
+    if len(content) > LARGEST_SVG:
+        media_type, content = "image/png", figure.picture("png")
+    return Picture(
+        title=figure.title,
+        caption=figure.caption,
+        alt=figure.alt,
+        media_type=media_type,
+        content=content,
+        command=choice.command("figure", figure.name, folder=source.folder),
+    )
+
+
+def _missing_notes(missing: Mapping[str, str]) -> list[str]:
+    return [f"no figure of {FIGURES[name].title}: {why}" for name, why in missing.items()]

@@ -1,0 +1,24 @@
+"""Fills a plan in as a measurement of the simulated robot would: python standin.py PLAN OUTPUT."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from stiff_datasets.twin_constants import read_constants
+from stiff_datasets.twin_experiment import TwinExperiment, recorded_deflection, recorded_wrench
+
+plan = pd.read_csv(sys.argv[1])
+constants = read_constants(Path(__file__).with_name("my_robot.toml"))
+twin = TwinExperiment(constants, loads="omni", specimen=0, seed=0).twin
+rng = np.random.default_rng(0)
+load = ["fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm"]
+angles = [name for name in plan.columns if name.endswith("_deg")]
+
+q = np.deg2rad(plan[angles].to_numpy(float))
+true = plan[load].fillna(0.0).to_numpy(float)
+plan[load] = recorded_wrench(true, constants.noise, rng)
+deflection = recorded_deflection(twin.readings(q, true), constants.noise, rng)
+plan[["dx_mm", "dy_mm", "dz_mm"]] = (1000.0 * deflection).round(5)
+plan.to_csv(sys.argv[2], index=False)

@@ -1,0 +1,197 @@
+"""What the general figures show, against numbers by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from figure_results import SIZES, compared, learned, with_fields
+from made_results import MadeResults, made_data
+from stiff_bench.figures import freezing, learning_curves, springs, sweep
+from stiff_bench.figures.catalog import FIGURES
+from stiff_bench.figures.figure_source import FigureSource, Predicted
+from stiff_bench.figures.journal_style import looks, short
+from stiff_bench.figures.log_axes import power_of_ten
+from stiff_bench.figures.regression import Series, regression_figure
+from stiff_bench.figures.workspace import workspace_figure
+from stiff_bench.stored_data import read_data
+
+NET = {"name": "net"}  # the same model, whatever its options
+
+
+def some_samples(n: int = 20) -> Predicted:
+    rng = np.random.default_rng(0)
+    measured = rng.normal(size=(n, 3)) * 1e-3
+    return Predicted(np.arange(n), measured, measured + rng.normal(size=(n, 3)) * 1e-4)
+
+
+def test_a_regression_diagram_has_millimetres_measured_across_and_predicted_up():
+    samples = some_samples()
+    figure = regression_figure([Series("a", samples)])
+    for axis, axes in enumerate(figure.axes):
+        points = next(line for line in axes.get_lines() if line.get_marker() == "o")
+        np.testing.assert_allclose(points.get_xdata(), samples.measured[:, axis] * 1e3)
+        np.testing.assert_allclose(points.get_ydata(), samples.predicted[:, axis] * 1e3)
+
+
+def test_a_regression_diagrams_lines_hold_95_percent_of_the_samples():
+    samples = some_samples(200)
+    axes = regression_figure([Series("a", samples)]).axes[2]
+    heights = sorted(line.get_xy1()[1] for line in axes.get_lines() if hasattr(line, "get_xy1"))
+    half = np.quantile(samples.error[:, 2], 0.95) * 1e3
+    np.testing.assert_allclose(heights, [-half, 0.0, half])
+
+
+def test_overlaid_models_share_three_panels():
+    figure = regression_figure(
+        [Series("a", some_samples()), Series("b", some_samples())], overlaid=True
+    )
+    assert len(figure.axes) == 3
+
+
+def test_a_published_error_stands_beside_ours():
+    figure = regression_figure([Series("a", some_samples(), (0.07e-3, 0.08e-3, 0.09e-3))])
+    for axes, published in zip(figure.axes, ("0.070", "0.080", "0.090"), strict=True):
+        assert f"(paper {published})" in axes.get_title(loc="left")
+
+
+def test_a_sample_of_several_splits_has_the_mean_of_its_errors():
+    twice = Predicted(
+        np.array([3, 1, 3]), np.zeros((3, 3)), np.array([[1.0] * 3, [5.0] * 3, [2.0] * 3])
+    )
+    rows, error = twice.mean_by_row(twice.error)
+    np.testing.assert_array_equal(rows, [1, 3])
+    np.testing.assert_array_equal(error, [[5.0] * 3, [1.5] * 3])
+
+
+def test_a_workspace_colours_each_pose_by_the_length_of_its_error(tmp_path):
+    MadeResults(tmp_path).add("vjm", [[0.1, 0.2, 0.3, 0.4]])
+    source = FigureSource.of(tmp_path)
+    side, above, *_ = FIGURES["workspace"].draw(source).axes
+    data = read_data(tmp_path / "data", source.contest().name.data_sha256)
+    for axes, across in ((side, np.hypot(*data.tcp[:4, :2].T)), (above, data.tcp[:4, 0])):
+        (points,) = axes.collections
+        np.testing.assert_allclose(points.get_offsets()[:, 0], across)
+        np.testing.assert_allclose(points.get_array(), [0.1, 0.2, 0.3, 0.4])
+
+
+def test_all_models_of_a_workspace_share_one_scale_of_colours(tmp_path):
+    compared(tmp_path)
+    figure = FIGURES["workspace"].draw(FigureSource.of(tmp_path))
+    scales = {id(points.norm) for axes in figure.axes[:6] for points in axes.collections}
+    assert len(scales) == 1
+
+
+def test_a_springs_deflection_adds_up_the_segments_below_the_torque():
+    spring = springs.Spring(np.array([10.0]), np.array([2e-5, 1e-5]))
+    torque = np.array([0.0, 5.0, 10.0, 30.0])
+    np.testing.assert_allclose(spring.deflection(torque), [0.0, 1e-4, 2e-4, 4e-4])
+
+
+def test_springs_are_read_from_what_the_models_reported(tmp_path):
+    made = compared(tmp_path)
+    joints = made_data(0).robot.joint_names
+    segments = {f"stiffness {j} segment {k} [Nm/rad]": 1e4 * k for j in joints for k in (1, 2)}
+    bends = {f"breakpoint {j} 1 [Nm]": 0.1 for j in joints}
+    with_fields(made, "mlp", diagnostics=segments | bends)
+    with_fields(made, "vjm", diagnostics={f"stiffness {j} [Nm/rad]": 2e4 for j in joints})
+    first = FIGURES["springs"].draw(FigureSource.of(tmp_path)).axes[0]
+    *_, segmented, bend, linear = first.get_lines()
+    torque, deflection = segmented.get_xydata()[-1]
+    np.testing.assert_allclose(deflection, 1e3 * (0.1 / 1e4 + (torque - 0.1) / 2e4))
+    np.testing.assert_allclose(bend.get_xdata(), [0.1])
+    torque, deflection = linear.get_xydata()[-1]
+    np.testing.assert_allclose(deflection, 1e3 * torque / 2e4)
+
+
+def test_a_learning_curve_is_the_geometric_mean_with_students_interval(tmp_path):
+    learned(tmp_path)
+    content = learning_curves.gather(FigureSource.of(tmp_path))
+    ((_, curves),) = content.paint.args[0].items()
+    linear = next(curve for curve in curves if curve.name == "vjm")
+    centre, low, high = linear.interval()
+    np.testing.assert_allclose(centre, np.e * 1e-3 / np.array(SIZES))  # e^0, e^1, e^2
+    reach = stats.t.ppf(0.975, 2) / np.sqrt(3.0)
+    np.testing.assert_allclose(high / centre, np.exp(reach))
+    np.testing.assert_allclose(centre / low, np.exp(reach))
+
+
+def test_two_data_sets_make_a_learning_curve_without_an_interval(tmp_path):
+    learned(tmp_path, n_twins=2)
+    content = learning_curves.gather(FigureSource.of(tmp_path))
+    ((_, curves),) = content.paint.args[0].items()
+    assert np.isnan(curves[0].interval()[1]).all()
+
+
+def test_a_data_set_that_lacks_a_size_is_no_part_of_a_learning_curve(tmp_path):
+    made = learned(tmp_path)
+    made.add(
+        "vjm", [9.0], dataset="twin@specimen=4", protocol="sample-efficiency", condition="n = 5"
+    )
+    ((_, curves),) = learning_curves.gather(FigureSource.of(tmp_path)).paint.args[0].items()
+    assert {curve.errors.shape for curve in curves} == {(3, 3)}
+
+
+def swept(folder) -> None:
+    made = MadeResults(folder)
+    for depth in (3, 4):
+        for width in (40, 80):
+            name = f"net@layers={depth}@width={width}"
+            made.add(name, [0.1, 0.1], options=NET | {"layers": depth, "width": width})
+            error = depth * width / 1000.0
+            with_fields(made, name, diagnostics={"source test MAE [mm]": error})
+
+
+def test_a_map_has_the_mean_error_of_each_depth_and_width(tmp_path):
+    swept(tmp_path)
+    found = sweep.gather(FigureSource.of(tmp_path)).paint.args[0]
+    assert (found.depths, found.widths) == ([3, 4], [40, 80])
+    np.testing.assert_allclose(found.grid() * 1e3, [[0.12, 0.24], [0.16, 0.32]])
+
+
+def test_networks_that_differ_in_more_than_size_are_no_part_of_a_map(tmp_path):
+    swept(tmp_path)
+    made = MadeResults(tmp_path)
+    made.add(
+        "net@activation=tanh", [0.1], options=NET | {"layers": 3, "width": 40, "activation": "tanh"}
+    )
+    with_fields(made, "net@activation=tanh", diagnostics={"source test MAE [mm]": 99.0})
+    found = sweep.gather(FigureSource.of(tmp_path)).paint.args[0]
+    assert max(map(np.max, found.values.values())) < 1e-3
+
+
+def test_freeze_strategies_stand_with_single_layers_first_and_their_splits(tmp_path):
+    made = MadeResults(tmp_path)
+    made.add("vjm", [0.9, 0.9])
+    for freeze, errors in (("layers:1,2", [0.3, 0.6]), ("layers:4", [0.6, 0.6]), ("full", [3, 3])):
+        made.add(f"net@freeze={freeze}", errors, options=NET | {"freeze": freeze})
+    content = freezing.gather(FigureSource.of(tmp_path))
+    strategies, linear, _ = content.paint.args
+    assert [one.label for one in freezing.in_order(strategies)] == ["4", "1 + 2", "full"]
+    of_pair = next(one.error for one in strategies if one.freeze == "layers:1,2")
+    np.testing.assert_allclose(of_pair, [1e-4, 2e-4])  # all axes together: the error is along z
+    assert linear == pytest.approx(3e-4)
+
+
+def test_looks_differ_without_colour_as_well():
+    found = looks(8)
+    assert len({one.color for one in found}) == len({one.marker for one in found}) == 8
+
+
+def test_long_names_lose_their_middle_and_no_control_character_is_drawn():
+    assert short("a" * 40 + "end").endswith("aend")
+    assert len(short("a" * 99)) == 28
+    assert short("a\x1b[2J") == "a\\x1b[2J"
+
+
+@pytest.mark.parametrize(("value", "text"), [(1e-3, "10⁻³"), (100.0, "10²"), (0.5, "0.5")])
+def test_decades_are_written_as_powers_of_ten(value, text):
+    assert power_of_ten(value) == text
+
+
+def test_one_pose_alone_can_be_drawn():
+    from stiff_bench.figures.workspace import PoseErrors
+
+    alone = PoseErrors("a", np.array([[0.5, 0.0, 0.5]]), np.array([0.0]))
+    assert len(workspace_figure([alone]).axes) == 3

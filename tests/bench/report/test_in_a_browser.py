@@ -1,0 +1,200 @@
+"""The page in a real browser: it sorts, filters, fits a phone, asks for nothing, runs nothing."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from made_results import TWINS, MadeResults
+from stiff_bench.report.commands import Choice
+from stiff_bench.report.write import write_report
+
+pytestmark = pytest.mark.slow  # a browser takes seconds to start
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+FLAGS = (
+    *("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+)
+HACKS = (
+    "<img src=x onerror=\"document.title='hacked'\">",
+    "</script><script>document.title='hacked'</script>",
+    "&lt;img src=x onerror=document.title='hacked'&gt;",
+)
+N_MORE = 30  # models, so that a table has a second page
+PHONE, DESKTOP = (390, 844), (1440, 900)
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("page")
+    made = MadeResults(folder / "runs")
+    keys = []
+    for twin in TWINS[:3]:
+        for number in range(N_MORE):
+            keys += made.add(f"model-{number}", [0.1 + 0.01 * number, 0.1 + 0.02 * number], twin)
+        for model in ("vjm", *HACKS):
+            keys += made.add(model, [0.2, 0.3], twin)
+    keys += made.add("broken", [0.2], TWINS[0], failed=(1,))
+    made.add_run("run-1", keys)
+    output = folder / "report.html"
+    write_report([made.folder], Choice(), output, f"bench report {HACKS[1]}")
+    return output
+
+
+@pytest.fixture(scope="module")
+def browser(page, tmp_path_factory):
+    webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
+    program = next(filter(None, map(shutil.which, BROWSERS)), None)
+    driver = shutil.which("chromedriver")
+    if program is None or driver is None:
+        pytest.skip(f"needs chromedriver and one of {', '.join(BROWSERS)}")
+    options = webdriver.ChromeOptions()
+    options.binary_location = program
+    for flag in (*FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    service = webdriver.ChromeService(executable_path=driver)
+    opened = webdriver.Chrome(options=options, service=service)
+    opened.get(page.as_uri())
+    yield opened
+    opened.quit()
+
+
+@pytest.fixture()
+def ranks(browser):
+    """The leaderboard's table, as it is before anybody touches it."""
+    set_width(browser, *DESKTOP)
+    browser.refresh()
+    return browser.find_element("css selector", "table.widget")
+
+
+def set_width(browser, width, height):
+    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+
+
+def heading(table, title):
+    (found,) = (
+        cell for cell in table.find_elements("css selector", "thead th") if cell.text == title
+    )
+    return found
+
+
+def wait_until_sorted(browser, title, direction):
+    """The widget sorts a moment after a click."""
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    said = f"the heading does not come to say that its column is {direction}"
+    wait = WebDriverWait(browser, 20)
+    wait.until(lambda _: title.get_attribute("aria-sort") == direction, said)
+
+
+def column(browser, table, title):
+    script = """
+        const [table, title] = arguments;
+        const at = [...table.tHead.rows[0].cells].findIndex((cell) => cell.innerText === title);
+        return [...table.tBodies[0].rows].map((row) => row.cells[at].innerText);
+    """
+    return browser.execute_script(script, table, title)
+
+
+def test_a_heading_sorts_its_column_by_numbers_and_says_so(browser, ranks):
+    title = heading(ranks, "mean rank")
+    title.click()
+    wait_until_sorted(browser, title, "ascending")
+    rising = column(browser, ranks, "mean rank")
+    assert list(map(float, rising)) == sorted(map(float, rising))
+    title.click()
+    wait_until_sorted(browser, title, "descending")
+    falling = column(browser, ranks, "mean rank")
+    numbers = [float(text) for text in falling if text != "-"]
+    assert numbers == sorted(numbers, reverse=True)
+    assert numbers[0] > 30.0 > float(rising[-1])  # all rows took part, not those of a page
+
+
+def test_missing_numbers_stand_last_both_ways(browser, ranks):
+    field = ranks.find_element("css selector", "tr.filters input")
+    field.send_keys("o")  # "model-.." and "broken"
+    title = heading(ranks, "mean rank")
+    for direction in ("ascending", "descending"):
+        title.click()
+        wait_until_sorted(browser, title, direction)
+        browser.execute_script("new DataTable.Api(arguments[0]).page.len(-1).draw()", ranks)
+        assert column(browser, ranks, "mean rank").index("-") >= N_MORE
+
+
+def test_the_keyboard_sorts_too(browser, ranks):
+    title = heading(ranks, "model")
+    title.find_element("css selector", "[tabindex='0']").send_keys("\ue007")  # Enter
+    wait_until_sorted(browser, title, "ascending")
+
+
+def test_models_sort_as_people_count(browser, ranks):
+    title = heading(ranks, "model")
+    title.click()
+    wait_until_sorted(browser, title, "ascending")
+    names = [name for name in column(browser, ranks, "model") if name.startswith("model-")]
+    assert names == sorted(names, key=lambda name: int(name.removeprefix("model-")))
+    assert len(names) > 10
+
+
+def test_the_field_under_a_heading_filters_rows_by_text(browser, ranks):
+    ranks.find_element("css selector", "tr.filters input").send_keys("VJM")
+    assert column(browser, ranks, "model") == ["vjm"]
+
+
+def test_the_field_under_numbers_filters_by_bounds(browser, ranks):
+    fields = ranks.find_elements("css selector", "tr.filters input")
+    (field,) = (f for f in fields if f.get_attribute("aria-label") == "Filter mean rank")
+    field.send_keys("< 4.6")
+    shown = column(browser, ranks, "mean rank")
+    assert 0 < len(shown) < 10
+    assert max(map(float, shown)) < 4.6
+
+
+def test_the_second_page_holds_the_other_rows(browser, ranks):
+    first = column(browser, ranks, "model")
+    container = ranks.find_element("xpath", "ancestor::div[contains(@class, 'dt-container')]")
+    container.find_element("css selector", "button.next").click()
+    second = column(browser, ranks, "model")
+    assert len(first) == 25
+    assert second
+    assert not set(first) & set(second)
+
+
+@pytest.mark.parametrize("size", [PHONE, DESKTOP], ids=["phone", "desktop"])
+def test_the_page_is_no_wider_than_the_screen(browser, ranks, size):
+    set_width(browser, *size)
+    browser.refresh()
+    wide = browser.execute_script("return document.documentElement.scrollWidth")
+    assert wide <= size[0]
+
+
+def test_every_picture_is_shown(browser, ranks):
+    widths = browser.execute_script(
+        "return [...document.images].map((image) => image.naturalWidth)"
+    )
+    assert len(widths) > 2
+    assert all(widths)
+
+
+def test_no_text_of_the_results_acts_even_when_it_is_sorted_and_filtered(browser, ranks):
+    for title in (heading(ranks, "model"), heading(ranks, "mean rank")):
+        title.click()
+        wait_until_sorted(browser, title, "ascending")
+    ranks.find_element("css selector", "tr.filters input").send_keys("hacked")
+    assert sorted(column(browser, ranks, "model")) == sorted(HACKS)
+    assert "hacked" not in browser.title
+    images = browser.execute_script("return document.querySelectorAll('table img').length")
+    assert images == 0
+
+
+def test_the_console_stays_silent_and_the_page_alone_is_loaded(browser, ranks, page):
+    assert browser.get_log("browser") == []
+    asked = browser.execute_script(
+        "return performance.getEntriesByType('resource').map((one) => one.name)"
+    )
+    assert [name for name in asked if not name.startswith("data:")] == []

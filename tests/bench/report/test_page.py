@@ -1,0 +1,166 @@
+"""The page as HTML: one file that asks for nothing, and lets no text act."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import itertools
+import re
+from html.parser import HTMLParser
+
+import pytest
+
+from stiff_bench.report.content import Block, Cell, Fold, Page, PageTable, Part, Picture
+from stiff_bench.report.page import render_page
+
+HOSTILE = (
+    "</script><script>hacked()</script><img src=http://evil.example onerror=hacked()>'\"&{{7*7}}"
+)
+VOID = {"meta", "link", "img", "input", "br"}
+
+
+class Reader(HTMLParser):
+    """Start tags with their attributes, and the text inside each script and style."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.inside: dict[str, list[str]] = {"script": [], "style": [], "title": []}
+        self.open: list[str] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+        if tag in self.inside:
+            self.inside[tag].append("")
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] in self.inside:
+            self.inside[self.open[-1]][-1] += data
+
+    def of(self, tag):
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+def made_page(text: str) -> Page:
+    table = PageTable(
+        text,
+        (text, "x"),
+        ("text", "number"),
+        ((Cell(text, text), Cell("1", "1", "better")), (Cell("b", "b"), Cell("-", ""))),
+        (text,),
+        text,
+    )
+    picture = Picture(text, text, text, "image/svg+xml", f"<svg>{text}</svg>".encode(), text)
+    block = Block(text, [text], [table], [picture], [Fold(text, text)], [text])
+    return Page(text, "1.0", [Part(text, [block]), Part("other", [Block("plain")])])
+
+
+@pytest.fixture(scope="module")
+def hostile() -> Reader:
+    return Reader(render_page(made_page(HOSTILE)))
+
+
+@pytest.fixture(scope="module")
+def plain() -> Reader:
+    return Reader(render_page(made_page("plain")))
+
+
+def test_hostile_texts_add_no_element_and_no_attribute(hostile, plain):
+    def skeleton(reader):
+        return [(tag, sorted(attributes)) for tag, attributes in reader.tags]
+
+    assert skeleton(hostile) == skeleton(plain)
+    assert hostile.inside["script"] == plain.inside["script"]
+
+
+def test_templates_in_texts_are_not_filled(hostile):
+    assert "{{7*7}}" in hostile.inside["title"][0]
+
+
+def test_control_and_direction_characters_are_written_out():
+    page = render_page(made_page("a\x1b[31m\u202eb"))
+    assert "\x1b" not in page
+    assert "\u202e" not in page
+    assert r"a\x1b[31m\u202eb" in page
+
+
+def test_nothing_is_asked_for_anywhere(hostile):
+    for tag, attributes in hostile.tags:
+        for name in ("src", "href", "srcset", "action", "data", "poster"):
+            value = attributes.get(name) or ""
+            assert not value or value.startswith(("data:", "#")), (tag, value)
+    assert not re.search(r"@import|url\(", hostile.inside["style"][0])
+
+
+def test_the_policy_allows_the_scripts_and_the_style_of_the_page_alone(hostile):
+    (policy,) = (
+        one["content"]
+        for one in hostile.of("meta")
+        if one.get("http-equiv") == "Content-Security-Policy"
+    )
+    directives = dict(part.strip().split(" ", 1) for part in policy.split(";"))
+    assert directives["default-src"] == "'none'"
+    assert directives["img-src"] == "data:"
+
+    def hashes(kind):
+        digests = (hashlib.sha256(text.encode()).digest() for text in hostile.inside[kind])
+        return " ".join(f"'sha256-{base64.b64encode(digest).decode()}'" for digest in digests)
+
+    assert directives["script-src"] == hashes("script")
+    assert directives["style-src"] == hashes("style")
+    assert "unsafe" not in policy
+
+
+def test_no_element_has_a_style_or_a_handler_of_its_own(hostile):
+    names = {name for _, attributes in hostile.tags for name in attributes}
+    assert not {name for name in names if name == "style" or name.startswith("on")}
+
+
+def test_language_title_and_headings_in_order(plain):
+    assert plain.of("html") == [{"lang": "en"}]
+    assert plain.inside["title"] == ["stiffbench report: plain, other"]
+    levels = [int(tag[1]) for tag, _ in plain.tags if re.fullmatch(r"h\d", tag)]
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(after <= before + 1 for before, after in itertools.pairwise(levels))
+
+
+def test_tables_have_captions_and_headings_with_scope_and_pictures_have_texts(plain):
+    assert len(plain.of("caption")) == len(plain.of("table"))
+    assert {one["scope"] for one in plain.of("th")} == {"col", "row"}
+    assert all(one["alt"] for one in plain.of("img"))
+
+
+def test_ids_are_unique_and_every_reference_to_one_is_met(plain):
+    ids = [attributes["id"] for _, attributes in plain.tags if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    for _, attributes in plain.tags:
+        for name in ("href", "aria-labelledby"):
+            value = attributes.get(name) or ""
+            assert value.removeprefix("#") in ids or not value or value.startswith("data:")
+
+
+def test_what_scrolls_sideways_is_reached_by_the_keyboard_and_has_a_name(plain):
+    boxes = [one for one in plain.of("div") if one.get("class") == "scroll"]
+    assert boxes
+    for box in boxes:
+        assert box["tabindex"] == "0"
+        assert box.get("aria-labelledby") or box.get("aria-label")
+
+
+def test_a_picture_is_carried_inside(plain):
+    (image,) = plain.of("img")
+    head, _, body = image["src"].partition(",")
+    assert head == "data:image/svg+xml;base64"
+    assert base64.b64decode(body) == b"<svg>plain</svg>"
+
+
+def test_the_same_content_gives_the_same_page():
+    assert render_page(made_page("x")) == render_page(made_page("x"))

@@ -1,0 +1,51 @@
+"""Small folders of results that every figure can be drawn from."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from made_results import TWINS, MadeResults
+from stiff_bench.store import ResultStore, read_results
+
+SIZES = (5, 10, 40)
+CURVE = np.array([[10.0, 0.5, 0.6], [20.0, 0.2, 0.3], [30.0, 0.1, 0.4]])
+
+
+def compared(folder: Path) -> MadeResults:
+    """Four models on two splits."""
+    made = MadeResults(folder)
+    for name, error in (("vjm", 0.4), ("gp", 0.1), ("mlp", 0.2), ("$x_1$ <b>", 0.3)):
+        made.add(name, [error, error])
+    return made
+
+
+def ranked(folder: Path) -> MadeResults:
+    """Three models on five robots."""
+    made = MadeResults(folder)
+    for number, twin in enumerate(TWINS):
+        for name, error in (("vjm", 0.4), ("gp", 0.1), ("mlp", 0.2)):
+            made.add(name, [error + 0.01 * number], dataset=twin)
+    return made
+
+
+def learned(folder: Path, n_twins: int = 3) -> MadeResults:
+    """Two models, three sizes, some specimens; the errors are e^(specimen) / size."""
+    made = MadeResults(folder)
+    for number, twin in enumerate(TWINS[:n_twins]):
+        for size in SIZES:
+            for name, factor in (("vjm", 1.0), ("gp", 0.5)):
+                error = factor * np.exp(number) / size
+                protocol = {"protocol": "sample-efficiency", "condition": f"n = {size}"}
+                made.add(name, [error], dataset=twin, **protocol)
+    return made
+
+
+def with_fields(made: MadeResults, model: str, **changes) -> None:
+    """Change fields of the stored results of a model."""
+    store = ResultStore(made.folder)
+    for result in list(read_results(made.folder)):
+        if result.shown.model == model:
+            store.write_cell(replace(result, **changes))
