@@ -47,6 +47,7 @@ ALLOWED = {
     "bench/stiff_bench/perf_run.py": "subprocess, importlib: runs our own benchmarks by pytest",
     "bench/stiff_bench/perf_report.py": "xml: what our own pytest wrote just now",
     "bench/stiff_bench/provenance.py": "subprocess: git status of our own checkout",
+    "bench/stiff_bench/report/widget.py": "subprocess: npm, for developers who take a newer widget",
     "bench/stiff_bench/stored_data.py": "np.load with allow_pickle=False",
     "bench/stiff_bench/cell_process.py": "pickle: between our own processes",
     "bench/stiff_bench/isolated.py": "pickle, multiprocessing: between our own processes",

@@ -145,6 +145,7 @@ def _latex(table: TextTable, command: str) -> str:
     body = _body(table, "latex_booktabs")
     for sign, written in _LATEX_SIGNS.items():
         body = body.replace(sign, written)
+    body = _BRACKET_AT_START.sub(r"\1{}[", body)
     notes = (*table.notes, f"made by: {command}")
     return "\n".join(
         [
@@ -158,6 +159,8 @@ def _latex(table: TextTable, command: str) -> str:
     )
 
 
+_BRACKET_AT_START = re.compile(r"^(\s*)\[", re.MULTILINE)
+"""After the end of a row, LaTeX would take it for the row's options."""
 _LATEX_SIGNS = {"±": r"$\pm$", "≈": r"$\approx$"}
 _LATEX_ESCAPES = str.maketrans(
     {character: rf"\{character}" for character in "&%$#_{}"}

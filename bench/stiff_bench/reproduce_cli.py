@@ -49,7 +49,8 @@ def reproduce(context: click.Context, /, what: str, quick: bool, output: Path, *
     taken = begin_execution(words)
 
     from stiff_bench.forecast_text import forecast_line, render_forecast
-    from stiff_bench.paper.pages import write_leaderboard, write_paper
+    from stiff_bench.paper.leaderboard_page import write_leaderboard
+    from stiff_bench.paper.paper_page import write_paper
     from stiff_bench.paper.reproduce import Study, forecast_of, run_study
     from stiff_bench.paper.study import leaderboard_study, paper_study
     from stiff_bench.registry import usable_registry

@@ -1,0 +1,62 @@
+"""The pages of studies: what is on them, and what is said where something is missing."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from figure_results import ranked
+from made_results import MadeResults
+from stiff_bench.paper.leaderboard_page import write_leaderboard
+from stiff_bench.paper.paper_page import write_paper
+
+
+@pytest.fixture(scope="module")
+def paper(tmp_path_factory):
+    """A folder where of all models the VJM and DT-CNN alone were run."""
+    output = tmp_path_factory.mktemp("output")
+    made = MadeResults(output / "paper" / "runs")
+    keys = []
+    for protocol in ("paper-holdout", "holdout"):
+        for model, error in (("vjm", 0.2), ("dt-cnn", 0.3)):
+            keys += made.add(model, [error], dataset="kr10-twin", protocol=protocol)
+    made.add_run("run-1", keys)
+    return output, [*write_paper(output, "bench reproduce --quick")]
+
+
+@pytest.mark.slow
+def test_every_file_that_is_named_is_there_and_the_page_comes_last(paper):
+    output, files = paper
+    assert all(path.stat().st_size for path in files)
+    assert files[-1] == output / "paper" / "README.md"
+    assert {path.suffix for path in files} == {".md", ".csv", ".tex", ".png", ".pdf"}
+
+
+@pytest.mark.slow
+def test_the_page_shows_every_picture_that_was_written_and_no_other(paper):
+    output, files = paper
+    page = files[-1].read_text()
+    shown = {output / "paper" / name for name in re.findall(r"!\[.*?\]\((.*?)\)", page)}
+    assert shown == {path for path in files if path.suffix == ".png"} != set()
+
+
+@pytest.mark.slow
+def test_the_page_names_command_and_numbers_and_what_cannot_be_made_with_its_reason(paper):
+    page = paper[1][-1].read_text()
+    assert "made by `bench reproduce --quick`" in page
+    for number in (2, 3, 10):
+        assert f"**Table {number}." in page
+    assert re.search(r"^- Table 6: .*bench reproduce", page, re.MULTILINE)
+    assert re.search(r"^- Figure 9: ", page, re.MULTILINE)
+
+
+@pytest.mark.slow
+def test_a_leaderboard_comes_with_its_numbers_figures_and_what_was_shortened(tmp_path):
+    ranked(tmp_path / "leaderboard" / "runs")
+    files = [*write_leaderboard(tmp_path, "bench reproduce leaderboard")]
+    page = (tmp_path / "leaderboard.md").read_text()
+    assert "| gp " in page and "`pretrain_steps=300`" in page
+    assert "quantity,value" in (tmp_path / "leaderboard.csv").read_text()
+    for picture in re.findall(r"!\[.*?\]\((.*?)\)", page):
+        assert tmp_path / picture in files
