@@ -31,7 +31,7 @@ def ranked(folder: Path) -> MadeResults:
     return made
 
 
-def learned(folder: Path, n_twins: int = 3) -> MadeResults:
+def learned(folder: Path, n_twins: int = 3, **shown) -> MadeResults:
     """Two models, three sizes, some specimens; the errors are e^(specimen) / size."""
     made = MadeResults(folder)
     for number, twin in enumerate(TWINS[:n_twins]):
@@ -39,13 +39,13 @@ def learned(folder: Path, n_twins: int = 3) -> MadeResults:
             for name, factor in (("vjm", 1.0), ("gp", 0.5)):
                 error = factor * np.exp(number) / size
                 protocol = {"protocol": "sample-efficiency", "condition": f"n = {size}"}
-                made.add(name, [error], dataset=twin, **protocol)
+                made.add(name, [error], dataset=twin, **protocol, **shown)
     return made
 
 
-def with_fields(made: MadeResults, model: str, **changes) -> None:
-    """Change fields of the stored results of a model."""
+def with_fields(made: MadeResults, model: str, *, split: int | None = None, **changes) -> None:
+    """Change fields of the stored results of a model, on one split or on all."""
     store = ResultStore(made.folder)
     for result in list(read_results(made.folder)):
-        if result.shown.model == model:
+        if result.shown.model == model and split in (None, result.cell.split_index):
             store.write_cell(replace(result, **changes))

@@ -48,7 +48,7 @@ def shown_contests(contests: Sequence[Contest], words: Sequence[str]) -> ShownCo
     Raises:
         ConfigError: a model has no results, or there is nothing to rank.
     """
-    usable = [c for c in _of_newest_data(contests) if presentation(c).task == STIFFNESS]
+    usable = [c for c in of_newest_data(contests) if presentation(c).task == STIFFNESS]
     names = _named(usable, words)
     ranked = [c for c in usable if _n_run(c, names) >= FEWEST_RANKED]
     if not ranked:
@@ -81,7 +81,7 @@ def _n_run(contest: Contest, names: Sequence[str]) -> int:
     return sum(name in contest.competitors for name in names)
 
 
-def _of_newest_data(contests: Sequence[Contest]) -> list[Contest]:
+def of_newest_data(contests: Sequence[Contest]) -> list[Contest]:
     """Return the contests of the data that each data set's newest run was on.
 
     Of those that differ in the data of the source domain alone, the newest stay.

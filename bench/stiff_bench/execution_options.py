@@ -15,13 +15,6 @@ if TYPE_CHECKING:
 
 _OPTIONS = (
     click.option(
-        "--jobs",
-        type=click.IntRange(1, 1024),
-        default=1,
-        show_default=True,
-        help="How many cells run at once, each in a process of its own.",
-    ),
-    click.option(
         "--isolate/--no-isolate",
         default=None,
         help="Compute every cell in a process of its own, so that it can end no other.  [default: "
@@ -68,9 +61,21 @@ _OPTIONS = (
 )
 
 
-def execution_options(command: Any) -> Any:
-    """Add the options."""
-    for option in reversed(_OPTIONS):
+def execution_options(command: Any, *, usual_jobs: str = "") -> Any:
+    """Add the options.
+
+    Args:
+        command: that gets them.
+        usual_jobs: what the help says of how many cells run at once by default; "": one.
+    """
+    jobs = click.option(
+        "--jobs",
+        type=click.IntRange(1, 1024),
+        default=1,
+        show_default=usual_jobs or True,
+        help="How many cells run at once, each in a process of its own.",
+    )
+    for option in reversed((jobs, *_OPTIONS)):
         command = option(command)
     return command
 

@@ -10,13 +10,12 @@ import click
 
 from stiff_bench.cli_options import FILE, RESULTS, contest_options, debug_option
 from stiff_bench.messages import print_text
+from stiff_bench.paper.paper_results import PAPER_RESULTS, PaperResults, paper_results
 from stiff_protocols.errors import ConfigError, unknown_name
 
 if TYPE_CHECKING:
     from stiff_bench.figures.figure_line import Prepared
 
-PAPER_RESULTS = Path("results/paper/runs")
-"""Where `bench reproduce` stores what the paper's figures show."""
 WITHOUT_RESULTS = "4"  # its model is fitted on the spot
 
 
@@ -43,7 +42,7 @@ WITHOUT_RESULTS = "4"  # its model is fitted on the spot
     multiple=True,
     metavar="KEY",
     help="A model, or a key that stands for all its variants; may be repeated; not for the paper's "
-    "figures.  [default: the best and vjm]",
+    "figures.  [default: depends on the figure; its caption says]",
 )
 @contest_options
 @debug_option
@@ -69,7 +68,7 @@ def figure(
     check_suffix(target)
     if is_papers:
         _refuse_choice({"--model": models, "--dataset": datasets, "--protocol": protocols}, name)
-        prepared = _of_paper(name, PAPER_RESULTS if results is None else results)
+        prepared = _of_paper(name, results)
     else:
         folder = RESULTS if results is None else results
         prepared = _general(name, folder, models, datasets, protocols)
@@ -102,17 +101,14 @@ def _refuse_choice(chosen: Mapping[str, tuple[str, ...]], name: str) -> None:
         )
 
 
-def _of_paper(name: str, folder: Path) -> Prepared:
+def _of_paper(name: str, folder: Path | None) -> Prepared:
     from stiff_bench.paper.paper_figures import FIGURES
-    from stiff_bench.paper.paper_results import PaperResults
 
-    if name == WITHOUT_RESULTS:
-        return FIGURES[name].prepare(PaperResults(folder, ()))
-    if not folder.is_dir():
-        raise ConfigError(
-            f"--results {folder}: no such folder; `bench reproduce` makes what figure {name} shows"
-        )
-    return FIGURES[name].prepare(PaperResults.of(folder))
+    if name != WITHOUT_RESULTS:
+        return FIGURES[name].prepare(paper_results(PAPER_RESULTS if folder is None else folder))
+    if folder is not None:
+        raise ConfigError(f"--results {folder}: figure {name} is fitted here and reads none")
+    return FIGURES[name].prepare(PaperResults(PAPER_RESULTS, ()))
 
 
 def _general(

@@ -27,6 +27,7 @@ from rich.progress import (
 from rich.progress import Progress as Bars
 from rich.text import Text
 
+from stiff_bench.cell_words import failure_lines, name_of
 from stiff_bench.messages import one_line
 from stiff_bench.tasks import CellTask
 from stiff_protocols.progress import Progress, listening
@@ -34,7 +35,6 @@ from stiff_protocols.record import CellResult, Presentation
 
 SECONDS_BETWEEN_LINES = 5.0
 SECONDS_BETWEEN_CELLS = 1.0
-SHOWN_LOG_LINES = 6
 BELIEVED = 0.1
 
 
@@ -81,20 +81,33 @@ class Count:
         """Begin with nothing."""
         self.total = self.cached = self.started = 0
         self.ended: Counter[str] = Counter()
-        self._begun = time.monotonic()
+        self._begun = self._last_end = time.monotonic()
         self._expected: Expected | None = None
-        self._done_s = 0.0
+        self._done_s, self._pace, self._at_once = 0.0, 1.0, 1
+        self._running: dict[str, tuple[float, float]] = {}
 
     def begin(self, total: int, cached: int, expected: Expected | None) -> None:
         """Start the clock."""
-        self.total, self.cached, self._begun = total, cached, time.monotonic()
-        self._expected = expected
+        self.total, self.cached = total, cached
+        self._begun = self._last_end = time.monotonic()
+        self._expected = None if expected is None or not expected.total_s else expected
+
+    def start(self, task: CellTask) -> None:
+        """Count a cell that begins."""
+        self.started += 1
+        if self._expected is not None:
+            share_s = self._expected.of_cell(task.shown)
+            self._running[task.cell.key] = (time.monotonic(), share_s)
+            self._at_once = max(self._at_once, len(self._running))
 
     def end(self, result: CellResult) -> None:
         """Count a cell that has ended."""
         self.ended[result.status] += 1
+        self._last_end = time.monotonic()
         if self._expected is not None:
+            self._running.pop(result.cell.key, None)
             self._done_s += self._expected.of_cell(result.shown)
+            self._pace = self._pace_now(self._expected)
 
     def __str__(self) -> str:
         """Return what became of the cells so far, for people."""
@@ -104,37 +117,30 @@ class Count:
     def seconds_left(self) -> float | None:
         """Return how long the rest takes, by what the cells so far took; None where nobody knows.
 
-        What was expected counts as if a tenth of it had come true before the first cell.
+        A cell that runs is taken to be as far as the last one's pace has it, until it takes longer
+        than expected.
         """
-        done, elapsed = self.ended.total(), time.monotonic() - self._begun
         if self._expected is not None:
-            total_s = self._expected.total_s
-            believed = BELIEVED * total_s
-            if not believed:
-                return None
-            pace = (elapsed + believed) / (self._done_s + believed)
-            return pace * max(total_s - self._done_s, 0.0)
+            left_s = max(self._expected.total_s - self._done_now(), 0.0)
+            return self._pace_now(self._expected) * left_s
+        done, elapsed = self.ended.total(), self._last_end - self._begun
         if not done or elapsed < SECONDS_BETWEEN_CELLS:
             return None
         return elapsed / done * (self.total - done)
 
+    def _pace_now(self, expected: Expected) -> float:
+        """Return how many seconds one that was expected takes.
 
-def name_of(number: int, total: int, task: CellTask) -> str:
-    """Return a cell's name for people."""
-    cell = task.cell
-    condition = f"({cell.condition}) " if cell.condition else ""
-    return (
-        f"[{number}/{total}] {task.shown.model} on {task.shown.dataset}, "
-        f"{task.shown.protocol} {condition}split {cell.split_index + 1}/{task.n_splits}"
-    )
+        What was expected counts as if a tenth of it had come true before the first cell.
+        """
+        believed = BELIEVED * expected.total_s
+        return (time.monotonic() - self._begun + believed) / (self._done_now() + believed)
 
-
-def failure_lines(result: CellResult) -> Iterator[str]:
-    """Yield what is said of a cell that failed: the reason, and the end of its log."""
-    if result.status == "failed":
-        yield f"  {result.shown.model}: FAILED: {result.failure}"
-        for line in result.log[-SHOWN_LOG_LINES:]:
-            yield f"    | {line}"
+    def _done_now(self) -> float:
+        """Return how much of the expected time lies behind, that of the running cells too, s."""
+        now, slowed = time.monotonic(), self._pace * self._at_once
+        running = self._running.values()
+        return self._done_s + sum(min(share_s, (now - t) / slowed) for t, share_s in running)
 
 
 class _TimeLeft(TimeRemainingColumn):
@@ -142,7 +148,8 @@ class _TimeLeft(TimeRemainingColumn):
 
     def render(self, task: Task) -> Text:
         """Return it as a cell of the bar's line."""
-        seconds = task.fields.get("seconds_left")
+        seconds_left: Callable[[], float | None] = task.fields.get("seconds_left", lambda: None)
+        seconds = seconds_left()
         if seconds is None or task.finished:
             return super().render(task)
         return Text(str(timedelta(seconds=round(seconds))), style="progress.remaining")
@@ -154,7 +161,8 @@ class BarDisplay:
     def __init__(self, bars: Bars) -> None:
         """Add the bars."""
         self._bars, self._count = bars, Count()
-        self._cells = bars.add_task("cells", total=None, note="", visible=False)
+        left = self._count.seconds_left
+        self._cells = bars.add_task("cells", total=None, note="", visible=False, seconds_left=left)
         self._phase = bars.add_task("", total=None, visible=False, note="")
         self._shown: tuple[str, int] | None = None
 
@@ -165,7 +173,7 @@ class BarDisplay:
 
     def start(self, task: CellTask) -> None:
         """Name the cell."""
-        self._count.started += 1
+        self._count.start(task)
         name = name_of(self._count.started, self._count.total, task)
         self._bars.update(self._cells, description=name)
         self._bars.update(self._phase, visible=False)
@@ -184,8 +192,7 @@ class BarDisplay:
     def end(self, result: CellResult) -> None:
         """Move the first bar."""
         self._count.end(result)
-        left = self._count.seconds_left()
-        self._bars.update(self._cells, advance=1, note=str(self._count), seconds_left=left)
+        self._bars.update(self._cells, advance=1, note=str(self._count))
         for line in failure_lines(result):
             self._bars.console.print(one_line(line), markup=False, highlight=False)
 
@@ -211,7 +218,7 @@ class LineDisplay:
 
     def start(self, task: CellTask) -> None:
         """Print the cell's name, not too often."""
-        self._count.started += 1
+        self._count.start(task)
         self._phase, self._unsaid = "", name_of(self._count.started, self._count.total, task)
         if (
             time.monotonic() - self._last_line >= SECONDS_BETWEEN_CELLS

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
 from types import SimpleNamespace
 
 import pytest
+from rich.console import Console
+from rich.progress import Progress as Bars
 
 from stiff_bench import progress
-from stiff_bench.progress import Count, Expected
+from stiff_bench.progress import BarDisplay, Count, Expected, _TimeLeft
 
 
 @pytest.fixture
@@ -19,7 +22,10 @@ def clock(monkeypatch):
 
 
 def ended(model):
-    return SimpleNamespace(status="ok", shown=SimpleNamespace(model=model))
+    """A cell: what is needed of a task, and of its result."""
+    return SimpleNamespace(
+        status="ok", shown=SimpleNamespace(model=model), cell=SimpleNamespace(key=model)
+    )
 
 
 COSTS = Expected(100.0, lambda shown: {"quick": 10.0, "long": 90.0}[shown.model])
@@ -48,6 +54,36 @@ def test_a_machine_that_is_slower_than_the_forecast_corrects_it(clock):
     clock.now = 30.0  # for what was to take 10
     count.end(ended("quick"))
     assert 150.0 < count.seconds_left() < 270.0
+
+
+def test_the_time_left_falls_while_a_long_cell_runs_and_grows_only_once_that_takes_too_long(clock):
+    count = Count()
+    count.begin(2, 0, COSTS)
+    count.start(ended("long"))
+    left = []
+    for clock.now in (0.0, 30.0, 60.0, 89.0):
+        left.append(count.seconds_left())
+    assert left == pytest.approx([100.0, 70.0, 40.0, 11.0])
+    clock.now = 200.0
+    assert count.seconds_left() > 11.0
+
+
+def test_cells_side_by_side_bring_the_end_nearer_together(clock):
+    count = Count()
+    count.begin(2, 0, COSTS)
+    for model in ("quick", "long"):
+        count.start(ended(model))
+    clock.now = 20.0  # twice a share: two run at once
+    assert count.seconds_left() == pytest.approx(80.0)
+    count.end(ended("quick"))
+    assert count.seconds_left() == pytest.approx(80.0)
+
+
+def test_the_bar_says_how_long_a_run_takes_before_its_first_cell_has_ended(clock):
+    with Bars(_TimeLeft(), console=Console(file=io.StringIO()), auto_refresh=False) as bars:
+        BarDisplay(bars).begin(2, 0, COSTS)
+        shown = _TimeLeft().render(bars.tasks[0])
+        assert str(shown) == "0:01:40"
 
 
 def test_nothing_is_left_when_all_cells_have_ended_and_nothing_is_said_where_nobody_knows(clock):

@@ -48,11 +48,27 @@ def test_several_folders_are_parts_of_one_page_and_not_compared(folder, tmp_path
     assert "are not compared with each other" in text
 
 
+def test_a_model_of_one_folder_is_missing_in_the_other_and_that_is_said(folder, tmp_path):
+    other = MadeResults(tmp_path / "others")
+    other.add("gp", [0.1])
+    other.add("vjm", [0.2])
+    page = tmp_path / "page.html"
+    words = ["--results", folder, "--results", other.folder, "--output", page]
+    done = run(*words, "--model", "gp", "--model", "vjm")
+    assert done.exit_code == 0, done.exception
+    text = page.read_text(encoding="utf-8")
+    assert text.count("No result of gp here.") == 1
+    done = run(*words, "--model", "gp")
+    assert done.exit_code == 0, done.exception
+    assert "Nothing that was asked for has results here." in page.read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize(
     ("words", "error", "said"),
     [
         (["--output", "page.pdf"], ConfigError, r"'\.pdf'.*\.html, \.htm"),
         (["--output", "page.html", "--model", "nobody"], ConfigError, "nobody"),
+        (["--output", "page.html", "--dataset", "moon"], ConfigError, "moon"),
         (["--output", "page.html", "--metric", "speed"], StiffBenchError, "speed"),
         (["--output", "no/such/folder/page.html"], StoreError, "page.html: cannot be written"),
     ],

@@ -10,6 +10,7 @@ from click.testing import CliRunner
 
 from command_line import assert_refused, bench
 from made_results import MadeResults
+from stiff_bench.paper.paper_results import PAPER_RESULTS
 from stiff_bench.paper.paper_tables import TABLES
 from stiff_bench.table_cli import table
 from stiff_protocols.errors import ConfigError, StoreError
@@ -55,8 +56,14 @@ def test_it_reads_the_folder_that_is_named_and_prints_the_format_that_is_asked_f
 
 def test_tables_2_and_3_are_fitted_on_the_spot_and_refuse_results():
     assert "| A6 " in printed("3")
-    with pytest.raises(ConfigError, match="table 3 is fitted here and reads none"):
-        printed("3", "--results", "some")
+    for folder in ("some", str(PAPER_RESULTS)):
+        with pytest.raises(ConfigError, match="table 3 is fitted here and reads none"):
+            printed("3", "--results", folder)
+
+
+def test_the_help_names_the_folder_that_is_read_by_default():
+    done = CliRunner().invoke(table, ["--help"])
+    assert f"[default: {PAPER_RESULTS}]" in " ".join(done.output.split())
 
 
 def test_the_command_refuses_in_one_line_with_status_2_and_prints_nothing(tmp_path):

@@ -15,7 +15,7 @@ from stiff_bench.figures import (
     sweep,
     workspace,
 )
-from stiff_bench.figures.figure_line import FigureLine, Prepared, by_name, can_be_drawn
+from stiff_bench.figures.figure_line import FigureLine, by_name
 from stiff_bench.figures.figure_source import FigureSource
 
 FIGURES: Mapping[str, FigureLine[FigureSource]] = by_name(
@@ -31,13 +31,3 @@ FIGURES: Mapping[str, FigureLine[FigureSource]] = by_name(
         FigureLine("ranks", "Critical differences of mean ranks", ranks.gather),
     )
 )
-
-
-def available(source: FigureSource) -> list[Prepared]:
-    """Return the figures that the results of a source are enough for."""
-    return can_be_drawn(FIGURES, source)[0]
-
-
-def missing(source: FigureSource) -> dict[str, str]:
-    """Return why the other figures cannot be drawn, by name."""
-    return can_be_drawn(FIGURES, source)[1]

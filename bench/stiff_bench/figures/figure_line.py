@@ -37,7 +37,7 @@ class Prepared:
     @property
     def alt(self) -> str:
         """What stands for it where no picture can be seen."""
-        return f"Figure {self.name}: {self.title}. {self.caption}"
+        return f"{self.title}; described below"
 
     def draw(self) -> Figure:
         """Return the figure."""
@@ -94,22 +94,6 @@ class FigureLine(Generic[Source]):
         """
         content = self.gather(source)
         return Prepared(self.name, self.title, content.caption, content.paint)
-
-    def draw(self, source: Source) -> Figure:
-        """Return the figure of a source."""
-        return self.prepare(source).draw()
-
-    def caption(self, source: Source) -> str:
-        """Return the caption of a source's figure."""
-        return self.prepare(source).caption
-
-    def why_not(self, source: Source) -> str:
-        """Return why it cannot be drawn; "" where it can."""
-        try:
-            self.gather(source)
-        except StiffBenchError as error:
-            return str(error)
-        return ""
 
 
 def by_name(lines: tuple[FigureLine[Source], ...]) -> dict[str, FigureLine[Source]]:

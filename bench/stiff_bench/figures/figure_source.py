@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -16,16 +17,13 @@ from stiff_bench.collected import (
     stands_for,
 )
 from stiff_bench.competitor_words import competitor_meant
-from stiff_bench.contest_choice import presentation
+from stiff_bench.contest_choice import of_newest_data, presentation
+from stiff_bench.figures.caption_words import setting
 from stiff_bench.newest import Slot
-from stiff_bench.words import counted
+from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.errors import StoreError
-from stiff_protocols.plugin import kind_label
 from stiff_protocols.record import CellResult
 from stiff_protocols.types import FloatArray, IntArray
-
-REFERENCE = "vjm"
-"""The linear model that every other one is held against."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,13 +57,21 @@ class FigureSource:
         chosen = chosen_contests(collect(folder), datasets=datasets, protocols=protocols)
         return cls(folder, tuple(chosen), tuple(models))
 
+    @cached_property
+    def newest(self) -> tuple[Contest, ...]:
+        """The contests that figures show: those of the data that each name stands for last."""
+        return tuple(of_newest_data(self.contests))
+
     def names(self, contests: Iterable[Contest] | None = None) -> list[str]:
-        """Return the models asked for, or all, that have a result in these contests (or any).
+        """Return the models asked for, or all, that have a result in these contests.
+
+        Args:
+            contests: None: all of the newest data.
 
         Raises:
             ConfigError: a word has no results in the folder.
         """
-        looked_at = self.contests if contests is None else tuple(contests)
+        looked_at = self.newest if contests is None else tuple(contests)
         known = competitor_names(self.contests)
         asked = dict.fromkeys(name for word in self.models for name in self._meant(word, known))
         done = {name for one in looked_at for name, found in one.competitors.items() if found.done}
@@ -103,7 +109,7 @@ class FigureSource:
             n_found = n_models(one)
             return n_found if most_first else min(n_found, 1), _preference(one, n_found)
 
-        best = max(self.contests, key=preference)
+        best = max(self.newest, key=preference)
         if n_models(best) == 0:
             of = f" of {', '.join(self.models)}" if self.models else ""
             raise StoreError(f"--results {self.folder}: no result{of} has {needs}")
@@ -125,6 +131,7 @@ class FigureSource:
             for name in self.names([contest])
             if name in contest.competitors and any(map(has, contest.results(name)))
         ]
+        n_all = len(names)
         if not self.models:
             names = _best(contest, names, most)
         slots = contest.shared_slots(names)
@@ -133,7 +140,11 @@ class FigureSource:
                 f"--results {self.folder}: {contest.name.text}: {', '.join(names) or 'no model'}: "
                 "no split on which all have a result; `bench run` with the same --splits makes them"
             )
-        return Compared(contest, tuple(names), tuple(slots), all_shown=bool(self.models))
+        older = any(
+            one.name.dataset == contest.name.dataset and one not in self.newest
+            for one in self.contests
+        )
+        return Compared(contest, tuple(names), tuple(slots), n_all, older)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,13 +155,15 @@ class Compared:
         contest: the results.
         models: their names, best first unless they were asked for.
         slots: the splits that all of them have.
-        all_shown: they were asked for; otherwise there may be more.
+        n_all: how many models could be shown.
+        has_older: the folder has results on older data of that name, which are left out.
     """
 
     contest: Contest
     models: tuple[str, ...]
     slots: tuple[Slot, ...]
-    all_shown: bool
+    n_all: int
+    has_older: bool
 
     def tested(self, model: str) -> Predicted:
         """Return a model's test samples of all splits, one after the other."""
@@ -159,16 +172,19 @@ class Compared:
     @property
     def choice(self) -> str:
         """Say which models are shown, where there are more."""
-        n_all = sum(bool(one.done) for one in self.contest.competitors.values())
-        if self.all_shown or len(self.models) == n_all:
+        if len(self.models) == self.n_all:
             return ""
-        linear = f", {REFERENCE} among them in any case" if REFERENCE in self.models else ""
-        return f"Shown: {len(self.models)} of {n_all} models, least mean error first{linear}."
+        linear = f"; {REFERENCE_MODEL} in any case" * (REFERENCE_MODEL in self.models)
+        return (
+            f"Shown: {len(self.models)} of {self.n_all} models that have what is shown, "
+            f"least mean error first, among those with most splits{linear}."
+        )
 
     @property
     def setting(self) -> str:
-        """Say which data, protocol, splits and seed."""
-        return setting(self.contest, len(self.slots))
+        """Say which data, protocol, splits and seed, and what must be read with the numbers."""
+        older = f" Results on older data named {self.contest.name.dataset} are left out."
+        return setting(self.contest, self.models, [len(self.slots)]) + older * self.has_older
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,15 +229,6 @@ def mean_length(results: Iterable[CellResult]) -> float:
     return float(np.linalg.norm(tested.error, axis=1).mean())
 
 
-def setting(contest: Contest, n_splits: int) -> str:
-    """Return data, protocol, splits and seed in a sentence, and what must be read with them."""
-    shown = presentation(contest)
-    data = f"{contest.name.dataset} ({kind_label(shown.kind, shown.task)})"
-    protocol = " | ".join(filter(None, (contest.name.protocol, contest.name.condition)))
-    picked = " Models that choose an epoch chose it on the test part." * shown.selects_on_test
-    return f"{data}, {protocol}, {counted(n_splits, 'split')}, seed {contest.name.seed}.{picked}"
-
-
 def _preference(contest: Contest, n_models: int) -> tuple[bool, bool, int, int, int, str]:
     fair = not presentation(contest).selects_on_test
     whole = not contest.name.condition  # not one of many sizes or directions
@@ -230,11 +237,16 @@ def _preference(contest: Contest, n_models: int) -> tuple[bool, bool, int, int, 
 
 
 def _best(contest: Contest, names: Sequence[str], most: int) -> list[str]:
-    """Return the best of the models that have most splits; the linear one takes the last place."""
+    """Return the best of the models that have most splits, and the linear one."""
     n_done = {name: len(contest.competitors[name].done) for name in names}
     complete = [name for name in names if n_done[name] == max(n_done.values())]
     ordered = sorted(complete, key=lambda name: mean_length(contest.results(name)))
-    best = ordered[:most]
-    if REFERENCE in complete and REFERENCE not in best:
-        best[-1:] = [REFERENCE]
+    return with_linear(ordered, most)
+
+
+def with_linear(ordered: Sequence[str], most: int) -> list[str]:
+    """Return the first of some models; the linear one takes the last place if it comes later."""
+    best = list(ordered[:most])
+    if REFERENCE_MODEL in ordered and REFERENCE_MODEL not in best:
+        best[-1:] = [REFERENCE_MODEL]
     return best

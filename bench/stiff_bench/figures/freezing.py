@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiff_bench.collected import Contest
+from stiff_bench.figures.caption_words import setting
 from stiff_bench.figures.figure_line import Content
-from stiff_bench.figures.figure_source import REFERENCE, FigureSource, pooled, setting
+from stiff_bench.figures.figure_source import FigureSource, pooled
 from stiff_bench.figures.journal_style import (
     COLUMN_INCH,
     REFERENCE_COLOR,
@@ -19,8 +20,11 @@ from stiff_bench.figures.journal_style import (
     new_figure,
     short,
 )
+from stiff_bench.figures.variants import variants_of
 from stiff_bench.grouped import grouped
+from stiff_bench.newest import Slot, slot_of
 from stiff_bench.units import MM
+from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.errors import StoreError
 from stiff_protocols.record import CellResult
 from stiff_protocols.types import FloatArray
@@ -81,7 +85,7 @@ def freezing_figure(strategies: Sequence[Strategy], linear: float | None, quanti
     axes = figure.subplots()
     draw_strategies(axes, ordered)
     if linear is not None:
-        axes.axvline(linear * MM, color=REFERENCE_COLOR, linestyle="--", label=REFERENCE)
+        axes.axvline(linear * MM, color=REFERENCE_COLOR, linestyle="--", label=REFERENCE_MODEL)
     axes.set_xlabel(quantity)
     axes.set_ylabel("layers that move")
     handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))  # each name once
@@ -128,43 +132,41 @@ def mean_error(result: CellResult) -> float:
 def gather(source: FigureSource) -> Content:
     """Take the variants of one model that differ in the freeze strategy alone."""
     contest = source.contest(lambda one: bool(freeze_of(one)), needs=_NEEDS, most_first=True)
-    model, results = _largest_family(source, contest)
-    strategies = [
-        Strategy(freeze, np.array([mean_error(one) for one in of]))
-        for freeze, of in grouped(results, freeze_of).items()
+    frozen = [
+        one for name in source.names([contest]) for one in contest.results(name) if freeze_of(one)
     ]
-    if len(strategies) < FEWEST:
+    model, results = variants_of(frozen, "freeze")
+    of_strategy = grouped(results, freeze_of)
+    if len(of_strategy) < FEWEST:
         raise StoreError(f"--results {source.folder}: no model has results of {_NEEDS}")
+    each = [set(map(slot_of, of)) for of in of_strategy.values()]
+    slots, n_all = set.intersection(*each), len(set.union(*each))
+    if not slots:
+        raise StoreError(
+            f"--results {source.folder}: the freeze strategies of {model} have no split in common; "
+            "`bench run` with the same --splits makes them"
+        )
+    strategies = [
+        Strategy(freeze, np.array([mean_error(one) for one in of if slot_of(one) in slots]))
+        for freeze, of in of_strategy.items()
+    ]
+    linear = linear_error(contest, slots)
+    dashed = "; dashed: the linear model" * (linear is not None)
+    fewer = " Splits that only some strategies have are left out." * (len(slots) < n_all)
+    names = list(dict.fromkeys(one.shown.model for one in results))
     caption = (
         f"Mean absolute error of {model}, all axes together, on the test samples, by the layers "
         "that fine-tuning moves (numbered from the input; out: the output layer). Symbol: mean "
-        "over the splits; bars and line: single splits and their span; dashed: the linear model. "
-        f"{setting(contest, max(len(one.error) for one in strategies))}"
+        f"over the splits; bars and line: single splits and their span{dashed}. "
+        f"{setting(contest, names, [len(slots)])}{fewer}"
     )
-    linear = linear_error(contest)
     quantity = "MAE on the test samples [mm]"
     return Content(caption, partial(freezing_figure, strategies, linear, quantity))
 
 
-def linear_error(contest: Contest) -> float | None:
-    """Return the linear model's mean absolute error over splits and axes, m; None: no result."""
-    if REFERENCE not in contest.competitors or not contest.competitors[REFERENCE].done:
+def linear_error(contest: Contest, slots: Collection[Slot]) -> float | None:
+    """Return the linear model's mean absolute error over splits and axes, m; None: it lacks one."""
+    linear = contest.competitors.get(REFERENCE_MODEL)
+    if linear is None or not all(slot in linear.done for slot in slots):
         return None
-    return float(np.mean([mean_error(one) for one in contest.results(REFERENCE)]))
-
-
-def _largest_family(source: FigureSource, contest: Contest) -> tuple[str, list[CellResult]]:
-    results = [
-        one for name in source.names([contest]) for one in contest.results(name) if freeze_of(one)
-    ]
-    families = grouped(results, _without_freeze)
-    (model, *_), members = max(
-        families.items(), key=lambda item: len({freeze_of(one) for one in item[1]})
-    )
-    return str(model), members
-
-
-def _without_freeze(result: CellResult) -> tuple[str, ...]:
-    options = result.cell.model_params
-    others = (f"{name}={options[name]}" for name in sorted(options) if name != "freeze")
-    return (result.cell.model, *others)
+    return float(np.mean([mean_error(linear.done[slot]) for slot in sorted(slots)]))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +14,10 @@ from scipy import stats
 
 from stiff_bench.collected import Contest
 from stiff_bench.contest_choice import presentation
+from stiff_bench.contest_name import ContestName
+from stiff_bench.figures.caption_words import between, marks_in
 from stiff_bench.figures.figure_line import Content
-from stiff_bench.figures.figure_source import REFERENCE, FigureSource, mean_length
+from stiff_bench.figures.figure_source import FigureSource, mean_length, with_linear
 from stiff_bench.figures.journal_style import (
     COLUMN_INCH,
     PAGE_INCH,
@@ -29,6 +32,7 @@ from stiff_bench.grouped import grouped
 from stiff_bench.same_robot import family_of
 from stiff_bench.units import MM
 from stiff_bench.words import counted
+from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.errors import StoreError
 from stiff_protocols.types import FloatArray
 
@@ -44,7 +48,8 @@ N_COLUMNS = 3
 PANEL_INCH, LEGEND_LINE_INCH = 2.2, 0.17
 _SIZE = re.compile(r"n = (\d+)")
 _NEEDS = (
-    f"learning curves; `bench run --protocol sample-efficiency --model {REFERENCE} ...` makes them"
+    "learning curves; `bench run --protocol sample-efficiency --model "
+    f"{REFERENCE_MODEL} ...` makes them"
 )
 
 
@@ -136,78 +141,135 @@ def size_of(contest: Contest) -> int:
     return int(found.group(1)) if found else 0
 
 
+@dataclass(frozen=True, eq=False)
+class Family:
+    """What models have on the data sets of one robot type.
+
+    Attributes:
+        contests: one a size and data set.
+        sizes: measured poses, ascending.
+        errors: model -> data set (and seed, and data) on which it has every draw of every size ->
+            mean length of the error by size, m; a model without one is not there.
+    """
+
+    contests: Sequence[Contest]
+    sizes: Sequence[int]
+    errors: Mapping[str, Mapping[ContestName, Sequence[float]]]
+
+    def curves(self, models: Sequence[str]) -> list[LearningCurve]:
+        """Return the models' curves, over the data sets that all have that have any."""
+        of_model = {name: self.errors[name] for name in models if name in self.errors}
+        shared = set.intersection(*map(set, of_model.values())) if of_model else set()
+        return [
+            LearningCurve(
+                name, np.array(self.sizes), np.array([errors[where] for where in sorted(shared)]).T
+            )
+            for name, errors in of_model.items()
+            if shared
+        ]
+
+
 def gather(source: FigureSource) -> Content:
-    """Take the models that have every size on every data set of a robot type."""
-    contests = [one for one in source.contests if size_of(one) and _n_done(one)]
+    """Take the models that have every draw of every size on the data sets of a robot type."""
+    contests = [one for one in source.newest if size_of(one) and _n_done(one)]
     if not contests:
         raise StoreError(f"--results {source.folder}: no result of {_NEEDS}")
     protocol = max(contests, key=lambda one: one.newest_run).name.protocol
     of_protocol = [one for one in contests if one.name.protocol == protocol]
-    families = grouped(of_protocol, lambda one: family_of(one.name.dataset))
-    models = _chosen(source, families)
-    panels = {
-        f"{family} ({presentation(members[0]).kind})": curves
-        for family, members in sorted(families.items())
-        if (curves := [curve for name in models for curve in _curve(name, members)])
+    names = source.names(of_protocol)
+    families = {
+        f"{family} ({presentation(members[0]).kind})": _family(names, members)
+        for family, members in sorted(
+            grouped(of_protocol, lambda one: family_of(one.name.dataset)).items()
+        )
     }
+    models = names if source.models else _best(families.values())
+    panels = {title: curves for title, one in families.items() if (curves := one.curves(models))}
     if not panels:
         raise StoreError(
-            f"--results {source.folder}: no model has a result of every size on a data set"
+            f"--results {source.folder}: no data set on which {', '.join(models) or 'any model'} "
+            f"has every draw of every size of {protocol}; the `bench run` that made them goes on"
         )
-    n_all = len(source.names(of_protocol))
-    shown = "" if len(models) == n_all else f" Shown: {len(models)} of {n_all} models."
-    return Content(_caption(panels, of_protocol) + shown, partial(learning_figure, panels))
+    caption = f"{_caption(panels, of_protocol)} {_choice(panels, names, asked=bool(source.models))}"
+    return Content(caption.strip(), partial(learning_figure, panels))
 
 
 def _n_done(contest: Contest) -> int:
     return sum(bool(one.done) for one in contest.competitors.values())
 
 
-def _chosen(source: FigureSource, families: Mapping[str, Sequence[Contest]]) -> list[str]:
-    """Return the models asked for, or the best at the largest sizes with the linear one."""
-    names = source.names([one for members in families.values() for one in members])
-    if source.models:
-        return names
-    curves = {name: [c for m in families.values() for c in _curve(name, m)] for name in names}
-    most = max(map(len, curves.values()), default=0)
-    last = {
-        name: float(np.mean([np.log(curve.errors[-1]).mean() for curve in found]))
-        for name, found in curves.items()
-        if found and len(found) == most
-    }
-    best = sorted(last, key=lambda name: last[name])[:MOST_MODELS]
-    if REFERENCE in last and REFERENCE not in best:
-        best[-1:] = [REFERENCE]
-    return best
-
-
-def _curve(name: str, contests: Sequence[Contest]) -> list[LearningCurve]:
-    """Return a model's curve over the data sets on which it has every size; [] for none."""
+def _family(names: Sequence[str], contests: Sequence[Contest]) -> Family:
     sizes = sorted({size_of(one) for one in contests})
-    columns = []
-    for of_dataset in grouped(contests, lambda one: one.name.dataset).values():
-        done = {
-            size_of(one): mean_length(one.results(name))
-            for one in of_dataset
-            if name in one.competitors and one.competitors[name].done
-        }
-        if len(done) == len(sizes):
-            columns.append([done[size] for size in sizes])
-    return [LearningCurve(name, np.array(sizes), np.array(columns).T)] if columns else []
+    of_data = grouped(contests, lambda one: replace(one.name, condition=""))
+    whole = {where: members for where, members in of_data.items() if len(members) == len(sizes)}
+    errors: dict[str, dict[ContestName, list[float]]] = {}
+    for name in names:
+        for where, members in whole.items():
+            if all(_has_every_draw(name, contest) for contest in members):
+                in_order = sorted(members, key=size_of)
+                errors.setdefault(name, {})[where] = [
+                    mean_length(one.results(name)) for one in in_order
+                ]
+    return Family(contests, sizes, errors)
+
+
+def _has_every_draw(name: str, contest: Contest) -> bool:
+    found = contest.competitors.get(name)
+    return found is not None and all(slot in found.done for slot in contest.slots)
+
+
+def _best(families: Iterable[Family]) -> list[str]:
+    """Return the best at the largest sizes, of the models with most data sets, and the linear."""
+    families = list(families)
+    n_sets = Counter(name for one in families for name, on in one.errors.items() for _ in on)
+    complete = [name for name, n in n_sets.items() if n == max(n_sets.values())]
+    last = {
+        name: float(
+            np.mean(
+                [
+                    np.mean(
+                        [np.log(max(errors[-1], LEAST)) for errors in one.errors[name].values()]
+                    )
+                    for one in families
+                    if name in one.errors
+                ]
+            )
+        )
+        for name in complete
+    }
+    return with_linear(sorted(last, key=lambda name: last[name]), MOST_MODELS)
+
+
+def _choice(
+    panels: Mapping[str, Sequence[LearningCurve]], names: Sequence[str], *, asked: bool
+) -> str:
+    """Say which models are shown, where there are more."""
+    shown = {curve.name for curves in panels.values() for curve in curves}
+    others = [name for name in names if name not in shown]
+    if not others:
+        return ""
+    if asked:
+        return f"Without every draw of every size: {', '.join(others)}."
+    linear = f", {REFERENCE_MODEL} in any case" * (REFERENCE_MODEL in shown)
+    return (
+        f"Shown: {len(shown)} of {len(names)} models: of those with most data sets, the best at "
+        f"the largest size{linear}."
+    )
 
 
 def _caption(panels: Mapping[str, Sequence[LearningCurve]], contests: Sequence[Contest]) -> str:
     n_sets = ", ".join(
-        f"{title}: {counted(max(c.errors.shape[1] for c in curves), 'data set')}"
+        f"{title}: {counted(curves[0].errors.shape[1], 'data set')}"
         for title, curves in panels.items()
     )
-    n_splits = max(len(one.slots) for one in contests)
+    shown = {curve.name for curves in panels.values() for curve in curves}
+    said = marks_in(contests, shown)
+    n_draws = between([len(one.slots) for one in contests], "draw")
     seeds = ", ".join(str(seed) for seed in sorted({one.name.seed for one in contests}))
-    name = contests[0].name.protocol
     return (
         "Mean length of the error on the same test poses against the number of measured poses that "
-        f"a model is given, poses that choose an epoch included ({name}, "
-        f"{counted(n_splits, 'draw')} a size and data set, seed {seeds}). Lines: geometric mean "
-        f"over the data sets of a robot type ({n_sets}); bands: {LEVEL:.0%} interval of that mean "
-        f"(Student's t, of logarithms), where there are at least {FEWEST_FOR_INTERVAL}."
+        f"a model is given, poses that choose an epoch included ({contests[0].name.protocol}, "
+        f"{n_draws} a size and data set, seed {seeds}). Lines: geometric mean over the data sets "
+        f"of a robot type ({n_sets}); bands: {LEVEL:.0%} interval of that mean (Student's t, of "
+        f"logarithms), where there are at least {FEWEST_FOR_INTERVAL}.{said}"
     )

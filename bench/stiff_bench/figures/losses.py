@@ -1,4 +1,4 @@
-"""Loss curves: how a network's training went, and where its best epoch was."""
+"""Loss curves: how a network's training went."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stiff_bench.figures.figure_line import Content
 from stiff_bench.figures.figure_source import FigureSource
@@ -23,6 +24,7 @@ from stiff_bench.figures.journal_style import (
 )
 from stiff_bench.figures.log_axes import powers
 from stiff_bench.grouped import grouped
+from stiff_protocols.errors import StoreError
 from stiff_protocols.record import CellResult
 from stiff_protocols.types import FloatArray
 
@@ -86,7 +88,7 @@ def _draw(axes: Axes, curve: LossCurve, look: Look, place: float) -> None:
     step, train, validation = curve.points.T
     axes.plot(step, train, color=look.color, linewidth=1.0)
     if _is_judged(curve.points):
-        best = int(np.nanargmin(validation))
+        best = least_at(validation)
         axes.plot(step, validation, color=look.color, linestyle=(0, (3, 1.2)), linewidth=1.0)
         axes.plot(
             *(step[best], validation[best]),
@@ -116,7 +118,17 @@ def frame(axes: Axes) -> None:
 
 
 def _is_judged(points: FloatArray) -> bool:
-    return bool(np.isfinite(points[:, 2]).any())
+    return bool(has_place(points[:, 2]).any())
+
+
+def has_place(losses: FloatArray) -> NDArray[np.bool_]:
+    """Return which of (n,) losses have a place on a logarithmic axis."""
+    return np.isfinite(losses) & (losses > 0.0)
+
+
+def least_at(losses: FloatArray) -> int:
+    """Return where the least of the losses is that have a place."""
+    return int(np.argmin(np.where(has_place(losses), losses, np.inf)))
 
 
 def _legend(figure: Figure, look: dict[str, Look], *, judged: bool) -> None:
@@ -131,37 +143,49 @@ def _legend(figure: Figure, look: dict[str, Look], *, judged: bool) -> None:
         handles += [
             Line2D([], [], color=grey, label="training part"),
             Line2D([], [], color=grey, linestyle=(0, (3, 1.2)), label="validation part"),
-            Line2D([], [], color="white", marker="o", markeredgecolor="black", label="best epoch"),
+            Line2D(
+                [], [], color="white", marker="o", markeredgecolor="black", label="least stored"
+            ),
         ]
     wide = figure.get_size_inches()[0] > COLUMN_INCH
     figure.legend(handles=handles, loc="outside lower center", ncols=4 if wide else 2)
 
 
 def curves_of(result: CellResult, name: str) -> list[LossCurve]:
-    """Return the curves of a result that have points."""
+    """Return the curves of a result that can be drawn."""
     return [
-        LossCurve(name, phase, points) for phase, points in result.curves.items() if len(points)
+        LossCurve(name, phase, points)
+        for phase, points in result.curves.items()
+        if has_place(points[:, 1]).any()
     ]
 
 
 def has_curves(result: CellResult) -> bool:
     """Say whether a result has a curve to draw."""
-    return any(map(len, result.curves.values()))
+    return bool(curves_of(result, result.shown.model))
 
 
 def gather(source: FigureSource) -> Content:
-    """Take the curves of one split of the models to compare."""
+    """Take the curves of one split of the models to compare.
+
+    Raises:
+        StoreError: there is no split on which all of them have one.
+    """
     contest = source.contest(has_curves, needs=_NEEDS)
     compared = source.compared(contest, MOST_MODELS, has_curves)
-    curves = [
-        curve
-        for name in compared.models
-        for curve in curves_of(contest.results(name, compared.slots)[0], name)
-    ]
+    done = {name: contest.competitors[name].done for name in compared.models}
+    shared = [slot for slot in compared.slots if all(has_curves(of[slot]) for of in done.values())]
+    if not shared:
+        raise StoreError(
+            f"--results {source.folder}: {contest.name.text}: {', '.join(done)}: no split on which "
+            "all have a training curve; choose fewer with --model"
+        )
+    curves = [curve for name, of in done.items() for curve in curves_of(of[shared[0]], name)]
     caption = (
-        "Loss against iterations of the optimizer, of the first split; solid: the rows that are "
-        "learned from, dashed: those that choose the epoch, ringed mark: the best epoch. Losses "
-        f"are in the network's own units, so that they tell nothing across models whose targets "
-        f"are scaled otherwise. {compared.setting} {compared.choice}"
+        "Loss against iterations of the optimizer, of the first split on which all have a curve; "
+        "solid: the rows that are learned from, dashed: those that choose the epoch, ringed mark: "
+        "least of the stored points (every tenth step, or fewer). Losses are in the network's own "
+        "units, so that they tell nothing across models whose targets are scaled otherwise. "
+        f"{compared.setting} {compared.choice}"
     )
     return Content(caption.strip(), partial(losses_figure, curves))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING
 from stiff_bench.contest_choice import presentation, shown_contests
 from stiff_bench.critical_difference import HEAD_INCH, LINE_INCH, draw_diagram, n_lines
 from stiff_bench.field import field_of
+from stiff_bench.figures.caption_words import marks_in
 from stiff_bench.figures.figure_line import Content
 from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.figures.journal_style import PAGE_INCH, new_figure
@@ -27,6 +29,8 @@ MOST = 3
 """Diagrams on one page."""
 SCALE = 0.8
 """Of the distances that `critical_difference` has for larger type."""
+TITLE_WIDTH = 90
+"""Characters; centred, so that the names beside a diagram push none off the page."""
 
 
 def ranks_figure(analyses: Sequence[RankAnalysis]) -> Figure:
@@ -41,7 +45,8 @@ def ranks_figure(analyses: Sequence[RankAnalysis]) -> Figure:
     for axes, analysis in zip(panels, analyses, strict=True):
         draw_diagram(analysis, axes)
         axes.grid(visible=False)
-        axes.set_title(f"{analysis.text}: {of_robots(analysis.families)}", loc="left")
+        about = f"{analysis.text}: {of_robots(analysis.families)}"
+        axes.set_title(textwrap.fill(about, TITLE_WIDTH, break_on_hyphens=False), loc="center")
     return figure
 
 
@@ -56,16 +61,21 @@ def gather(source: FigureSource) -> Content:
     fields = [field_of(contest, shown.models, key) for contest in shown.contests]
     fair = [one for one in fields if not presentation(one.contest).selects_on_test] or fields
     found = rank_analyses(fair, Standings(key, source.folder, 0))
-    drawn = [one for one in found if one.outcome is not None][:MOST]
-    if not drawn:
+    ranked = [one for one in found if one.outcome is not None]
+    if not ranked:
         reasons = "; ".join(dict.fromkeys(one.why_none for one in found))
         raise ConfigError(
             f"--results {source.folder}: there is no critical difference to draw: it {reasons}"
         )
+    drawn = ranked[:MOST]
+    models = {name for one in drawn for name in one.models}
+    said = marks_in([one.contest for one in fair], models)
+    more = f" First {MOST} of {len(ranked)} blocks; `bench leaderboard` has all."
     kinds = " and ".join(dict.fromkeys(presentation(one.contest).kind for one in fair))
     caption = (
         f"Mean ranks over robots of the mean error length ({key.text}); left is better. Models "
         f"joined by a bar are not told apart (Nemenyi, {LEVEL:g}); the short line is the critical "
         f"difference. Data: {kinds}. A robot counts once, however many data sets are of it."
+        f"{said}{more * (len(ranked) > MOST)}"
     )
     return Content(caption, partial(ranks_figure, drawn))

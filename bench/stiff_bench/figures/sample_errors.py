@@ -48,7 +48,7 @@ def errors_figure(models: Sequence[SampleErrors]) -> Figure:
     """Draw, for each axis, the errors by sample with their mean, and their distribution."""
     figure = new_figure(PAGE_INCH, 3 * ROW_INCH + HEAD_INCH)
     grid = figure.subplots(3, 2, width_ratios=(2.4, 1.0))
-    last = max(int(one.rows.max()) for one in models)
+    last = max(1, *(int(one.rows.max()) for one in models))
     for axis, (by_sample, distribution) in enumerate(grid):
         for one, look in zip(models, looks(len(models)), strict=True):
             _draw(by_sample, distribution, one, axis, look)

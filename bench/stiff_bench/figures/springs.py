@@ -12,8 +12,9 @@ import numpy as np
 
 from stiff_bench.collected import Contest
 from stiff_bench.config import chosen_dataset, loaded
+from stiff_bench.figures.caption_words import setting
 from stiff_bench.figures.figure_line import Content
-from stiff_bench.figures.figure_source import REFERENCE, FigureSource, setting
+from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.figures.journal_style import (
     PAGE_INCH,
     looks,
@@ -23,6 +24,7 @@ from stiff_bench.figures.journal_style import (
 )
 from stiff_bench.registry import build_registry
 from stiff_bench.stored_data import StoredData, read_data
+from stiff_models.catalog import REFERENCE_MODEL
 from stiff_models.gravity import gravity_torque
 from stiff_protocols.errors import StiffBenchError
 from stiff_protocols.record import CellResult
@@ -38,7 +40,10 @@ _POINTS = 200
 _SHARES = (0.5, 0.95)
 """Of the samples: up to which torques they load a joint; marked under the curves."""
 _SEGMENT = re.compile(r"stiffness (?P<joint>.+) segment (?P<number>\d+) \[.*\]")
-_NEEDS = f"springs in segments; `bench run --model {REFERENCE} --model vjm-multisegment` makes them"
+_NEEDS = (
+    f"springs in segments; `bench run --model {REFERENCE_MODEL} --model vjm-multisegment` makes "
+    "them"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +115,7 @@ def _draw(axes: Axes, joint: JointSprings, model: str) -> None:
     axes.plot(bends, at, **blue.points() | {"markersize": 4.5}, label="breakpoint", zorder=4)
     if len(joint.linear):
         straight = 1e3 * float(np.median(joint.linear)) * torque
-        axes.plot(torque, straight, color=orange.color, linestyle="--", label=REFERENCE)
+        axes.plot(torque, straight, color=orange.color, linestyle="--", label=REFERENCE_MODEL)
     _mark_torques(axes, joint.torque)
     per = "mrad" if joint.unit == "Nm" else "mm"
     axes.set(xlim=(0.0, 1.02 * top), ylim=(0.0, None), ylabel=f"deflection [{per}]")
@@ -146,9 +151,10 @@ def gather(source: FigureSource) -> Content:
     caption = (
         f"Deflection of each joint against the torque on it, as {model} identified it: breakpoints "
         "and slopes, thin: each split, thick: their median; the springs are odd, so that negative "
-        f"torques look alike. Dashed: the linear model ({REFERENCE}), median of its splits. "
+        f"torques look alike. Dashed: {REFERENCE_MODEL}, linear, median of its splits. "
         f"Shaded: the torques ({of_what}) that {_SHARES[0]:.0%} and {_SHARES[1]:.0%} of the "
-        f"samples stay below; each panel ends at the largest. {setting(contest, len(results))}"
+        "samples stay below; each panel ends at the largest. "
+        f"{setting(contest, [model], [len(results)])}"
     )
     return Content(caption, partial(springs_figure, joints, model))
 
@@ -174,12 +180,12 @@ def _values(found: Mapping[str, float], pattern: str) -> FloatArray:
 
 
 def _linear(contest: Contest, joint: str) -> FloatArray:
-    if REFERENCE not in contest.competitors:
+    if REFERENCE_MODEL not in contest.competitors:
         return np.empty(0)
     pattern = re.compile(rf"stiffness {re.escape(joint)} \[.*\]")
     found = [
         value
-        for one in contest.results(REFERENCE)
+        for one in contest.results(REFERENCE_MODEL)
         for name, value in one.diagnostics.items()
         if pattern.fullmatch(name) and not np.isnan(value)
     ]

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiff_bench.collected import Contest
+from stiff_bench.figures.caption_words import setting
 from stiff_bench.figures.figure_line import Content
-from stiff_bench.figures.figure_source import FigureSource, setting
+from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.figures.journal_style import (
     PAGE_INCH,
     REFERENCE_COLOR,
@@ -20,6 +20,7 @@ from stiff_bench.figures.journal_style import (
     new_figure,
 )
 from stiff_bench.figures.log_axes import plain_numbers
+from stiff_bench.figures.variants import variants_of
 from stiff_bench.grouped import grouped
 from stiff_bench.units import MM
 from stiff_protocols.errors import StoreError
@@ -34,7 +35,6 @@ TRAIN, TEST = "training", "test"
 FEWEST = 4  # networks of one kind that make a sweep
 HEIGHT_INCH = 2.5
 MOST_NUMBERS = 10  # widths beyond which the map's fields have no room for numbers
-_MAE = "source test MAE [mm]"
 _NEEDS = (
     "a network of several widths and depths; `bench reproduce`, or `bench run --model "
     "mlp-pretrained@width=40 --model mlp-pretrained@width=160 ...`, makes them"
@@ -150,17 +150,22 @@ def draw_map(axes: Axes, sweep: Sweep, label: str) -> None:
         plain_numbers(bar.ax.yaxis)
 
 
+def source_error(part: str, quantity: str) -> str:
+    """Return the diagnostic that has a network's error on a part of the source domain, mm."""
+    return f"source {part} {quantity} [mm]"
+
+
 def is_swept(result: CellResult) -> bool:
     """Say whether a result is of a network with depth and width and an error on the source."""
     options = result.cell.model_params
     return all(isinstance(options.get(name), int) for name in ("layers", "width")) and (
-        _MAE in result.diagnostics
+        source_error(TEST, "MAE") in result.diagnostics
     )
 
 
 def sweep_of(results: Sequence[CellResult], part: str, quantity: str) -> Sweep:
     """Return the errors of networks on a part of the source domain, by depth and width."""
-    name = f"source {part} {quantity} [mm]"
+    name = source_error(part, quantity)
     of_size = grouped(
         [one for one in results if name in one.diagnostics],
         lambda one: (one.cell.model_params["layers"], one.cell.model_params["width"]),
@@ -173,32 +178,18 @@ def sweep_of(results: Sequence[CellResult], part: str, quantity: str) -> Sweep:
 def gather(source: FigureSource) -> Content:
     """Take the networks that differ in depth and width alone."""
     contest = source.contest(is_swept, needs=_NEEDS, most_first=True)
-    model, results = _largest_family(source, contest)
+    swept = [
+        one for name in source.names([contest]) for one in contest.results(name) if is_swept(one)
+    ]
+    model, results = variants_of(swept, "layers", "width")
     sweep = sweep_of(results, TEST, "MAE")
     if len(sweep.values) < FEWEST:
         raise StoreError(f"--results {source.folder}: no result has {_NEEDS}")
-    n_splits = max(len(found) for found in sweep.values.values())
+    names = list(dict.fromkeys(one.shown.model for one in results))
+    n_splits = [len(found) for found in sweep.values.values()]
     caption = (
         f"Mean absolute error of {model} on the test part (30 %) of the simulated source domain, "
         "all axes together, against nodes a hidden layer and hidden layers. Bands: least to "
-        f"largest of the splits. {setting(contest, n_splits)}"
+        f"largest of a network's splits. {setting(contest, names, n_splits)}"
     )
     return Content(caption, partial(sweep_figure, sweep))
-
-
-def _largest_family(source: FigureSource, contest: Contest) -> tuple[str, list[CellResult]]:
-    """Return the model with most sizes, and its results that differ in nothing else."""
-    results = [
-        one for name in source.names([contest]) for one in contest.results(name) if is_swept(one)
-    ]
-    families = grouped(results, _without_size)
-    (model, *_), members = max(
-        families.items(), key=lambda item: len(sweep_of(item[1], TEST, "MAE").values)
-    )
-    return str(model), members
-
-
-def _without_size(result: CellResult) -> tuple[str, ...]:
-    options = result.cell.model_params
-    others = (f"{k}={options[k]}" for k in sorted(options) if k not in ("layers", "width"))
-    return (result.cell.model, *others)

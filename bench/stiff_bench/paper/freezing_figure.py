@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,7 +25,8 @@ from stiff_bench.figures.journal_style import (
     new_figure,
 )
 from stiff_bench.figures.log_axes import plain_numbers
-from stiff_bench.paper.figure_captions import setting
+from stiff_bench.figures.losses import has_place, least_at
+from stiff_bench.paper.figure_captions import paper_setting
 from stiff_bench.paper.model_words import ADJACENT_PAIRS, FT_MLP, SINGLE_LAYERS, VJM, unfrozen
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.shared_splits import shared_splits
@@ -67,13 +68,14 @@ def figure_6(results: PaperResults) -> Content:
         if VJM in shared.results
         else None
     )
+    dashed = f"; dashed: {VJM}" * (linear is not None)
     caption = (
         f"The paper's Figure 6: {FT_MLP} with one hidden layer unfrozen against two adjacent ones "
         "(numbered from the input). (a) Mean absolute error of the validation part, standardised, "
-        "against epochs of the fine-tuning, first split; mark: best epoch. (b) Mean absolute "
-        "error of the test part at the best epoch, all axes together; symbol: mean over the "
-        f"splits, bars and line: single splits and their span; dashed: {VJM}. "
-        f"{setting(shared.n_splits)}"
+        "against epochs of the fine-tuning, first split; mark: least of the stored points (every "
+        "tenth epoch). (b) Mean absolute error of the test part at the epoch that was kept, all "
+        "axes together; symbol: mean over the splits, bars and line: single splits and their "
+        f"span{dashed}. {' '.join([paper_setting(shared.results), *shared.absences()])}"
     )
     return Content(caption, partial(_draw, strategies, curves, linear))
 
@@ -101,21 +103,18 @@ def _draw_curves(
     looked = looks(len(strategies))
     for strategy, look in zip(strategies, looked, strict=True):
         points = curves[strategy.freeze]
-        if points is None or not len(points) or np.isnan(points[:, 2]).all():
+        if points is None or not has_place(points[:, 2]).any():
             continue
         step, _, loss = points.T
-        best = int(np.nanargmin(loss))
+        best = least_at(loss)
         pair = strategy.kind == KINDS[1]
-        axes.plot(
-            *(step, loss),
-            color=look.color,
-            linestyle="-" if pair else (0, (3, 1.2)),
-            marker=look.marker,
-            markevery=[best],
-            markersize=4.5,
-            label=f"layer{'s' * pair} {strategy.label}",
-        )
+        line: dict[str, Any] = {"color": look.color, "linestyle": "-" if pair else (0, (3, 1.2))}
+        mark: dict[str, Any] = {"marker": look.marker, "markersize": 4.5}
+        axes.plot(step, loss, **line)
+        axes.plot(step[best], loss[best], color=look.color, **mark, zorder=4.0)
+        axes.plot([], [], **line, **mark, label=f"layer{'s' * pair} {strategy.label}")
     axes.set(xscale="log", yscale="log", xlabel="epochs", ylabel="validation loss [standardised]")
     plain_numbers(axes.xaxis)
     plain_numbers(axes.yaxis)
-    axes.legend(ncols=2, loc="best")
+    if axes.lines:
+        axes.legend(ncols=2, loc="best")

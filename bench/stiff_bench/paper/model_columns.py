@@ -16,7 +16,8 @@ from stiff_protocols.record import CellResult
 
 OURS = f"ours, {PAPER_PROTOCOL}"
 PUBLISHED_DECIMALS = 4
-_PUBLISHED = "published"
+PUBLISHED = "published"
+"""Label of the paper's columns."""
 
 Values = Mapping[str, float]
 """Column -> mm."""
@@ -105,16 +106,17 @@ def model_table(outline: Outline, results: PaperResults) -> PaperTable:
     """Return a table of one part.
 
     Raises:
-        StoreError: the folder has none of the models.
+        StoreError: the folder has none of the models, or no numbers of any.
     """
     shared = shared_splits(results, outline.models, PAPER_PROTOCOL)
     groups, entries = list[Group](), dict[tuple[Labels, str, str], Entry]()
+    values, unread = _errors_of(shared, outline.errors)
     if outline.published:
         groups.append(
-            Group(_PUBLISHED, "published", outline.columns, PUBLISHED_DECIMALS, PAPER_DATA)
+            Group(PUBLISHED, "published", outline.columns, PUBLISHED_DECIMALS, PAPER_DATA)
         )
         entries |= {
-            (row, _PUBLISHED, column): Entry(value)
+            (row, PUBLISHED, column): Entry(value)
             for row, values in outline.published.items()
             for column, value in values.items()
         }
@@ -122,7 +124,7 @@ def model_table(outline: Outline, results: PaperResults) -> PaperTable:
         data = f"{DATASET} (simulated)"
         about = (variants.decimals, data, PAPER_PROTOCOL, SEED)
         groups.append(Group(variants.label, "ours", outline.columns, *about))
-        entries |= _our_entries(variants, shared, outline)
+        entries |= _our_entries(variants, shared, values)
     rows = tuple(
         row
         for row, model in outline.ours[0].models.items()
@@ -136,6 +138,7 @@ def model_table(outline: Outline, results: PaperResults) -> PaperTable:
     notes = (
         *outline.notes,
         *shared.notes(outline.remedy, outline.models),
+        *(f"No numbers: {reason}." for reason in unread),
         outline.trained(first),
         provenance(results, [shared]),
     )
@@ -143,14 +146,32 @@ def model_table(outline: Outline, results: PaperResults) -> PaperTable:
     return PaperTable(outline.number, (part,))
 
 
+def _errors_of(shared: SharedSplits, errors: Errors) -> tuple[dict[str, list[Values]], list[str]]:
+    """Return model -> its values split by split, and why others have none.
+
+    Raises:
+        StoreError: all have none.
+    """
+    found, refused = dict[str, list[Values]](), list[StoreError]()
+    for model, results in shared.results.items():
+        try:
+            found[model] = [errors(result) for result in results]
+        except StoreError as error:
+            refused.append(error)
+    if not found:
+        raise refused[0]
+    return found, [str(error) for error in refused]
+
+
 def _our_entries(
-    variants: Variants, shared: SharedSplits, outline: Outline
+    variants: Variants, shared: SharedSplits, values: Mapping[str, Sequence[Values]]
 ) -> dict[tuple[Labels, str, str], Entry]:
-    found = dict[tuple[Labels, str, str], Entry]()
-    for row, model in variants.models.items():
-        results = shared.results.get(model, ())
-        each = [outline.errors(result) for result in results]
-        for column in outline.columns if each else ():
-            values = [of_split[column] for of_split in each]
-            found[row, variants.label, column] = Entry.of(values, mark_of(results[0].shown))
-    return found
+    return {
+        (row, variants.label, column): Entry.of(
+            [of_split[column] for of_split in values[model]],
+            mark_of(shared.results[model][0].shown),
+        )
+        for row, model in variants.models.items()
+        if model in values
+        for column in values[model][0]
+    }

@@ -22,7 +22,7 @@ from stiff_bench.figures.journal_style import (
 )
 from stiff_bench.figures.losses import LossCurve, curves_of, draw_losses, losses_figure
 from stiff_bench.figures.sweep import TEST, TRAIN, Sweep, draw_lines, sweep_of
-from stiff_bench.paper.figure_captions import setting
+from stiff_bench.paper.figure_captions import paper_setting
 from stiff_bench.paper.model_words import (
     ACTIVATIONS,
     BASE_LAYERS,
@@ -31,6 +31,7 @@ from stiff_bench.paper.model_words import (
     pretrained,
 )
 from stiff_bench.paper.paper_results import PaperResults
+from stiff_bench.paper.shared_splits import FULL, Tried, shared_splits, tried_models
 from stiff_bench.paper.study import DEPTH_WIDTH, PAPER_PROTOCOL, WIDTH_DEPTHS, WIDTHS
 from stiff_bench.published import published_lines
 from stiff_bench.units import MM
@@ -42,15 +43,44 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Quantity = Literal["MAE", "STDE"]
+_STOPPED_EARLY = (
+    *(pretrained(layers=d, width=DEPTH_WIDTH, stopped_early=True) for d in WIDTH_DEPTHS),
+    pretrained(stopped_early=True),
+)
 FEWEST_WIDTHS = 2
 PANEL_INCH = 2.7
 _LETTERS: Mapping[Quantity, str] = {"MAE": "a", "STDE": "b"}
 _LINES = (
-    "Solid: test part (30 %), with a band from the least to the largest of the splits; dashed: "
-    "training part. Hollow, in the depths' colours, on the test part: stars, the paper's values "
-    "(its Tables 6 and 7); circles, where they were computed, our networks stopped after "
-    f"{EARLY_STEPS} steps of plain Adam"
+    "Solid: the source's test part (30 %), with a band from the least to the largest of a "
+    "network's splits; dashed: its training part. Hollow, in the depths' colours, on the test "
+    "part: stars, the paper's values (its Tables 6 and 7); circles, where they were computed, "
+    f"our networks stopped after {EARLY_STEPS} steps of plain Adam"
 )
+_LOSS = (
+    f"loss of the pre-training of a network of {BASE_LAYERS} x {BASE_WIDTH} nodes against "
+    "iterations (Huber loss of standardised targets; the paper's is the mean square)"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Pretrainings:
+    """What (c) shows.
+
+    Attributes:
+        curves: one a network, named after its activation.
+        results: network -> the one result that its curve is of.
+        absent: what is not there, in sentences; "" for nothing.
+    """
+
+    curves: Sequence[LossCurve]
+    results: Mapping[str, Sequence[CellResult]]
+    absent: str
+
+    @property
+    def setting(self) -> str:
+        """What must be read with the curves."""
+        which = "Of the first split that all have."
+        return " ".join(filter(None, (which, paper_setting(self.results), self.absent)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,14 +91,21 @@ class Widths:
         quantity: "MAE" or "STDE".
         test, train: ours.
         marks: name -> (depth, nodes a layer) -> a value on the test part to hold it against, m.
-        n_splits: the most that a network was trained on.
+        results: network -> the results that the lines are of.
+        absent: what is not there, in sentences; "" for nothing.
     """
 
     quantity: Quantity
     test: Sweep
     train: Sweep
     marks: Mapping[str, Mapping[tuple[int, int], float]]
-    n_splits: int
+    results: Mapping[str, Sequence[CellResult]]
+    absent: str
+
+    @property
+    def setting(self) -> str:
+        """What must be read with the lines."""
+        return " ".join(filter(None, (paper_setting(self.results, "a network"), self.absent)))
 
 
 def figure_5a(results: PaperResults) -> Content:
@@ -83,20 +120,23 @@ def figure_5b(results: PaperResults) -> Content:
 
 def figure_5c(results: PaperResults) -> Content:
     """Take the losses of the pre-training."""
-    curves = _pretrainings(results)
-    return Content(_loss_caption("5c"), partial(losses_figure, curves))
+    shown = _pretrainings(results)
+    caption = (
+        f"The paper's Figure 5c: {_LOSS}, by activation; the paper's is ReLU, of 100,000 "
+        f"iterations. {shown.setting}"
+    )
+    return Content(caption, partial(losses_figure, shown.curves))
 
 
 def figure_5(results: PaperResults) -> Content:
     """Take all three."""
-    mae, stde, curves = _widths(results, "MAE"), _widths(results, "STDE"), _pretrainings(results)
+    mae, stde, shown = _widths(results, "MAE"), _widths(results, "STDE"), _pretrainings(results)
     caption = (
         f"The paper's Figure 5: (a) MAE and (b) STDE of pre-trained networks on the simulated "
-        f"source domain, all axes together, against nodes a hidden layer. {_LINES}. (c) Loss of "
-        f"the pre-training (mean square, standardised) of {BASE_LAYERS} x {BASE_WIDTH} nodes "
-        f"against iterations, first split. {setting(mae.n_splits)}"
+        f"source domain, all axes together, against nodes a hidden layer. {_LINES}. "
+        f"{mae.setting} (c): {_LOSS}, of the first split that all have. {shown.absent}"
     )
-    return Content(caption, partial(_three_panels, (mae, stde), curves))
+    return Content(caption.strip(), partial(_three_panels, (mae, stde), shown.curves))
 
 
 def _widths_content(results: PaperResults, quantity: Quantity) -> Content:
@@ -104,7 +144,7 @@ def _widths_content(results: PaperResults, quantity: Quantity) -> Content:
     caption = (
         f"The paper's Figure 5{_LETTERS[quantity]}: {quantity} of pre-trained networks on the "
         f"simulated source domain, all axes together, against nodes a hidden layer. {_LINES}. "
-        f"{setting(found.n_splits)}"
+        f"{found.setting}"
     )
     return Content(caption, partial(_one_panel, found))
 
@@ -115,28 +155,40 @@ def _widths(results: PaperResults, quantity: Quantity) -> Widths:
     Raises:
         StoreError: a depth has fewer than two widths.
     """
-    found = [
-        result
-        for width in WIDTHS
-        for depth in WIDTH_DEPTHS
-        if results.has(name := pretrained(layers=depth, width=width))
-        for result in results.splits(name)
-    ]
-    test = sweep_of(found, TEST, quantity)
+    names = [pretrained(layers=depth, width=width) for width in WIDTHS for depth in WIDTH_DEPTHS]
+    tried = tried_models(results, names, PAPER_PROTOCOL)
+    test = sweep_of(_all(tried), TEST, quantity)
     short = [d for d in WIDTH_DEPTHS if sum(d == of for of, _ in test.values) < FEWEST_WIDTHS]
     if short:
         depths = ", ".join(map(str, short))
+        reasons = "".join(f"; {reason}" for reason in tried.failures.values())
         raise StoreError(
             f"--results {results.folder}: fewer than {FEWEST_WIDTHS} widths of {depths} hidden "
-            f"layers have results under {PAPER_PROTOCOL}; `bench reproduce` makes them"
+            f"layers have results under {PAPER_PROTOCOL}; `bench reproduce` makes them{reasons}"
         )
+    early = tried_models(results, _STOPPED_EARLY, PAPER_PROTOCOL)
+    at_100_steps = sweep_of(_all(early), TEST, quantity).values
     return Widths(
         quantity,
         test,
-        sweep_of(found, TRAIN, quantity),
-        {"paper": _published(quantity), "stopped early": _stopped_early(results, quantity)},
-        max(len(errors) for errors in test.values.values()),
+        sweep_of(_all(tried), TRAIN, quantity),
+        {
+            "paper": _published(quantity),
+            "stopped early": {size: float(of.mean()) for size, of in at_100_steps.items()},
+        },
+        tried.results,
+        _absent(tried.missing, len(names), {**tried.failures, **early.failures}),
     )
+
+
+def _all(tried: Tried) -> list[CellResult]:
+    return [one for found in tried.results.values() for one in found]
+
+
+def _absent(missing: Sequence[str], n_all: int, failures: Mapping[str, str]) -> str:
+    """Say which networks have no numbers."""
+    not_run = f"Not run: {len(missing)} of {n_all} networks; {FULL} makes them." if missing else ""
+    return " ".join(filter(None, [not_run, *(f"No numbers: {why}." for why in failures.values())]))
 
 
 def _published(quantity: Quantity) -> dict[tuple[int, int], float]:
@@ -151,40 +203,24 @@ def _published(quantity: Quantity) -> dict[tuple[int, int], float]:
     return of_depth | {(BASE_LAYERS, BASE_WIDTH): float(by_activation["relu"][column]) / MM}
 
 
-def _stopped_early(results: PaperResults, quantity: Quantity) -> dict[tuple[int, int], float]:
-    """Return what our networks have that were stopped early, m, where there are some."""
-    names = [pretrained(layers=d, width=DEPTH_WIDTH, stopped_early=True) for d in WIDTH_DEPTHS]
-    names.append(pretrained(stopped_early=True))
-    found = [one for name in names if results.has(name) for one in results.splits(name)]
-    return {size: float(of.mean()) for size, of in sweep_of(found, TEST, quantity).values.items()}
-
-
-def _pretrainings(results: PaperResults) -> list[LossCurve]:
-    """Return the pre-trainings of the first split, of each activation that has one.
+def _pretrainings(results: PaperResults) -> Pretrainings:
+    """Return the pre-trainings of the first split that all activations have.
 
     Raises:
-        StoreError: the paper's own has none.
+        StoreError: there is none.
     """
-    first: dict[str, CellResult] = {
-        activation: results.splits(name)[0]
-        for activation in reversed(ACTIVATIONS)
-        if results.has(name := pretrained(activation=activation)) or activation == "relu"
-    }
-    curves = [curve for name, result in first.items() for curve in curves_of(result, name)]
+    names = {pretrained(activation=activation): activation for activation in reversed(ACTIVATIONS)}
+    shared = shared_splits(results, names, PAPER_PROTOCOL)
+    first = {name: found[:1] for name, found in shared.results.items()}
+    curves = [
+        curve for name, (result,) in first.items() for curve in curves_of(result, names[name])
+    ]
     if not curves:
         raise StoreError(
-            f"--results {results.folder}: {pretrained()} has no training curve; `bench reproduce` "
+            f"--results {results.folder}: {', '.join(first)}: no training curve; `bench reproduce` "
             "in another folder makes one"
         )
-    return curves
-
-
-def _loss_caption(name: str) -> str:
-    return (
-        f"The paper's Figure {name}: loss of the pre-training (mean square, standardised targets) "
-        f"of a network of {BASE_LAYERS} x {BASE_WIDTH} nodes against iterations, by activation; "
-        f"the paper's is ReLU, of 100,000 iterations. Of the first split. {setting(1)}"
-    )
+    return Pretrainings(curves, first, _absent(shared.missing, len(names), shared.failures))
 
 
 def _draw_widths(axes: Axes, found: Widths) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from stiff_bench.figures.figure_line import Prepared
@@ -42,6 +42,12 @@ def pictures(figures: Iterable[Prepared], folder: Path) -> Iterator[Path]:
 def listed(lines: Iterable[str]) -> str:
     """Return a list in markdown."""
     return "\n".join(f"- {line}" for line in lines)
+
+
+def not_made(reasons: Mapping[str, str]) -> Iterator[str]:
+    """Yield a line for each table or figure that could not be made, with the reason."""
+    for what, reason in reasons.items():
+        yield f"{what}: {markdown_text(reason)}"
 
 
 def figure_text(figure: Prepared, folder: str) -> str:

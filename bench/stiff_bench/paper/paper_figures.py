@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from stiff_bench.figures.figure_line import FigureLine, Prepared, by_name, can_be_drawn
+from stiff_bench.figures.figure_line import FigureLine, by_name
 from stiff_bench.paper import freezing_figure, network_figures, regression_figures
 from stiff_bench.paper.paper_results import PaperResults
 
@@ -20,13 +20,3 @@ FIGURES: Mapping[str, FigureLine[PaperResults]] = by_name(
         FigureLine("9", "Measured against FT-MLP and VJM", regression_figures.figure_9),
     )
 )
-
-
-def available(results: PaperResults) -> list[Prepared]:
-    """Return the figures that a folder's results are enough for."""
-    return can_be_drawn(FIGURES, results)[0]
-
-
-def missing(results: PaperResults) -> dict[str, str]:
-    """Return why the other figures cannot be drawn, by name."""
-    return can_be_drawn(FIGURES, results)[1]

@@ -9,12 +9,11 @@ from stiff_bench.figures.catalog import FIGURES
 from stiff_bench.figures.figure_line import Prepared, can_be_drawn
 from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.paper import paper_figures
-from stiff_bench.paper.page_parts import figure_text, listed, pictures, written
+from stiff_bench.paper.page_parts import figure_text, listed, not_made, pictures, written
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.paper_table_text import render_paper_table
 from stiff_bench.paper.paper_tables import TABLES, build
 from stiff_bench.paper.provenance_text import provenance_lines
-from stiff_bench.render import markdown_text
 from stiff_protocols.errors import StiffBenchError
 
 TABLE_FILES = {"github": "md", "csv": "csv", "latex": "tex"}
@@ -26,7 +25,7 @@ LEFT_OUT = {
 """Figures that belong on no page of the paper, and why."""
 
 
-def write_paper(output: Path, command: str) -> Iterator[Path]:
+def write_paper(output: Path, command: str, n_missing: int) -> Iterator[Path]:
     """Write the paper's tables and figures beside ours, and yield each file.
 
     What cannot be made of the results is named on the page, with the reason.
@@ -35,6 +34,7 @@ def write_paper(output: Path, command: str) -> Iterator[Path]:
         output: PAPER = OUTPUT/paper holds the results in PAPER/runs, and gets PAPER/tables,
             PAPER/figures and PAPER/README.md.
         command: that made them.
+        n_missing: how many of the study's cells are not stored.
 
     Raises:
         StoreError: a file cannot be written, or a stored one is damaged.
@@ -56,7 +56,7 @@ def write_paper(output: Path, command: str) -> Iterator[Path]:
     figures, not_drawn = _figures(results)
     missing |= not_drawn
     yield from pictures(figures, folder / "figures")
-    page = _page(tables, figures, missing, provenance_lines(folder / "runs", command))
+    page = _page(tables, figures, missing, provenance_lines(folder / "runs", command, n_missing))
     yield written(folder / "README.md", page)
 
 
@@ -86,6 +86,5 @@ def _page(
         *(figure_text(figure, "figures") for figure in figures),
     ]
     if missing:
-        why = (f"{what}: {markdown_text(reason)}" for what, reason in missing.items())
-        parts += ["## Not made", listed(why)]
+        parts += ["## Not made", listed(not_made(missing))]
     return "\n\n".join(parts)

@@ -5,12 +5,29 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from stiff_bench.collected import Competitor, Contest, collect
 from stiff_bench.paper.study import DATASET, PAPER_PROTOCOL, SEED
 from stiff_bench.words import counted
 from stiff_protocols.errors import StoreError
-from stiff_protocols.record import CellResult
+
+if TYPE_CHECKING:
+    from stiff_bench.collected import Competitor, Contest
+    from stiff_protocols.record import CellResult
+
+PAPER_RESULTS = Path("results/paper/runs")
+"""Where `bench reproduce` stores what the paper's tables and figures show."""
+
+
+def paper_results(folder: Path) -> PaperResults:
+    """Read the results that `--results` names.
+
+    Raises:
+        StoreError: there are none, and `bench reproduce` makes them; or a file is damaged.
+    """
+    if not any(any((folder / part).glob("*")) for part in ("cells", "packs")):
+        raise StoreError(f"--results {folder}: holds no results; `bench reproduce` makes them")
+    return PaperResults.of(folder)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +49,8 @@ class PaperResults:
         Raises:
             StoreError: it holds no results, or a file of it is damaged.
         """
+        from stiff_bench.collected import collect  # late: `bench --help` needs the folder's name
+
         return cls(folder, tuple(collect(folder)))
 
     def models(self, protocol: str = PAPER_PROTOCOL, dataset: str = DATASET) -> list[str]:

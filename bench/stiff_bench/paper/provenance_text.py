@@ -10,10 +10,11 @@ from pathlib import Path
 from stiff_bench.render import markdown_code, markdown_text
 from stiff_bench.result_source import sources
 from stiff_bench.store import read_manifests, stored_results
+from stiff_bench.words import counted
 from stiff_protocols.record import RunManifest
 
 
-def provenance_lines(folder: Path, command: str) -> Iterator[str]:
+def provenance_lines(folder: Path, command: str, n_missing: int) -> Iterator[str]:
     """Yield lines of markdown: the command, the versions, the time, and each machine.
 
     Raises:
@@ -26,16 +27,19 @@ def provenance_lines(folder: Path, command: str) -> Iterator[str]:
         counts[result.run_id] += 1
         fitting_s += 0.0 if result.cost is None else result.cost.fit_s
     yield f"made by {markdown_code(command)}"
+    if n_missing:
+        yield f"not finished: {counted(n_missing, 'cell')} of it not computed"
     for line in sources(folder, runs, counts):
         yield markdown_text(line)
     yield f"fits took {timedelta(seconds=round(fitting_s))} (h:min:s) of one thread in all"
-    for machine, ids in _machines(runs).items():
-        yield f"{markdown_text(machine)}; runs {', '.join(ids)}"
+    for machine, n_runs in _machines(runs).items():
+        where = "its manifest is" if n_runs == 1 else "their manifests are"
+        yield f"{markdown_text(machine)}: {counted(n_runs, 'run')}; {where} in `{folder.name}/runs`"
 
 
-def _machines(runs: list[RunManifest]) -> dict[str, list[str]]:
-    """Return machine -> ids of its runs."""
-    found: dict[str, list[str]] = {}
+def _machines(runs: list[RunManifest]) -> Counter[str]:
+    """Return machine -> number of its runs."""
+    found: Counter[str] = Counter()
     for run in runs:
         known = run.environment
         about = (
@@ -43,5 +47,5 @@ def _machines(runs: list[RunManifest]) -> dict[str, list[str]]:
             f"{known.get('platform', 'unknown platform')}, Python {known.get('python', '?')}, "
             f"torch {known.get('torch', '?')}"
         )
-        found.setdefault(about, []).append(run.run_id)
+        found[about] += 1
     return found

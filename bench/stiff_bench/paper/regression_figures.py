@@ -11,10 +11,10 @@ from stiff_bench.config import chosen_dataset, loaded
 from stiff_bench.figures.figure_line import Content
 from stiff_bench.figures.figure_source import Predicted, pooled
 from stiff_bench.figures.regression import SHARE, Series, regression_figure
-from stiff_bench.paper.figure_captions import DATA, setting
+from stiff_bench.paper.figure_captions import DATA, paper_setting
 from stiff_bench.paper.model_words import DT_CNN, FT_MLP, VJM
 from stiff_bench.paper.paper_results import PaperResults
-from stiff_bench.paper.shared_splits import shared_splits
+from stiff_bench.paper.shared_splits import SharedSplits, shared_splits
 from stiff_bench.paper.study import DATASET, PAPER_PROTOCOL, SEED
 from stiff_bench.published import published_rows
 from stiff_bench.registry import build_registry
@@ -53,10 +53,10 @@ def figure_4(_: PaperResults) -> Content:
 
 def figure_8(results: PaperResults) -> Content:
     """Take DT-CNN's test samples."""
-    series, n_splits = _tested(results, (DT_CNN,))
+    series, shared = _tested(results, (DT_CNN,))
     caption = (
         f"The paper's Figure 8: measured deflection against that of {DT_CNN}, of the test samples "
-        f"of all splits together. {setting(n_splits)} {_LINES} Beside our MAE: the paper's (its "
+        f"of all splits together. {_setting(shared)} {_LINES} Beside our MAE: the paper's (its "
         "Table 10, of its own measurements)."
     )
     return Content(caption, partial(regression_figure, series))
@@ -64,17 +64,17 @@ def figure_8(results: PaperResults) -> Content:
 
 def figure_9(results: PaperResults) -> Content:
     """Take the test samples of FT-MLP and the VJM."""
-    series, n_splits = _tested(results, (FT_MLP, VJM))
+    series, shared = _tested(results, (FT_MLP, VJM))
     caption = (
         f"The paper's Figure 9: measured deflection against that of {FT_MLP} and of {VJM}, of the "
-        f"test samples of all splits together. {setting(n_splits)} {_LINES} Beside our MAE: the "
+        f"test samples of all splits together. {_setting(shared)} {_LINES} Beside our MAE: the "
         "paper's (its Table 10, of its own measurements)."
     )
     return Content(caption, partial(regression_figure, series, overlaid=True))
 
 
-def _tested(results: PaperResults, models: tuple[str, ...]) -> tuple[list[Series], int]:
-    """Return the models' test samples on the splits that all have, and how many these are.
+def _tested(results: PaperResults, models: tuple[str, ...]) -> tuple[list[Series], SharedSplits]:
+    """Return the models' test samples on the splits that all have, and their results.
 
     Raises:
         StoreError: a model has no result.
@@ -91,7 +91,11 @@ def _tested(results: PaperResults, models: tuple[str, ...]) -> tuple[list[Series
         Series(name, pooled(found), _published("table_10", name))
         for name, found in shared.results.items()
     ]
-    return series, shared.n_splits
+    return series, shared
+
+
+def _setting(shared: SharedSplits) -> str:
+    return " ".join([paper_setting(shared.results), *shared.absences()])
 
 
 def _published(table: str, model: str) -> tuple[float, ...]:

@@ -16,7 +16,7 @@ from stiff_bench.registry import Registry
 from stiff_bench.robot_words import RobotWords
 from stiff_bench.run import warn
 from stiff_bench.runner import Finished, run_cells
-from stiff_bench.store import ResultStore
+from stiff_bench.store import ResultStore, stored_keys
 from stiff_bench.tasks import CellTask, cell_tasks
 from stiff_protocols.record import Presentation
 
@@ -77,6 +77,15 @@ class Study:
                 if task.cell.key not in seen:
                     seen.add(task.cell.key)
                     yield task
+
+    def n_missing(self) -> int:
+        """Return how many cells have neither a result nor a failure in the output.
+
+        Raises:
+            StiffBenchError: a data set cannot be loaded or divided.
+        """
+        stored = stored_keys(self.output, warn)
+        return sum(task.cell.key not in stored for task in self.tasks())
 
 
 def forecast_of(study: Study, execution: Execution) -> Forecast:

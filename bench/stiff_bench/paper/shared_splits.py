@@ -62,6 +62,12 @@ class SharedSplits:
             which = "all" if len(pickers) == len(self.results) else ", ".join(pickers)
             yield f"{self.protocol} picks the best epoch on the test part ({which}): optimistic."
         yield from self._regimes()
+        yield from self.absences(remedy, labels)
+
+    def absences(
+        self, remedy: str = REPRODUCE, labels: Mapping[str, str] | None = None
+    ) -> Iterator[str]:
+        """Yield what is not there, and what makes it; arguments as in `notes`."""
         if self.n_left_out:
             yield (
                 f"Left out: {counted(self.n_left_out, 'split')} of {self.protocol} that only some "
@@ -82,12 +88,21 @@ class SharedSplits:
                 yield f"{self.protocol}, {which}: {regime}."
 
 
-def shared_splits(results: PaperResults, models: Iterable[str], protocol: str) -> SharedSplits:
-    """Return the results of models on the splits that all of them have, of those that have any.
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """What a folder has of some models under one protocol, each on its own splits.
 
-    Raises:
-        StoreError: none has a result, or no split is of all.
+    Attributes:
+        results, failures, missing: as in `SharedSplits`.
     """
+
+    results: Mapping[str, list[CellResult]]
+    failures: Mapping[str, str]
+    missing: Sequence[str]
+
+
+def tried_models(results: PaperResults, models: Iterable[str], protocol: str) -> Tried:
+    """Return the results of models; one that failed on a split has none."""
     found, failures, missing = dict[str, list[CellResult]](), dict[str, str](), list[str]()
     for model in models:
         try:
@@ -97,6 +112,17 @@ def shared_splits(results: PaperResults, models: Iterable[str], protocol: str) -
                 failures[model] = str(error)
             else:
                 missing.append(model)
+    return Tried(found, failures, missing)
+
+
+def shared_splits(results: PaperResults, models: Iterable[str], protocol: str) -> SharedSplits:
+    """Return the results of models on the splits that all of them have, of those that have any.
+
+    Raises:
+        StoreError: none has a result, or no split is of all.
+    """
+    tried = tried_models(results, models, protocol)
+    found, failures, missing = tried.results, tried.failures, tried.missing
     if not found:
         why = "; ".join(failures.values()) or f"no result of {missing[0]}"
         if len(missing) > 1 and not failures:

@@ -79,7 +79,7 @@ def paper_study(*, full: bool) -> tuple[StudyRun, ...]:
 
 
 NETWORK_STEPS = 300
-"""Of the pre-trainings behind the committed leaderboard: a third of the recipe's, see its notes."""
+"""Of the pre-trainings behind the committed leaderboard; what that changes stands on its page."""
 _SHORTENED = (
     f"mlp-pretrained@pretrain_steps={NETWORK_STEPS}",
     f"ft-mlp@pretrain_steps={NETWORK_STEPS}",

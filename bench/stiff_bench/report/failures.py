@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import islice
-from pathlib import Path
 
 from stiff_bench.collected import Contest, stands_for
+from stiff_bench.contest_name import ContestName
 from stiff_bench.grouped import grouped
-from stiff_bench.newest import Slot, slot_of
+from stiff_bench.newest import Runs, Slot, slot_of
 from stiff_bench.render import TextTable
 from stiff_bench.report.content import Block, Fold
 from stiff_bench.report.sorting import page_table
 from stiff_bench.store import stored_results
+from stiff_bench.stored_leaderboard import StoredResults
 from stiff_bench.words import counted
 from stiff_protocols.record import CellResult
 
@@ -22,26 +23,31 @@ LONGEST_REASON = 2000  # characters
 LONGEST_SPLITS = 60
 LONGEST_LOG = 8000
 
+Place = tuple[str, ContestName, Slot]
+"""Model's name, contest and split: several cells stand there where options or code changed."""
 
-def failure_block(folder: Path, contests: Sequence[Contest], models: Sequence[str]) -> Block:
+
+def failure_block(
+    stored: StoredResults, contests: Sequence[Contest], models: Sequence[str]
+) -> Block:
     """Return the failures that count among some contests.
 
     Args:
-        folder: of the results.
-        contests: to show.
+        stored: the folder.
+        contests: of it, to show.
         models: words of the command line; none named means all.
 
     Raises:
         StoreError: a file cannot be read or is damaged.
     """
-    failed = _counting(contests, models)
+    reasons = _reasons(contests, models)
     heading = "Failures and skipped cells"
-    if not failed:
+    if not reasons:
         return Block(heading, ["No cell failed and none was skipped."])
-    found = [one for one in stored_results(folder) if _place(one) in failed]
-    alike = grouped(sorted(found, key=_place), _story)
+    found = _counting(stored, reasons)
+    alike = grouped(found, _story)
     shown = [*islice(alike.values(), MOST_FAILURES)]
-    header = ("model", "data set", "protocol", "condition", "splits", "status", "cause", "reason")
+    header = ("model", "status", "reason", "cause", "data set", "protocol", "condition", "splits")
     notes = ["A failed cell is no result: its model has no mean rank; the others count."]
     if len(shown) < len(alike):
         notes.append(f"The first {len(shown)} of {len(alike)} rows are shown.")
@@ -58,29 +64,42 @@ def failure_block(folder: Path, contests: Sequence[Contest], models: Sequence[st
     return Block(heading, tables=[page_table(table)], folds=folds)
 
 
-def _counting(contests: Sequence[Contest], models: Sequence[str]) -> set[tuple[object, ...]]:
-    """Return the places whose newest record is no result."""
+def _reasons(contests: Sequence[Contest], models: Sequence[str]) -> dict[Place, str]:
+    """Return why there is no result, for each place that has none."""
     return {
-        (name, contest.name.dataset, contest.name.protocol, contest.name.condition, slot)
+        (name, contest.name, slot): reason
         for contest in contests
         for name, competitor in contest.competitors.items()
         if not models or any(stands_for(word, name) for word in models)
-        for slot in competitor.reasons
+        for slot, reason in competitor.reasons.items()
     }
 
 
-def _place(one: CellResult) -> tuple[str, str, str, str, Slot]:
-    shown = one.shown
-    if one.status == "ok":
-        return "", "", "", "", (-1, "")
-    return shown.model, shown.dataset, shown.protocol, one.cell.condition, slot_of(one)
+def _counting(stored: StoredResults, reasons: Mapping[Place, str]) -> list[CellResult]:
+    """Return the record behind each reason: the newest that says so, by place.
+
+    A place has several records where a model was run again there with other options or code.
+    """
+    failed = (one for one in stored_results(stored.folder) if one.status != "ok")
+    said = [one for one in failed if reasons.get(_place(one)) == f"{one.status}: {one.failure}"]
+    newest_first = Runs.of(stored.runs).newest_first(said)
+    of_places = sorted(grouped(newest_first, _place).items(), key=lambda item: item[0])
+    return [records[0] for _, records in of_places]
 
 
-def _story(one: CellResult) -> tuple[str, ...]:
+def _place(one: CellResult) -> Place:
+    cell, shown = one.cell, one.shown
+    contest = ContestName(
+        *(shown.dataset, shown.protocol, cell.condition),
+        *(cell.seed, cell.data_sha256, cell.source_sha256),
+    )
+    return shown.model, contest, slot_of(one)
+
+
+def _story(one: CellResult) -> tuple[object, ...]:
     """Return what cells share that failed alike."""
-    shown = one.shown
-    place = (shown.model, shown.dataset, shown.protocol, one.cell.condition)
-    return (*place, one.status, one.cause, one.failure)
+    model, contest, _ = _place(one)
+    return model, contest, one.status, one.cause, one.failure
 
 
 def _row(members: Sequence[CellResult]) -> list[str]:
@@ -88,9 +107,9 @@ def _row(members: Sequence[CellResult]) -> list[str]:
     first = members[0]
     shown = first.shown
     return [
-        *(shown.model, shown.dataset, shown.protocol, first.cell.condition or "-"),
+        *(shown.model, first.status, _cut(first.failure, LONGEST_REASON), first.cause or "-"),
+        *(shown.dataset, shown.protocol, first.cell.condition or "-"),
         _cut(", ".join(str(one.cell.split_index) for one in members), LONGEST_SPLITS),
-        *(first.status, first.cause or "-", _cut(first.failure, LONGEST_REASON)),
     ]
 
 

@@ -73,9 +73,18 @@
   }
   for (const text of document.querySelectorAll(".with-scripts")) text.hidden = false;
 
-  const onPaper = (length) => () => {
-    for (const table of tables) table.page.len(length).draw();
-  };
-  window.addEventListener("beforeprint", onPaper(-1));
-  window.addEventListener("afterprint", onPaper(ROWS_A_PAGE));
+  // paper has no next page to click for; afterwards the screen is as it was
+  const lengths = new Map();
+  window.addEventListener("beforeprint", () => {
+    for (const table of tables) {
+      if (!lengths.has(table)) lengths.set(table, [table.page.len(), table.page()]);
+      table.page.len(-1).draw();
+    }
+  });
+  window.addEventListener("afterprint", () => {
+    for (const [table, [length, page]] of lengths) {
+      table.page.len(length).page(page).draw("page");
+    }
+    lengths.clear();
+  });
 })();

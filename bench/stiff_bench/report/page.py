@@ -5,12 +5,16 @@ from __future__ import annotations
 import base64
 import hashlib
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from stiff_bench.messages import printable
+from stiff_bench.option_word import OPTION_MARK
 from stiff_bench.report.content import Page, Picture
 from stiff_bench.report.palette import variables
 from stiff_bench.report.widget import LICENCE, PACKAGE, VERSION, widget_code
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 _HERE = Path(__file__).parent
 
@@ -34,7 +38,7 @@ def render_page(page: Page) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["source"] = _source
+    environment.filters |= {"source": _source, "breakable": _breakable}
     return environment.get_template("page.html.jinja").render(
         page=page,
         policy=_policy(scripts, style),
@@ -47,6 +51,13 @@ def render_page(page: Page) -> str:
 def _visible(value: Any) -> Any:
     """Escape control characters and those that turn text around; ours have none."""
     return printable(value) if type(value) is str else value
+
+
+def _breakable(name: str) -> Markup:
+    """Let a name with options break before one of them rather than inside a word."""
+    from markupsafe import Markup, escape
+
+    return Markup("<wbr>@").join(map(escape, printable(name).split(OPTION_MARK)))
 
 
 def _source(picture: Picture) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from stiff_bench.figures.catalog import FIGURES
-from stiff_bench.figures.figure_line import Prepared, can_be_drawn
+from stiff_bench.figures.figure_line import Prepared
 from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.report.commands import Choice
 from stiff_bench.report.content import Block, Picture
@@ -17,13 +17,14 @@ LARGEST_SVG = 300_000
 
 def picture_block(source: FigureSource, choice: Choice) -> Block:
     """Return all figures that the results are enough for, and why others are not there."""
-    prepared, missing = can_be_drawn(FIGURES, source)
-    pictures = []
-    for figure in prepared:
+    pictures, missing = [], {}
+    for name, figure in FIGURES.items():
         try:
-            pictures.append(_picture(figure, source, choice))
+            pictures.append(_picture(figure.prepare(source), source, choice))
         except StiffBenchError as error:
-            missing[figure.name] = str(error)
+            missing[name] = str(error)
+        except (ArithmeticError, ValueError) as error:  # one picture must not cost the page
+            missing[name] = f"drawing failed: {type(error).__name__}: {error}"
     return Block(
         "Figures",
         [] if pictures else ["The results shown are not enough for any figure."],

@@ -94,4 +94,4 @@ def _lines(environment: Mapping[str, str]) -> str:
 
 
 def _few(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more runs"
+    return names[0] if len(names) == 1 else f"{names[0]} and {counted(len(names) - 1, 'more run')}"

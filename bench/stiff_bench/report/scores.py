@@ -65,7 +65,9 @@ def data_block(contests: Sequence[Contest]) -> Block:
             sha256,
             "; ".join(presentation(contest).caveats) or "-",
         ]
-        for sha256, contest in sorted(of_data.items(), key=lambda item: _order(item[1]))
+        for sha256, contest in sorted(
+            of_data.items(), key=lambda item: (natural_key(item[1].name.dataset), item[0])
+        )
     ]
     header = ("data set", "kind", "sha256 of its numbers", "what must be read with it")
     return Block("Data sets", tables=[page_table(TextTable("Data sets", header, rows, ()))])

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from figure_results import SIZES, compared, learned, with_fields
-from made_results import MadeResults, made_data
+from made_results import TWINS, MadeResults, made_data
 from stiff_bench.figures import freezing, learning_curves, springs, sweep
 from stiff_bench.figures.catalog import FIGURES
 from stiff_bench.figures.figure_source import FigureSource, Predicted
@@ -68,7 +68,7 @@ def test_a_sample_of_several_splits_has_the_mean_of_its_errors():
 def test_a_workspace_colours_each_pose_by_the_length_of_its_error(tmp_path):
     MadeResults(tmp_path).add("vjm", [[0.1, 0.2, 0.3, 0.4]])
     source = FigureSource.of(tmp_path)
-    side, above, *_ = FIGURES["workspace"].draw(source).axes
+    side, above, *_ = FIGURES["workspace"].prepare(source).draw().axes
     data = read_data(tmp_path / "data", source.contest().name.data_sha256)
     for axes, across in ((side, np.hypot(*data.tcp[:4, :2].T)), (above, data.tcp[:4, 0])):
         (points,) = axes.collections
@@ -78,7 +78,7 @@ def test_a_workspace_colours_each_pose_by_the_length_of_its_error(tmp_path):
 
 def test_all_models_of_a_workspace_share_one_scale_of_colours(tmp_path):
     compared(tmp_path)
-    figure = FIGURES["workspace"].draw(FigureSource.of(tmp_path))
+    figure = FIGURES["workspace"].prepare(FigureSource.of(tmp_path)).draw()
     scales = {id(points.norm) for axes in figure.axes[:6] for points in axes.collections}
     assert len(scales) == 1
 
@@ -96,7 +96,7 @@ def test_springs_are_read_from_what_the_models_reported(tmp_path):
     bends = {f"breakpoint {j} 1 [Nm]": 0.1 for j in joints}
     with_fields(made, "mlp", diagnostics=segments | bends)
     with_fields(made, "vjm", diagnostics={f"stiffness {j} [Nm/rad]": 2e4 for j in joints})
-    first = FIGURES["springs"].draw(FigureSource.of(tmp_path)).axes[0]
+    first = FIGURES["springs"].prepare(FigureSource.of(tmp_path)).draw().axes[0]
     *_, segmented, bend, linear = first.get_lines()
     torque, deflection = segmented.get_xydata()[-1]
     np.testing.assert_allclose(deflection, 1e3 * (0.1 / 1e4 + (torque - 0.1) / 2e4))
@@ -131,6 +131,52 @@ def test_a_data_set_that_lacks_a_size_is_no_part_of_a_learning_curve(tmp_path):
     )
     ((_, curves),) = learning_curves.gather(FigureSource.of(tmp_path)).paint.args[0].items()
     assert {curve.errors.shape for curve in curves} == {(3, 3)}
+
+
+EFFICIENCY = {"protocol": "sample-efficiency"}
+
+
+def curves_of(folder, **asked):
+    ((_, curves),) = learning_curves.gather(FigureSource.of(folder, **asked)).paint.args[0].items()
+    return {curve.name: curve for curve in curves}
+
+
+def test_a_model_that_lacks_a_draw_has_no_learning_curve(tmp_path):
+    made = learned(tmp_path)
+    for twin in TWINS[:3]:
+        made.add("vjm", [0.1, 0.1], dataset=twin, condition="n = 5", **EFFICIENCY)
+    assert set(curves_of(tmp_path)) == {"vjm"}
+    content = learning_curves.gather(FigureSource.of(tmp_path, models=["vjm", "gp"]))
+    assert "1 to 2 draws a size and data set" in content.caption
+    assert "Without every draw of every size: gp." in content.caption
+
+
+def test_learning_curves_are_over_the_data_sets_that_all_models_have(tmp_path):
+    made = learned(tmp_path)
+    for size in SIZES:
+        made.add("other", [0.1], dataset=TWINS[0], condition=f"n = {size}", **EFFICIENCY)
+    found = curves_of(tmp_path, models=["vjm", "other"])
+    assert {one.errors.shape for one in found.values()} == {(3, 1)}
+    np.testing.assert_allclose(found["vjm"].errors[:, 0], 1e-3 / np.array(SIZES))  # of TWINS[0]
+
+
+def test_the_best_learning_curves_are_of_the_models_with_most_data_sets(tmp_path):
+    made = learned(tmp_path)
+    for size in SIZES:
+        made.add("lucky", [1e-3], dataset=TWINS[0], condition=f"n = {size}", **EFFICIENCY)
+    assert set(curves_of(tmp_path)) == {"gp", "vjm"}
+    caption = learning_curves.gather(FigureSource.of(tmp_path)).caption
+    assert "Shown: 2 of 3 models: of those with most data sets" in caption
+
+
+def test_a_learning_curve_is_of_one_version_of_the_data_the_newest(tmp_path):
+    made = learned(tmp_path)
+    for size in SIZES:
+        about = {"condition": f"n = {size}", "version": 1, "run_id": "run-2"}
+        made.add("vjm", [7.0], dataset=TWINS[0], **about, **EFFICIENCY)
+    errors = curves_of(tmp_path, models=["vjm"])["vjm"].errors
+    np.testing.assert_allclose(errors[:, 0], 7e-3)
+    assert errors.shape == (3, 3)
 
 
 def swept(folder) -> None:
@@ -172,6 +218,29 @@ def test_freeze_strategies_stand_with_single_layers_first_and_their_splits(tmp_p
     of_pair = next(one.error for one in strategies if one.freeze == "layers:1,2")
     np.testing.assert_allclose(of_pair, [1e-4, 2e-4])  # all axes together: the error is along z
     assert linear == pytest.approx(3e-4)
+
+
+def test_freeze_strategies_are_compared_on_the_splits_that_all_have(tmp_path):
+    made = MadeResults(tmp_path)
+    made.add("vjm", [0.9, 0.3])
+    for freeze, errors in (("layers:1", [0.3]), ("layers:4", [0.6, 6.0])):
+        made.add(f"net@freeze={freeze}", errors, options=NET | {"freeze": freeze})
+    content = freezing.gather(FigureSource.of(tmp_path))
+    strategies, linear, _ = content.paint.args
+    np.testing.assert_allclose([one.error for one in strategies], [[1e-4], [2e-4]])
+    assert linear == pytest.approx(3e-4)
+    assert "1 split, seed 0." in content.caption
+    assert "Splits that only some strategies have are left out." in content.caption
+
+
+def test_a_sweep_says_the_least_and_the_largest_number_of_splits(tmp_path):
+    swept(tmp_path)
+    more = {"options": NET | {"layers": 4, "width": 80}}
+    made = MadeResults(tmp_path)
+    made.add("net@layers=4@width=80", [0.1] * 3, **more)
+    error = {"source test MAE [mm]": 0.1}
+    with_fields(made, "net@layers=4@width=80", diagnostics=error)
+    assert "2 to 3 splits, seed 0." in sweep.gather(FigureSource.of(tmp_path)).caption
 
 
 def test_looks_differ_without_colour_as_well():

@@ -22,7 +22,7 @@ def paper(tmp_path_factory):
         for model, error in (("vjm", 0.2), ("dt-cnn", 0.3)):
             keys += made.add(model, [error], dataset="kr10-twin", protocol=protocol)
     made.add_run("run-1", keys)
-    return output, [*write_paper(output, "bench reproduce --quick")]
+    return output, [*write_paper(output, "bench reproduce --quick", 39)]
 
 
 @pytest.mark.slow
@@ -45,6 +45,7 @@ def test_the_page_shows_every_picture_that_was_written_and_no_other(paper):
 def test_the_page_names_command_and_numbers_and_what_cannot_be_made_with_its_reason(paper):
     page = paper[1][-1].read_text()
     assert "made by `bench reproduce --quick`" in page
+    assert "not finished: 39 cells of it not computed" in page
     for number in (2, 3, 10):
         assert f"**Table {number}." in page
     assert re.search(r"^- Table 6: .*bench reproduce", page, re.MULTILINE)
@@ -54,7 +55,7 @@ def test_the_page_names_command_and_numbers_and_what_cannot_be_made_with_its_rea
 @pytest.mark.slow
 def test_a_leaderboard_comes_with_its_numbers_figures_and_what_was_shortened(tmp_path):
     ranked(tmp_path / "leaderboard" / "runs")
-    files = [*write_leaderboard(tmp_path, "bench reproduce leaderboard")]
+    files = [*write_leaderboard(tmp_path, "bench reproduce leaderboard", 39)]
     page = (tmp_path / "leaderboard.md").read_text()
     assert "| gp " in page and "`pretrain_steps=300`" in page
     assert "quantity,value" in (tmp_path / "leaderboard.csv").read_text()

@@ -6,7 +6,7 @@ import pytest
 
 from stiff_bench.execution import IN_THIS_PROCESS
 from stiff_bench.option_word import split_word
-from stiff_bench.paper.expected_time import expected_s
+from stiff_bench.paper.expected_time import DT_CNN_STEPS, RECIPES, expected_s
 from stiff_bench.paper.model_words import ALL_PAIRS, pretrained, unfrozen
 from stiff_bench.paper.reproduce import Study, forecast_of
 from stiff_bench.paper.study import (
@@ -17,7 +17,9 @@ from stiff_bench.paper.study import (
     paper_study,
 )
 from stiff_bench.registry import usable_registry
+from stiff_models import dt_cnn
 from stiff_models.catalog import MODELS
+from stiff_models.mlp_pretrained import PRETRAINING
 
 KEYS = [info.key for info in MODELS]
 
@@ -51,12 +53,11 @@ def test_the_quick_study_is_a_part_of_the_full_one_on_one_split():
 
 
 def test_a_cell_that_two_parts_need_is_asked_for_once(tmp_path):
-    tasks = list(study_of(paper_study(full=False), tmp_path).tasks())
-    keys = [task.cell.key for task in tasks]
-    assert len(keys) == len(set(keys))
-    # Figure 5's 3 x 400 network is no other than the one of a sweep that has it too
-    named = [(task.shown.model, task.shown.protocol) for task in tasks]
-    assert len(named) == len(set(named))
+    runs = paper_study(full=True)
+    asked = [(model, run.protocols) for run in runs for model in run.models]
+    assert len(asked) > len(set(asked))  # Figure 5's sweep has Table 6's and Table 7's networks too
+    keys = [task.cell.key for task in study_of(runs, tmp_path).tasks()]
+    assert len(keys) == len(set(keys)) == 5 * len(set(asked))
 
 
 def test_the_leaderboard_has_every_shipped_model_once():
@@ -74,4 +75,14 @@ def test_the_expected_time_grows_with_the_network_and_its_steps():
     assert expected_s("mlp-pretrained@width=40") < expected_s("mlp-pretrained")
     assert expected_s("mlp-pretrained@pretrain_steps=300") < expected_s("mlp-pretrained")
     assert expected_s("mlp-pretrained@layers=6") > expected_s("mlp-pretrained")
+    assert expected_s("dt-cnn@pretrain_steps=300") < 0.2 * expected_s("dt-cnn")
+    short = "mlp-pretrained@pretrain_steps=100"
+    assert expected_s(f"{short}@recipe=paper") < 0.6 * expected_s(short)  # 256 samples, not 1,024
+    assert expected_s("mlp-pretrained@recipe=paper") > 5 * expected_s("mlp-pretrained@recipe=best")
     assert expected_s("vjm") < 1.0 < expected_s("deep-ensemble")
+
+
+def test_the_recipes_that_a_forecast_counts_with_are_those_of_the_models():
+    plans = {recipe: (plan.steps, plan.batch) for recipe, plan in PRETRAINING.items()}
+    assert plans == RECIPES
+    assert dt_cnn.FAST.steps == DT_CNN_STEPS

@@ -165,6 +165,19 @@ def test_the_second_page_holds_the_other_rows(browser, ranks):
     assert not set(first) & set(second)
 
 
+def test_paper_has_all_rows_and_the_screen_keeps_the_readers_page(browser, ranks):
+    browser.execute_script(
+        "new DataTable.Api(arguments[0]).page.len(10).page(1).draw('page')", ranks
+    )
+    before = column(browser, ranks, "model")
+    for event in ("beforeprint", "beforeprint"):  # a browser may tell twice
+        browser.execute_script(f"window.dispatchEvent(new Event('{event}'))")
+    assert len(column(browser, ranks, "model")) == N_MORE + 2 + len(HACKS)
+    browser.execute_script("window.dispatchEvent(new Event('afterprint'))")
+    assert len(before) == 10
+    assert column(browser, ranks, "model") == before
+
+
 @pytest.mark.parametrize("size", [PHONE, DESKTOP], ids=["phone", "desktop"])
 def test_the_page_is_no_wider_than_the_screen(browser, ranks, size):
     set_width(browser, *size)

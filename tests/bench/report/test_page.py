@@ -16,7 +16,7 @@ from stiff_bench.report.page import render_page
 HOSTILE = (
     "</script><script>hacked()</script><img src=http://evil.example onerror=hacked()>'\"&{{7*7}}"
 )
-VOID = {"meta", "link", "img", "input", "br"}
+VOID = {"meta", "link", "img", "input", "br", "wbr"}
 
 
 class Reader(HTMLParser):
@@ -82,6 +82,12 @@ def test_hostile_texts_add_no_element_and_no_attribute(hostile, plain):
 
 def test_templates_in_texts_are_not_filled(hostile):
     assert "{{7*7}}" in hostile.inside["title"][0]
+
+
+def test_a_name_may_break_before_an_option_and_stays_harmless():
+    page = render_page(made_page("ft-mlp@steps=3@x=<b>\u202e"))
+    assert r"ft-mlp<wbr>@steps=3<wbr>@x=&lt;b&gt;\u202e</th>" in page
+    assert "<b>" not in page
 
 
 def test_control_and_direction_characters_are_written_out():

@@ -1,0 +1,66 @@
+"""The errors behind Tables 6, 7, 8 and 9, as networks report them, against NumPy."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+
+from stiff_models import mlp_pretrained
+from stiff_models.ft_mlp import FtMlp
+
+SMALL = {"layers": 2, "width": 8, "device": "cpu", "pretrain_steps": 3, "epochs": 2}
+MM = 1000.0
+
+
+@pytest.fixture(scope="module")
+def fitted(parts):
+    """A small network, its samples, and the parts of the source it learned and was tested on."""
+    robot, train, held_out, _ = parts
+    seen = []
+
+    def noted(domain, seed):
+        seen.append(divided(domain, seed))
+        return seen[-1]
+
+    divided = mlp_pretrained.divided
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(mlp_pretrained, "divided", noted)
+        model = FtMlp(**SMALL).fit(train, robot=robot, validation=held_out, seed=5)
+    ((learn, test),) = seen
+    return model, train, learn, test
+
+
+def test_the_source_is_divided_into_70_and_30_per_cent_that_share_no_sample(fitted):
+    _, _, learn, test = fitted
+    assert (len(learn), len(test)) == (74_480, 31_920)
+    rows = np.hstack([np.vstack([learn.q, test.q]), np.vstack([learn.wrench, test.wrench])])
+    assert len(np.unique(rows, axis=0)) == 106_400
+
+
+def test_errors_on_the_source_are_those_of_the_network_before_fine_tuning_in_mm(fitted):
+    model, _, learn, test = fitted
+    before = copy.copy(model)
+    before.network_ = model.source_network_
+    learned, tested = (
+        np.abs(before.predict(part.q, part.wrench) - part.deflection) * MM
+        for part in (learn.take(np.arange(len(test))), test)
+    )
+    expected = {
+        "source training MAE [mm]": learned.mean(),
+        "source training STDE [mm]": np.std(learned),
+        "source test MAE [mm]": tested.mean(),
+        "source test STDE [mm]": np.std(tested),
+    } | {f"source test MAE {axis} [mm]": tested[:, i].mean() for i, axis in enumerate("XYZ")}
+    reported = {name: model.diagnostics_[name] for name in expected}
+    assert reported == pytest.approx(expected, rel=1e-6)
+    after = np.abs(model.predict(test.q, test.wrench) - test.deflection) * MM
+    assert after.mean() != pytest.approx(expected["source test MAE [mm]"], rel=1e-6)
+
+
+def test_training_errors_are_over_all_axes_and_samples_together_in_mm(fitted):
+    model, train, _, _ = fitted
+    errors = np.abs(model.predict(train.q, train.wrench) - train.deflection) * MM
+    assert model.diagnostics_["training MAE [mm]"] == pytest.approx(errors.mean())
+    assert model.diagnostics_["training STDE [mm]"] == pytest.approx(np.std(errors))
