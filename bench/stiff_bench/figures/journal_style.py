@@ -111,6 +111,8 @@ def name_panels(panels: Sequence[Axes]) -> None:
 
 MOST_LETTERS = 28
 """Of a name in a legend or on an axis."""
+PANEL_LETTERS = 22
+"""Of a name over one of three panels beside each other, with its letter."""
 
 
 def short(name: str, most: int = MOST_LETTERS) -> str:

@@ -13,6 +13,7 @@ from stiff_bench.figures.figure_line import Content
 from stiff_bench.figures.figure_source import FigureSource, Predicted
 from stiff_bench.figures.journal_style import (
     PAGE_INCH,
+    PANEL_LETTERS,
     REFERENCE_COLOR,
     Look,
     looks,
@@ -103,7 +104,7 @@ def _heading(shown: Sequence[Series], axis: int) -> list[str]:
     """Return the lines over a panel: what it is of, and the models' mean errors."""
     name = f"d{AXES[axis]}"
     if len(shown) == 1:
-        return [f"{name}, {short(shown[0].name)}", f"MAE {shown[0].note(axis)}"]
+        return [f"{name}, {short(shown[0].name, PANEL_LETTERS)}", f"MAE {shown[0].note(axis)}"]
     return [f"{name}, MAE:", *(f"{short(one.name)} {one.note(axis)}" for one in shown)]
 
 

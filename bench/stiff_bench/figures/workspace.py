@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 
 from stiff_bench.figures.figure_line import Content
 from stiff_bench.figures.figure_source import Compared, FigureSource
-from stiff_bench.figures.journal_style import COLUMN_INCH, PAGE_INCH, name_panels, new_figure, short
+from stiff_bench.figures.journal_style import (
+    COLUMN_INCH,
+    PAGE_INCH,
+    PANEL_LETTERS,
+    name_panels,
+    new_figure,
+    short,
+)
 from stiff_bench.stored_data import read_data
 from stiff_bench.units import MM
 from stiff_protocols.errors import StoreError
@@ -97,7 +104,7 @@ def _draw(side: Axes, above: Axes, one: PoseErrors, scale: Normalize) -> PathCol
         )
         axes.set_aspect("equal", adjustable="datalim")
         axes.locator_params(nbins=5)
-    side.set_title(f"{short(one.name)}, from the side", loc="left")
+    side.set_title(f"{short(one.name, PANEL_LETTERS)}\nfrom the side", loc="left")
     side.set_xlabel("distance from the base's z axis [m]")
     above.set_title("from above", loc="left")
     above.set_xlabel("x [m]")
