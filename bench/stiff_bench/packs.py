@@ -38,7 +38,7 @@ _HASH_LENGTH = 32
 _NAME = re.compile(rf"(\d{{6,}})-[0-9a-f]{{{_HASH_LENGTH}}}\.parquet", re.ASCII)
 _TEXTS = ("run_id", "status", "failure", "cause")
 _COUNTS = ("calibration_samples", "n_train", "n_splits")
-_JSON = ("shown", "cost", "diagnostics", "warnings", "log", "chosen")
+_JSON = ("shown", "cost", "diagnostics", "warnings", "log", "chosen", "curves")
 _VECTORS = ("predicted_m", "measured_m", "reference_m", "lower_m", "upper_m")
 _OPTIONS = ("model_params", "dataset_params", "protocol_params")
 _CELL = tuple(item.name for item in fields(Cell))
@@ -57,7 +57,7 @@ _COLUMNS: dict[str, pa.DataType] = {
     "rows": pa.list_(pa.int64()),
     **dict.fromkeys(_VECTORS, pa.list_(pa.float64())),
 }
-_PLAIN = {"key", "values", "rows", *_VECTORS}
+_PLAIN = {"key", "values", "rows", "curves", *_VECTORS}
 """Columns of which every row is another's: no dictionary makes them smaller."""
 
 

@@ -1,0 +1,46 @@
+"""What is committed in results/ is what the commands beside it make of the committed cells."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import pytest
+
+from stiff_bench.paper.paper_results import PaperResults
+from stiff_bench.paper.paper_table_text import render_paper_table
+from stiff_bench.paper.paper_tables import FITTED_HERE, TABLES, build
+
+RESULTS = Path(__file__).parents[1] / "results"
+
+
+@pytest.fixture(scope="module")
+def stored():
+    return PaperResults.of(RESULTS / "paper" / "runs")
+
+
+def lines(text):
+    """The lines of a table as CSV, their numbers apart from their texts."""
+    for line in csv.DictReader(io.StringIO(text)):
+        numbers = [float(line.pop(name) or "nan") for name in ("value", "std")]
+        yield line, numbers
+
+
+@pytest.mark.parametrize("number", [number for number in TABLES if number not in FITTED_HERE])
+def test_a_committed_table_is_that_of_the_committed_cells(number, stored):
+    made = list(lines(render_paper_table(build(number, stored), "csv", "bench table")))
+    path = RESULTS / "paper" / "tables" / f"table_{number}.csv"
+    committed = list(lines(path.read_text(encoding="utf-8")))
+    assert [text for text, _ in made] == [text for text, _ in committed] != []
+    for (_, numbers), (_, as_committed) in zip(made, committed, strict=True):
+        assert numbers == pytest.approx(as_committed, rel=1e-9, nan_ok=True)
+
+
+def test_every_picture_of_the_committed_pages_is_there():
+    for page in (RESULTS / "paper" / "README.md", RESULTS / "leaderboard.md"):
+        text = page.read_text(encoding="utf-8")
+        pictures = [part.split(")")[0] for part in text.split("![")[1:] if "](" in part]
+        names = [picture.split("](")[1] for picture in pictures]
+        assert names
+        assert all((page.parent / name).is_file() for name in names)
