@@ -20,7 +20,7 @@ from stiff_bench.messages import print_text, say
     "--quick/--full",
     default=True,
     show_default=True,
-    help="Of the paper: one split and coarse sweeps, about 5 minutes on 2 cores; or five splits, "
+    help="Of the paper: one split and coarse sweeps, about 7 minutes on 2 cores; or five splits, "
     "every width, depth and pair of layers, about an hour.",
 )
 @click.option(
