@@ -1,16 +1,50 @@
-"""Runs the real `bench` command for tests."""
+"""Runs the `bench` command for tests: in this process, or as a command of its own."""
 
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import chdir, contextmanager
 from pathlib import Path
 from typing import Any
+from unittest import mock
+
+from click.testing import CliRunner
+
+from stiff_bench.cli import main
 
 BENCH = Path(sys.executable).with_name("bench")
+SIGNALS = (signal.SIGTERM, signal.SIGHUP)
+
+
+def bench_here(
+    *words: str | Path, cwd: Path, env: Mapping[str, str] | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run the command in this process: the same code, without a second of start."""
+    arguments = [str(word) for word in words]
+    handlers = {number: signal.getsignal(number) for number in SIGNALS}
+    status: Any = 0
+    with (
+        CliRunner().isolation(env=env) as (out, err, _),
+        chdir(cwd),
+        mock.patch.object(sys, "argv", ["bench", *arguments]),
+        mock.patch.dict(os.environ),
+        warnings.catch_warnings(),
+    ):
+        warnings.simplefilter("default")  # as in a command; pytest makes errors of them
+        try:
+            main(arguments)
+        except SystemExit as left:
+            status = left.code
+        finally:
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
+        said = [stream.getvalue().decode() for stream in (out, err)]
+    return subprocess.CompletedProcess(arguments, status, *said)
 
 
 def bench(*words: str, cwd: Path, **options: Any) -> subprocess.CompletedProcess[str]:
