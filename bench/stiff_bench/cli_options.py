@@ -104,6 +104,33 @@ def contest_options(command: Any) -> Any:
     return command
 
 
+def ranking_options(command: Any) -> Any:
+    """Add the options that say what is ranked, by what."""
+    for option in (
+        draws_seed_option,
+        click.option(
+            "--axis",
+            type=click.Choice(["x", "y", "z"]),
+            default=None,
+            help="Of a metric that has axes.  [default: the mean over the three]",
+        ),
+        click.option(
+            "--metric", default="norm", show_default=True, metavar="KEY", help="What to rank by."
+        ),
+        contest_options,
+        click.option(
+            "--model",
+            "models",
+            multiple=True,
+            metavar="KEY",
+            help="A model, or a key that stands for all its variants; may be repeated. Ranks are "
+            "among those that are shown.  [default: all]",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
 def command_line() -> str:
     """Return what the user typed, for the record."""
     return shlex.join(["bench", *sys.argv[1:]])

@@ -124,7 +124,7 @@ def collect(folder: Path) -> list[Contest]:
     """
     try:
         runs = Runs.of(read_manifests(folder))
-        by_name = grouped(read_results(folder), _name_of)
+        by_name = grouped(read_results(folder), contest_name_of)
     except DamagedFile as error:
         raise StoreError(f"{error}; {_REMEDIES[error.path.parent.name]}") from error
     if not by_name:
@@ -132,7 +132,8 @@ def collect(folder: Path) -> list[Contest]:
     return [_contest(name, results, runs) for name, results in by_name.items()]
 
 
-def _name_of(result: CellResult) -> ContestName:
+def contest_name_of(result: CellResult) -> ContestName:
+    """Return the name of the contest that a result belongs to."""
     cell, shown = result.cell, result.shown
     return ContestName(
         shown.dataset,
@@ -218,6 +219,11 @@ def chosen_contests(
 def stands_for(word: str, name: str) -> bool:
     """Say whether a word is a name, or the key of a name with options."""
     return name == word or name.startswith(f"{word}{OPTION_MARK}")
+
+
+def asked_for(name: str, words: Sequence[str]) -> bool:
+    """Say whether a name is among what was asked for; no word stands for all names."""
+    return not words or any(stands_for(word, name) for word in words)
 
 
 def _stands_for_its(kind: str, word: str, contest: Contest) -> bool:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from stiff_bench.collected import (
     Contest,
+    asked_for,
     competitor_names,
     left_out_notes,
     same_name_other_data,
@@ -77,6 +78,13 @@ def presentation(contest: Contest) -> Presentation:
     return next(iter(contest.competitors.values())).shown
 
 
+def caveats_of(contests: Iterable[Contest]) -> tuple[str, ...]:
+    """Return what must be read with the data sets and the protocols of contests, each once."""
+    shown = [presentation(contest) for contest in contests]
+    said = [caveat for one in shown for caveat in (*one.caveats, one.warning)]
+    return tuple(filter(None, dict.fromkeys(said)))
+
+
 def _n_run(contest: Contest, names: Sequence[str]) -> int:
     return sum(name in contest.competitors for name in names)
 
@@ -102,7 +110,7 @@ def _named(contests: Sequence[Contest], words: Sequence[str]) -> list[str]:
     for word in words:
         if not any(stands_for(word, name) for name in known):
             raise ConfigError(f"--model: {unknown_name('model with results', word, known)}")
-    return [name for name in known if not words or any(stands_for(word, name) for word in words)]
+    return [name for name in known if asked_for(name, words)]
 
 
 def _data_notes(contests: Sequence[Contest]) -> Iterator[str]:

@@ -8,7 +8,7 @@ the models that are shown and complete, whoever else has results in the folder.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from stiff_bench.board_columns import Column, columns
 from stiff_bench.collected import Contest, competitor_names
-from stiff_bench.contest_choice import FEWEST_RANKED, presentation, shown_contests
+from stiff_bench.contest_choice import FEWEST_RANKED, caveats_of, presentation, shown_contests
 from stiff_bench.contest_name import ContestName
 from stiff_bench.field import Field, complete_models, field_of
 from stiff_bench.rank_analysis import RankAnalysis, rank_analyses
@@ -94,12 +94,12 @@ class Section:
     @property
     def caveats(self) -> tuple[str, ...]:
         """What must be read with the data sets and the protocols."""
-        return _caveats(self.fields)
+        return caveats_of(field.contest for field in self.fields)
 
     def caveats_of(self, family: str, protocol: str) -> tuple[str, ...]:
         """Return what must be read with the data sets of one robot type and a protocol."""
-        return _caveats(
-            field
+        return caveats_of(
+            field.contest
             for field in self.fields
             if (family_of(field.name.dataset), field.name.protocol) == (family, protocol)
         )
@@ -198,12 +198,6 @@ def _section(fields: list[Field], selects_on_test: bool, standings: Standings) -
         columns=tuple(columns(fields, standings)),
         analyses=tuple(analyses),
     )
-
-
-def _caveats(fields: Iterable[Field]) -> tuple[str, ...]:
-    shown = [presentation(field.contest) for field in fields]
-    said = [caveat for one in shown for caveat in (*one.caveats, one.warning)]
-    return tuple(filter(None, dict.fromkeys(said)))
 
 
 def _takes_part(fields: Sequence[Field], name: str) -> bool:

@@ -9,10 +9,9 @@ import click
 from stiff_bench.cli_options import (
     FILE,
     command_line,
-    contest_options,
     debug_option,
-    draws_seed_option,
     format_option,
+    ranking_options,
     results_option,
 )
 from stiff_bench.messages import print_text
@@ -20,29 +19,7 @@ from stiff_bench.messages import print_text
 
 @click.command()
 @results_option
-@click.option(
-    "--model",
-    "models",
-    multiple=True,
-    metavar="KEY",
-    help="A model, or a key that stands for all its variants; may be repeated. Ranks are among "
-    "those that are shown.  [default: all]",
-)
-@contest_options
-@click.option(
-    "--metric",
-    default="norm",
-    show_default=True,
-    metavar="KEY",
-    help="What to rank by.",
-)
-@click.option(
-    "--axis",
-    type=click.Choice(["x", "y", "z"]),
-    default=None,
-    help="Of a metric that has axes.  [default: the mean over the three]",
-)
-@draws_seed_option
+@ranking_options
 @click.option(
     "--figure",
     type=FILE,

@@ -10,9 +10,8 @@ from stiff_bench.cli_options import (
     FILE,
     RESULTS,
     command_line,
-    contest_options,
     debug_option,
-    draws_seed_option,
+    ranking_options,
 )
 from stiff_bench.messages import say
 
@@ -36,23 +35,7 @@ from stiff_bench.messages import say
     metavar="FILE.html",
     help="The page; an older one is replaced.",
 )
-@click.option(
-    "--model",
-    "models",
-    multiple=True,
-    metavar="KEY",
-    help="A model, or a key that stands for all its variants; may be repeated. Ranks are among "
-    "those that are shown.  [default: all]",
-)
-@contest_options
-@click.option("--metric", default="norm", show_default=True, metavar="KEY", help="What to rank by.")
-@click.option(
-    "--axis",
-    type=click.Choice(["x", "y", "z"]),
-    default=None,
-    help="Of a metric that has axes.  [default: the mean over the three]",
-)
-@draws_seed_option
+@ranking_options
 @debug_option
 def report(
     folders: tuple[Path, ...],

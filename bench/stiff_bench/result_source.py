@@ -8,6 +8,8 @@ from pathlib import Path
 
 from stiff_protocols.record import RunManifest
 
+NO_MANIFEST = "a run without a manifest"
+
 
 def sources(
     folder: Path, runs: Sequence[RunManifest], n_results: Mapping[str, int]
@@ -22,7 +24,7 @@ def sources(
     versions = {run.run_id: _version(run.environment) for run in runs}
     counts: Counter[str] = Counter()
     for run_id, count in n_results.items():
-        counts[versions.get(run_id, "a run without a manifest")] += count
+        counts[versions.get(run_id, NO_MANIFEST)] += count
     made = ", ".join(
         version if len(counts) == 1 else f"{version} ({count})"
         for version, count in sorted(counts.items())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from itertools import islice
 
-from stiff_bench.collected import Contest, stands_for
+from stiff_bench.collected import Contest, asked_for, contest_name_of
 from stiff_bench.contest_name import ContestName
 from stiff_bench.grouped import grouped
 from stiff_bench.newest import Runs, Slot, slot_of
@@ -70,7 +70,7 @@ def _reasons(contests: Sequence[Contest], models: Sequence[str]) -> dict[Place, 
         (name, contest.name, slot): reason
         for contest in contests
         for name, competitor in contest.competitors.items()
-        if not models or any(stands_for(word, name) for word in models)
+        if asked_for(name, models)
         for slot, reason in competitor.reasons.items()
     }
 
@@ -88,12 +88,7 @@ def _counting(stored: StoredResults, reasons: Mapping[Place, str]) -> list[CellR
 
 
 def _place(one: CellResult) -> Place:
-    cell, shown = one.cell, one.shown
-    contest = ContestName(
-        *(shown.dataset, shown.protocol, cell.condition),
-        *(cell.seed, cell.data_sha256, cell.source_sha256),
-    )
-    return shown.model, contest, slot_of(one)
+    return one.shown.model, contest_name_of(one), slot_of(one)
 
 
 def _story(one: CellResult) -> tuple[object, ...]:

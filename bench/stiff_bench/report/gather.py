@@ -5,8 +5,8 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator, Sequence
 
-from stiff_bench.collected import Contest, left_out_notes, same_name_other_data, stands_for
-from stiff_bench.contest_choice import presentation
+from stiff_bench.collected import Contest, asked_for, left_out_notes, same_name_other_data
+from stiff_bench.contest_choice import caveats_of, presentation
 from stiff_bench.estimates import Question
 from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.leaderboard import Leaderboard, Section
@@ -83,14 +83,13 @@ def _summary(contests: Sequence[Contest], choice: Choice, lacking: Sequence[str]
         one
         for contest in contests
         for name, one in contest.competitors.items()
-        if not choice.models or any(stands_for(word, name) for word in choice.models)
+        if asked_for(name, choice.models)
     ]
     n_results = sum(len(one.done) for one in competitors)
     reasons = [reason for one in competitors for reason in one.reasons.values()]
     n_skipped = sum(reason.startswith("skipped: ") for reason in reasons)
     kinds = dict.fromkeys(kind_label(one.kind, one.task) for one in shown)
     n_models = len({one.name for one in competitors})
-    caveats = [note for one in shown for note in (*one.caveats, one.warning)]
     return Block(
         _HEADING,
         [
@@ -101,7 +100,7 @@ def _summary(contests: Sequence[Contest], choice: Choice, lacking: Sequence[str]
         ],
         notes=[
             *lacking,
-            *filter(None, dict.fromkeys(caveats)),
+            *caveats_of(contests),
             *same_name_other_data(contests),
             *left_out_notes(contests),
         ],

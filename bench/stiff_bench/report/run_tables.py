@@ -9,12 +9,12 @@ from stiff_bench.collected import Contest
 from stiff_bench.render import TextTable
 from stiff_bench.report.content import Block, Fold
 from stiff_bench.report.sorting import page_table
+from stiff_bench.result_source import NO_MANIFEST
 from stiff_bench.words import counted
 from stiff_protocols.record import RunManifest
 
 MOST_RUNS = 100
 MOST_ENVIRONMENTS = 10
-NO_MANIFEST = "a run without a manifest"
 
 
 def run_block(

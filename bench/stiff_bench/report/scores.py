@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
-from stiff_bench.collected import Competitor, Contest, stands_for
-from stiff_bench.contest_choice import presentation
+from stiff_bench.collected import Competitor, Contest, asked_for
+from stiff_bench.contest_choice import caveats_of, presentation
 from stiff_bench.contest_name import ContestName, labels
 from stiff_bench.fit_notes import model_notes
 from stiff_bench.natural_order import natural_key
@@ -38,7 +38,7 @@ def score_block(contests: Sequence[Contest], models: Sequence[str], metric: str)
     called = labels(contest.name for contest in contests)
     for contest in sorted(contests, key=_order):
         for name, competitor in contest.competitors.items():
-            if models and not any(stands_for(word, name) for word in models):
+            if not asked_for(name, models):
                 continue
             n_all += 1
             if len(lines) < MOST_ROWS:
@@ -51,7 +51,7 @@ def score_block(contests: Sequence[Contest], models: Sequence[str], metric: str)
         ["Mean ± standard deviation over the splits that a model has a result on."],
         [_table(lines, n_all, metrics)],
         folds=_fit_notes(notes),
-        notes=[*_general_notes(contests)],
+        notes=caveats_of(contests),
     )
 
 
@@ -126,12 +126,6 @@ def _heading(metric: Metric, axis: str) -> str:
         f"[{unit}]" if unit else "",
     ]
     return " ".join(filter(None, words))
-
-
-def _general_notes(contests: Iterable[Contest]) -> Iterator[str]:
-    shown = [presentation(contest) for contest in contests]
-    found = [note for one in shown for note in (*one.caveats, one.warning)]
-    yield from filter(None, dict.fromkeys(found))
 
 
 def _fit_notes(notes: Mapping[str, Sequence[str]]) -> list[Fold]:
