@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from unittest.mock import patch
 
 import numpy as np
 
 from run_requests import planned
-from stiff_bench.packs import CELLS_A_PACK, write_pack
 from stiff_bench.store import ResultStore
 from stiff_bench.tasks import CellTask, cell_tasks
 from stiff_protocols.cost import Cost
@@ -30,7 +29,6 @@ def made_board(
     *,
     n_splits: int = 5,
     datasets: tuple[str, ...] = DATASETS,
-    packed: bool = False,
 ) -> int:
     """Write a finished run of ten models and return how many records it has.
 
@@ -38,7 +36,6 @@ def made_board(
         folder: of the results.
         n_splits: of every protocol in each of its conditions.
         datasets: words of the data sets.
-        packed: as after `bench pack`.
     """
     protocols = [f"kfold@folds={n_splits}" if key == "kfold" else key for key in PROTOCOLS]
     plan = planned(models=MODELS, datasets=datasets, protocols=tuple(protocols), splits=n_splits)
@@ -46,20 +43,16 @@ def made_board(
     store = ResultStore(folder)
     for data in {task.cell.data_sha256: task.data for task in tasks}.values():
         store.write_data(data)
-    (folder / "packs").mkdir(exist_ok=True)
     n_records = 0
-    with patch("stiff_protocols.files.flush_to_disk"):  # nobody misses it after a power cut
-        for first in range(0, len(tasks), CELLS_A_PACK):
-            results = [
-                _made_up(task, np.random.default_rng(number))
-                for number, task in enumerate(tasks[first : first + CELLS_A_PACK], first)
-            ]
-            n_records += sum(len(result.records) for result in results)
-            if packed:
-                write_pack(folder, results)
-            else:
-                for result in results:
-                    store.write_cell(result)
+
+    def results() -> Iterator[CellResult]:
+        nonlocal n_records
+        for number, task in enumerate(tasks):
+            result = _made_up(task, np.random.default_rng(number))
+            n_records += len(result.records)
+            yield result
+
+    store.write_cells(results())
     keys = tuple(task.cell.key for task in tasks)
     environment = {"stiffbench": "9.9", "commit": "", "dirty": ""}
     store.write_manifest(RunManifest(RUN_ID, "bench run", "now", "finished", environment, keys))

@@ -1,115 +1,243 @@
-"""A cell's result as plain content, and back: the same in a file of its own and in a pack.
+"""A cell's result as plain content, and back: what the database holds and a cell's process sends.
 
-Numbers are in SI units at full precision.
+Numbers are in SI units at full precision. Texts hold what is for people or has no fixed shape, as
+strict JSON; arrays are float64 in little-endian order, compressed with zlib.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
-from collections.abc import Mapping
+import zlib
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from itertools import starmap
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
+import orjson
 
 from stiff_protocols.cost import Cost
+from stiff_protocols.errors import DataError
 from stiff_protocols.record import Cell, CellResult, Presentation, ResultRecord
-from stiff_protocols.types import FloatArray, IntArray, Interval, Prediction
+from stiff_protocols.types import FloatArray, Interval, Prediction
+
+Content = dict[str, Any]
+"""Name of a column -> str, int, float, bytes or None; "metrics" -> (metric, axis, unit, value)s."""
+
+_OF_CELL = {
+    "model_key": "model",
+    "dataset_key": "dataset",
+    "protocol_key": "protocol",
+    **{
+        name: name
+        for name in (
+            *("model_params", "dataset_params", "protocol_params", "condition", "split_index"),
+            *("seed", "coverage", "data_sha256", "split_sha256", "rows_sha256", "source_sha256"),
+            *("model_version", "scoring_version"),
+        )
+    },
+}
+"""Column -> field of `Cell`; `model`, `dataset` and `protocol` are names with options."""
+_PARAMS = ("model_params", "dataset_params", "protocol_params")
+_NAMES = ("model", "dataset", "protocol")
+_SHOWN = tuple(item.name for item in fields(Presentation) if item.name not in _NAMES)
+_COST = tuple(item.name for item in fields(Cost))
+_PLAIN = ("run_id", "status", "n_splits", "n_train", "calibration_samples", "cause", "failure")
+COLUMNS = (
+    *("key", *_NAMES, *_OF_CELL, *_PLAIN, *_COST),
+    *("shown", "about", "prediction_arrays", "prediction", "curves"),
+)
+"""In the order of the table, beside the checksum."""
+REALS = ("coverage", "fit_s", "predict_s", "latency_s", "throughput_per_s")
+_ARRAYS = ("predicted", "measured", "reference", "lower", "upper")
+
+_FAULTS = (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, zlib.error)
+"""What content that is none of ours can raise."""
 
 
-def cell_content(result: CellResult) -> dict[str, Any]:
-    """Return what is stored of a result, as JSON can hold it; its arrays as lists."""
-    return {
-        "cell": fields_of(result.cell),
-        "shown": fields_of(result.shown),
-        "run_id": result.run_id,
-        "status": result.status,
-        "records": result.records,
-        "prediction": None if result.prediction is None else _plain(result.prediction),
-        "cost": None if result.cost is None else fields_of(result.cost),
-        # JSON has no infinity (a rigid joint) and no NaN (one that cannot be identified)
-        "diagnostics": {
-            name: value if math.isfinite(value) else str(value)
-            for name, value in result.diagnostics.items()
-        },
-        "warnings": list(result.warnings),
-        "failure": result.failure,
-        "cause": result.cause,
-        "log": list(result.log),
-        "calibration_samples": result.calibration_samples,
-        "n_train": result.n_train,
-        "n_splits": result.n_splits,
-        "chosen": dict(result.chosen),
-        "curves": {name: _points(curve) for name, curve in result.curves.items()},
-    }
-
-
-def _points(curve: FloatArray) -> list[list[float | None]]:
-    """Return a curve's points; a NaN, as where there are no validation rows, becomes a null."""
-    return [[value if math.isfinite(value) else None for value in row] for row in curve.tolist()]
-
-
-def fields_of(found: Any) -> dict[str, Any]:
-    """Return a dataclass's fields as they are; `asdict` copies all that is in them."""
-    return {item.name: getattr(found, item.name) for item in fields(found)}
-
-
-def _plain(prediction: Prediction) -> dict[str, IntArray | FloatArray]:
-    plain: dict[str, IntArray | FloatArray] = {
-        "rows": prediction.rows,
-        "predicted_m": prediction.predicted,
-        "measured_m": prediction.measured,
-    }
-    if prediction.reference is not None:
-        plain["reference_m"] = prediction.reference
-    if prediction.interval is not None:  # its coverage is the cell's
-        plain["lower_m"] = prediction.interval.lower
-        plain["upper_m"] = prediction.interval.upper
-    return plain
+def cell_content(result: CellResult) -> Content:
+    """Return what is stored of a result."""
+    cell, shown = result.cell, result.shown
+    content: Content = {"key": cell.key}
+    content |= {name: getattr(shown, name) for name in _NAMES}
+    content |= {column: getattr(cell, name) for column, name in _OF_CELL.items()}
+    content |= {name: json_text(content[name]) for name in _PARAMS}
+    content |= {name: getattr(result, name) for name in _PLAIN}
+    content |= {name: getattr(result.cost, name, None) for name in _COST}
+    content["shown"] = json_text({name: getattr(shown, name) for name in _SHOWN})
+    content["about"] = json_text(
+        {
+            # JSON has no infinity (a rigid joint) and no NaN (one that cannot be identified)
+            "diagnostics": {
+                name: value if math.isfinite(value) else str(value)
+                for name, value in result.diagnostics.items()
+            },
+            "warnings": result.warnings,
+            "log": result.log,
+            "chosen": dict(result.chosen),
+        }
+    )
+    content["prediction_arrays"], content["prediction"] = _packed(result.prediction)
+    curves = {name: curve.tolist() for name, curve in result.curves.items()}
+    content["curves"] = zlib.compress(orjson.dumps(curves)) if curves else None
+    content["metrics"] = [(r.metric, r.axis, r.unit, r.value) for r in result.records]
+    for name, value in content.items():
+        if type(value) is str and not value.isascii():  # a file's name may hold what is no text
+            content[name] = value.encode(errors="replace").decode()
+        elif name in REALS and value is not None:
+            content[name] = float(value)  # as it comes back
+    return content
 
 
 def cell_result(content: Mapping[str, Any]) -> CellResult:
-    """Return the result that was stored; what an older stiffbench did not store has its default.
+    """Return the result whose content this is.
 
     Raises:
-        KeyError, TypeError, AttributeError, ValueError, DataError: it is no result's content.
+        DataError: it is no result's content, or its key is another cell's.
     """
-    cell = Cell(**content["cell"])
-    prediction = content["prediction"]
-    shown = content["shown"]
+    try:
+        result = _result(content)
+    except _FAULTS as error:
+        raise DataError(f"{type(error).__name__}: {error}") from error
+    if result.cell.key != content["key"]:
+        raise DataError(f"holds the cell {result.cell.key}")
+    return result
+
+
+def checked_result(content: Mapping[str, Any]) -> CellResult:
+    """Return the result of content whose checksum is right: its key need not be worked out again.
+
+    Raises:
+        DataError: it is no result's content.
+    """
+    try:
+        result = _result(content)
+    except _FAULTS as error:
+        raise DataError(f"{type(error).__name__}: {error}") from error
+    vars(result.cell)["key"] = content["key"]
+    return result
+
+
+def _result(content: Mapping[str, Any]) -> CellResult:
+    cell = {name: content[column] for column, name in _OF_CELL.items()}
+    cell |= {name: _parsed(cell[name]) for name in _PARAMS}
+    about = orjson.loads(content["about"])
+    curves = {} if content["curves"] is None else orjson.loads(_unpacked(content["curves"]))
     return CellResult(
-        cell=cell,
-        shown=Presentation(**{**shown, "caveats": tuple(shown["caveats"])}),
-        run_id=content["run_id"],
-        status=content["status"],
-        records=tuple(starmap(ResultRecord, content["records"])),
-        prediction=None if prediction is None else _prediction(prediction, cell.coverage),
-        cost=None if content["cost"] is None else Cost(**content["cost"]),
-        diagnostics={name: float(value) for name, value in content["diagnostics"].items()},
-        warnings=tuple(content["warnings"]),
-        failure=content["failure"],
-        cause=content.get("cause", ""),
-        log=tuple(content.get("log", ())),
-        calibration_samples=content["calibration_samples"],
-        n_splits=content.get("n_splits", 0),
-        n_train=content.get("n_train", 0),  # unknown in results from before it was stored
-        chosen=content.get("chosen", {}),
+        cell=Cell(**cell),
+        shown=_presentation(*(content[name] for name in _NAMES), content["shown"]),
+        records=tuple(map(_record, [(m, a, v, u) for m, a, u, v in content["metrics"]])),
+        prediction=_prediction(content),
+        cost=None if content["fit_s"] is None else Cost(**{name: content[name] for name in _COST}),
+        diagnostics={name: float(value) for name, value in about["diagnostics"].items()},
+        warnings=tuple(about["warnings"]),
+        log=tuple(about["log"]),
+        chosen=about["chosen"],
         curves={
             name: np.array(points, dtype=np.float64).reshape(-1, 3)
-            for name, points in content.get("curves", {}).items()
+            for name, points in curves.items()
         },
+        **{name: content[name] for name in _PLAIN},
     )
 
 
-def _prediction(content: Mapping[str, Any], coverage: float | None) -> Prediction:
+_record = partial(tuple.__new__, ResultRecord)
+"""Makes a record of a tuple, soon: a folder holds a million of them."""
+
+
+@lru_cache(maxsize=4096)
+def _parsed(text: str) -> Any:
+    """Return what a JSON text says, which many cells share."""
+    return orjson.loads(text)
+
+
+@lru_cache(maxsize=4096)
+def _presentation(model: str, dataset: str, protocol: str, rest: str) -> Presentation:
+    shown = orjson.loads(rest)
+    return Presentation(model, dataset, protocol, **{**shown, "caveats": tuple(shown["caveats"])})
+
+
+def _packed(prediction: Prediction | None) -> tuple[str | None, bytes | None]:
+    """Return the names of the arrays that a prediction has, and all of them one behind the other.
+
+    First the row numbers (n,), int64, then (n, 3) m each.
+    """
+    if prediction is None:
+        return None, None
+    interval = prediction.interval  # its coverage is the cell's
+    arrays = {
+        "predicted": prediction.predicted,
+        "measured": prediction.measured,
+        "reference": prediction.reference,
+        "lower": None if interval is None else interval.lower,
+        "upper": None if interval is None else interval.upper,
+    }
+    there = {name: array for name, array in arrays.items() if array is not None}
+    content = [np.asarray(prediction.rows, "<i8").tobytes()]
+    content += [np.ascontiguousarray(array, "<f8").tobytes() for array in there.values()]
+    return " ".join(there), zlib.compress(b"".join(content))
+
+
+def _prediction(content: Mapping[str, Any]) -> Prediction | None:
+    if content["prediction"] is None:
+        return None
+    names = content["prediction_arrays"].split(" ")
+    if not {"predicted", "measured"} <= {*names} <= {*_ARRAYS}:
+        raise ValueError(f"prediction_arrays {content['prediction_arrays']!r}")
+    raw = _unpacked(content["prediction"])
+    n = len(raw) // (8 + 24 * len(names))
+    numbers = np.frombuffer(raw, "<f8", offset=8 * n).reshape(len(names), n, 3)
+    arrays: dict[str, FloatArray] = dict(zip(names, numbers, strict=True))
     interval = None
-    if coverage is not None and "lower_m" in content:
-        interval = Interval(content["lower_m"], content["upper_m"], coverage)
-    return Prediction(
-        rows=np.array(content["rows"], dtype=np.int64),
-        predicted=content["predicted_m"],
-        measured=content["measured_m"],
-        interval=interval,
-        reference=content.get("reference_m"),
+    if "lower" in arrays and content["coverage"] is not None:
+        interval = Interval(arrays["lower"], arrays["upper"], content["coverage"])
+    return Prediction.of_stored(
+        np.frombuffer(raw, "<i8", n),
+        arrays["predicted"],
+        arrays["measured"],
+        interval,
+        arrays.get("reference"),
     )
+
+
+LARGEST_BYTES = 2**31
+"""What a blob may unpack to; few bytes can stand for many."""
+
+
+def _unpacked(blob: bytes) -> bytes:
+    unpacker = zlib.decompressobj()
+    content = unpacker.decompress(blob, LARGEST_BYTES)
+    if unpacker.unconsumed_tail or not unpacker.eof:
+        raise ValueError("its compressed content is cut, or unpacks to more than 2 GiB")
+    return content
+
+
+def checksum(
+    columns: Sequence[Any], names: bytes, values: FloatArray, blobs: Sequence[bytes | None]
+) -> str:
+    """Return the SHA-256 of a cell's content.
+
+    Args:
+        columns: all that is text or number, in the order of `COLUMNS`.
+        names: of the metric values, as `measure_names` has them.
+        values: (n,) of the metrics.
+        blobs: the last columns.
+    """
+    parts = [orjson.dumps(columns), names, values.tobytes()]
+    return hashlib.sha256(b"\0".join([*parts, *(blob or b"" for blob in blobs)])).hexdigest()
+
+
+def measure_names(measures: Sequence[tuple[str, str, str]]) -> bytes:
+    """Return metric, axis and unit of a cell's values, for its checksum."""
+    return orjson.dumps(measures)
+
+
+def json_text(content: Any) -> str:
+    """Return strict JSON.
+
+    What is no character becomes a question mark: a file's name may hold such bytes.
+    """
+    text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return text if text.isascii() else text.encode(errors="replace").decode()

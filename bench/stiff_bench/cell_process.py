@@ -15,8 +15,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from stiff_bench.cell_content import cell_content
-from stiff_bench.checked_json import json_text
+from stiff_bench.cell_content import cell_content, json_text
 from stiff_bench.process_family import end_descendants, end_with_parent
 from stiff_protocols.errors import said_by
 from stiff_protocols.progress import Progress, listening
@@ -84,7 +83,7 @@ def compute(work: Work, results: Connection, log: Connection) -> None:
 def _result(work: Work, sender: _Sender) -> CellResult:
     from stiff_bench.cells import compute_cell, failed, short
     from stiff_bench.registry import import_plugin_file
-    from stiff_bench.tasks import CellTask, code_of_model
+    from stiff_bench.tasks import CellTask, version_of
     from stiff_bench.threads import pin_threads
 
     pin_threads(work.limits.threads)
@@ -93,7 +92,7 @@ def _result(work: Work, sender: _Sender) -> CellResult:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a cell's own are collected
         task: CellTask = pickle.loads(work.task)  # from our own process
-        if not task.model.missing() and code_of_model(task.model) != task.cell.code_sha256:
+        if not task.model.missing() and version_of(task.model) != task.cell.model_version:
             return failed(task, work.run_id, OTHER_CODE, _WHY_OTHER_CODE)
         try:
             with listening(sender.report):

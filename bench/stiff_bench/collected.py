@@ -13,7 +13,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from stiff_bench.checked_json import DamagedFile
 from stiff_bench.contest_name import SHORT, ContestName, labels
 from stiff_bench.grouped import grouped
 from stiff_bench.newest import (
@@ -25,17 +24,12 @@ from stiff_bench.newest import (
     slot_of,
 )
 from stiff_bench.option_word import OPTION_MARK, split_word
-from stiff_bench.store import read_manifests, read_results
+from stiff_bench.store import DamagedFile, read_manifests, read_results
 from stiff_protocols.errors import ConfigError, StoreError, unknown_name
 from stiff_protocols.record import Cell, CellResult, Presentation
 
-_OF_CELLS = "the `bench run` that made it computes it again, and sets the file aside"
-_REMEDIES = {
-    "cells": _OF_CELLS,
-    "packs": _OF_CELLS,
-    "runs": "the same `bench run` again writes another one; move this file out of the folder",
-}
-"""What to do about a damaged file, by its folder."""
+_REMEDY = "the `bench run` that made it computes it again"
+"""What to do about a damaged cell."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +120,7 @@ def collect(folder: Path) -> list[Contest]:
         runs = Runs.of(read_manifests(folder))
         by_name = grouped(read_results(folder), contest_name_of)
     except DamagedFile as error:
-        raise StoreError(f"{error}; {_REMEDIES[error.path.parent.name]}") from error
+        raise StoreError(f"{error}; {_REMEDY}" if error.key else str(error)) from error
     if not by_name:
         raise StoreError(f"--results {folder}: holds no results; `bench run --output` makes them")
     return [_contest(name, results, runs) for name, results in by_name.items()]

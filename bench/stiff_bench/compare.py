@@ -22,8 +22,8 @@ from stiff_bench.contest_name import ContestName, labels
 from stiff_bench.estimates import Question
 from stiff_bench.natural_order import natural_key
 from stiff_bench.result_source import sources
-from stiff_bench.store import read_manifests
-from stiff_bench.stored_data import StoredData, read_data
+from stiff_bench.store import read_data, read_manifests
+from stiff_bench.stored_data import StoredData
 from stiff_bench.where import Where, where_better
 from stiff_protocols.errors import ConfigError, DataError, unknown_name
 
@@ -94,7 +94,7 @@ def compare_folder(words: CompareWords) -> Report:
     words = replace(words, a=a, b=b)
     chosen = chosen_contests(contests, datasets=words.datasets, protocols=words.protocols)
     chosen = sorted(_under(words.conditions, chosen), key=lambda one: _in_order(one.name))
-    data_of = functools.cache(functools.partial(read_data, words.results / "data"))
+    data_of = functools.cache(functools.partial(read_data, words.results))
     met, apart = _compared(chosen, words, data_of)
     if not met:
         raise ConfigError(" ".join(apart) or _never_met(chosen, a, b))

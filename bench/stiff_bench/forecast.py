@@ -1,47 +1,38 @@
-"""What a run would compute, how long that would take and in how much memory: `bench run --plan`.
+"""What a run would compute, and about how long that takes: `bench run --plan`.
 
-Nothing is computed or written. Cells are counted one by one as they would come, so that any number
-of them takes no memory; times are those of stored cells of the same models.
+Nothing is computed or written. Times are means of the stored fits of the same models.
 """
 
 from __future__ import annotations
 
-import statistics
-from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Set
-from dataclasses import dataclass
-from itertools import islice
+import csv
+import io
+import json
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, fields
+from datetime import timedelta
 from pathlib import Path
 
-from stiff_bench.costs import MOST_SINGLE_PREDICTIONS, SECONDS
-from stiff_bench.execution import COUNTING, Execution, Rerun
-from stiff_bench.memory import peak_memory_bytes
-from stiff_bench.store import Report, stored_keys, stored_results
+from stiff_bench.execution import COUNTING, Rerun
+from stiff_bench.render import TextTable, csv_cells, render_texts
+from stiff_bench.store import mean_seconds, stored_statuses
 from stiff_bench.tasks import CellTask
-from stiff_protocols.cost import Cost
-from stiff_protocols.errors import StoreError
-from stiff_protocols.record import CellResult
-
-OVERHEAD_S = 0.02
-"""What a cell takes beside its fit and its predictions; tests/perf/perf_engine.py measures it."""
-CELLS_OF_PAIR, NEWEST_CELLS = 5, 1000
-"""How many stored cells are asked for their costs: of a model on a data set, and of all."""
+from stiff_bench.words import counted
 
 
 @dataclass(frozen=True)
 class Part:
-    """The cells of one model on one data set under one protocol.
+    """The cells of one model.
 
     Attributes:
-        model, dataset, protocol: keys with the options that differ from their defaults.
+        model: key with the options that differ from their defaults.
         n_cells: in all.
         n_cached: whose results are there.
-        cell_s: expected time of one of them, s; None: not known.
+        cell_s: mean time of a stored fit and its predictions, s; None: none is stored.
     """
 
     model: str
-    dataset: str
-    protocol: str
     n_cells: int
     n_cached: int
     cell_s: float | None
@@ -51,20 +42,25 @@ class Part:
         """How many would be computed."""
         return self.n_cells - self.n_cached
 
+    @property
+    def seconds(self) -> float | None:
+        """Expected time of the missing cells, one after another, s; None: not known."""
+        if not self.n_missing:
+            return 0.0
+        return None if self.cell_s is None else self.n_missing * self.cell_s
+
 
 @dataclass(frozen=True)
 class Forecast:
     """What a run would compute.
 
     Attributes:
-        parts: in the plan's order.
+        parts: of each model, in the plan's order.
         jobs: how many cells are computed at once.
-        memory_bytes: expected peak of a process that computes a cell; None: not known.
     """
 
     parts: tuple[Part, ...]
     jobs: int
-    memory_bytes: int | None
 
     @property
     def n_cells(self) -> int:
@@ -79,109 +75,84 @@ class Forecast:
     @property
     def n_unknown(self) -> int:
         """How many cells would be computed of which nobody knows how long they take."""
-        return sum(part.n_missing for part in self.parts if part.cell_s is None)
+        return sum(part.n_missing for part in self.parts if part.seconds is None)
 
     @property
     def seconds(self) -> float:
         """Expected time of the run, s, without the cells of which it is not known."""
-        return computing_s(self.parts) / self.jobs
+        return sum(part.seconds or 0.0 for part in self.parts) / self.jobs
 
 
-def computing_s(parts: Iterable[Part]) -> float:
-    """Return the expected time of all missing cells one after another, s, as far as it is known."""
-    return sum(part.n_missing * part.cell_s for part in parts if part.cell_s is not None)
-
-
-def forecast(
-    tasks: Iterable[CellTask],
-    output: Path,
-    execution: Execution,
-    report: Report,
-    prior: Callable[[str], float | None] = lambda model: None,
-) -> Forecast:
+def forecast(tasks: Iterable[CellTask], output: Path, *, jobs: int, rerun: Rerun) -> Forecast:
     """Return what a run would compute.
 
     Args:
         tasks: what is asked for.
         output: folder of the results; it need not be there.
-        execution: how.
-        report: is told of damaged packs, whose cells would be computed again. A damaged file of
-            one cell is found by the run alone.
-        prior: a model's name -> time of a cell, s, where no stored cell tells; None: not known.
+        jobs: how many cells are computed at once.
+        rerun: which of the stored cells are computed again.
 
     Raises:
-        StiffBenchError: a data set cannot be loaded or divided.
+        StiffBenchError: a data set cannot be loaded or divided, or the stored results not read.
     """
-    stored = stored_keys(output, report)
-    cached = _cached(output, stored, execution.rerun)
-    counts: dict[tuple[str, str, str], list[int]] = defaultdict(lambda: [0, 0])
-    of_pair: dict[tuple[str, str], list[str]] = defaultdict(list)
+    statuses = stored_statuses(output)
+    cached = {key for key, status in statuses.items() if status in COUNTING[rerun]}
+    n_cells: Counter[str] = Counter()
+    n_cached: Counter[str] = Counter()
     for task in tasks:
-        shown, key = task.shown, task.cell.key
-        count = counts[shown.model, shown.dataset, shown.protocol]
-        count[0] += 1
-        count[1] += key in cached
-        if stored.get(key) and len(of_pair[shown.model, shown.dataset]) < CELLS_OF_PAIR:
-            of_pair[shown.model, shown.dataset].append(key)
-    newest = islice((key for key, ok in stored.items() if ok), NEWEST_CELLS)
-    some = {*newest, *(key for keys in of_pair.values() for key in keys)}
-    expected, memory = _expected(stored_results(output, some, _ignore), counts, prior)
-    return Forecast(
-        parts=tuple(
-            Part(*names, n_cells, n_cached, expected(*names[:2]))
-            for names, (n_cells, n_cached) in counts.items()
+        n_cells[task.shown.model] += 1
+        n_cached[task.shown.model] += task.cell.key in cached
+    means = mean_seconds(output)
+    parts = (Part(name, n, n_cached[name], means.get(name)) for name, n in n_cells.items())
+    return Forecast(tuple(parts), jobs)
+
+
+def render_forecast(found: Forecast, fmt: str, command: str) -> str:
+    """Return a forecast as "github", "latex" or "html"; as "csv" or "json" with all its parts."""
+    if fmt == "json":
+        sums = {"cells": found.n_cells, "cached": found.n_cached, "unknown": found.n_unknown}
+        content = {"command": command, **sums, "seconds": found.seconds, **asdict(found)}
+        return json.dumps(content, indent=2)
+    if fmt == "csv":
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(item.name for item in fields(Part))
+        writer.writerows(csv_cells(asdict(part).values()) for part in found.parts)
+        return out.getvalue().rstrip("\n")
+    return render_texts([_table(found)], fmt, command)
+
+
+def _table(found: Forecast) -> TextTable:
+    """Return the numbers of cells by model."""
+    known = None if found.n_unknown else found.seconds * found.jobs
+    total = ("all", found.n_cells, found.n_cached, known)
+    rows = [(part.model, part.n_cells, part.n_cached, part.seconds) for part in found.parts]
+    return TextTable(
+        title="What the run would compute",
+        header=("model", "cells", "cached", "to compute", "time"),
+        rows=[
+            [name, str(n), str(cached), str(n - cached), _clock(seconds)]
+            for name, n, cached, seconds in [*rows, total]
+        ],
+        notes=(
+            "times in h:min:s, one cell after another, are means of the model's stored fits; a "
+            "pre-training that the cache held is not in them",
         ),
-        jobs=execution.executor.at_once,
-        memory_bytes=memory,
     )
 
 
-def _cached(output: Path, stored: Mapping[str, bool], rerun: Rerun) -> Set[str]:
-    """Return the keys of the stored cells that are not computed again."""
-    counting = COUNTING[rerun]
-    done = {key for key, ok in stored.items() if ok and "ok" in counting}
-    if not counting - {"ok"}:
-        return done
-    others = stored_results(output, stored.keys() - done, _ignore)
-    return done | {one.cell.key for one in others if one.status in counting}
+def forecast_line(found: Forecast) -> str:
+    """Return e.g. "40 cells, 10 cached, 30 to compute; about 0:02:30 with 2 jobs"."""
+    n_missing = found.n_cells - found.n_cached
+    cells = f"{counted(found.n_cells, 'cell')}, {found.n_cached} cached, {n_missing} to compute"
+    time = f"about {_clock(found.seconds)} with {counted(found.jobs, 'job')}"
+    if not found.n_unknown:
+        return f"{cells}; {time}"
+    unknown = f"{counted(found.n_unknown, 'cell')} of models without a stored fit"
+    return f"{cells}; " + (
+        f"{time}, and {unknown}" if found.seconds else f"time unknown: {unknown}"
+    )
 
 
-def _ignore(_: StoreError) -> None:
-    """Say nothing of a damaged file: there are others to learn from."""
-
-
-def _expected(
-    results: Iterable[CellResult],
-    names: Iterable[tuple[str, str, str]],
-    prior: Callable[[str], float | None],
-) -> tuple[Callable[[str, str], float | None], int | None]:
-    """Return what a model's cell takes on a data set, and the memory of the largest one.
-
-    Args:
-        results: stored ones.
-        names: model, data set and protocol of the plan's parts.
-        prior: for a model of which none is stored.
-    """
-    models = {model for model, _, _ in names}
-    of_pair: dict[tuple[str, str], list[float]] = defaultdict(list)
-    of_model: dict[str, list[float]] = defaultdict(list)
-    rises = []
-    for result in results:
-        if result.cost is not None and result.shown.model in models:
-            seconds = _cell_seconds(result.cost, n_fits=2 if result.calibration_samples else 1)
-            of_pair[result.shown.model, result.shown.dataset].append(seconds)
-            of_model[result.shown.model].append(seconds)
-            rises += [] if result.cost.memory_bytes is None else [result.cost.memory_bytes]
-
-    def of_cell(model: str, dataset: str) -> float | None:
-        known = of_pair.get((model, dataset)) or of_model.get(model)
-        return statistics.median(known) if known else prior(model)
-
-    return of_cell, peak_memory_bytes() + max(rises) if rises else None
-
-
-def _cell_seconds(cost: Cost, n_fits: int) -> float:
-    """Return about how long a stored cell took, with a second fit for its intervals and all."""
-    fits = n_fits * (cost.fit_s + cost.predict_s)
-    measuring = cost.latency_s + min(MOST_SINGLE_PREDICTIONS * cost.latency_s, SECONDS)
-    return fits + measuring + OVERHEAD_S
+def _clock(seconds: float | None) -> str:
+    return "unknown" if seconds is None else str(timedelta(seconds=round(seconds)))

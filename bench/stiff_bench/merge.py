@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Collection, Iterator, Sequence, Set
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from stiff_bench.checked_json import read_checked, write_checked
-from stiff_bench.folder_lock import alone
-from stiff_bench.loose_cells import json_files
+from stiff_bench.cell_content import COLUMNS
 from stiff_bench.merge_survey import (
     Disagreement,
     FolderSurvey,
@@ -18,13 +16,38 @@ from stiff_bench.merge_survey import (
     disagreements,
     survey,
 )
-from stiff_bench.packing import ENOUGH_TO_PACK
-from stiff_bench.packs import CELLS_A_PACK, write_pack
-from stiff_bench.store import ResultStore, stored_results
-from stiff_bench.stored_data import is_whole, read_data
+from stiff_bench.store import (
+    FILE,
+    ResultStore,
+    fault_of,
+    has_results,
+    read_data,
+    read_manifests,
+    reading,
+    salvage,
+    write_run,
+    writing,
+)
 from stiff_protocols.errors import ConfigError, StoreError
-from stiff_protocols.files import make_folder, written_whole
-from stiff_protocols.record import CellResult
+from stiff_protocols.record import RunManifest
+
+_COLUMNS = ", ".join((*COLUMNS, "sha256"))
+_COUNTS_OVER = "(a.status = 'ok', a.run_id, a.n_splits) >= (b.status = 'ok', b.run_id, b.n_splits)"
+_JOIN_CELLS = f"""
+DELETE FROM taken WHERE key IN (
+    SELECT key FROM main.cell a JOIN other.cell b USING (key) WHERE {_COUNTS_OVER});
+DELETE FROM main.cell WHERE key IN (SELECT key FROM taken);
+INSERT INTO main.cell ({_COLUMNS})
+    SELECT {_COLUMNS} FROM other.cell WHERE key IN (SELECT key FROM taken) ORDER BY id;
+INSERT OR IGNORE INTO main.measure (metric, axis, unit)
+    SELECT metric, axis, unit FROM other.measure ORDER BY id;
+INSERT INTO main.value (cell, measure, value)
+    SELECT c.id, m.id, v.value FROM taken
+    JOIN main.cell c USING (key) JOIN other.cell o USING (key) JOIN other.value v ON v.cell = o.id
+    JOIN other.measure n ON n.id = v.measure JOIN main.measure m USING (metric, axis, unit);
+DROP TABLE taken
+"""
+"""`taken` holds the keys of the cells to copy; another merge may have been sooner."""
 
 
 class Disagreeing(ConfigError):
@@ -72,20 +95,17 @@ def merge(folders: Sequence[Path], output: Path, allow: Collection[Kind]) -> Mer
         StoreError: a folder holds no results, changes meanwhile, or `output` cannot be written.
     """
     inputs = _inputs(folders, output)
-    surveys = [survey(folder) for folder in inputs]
-    _refuse(disagreements(surveys), allow)
-    with _alone(output):
+    with ExitStack() as stack:
+        surveys = [_surveyed(folder, stack) for folder in inputs]
+        _refuse(disagreements(surveys), allow)
         there = survey(output, surveys)
         found = disagreements([*surveys, there])
         _refuse(found, allow)
-        store = ResultStore(output)
+        ResultStore(output)
         damaged = [line for one in (*surveys, there) for line in one.damaged]
         takes = _chosen(surveys, there)
-        for one in surveys:
-            damaged += _join_data(one.folder, output)
-            _join_manifests(one.folder, output)
         for one, keys in zip(surveys, takes, strict=True):
-            _join_cells(one, keys, store, there.records.keys())
+            damaged += _join(one, keys, output)
     return Merged(
         n_cells=len(set().union(*(one.records for one in (*surveys, there)))),
         n_there=len(there.records),
@@ -99,10 +119,23 @@ def merge(folders: Sequence[Path], output: Path, allow: Collection[Kind]) -> Mer
     )
 
 
+def _surveyed(folder: Path, stack: ExitStack) -> FolderSurvey:
+    """Survey a folder, or what can be read of a damaged one."""
+    fault = fault_of(folder)
+    if fault is None:
+        return survey(folder)
+    readable = Path(stack.enter_context(TemporaryDirectory(prefix="bench-merge-")))
+    damaged = [f"{folder / FILE}: damaged: {fault}"]
+    salvage(folder / FILE, readable / FILE, lambda error: damaged.append(str(error)))
+    found = survey(folder, source=readable)
+    found.damaged[:0] = damaged
+    return found
+
+
 def _inputs(folders: Sequence[Path], output: Path) -> list[Path]:
     """Return each folder once, without the output."""
     for folder in folders:
-        if not (folder / "cells").is_dir():
+        if not has_results(folder):
             raise StoreError(f"{folder}: holds no results; `bench run --output` makes them")
     different = {folder.resolve(): folder for folder in reversed(folders)}
     different.pop(output.resolve(), None)
@@ -124,22 +157,6 @@ def _refuse(found: Sequence[Disagreement], allow: Collection[Kind]) -> None:
             f"({' '.join(f'--allow {kind}' for kind in kinds)} merges them all the same)",
             refused,
         )
-
-
-@contextmanager
-def _alone(output: Path) -> Iterator[None]:
-    """Keep other merges into a folder out; runs may write there meanwhile."""
-    lock = output / ".merge"
-    make_folder(lock)
-    with ExitStack() as stack:
-        try:
-            stack.enter_context(alone(lock))
-        except StoreError as error:
-            raise StoreError(
-                f"--output {output}: another merge into it is running, or it cannot be locked: "
-                f"{error}"
-            ) from error
-        yield
 
 
 def _chosen(surveys: Sequence[FolderSurvey], there: FolderSurvey) -> list[set[str]]:
@@ -166,77 +183,53 @@ def _n_other_numbers(surveys: Sequence[FolderSurvey]) -> int:
     return len(other)
 
 
-def _join_data(folder: Path, output: Path) -> Iterator[str]:
-    """Copy the data sets that the output lacks; yield a line for each that is damaged."""
-    for path in sorted((folder / "data").glob("[!.]*.npz")):
-        if is_whole(output / "data", path.stem):
-            continue
-        try:
-            read_data(folder / "data", path.stem)
-        except StoreError as error:
-            yield str(error)
-        else:
-            with written_whole(output / "data" / path.name) as temporary:
-                shutil.copyfile(path, temporary)
-
-
-def _join_manifests(folder: Path, output: Path) -> None:
-    """Copy the runs' manifests; of a run that was copied while it ran, its last state counts."""
-    for path in json_files(folder / "runs"):
-        target = output / "runs" / path.name
-        found, other = _manifest(path), _manifest(target)
-        if found and (not other or _progress(found) > _progress(other)):
-            write_checked(target, found)
-
-
-def _manifest(path: Path) -> dict[str, object]:
-    """Return a manifest's content; an empty one where there is none, or a damaged one."""
-    try:
-        return read_checked(path)
-    except StoreError:
-        return {}
-
-
-def _progress(manifest: dict[str, object]) -> tuple[bool, bool]:
-    return manifest.get("status") == "finished", manifest.get("status") == "interrupted"
-
-
-def _join_cells(taken: FolderSurvey, keys: Set[str], store: ResultStore, there: Set[str]) -> None:
-    """Copy cells, many of them as packs.
-
-    Args:
-        taken: whose cells.
-        keys: of the cells.
-        store: to write to.
-        there: keys of the cells that are in it, whose records are to be replaced.
+def _join(one: FolderSurvey, keys: Set[str], output: Path) -> list[str]:
+    """Copy cells, data sets and manifests as one transaction; return a line for what is damaged.
 
     Raises:
         StoreError: the folder changes meanwhile.
     """
-    n_copied = 0
-    new: list[CellResult] = []
-    for result in stored_results(taken.folder, keys, report=lambda _: None):
-        n_copied += 1
-        if result.cell.key in there:
-            store.write_cell(result)  # as a file of its own it counts before a pack's
-            continue
-        new.append(result)
-        if len(new) == CELLS_A_PACK:
-            _write(new, store)
-            new = []
-    _write(new, store)
-    if n_copied < len(keys):
-        raise StoreError(
-            f"{taken.folder}: {len(keys) - n_copied} of its cells cannot be read any more; give "
-            "the same command again"
-        )
+    there = {run.run_id: run for run in read_manifests(output)}
+    damaged: list[str] = []
+    data = [*_data_to_copy(one, output, damaged)]
+    with writing(output, one.source) as db:
+        db.execute("CREATE TEMP TABLE taken (key TEXT PRIMARY KEY)")
+        db.executemany("INSERT INTO taken VALUES (?)", [(key,) for key in keys])
+        (n_found,) = db.execute("SELECT count(*) FROM taken JOIN other.cell USING (key)").fetchone()
+        if n_found < len(keys):
+            raise StoreError(
+                f"{one.folder}: {len(keys) - n_found} of its cells cannot be read any more; give "
+                "the same command again"
+            )
+        for statement in _JOIN_CELLS.split(";\n"):
+            db.execute(statement)
+        for sha256 in data:
+            db.execute(
+                "INSERT OR REPLACE INTO main.data SELECT * FROM other.data WHERE sha256 = ?",
+                (sha256,),
+            )
+        for run in one.runs:
+            if run.run_id not in there or _progress(run) > _progress(there[run.run_id]):
+                write_run(db, run)
+    return damaged
 
 
-def _write(results: Sequence[CellResult], store: ResultStore) -> None:
-    if len(results) < ENOUGH_TO_PACK:
-        for result in results:
-            store.write_cell(result)
-        return
-    make_folder(store.folder / "packs")
-    with alone(store.folder):
-        write_pack(store.folder, results)
+def _data_to_copy(one: FolderSurvey, output: Path, damaged: list[str]) -> Iterator[str]:
+    """Yield the hashes of the data sets that the output lacks; note those that are damaged."""
+    with reading(one.source) as db:
+        hashes = [row[0] for row in db.execute("SELECT sha256 FROM data ORDER BY sha256")]
+    for sha256 in hashes:
+        try:
+            read_data(output, sha256)
+        except StoreError:
+            try:
+                read_data(one.source, sha256)
+            except StoreError as error:
+                damaged.append(str(error))
+            else:
+                yield sha256
+
+
+def _progress(run: RunManifest) -> tuple[bool, bool]:
+    """Say how far a run was when its manifest was copied."""
+    return run.status == "finished", run.status == "interrupted"

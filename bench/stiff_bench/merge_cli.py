@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from stiff_bench.merge_survey import Disagreement
 
 MOST_LINES = 20
-"""So many damaged files are named."""
+"""So many damaged rows are named."""
 
 
 @click.command()
@@ -38,8 +38,8 @@ MOST_LINES = 20
 def merge(folders: tuple[Path, ...], output: Path, allow: tuple[str, ...]) -> int:
     """Join the results of several machines in one folder.
 
-    Folders that differ in data, splits or code are refused, and it is shown what differs. The
-    folders that are joined stay as they are.
+    Folders that differ in data, splits or versions of models (code) are refused, and it is shown
+    what differs. The folders that are joined stay as they are.
     """
     from stiff_bench import merge as merging
 
@@ -61,11 +61,11 @@ def _print(found: Sequence[Disagreement]) -> None:
 
 
 def _summed_up(merged: Merged, output: Path) -> int:
-    """Say what was done, and return the exit status: 1 where damaged files were left out."""
+    """Say what was done, and return the exit status: 1 where damaged rows were left out."""
     for line in merged.damaged[:MOST_LINES]:
         say(f"left out: {line}")
     if len(merged.damaged) > MOST_LINES:
-        say(f"left out: {len(merged.damaged) - MOST_LINES} more files")
+        say(f"left out: {len(merged.damaged) - MOST_LINES} more")
     for folder, (n_cells, n_taken) in merged.taken.items():
         others = "" if n_taken == n_cells else "; the others are there, or newer in another folder"
         say(f"{folder}: {n_taken} of {n_cells} cells taken{others}")
@@ -74,6 +74,6 @@ def _summed_up(merged: Merged, output: Path) -> int:
             f"warning: {merged.n_other_numbers} cells have other numbers in another folder (other "
             "rounding?); those of the newest run count"
         )
-    left_out = f", {len(merged.damaged)} damaged files left out" if merged.damaged else ""
+    left_out = f", {len(merged.damaged)} damaged rows left out" if merged.damaged else ""
     say(f"{merged.n_cells} cells in {output}, {merged.n_there} of them were there{left_out}")
     return 1 if merged.damaged else 0

@@ -1,6 +1,6 @@
 """What folders of results say that are to be joined, and where they contradict each other.
 
-A folder says of a data set which numbers it has, of a split which rows, of a model which code
+A folder says of a data set which numbers it has, of a split which rows, of a model which version
 computed it. What its newest run says counts: an older run of it may have known other data.
 """
 
@@ -12,15 +12,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
-from stiff_bench.checked_json import read_checked
 from stiff_bench.contest_name import SHORT
-from stiff_bench.loose_cells import json_files
-from stiff_bench.store import stored_results
+from stiff_bench.store import readable_manifests, stored_results
 from stiff_protocols.errors import StoreError
-from stiff_protocols.record import CellResult
-from stiff_protocols.source_code import LIBRARIES
+from stiff_protocols.record import CellResult, RunManifest
 
 Kind = Literal["data", "split", "code"]
 KINDS: tuple[Kind, ...] = ("data", "split", "code")
@@ -83,17 +80,21 @@ class FolderSurvey:
     """What a folder holds.
 
     Attributes:
-        folder: of the results.
+        folder: of the results, for people.
+        source: where they are read: the folder, or what could be read of a damaged one.
         records: key -> the record that counts.
         claims: subject -> value -> claim.
         versions: run -> version and commit of stiffbench, for people.
-        damaged: one line for each file that cannot be read.
+        runs: the manifests.
+        damaged: one line for each row that cannot be read.
     """
 
     folder: Path
+    source: Path
     records: dict[str, Record] = field(default_factory=dict)
     claims: dict[Subject, dict[str, Claim]] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
+    runs: list[RunManifest] = field(default_factory=list)
     damaged: list[str] = field(default_factory=list)
 
     def says(self, subject: Subject) -> Claim:
@@ -119,29 +120,35 @@ class Disagreement:
     versions: Mapping[Path, str]
 
 
-def survey(folder: Path, known: Sequence[FolderSurvey] = ()) -> FolderSurvey:
+def survey(
+    folder: Path, known: Sequence[FolderSurvey] = (), *, source: Path | None = None
+) -> FolderSurvey:
     """Read what a folder holds, once through.
 
     Args:
         folder: of the results; an empty one, or none at all, holds nothing.
         known: other folders; a cell that came from one of them says nothing new.
+        source: where its results are read; None: there.
+
+    Raises:
+        StoreError: the folder is none of ours, or its file is damaged as a whole.
     """
-    found = FolderSurvey(folder)
-    runs = {}
-    for path in json_files(folder / "runs"):
-        try:
-            runs[path.stem] = _software(read_checked(path))
-        except StoreError as error:
-            found.damaged.append(str(error))
-    found.versions = {run: software.partition("; ")[0] for run, software in runs.items()}
-    for result in stored_results(folder, report=lambda error: found.damaged.append(str(error))):
+    found = FolderSurvey(folder, source or folder)
+
+    def note(error: StoreError) -> None:
+        found.damaged.append(str(error))
+
+    found.runs = list(readable_manifests(found.source, note))
+    software = {run.run_id: _software(run) for run in found.runs}
+    found.versions = dict(software)
+    for result in stored_results(found.source, report=note):
         key = result.cell.key
         if replace(result.cell).key != key:  # what is written by its key must have its own
             found.damaged.append(f"{folder}: the record {key!r} is another cell's")
             continue
         record = found.records[key] = _record(result)
         if not any(one.records.get(key) == record for one in known):
-            _note_claims(found, result, runs)
+            _note_claims(found, result, software)
     return found
 
 
@@ -194,7 +201,7 @@ def _note_claims(found: FolderSurvey, result: CellResult, runs: Mapping[str, str
 
 
 def _said(result: CellResult, runs: Mapping[str, str]) -> Iterator[tuple[Subject, str]]:
-    """Yield what a result says of data, split and code."""
+    """Yield what a result says of data, split and model."""
     cell, shown = result.cell, result.shown
     yield Subject("data", shown.dataset), cell.data_sha256
     if cell.source_sha256:
@@ -202,18 +209,15 @@ def _said(result: CellResult, runs: Mapping[str, str]) -> Iterator[tuple[Subject
         yield Subject("data", source, (cell.data_sha256, cell.condition)), cell.source_sha256
     split = (cell.data_sha256, cell.condition, cell.split_index, cell.seed)
     yield Subject("split", f"{shown.protocol} of {shown.dataset}", split), cell.split_sha256
-    # a hash of the code itself says more than versions, and a commit may change what none uses;
-    # what a protocol makes of a model is other code
-    code = cell.code_sha256 or runs.get(result.run_id, NOT_KNOWN)
+    # where no version is stored, that of stiffbench stands for it
+    version = f"{cell.model_version}, scoring {cell.scoring_version}"
+    code = version if cell.model_version else runs.get(result.run_id, NOT_KNOWN)
     yield Subject("code", cell.model, (cell.protocol,)), code
 
 
-def _software(manifest: Mapping[str, Any]) -> str:
-    """Return version and commit of stiffbench, and behind a semicolon those of libraries."""
-    facts = manifest.get("environment")
-    if not isinstance(facts, dict):
-        return NOT_KNOWN
+def _software(run: RunManifest) -> str:
+    """Return version and commit of stiffbench."""
+    facts = run.environment
     commit = str(facts.get("commit", ""))[:SHORT]
     dirty = " with changes" if facts.get("dirty") == "true" else ""
-    ours = f"{facts.get('stiffbench', NOT_KNOWN)}{f', commit {commit}{dirty}' if commit else ''}"
-    return "; ".join((ours, *(f"{name} {facts[name]}" for name in LIBRARIES if name in facts)))
+    return f"{facts.get('stiffbench', NOT_KNOWN)}{f', commit {commit}{dirty}' if commit else ''}"

@@ -28,8 +28,8 @@ def difference_table(found: Sequence[Disagreement]) -> TextTable:
             for folder, claim in one.claims.items()
         ],
         notes=(
-            "hashes are cut to eight characters: of a data set's numbers, of a split's rows, of "
-            "the source files and library versions that compute a model's cells",
+            "of data and splits a hash of numbers and rows, cut to eight characters; of code the "
+            "model's version and that of the scoring",
             "of each folder the newest run counts that has the thing",
         ),
     )

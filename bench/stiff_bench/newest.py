@@ -15,7 +15,7 @@ from itertools import takewhile
 from typing import Any
 
 from stiff_bench.grouped import grouped
-from stiff_protocols.record import CellResult, RunManifest
+from stiff_protocols.record import Cell, CellResult, RunManifest
 
 Slot = tuple[int, str]
 """A split: its number and the hash of its rows."""
@@ -91,22 +91,23 @@ def _continues(kept: Mapping[int, str], more: Mapping[int, str]) -> bool:
 def of_newest_options(
     results: Sequence[CellResult], runs: Runs
 ) -> tuple[list[CellResult], list[str]]:
-    """Return a model's results with options and code of its newest one, and what is left out.
+    """Return a model's results with options and version of its newest one, and what is left out.
 
     A name holds the options that differ from their defaults; one name has other options where a
     default, or a file that an option names, was changed.
     """
     newest = runs.newest_first(results)[0].cell
-    results, older = _of_code(newest.code_sha256, results)
+    results, older = _of_version(newest, results)
     same, older_options = _of_options(newest.model_params, results)
     return same, older + older_options
 
 
-def _of_code(code: str, results: Sequence[CellResult]) -> tuple[list[CellResult], list[str]]:
-    same = [result for result in results if result.cell.code_sha256 == code]
+def _of_version(newest: Cell, results: Sequence[CellResult]) -> tuple[list[CellResult], list[str]]:
+    wanted = newest.model_version, newest.scoring_version
+    same = [r for r in results if (r.cell.model_version, r.cell.scoring_version) == wanted]
     if len(same) == len(results):
         return same, []
-    return same, [f"older results of {results[0].shown.model} by other code or library versions"]
+    return same, [f"older results of {results[0].shown.model} by another version of it"]
 
 
 def _of_options(

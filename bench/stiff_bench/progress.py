@@ -9,7 +9,7 @@ import math
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import timedelta
@@ -31,24 +31,35 @@ from stiff_bench.cell_words import failure_lines, name_of
 from stiff_bench.messages import one_line
 from stiff_bench.tasks import CellTask
 from stiff_protocols.progress import Progress, listening
-from stiff_protocols.record import CellResult, Presentation
+from stiff_protocols.record import CellResult
 
 SECONDS_BETWEEN_LINES = 5.0
 SECONDS_BETWEEN_CELLS = 1.0
-BELIEVED = 0.1
 
 
 @dataclass(frozen=True)
 class Expected:
-    """How long cells are expected to take, where they differ much.
+    """How long cells are expected to take: their models' stored fits.
 
     Attributes:
-        total_s: of all that are to be computed, side by side as they will be, s.
-        of_cell: of one, as a share of that time, s.
+        seconds: of a cell by its model's name with options, s.
+        total_s: of all that are to be computed, one after another, s.
+        at_once: how many are computed side by side.
     """
 
+    seconds: Mapping[str, float]
     total_s: float
-    of_cell: Callable[[Presentation], float]
+    at_once: int
+
+    @classmethod
+    def of(
+        cls, missing: Sequence[CellTask], seconds: Mapping[str, float], at_once: int
+    ) -> Expected | None:
+        """Return what is expected of cells; None where a model has no stored fit."""
+        models = [task.shown.model for task in missing]
+        if not seconds.keys() >= {*models}:
+            return None
+        return cls(seconds, sum(seconds[model] for model in models), at_once)
 
 
 class Display(Protocol):
@@ -83,31 +94,19 @@ class Count:
         self.ended: Counter[str] = Counter()
         self._begun = self._last_end = time.monotonic()
         self._expected: Expected | None = None
-        self._done_s, self._pace, self._at_once = 0.0, 1.0, 1
-        self._running: dict[str, tuple[float, float]] = {}
+        self._done_s = 0.0
 
     def begin(self, total: int, cached: int, expected: Expected | None) -> None:
         """Start the clock."""
-        self.total, self.cached = total, cached
+        self.total, self.cached, self._expected = total, cached, expected
         self._begun = self._last_end = time.monotonic()
-        self._expected = None if expected is None or not expected.total_s else expected
-
-    def start(self, task: CellTask) -> None:
-        """Count a cell that begins."""
-        self.started += 1
-        if self._expected is not None:
-            share_s = self._expected.of_cell(task.shown)
-            self._running[task.cell.key] = (time.monotonic(), share_s)
-            self._at_once = max(self._at_once, len(self._running))
 
     def end(self, result: CellResult) -> None:
         """Count a cell that has ended."""
         self.ended[result.status] += 1
         self._last_end = time.monotonic()
         if self._expected is not None:
-            self._running.pop(result.cell.key, None)
-            self._done_s += self._expected.of_cell(result.shown)
-            self._pace = self._pace_now(self._expected)
+            self._done_s += self._expected.seconds.get(result.shown.model, 0.0)
 
     def __str__(self) -> str:
         """Return what became of the cells so far, for people."""
@@ -115,32 +114,20 @@ class Count:
         return ", ".join(f"{number} {status}" for status, number in shown.items())
 
     def seconds_left(self) -> float | None:
-        """Return how long the rest takes, by what the cells so far took; None where nobody knows.
+        """Return how long the rest takes; None where nobody knows.
 
-        A cell that runs is taken to be as far as the last one's pace has it, until it takes longer
-        than expected.
+        By the stored fits of the models, until a tenth of that time is done: then by the pace of
+        the cells so far, since another machine has another one.
         """
-        if self._expected is not None:
-            left_s = max(self._expected.total_s - self._done_now(), 0.0)
-            return self._pace_now(self._expected) * left_s
         done, elapsed = self.ended.total(), self._last_end - self._begun
+        if self._expected is not None and self._expected.total_s:
+            left_s = max(self._expected.total_s - self._done_s, 0.0)
+            if self._done_s < self._expected.total_s / 10:
+                return left_s / self._expected.at_once
+            return left_s * elapsed / self._done_s
         if not done or elapsed < SECONDS_BETWEEN_CELLS:
             return None
         return elapsed / done * (self.total - done)
-
-    def _pace_now(self, expected: Expected) -> float:
-        """Return how many seconds one that was expected takes.
-
-        What was expected counts as if a tenth of it had come true before the first cell.
-        """
-        believed = BELIEVED * expected.total_s
-        return (time.monotonic() - self._begun + believed) / (self._done_now() + believed)
-
-    def _done_now(self) -> float:
-        """Return how much of the expected time lies behind, that of the running cells too, s."""
-        now, slowed = time.monotonic(), self._pace * self._at_once
-        running = self._running.values()
-        return self._done_s + sum(min(share_s, (now - t) / slowed) for t, share_s in running)
 
 
 class _TimeLeft(TimeRemainingColumn):
@@ -173,7 +160,7 @@ class BarDisplay:
 
     def start(self, task: CellTask) -> None:
         """Name the cell."""
-        self._count.start(task)
+        self._count.started += 1
         name = name_of(self._count.started, self._count.total, task)
         self._bars.update(self._cells, description=name)
         self._bars.update(self._phase, visible=False)
@@ -218,7 +205,7 @@ class LineDisplay:
 
     def start(self, task: CellTask) -> None:
         """Print the cell's name, not too often."""
-        self._count.start(task)
+        self._count.started += 1
         self._phase, self._unsaid = "", name_of(self._count.started, self._count.total, task)
         if (
             time.monotonic() - self._last_line >= SECONDS_BETWEEN_CELLS

@@ -57,7 +57,7 @@ def reproduce(
         words["jobs"] = usable_cores()
     taken = begin_execution(words)
 
-    from stiff_bench.forecast_text import forecast_line, render_forecast
+    from stiff_bench.forecast import forecast_line, render_forecast
     from stiff_bench.paper.leaderboard_page import write_leaderboard
     from stiff_bench.paper.paper_page import write_paper
     from stiff_bench.paper.reproduce import Study, forecast_of, run_study
@@ -84,9 +84,8 @@ def reproduce(
             click.echo(path)
         return 0
     store = ResultStore(study.output)  # a folder that cannot be written is said before all else
-    foreseen = forecast_of(study, execution)
-    say(forecast_line(foreseen))
-    finished = run_study(study, store, execution, foreseen)
+    say(forecast_line(forecast_of(study, execution)))
+    finished = run_study(study, store, execution)
     say(f"{tally(finished.results, finished.cached)}; stored in {study.output}")
     say_old_failures(finished)
     say("writing tables and figures")

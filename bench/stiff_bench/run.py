@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import time
 
-import click
-
 from stiff_bench.config import RunPlan
 from stiff_bench.execution import IN_THIS_PROCESS, Execution
-from stiff_bench.forecast import forecast
-from stiff_bench.forecast_text import forecast_line, render_forecast
+from stiff_bench.forecast import forecast, forecast_line, render_forecast
 from stiff_bench.memory import peak_memory_bytes
 from stiff_bench.messages import print_text, say
-from stiff_bench.packing import pack_if_many
 from stiff_bench.progress import display
 from stiff_bench.render import render
 from stiff_bench.runner import Finished, run_cells
@@ -20,7 +16,6 @@ from stiff_bench.store import ResultStore
 from stiff_bench.tables import build_tables
 from stiff_bench.tally import tally
 from stiff_bench.tasks import cell_tasks
-from stiff_protocols.errors import StoreError
 
 
 def execute(plan: RunPlan, fmt: str, execution: Execution = IN_THIS_PROCESS) -> int:
@@ -43,7 +38,6 @@ def execute(plan: RunPlan, fmt: str, execution: Execution = IN_THIS_PROCESS) -> 
         f"memory of this process {peak_memory_bytes() / 2**20:.0f} MiB; stored in {plan.output}"
     )
     say_old_failures(finished)
-    pack_if_many(plan.output)
     return 0 if all(result.status == "ok" for result in finished.results) else 1
 
 
@@ -53,17 +47,11 @@ def show_plan(plan: RunPlan, fmt: str, execution: Execution) -> int:
     Raises:
         StiffBenchError: the data cannot be loaded or divided.
     """
-    found = forecast(cell_tasks(plan), plan.output, execution, warn)
+    jobs = execution.executor.at_once
+    found = forecast(cell_tasks(plan), plan.output, jobs=jobs, rerun=execution.rerun)
     print_text(render_forecast(found, fmt, plan.command))
-    if script := execution.executor.job_script():
-        click.echo(f"bench: the script of each job:\n\n{script}", err=True)
     say(forecast_line(found))
     return 0
-
-
-def warn(error: StoreError) -> None:
-    """Say what is wrong with a stored file that others stand in for."""
-    say(f"warning: {error}")
 
 
 def say_old_failures(finished: Finished) -> None:

@@ -8,16 +8,14 @@ from collections.abc import Iterator, Sequence, Set
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Literal
 
-from stiff_bench.checked_json import DamagedFile
 from stiff_bench.execution import COUNTING, Execution, Rerun
 from stiff_bench.memory import peak_memory_bytes
 from stiff_bench.messages import say
 from stiff_bench.progress import Display, Expected
 from stiff_bench.provenance import environment
-from stiff_bench.store import ResultStore
+from stiff_bench.store import DamagedFile, ResultStore, mean_seconds, stored_results
 from stiff_bench.tasks import CellTask
 from stiff_protocols.errors import StoreError
 from stiff_protocols.record import CellResult, RunManifest
@@ -42,7 +40,6 @@ def run_cells(
     store: ResultStore,
     execution: Execution,
     display: Display,
-    expected: Expected | None = None,
 ) -> Finished:
     """Compute the cells that have no result yet, store each as it ends, and return them all.
 
@@ -54,21 +51,19 @@ def run_cells(
         store: where results are, and go.
         execution: how they are computed.
         display: shows progress.
-        expected: how long the cells are expected to take; None: nobody knows.
 
     Raises:
         StoreError: a result cannot be written.
         ConfigError: the cluster does not answer.
     """
-    damaged: list[Path] = []
-    found = _stored(tasks, store, execution.rerun, damaged)
+    found = _stored(tasks, store, execution.rerun)
     cached = set(found)
     missing = [task for task in tasks if task.cell.key not in found]
 
     def waiting() -> Iterator[CellTask]:
         """Give a cell when its turn comes, unless another run has finished it meanwhile."""
         for task in missing:
-            other = None if execution.rerun == "all" else store.loose(task.cell.key)
+            other = None if execution.rerun == "all" else store.result(task.cell.key)
             if other is None:
                 yield task
             else:
@@ -76,6 +71,7 @@ def run_cells(
                 cached.add(task.cell.key)
                 display.end(other)
 
+    expected = Expected.of(missing, mean_seconds(store.folder), execution.executor.at_once)
     display.begin(len(missing), len(cached), expected)
     with _described(tasks, command, store, execution) as run_id:
         _keep_data(tasks, store)
@@ -84,30 +80,28 @@ def run_cells(
                 store.write_cell(result)
                 found[result.cell.key] = result
                 display.end(result)
-    for path in damaged:
-        with suppress(StoreError):  # then the next run says it again
-            store.set_aside(path)
     return Finished(tuple(found[task.cell.key] for task in tasks), cached)
 
 
-def _stored(
-    tasks: Sequence[CellTask], store: ResultStore, rerun: Rerun, damaged: list[Path]
-) -> dict[str, CellResult]:
-    """Return the results and failures that are there and count; damaged files are said and noted.
+def _stored(tasks: Sequence[CellTask], store: ResultStore, rerun: Rerun) -> dict[str, CellResult]:
+    """Return the results and failures that are there and count; damaged ones are said and deleted.
 
     A cell that was skipped is looked at again: what it lacked may be installed now.
     """
     wanted = {task.cell.key: task for task in tasks}
+    damaged: list[str] = []
 
     def note(error: StoreError) -> None:
         say(f"warning: {error}; what it held is computed again")
-        if isinstance(error, DamagedFile):
-            damaged.append(error.path)
+        damaged.extend([error.key] if isinstance(error, DamagedFile) else [])
 
+    store.repair(note)
     found: dict[str, CellResult] = {}
-    for result in store.find(wanted.keys(), note):
+    for result in stored_results(store.folder, wanted.keys(), note):
         if result.status in COUNTING[rerun]:
             found[result.cell.key] = _as_asked(result, wanted[result.cell.key])
+    if damaged:
+        store.remove(filter(None, damaged))
     return found
 
 

@@ -13,7 +13,8 @@ from stiff_bench.contest_name import ContestName
 from stiff_bench.field import Field
 from stiff_bench.sort_key import SortKey
 from stiff_bench.split_sizes import split_sizes
-from stiff_bench.stored_data import StoredData, read_data
+from stiff_bench.store import read_data
+from stiff_bench.stored_data import StoredData
 from stiff_protocols.bootstrap import PoseErrors, resampled_means
 from stiff_protocols.mean_ranks import ranked
 from stiff_protocols.paired import LEVEL, corrected_t, holm, wilcoxon_signed_rank
@@ -168,5 +169,5 @@ class Standings:
 
     def _data_of(self, sha256: str) -> StoredData:
         if sha256 not in self._data:
-            self._data[sha256] = read_data(self._folder / "data", sha256)
+            self._data[sha256] = read_data(self._folder, sha256)
         return self._data[sha256]

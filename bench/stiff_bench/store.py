@@ -1,289 +1,659 @@
-"""Results on disk: each file is written whole or not at all.
+"""A folder's results: one SQLite file, `results.sqlite`, that any SQLite browser reads.
 
 ::
 
-    OUTPUT/cells/*.json        a cell: identity, metric values, predictions, timings, or why it
-                               failed or was skipped (see loose_cells.py)
-    OUTPUT/packs/*.parquet     many cells together (see packs.py, packing.py)
-    OUTPUT/runs/<run id>.json  a run's manifest
-    OUTPUT/data/<sha256>.npz   the samples (see stored_data.py)
+    run      a row a run: command, environment, the keys of the cells it was asked for (JSON)
+    data     a row a data set: its samples, joint torques and TCP positions (stored_data.py)
+    cell     a row a cell: what it is, which run computed it, its status and cost; texts in JSON;
+             predictions and curves as blobs (cell_content.py)
+    measure  metric, axis and unit of a value
+    value    a row a value: cell, measure, value in SI units
+    metric   a view for people: every value beside its cell's names
 
-Of several records of a cell one counts, for everybody who reads (see counting_records.py); a file
-of its own is newer than a pack. A damaged file is renamed by the run that has computed its cells
-again (`ResultStore.set_aside`).
+One process writes, the run's own, a transaction a cell; of a cell there is one row. A result stands
+over a failure, whenever that came: a cell has one key for all that shapes its numbers, so a rerun
+that timed out takes nothing away. Each row has the SHA-256 of its content, checked at reading.
 """
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Callable, Iterator, Set
-from contextlib import suppress
-from itertools import islice
+import hashlib
+import os
+import shutil
+import sqlite3
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from contextlib import closing, contextmanager, suppress
+from dataclasses import fields
+from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
+import numpy as np
 import orjson
 
-from stiff_bench.cell_content import cell_content, fields_of
-from stiff_bench.checked_json import DamagedFile, read_checked, write_checked
-from stiff_bench.counting_records import CountingRecords
-from stiff_bench.folder_lock import make_lock, shared
-from stiff_bench.loose_cells import (
-    cell_file,
-    is_failure,
-    json_files,
-    key_of,
-    loose_files,
-    read_cell_file,
+from stiff_bench.cell_content import (
+    COLUMNS,
+    cell_content,
+    checked_result,
+    checksum,
+    json_text,
+    measure_names,
 )
-from stiff_bench.stored_data import write_data
-from stiff_protocols.errors import StoreError
-from stiff_protocols.files import read_plain
-from stiff_protocols.record import SCHEMA, CellResult, RunManifest
-from stiff_protocols.types import BenchmarkData
+from stiff_bench.stored_data import StoredData, data_content, stored_data
+from stiff_protocols.errors import DataError, StoreError
+from stiff_protocols.files import make_folder
+from stiff_protocols.record import CellResult, RunManifest
+from stiff_protocols.types import BenchmarkData, FloatArray
 
-if TYPE_CHECKING:
-    from stiff_bench.packs import Pack
+FILE = "results.sqlite"
+FORMAT = 4
+"""Of the file, as `PRAGMA user_version` has it."""
+BUSY_S = 60.0
+"""How long a command waits for another one that writes."""
+AT_ONCE = 2000
+"""Cells that are read with one statement, so that those who write soon get their turn."""
 
 Report = Callable[[StoreError], None]
-"""Is told of each file that cannot be read or is damaged."""
+"""Is told of each row or file that is damaged."""
+
+_NUMBERS = {
+    **dict.fromkeys(
+        (
+            *("split_index", "seed", "scoring_version", "n_splits", "n_train"),
+            *("calibration_samples", "memory_bytes"),
+        ),
+        "INTEGER",
+    ),
+    **dict.fromkeys(("coverage", "fit_s", "predict_s", "latency_s", "throughput_per_s"), "REAL"),
+    **dict.fromkeys(("prediction", "curves"), "BLOB"),
+}
+_N_BLOBS = 2
+_RUN = tuple(item.name for item in fields(RunManifest))
+_RUN_JSON = ("environment", "cells", "machines")
+_SCHEMA = f"""
+CREATE TABLE run (run_id TEXT PRIMARY KEY, command TEXT, started TEXT, status TEXT,
+    environment TEXT, cells TEXT, wall_s REAL, peak_memory_bytes INTEGER, machines TEXT,
+    sha256 TEXT);
+CREATE TABLE data (sha256 TEXT PRIMARY KEY, content BLOB, content_sha256 TEXT);
+CREATE TABLE cell (id INTEGER PRIMARY KEY,
+    {", ".join(f"{name} {_NUMBERS.get(name, 'TEXT')}" for name in COLUMNS)}, sha256 TEXT);
+CREATE UNIQUE INDEX cell_key ON cell (key);
+CREATE TABLE measure (id INTEGER PRIMARY KEY, metric TEXT, axis TEXT, unit TEXT,
+    UNIQUE (metric, axis, unit));
+CREATE TABLE value (cell INTEGER REFERENCES cell ON DELETE CASCADE, measure INTEGER, value REAL,
+    PRIMARY KEY (cell, measure)) WITHOUT ROWID;
+CREATE VIEW metric AS SELECT key, status, run_id, model, dataset, protocol, condition, split_index,
+    metric, axis, value, unit
+    FROM cell JOIN value ON value.cell = cell.id JOIN measure ON measure.id = value.measure;
+PRAGMA user_version = {FORMAT};
+"""
+_INSERT = (
+    f"INSERT INTO cell ({', '.join(COLUMNS)}, sha256) "
+    f"VALUES ({', '.join('?' * (len(COLUMNS) + 1))})"
+)
+_SELECT = f"SELECT id, sha256, {', '.join(COLUMNS)} FROM cell"
+
+
+class DamagedFile(StoreError):
+    """A file, or a row of it, does not hold what was once written there.
+
+    Attributes:
+        key: of the damaged cell; "" where it is another row or the whole file.
+    """
+
+    def __init__(self, path: Path, why: str, key: str = "") -> None:
+        """Say where and why."""
+        super().__init__(f"{path}: damaged: {why}")
+        self.key = key
 
 
 class ResultStore:
-    """A folder of results.
+    """A folder of results that is written to.
 
     Args:
         folder: made if it does not exist.
 
     Raises:
-        StoreError: it cannot be written.
+        StoreError: it cannot be written, or holds results of another format.
     """
 
     def __init__(self, folder: Path) -> None:
-        """Make the folder and see that it can be written."""
+        """Make the folder and its file, and see that it can be written."""
         self.folder = folder
         try:
-            for part in ("cells", "runs", "data"):
-                (folder / part).mkdir(parents=True, exist_ok=True)
-                with tempfile.TemporaryFile(dir=folder / part):
-                    pass  # only whether it can be made
-            make_lock(folder)
-        except OSError as error:
-            raise StoreError(
-                f"--output {folder}: cannot be written: {error.strerror or error}"
-            ) from error
-        _refuse_other_format(folder)
+            make_folder(folder)
+            _refuse_old_format(folder)
+            with writing(folder):
+                pass
+        except DamagedFile:
+            pass  # for `repair`
+        except StoreError as error:
+            raise StoreError(f"--output {error}") from error
 
-    def write_cell(self, result: CellResult) -> Path:
-        """Store a cell's record, replacing an older one of the same key and status.
-
-        A failure takes nothing from a result, and a result takes the failure's file away.
+    def write_cell(self, result: CellResult) -> None:
+        """Store a cell's result or failure; a failure takes nothing from a result.
 
         Raises:
             StoreError: it cannot be written, as on a full disk; what was there stands.
         """
-        key, ok = result.cell.key, result.status == "ok"
-        path = cell_file(self.folder, key, ok=ok)
-        with shared(self.folder):
-            write_checked(path, cell_content(result))
-            if ok:
-                cell_file(self.folder, key, ok=False).unlink(missing_ok=True)
-        return path
+        self.write_cells([result])
 
-    def set_aside(self, path: Path) -> None:
-        """Rename a damaged file to ``<name>.damaged``, so that nobody reads it any more.
+    def write_cells(self, results: Iterable[CellResult]) -> None:
+        """Store many as one transaction, all of them or none; see `write_cell`."""
+        with writing(self.folder) as db:
+            for result in results:
+                _write(db, result)
 
-        A file that has been written anew since keeps its name.
-
-        Args:
-            path: of a cell's own file or a pack, as `DamagedFile` has it.
-
-        Raises:
-            StoreError: it cannot be renamed.
-        """
-        with shared(self.folder):
-            if path.suffix == ".json" and not _is_damaged(path):  # a pack is never written anew
-                return
-            try:
-                with suppress(FileNotFoundError):  # another run was sooner
-                    path.rename(path.with_name(f"{path.name}.damaged"))
-            except OSError as error:
-                raise StoreError(f"{path}: cannot be renamed: {error.strerror or error}") from error
-
-    def write_manifest(self, manifest: RunManifest) -> Path:
+    def write_manifest(self, manifest: RunManifest) -> None:
         """Store a run's manifest, replacing an older state of it."""
-        path = self.folder / "runs" / f"{manifest.run_id}.json"
-        write_checked(path, fields_of(manifest))
-        return path
+        with writing(self.folder) as db:
+            write_run(db, manifest)
 
     def write_data(self, data: BenchmarkData) -> None:
-        """Store the samples that results belong to, once."""
-        write_data(self.folder / "data", data, data.sha256)
-
-    def read_cell(self, key: str) -> CellResult:
-        """Read a cell's result.
+        """Store the samples that results belong to, once; damaged ones are replaced.
 
         Raises:
-            StoreError: there is none, or the folder is damaged.
+            StoreError: they are too many, or cannot be written.
         """
-        for result in stored_results(self.folder, {key}):
-            if result.status == "ok":
-                return result
-        raise StoreError(f"{self.folder}: holds no result of the cell {key}")
-
-    def loose(self, key: str) -> CellResult | None:
-        """Return a result that stands in a file of its own now, as one that was just computed."""
-        path = cell_file(self.folder, key, ok=True)
         with suppress(StoreError):
-            return read_cell_file(path) if path.exists() else None
-        return None
+            read_data(self.folder, data.sha256)
+            return
+        content = data_content(data)
+        row = (data.sha256, content, hashlib.sha256(content).hexdigest())
+        with writing(self.folder) as db:
+            db.execute("INSERT OR REPLACE INTO data VALUES (?, ?, ?)", row)
 
-    def find(self, keys: Set[str], report: Report) -> Iterator[CellResult]:
-        """Yield what is stored of some cells; see `stored_results`."""
-        return stored_results(self.folder, keys, report)
+    def result(self, key: str) -> CellResult | None:
+        """Return a cell's result; None where there is none, or a failure alone."""
+        found = stored_results(self.folder, {key}, report=lambda _: None)
+        return next((one for one in found if one.status == "ok"), None)
 
-    def read_manifest(self, run_id: str) -> RunManifest:
-        """Read a run's manifest.
+    def repair(self, report: Report) -> None:
+        """See that the file can be read through, before anything is added to it.
+
+        Of a file that SQLite cannot read through, the readable rows go to a new one; the old one is
+        kept as ``results.sqlite.damaged``. Manifests that are not what was stored are deleted.
+
+        Args:
+            report: is told what was damaged.
 
         Raises:
-            StoreError: there is none, or it is damaged.
+            StoreError: the folder cannot be written, or another command uses it for a minute.
         """
-        return _manifest(self.folder / "runs" / f"{run_id}.json")
+        path = self.folder / FILE
+        fault = fault_of(self.folder)
+        if fault is not None:
+            kept = next(name for name in _names_aside(path) if not name.exists())
+            report(
+                DamagedFile(path, f"{fault}; its readable rows are kept, and all of it as {kept}")
+            )
+            salvage(path, path, report, keep=kept)
+        lost = [(run,) for run, found in _manifests(self.folder, report) if found is None]
+        if lost:
+            with writing(self.folder) as db:
+                db.executemany("DELETE FROM run WHERE run_id = ?", lost)
+
+    def remove(self, keys: Iterable[str]) -> None:
+        """Delete what is stored of cells, as of damaged ones that are to be computed again."""
+        with writing(self.folder) as db:
+            db.executemany("DELETE FROM cell WHERE key = ?", [(key,) for key in keys])
 
 
-def read_results(folder: Path) -> Iterator[CellResult]:
-    """Yield every cell of a folder once, failed and skipped ones too, in the order of their keys.
+def has_results(folder: Path) -> bool:
+    """Say whether there is a file of results.
 
     Raises:
-        StoreError: a file cannot be read or is damaged.
+        StoreError: the folder holds results of an older format.
     """
-    yield from sorted(stored_results(folder), key=lambda one: one.cell.key)
+    if (folder / FILE).is_file():
+        return True
+    _refuse_old_format(folder)
+    return False
+
+
+def read_results(folder: Path) -> list[CellResult]:
+    """Return every cell of a folder, failed and skipped ones too, in the order of their keys.
+
+    Raises:
+        StoreError: the folder is none of ours, or something in it is damaged.
+    """
+    return sorted(stored_results(folder), key=lambda one: one.cell.key)
 
 
 def stored_results(
     folder: Path, keys: Set[str] | None = None, report: Report | None = None
 ) -> Iterator[CellResult]:
-    """Yield what is stored of some cells, each once, in no particular order, a pack at a time.
-
-    Nobody can pack the folder before the last one is taken or the iterator is closed.
+    """Yield what is stored of some cells, in no particular order; writers need not wait meanwhile.
 
     Args:
         folder: of the results; it may be one that cannot be written.
         keys: of the cells; None: all.
-        report: is told of files that cannot be read or are damaged, which stand for nothing; None:
-            the first is raised.
+        report: is told of damaged rows, which are left out; None: the first is raised.
 
     Raises:
-        StoreError: a file cannot be read or is damaged, and nobody asked for a report.
+        StoreError: the folder is none of ours, the file is damaged as a whole, or a row is and
+            nobody asked for a report.
     """
+    if not has_results(folder):
+        return
     tell = report or _raise
-    counting = CountingRecords(keys)
-    with shared(folder):
-        yield from counting.results(_loose(folder, counting, tell))
-        for pack in _packs(folder, tell):
-            yield from counting.results(_packed(pack, counting, tell))
-        yield from counting.failures()
-
-
-def _loose(folder: Path, counting: CountingRecords, tell: Report) -> Iterator[CellResult]:
-    for path in loose_files(folder):
-        key = key_of(path)
-        if counting.may_count(key, ok=not is_failure(path)):
-            # a run may have put a result in the place of a failure since the folder was listed
-            there = path if path.exists() else cell_file(folder, key, ok=True)
+    asked = sorted(keys or ())
+    last = 0
+    known = _Known()
+    while keys is None or asked:
+        with reading(folder) as db:
+            if keys is None:
+                query = f"{_SELECT} WHERE id > ? ORDER BY id LIMIT {AT_ONCE}"
+                rows = db.execute(query, (last,)).fetchall()
+            else:
+                some, asked = asked[:AT_ONCE], asked[AT_ONCE:]
+                rows = db.execute(f"{_SELECT} WHERE key IN {_marks(some)}", some).fetchall()
+            values = known.values(db, [row[0] for row in rows])
+        for row in rows:
             try:
-                yield read_cell_file(there)
-            except StoreError as error:
-                tell(error)
+                yield _checked(row, values)
+            except DataError as error:
+                tell(DamagedFile(folder / FILE, f"cell {row[2]}: {error}", str(row[2])))
+        if keys is None:
+            if len(rows) < AT_ONCE:
+                return
+            last = rows[-1][0]
 
 
-def _packed(pack: Pack, counting: CountingRecords, tell: Report) -> Iterator[CellResult]:
-    keys = enumerate(zip(pack.keys, pack.ok, strict=True))
-    rows = [row for row, (key, ok) in keys if counting.may_count(key, ok=ok)]
-    if rows:
+def stored_statuses(folder: Path) -> dict[str, str]:
+    """Return which cells are stored: key -> "ok", "failed" or "skipped".
+
+    Raises:
+        StoreError: the folder is none of ours, or its file is damaged.
+    """
+    if not has_results(folder):
+        return {}
+    with reading(folder) as db:
+        return dict(db.execute("SELECT key, status FROM cell").fetchall())
+
+
+def mean_seconds(folder: Path) -> dict[str, float]:
+    """Return model, with its options -> mean wall time of a stored fit and its predictions, s.
+
+    Raises:
+        StoreError: the folder is none of ours, or its file is damaged.
+    """
+    if not has_results(folder):
+        return {}
+    query = "SELECT model, avg(fit_s + predict_s) FROM cell WHERE status = 'ok' GROUP BY model"
+    with reading(folder) as db:
+        return {model: seconds for model, seconds in db.execute(query) if seconds is not None}
+
+
+def read_manifests(folder: Path) -> list[RunManifest]:
+    """Return every run's manifest of a folder, in the order of their names.
+
+    Raises:
+        StoreError: the folder is none of ours, or something in it is damaged.
+    """
+    return list(readable_manifests(folder, _raise))
+
+
+def readable_manifests(folder: Path, report: Report) -> Iterator[RunManifest]:
+    """Yield the manifests of a folder that are whole; `report` is told of the others."""
+    return (found for _, found in _manifests(folder, report) if found is not None)
+
+
+def _manifests(folder: Path, tell: Report) -> Iterator[tuple[str, RunManifest | None]]:
+    """Yield a run's name and its manifest; None where that is damaged."""
+    if not has_results(folder):
+        return
+    with reading(folder) as db:
+        rows = db.execute(f"SELECT sha256, {', '.join(_RUN)} FROM run ORDER BY run_id").fetchall()
+    for row in rows:
         try:
-            yield from pack.results(rows)
-        except StoreError as error:
-            tell(error)
+            yield row[1], _manifest(*row)
+        except (DataError, TypeError, ValueError) as error:
+            tell(DamagedFile(folder / FILE, f"run {row[1]}: {error}"))
+            yield row[1], None
 
 
-def stored_keys(folder: Path, report: Report | None = None) -> dict[str, bool]:
-    """Return which cells are stored: key -> whether with a result, not with a failure alone.
+def read_data(folder: Path, sha256: str) -> StoredData:
+    """Read the data set with this hash that results of a folder belong to.
 
-    Only names and the packs' columns of keys are read; a cell whose own file is damaged counts.
+    Raises:
+        StoreError: there is none, or it is damaged.
+    """
+    row = None
+    if has_results(folder):
+        query = "SELECT content, content_sha256 FROM data WHERE sha256 = ?"
+        with reading(folder) as db:
+            row = db.execute(query, (sha256,)).fetchone()
+    if row is None:
+        raise StoreError(f"{folder}: cannot be read: it holds no data set {sha256!r}")
+    try:
+        if hashlib.sha256(row[0]).hexdigest() != row[1]:
+            raise DataError("its checksum does not match its content")
+        return stored_data(row[0])
+    except (DataError, TypeError) as error:
+        raise DamagedFile(folder / FILE, f"data set {sha256}: {error}") from error
+
+
+@contextmanager
+def reading(folder: Path) -> Iterator[sqlite3.Connection]:
+    """Give a connection that reads a folder's file, which must be there.
+
+    Raises:
+        StoreError: the file is damaged, of another format, or cannot be read.
+    """
+    path = folder / FILE
+    with _said(path, "read"):
+        with closing(sqlite3.connect(_uri(path), uri=True, timeout=BUSY_S)) as db:
+            _check_format(path, db)
+            yield db
+
+
+@contextmanager
+def writing(folder: Path, other: Path | None = None) -> Iterator[sqlite3.Connection]:
+    """Give a connection in a transaction, which is on the disk when the block ends.
+
+    After an exception nothing of the block is there.
 
     Args:
-        folder: of the results.
-        report: is told of damaged packs; None: the first is raised.
+        folder: of the results; its file is made if there is none.
+        other: a folder whose file is attached as `other`, to be read.
 
     Raises:
-        StoreError: a pack cannot be read or is damaged, and nobody asked for a report.
+        StoreError: the file is damaged, of another format, or cannot be written.
     """
-    found: dict[str, bool] = {}
-    with shared(folder):
-        for path in loose_files(folder):
-            found[key_of(path)] = found.get(key_of(path), False) or not is_failure(path)
-        for pack in _packs(folder, report or _raise):
-            for key, ok in zip(pack.keys, pack.ok, strict=True):
-                found[key] = found.get(key, False) or ok
-    return found
+    path = folder / FILE
+    with _said(path, "written"):
+        uri = f"{path.resolve().as_uri()}?mode=rwc"
+        with closing(sqlite3.connect(uri, uri=True, timeout=BUSY_S, isolation_level=None)) as db:
+            db.execute("PRAGMA synchronous = FULL")
+            db.execute("PRAGMA foreign_keys = ON")
+            if other is not None:
+                db.execute("ATTACH ? AS other", (_uri(other / FILE),))
+            db.execute("BEGIN IMMEDIATE")
+            try:
+                if not db.execute("SELECT count(*) FROM main.sqlite_schema").fetchone()[0]:
+                    for statement in _SCHEMA.split(";\n"):
+                        db.execute(statement)
+                _check_format(path, db)
+                yield db
+            except BaseException:
+                with suppress(sqlite3.Error):
+                    db.execute("ROLLBACK")
+                raise
+            db.execute("COMMIT")
 
 
-def read_manifests(folder: Path) -> Iterator[RunManifest]:
-    """Yield every run's manifest of a folder, in the order of their names.
+def fault_of(folder: Path) -> str | None:
+    """Return why SQLite cannot read a folder's file through; None where it can.
 
     Raises:
-        StoreError: a file cannot be read or is damaged.
+        StoreError: it cannot be opened.
     """
-    for path in json_files(folder / "runs"):
-        yield _manifest(path)
-
-
-def _packs(folder: Path, tell: Report) -> Iterator[Pack]:
-    """Yield the packs, the newest first."""
-    if not (folder / "packs").is_dir():
-        return
-    from stiff_bench.packs import pack_files, read_pack  # pyarrow takes 0.2 s to import
-
-    for path in pack_files(folder):
+    path = folder / FILE
+    with _said(path, "read"):
         try:
-            pack = read_pack(path)
-        except StoreError as error:
-            tell(error)
-        else:
-            yield pack
+            with closing(sqlite3.connect(path, timeout=BUSY_S)) as db:
+                (said,) = db.execute("PRAGMA quick_check(1)").fetchone()
+        except sqlite3.DatabaseError as error:
+            if type(error) is not sqlite3.DatabaseError:
+                raise
+            return str(error)
+    return None if said == "ok" else " ".join(said.split())
 
 
-def _is_damaged(path: Path) -> bool:
-    """Say whether a cell's own file is there and damaged."""
+def salvage(source: Path, target: Path, report: Report, keep: Path | None = None) -> None:
+    """Copy what can be read of a damaged file to another one, row by row.
+
+    Args:
+        source: the damaged file.
+        target: to write; it may be `source`, which is then replaced.
+        report: is told of every row that is lost and can still be named.
+        keep: where the damaged file is copied first; None: nowhere.
+
+    Raises:
+        StoreError: the target cannot be written.
+    """
+    with _said(target, "written"):
+        scratch = target.parent / f".{target.name}.{os.getpid()}"
+        scratch.mkdir()
+        try:
+            with writing(scratch) as new, closing(sqlite3.connect(_uri(source), uri=True)) as old:
+                for lost in _copied(old, new):
+                    report(DamagedFile(source, f"{lost}: cannot be read"))
+            if keep is not None:
+                shutil.copyfile(source, keep)
+            (scratch / FILE).replace(target)
+        finally:
+            shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _copied(old: sqlite3.Connection, new: sqlite3.Connection) -> Iterator[str]:
+    """Copy every readable row; yield what was there besides."""
+    for table in ("run", "data"):
+        for row in _readable_rows(old, table):
+            with suppress(sqlite3.Error):  # of one key a damaged file may have two
+                new.execute(f"INSERT INTO {table} VALUES {_marks(row)}", row)
+    kept: set[str] = set()
+    known = _Known()
+    for row in _readable_rows(old, "cell"):
+        with suppress(sqlite3.Error, DataError, KeyError):
+            # id, columns, checksum -> id, checksum, columns
+            result = _checked((row[0], row[-1], *row[1:-1]), known.values(old, [row[0]]))
+            _write(new, result)
+            kept.add(result.cell.key)
+    with suppress(sqlite3.Error):  # the index of keys has pages of its own
+        for (key,) in old.execute("SELECT key FROM cell INDEXED BY cell_key").fetchall():
+            if key not in kept:
+                yield f"cell {key}"
+
+
+def _readable_rows(db: sqlite3.Connection, table: str) -> Iterator[tuple[Any, ...]]:
+    """Yield every row that can be read, found by its number: a broken page ends other searches."""
     try:
-        read_cell_file(path)
-    except DamagedFile:
-        return True
-    except StoreError:
-        return False
-    return False
+        (last,) = db.execute(f"SELECT max(rowid) FROM {table}").fetchone()
+    except sqlite3.Error:
+        last = MOST_ROWS
+    for number in range(1, (last or 0) + 1):
+        try:
+            row = db.execute(f"SELECT * FROM {table} WHERE rowid = ?", (number,)).fetchone()
+        except sqlite3.Error:
+            continue
+        if row is not None:
+            yield row
+
+
+MOST_ROWS = 100_000
+"""How many numbers are tried in a damaged table that does not say its last."""
+
+
+def _checked(row: Sequence[Any], values: Mapping[int, tuple[_Measures, FloatArray]]) -> CellResult:
+    """Return the result in a row: its number, its checksum and its columns.
+
+    Raises:
+        DataError: it is not what was stored.
+    """
+    number, sha256, *columns = row
+    measures, numbers = values.get(number, _NO_VALUES)
+    try:
+        plain, blobs = columns[:-_N_BLOBS], columns[-_N_BLOBS:]
+        if checksum(plain, measures.names, numbers[measures.order], blobs) != sha256:
+            raise DataError("its checksum does not match its content")
+    except TypeError as error:  # bytes in the place of a text
+        raise DataError(str(error)) from error
+    content = dict(zip(COLUMNS, columns, strict=True))
+    content["metrics"] = zip(*measures.columns, numbers.tolist(), strict=True)
+    return checked_result(content)
+
+
+class _Measures:
+    """The measures that the values of a cell are of.
+
+    Args:
+        measures: metric, axis and unit of each.
+    """
+
+    def __init__(self, measures: Sequence[tuple[str, str, str]]) -> None:
+        """Store them as they are used."""
+        self.columns = list(zip(*measures, strict=True)) or [(), (), ()]
+        self.order = np.array(
+            sorted(range(len(measures)), key=measures.__getitem__), dtype=np.int64
+        )
+        """Of the values in a checksum: by name, since another file has other numbers."""
+        self.names = measure_names(sorted(measures))
+
+
+_NO_VALUES = (_Measures(()), np.empty(0))
+
+
+class _Known:
+    """Reads values; cells that have values of the same measures share what is known of these."""
+
+    def __init__(self) -> None:
+        """Know nothing."""
+        self._names: dict[int, tuple[str, str, str]] = {}
+        self._measures: dict[tuple[int, ...], _Measures] = {}
+
+    def values(
+        self, db: sqlite3.Connection, cells: Sequence[int]
+    ) -> dict[int, tuple[_Measures, FloatArray]]:
+        """Return number of a cell -> its measures and its values, in the order of the measures."""
+        if not cells:
+            return {}
+        whole = cells[-1] - cells[0] == len(cells) - 1  # a range is found sooner than single ones
+        where = "BETWEEN ? AND ?" if whole else f"IN {_marks(cells)}"
+        rows = db.execute(
+            f"SELECT cell, measure, value FROM value WHERE cell {where} ORDER BY cell, measure",
+            (cells[0], cells[-1]) if whole else cells,
+        ).fetchall()
+        if not rows:
+            return {}
+        owners, measures, values = zip(*rows, strict=True)
+        numbers = np.array(values, dtype=np.float64)
+        ends = [*(np.flatnonzero(np.diff(np.array(owners))) + 1).tolist(), len(rows)]
+        found, start = {}, 0
+        for end in ends:
+            found[owners[start]] = self._of(db, measures[start:end]), numbers[start:end]
+            start = end
+        return found
+
+    def _of(self, db: sqlite3.Connection, numbers: tuple[int, ...]) -> _Measures:
+        if numbers not in self._measures:
+            if not self._names.keys() >= {*numbers}:
+                self._names = {row[0]: row[1:] for row in db.execute("SELECT * FROM measure")}
+            self._measures[numbers] = _Measures([self._names[number] for number in numbers])
+        return self._measures[numbers]
+
+
+def _write(db: sqlite3.Connection, result: CellResult) -> None:
+    """Put a cell into the file in the place of an older state of it."""
+    content = cell_content(result)
+    there = db.execute("SELECT id, status FROM cell WHERE key = ?", (content["key"],)).fetchone()
+    if there is not None:
+        if there[1] == "ok" and result.status != "ok":
+            return
+        db.execute("DELETE FROM cell WHERE id = ?", (there[0],))
+    measures = _Measures([metric[:3] for metric in content["metrics"]])
+    values = np.array([metric[3] for metric in content["metrics"]], dtype=np.float64)
+    columns = [content[name] for name in COLUMNS]
+    plain, blobs = columns[:-_N_BLOBS], columns[-_N_BLOBS:]
+    sha256 = checksum(plain, measures.names, values[measures.order], blobs)
+    number = db.execute(_INSERT, (*columns, sha256)).lastrowid
+    known = {row[1:]: row[0] for row in db.execute("SELECT * FROM measure")}
+    for *measure, value in content["metrics"]:
+        if tuple(measure) not in known:
+            insert = "INSERT INTO measure (metric, axis, unit) VALUES (?, ?, ?)"
+            known[tuple(measure)] = db.execute(insert, measure).lastrowid
+        row = (number, known[tuple(measure)], value)
+        db.execute("INSERT INTO value VALUES (?, ?, ?)", row)
+
+
+def write_run(db: sqlite3.Connection, manifest: RunManifest) -> None:
+    """Put a run's manifest into the file in the place of an older state of it."""
+    row = [getattr(manifest, name) for name in _RUN]
+    row = [json_text(v) if n in _RUN_JSON else v for n, v in zip(_RUN, row, strict=True)]
+    row = [orjson.loads(json_text(value)) if type(value) is str else value for value in row]
+    db.execute(
+        f"INSERT OR REPLACE INTO run ({', '.join(_RUN)}, sha256) VALUES {_marks([*row, ''])}",
+        (*row, _sha256(row)),
+    )
+
+
+def _manifest(sha256: str, *row: Any) -> RunManifest:
+    if _sha256(row) != sha256:
+        raise DataError("its checksum does not match its content")
+    content = dict(zip(_RUN, row, strict=True))
+    content |= {name: orjson.loads(content[name]) for name in _RUN_JSON}
+    return RunManifest(**{**content, "cells": tuple(content["cells"])})
+
+
+def _sha256(row: Sequence[Any]) -> str:
+    return hashlib.sha256(orjson.dumps(row)).hexdigest()
+
+
+def _marks(entries: Sequence[object]) -> str:
+    return f"({', '.join('?' * len(entries))})"
+
+
+def _uri(path: Path) -> str:
+    return f"{path.resolve().as_uri()}?mode=ro"
+
+
+def _names_aside(path: Path) -> Iterator[Path]:
+    for number in count(1):
+        yield path.with_name(f"{path.name}.damaged{'' if number == 1 else f'-{number}'}")
+
+
+def _check_format(path: Path, db: sqlite3.Connection) -> None:
+    (found,) = db.execute("PRAGMA main.user_version").fetchone()
+    if found != FORMAT:
+        raise StoreError(
+            f"{path}: stored format {found}, this stiffbench reads {FORMAT}; give a new folder and "
+            "run again"
+        )
+
+
+def _refuse_old_format(folder: Path) -> None:
+    """Refuse a folder of before there was a database."""
+    if (folder / FILE).exists():
+        return
+    if any(any((folder / name).glob("*.*")) for name in ("cells", "packs")):
+        raise StoreError(
+            f"{folder}: holds results of an older stiffbench (files in cells/ or packs/), which "
+            "this one does not read; give a new folder and run again"
+        )
+
+
+@contextmanager
+def _said(path: Path, what: str) -> Iterator[None]:
+    """Say in one line what SQLite could not do.
+
+    Raises:
+        StoreError: it could not.
+    """
+    try:
+        yield
+    except sqlite3.OperationalError as error:
+        raise StoreError(f"{path}: cannot be {what}: {error}{_hint(str(error))}") from error
+    except sqlite3.DatabaseError as error:
+        if type(error) is not sqlite3.DatabaseError:  # such as a blob that is too large
+            raise StoreError(f"{path}: cannot be {what}: {error}") from error
+        remedy = "the `bench run` that made it keeps what can be read and computes the rest again"
+        raise DamagedFile(path, f"{error}; {remedy}") from error
+    except (sqlite3.Error, OverflowError) as error:
+        raise StoreError(f"{path}: cannot be {what}: {error}") from error
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be {what}: {error.strerror or error}") from error
+
+
+def _hint(message: str) -> str:
+    if any(word in message for word in ("locked", "locking", "disk I/O")):
+        return (
+            f"; another command has used it for more than {BUSY_S:g} s, the disk is full, or its "
+            "file system has no locks (network file systems often have none): give a folder on a "
+            "local disk"
+        )
+    return ""
 
 
 def _raise(error: StoreError) -> None:
     raise error
-
-
-def _refuse_other_format(folder: Path) -> None:
-    """Keep new results out of a folder of another format: nobody could read both."""
-    for path in islice(json_files(folder / "cells"), 1):
-        with suppress(OSError, ValueError, KeyError, TypeError):  # a damaged file is found later
-            schema = orjson.loads(read_plain(path))["schema"]
-            if schema != SCHEMA:
-                raise StoreError(
-                    f"--output {folder}: holds results of format {schema}, this stiffbench writes "
-                    f"{SCHEMA}; give a new folder"
-                )
-
-
-def _manifest(path: Path) -> RunManifest:
-    content = read_checked(path)
-    try:
-        return RunManifest(**{**content, "cells": tuple(content["cells"])})
-    except (KeyError, TypeError) as error:
-        raise DamagedFile(path, f"{type(error).__name__}: {error}") from error

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from stiff_bench.choice import Choice
 from stiff_bench.config import RunPlan, loaded
 from stiff_bench.sources import check_named, check_source
 from stiff_bench.tuning import tuned_models
+from stiff_models.catalog import MODELS
 from stiff_protocols.contract import (
     ChecksRobot,
     ChoosesEpoch,
@@ -23,14 +24,12 @@ from stiff_protocols.contract import (
 )
 from stiff_protocols.errors import ConfigError, StiffBenchError
 from stiff_protocols.plugin import DatasetInfo, ModelInfo, ProtocolInfo
-from stiff_protocols.record import Cell, Presentation
+from stiff_protocols.record import SCORING_VERSION, Cell, Presentation
 from stiff_protocols.source_code import code_of
 from stiff_protocols.split_checks import first_fault
 from stiff_protocols.splits import LazySplits
 from stiff_protocols.types import BenchmarkData, Split
 
-SCORING = tuple(Path(__file__).with_name(name) for name in ("cells.py", "tasks.py"))
-"""The files that say what a cell is and how it is computed; the rest is in the packages below."""
 NO_SOURCE = "no source: target alone"
 """Regime of a model that has no source domain, where the others' comes from another robot."""
 
@@ -111,6 +110,7 @@ def _of_protocol(
         split_sha256="",
         seed=plan.seed,
         coverage=plan.coverage,
+        scoring_version=SCORING_VERSION,
     )
     source_sha256 = {word: source.sha256 for word, source in sources.items()}
     entered = {}
@@ -135,7 +135,7 @@ def _of_protocol(
                     of_split,
                     model=model.choice.info.key,
                     model_params=model.identity,
-                    code_sha256=model.code_sha256,
+                    model_version=model.version,
                 ),
                 shown=shown,
                 model=model.choice,
@@ -206,7 +206,7 @@ class _Prepared:
     identity: Mapping[str, Any]
     chooses_epoch: bool
     regime: str
-    code_sha256: str
+    version: str
 
 
 def _prepared(
@@ -226,12 +226,32 @@ def _prepared(
     if isinstance(made, StatesRegime):
         regimes.append(made.regime)
     regime = ", ".join(filter(None, regimes))
-    return _Prepared(choice, choice.identity, chooses, regime, code_of_model(choice))
+    return _Prepared(choice, choice.identity, chooses, regime, version_of(choice))
 
 
-def code_of_model(choice: Choice[ModelInfo]) -> str:
-    """Return the hash of the code that computes a cell of this model, whatever is around it."""
-    return code_of(choice.cls, type(choice.make()), files=SCORING)
+def version_of(choice: Choice[ModelInfo]) -> str:
+    """Return what tells a model's numbers from those of an older state of it.
+
+    Of a built-in model its version, with that of the library that it wraps; of a plugin's the hash
+    of its files too, and the versions of the built-in models whose classes it extends.
+    """
+    info = choice.info
+    bases = {f"{base.__module__}:{base.__qualname__}" for base in choice.cls.__mro__}
+    extended = [] if info in MODELS else [line for line in MODELS if line.target in bases]
+    words = [
+        str(info.version),
+        f"{info.library} {_installed(info.library)}" if info.library else "",
+        *(f"{line.key} {line.version}" for line in extended),
+        code_of(choice.cls, type(choice.make())),
+    ]
+    return ", ".join(filter(None, words))
+
+
+def _installed(library: str) -> str:
+    try:
+        return version(library)
+    except PackageNotFoundError:
+        return "not installed"
 
 
 def _presentation(

@@ -134,12 +134,11 @@ def where_better(paired: PairedErrors, data: StoredData, question: Question) -> 
 def factors(data: StoredData) -> list[Factor]:
     """Return what the samples of a data set are divided by."""
     found = [Factor("pose region", "part of the plan", "", data.samples.group)]
-    if data.tcp is not None:
-        x, y, z = data.tcp.T
-        found += [
-            Factor("pose region", "TCP reach (from the base's z axis)", "m", np.hypot(x, y)),
-            Factor("pose region", "TCP height", "m", z),
-        ]
+    x, y, z = data.tcp.T
+    found += [
+        Factor("pose region", "TCP reach (from the base's z axis)", "m", np.hypot(x, y)),
+        Factor("pose region", "TCP height", "m", z),
+    ]
     force, torque = data.samples.wrench[:, :3], data.samples.wrench[:, 3:]
     found += [
         Factor("load", "force", "N", np.linalg.norm(force, axis=1)),

@@ -71,6 +71,8 @@ class ModelInfo(PluginInfo):
     """A model family.
 
     Attributes:
+        version: raised by a change that changes the model's numbers.
+        library: distribution whose installed version belongs to the identity too.
         uses_validation: the model needs rows that choose an epoch. Where it does not, a
             protocol's inner validation rows are given to it as training rows.
         quick: option values with which a fit takes seconds, for the conformance suite.
@@ -78,6 +80,8 @@ class ModelInfo(PluginInfo):
             no other is asked for.
     """
 
+    version: int = 1
+    library: str = ""
     uses_validation: bool = False
     quick: Mapping[str, Any] = field(default_factory=dict)
     grids: Mapping[str, Grid] = field(default_factory=dict)

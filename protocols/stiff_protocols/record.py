@@ -12,8 +12,9 @@ from typing import Any, Literal, NamedTuple
 from stiff_protocols.cost import Cost
 from stiff_protocols.types import FloatArray, Prediction
 
-SCHEMA = 3
-"""Version of the stored format."""
+SCORING_VERSION = 1
+"""Of all that shapes a cell's numbers beside its model: metrics, intervals, tuning, the order of a
+cell's steps. A change of these numbers raises it; tests/protocols/test_golden_scoring.py notices."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,9 @@ class Cell:
         rows_sha256: hash of the split's rows alone, where sensor errors are in the other; else "".
         source_sha256: hash of the other robot's data that the source domain comes from; "" for
             none.
-        code_sha256: hash of the code that computes it; "" where it is not known.
+        model_version: of a built-in model its `ModelInfo.version`, with the version of the library
+            that it wraps; of a plugin's the hash of its files; "" where it is not known.
+        scoring_version: the `SCORING_VERSION` that it is computed with; 0 where it is not known.
     """
 
     model: str
@@ -48,7 +51,8 @@ class Cell:
     condition: str = ""
     rows_sha256: str = ""
     source_sha256: str = ""
-    code_sha256: str = ""
+    model_version: str = ""
+    scoring_version: int = 0
 
     @cached_property
     def key(self) -> str:
@@ -77,7 +81,10 @@ class Cell:
         return {item.name: getattr(self, item.name) for item in fields(self)}
 
 
-_OPTIONAL = ("coverage", "condition", "rows_sha256", "source_sha256", "code_sha256")
+_OPTIONAL = (
+    *("coverage", "condition", "rows_sha256", "source_sha256"),
+    *("model_version", "scoring_version"),
+)
 
 
 def _hash(identity: Mapping[str, Any]) -> str:

@@ -1,4 +1,7 @@
-"""Which code computes a result: hashes of source files, so that other code is another result."""
+"""Which code a plugin's model runs: hashes of its source files, so that other code is another result.
+
+Built-in models have a version instead (`ModelInfo.version`), which a golden test keeps honest.
+"""
 
 from __future__ import annotations
 
@@ -7,29 +10,29 @@ import hashlib
 import sys
 from collections.abc import Iterable
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-LIBRARIES = ("numpy", "scipy", "scikit-learn", "torch", "pin")
-"""Distributions that the numbers go through; their versions stand for their files."""
-_NO_FILES_OF = {"builtins", "abc", "typing", "numpy", "scipy", "sklearn", "torch"}
-"""Top-level names of classes' bases whose files are not read: the interpreter's and libraries'."""
+_NO_FILES_OF = {
+    *("builtins", "abc", "typing", "numpy", "scipy", "sklearn", "torch"),
+    *("stiff_bench", "stiff_datasets", "stiff_models", "stiff_protocols"),
+}
+"""Top-level names of classes' bases whose files are not read: libraries', and ours."""
 
 
-def code_of(*classes: type, files: Iterable[Path] = ()) -> str:
-    """Return a hash of the code that objects of these classes run, and of further files.
+def code_of(*classes: type) -> str:
+    """Return a hash of the files that a plugin's classes come from; "" for none but ours.
 
     It covers the whole package of each class and of each of its bases (where it is in none, its
-    file and those of the same folder that it imports), stiff_protocols with its metrics, and the
-    versions of `LIBRARIES`. It depends on nothing else that the process did before.
+    file and those of the same folder that it imports): an editable install keeps its version while
+    its code changes. It depends on nothing else that the process did before.
     """
-    modules = {base.__module__ for cls in classes for base in cls.__mro__} | {__name__}
+    modules = {base.__module__ for cls in classes for base in cls.__mro__}
     roots: set[Path] = set()
     for name in modules:
         file = getattr(sys.modules.get(name), "__file__", None)
         if name.partition(".")[0] not in _NO_FILES_OF and file is not None:
             roots |= _with_neighbours(_root(Path(file)))
-    return _hash([library_versions(), *sorted(map(code_below, roots)), *map(file_code, files)])
+    return _hash(sorted(map(code_below, roots))) if roots else ""
 
 
 def code_below(root: Path) -> str:
@@ -54,12 +57,6 @@ def file_code(path: Path) -> str:
 def _code_of_state(path: Path, _mtime_ns: int, _size: int) -> str:
     """Return a hash of a file as it stands now; it is read anew where it was changed."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-@cache
-def library_versions() -> str:
-    """Return the versions of `LIBRARIES`, as one text."""
-    return ", ".join(f"{name} {_version(name)}" for name in LIBRARIES)
 
 
 def _root(file: Path) -> Path:
@@ -101,13 +98,6 @@ def _imported(file: Path) -> set[str]:
         )
     }
     return {name.partition(".")[0] for name in names if name}
-
-
-def _version(distribution: str) -> str:
-    try:
-        return version(distribution)
-    except PackageNotFoundError:
-        return "not installed"
 
 
 def _hash(texts: Iterable[str]) -> str:

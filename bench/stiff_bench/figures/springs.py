@@ -23,7 +23,8 @@ from stiff_bench.figures.journal_style import (
     short,
 )
 from stiff_bench.registry import build_registry
-from stiff_bench.stored_data import StoredData, read_data
+from stiff_bench.store import read_data
+from stiff_bench.stored_data import StoredData
 from stiff_models.catalog import REFERENCE_MODEL
 from stiff_models.gravity import gravity_torque
 from stiff_protocols.errors import StiffBenchError
@@ -136,7 +137,7 @@ def gather(source: FigureSource) -> Content:
         name for name in source.names([contest]) if any(map(_is_segmented, contest.results(name)))
     )
     results = [one for one in contest.results(model) if _is_segmented(one)]
-    stored = read_data(source.folder / "data", contest.name.data_sha256)
+    stored = read_data(source.folder, contest.name.data_sha256)
     torque, of_what = _torques(contest, stored, results[0])
     joints = [
         JointSprings(

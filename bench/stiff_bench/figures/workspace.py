@@ -20,9 +20,8 @@ from stiff_bench.figures.journal_style import (
     new_figure,
     short,
 )
-from stiff_bench.stored_data import read_data
+from stiff_bench.store import read_data
 from stiff_bench.units import MM
-from stiff_protocols.errors import StoreError
 from stiff_protocols.types import FloatArray
 
 if TYPE_CHECKING:
@@ -115,12 +114,7 @@ def gather(source: FigureSource) -> Content:
     """Take the errors by pose of the models to compare."""
     compared = source.compared(source.contest(), MOST_MODELS)
     sha256 = compared.contest.name.data_sha256
-    stored = read_data(source.folder / "data", sha256)
-    if stored.tcp is None:
-        raise StoreError(
-            f"{source.folder / 'data' / sha256}.npz: holds no TCP positions (it is older than "
-            "they are); the `bench run` that made it writes it anew"
-        )
+    stored = read_data(source.folder, sha256)
     _, pose = np.unique(stored.samples.pose_id, return_inverse=True)
     models = [_of_model(compared, name, stored.tcp, pose) for name in compared.models]
     caption = (

@@ -25,7 +25,9 @@ def paper_results(folder: Path) -> PaperResults:
     Raises:
         StoreError: there are none, and `bench reproduce` makes them; or a file is damaged.
     """
-    if not any(any((folder / part).glob("*")) for part in ("cells", "packs")):
+    from stiff_bench.store import has_results
+
+    if not has_results(folder):
         raise StoreError(f"--results {folder}: holds no results; `bench reproduce` makes them")
     return PaperResults.of(folder)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from stiff_bench.render import markdown_code, markdown_text
 from stiff_bench.result_source import sources
-from stiff_bench.store import read_manifests, stored_results
+from stiff_bench.store import FILE, read_manifests, stored_results
 from stiff_bench.words import counted
 from stiff_protocols.record import RunManifest
 
@@ -32,9 +32,10 @@ def provenance_lines(folder: Path, command: str, n_missing: int) -> Iterator[str
     for line in sources(folder, runs, counts):
         yield markdown_text(line)
     yield f"fits took {timedelta(seconds=round(fitting_s))} (h:min:s) of one thread in all"
+    name = f"{folder.name}/{FILE}"
     for machine, n_runs in _machines(runs).items():
         where = "its manifest is" if n_runs == 1 else "their manifests are"
-        yield f"{markdown_text(machine)}: {counted(n_runs, 'run')}; {where} in `{folder.name}/runs`"
+        yield f"{markdown_text(machine)}: {counted(n_runs, 'run')}; {where} in `{name}`"
 
 
 def _machines(runs: list[RunManifest]) -> Counter[str]:

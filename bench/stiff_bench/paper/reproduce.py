@@ -9,16 +9,13 @@ from pathlib import Path
 from stiff_bench.config import RunPlan, RunRequest, plan_run
 from stiff_bench.execution import Execution
 from stiff_bench.forecast import Forecast, forecast
-from stiff_bench.paper.expected_time import expected_s
 from stiff_bench.paper.study import SEED, StudyRun
-from stiff_bench.progress import Expected, display
+from stiff_bench.progress import display
 from stiff_bench.registry import Registry
 from stiff_bench.robot_words import RobotWords
-from stiff_bench.run import warn
 from stiff_bench.runner import Finished, run_cells
-from stiff_bench.store import ResultStore, stored_keys
+from stiff_bench.store import ResultStore, stored_statuses
 from stiff_bench.tasks import CellTask, cell_tasks
-from stiff_protocols.record import Presentation
 
 METRICS = ("mae", "stde", "me")
 
@@ -84,7 +81,7 @@ class Study:
         Raises:
             StiffBenchError: a data set cannot be loaded or divided.
         """
-        stored = stored_keys(self.output, warn)
+        stored = stored_statuses(self.output)
         return sum(task.cell.key not in stored for task in self.tasks())
 
 
@@ -94,36 +91,21 @@ def forecast_of(study: Study, execution: Execution) -> Forecast:
     Raises:
         StiffBenchError: a data set cannot be loaded or divided.
     """
-    return forecast(study.tasks(), study.output, execution, warn, prior=expected_s)
+    jobs = execution.executor.at_once
+    return forecast(study.tasks(), study.output, jobs=jobs, rerun=execution.rerun)
 
 
-def run_study(
-    study: Study, store: ResultStore, execution: Execution, foreseen: Forecast
-) -> Finished:
+def run_study(study: Study, store: ResultStore, execution: Execution) -> Finished:
     """Compute what is missing of a study, store it, and return all of its results.
 
     Args:
         study: what is asked for.
         store: its output.
         execution: how.
-        foreseen: the forecast, for the time left.
 
     Raises:
         StiffBenchError: the data cannot be loaded or divided, or the output not written.
     """
     tasks = list(study.tasks())
     with display() as shown:
-        return run_cells(tasks, study.command, store, execution, shown, _expected(foreseen))
-
-
-def _expected(foreseen: Forecast) -> Expected:
-    """Return the forecast's times as shares of the run's wall time."""
-    of_part = {
-        (part.model, part.dataset, part.protocol): (part.cell_s or 0.0) / foreseen.jobs
-        for part in foreseen.parts
-    }
-
-    def of_cell(shown: Presentation) -> float:
-        return of_part.get((shown.model, shown.dataset, shown.protocol), 0.0)
-
-    return Expected(foreseen.seconds, of_cell)
+        return run_cells(tasks, study.command, store, execution, shown)

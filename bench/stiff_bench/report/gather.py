@@ -20,7 +20,7 @@ from stiff_bench.report.pictures import picture_block
 from stiff_bench.report.run_tables import run_block
 from stiff_bench.report.scores import data_block, score_block
 from stiff_bench.sort_key import SortKey
-from stiff_bench.stored_data import read_data
+from stiff_bench.store import read_data
 from stiff_bench.stored_leaderboard import StoredResults
 from stiff_bench.tables import SELECTION_MARK
 from stiff_bench.words import counted
@@ -129,7 +129,7 @@ def _pairs(section: Section, heading: str, stored: StoredResults, choice: Choice
             section,
             heading=heading,
             folder=folder,
-            data_of=functools.cache(functools.partial(read_data, folder / "data")),
+            data_of=functools.cache(functools.partial(read_data, folder)),
             question=Question(seed=choice.seed),
         )
     except StoreError as error:
