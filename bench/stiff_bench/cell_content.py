@@ -13,7 +13,7 @@ import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from functools import lru_cache, partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import orjson
@@ -23,8 +23,9 @@ from stiff_protocols.errors import DataError
 from stiff_protocols.record import Cell, CellResult, Presentation, ResultRecord
 from stiff_protocols.types import FloatArray, Interval, Prediction
 
+_T = TypeVar("_T")
 Content = dict[str, Any]
-"""Name of a column -> str, int, float, bytes or None; "metrics" -> (metric, axis, unit, value)s."""
+"""Name of a column -> str, int, float, bytes or None; "metrics" -> (metric, axis, value, unit)s."""
 
 _OF_CELL = {
     "model_key": "model",
@@ -82,7 +83,7 @@ def cell_content(result: CellResult) -> Content:
     content["prediction_arrays"], content["prediction"] = _packed(result.prediction)
     curves = {name: curve.tolist() for name, curve in result.curves.items()}
     content["curves"] = zlib.compress(orjson.dumps(curves)) if curves else None
-    content["metrics"] = [(r.metric, r.axis, r.unit, r.value) for r in result.records]
+    content["metrics"] = [tuple(record) for record in result.records]
     for name, value in content.items():
         if type(value) is str and not value.isascii():  # a file's name may hold what is no text
             content[name] = value.encode(errors="replace").decode()
@@ -122,13 +123,15 @@ def checked_result(content: Mapping[str, Any]) -> CellResult:
 
 def _result(content: Mapping[str, Any]) -> CellResult:
     cell = {name: content[column] for column, name in _OF_CELL.items()}
-    cell |= {name: _parsed(cell[name]) for name in _PARAMS}
-    about = orjson.loads(content["about"])
+    for name in _PARAMS:
+        cell[name] = _parsed(cell[name])
+    about = _parsed(content["about"])
     curves = {} if content["curves"] is None else orjson.loads(_unpacked(content["curves"]))
-    return CellResult(
-        cell=Cell(**cell),
+    values: dict[str, Any] = {name: content[name] for name in _PLAIN}
+    values.update(
+        cell=_made(Cell, cell),
         shown=_presentation(*(content[name] for name in _NAMES), content["shown"]),
-        records=tuple(map(_record, [(m, a, v, u) for m, a, u, v in content["metrics"]])),
+        records=tuple(map(_record, content["metrics"])),
         prediction=_prediction(content),
         cost=None if content["fit_s"] is None else Cost(**{name: content[name] for name in _COST}),
         diagnostics={name: float(value) for name, value in about["diagnostics"].items()},
@@ -139,12 +142,19 @@ def _result(content: Mapping[str, Any]) -> CellResult:
             name: np.array(points, dtype=np.float64).reshape(-1, 3)
             for name, points in curves.items()
         },
-        **{name: content[name] for name in _PLAIN},
     )
+    return _made(CellResult, values)
 
 
 _record = partial(tuple.__new__, ResultRecord)
 """Makes a record of a tuple, soon: a folder holds a million of them."""
+
+
+def _made(cls: type[_T], values: dict[str, Any]) -> _T:
+    """Return a frozen dataclass with all of its fields: calling it takes three times as long."""
+    made = object.__new__(cls)
+    vars(made).update(values)
+    return made
 
 
 @lru_cache(maxsize=4096)

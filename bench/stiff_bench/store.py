@@ -50,6 +50,8 @@ FORMAT = 4
 """Of the file, as `PRAGMA user_version` has it."""
 BUSY_S = 60.0
 """How long a command waits for another one that writes."""
+PAGE_BYTES = 16384
+"""A cell has about 2.5 kB: of SQLite's own 4 kB a third would stay empty."""
 AT_ONCE = 2000
 """Cells that are read with one statement, so that those who write soon get their turn."""
 
@@ -365,6 +367,7 @@ def writing(folder: Path, other: Path | None = None) -> Iterator[sqlite3.Connect
     with _said(path, "written"):
         uri = f"{path.resolve().as_uri()}?mode=rwc"
         with closing(sqlite3.connect(uri, uri=True, timeout=BUSY_S, isolation_level=None)) as db:
+            db.execute(f"PRAGMA page_size = {PAGE_BYTES}")  # of a new file
             db.execute("PRAGMA synchronous = FULL")
             db.execute("PRAGMA foreign_keys = ON")
             if other is not None:
@@ -481,7 +484,8 @@ def _checked(row: Sequence[Any], values: Mapping[int, tuple[_Measures, FloatArra
     except TypeError as error:  # bytes in the place of a text
         raise DataError(str(error)) from error
     content = dict(zip(COLUMNS, columns, strict=True))
-    content["metrics"] = zip(*measures.columns, numbers.tolist(), strict=True)
+    metrics, axes, units = measures.columns
+    content["metrics"] = zip(metrics, axes, numbers.tolist(), units, strict=True)
     return checked_result(content)
 
 
@@ -552,19 +556,20 @@ def _write(db: sqlite3.Connection, result: CellResult) -> None:
         if there[1] == "ok" and result.status != "ok":
             return
         db.execute("DELETE FROM cell WHERE id = ?", (there[0],))
-    measures = _Measures([metric[:3] for metric in content["metrics"]])
-    values = np.array([metric[3] for metric in content["metrics"]], dtype=np.float64)
+    named = [(metric, axis, unit) for metric, axis, _, unit in content["metrics"]]
+    measures = _Measures(named)
+    values = np.array([metric[2] for metric in content["metrics"]], dtype=np.float64)
     columns = [content[name] for name in COLUMNS]
     plain, blobs = columns[:-_N_BLOBS], columns[-_N_BLOBS:]
     sha256 = checksum(plain, measures.names, values[measures.order], blobs)
     number = db.execute(_INSERT, (*columns, sha256)).lastrowid
     known = {row[1:]: row[0] for row in db.execute("SELECT * FROM measure")}
-    for *measure, value in content["metrics"]:
-        if tuple(measure) not in known:
+    for measure in named:
+        if measure not in known:
             insert = "INSERT INTO measure (metric, axis, unit) VALUES (?, ?, ?)"
-            known[tuple(measure)] = db.execute(insert, measure).lastrowid
-        row = (number, known[tuple(measure)], value)
-        db.execute("INSERT INTO value VALUES (?, ?, ?)", row)
+            known[measure] = db.execute(insert, measure).lastrowid
+    rows = [(number, known[m], value) for m, value in zip(named, values.tolist(), strict=True)]
+    db.executemany("INSERT INTO value VALUES (?, ?, ?)", rows)
 
 
 def write_run(db: sqlite3.Connection, manifest: RunManifest) -> None:
