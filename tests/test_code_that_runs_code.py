@@ -60,7 +60,6 @@ ALLOWED = {
     "models/stiff_models/optional_packages.py": "importlib: asks whether a package is there",
     "models/stiff_models/sklearn_model.py": "importlib: modules of sklearn alone",
     "models/stiff_models/state_codec.py": "importlib: modules of ours alone",
-    "models/stiff_models/straight_line.py": "exec: a text that this file writes of numbers",
     "datasets/stiff_datasets/robots/robot.py": "xml: ElementTree, which reads no external entities",
     "protocols/stiff_protocols/plugin.py": "importlib: targets of catalogue lines",
 }
