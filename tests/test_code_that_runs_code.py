@@ -44,8 +44,6 @@ ALLOWED = {
     "bench/stiff_bench/registry.py": "importlib: --plugin files, which the user names",
     "bench/stiff_bench/execution.py": "importlib: asks whether a package is there",
     "bench/stiff_bench/plugin_commands.py": "importlib: asks whether a name is free",
-    "bench/stiff_bench/perf_run.py": "subprocess, importlib: runs our own benchmarks by pytest",
-    "bench/stiff_bench/perf_report.py": "xml: what our own pytest wrote just now",
     "bench/stiff_bench/provenance.py": "subprocess: git status of our own checkout",
     "bench/stiff_bench/report/widget.py": "subprocess: npm, for developers who take a newer widget",
     "bench/stiff_bench/stored_data.py": "np.load with allow_pickle=False",
