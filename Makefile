@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 READY = $(VENV)/.ready
 
-.PHONY: run test slow-test lint docs clean
+.PHONY: run test slow-test lint perf docs clean
 
 run: $(READY)
 	$(BIN)/bench run --model ft-mlp
@@ -20,6 +20,15 @@ lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# LONG=1: the benchmarks of many minutes, too. ONLY=EXPRESSION: some of them (pytest's -k), on screen.
+PAGE = $(if $(ONLY),/dev/stdout,results/performance.md)
+perf: $(READY)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[dev,perf]"
+	OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest \
+	    tests/perf/perf_*.py --benchmark-only --benchmark-quiet --benchmark-json=$(VENV)/perf.json \
+	    -v -rs -p no:xdist -p no:cacheprovider -m "$(if $(LONG),,not slow)" -k "$(ONLY)"
+	$(BIN)/python tests/perf/write_page.py $(VENV)/perf.json $(PAGE)
 
 docs: $(READY)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict

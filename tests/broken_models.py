@@ -32,9 +32,6 @@ class Springs(BaseEstimator):
             raise ValueError("another robot")
         return wrench @ self.compliance_
 
-    def predict_one(self, q, wrench):
-        return tuple(self.predict(np.array([q]), np.array([wrench]))[0].tolist())
-
     def predict_interval(self, q, wrench, coverage):
         middle = self.predict(q, wrench)
         return Interval(middle - 1e-3 * coverage, middle + 1e-3 * coverage, coverage)
@@ -141,16 +138,6 @@ class LooksAtTheBatch(Springs):
 class CountsRows(Springs):
     def predict(self, q, wrench):
         return super().predict(q, wrench) * (1.0 + 0.01 * np.arange(len(q))[:, None])
-
-
-class RoundsOne(Springs):
-    def predict_one(self, q, wrench):
-        return tuple(round(value, 7) for value in super().predict_one(q, wrench))
-
-
-class ReturnsTwo(Springs):
-    def predict_one(self, q, wrench):
-        return super().predict_one(q, wrench)[:2]
 
 
 class Noisy(Springs):
@@ -317,8 +304,6 @@ BROKEN = [
     (Kilometres, "predictions are in metres", "times smaller"),
     (LooksAtTheBatch, "a row's prediction", "a row predicted alone differs by up to"),
     (CountsRows, "a row's prediction", "a row predicted alone differs by up to"),
-    (RoundsOne, "predict_one gives", "predict_one differs from predict by up to"),
-    (ReturnsTwo, "predict_one gives", r"shape \(2,\), expected three"),
     (Noisy, "predicting twice", "the second prediction differs by up to"),
     (WritesIntoWrench, "predict leaves its inputs", "predict writes into wrench"),
     (IgnoresSeed, "the same seed", "a second model differs by up to"),

@@ -1,14 +1,14 @@
-"""What a benchmark tells `bench perf` besides its time: who it is, and what it must reach.
+"""What a benchmark says besides its time: who it is, and what it must reach.
 
-A group of benchmarks does one piece of work; one of them is ours, the others are peers. `bench
-perf` prints how many times faster than each peer ours is. Targets are ratios of one run, never
-times: machines differ, and are shared.
+A group of benchmarks does one piece of work; some of them are ours, the others are peers. The page
+of `make perf` shows how many times as fast as each peer ours is (`tests/perf/write_page.py`).
+Targets are ratios of one run, never times: machines differ, and are shared.
 """
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import pytest
@@ -79,33 +79,3 @@ def figure(
         "at_least": at_least,
     }
     benchmark.extra_info.setdefault("figures", []).append(found)
-
-
-def curve(
-    benchmark: Any,
-    picture: str,
-    x: Sequence[float],
-    y: Sequence[float],
-    *,
-    x_label: str,
-    y_label: str,
-    note: str = "",
-) -> None:
-    """Add a curve to a picture that `bench perf` draws with logarithmic axes.
-
-    Args:
-        benchmark: pytest-benchmark's fixture.
-        picture: name of the picture's file; all curves of that name share it. The curve's own
-            name is the benchmark's (`ours` or `peer`).
-        x, y: of the points, positive.
-        x_label, y_label: with units.
-        note: stands beside the curve's name.
-    """
-    benchmark.extra_info["curve"] = {
-        "picture": picture,
-        "x": [float(one) for one in x],
-        "y": [float(one) for one in y],
-        "x_label": x_label,
-        "y_label": y_label,
-        "note": note,
-    }

@@ -44,8 +44,6 @@ ALLOWED = {
     "bench/stiff_bench/registry.py": "importlib: --plugin files, which the user names",
     "bench/stiff_bench/execution.py": "importlib: asks whether a package is there",
     "bench/stiff_bench/plugin_commands.py": "importlib: asks whether a name is free",
-    "bench/stiff_bench/perf_run.py": "subprocess, importlib: runs our own benchmarks by pytest",
-    "bench/stiff_bench/perf_report.py": "xml: what our own pytest wrote just now",
     "bench/stiff_bench/provenance.py": "subprocess: git status of our own checkout",
     "bench/stiff_bench/report/widget.py": "subprocess: npm, for developers who take a newer widget",
     "bench/stiff_bench/stored_data.py": "np.load with allow_pickle=False",
@@ -60,7 +58,6 @@ ALLOWED = {
     "models/stiff_models/optional_packages.py": "importlib: asks whether a package is there",
     "models/stiff_models/sklearn_model.py": "importlib: modules of sklearn alone",
     "models/stiff_models/state_codec.py": "importlib: modules of ours alone",
-    "models/stiff_models/straight_line.py": "exec: a text that this file writes of numbers",
     "datasets/stiff_datasets/robots/robot.py": "xml: ElementTree, which reads no external entities",
     "protocols/stiff_protocols/plugin.py": "importlib: targets of catalogue lines",
 }

@@ -35,7 +35,6 @@ from stiff_bench.leaderboard_cli import leaderboard
 from stiff_bench.library_folders import keep_libraries_in_our_cache
 from stiff_bench.merge_cli import merge
 from stiff_bench.messages import print_text, say
-from stiff_bench.perf_cli import perf
 from stiff_bench.plugin_cli import check, new
 from stiff_bench.report_cli import report
 from stiff_bench.reproduce_cli import reproduce
@@ -228,7 +227,7 @@ def show(key: str, plugins: tuple[Path, ...]) -> None:
 
 
 for command in (
-    *(cache, check, compare, data, export, figure, fit, leaderboard, merge, new, perf),
+    *(cache, check, compare, data, export, figure, fit, leaderboard, merge, new),
     *(predict, report, reproduce, table),
 ):
     bench.add_command(command)

@@ -71,7 +71,7 @@ def cost_table(section: Section) -> TextTable:
             "wall times and memory of the machines that computed the cells, over all data sets and "
             "protocols of the ranks above: see `bench leaderboard --metric fit-time` for one each. "
             "A pre-training from the cache costs nothing in fit time, and the first fit of a run "
-            "loads libraries. The latency is that of `predict_one` where a model has it.",
+            "loads libraries.",
         ),
     )
 

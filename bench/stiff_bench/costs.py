@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from stiff_protocols.contract import PredictsOne, StiffnessModel
+from stiff_protocols.contract import StiffnessModel
 from stiff_protocols.types import FloatArray
 
 MOST_SINGLE_PREDICTIONS = 21
@@ -20,15 +20,12 @@ SHORTEST = 1e-9  # a clock may stand still
 
 
 def latency(model: StiffnessModel, q: FloatArray, wrench: FloatArray) -> float:
-    """Return the median wall time [s] of predicting one row; `q` and `wrench` hold some rows.
-
-    A model that predicts one sample on plain numbers is asked that way.
-    """
+    """Return the median wall time [s] of predicting one row; `q` and `wrench` hold some rows."""
     times: list[float] = []
-    some = slice(MOST_SINGLE_PREDICTIONS)
-    calls = _single_predictions(model, q[some], wrench[some])
+    rows = [slice(i, i + 1) for i in range(min(len(q), MOST_SINGLE_PREDICTIONS))]
     while len(times) < MOST_SINGLE_PREDICTIONS and sum(times) < SECONDS:
-        times.append(_seconds(calls[len(times) % len(calls)]))
+        row = rows[len(times) % len(rows)]
+        times.append(_seconds(partial(model.predict, q[row], wrench[row])))
     return statistics.median(times)
 
 
@@ -49,16 +46,6 @@ def throughput(model: StiffnessModel, q: FloatArray, wrench: FloatArray, predict
         many_q, many_wrench = np.tile(q, (times, 1)), np.tile(wrench, (times, 1))
         seconds = _seconds(lambda many=(many_q, many_wrench): model.predict(*many))  # type: ignore[misc]
     return times * len(q) / max(seconds, SHORTEST)
-
-
-def _single_predictions(
-    model: StiffnessModel, q: FloatArray, wrench: FloatArray
-) -> list[Callable[[], object]]:
-    """Return a prediction of each row as a call."""
-    if isinstance(model, PredictsOne):
-        rows = zip(q.tolist(), wrench.tolist(), strict=True)
-        return [partial(model.predict_one, *row) for row in rows]
-    return [partial(model.predict, q[i : i + 1], wrench[i : i + 1]) for i in range(len(q))]
 
 
 def _seconds(call: Callable[[], object]) -> float:

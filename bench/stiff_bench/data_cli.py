@@ -161,28 +161,3 @@ def register(key: str, file: Path, urdf: Path | None, tcp: str) -> None:
     from stiff_bench.data_commands import register_file
 
     click.echo(register_file(key, file, urdf, tcp))
-
-
-@data.command()
-@click.option(
-    "--generations",
-    type=click.IntRange(1, 10_000),
-    default=150,
-    show_default=True,
-    help="Of the search; the default takes about ten minutes.",
-)
-@seed_option
-@click.option(
-    "--output",
-    type=FILE,
-    default=Path("results/calibration"),
-    show_default=True,
-    metavar="DIR",
-    help="Where constants and record go.",
-)
-@debug_option
-def calibrate(generations: int, seed: int, output: Path) -> None:
-    """Fit the KR10 twin to the paper's VJM figures."""
-    from stiff_bench.calibration import calibrate_twin
-
-    click.echo(calibrate_twin(generations=generations, seed=seed, output=output))

@@ -1,4 +1,4 @@
-"""What the `bench data` commands do, but for the calibration."""
+"""What the `bench data` commands do."""
 
 from __future__ import annotations
 

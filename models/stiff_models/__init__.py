@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from stiff_models.base import FittedModel
+    from stiff_models.checked_model import CheckedModel
 
 __all__ = ["load"]
 
 
-def load(path: Path | str) -> FittedModel:
+def load(path: Path | str) -> CheckedModel:
     """Return the fitted model that `model.save(path)` or `bench fit` wrote; see `saved.load`.
 
     Raises:

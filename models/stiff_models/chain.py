@@ -3,7 +3,7 @@
 The chain is rewritten once so that each joint moves about or along its own z axis; what lies
 between two joints is then a constant rotation and a constant offset. A component is anything that
 can be added and multiplied: a torch tensor, or a symbol of `stiff_models.straight_line`, which
-NumPy arrays and plain numbers are computed by. Components that are plain floats 0 or 1 cost
+NumPy arrays are computed by. Components that are plain floats 0 or 1 cost
 nothing, and most of a robot's constants are.
 """
 

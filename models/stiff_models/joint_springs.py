@@ -1,31 +1,22 @@
 """Deflection of linear joint springs, ``d = J_v diag(c) J^T w``, without the Jacobian.
 
-For many samples at once, for more samples than memory holds, for all wrenches at a pose, and for
-one pose and one wrench. All of it is `stiff_models.chain`'s closed form.
+For many samples at once, for more samples than memory holds, and for all wrenches at a pose. All of
+it is `stiff_models.chain`'s closed form.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 
 import numpy as np
 
 from stiff_models.chain import Chain
 from stiff_models.kinematics import PROGRAMS_KEPT
-from stiff_models.straight_line import (
-    Program,
-    cosine_and_sine,
-    half_angle,
-    python_function,
-    tape_with,
-)
+from stiff_models.straight_line import Program, half_angle, tape_with
 from stiff_protocols.errors import DataError
 from stiff_protocols.forward_kinematics import checked_positions
 from stiff_protocols.types import FloatArray, Robot
-
-OneDeflection = Callable[[Sequence[float], Sequence[float]], tuple[float, float, float]]
-"""Maps n_joints positions and six wrench components to a deflection [m]."""
 
 
 def joint_deflection(
@@ -72,19 +63,6 @@ def compliance_matrix(robot: Robot, compliance: FloatArray, q: FloatArray) -> Fl
     matrix = np.empty((len(q), 18))
     _compliance_program(robot).run([q], matrix.T, _checked_springs(robot, compliance))
     return matrix.reshape(-1, 3, 6)
-
-
-def one_deflection(robot: Robot, compliance: FloatArray) -> OneDeflection:
-    """Return `joint_deflection` of one pose and one wrench as a function of plain numbers.
-
-    The robot's constants and the springs are written into it; making it takes milliseconds.
-    """
-    tape, (q, wrench) = tape_with(robot.n_joints, 6)
-    results = Chain.of(robot).deflection(
-        _checked_springs(robot, compliance), q, wrench, cosine_and_sine
-    )
-    function: OneDeflection = python_function(tape, [q, wrench], results)
-    return function
 
 
 def deflections(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from pathlib import Path
 
 
 def missing_package(package: str, extra: str) -> str:
@@ -22,10 +23,33 @@ def missing_pytabkit() -> str:
     return missing_package("pytabkit", "tabular")
 
 
-def missing_tabpfn() -> str:
-    """Return why `tabpfn` cannot be used here with its default options; "" where it can."""
-    if reason := missing_package("tabpfn", "tabpfn"):
-        return reason
-    from stiff_models.tabpfn import TabPfn  # brings torch
+def missing_tabpfn(model_path: str = "") -> str:
+    """Return why `tabpfn` cannot be used here: no package, or no weights; "" where it can.
 
-    return TabPfn().missing()
+    Args:
+        model_path: the file of weights; "": the package's default in its own cache folder.
+    """
+    return missing_package("tabpfn", "tabpfn") or missing_weights(model_path)
+
+
+def missing_weights(model_path: str) -> str:
+    """Return which file of weights is missing; "" where it is there.
+
+    Args:
+        model_path: the file; "": the package's default in its own cache folder.
+    """
+    file = Path(model_path) if model_path else _default_weights()
+    if file.is_file():
+        return ""
+    return (
+        f"needs its weights, {file} is not there (nothing is downloaded at run time): "
+        "set tabpfn.model_path to a file of a TabPFN regressor"
+    )
+
+
+def _default_weights() -> Path:
+    from tabpfn.model_loading import resolve_model_path, resolve_model_version
+
+    version = resolve_model_version(None)
+    (path,), *_ = resolve_model_path(None, "regressor", version.value)
+    return Path(path)

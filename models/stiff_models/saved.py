@@ -17,8 +17,8 @@ from typing import Any
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
-from stiff_models.base import FittedModel
 from stiff_models.catalog import MODELS, model_info
+from stiff_models.checked_model import CheckedModel
 from stiff_models.state_codec import Array, pack, unpack
 from stiff_protocols.errors import (
     ConfigError,
@@ -48,7 +48,7 @@ def key_of(model: object) -> str:
     return key
 
 
-def save(model: FittedModel, path: Path) -> None:
+def save(model: CheckedModel, path: Path) -> None:
     """Write a fitted model to one file, whole or not at all; one that exists is replaced.
 
     Raises:
@@ -67,7 +67,7 @@ def save(model: FittedModel, path: Path) -> None:
         save_file(arrays, temporary, metadata=metadata)
 
 
-def load(path: Path | str) -> FittedModel:
+def load(path: Path | str) -> CheckedModel:
     """Return the model that a file holds.
 
     Networks run on the device of the model's options; where that is "cuda" and there is none here,
@@ -136,12 +136,12 @@ def _key_of_class(cls: type) -> str:
     return key if isinstance(key, str) else ""
 
 
-def _class_of_key(key: str) -> type[FittedModel]:
+def _class_of_key(key: str) -> type[CheckedModel]:
     try:
         info = model_info(key)
     except ConfigError as error:
         raise DataError(str(error)) from error
     if info.missing():
         raise DataError(f"holds a {key}, which cannot be used here: {info.missing()}")
-    cls: type[FittedModel] = info.load()
+    cls: type[CheckedModel] = info.load()
     return cls

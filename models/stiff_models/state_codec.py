@@ -20,7 +20,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 from sklearn.base import BaseEstimator
 
-from stiff_models.base import FittedModel
+from stiff_models.checked_model import CheckedModel
 from stiff_protocols.errors import DataError, ModelError
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ _PLAIN_DTYPES = frozenset("f8 f4 f2 i8 i4 i2 i1 u8 u4 u2 u1 b1".split())
 _OWN_PACKAGES = ("stiff_models", "stiff_protocols")
 
 
-def pack(model: FittedModel, key_of: Callable[[type], str]) -> tuple[Node, dict[str, Array]]:
+def pack(model: CheckedModel, key_of: Callable[[type], str]) -> tuple[Node, dict[str, Array]]:
     """Take a fitted model apart.
 
     Args:
@@ -52,8 +52,8 @@ def pack(model: FittedModel, key_of: Callable[[type], str]) -> tuple[Node, dict[
 
 
 def unpack(
-    node: Node, arrays: Mapping[str, Array], class_of: Callable[[str], type[FittedModel]]
-) -> FittedModel:
+    node: Node, arrays: Mapping[str, Array], class_of: Callable[[str], type[CheckedModel]]
+) -> CheckedModel:
     """Put a model together again; arguments as `pack` returned them.
 
     Args:
@@ -74,7 +74,7 @@ class _Packer:
         self.arrays: dict[str, Array] = {}
         self._key_of = key_of
 
-    def model(self, model: FittedModel) -> Node:
+    def model(self, model: CheckedModel) -> Node:
         cls, key = type(model), self._key_of(type(model))
         if not key and not _is_own(cls):
             raise ModelError(f"{cls.__name__} is no class of stiffbench's")
@@ -116,7 +116,7 @@ class _Packer:
         return self._object(value)
 
     def _object(self, value: object) -> Node:
-        if isinstance(value, FittedModel):
+        if isinstance(value, CheckedModel):
             return self.model(value)
         if dataclasses.is_dataclass(value) and _is_record(type(value)):
             fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(value) if f.init}
@@ -157,12 +157,12 @@ class _Unpacker:
     """Reads nodes back; any error of the nodes' own form is the caller's to name."""
 
     def __init__(
-        self, arrays: Mapping[str, Array], class_of: Callable[[str], type[FittedModel]]
+        self, arrays: Mapping[str, Array], class_of: Callable[[str], type[CheckedModel]]
     ) -> None:
         self._arrays = arrays
         self._class_of = class_of
 
-    def model(self, node: Node) -> FittedModel:
+    def model(self, node: Node) -> CheckedModel:
         cls = self._class_of(node["key"]) if "key" in node else _own_model(node["class"])
         params = {name: self.unpack(value) for name, value in node["params"].items()}
         if params.get("device") == "cuda" and not _has_cuda():
@@ -181,7 +181,7 @@ class _Unpacker:
             setattr(model, name, self._module(model, name, state))
         return model
 
-    def _module(self, model: FittedModel, name: str, state: Node) -> torch.nn.Module:
+    def _module(self, model: CheckedModel, name: str, state: Node) -> torch.nn.Module:
         import torch
 
         from stiff_models.networks import torch_device
@@ -276,9 +276,9 @@ def _own_record(name: str) -> type:
     return cls
 
 
-def _own_model(name: str) -> type[FittedModel]:
+def _own_model(name: str) -> type[CheckedModel]:
     cls = _own_class(name)
-    if not issubclass(cls, FittedModel):
+    if not issubclass(cls, CheckedModel):
         raise DataError(f"holds an object of {name}, which is no model of stiffbench's")
     return cls
 

@@ -1,16 +1,13 @@
-"""Straight-line programs: a formula written once on symbols, then run on columns or on numbers.
+"""Straight-line programs: a formula written once on symbols, then run on columns of numbers.
 
 Arithmetic on a `Symbol` computes nothing but writes a step of a program. A step is written once
 however often the formula asks for it, and a change of sign waits for the sum that it belongs to. A
-program runs on NumPy arrays in chunks that fit the cache, in buffers that later steps use again;
-or it becomes a Python function of plain numbers.
+program runs on NumPy arrays in chunks that fit the cache, in buffers that later steps use again.
 """
 
 from __future__ import annotations
 
-import math
-from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,7 +28,6 @@ _UFUNCS: dict[str, Any] = {
     "/": np.divide,
     "tan": np.tan,
 }
-_LONGEST = 200  # characters of an expression; Python's parser does not nest without end
 
 
 @dataclass(frozen=True)
@@ -135,20 +131,12 @@ def half_angle(angle: Symbol) -> tuple[Symbol, Symbol]:
     Of NumPy's trigonometric functions in float64 the tangent alone is vectorised; the error is
     below 6e-16.
     """
-    tangent = _unary("tan", 0.5 * angle)
+    half = 0.5 * angle
+    tangent = half.tape.value("tan", half.number)
+    if half.negative:
+        tangent = -tangent
     double = 2.0 / (1.0 + tangent * tangent)
     return double - 1.0, tangent * double
-
-
-def cosine_and_sine(angle: Symbol) -> tuple[Symbol, Symbol]:
-    """Return both as steps of their own, for a function of plain numbers."""
-    return _unary("cos", angle), _unary("sin", angle)
-
-
-def _unary(name: str, angle: Symbol) -> Symbol:
-    """Write a function of an input or a step, whose sign is kept out."""
-    value = angle.tape.value(name, angle.number)
-    return -value if angle.negative and name != "cos" else value
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,45 +265,6 @@ class _Arrangement:
                 for function, places in steps
             ),
         )
-
-
-def python_function(
-    tape: Tape, arguments: Sequence[Sequence[Symbol]], results: Sequence[Symbol | float]
-) -> Callable[..., Any]:
-    """Return a function of plain numbers that does the steps which lead to `results`.
-
-    Args:
-        tape: with `cos` and `sin`, see `cosine_and_sine`.
-        arguments: the inputs, by the sequence of numbers that each argument is to be.
-        results: what it returns, as a tuple.
-    """
-    needed = _needed(tape, results)
-    uses = Counter(operand for _, step in needed for operand in step.operands)
-    uses.update(result.number for result in results if isinstance(result, Symbol))
-    text = {symbol.number: f"i{symbol.number}" for part in arguments for symbol in part}
-    lines = [
-        f"    {', '.join(text[symbol.number] for symbol in part)}, = a{i}"
-        for i, part in enumerate(arguments)
-    ]
-    for number, step in needed:
-        words = [text[o] if isinstance(o, int) else o for o in step.operands]
-        written = f" {step.name} ".join(words) if len(words) == 2 else f"{step.name}({words[0]})"
-        if uses[number] > 1 or len(written) > _LONGEST:
-            lines.append(f"    v{number} = {written}")
-            text[number] = f"v{number}"
-        else:
-            text[number] = f"({written})"
-    returned = []
-    for result in results:
-        operand, negative = _operand(result)
-        word = text[operand] if isinstance(operand, int) else operand
-        returned.append(f"-{word}" if negative else word)
-    head = f"def straight({', '.join(f'a{i}' for i in range(len(arguments)))}):"
-    source = "\n".join([head, *lines, f"    return {', '.join(returned)},"])
-    scope: dict[str, Any] = {"cos": math.cos, "sin": math.sin}
-    exec(compile(source, "<straight line>", "exec"), scope)
-    function: Callable[..., Any] = scope["straight"]
-    return function
 
 
 def _needed(tape: Tape, results: Sequence[Symbol | float]) -> list[tuple[int, Step]]:

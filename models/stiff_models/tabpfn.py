@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from stiff_models.networks import Device, torch_device
-from stiff_models.optional_packages import missing_package
+from stiff_models.optional_packages import missing_tabpfn
 from stiff_models.regressor_model import RegressorModel, for_three_outputs
 from stiff_protocols.errors import ConfigError, NotSavable
 
@@ -40,7 +40,7 @@ class TabPfn(RegressorModel):
 
     def missing(self) -> str:
         """Return why it cannot be used here: no package, or no weights; "" where it can."""
-        return missing_package("tabpfn", "tabpfn") or missing_weights(self.model_path)
+        return missing_tabpfn(self.model_path)
 
     def save(self, path: Path) -> None:
         """Refuse: the weights' licence is not ours to pass on.
@@ -62,26 +62,3 @@ class TabPfn(RegressorModel):
                 random_state=seed,
             )
         )
-
-
-def missing_weights(model_path: str) -> str:
-    """Return which file of weights is missing; "" where it is there.
-
-    Args:
-        model_path: the file; "": the package's default in its own cache folder.
-    """
-    file = Path(model_path) if model_path else _default_weights()
-    if file.is_file():
-        return ""
-    return (
-        f"needs its weights, {file} is not there (nothing is downloaded at run time): "
-        "set tabpfn.model_path to a file of a TabPFN regressor"
-    )
-
-
-def _default_weights() -> Path:
-    from tabpfn.model_loading import resolve_model_path, resolve_model_version
-
-    version = resolve_model_version(None)
-    (path,), *_ = resolve_model_path(None, "regressor", version.value)
-    return Path(path)

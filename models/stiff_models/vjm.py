@@ -7,20 +7,18 @@ With the Jacobian J at the TCP and its translational rows J_v, the deflection un
 
 from __future__ import annotations
 
-import math
 import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Self
 
 import numpy as np
 
 from stiff_models.base import FittedModel
 from stiff_models.congruence import linearised_at_best, loaded_deflection
 from stiff_models.identification import identify, stiffness_error
-from stiff_models.joint_springs import OneDeflection, joint_deflection, one_deflection
+from stiff_models.joint_springs import joint_deflection
 from stiff_models.kinematics import jacobian, unit_deflections
-from stiff_protocols.errors import NotFittedError, StiffBenchWarning
+from stiff_protocols.errors import StiffBenchWarning
 from stiff_protocols.types import FloatArray, Robot, Samples
 
 
@@ -105,8 +103,6 @@ class VirtualJointModel(FittedModel):
     """
 
     congruence: bool = False
-    # code for `predict_one` and the springs it was made for; no part of the fitted state
-    _one: ClassVar[tuple[IdentifiedJoints, OneDeflection]]
 
     def fit(
         self,
@@ -136,56 +132,6 @@ class VirtualJointModel(FittedModel):
         """
         deflection = loaded_deflection if self.congruence else joint_deflection
         return deflection(self.robot_, self.joints_.compliance, q, wrench)
-
-    def predict_one(
-        self, q: Sequence[float], wrench: Sequence[float]
-    ) -> tuple[float, float, float]:
-        """Return the deflection of one sample: microseconds, by a function made at the first call.
-
-        Args:
-            q: n_joints joint positions, rad or m.
-            wrench: N and N m at the TCP, base frame.
-
-        Returns:
-            (dx, dy, dz) m, base frame; what `predict` gives, to rounding.
-
-        Raises:
-            NotFittedError: `fit` was not called.
-            ModelError: the lengths are not those of the robot fitted for, a number is not finite,
-                or, with `congruence`, the load is beyond buckling.
-        """
-        try:
-            made_for, one = self._one
-            if made_for is not self.joints_ or self.congruence:
-                one = self._made_anew()
-        except AttributeError:
-            one = self._made_anew()
-        try:
-            x, y, z = one(q, wrench)
-            if math.isfinite(x + y + z):
-                return x, y, z
-        except (TypeError, ValueError):
-            pass
-        return self._one_of_predict(q, wrench)  # which says what is wrong with them
-
-    def _made_anew(self) -> OneDeflection:
-        if not hasattr(self, "robot_"):
-            raise NotFittedError("VirtualJointModel: call fit before predict_one")
-        if self.congruence:
-            return self._one_of_predict
-        one = one_deflection(self.robot_, self.joints_.compliance)
-        self.__dict__["_one"] = self.joints_, one
-        return one
-
-    def _one_of_predict(
-        self, q: Sequence[float], wrench: Sequence[float]
-    ) -> tuple[float, float, float]:
-        x, y, z = self.predict(np.array([q]), np.array([wrench]))[0].tolist()
-        return x, y, z
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return what is pickled: all but the function that `predict_one` made."""
-        return {name: value for name, value in vars(self).items() if name != "_one"}
 
 
 def _diagnostics(joints: IdentifiedJoints, robot: Robot) -> dict[str, float]:

@@ -68,11 +68,6 @@ _MODEL_QUESTIONS: tuple[Question[Session], ...] = (
         "take means, scales and neighbours in fit from train, never in predict: that is a leak",
     ),
     Question(
-        "predict_one gives what predict gives",
-        ask.predicts_one,
-        "compute both from the same fitted attributes, in float64",
-    ),
-    Question(
         "predicting twice gives the same numbers",
         ask.repeatable,
         "leave chance to fit; switch a network to eval mode",

@@ -20,13 +20,12 @@ from sklearn.exceptions import NotFittedError as SklearnNotFittedError
 from stiff_protocols.checklist import Failed, NotApplicable
 from stiff_protocols.conformance_numbers import (
     NOTHING_TO_SAY,
-    ROUNDING_OF_ONE,
     SMALLEST,
     same,
     see_no_neighbours,
 )
 from stiff_protocols.conformance_session import Session
-from stiff_protocols.contract import PredictsOne, ReportsDiagnostics, SavesItself
+from stiff_protocols.contract import ReportsDiagnostics, SavesItself
 from stiff_protocols.errors import NotFittedError, NotSavable
 from stiff_protocols.sanity import check_prediction, check_units
 from stiff_protocols.types import FloatArray
@@ -140,26 +139,6 @@ def row_by_row(session: Session) -> str:
 
     see_no_neighbours("a row", session.prediction, predicted, session.test)
     return NOTHING_TO_SAY
-
-
-def predicts_one(session: Session) -> str:
-    """Predict the test rows one by one on plain numbers, and as arrays of one row."""
-    model = session.fitted
-    if not isinstance(model, PredictsOne):
-        raise NotApplicable("has no predict_one")
-    _ = session.prediction
-    q, wrench = session.test.q, session.test.wrench
-    n = len(session.test)
-    expected = np.concatenate(
-        [session.predict(model, q[i : i + 1], wrench[i : i + 1]) for i in range(n)]
-    )
-    found = np.array([session.predict_one(model, q[i], wrench[i]) for i in range(n)])
-    if found.shape != expected.shape:
-        raise Failed(f"predict_one returned shape {found.shape[1:]}, expected three numbers")
-    far = np.abs(found - expected)
-    if not (far <= ROUNDING_OF_ONE * np.abs(expected).max(axis=1, keepdims=True)).all():
-        raise Failed(f"predict_one differs from predict by up to {1e3 * far.max():.3g} mm")
-    return f"{n} rows"
 
 
 def repeatable(session: Session) -> str:

@@ -11,8 +11,6 @@ from stiff_protocols.types import FloatArray, Samples
 
 ROUNDING = 1e-5
 """Share of the largest prediction by which single precision may change with the batch size."""
-ROUNDING_OF_ONE = 1e-9
-"""Share of a row's largest component by which `predict_one` may differ from `predict`."""
 SMALLEST = 1e-9  # m; far below what any instrument resolves
 NOTHING_TO_SAY = ""
 

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from stiff_protocols.checklist import Failed, StageFailed
-from stiff_protocols.contract import PredictsInterval, PredictsOne, StiffnessModel
+from stiff_protocols.contract import PredictsInterval, StiffnessModel
 from stiff_protocols.errors import DataError
 from stiff_protocols.sanity import check_prediction
 from stiff_protocols.types import BenchmarkData, FloatArray, Interval, Samples
@@ -185,12 +185,6 @@ class Session:
             if not np.array_equal(given[name], array):
                 self.overwritten.add(name)
         return predicted
-
-    def predict_one(
-        self, model: PredictsOne, q: FloatArray, wrench: FloatArray
-    ) -> tuple[float, float, float]:
-        """Return what the model predicts of one sample, from plain numbers."""
-        return self._watched(lambda: model.predict_one(q.tolist(), wrench.tolist()))
 
     def interval(
         self, model: PredictsInterval, q: FloatArray, wrench: FloatArray, coverage: float

@@ -113,21 +113,6 @@ class PredictsInterval(Protocol):
 
 
 @runtime_checkable
-class PredictsOne(Protocol):
-    """Optional power: predict one sample on plain numbers, as a controller asks for it."""
-
-    def predict_one(
-        self, q: Sequence[float], wrench: Sequence[float]
-    ) -> tuple[float, float, float]:
-        """Return the deflection (dx, dy, dz) [m] that `predict` gives, to rounding.
-
-        Args:
-            q: n_joints joint positions, rad or m.
-            wrench: N and N m at the TCP, base frame.
-        """
-
-
-@runtime_checkable
 class StatesRegime(Protocol):
     """Optional power: say what a row must say of how the training labels were used.
 

@@ -17,10 +17,9 @@ import pytest
 
 from stiff_bench.cli import bench, main
 
-WRITTEN = {"--output", "--figure", "--json"}
+WRITTEN = {"--output", "--figure"}
 """Options that name what is written: a file or folder that is not there yet is right for them."""
 SENSE = {
-    ("perf", "--only"),  # an expression of pytest's own
     ("data validate", "FILE"),  # its report says on standard output what is wrong with any file
 }
 """(command, parameter) for which every text is valid."""
@@ -119,7 +118,7 @@ def nonsense(leaf: Leaf, parameter: click.Parameter) -> list[str]:
         ]
     if isinstance(kind, click.Path):
         missing = [] if name in WRITTEN else ["none.csv", "none\udcff.toml", "", "folder"]
-        return ["file.txt/below", "x" * 5000, *missing, *(["file.txt"] if name != "--json" else [])]
+        return ["file.txt/below", "x" * 5000, *missing, "file.txt"]
     words = WORDS[1:] if (leaf.name, name) in NEW_NAMES else WORDS
     return [word for word in words if word or parameter.default != ""]
 

@@ -27,12 +27,6 @@ class Asked:
         return self
 
 
-class AskedForOne(Asked):
-    def predict_one(self, q, wrench):
-        self.rows.append((q, wrench))
-        return 0.0, 0.0, 0.0
-
-
 Q, WRENCH = np.arange(12.0).reshape(2, 6), np.arange(12.0, 24.0).reshape(2, 6)
 
 
@@ -43,13 +37,3 @@ def test_the_latency_of_a_model_is_that_of_one_row_after_another():
     for i, (q, wrench) in enumerate(model.rows):
         np.testing.assert_array_equal(q, Q[i % 2 : i % 2 + 1])
         np.testing.assert_array_equal(wrench, WRENCH[i % 2 : i % 2 + 1])
-
-
-def test_a_model_that_predicts_one_sample_on_plain_numbers_is_asked_that_way():
-    model = AskedForOne()
-    assert latency(model, Q, WRENCH) > 0.0
-    assert len(model.rows) == MOST_SINGLE_PREDICTIONS
-    assert model.rows[:2] == [
-        (Q[0].tolist(), WRENCH[0].tolist()),
-        (Q[1].tolist(), WRENCH[1].tolist()),
-    ]

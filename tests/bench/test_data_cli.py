@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import os
 import subprocess
 from importlib.resources import files
@@ -257,19 +256,6 @@ def test_a_folder_without_the_pose_errors_is_refused(tmp_path, home):
     done = bench(*words, cwd=tmp_path, env=home)
     assert_refused(done, "3D_UR5_uncalibrated_grid_cleaned.csv")
     assert not (tmp_path / "home").exists()
-
-
-@pytest.mark.slow
-def test_a_short_calibration_writes_constants_record_and_figures(tmp_path):
-    words = ["data", "calibrate", "--generations", "1", "--output", "c"]
-    done = bench(*words, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "| X MAE [mm]" in done.stdout and "calibrate 1/1" in done.stderr
-    record = json.loads((tmp_path / "c" / "kr10_r1100_2.json").read_text())
-    assert record["command"] == "bench data calibrate --generations 1 --seed 0"
-    assert len(record["specimens"]) == 10 and len(record["steps"]) == 1
-    words = ["data", "simulate", "--twin", "c/kr10_r1100_2.toml", "--samples", "10"]
-    assert bench(*words, "--output", "s.csv", cwd=tmp_path).returncode == 0
 
 
 @pytest.mark.parametrize(

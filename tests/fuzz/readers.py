@@ -16,7 +16,6 @@ from quick_models import quick_model, twin_data
 from run_requests import planned
 from stiff_bench.deploy import predict_file
 from stiff_bench.grids import checked_grid, written_grids
-from stiff_bench.perf_history import COLUMNS, read_history
 from stiff_bench.registry import build_registry
 from stiff_bench.robot_words import parse_tcp
 from stiff_bench.store import read_manifests, read_results
@@ -240,12 +239,6 @@ def _words(folder: Path) -> Prepared:
     return Prepared(folder / "words.txt", WORDS, text_damaged, read, also_named=("",))
 
 
-def _history(folder: Path) -> Prepared:
-    row = "2026-01-01,abc,false,a cpu,a path,what,1.5,ms\n"
-    valid = (",".join(COLUMNS) + "\n" + row * 5).encode()
-    return Prepared(folder / "history.csv", (valid,), text_damaged, read_history)
-
-
 READERS = {
     name: Reader(name, prepare)
     for name, prepare in {
@@ -260,7 +253,6 @@ READERS = {
         "run manifests": _manifests,
         "model files": _models,
         "command words": _words,
-        "perf history": _history,
         "stored data": _stored_data,
     }.items()
 }

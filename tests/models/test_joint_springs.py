@@ -9,12 +9,7 @@ import numpy as np
 import pytest
 
 from made_robots import random_chain
-from stiff_models.joint_springs import (
-    compliance_matrix,
-    deflections,
-    joint_deflection,
-    one_deflection,
-)
+from stiff_models.joint_springs import compliance_matrix, deflections, joint_deflection
 from stiff_models.kinematics import jacobian
 from stiff_models.straight_line import CHUNK
 from stiff_protocols.errors import DataError
@@ -60,14 +55,6 @@ def test_the_compliance_matrix_is_the_product_of_the_jacobians(case):
     truth = matrices(robot, compliance, q)
     found = compliance_matrix(robot, compliance, q)
     np.testing.assert_allclose(found, truth, rtol=0, atol=1e-13 * np.abs(truth).max())
-
-
-def test_one_deflection_is_that_of_the_batch_to_rounding(case):
-    robot, compliance, q, wrench = case
-    batch = joint_deflection(robot, compliance, q, wrench)
-    one = one_deflection(robot, compliance)
-    found = [one(*row) for row in zip(q.tolist(), wrench.tolist(), strict=True)]
-    np.testing.assert_allclose(found, batch, rtol=0, atol=1e-13 * np.abs(batch).max())
 
 
 def test_a_stream_gives_what_its_chunks_give_and_waits_for_them(case):

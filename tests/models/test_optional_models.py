@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stiff_datasets.kr10_twin import Kr10Twin
-from stiff_models import optional_packages, tabpfn
+from stiff_models import optional_packages
 from stiff_models.realmlp import RealMlp
 from stiff_models.tabm import TabM
 from stiff_models.tabpfn import TabPfn
@@ -32,9 +32,9 @@ def test_without_tabpfn_its_family_names_the_extra(monkeypatch):
 
 def test_weights_that_are_not_there_are_named_and_never_fetched(tmp_path):
     file = tmp_path / "weights.ckpt"
-    assert f"{file} is not there" in tabpfn.missing_weights(str(file))
+    assert f"{file} is not there" in optional_packages.missing_weights(str(file))
     file.touch()
-    assert tabpfn.missing_weights(str(file)) == ""
+    assert optional_packages.missing_weights(str(file)) == ""
 
 
 @pytest.mark.parametrize("model", [RealMlp(), TabPfn()])

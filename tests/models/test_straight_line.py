@@ -1,20 +1,11 @@
-"""Formulas that become programs on arrays and functions of numbers."""
+"""Formulas that become programs on arrays."""
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 import pytest
 
-from stiff_models.straight_line import (
-    CHUNK,
-    Program,
-    cosine_and_sine,
-    half_angle,
-    python_function,
-    tape_with,
-)
+from stiff_models.straight_line import CHUNK, Program, half_angle, tape_with
 
 
 def formula(a, b, angle, cos_sin):
@@ -53,29 +44,6 @@ def test_results_may_be_written_into_the_columns_of_a_table(rng):
     table, rows = np.empty((7, 2)), rng.normal(size=(7, 2))
     Program.of(tape, [pair[0] + pair[1], pair[0] * pair[1]]).run([rows], table.T)
     np.testing.assert_array_equal(table, np.column_stack([rows.sum(axis=1), rows.prod(axis=1)]))
-
-
-def test_a_function_of_numbers_computes_the_same_formula(rng):
-    tape, (pair, (angle,)) = tape_with(2, 1)
-    function = python_function(tape, [pair, [angle]], formula(*pair, angle, cosine_and_sine))
-    a, b, turn = rng.normal(size=3).tolist()
-    found = function([a, b], [turn])
-    assert all(isinstance(value, float) for value in found)
-    np.testing.assert_allclose(found, truth(a, b, turn), rtol=1e-14)
-
-
-def test_a_function_of_numbers_unpacks_a_single_argument_and_returns_a_tuple():
-    tape, ((x,),) = tape_with(1)
-    assert python_function(tape, [[x]], [x * x])([3.0]) == (9.0,)
-
-
-def test_a_long_sum_of_products_is_no_expression_too_deep_for_python(rng):
-    tape, (terms,) = tape_with(500)
-    total = 0.0 * terms[0]
-    for term in terms:
-        total = (total + term) * 0.5
-    function = python_function(tape, [terms], [total])
-    assert math.isfinite(function(rng.normal(size=500).tolist())[0])
 
 
 def test_a_step_is_written_once_and_a_change_of_sign_never():

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-import copy
-import math
-import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from safetensors import safe_open
-from sklearn.base import clone
 
-import stiff_models
 from made_samples import samples_with
 from stiff_datasets.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.robots.robot import shipped_robot
@@ -22,7 +16,6 @@ from stiff_models.vjm import (
     identify_joints,
     joint_deflection,
 )
-from stiff_protocols.contract import PredictsOne
 from stiff_protocols.errors import ModelError, NotFittedError, StiffBenchWarning
 from stiff_protocols.protocol import LeaveOneOut
 
@@ -149,71 +142,3 @@ def test_its_compliances_are_the_least_squares_solution_of_the_plain_regressor(k
     regressor = compliance_regressor(kr10, samples.q, samples.wrench).reshape(-1, 6)
     truth = np.linalg.lstsq(regressor, samples.deflection.reshape(-1), rcond=None)[0]
     np.testing.assert_allclose(identify_joints(kr10, samples).compliance, truth, rtol=1e-9)
-
-
-@pytest.mark.parametrize("congruence", [False, True])
-def test_one_prediction_on_plain_numbers_is_that_of_predict(congruence, kr10, rng):
-    samples = simulated(kr10, rng)
-    model = VirtualJointModel(congruence=congruence).fit(samples, robot=kr10)
-    assert isinstance(model, PredictsOne)
-    found = [
-        model.predict_one(*row)
-        for row in zip(samples.q.tolist(), samples.wrench.tolist(), strict=True)
-    ]
-    truth = model.predict(samples.q, samples.wrench)
-    np.testing.assert_allclose(found, truth, rtol=0, atol=1e-13 * np.abs(truth).max())
-    assert all(type(value) is float for value in found[0])
-
-
-def test_one_prediction_follows_the_last_fit(kr10, rng):
-    samples = simulated(kr10, rng)
-    model = VirtualJointModel().fit(samples, robot=kr10)
-    row = samples.q[0].tolist(), samples.wrench[0].tolist()
-    first = np.array(model.predict_one(*row))
-    model.fit(replace(samples, deflection=2 * samples.deflection), robot=kr10)
-    np.testing.assert_allclose(model.predict_one(*row), 2 * first, rtol=1e-9)
-    model.joints_ = replace(model.joints_, compliance=model.joints_.compliance / 2)
-    np.testing.assert_allclose(model.predict_one(*row), first, rtol=1e-9)
-    model.set_params(congruence=True)
-    truth = model.predict(samples.q[:1], samples.wrench[:1])[0]
-    np.testing.assert_allclose(model.predict_one(*row), truth, rtol=1e-12)
-
-
-@pytest.mark.parametrize("angle", [math.inf, math.nan])
-def test_one_prediction_at_an_angle_that_is_no_number_is_refused_as_predicts(angle, kr10, rng):
-    model = VirtualJointModel().fit(simulated(kr10, rng), robot=kr10)
-    with pytest.raises(ModelError, match=r"q\[0\] is .*, expected finite numbers"):
-        model.predict_one([angle] * 6, [1.0] * 6)
-    with pytest.raises(ModelError, match=r"wrench\[0\] is .*, expected finite numbers"):
-        model.predict_one([0.1] * 6, [angle] * 6)
-
-
-def test_one_prediction_leaves_no_trace_in_what_is_saved_cloned_pickled_or_shown(
-    kr10, rng, tmp_path
-):
-    samples = simulated(kr10, rng)
-    model = VirtualJointModel().fit(samples, robot=kr10)
-    shown, row = repr(model), (samples.q[0].tolist(), samples.wrench[0].tolist())
-
-    def saved():
-        model.save(tmp_path / "model.safetensors")
-        with safe_open(tmp_path / "model.safetensors", framework="numpy") as file:
-            return file.metadata()  # structure, and a checksum of the arrays
-
-    before = saved()
-    expected = model.predict_one(*row)
-    assert saved() == before
-    assert repr(model) == shown
-    assert stiff_models.load(tmp_path / "model.safetensors").predict_one(*row) == expected
-    assert pickle.loads(pickle.dumps(model)).predict_one(*row) == expected
-    assert copy.deepcopy(model).predict_one(*row) == expected
-    with pytest.raises(NotFittedError, match="call fit before predict_one"):
-        clone(model).predict_one(*row)
-
-
-@pytest.mark.parametrize(("n_q", "n_wrench", "named"), [(5, 6, "q"), (6, 7, "wrench")])
-@pytest.mark.parametrize("congruence", [False, True])
-def test_one_prediction_refuses_other_lengths(n_q, n_wrench, named, congruence, kr10, rng):
-    model = VirtualJointModel(congruence=congruence).fit(simulated(kr10, rng), robot=kr10)
-    with pytest.raises(ModelError, match=rf"^{named} has shape \(1, \d\), expected"):
-        model.predict_one([0.0] * n_q, [0.0] * n_wrench)

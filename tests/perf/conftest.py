@@ -1,4 +1,4 @@
-"""Benchmarks are collected by `pytest --benchmark-only` and `bench perf` alone; on one thread."""
+"""Benchmarks are collected by `pytest --benchmark-only` (`make perf`) alone; on one thread."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ import pytest
 
 from command_line import BENCH, peak_mib
 from made_board import made_board
-from perf_case import curve, figure, ours, peer
+from perf_case import figure, ours, peer
 from run_requests import planned
 from stiff_bench.collected import collect
 from stiff_bench.config import RunPlan
@@ -259,12 +259,3 @@ def test_growth(benchmark, of, sizes, measurements, tmp_path, request):
     times = benchmark.pedantic(measured, rounds=1)
     exponent = np.polyfit(np.log(sizes[-3:]), np.log(times[-3:]), 1)[0]
     figure(benchmark, f"exponent, {what}", exponent, "", at_most=1.15)
-    curve(
-        benchmark,
-        "cost_growth",
-        sizes,
-        times,
-        x_label="samples, splits or models",
-        y_label="processor time of a run [s]",
-        note=f"exponent {exponent:.2f} over the last three",
-    )

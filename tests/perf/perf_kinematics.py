@@ -34,8 +34,6 @@ JACOBIAN = "Jacobian, random samples"
 STREAM = "VJM deflection, stream"
 LATENCY = "VJM deflection, one sample"
 ROUNDS, STREAM_ROUNDS = 8, 3
-PLAIN_NUMBERS = "plain numbers in, three numbers out"
-ARRAYS = "arrays in, array out"
 
 Samples = tuple[FloatArray, FloatArray]
 Way = Callable[[FloatArray, FloatArray], FloatArray]
@@ -278,45 +276,17 @@ def peak_mb(call: Callable[[], object]) -> float:
     return peak / 1e6
 
 
-@pytest.fixture(scope="module")
-def one_sample() -> Samples:
-    q, wrench = drawn(1)
-    return q[0], wrench[0]
-
-
-def our_one() -> Callable[..., tuple[float, float, float]]:
-    """`predict_one` of a model that was fitted to deflections of the very springs."""
+@pytest.mark.benchmark(group=LATENCY)
+def test_our_single_prediction(benchmark):
+    ours(benchmark, "stiffbench, predict of one row")
     q, wrench = drawn(100)
-    samples = samples_with(q, wrench, our_way(q, wrench))
-    return VirtualJointModel().fit(samples, robot=SHIPPED).predict_one
-
-
-def our_one_on_arrays() -> Way:
-    one = our_one()
-    return lambda q, wrench: np.array(one(q.tolist(), wrench.tolist()))
-
-
-def check_and_time(benchmark, way: Callable, sample: Samples, arguments: tuple) -> None:
-    q, wrench = sample
-    truth = our_way(q[None], wrench[None])[0]
-    np.testing.assert_allclose(way(*arguments), truth, rtol=1e-6)
-    benchmark.pedantic(way, arguments, rounds=30, iterations=2_000, warmup_rounds=1)
+    model = VirtualJointModel().fit(samples_with(q, wrench, our_way(q, wrench)), robot=SHIPPED)
+    benchmark.pedantic(model.predict, drawn(1), rounds=ROUNDS, iterations=200, warmup_rounds=1)
 
 
 @pytest.mark.benchmark(group=LATENCY)
-def test_our_single_prediction_on_plain_numbers(benchmark, one_sample):
-    ours(benchmark, f"stiffbench, {PLAIN_NUMBERS}", at_least={f"Pinocchio, {ARRAYS}": 1.25})
-    plain = tuple(part.tolist() for part in one_sample)
-    check_and_time(benchmark, our_one(), one_sample, plain)
-
-
-@pytest.mark.benchmark(group=LATENCY)
-def test_our_single_prediction_on_arrays(benchmark, one_sample):
-    ours(benchmark, f"stiffbench, {ARRAYS}")
-    check_and_time(benchmark, our_one_on_arrays(), one_sample, one_sample)
-
-
-@pytest.mark.benchmark(group=LATENCY)
-def test_pinocchios_single_prediction(benchmark, one_sample):
-    peer(benchmark, f"Pinocchio, {ARRAYS}")
-    check_and_time(benchmark, pinocchio_one(), one_sample, one_sample)
+def test_pinocchios_single_prediction(benchmark):
+    (q,), (wrench,), one = *drawn(1), pinocchio_one()
+    np.testing.assert_allclose(one(q, wrench), our_way(*drawn(1))[0], rtol=1e-6)
+    peer(benchmark, "Pinocchio, arrays in, array out")
+    benchmark.pedantic(one, (q, wrench), rounds=ROUNDS, iterations=2_000, warmup_rounds=1)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import torch
 
-from perf_case import curve, figure, needed, ours, peer
+from perf_case import figure, needed, ours, peer
 from stiff_datasets.kr10_twin import Kr10Twin
 from stiff_models.arithmetic import has_fast_bfloat16
 from stiff_models.mlp_pretrained import PRETRAINING, MlpPretrained, Recipe, divided
@@ -42,7 +42,7 @@ TUNED_ADAM = TrainingPlan(
 ONE, SEEDS = (0,), (0, 1, 2)  # recipes were chosen on others
 BUDGET_KEPT = 0.93  # share that is planned for: a step's time varies
 PROBED = 50 * BATCH  # samples that a step's time is taken from
-PEERS_BUDGET, PEERS_POINTS = 60, 6  # CPU seconds; evaluations on the way
+PEERS_BUDGET = 60  # CPU seconds
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,17 +182,6 @@ def test_sgemm(benchmark, route):
     torch.set_float32_matmul_precision(precision)
 
 
-def told_curve(benchmark, seconds: list[float], errors: list[float]) -> None:
-    curve(
-        benchmark,
-        "accuracy_against_time",
-        seconds,
-        errors,
-        x_label="training, CPU seconds of one core",
-        y_label="source test MAE, mean over axes [mm]",
-    )
-
-
 @dataclass(frozen=True)
 class Budget:
     """CPU seconds of a training, the seeds that are trained for it, and the error to reach, mm."""
@@ -235,7 +224,6 @@ def test_our_accuracy(benchmark, name, plan, activation, budgets):
     says = peer if name == ADAM else ours
     says(benchmark, name, work=work, unit="sample")
     errors = [median(end.error for end in ends) for ends in found]
-    told_curve(benchmark, [median(end.seconds for end in ends) for ends in found], errors)
     for one, ends, error in zip(budgets, found, errors, strict=True):
         what = f"after {one.seconds} s, {name}, {one.judged_by}"
         figure(benchmark, f"source test MAE {what}", error, "mm", at_most=one.at_most)
@@ -325,21 +313,16 @@ def test_sklearn_accuracy(benchmark, source):
 def told_peer(
     benchmark, name: str, rows: int, advance: Callable[[], object], error: Callable[[], float]
 ) -> None:
-    """Train a peer for its budget and note its error on the way; judging it costs it no time."""
-    seconds, errors = [], []
+    """Train a peer for its budget and note its error."""
 
     def run() -> int:
         spent, calls = 0.0, 0
-        for point in range(1, PEERS_POINTS + 1):
-            while spent < PEERS_BUDGET * point / PEERS_POINTS:
-                spent += seconds_of(advance)
-                calls += 1
-            seconds.append(spent)
-            errors.append(error())
+        while spent < PEERS_BUDGET:
+            spent += seconds_of(advance)
+            calls += 1
         return calls
 
     calls = benchmark.pedantic(run, rounds=1)
     peer(benchmark, name, work=float(calls * rows), unit="sample")
-    told_curve(benchmark, seconds, errors)
     what = f"source test MAE after {PEERS_BUDGET} s, {name}, seed 0"
-    figure(benchmark, what, errors[-1], "mm")
+    figure(benchmark, what, error(), "mm")

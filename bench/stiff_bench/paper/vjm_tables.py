@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 
+import numpy as np
+
 from stiff_bench.config import chosen_dataset, loaded
 from stiff_bench.paper.model_words import VJM
 from stiff_bench.paper.paper_table import PAPER_DATA, Entry, Group, Labels, PaperTable, Part, Unit
@@ -12,9 +14,9 @@ from stiff_bench.paper.study import DATASET
 from stiff_bench.published import published_rows, published_stiffness
 from stiff_bench.registry import build_registry
 from stiff_bench.units import MM
-from stiff_datasets.calibration import VjmFigures, vjm_figures
+from stiff_datasets.calibrate import VjmFigures
 from stiff_protocols.metrics import metric
-from stiff_protocols.types import AXES
+from stiff_protocols.types import AXES, BenchmarkData
 
 SPECIMENS = range(5)
 ERRORS = ("mae", "stde", "me")
@@ -78,10 +80,18 @@ def table_3() -> PaperTable:
 def _figures() -> tuple[VjmFigures, ...]:
     """Return the VJM's figures on each specimen; the first is the data set as it stands."""
     registry = build_registry()
-    make_vjm = registry.model(VJM).load()
     words = [f"{DATASET}@specimen={number}" for number in SPECIMENS]
-    return tuple(
-        vjm_figures(loaded(chosen_dataset(word, (), registry)), make_vjm) for word in words
+    return tuple(_figures_on(loaded(chosen_dataset(word, (), registry))) for word in words)
+
+
+def _figures_on(data: BenchmarkData) -> VjmFigures:
+    """Return the figures of the VJM on the samples that it is fitted to."""
+    samples = data.samples
+    model = build_registry().model(VJM).load()().fit(samples, robot=data.robot)
+    names = [f"stiffness {joint} [Nm/rad]" for joint in data.robot.joint_names]
+    return VjmFigures.of(
+        model.predict(samples.q, samples.wrench) - samples.deflection,
+        np.array([model.diagnostics_[name] for name in names]),
     )
 
 

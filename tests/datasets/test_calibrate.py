@@ -4,28 +4,31 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import subprocess
+import sys
 from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
-from stiff_bench.calibration import figures_text, paper_figures
-from stiff_datasets.calibration import (
+from stiff_datasets.calibrate import (
     FIGURE_SEEDS,
     GEAR_SIZES,
     LOST_MOTION_RANGE,
     STRUCTURE_RANGE,
-    VjmFigures,
+    figures_text,
     line_figures,
-    mean_figures,
+    main,
     misfit,
+    paper_figures,
     vjm_figures,
 )
 from stiff_datasets.kr10_twin import CONSTANTS, Kr10Twin
+from stiff_datasets.twin_constants import read_constants
 from stiff_datasets.twins import shipped_constants
 from stiff_models.vjm import VirtualJointModel
-from stiff_protocols.errors import ModelError
 
 RECORD = Path(__file__).parents[2] / "results" / "calibration" / "kr10_r1100_2.json"
 
@@ -38,10 +41,7 @@ def record():
 @pytest.fixture(scope="module")
 def specimens():
     constants = shipped_constants(CONSTANTS)
-    return [
-        mean_figures(line_figures(constants, VirtualJointModel, specimen=number))
-        for number in range(10)
-    ]
+    return [line_figures(constants, specimen=number) for number in range(10)]
 
 
 def test_the_shipped_constants_are_those_that_were_found(record):
@@ -93,29 +93,32 @@ def test_the_misfit_is_nothing_for_the_paper_itself_and_grows_either_way():
         assert misfit(other, paper) == pytest.approx(3 * np.log(factor) ** 2)
 
 
-def test_the_figures_are_the_vjms_errors_on_the_samples_it_was_identified_on():
+def test_the_figures_are_those_of_the_vjm_on_the_samples_it_was_identified_on():
     data = Kr10Twin().load()
-    found = vjm_figures(data, VirtualJointModel)
+    found = vjm_figures(shipped_constants(CONSTANTS).chain(), data.samples)
     model = VirtualJointModel().fit(data.samples, robot=data.robot)
     error = np.abs(model.predict(data.samples.q, data.samples.wrench) - data.samples.deflection)
     np.testing.assert_allclose(found.mae, error.mean(axis=0))
     np.testing.assert_allclose(found.stde, error.std(axis=0))
+    np.testing.assert_allclose(found.me, error.max(axis=0))
     np.testing.assert_allclose(found.stiffness, model.joints_.stiffness)
 
 
-def test_a_model_without_joint_stiffnesses_cannot_be_calibrated_by():
-    class Silent:
-        def fit(self, train, *, robot, validation=None, seed=0):
-            return self
-
-        def predict(self, q, wrench):
-            return np.zeros((len(q), 3))
-
-    with pytest.raises(ModelError, match="Silent reports no joint stiffnesses"):
-        vjm_figures(Kr10Twin().load(), Silent)
+def test_a_folder_that_cannot_be_made_is_one_line_before_the_work(tmp_path):
+    (tmp_path / "file").touch()
+    done = CliRunner().invoke(main, ["--output", str(tmp_path / "file" / "c")])
+    assert done.exit_code == 1 and "cannot be made" in done.output
 
 
-def test_a_mean_of_figures_is_the_mean_of_each():
-    ones = VjmFigures(*(np.ones(3),) * 3, stiffness=np.ones(6))
-    threes = VjmFigures(*(np.full(3, 3.0),) * 3, stiffness=np.full(6, 3.0))
-    assert (mean_figures([ones, threes]).stiffness == 2).all()
+@pytest.mark.slow
+def test_a_short_calibration_writes_constants_record_and_figures(tmp_path):
+    words = [sys.executable, "-m", "stiff_datasets.calibrate", "--generations", "1"]
+    done = subprocess.run(
+        [*words, "--output", tmp_path / "c"], capture_output=True, text=True, check=True
+    )
+    assert "| X MAE [mm]" in done.stdout and "calibrate 1/1" in done.stderr
+    record = json.loads((tmp_path / "c" / "kr10_r1100_2.json").read_text())
+    assert record["command"] == "python -m stiff_datasets.calibrate --generations 1 --seed 0"
+    assert len(record["specimens"]) == 10 and len(record["steps"]) == 1
+    found = read_constants(tmp_path / "c" / "kr10_r1100_2.toml")
+    assert found.model_dump(mode="json") == record["constants"]

@@ -1,0 +1,119 @@
+"""Makes results/performance.md of pytest-benchmark's JSON, for `make perf`.
+
+Usage: python tests/perf/write_page.py JSON PAGE
+
+A benchmark says in its `extra_info` who it is and what it must reach: see `tests/perf_case.py`.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+HEAD = """\
+# Performance
+
+Measured {date} by `make perf`: {cpu}, {cores} cores, one thread a process; commit {commit};
+{versions}.
+
+Times are medians over rounds, ± half the interquartile range where there are several rounds. Ratios
+compare medians: above 1, ours is faster. More in [docs/performance.md](../docs/performance.md).
+"""
+PACKAGES = ("torch", "numpy", "scipy", "scikit-learn", "pin")
+
+Entry = dict[str, Any]
+"""One benchmark in the JSON."""
+
+
+def page(report: dict[str, Any]) -> str:
+    """Return the page in Markdown."""
+    groups: dict[str, list[Entry]] = {}
+    for entry in report["benchmarks"]:
+        groups.setdefault(entry["group"], []).append(entry)
+    machine, commit = report["machine_info"], report["commit_info"]
+    head = HEAD.format(
+        date=report["datetime"][:10],
+        cpu=machine["cpu"].get("brand_raw", "unknown processor"),
+        cores=machine["cpu"].get("count", "?"),
+        commit=commit.get("id", "unknown") + (" with changes" if commit.get("dirty") else ""),
+        versions=f"Python {machine['python_version']}, "
+        + ", ".join(f"{name} {version(name)}" for name in PACKAGES),
+    )
+    return "\n".join([head, *(section(name, entries) for name, entries in groups.items())])
+
+
+def section(name: str, entries: list[Entry]) -> str:
+    """Return one group: a table of ours beside its peers, and a table of other figures."""
+    ours = [entry for entry in entries if entry["extra_info"]["ours"]]
+    peers = [entry for entry in entries if not entry["extra_info"]["ours"]]
+    if ours and peers:
+        header = ("ours", "median", "peer", "median", "ratio", "target")
+        rows = [compared(mine, peer) for mine in ours for peer in peers]
+    else:
+        header = ("", "median")
+        rows = [(who(entry), time_text(entry)) for entry in entries]
+    parts = [f"## {name}", table(header, rows)]
+    if figures := [row for entry in entries for row in other_figures(entry)]:
+        parts.append(table(("figure", "value", "target"), figures))
+    return "\n\n".join(parts) + "\n"
+
+
+def compared(mine: Entry, peer: Entry) -> tuple[str, ...]:
+    """Return one row: ours, its peer, how many times as fast ours is, and what it must reach."""
+    ratio = seconds(peer) / seconds(mine)
+    least = mine["extra_info"]["at_least"].get(who(peer))
+    target = target_text(ratio, least, None)
+    return who(mine), time_text(mine), who(peer), time_text(peer), f"{ratio:.3g}", target
+
+
+def other_figures(entry: Entry) -> Iterator[tuple[str, ...]]:
+    """Yield a row for each figure that is no ratio of times: an error, megabytes, an exponent."""
+    for one in entry["extra_info"].get("figures", []):
+        what = one["what"] if who(entry) in one["what"] else f"{who(entry)}: {one['what']}"
+        target = target_text(one["value"], one["at_least"], one["at_most"])
+        yield what, f"{one['value']:.3g} {one['unit']}".strip(), target
+
+
+def target_text(value: float, least: float | None, most: float | None) -> str:
+    """Return the bound and whether the value keeps it; "" where there is none."""
+    if least is not None:
+        return f"≥ {least:g}: {'met' if value >= least else 'missed'}"
+    if most is not None:
+        return f"≤ {most:g}: {'met' if value <= most else 'missed'}"
+    return ""
+
+
+def who(entry: Entry) -> str:
+    """Return the name of ours or of the peer."""
+    name: str = entry["extra_info"]["who"]
+    return name
+
+
+def seconds(entry: Entry) -> float:
+    """Return the median time of one unit of work, s."""
+    return float(entry["stats"]["median"] / entry["extra_info"]["work"])
+
+
+def time_text(entry: Entry) -> str:
+    """Return the median time of one unit of work and its spread."""
+    value, stats = seconds(entry), entry["stats"]
+    scales = ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"))
+    scale, unit = next((pair for pair in scales if value >= pair[0]), scales[-1])
+    spread = f" ± {stats['iqr'] / stats['median'] / 2:.0%}" if stats["rounds"] > 1 else ""
+    return f"{value / scale:.3g} {unit} a {entry['extra_info']['unit']}{spread}"
+
+
+def table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    """Return a Markdown table."""
+    lines = [header, ("---",) * len(header), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+if __name__ == "__main__":
+    source, target = sys.argv[1:]
+    text = page(json.loads(Path(source).read_text(encoding="utf-8")))
+    Path(target).write_text(text, encoding="utf-8")

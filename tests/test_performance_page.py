@@ -1,0 +1,64 @@
+"""The page that `make perf` writes, from a made run of the benchmarks."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SCRIPT = Path(__file__).parent / "perf" / "write_page.py"
+FIGURES = [
+    {"what": "error", "value": 0.5, "unit": "mm", "at_most": 0.4, "at_least": None},
+    {"what": "gain", "value": 1.95, "unit": "", "at_most": None, "at_least": 1.9},
+]
+
+
+def entry(group, who, median, rounds=5, **about):
+    about = {"who": who, "ours": False, "work": 1.0, "unit": "sum"} | about
+    stats = {"median": median, "iqr": median / 10, "rounds": rounds}
+    return {"group": group, "stats": stats, "extra_info": about}
+
+
+REPORT = {
+    "datetime": "2026-11-22T10:00:00+00:00",
+    "machine_info": {"cpu": {"brand_raw": "Some CPU", "count": 2}, "python_version": "3.11.7"},
+    "commit_info": {"id": "abc123", "dirty": True},
+    "benchmarks": [
+        entry("adding", "stiffbench", 4e-6, ours=True, work=2.0, at_least={"loop": 2.0}),
+        entry("adding", "loop", 5e-6, rounds=1),
+        entry("adding", "tree", 4e-3),
+        entry("machine", "read", 3.0, unit="GB", figures=FIGURES),
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory) -> str:
+    folder = tmp_path_factory.mktemp("page")
+    (folder / "perf.json").write_text(json.dumps(REPORT))
+    words = [sys.executable, SCRIPT, folder / "perf.json", folder / "page.md"]
+    subprocess.run(words, check=True)
+    return (folder / "page.md").read_text(encoding="utf-8")
+
+
+def test_the_page_names_processor_commit_and_versions(page):
+    for word in ("2026-11-22", "Some CPU", "2 cores", "abc123 with changes", "numpy "):
+        assert word in page
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        # a ratio compares times of the same work, not times of calls
+        "| stiffbench | 2 us a sum ± 5% | loop | 5 us a sum | 2.5 | ≥ 2: met |",
+        "| stiffbench | 2 us a sum ± 5% | tree | 4 ms a sum ± 5% | 2e+03 |  |",
+        "| read | 3 s a GB ± 5% |",
+        "| read: error | 0.5 mm | ≤ 0.4: missed |",
+        "| read: gain | 1.95 | ≥ 1.9: met |",
+    ],
+)
+def test_a_row_says_what_was_measured_and_whether_its_target_is_met(row, page):
+    assert row in page.splitlines()
