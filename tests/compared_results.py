@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from stiff_bench.collected import Contest, collect
-from stiff_bench.store import ResultStore
-from stiff_bench.stored_data import StoredData, read_data
+from stiff_bench.store import ResultStore, read_data
+from stiff_bench.stored_data import StoredData
 from stiff_datasets.robots.robot import shipped_robot
 from stiff_protocols.record import Cell, CellResult, Presentation
 from stiff_protocols.types import BenchmarkData, FloatArray, IntArray, Prediction, Samples
@@ -85,7 +85,7 @@ def store_results(
 def contest_in(folder: Path) -> tuple[Contest, StoredData]:
     """The only contest of a folder, and its data."""
     (contest,) = collect(folder)
-    return contest, read_data(folder / "data", contest.name.data_sha256)
+    return contest, read_data(folder, contest.name.data_sha256)
 
 
 def spread(mean: float, deviation: float, seed: int = 3) -> Errors:

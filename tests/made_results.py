@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import sqlite3
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from stiff_bench.store import ResultStore
+from stiff_bench.store import FILE, ResultStore
 from stiff_datasets.robots.robot import shipped_robot
 from stiff_protocols.metrics import METRICS
 from stiff_protocols.record import Cell, CellResult, Presentation, ResultRecord, RunManifest
@@ -120,3 +122,33 @@ class MadeResults:
         self._store.write_manifest(
             RunManifest(run_id, "bench run", "now", "finished", environment, tuple(cells))
         )
+
+
+def change(folder: Path, statement: str, *values: object) -> None:
+    """Change a folder's file behind the store's back, as damage or an older state would."""
+    with closing(sqlite3.connect(folder / FILE)) as db, db:
+        db.execute("PRAGMA foreign_keys = ON")
+        db.execute(statement, values)
+
+
+def forget(folder: Path, *keys: str) -> None:
+    """Take cells out of a folder, as if they had never been computed."""
+    for key in keys:
+        change(folder, "DELETE FROM cell WHERE key = ?", key)
+
+
+def damage(folder: Path, *keys: str) -> None:
+    """Damage cells: what their rows hold is no longer what was stored."""
+    for key in keys:
+        change(folder, "UPDATE cell SET run_id = run_id || '!' WHERE key = ?", key)
+
+
+def tear(folder: Path, table: str, share: float = 0.5) -> None:
+    """Overwrite one of a table's pages with rubbish, as a failing disk does."""
+    with closing(sqlite3.connect(folder / FILE)) as db:
+        (size,) = db.execute("PRAGMA page_size").fetchone()
+        query = "SELECT pageno FROM dbstat WHERE name = ? AND pagetype = 'leaf' ORDER BY pageno"
+        pages = [row[0] for row in db.execute(query, (table,))]
+    with (folder / FILE).open("r+b") as file:
+        file.seek((pages[int(share * len(pages))] - 1) * size)
+        file.write(b"\xff" * size)

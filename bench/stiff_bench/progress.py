@@ -94,12 +94,14 @@ class Count:
         self.ended: Counter[str] = Counter()
         self._begun = self._last_end = time.monotonic()
         self._expected: Expected | None = None
-        self._done_s = 0.0
+        self._done_s = self._left_s = 0.0
 
     def begin(self, total: int, cached: int, expected: Expected | None) -> None:
         """Start the clock."""
         self.total, self.cached, self._expected = total, cached, expected
         self._begun = self._last_end = time.monotonic()
+        if expected is not None:
+            self._left_s = expected.total_s / expected.at_once
 
     def end(self, result: CellResult) -> None:
         """Count a cell that has ended."""
@@ -107,6 +109,7 @@ class Count:
         self._last_end = time.monotonic()
         if self._expected is not None:
             self._done_s += self._expected.seconds.get(result.shown.model, 0.0)
+            self._left_s = self._left_now(self._expected)
 
     def __str__(self) -> str:
         """Return what became of the cells so far, for people."""
@@ -114,20 +117,24 @@ class Count:
         return ", ".join(f"{number} {status}" for status, number in shown.items())
 
     def seconds_left(self) -> float | None:
-        """Return how long the rest takes; None where nobody knows.
+        """Return how long the rest takes; None where nobody knows."""
+        if self._expected is not None:
+            return max(self._left_s - (time.monotonic() - self._last_end), 0.0)
+        done, elapsed = self.ended.total(), self._last_end - self._begun
+        if not done or elapsed < SECONDS_BETWEEN_CELLS:
+            return None
+        return elapsed / done * (self.total - done)
+
+    def _left_now(self, expected: Expected) -> float:
+        """Return the expected time of the cells that have not ended, s.
 
         By the stored fits of the models, until a tenth of that time is done: then by the pace of
         the cells so far, since another machine has another one.
         """
-        done, elapsed = self.ended.total(), self._last_end - self._begun
-        if self._expected is not None and self._expected.total_s:
-            left_s = max(self._expected.total_s - self._done_s, 0.0)
-            if self._done_s < self._expected.total_s / 10:
-                return left_s / self._expected.at_once
-            return left_s * elapsed / self._done_s
-        if not done or elapsed < SECONDS_BETWEEN_CELLS:
-            return None
-        return elapsed / done * (self.total - done)
+        left_s = max(expected.total_s - self._done_s, 0.0)
+        if self._done_s < expected.total_s / 10:
+            return left_s / expected.at_once
+        return left_s * (self._last_end - self._begun) / self._done_s
 
 
 class _TimeLeft(TimeRemainingColumn):

@@ -24,6 +24,7 @@ import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import closing, contextmanager, suppress
 from dataclasses import fields
+from functools import cache
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,7 @@ import orjson
 
 from stiff_bench.cell_content import (
     COLUMNS,
+    REALS,
     cell_content,
     checked_result,
     checksum,
@@ -66,7 +68,7 @@ _NUMBERS = {
         ),
         "INTEGER",
     ),
-    **dict.fromkeys(("coverage", "fit_s", "predict_s", "latency_s", "throughput_per_s"), "REAL"),
+    **dict.fromkeys(REALS, "REAL"),
     **dict.fromkeys(("prediction", "curves"), "BLOB"),
 }
 _N_BLOBS = 2
@@ -327,7 +329,7 @@ def read_data(folder: Path, sha256: str) -> StoredData:
         with reading(folder) as db:
             row = db.execute(query, (sha256,)).fetchone()
     if row is None:
-        raise StoreError(f"{folder}: cannot be read: it holds no data set {sha256!r}")
+        raise StoreError(f"{folder / FILE}: holds no data set {sha256!r}")
     try:
         if hashlib.sha256(row[0]).hexdigest() != row[1]:
             raise DataError("its checksum does not match its content")
@@ -345,7 +347,9 @@ def reading(folder: Path) -> Iterator[sqlite3.Connection]:
     """
     path = folder / FILE
     with _said(path, "read"):
-        with closing(sqlite3.connect(_uri(path), uri=True, timeout=BUSY_S)) as db:
+        db = sqlite3.connect(_uri(path), uri=True, timeout=BUSY_S, isolation_level=None)
+        with closing(db):
+            db.execute("BEGIN")  # all that the block reads is of one moment
             _check_format(path, db)
             yield db
 
@@ -421,8 +425,8 @@ def salvage(source: Path, target: Path, report: Report, keep: Path | None = None
         scratch.mkdir()
         try:
             with writing(scratch) as new, closing(sqlite3.connect(_uri(source), uri=True)) as old:
-                for lost in _copied(old, new):
-                    report(DamagedFile(source, f"{lost}: cannot be read"))
+                for key in _copied(old, new):
+                    report(DamagedFile(source, f"cell {key}: cannot be read", key))
             if keep is not None:
                 shutil.copyfile(source, keep)
             (scratch / FILE).replace(target)
@@ -431,7 +435,11 @@ def salvage(source: Path, target: Path, report: Report, keep: Path | None = None
 
 
 def _copied(old: sqlite3.Connection, new: sqlite3.Connection) -> Iterator[str]:
-    """Copy every readable row; yield what was there besides."""
+    """Copy every readable row; yield the keys of the cells that were there besides."""
+    try:
+        old.execute("SELECT count(*) FROM sqlite_schema").fetchone()
+    except sqlite3.DatabaseError:
+        return  # not even its tables can be found
     for table in ("run", "data"):
         for row in _readable_rows(old, table):
             with suppress(sqlite3.Error):  # of one key a damaged file may have two
@@ -447,7 +455,7 @@ def _copied(old: sqlite3.Connection, new: sqlite3.Connection) -> Iterator[str]:
     with suppress(sqlite3.Error):  # the index of keys has pages of its own
         for (key,) in old.execute("SELECT key FROM cell INDEXED BY cell_key").fetchall():
             if key not in kept:
-                yield f"cell {key}"
+                yield str(key)
 
 
 def _readable_rows(db: sqlite3.Connection, table: str) -> Iterator[tuple[Any, ...]]:
@@ -476,6 +484,7 @@ def _checked(row: Sequence[Any], values: Mapping[int, tuple[_Measures, FloatArra
         DataError: it is not what was stored.
     """
     number, sha256, *columns = row
+    _check_types(tuple(map(type, columns)))
     measures, numbers = values.get(number, _NO_VALUES)
     try:
         plain, blobs = columns[:-_N_BLOBS], columns[-_N_BLOBS:]
@@ -487,6 +496,23 @@ def _checked(row: Sequence[Any], values: Mapping[int, tuple[_Measures, FloatArra
     metrics, axes, units = measures.columns
     content["metrics"] = zip(metrics, axes, numbers.tolist(), units, strict=True)
     return checked_result(content)
+
+
+@cache  # most rows are alike
+def _check_types(types: tuple[type, ...]) -> None:
+    """See that a row has the types of its columns, which SQLite does not enforce.
+
+    Raises:
+        DataError: it has not.
+    """
+    for name, found in zip(COLUMNS, types, strict=True):
+        known = _TYPES[_NUMBERS.get(name, "TEXT")]
+        if found is not known and not (found is type(None) and name in _OPTIONAL):
+            raise DataError(f"{name} holds {found.__name__}, expected {known.__name__}")
+
+
+_TYPES = {"TEXT": str, "INTEGER": int, "REAL": float, "BLOB": bytes}
+_OPTIONAL = {*REALS, "memory_bytes", "prediction_arrays", "prediction", "curves"}
 
 
 class _Measures:
@@ -600,7 +626,12 @@ def _marks(entries: Sequence[object]) -> str:
 
 
 def _uri(path: Path) -> str:
-    return f"{path.resolve().as_uri()}?mode=ro"
+    """Return how SQLite opens a file to read it.
+
+    It may write where it can: what a command that was killed left half-written is taken back.
+    """
+    mode = "rw" if os.access(path, os.W_OK) and os.access(path.parent, os.W_OK) else "ro"
+    return f"{path.resolve().as_uri()}?mode={mode}"
 
 
 def _names_aside(path: Path) -> Iterator[Path]:

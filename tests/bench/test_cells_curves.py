@@ -10,7 +10,6 @@ import pytest
 
 from run_requests import planned
 from stiff_bench.cells import CURVE_POINTS, compute_cell
-from stiff_bench.packing import pack
 from stiff_bench.store import ResultStore, read_results
 from stiff_bench.tasks import cell_tasks
 
@@ -69,12 +68,10 @@ def test_what_is_no_curve_fails_the_cell_and_is_named(wrong):
     assert result.failure.startswith("curves_['fine-tuning'] is no (n, 3) array")
 
 
-@pytest.mark.parametrize("packed", [False, True])
-def test_curves_come_back_from_the_store_with_their_nan_as_they_were(packed, tmp_path):
+def test_curves_come_back_from_the_store_with_their_nan_as_they_were(tmp_path):
     given = {"pre-training": curve(3), "no points": np.empty((0, 3))}
     result = computed(given)
     ResultStore(tmp_path).write_cell(result)
-    assert not packed or pack(tmp_path) == 1
     (read,) = read_results(tmp_path)
     assert list(read.curves) == list(given)
     for name, points in given.items():

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from made_results import MadeResults
+from made_results import MadeResults, damage, forget
 from stiff_bench.collected import Contest, collect, left_out_notes
-from stiff_bench.packing import pack
 from stiff_bench.same_robot import dataset_of, family_of
-from stiff_bench.store import ResultStore
+from stiff_bench.store import FILE, ResultStore
 from stiff_protocols.errors import StoreError
 
 
@@ -44,7 +43,7 @@ def test_splits_that_an_older_run_finished_later_go_with_it(made):
     made.add("a", [1.0] * 3, run_id="1", splits_named="old-")
     *first, _ = made.add("b", [1.0] * 3, run_id="2", splits_named="old-")
     for key in first:
-        (made.folder / "cells" / f"{key}.json").unlink()
+        forget(made.folder, key)
     made.add("a", [2.0] * 2, run_id="3", splits_named="new-")
     assert {slot[1] for slot in only(made).slots} == {"split-new-0", "split-new-1"}
 
@@ -76,31 +75,17 @@ def test_results_that_a_later_run_asked_for_again_are_the_newest(made):
     assert {one.run_id for one in contest.results("a")} == {"1"} and contest.newest_run == "3"
 
 
-@pytest.mark.parametrize("packed", [False, True])
-def test_a_cell_that_fails_when_it_is_computed_again_keeps_its_result(made, packed):
+def test_a_cell_that_fails_when_it_is_computed_again_keeps_its_result(made):
     made.add("a", [1.0, 1.0], run_id="1")
-    if packed:
-        pack(made.folder)
     made.add_run("2", made.add("a", failed=[0], run_id="2"))
     found = only(made).competitors["a"]
     assert {slot[0] for slot in found.done} == {0, 1} and not found.reasons
 
 
-@pytest.mark.parametrize(
-    ("part", "remedy"),
-    [
-        ("cells", "the `bench run` that made it computes it again, and sets the file aside"),
-        ("packs", "the `bench run` that made it computes it again, and sets the file aside"),
-        ("runs", "the same `bench run` again writes another one; move this file out of the folder"),
-    ],
-)
-def test_a_damaged_file_is_refused_with_what_to_do_about_it(made, part, remedy):
-    made.add_run("1", made.add("a", [1.0]))
-    if part == "packs":
-        pack(made.folder)
-    (path,) = (made.folder / part).iterdir()
-    path.write_bytes(path.read_bytes() + b" ")
-    with pytest.raises(StoreError, match=rf"{path}: damaged: .*; {remedy}$"):
+def test_damage_is_refused_with_what_to_do_about_it(made):
+    (key,) = made.add("a", [1.0])
+    damage(made.folder, key)
+    with pytest.raises(StoreError, match=rf"{FILE}: damaged: cell {key}: .*`bench run`"):
         collect(made.folder)
 
 
@@ -109,7 +94,7 @@ def test_the_newest_run_says_how_many_splits_were_asked_for(made, newest, n_aske
     keys = made.add("a", [1.0] * 3)
     store = ResultStore(made.folder)
     for index, key in enumerate(keys):
-        store.write_cell(replace(store.loose(key), n_splits=2 if index < 2 else 5))
+        store.write_cell(replace(store.result(key), n_splits=2 if index < 2 else 5))
     made.add_run("run-2", keys[newest])
     assert only(made).competitors["a"].n_asked == n_asked
 

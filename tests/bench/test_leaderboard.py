@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from made_results import N_POSES, TWINS, MadeResults
+from made_results import N_POSES, TWINS, MadeResults, forget
 from stiff_bench.collected import chosen_contests, collect
 from stiff_bench.leaderboard import Leaderboard, build_leaderboard
 from stiff_bench.leaderboard_tables import render_leaderboard
@@ -143,7 +143,7 @@ def test_a_model_whose_run_was_interrupted_takes_no_splits_from_the_others(made)
     made.add("c", [2.0, 2.0, 2.0])
     asked = made.add("b", [2.0, 2.0, 2.0])
     made.add_run("run-1", asked)
-    (made.folder / "cells" / f"{asked[2]}.json").unlink()
+    forget(made.folder, asked[2])
     board = board_of(made)
     (field,) = board.sections[0].fields
     assert field.mean("a") == pytest.approx(5e-3)
@@ -153,7 +153,7 @@ def test_a_model_whose_run_was_interrupted_takes_no_splits_from_the_others(made)
 def test_models_that_share_no_split_are_refused_by_name(made):
     made.add("a", [1.0])
     first, _ = made.add("b", [2.0, 2.0])
-    (made.folder / "cells" / f"{first}.json").unlink()
+    forget(made.folder, first)
     with pytest.raises(StoreError, match="a and b were run on different splits and share none"):
         board_of(made)
 

@@ -11,15 +11,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from made_results import TWINS, MadeResults, made_data
+from made_results import TWINS, MadeResults, change, damage, forget, made_data, tear
 from stiff_bench import merge as merging
 from stiff_bench.collected import collect
 from stiff_bench.merge import Disagreeing, merge
 from stiff_bench.merge_cli import merge as merge_command
-from stiff_bench.packing import pack
-from stiff_bench.packs import write_pack
-from stiff_bench.store import ResultStore, read_manifests, read_results
-from stiff_bench.stored_data import read_data
+from stiff_bench.store import FILE, ResultStore, read_data, read_manifests, read_results
 from stiff_protocols.errors import ConfigError, StoreError
 
 EARLY, LATE = "20261121T120000Z-aaaaaa", "20261122T120000Z-bbbbbb"
@@ -33,9 +30,9 @@ def folder_of(path, model, errors_mm=(0.1, 0.2), *, run_id=EARLY, code="", **how
     if code:
         store = ResultStore(path)
         for key in keys:
-            result = store.loose(key)
-            (path / "cells" / f"{key}.json").unlink()
-            store.write_cell(replace(result, cell=replace(result.cell, code_sha256=code)))
+            result = store.result(key)
+            forget(path, key)
+            store.write_cell(replace(result, cell=replace(result.cell, model_version=code)))
     made.add_run(run_id, keys)
     return path
 
@@ -73,22 +70,7 @@ def test_cells_runs_and_data_of_all_folders_are_in_the_new_one_and_the_folders_s
     assert merged.taken == {two[0]: (2, 2), two[1]: (2, 2)}
     (contest,) = collect(tmp_path / "c")
     assert set(contest.competitors) == {"knn", "vjm"}
-    assert len(read_data(tmp_path / "c" / "data", contest.name.data_sha256).samples) == 12
-
-
-def test_packed_cells_are_joined_like_loose_ones(two, tmp_path):
-    expected = contents(two[0]) | contents(two[1])
-    pack(two[0])
-    merge(two, tmp_path / "c", NOTHING)
-    assert contents(tmp_path / "c") == expected
-
-
-def test_many_cells_are_packed(two, tmp_path, monkeypatch):
-    monkeypatch.setattr(merging, "ENOUGH_TO_PACK", 2)
-    expected = contents(two[0]) | contents(two[1])
-    merge(two, tmp_path / "c", NOTHING)
-    assert not list((tmp_path / "c" / "cells").iterdir())
-    assert contents(tmp_path / "c") == expected
+    assert len(read_data(tmp_path / "c", contest.name.data_sha256).samples) == 12
 
 
 def test_a_cell_that_several_folders_have_counts_once_and_of_other_numbers_the_newest(tmp_path):
@@ -119,12 +101,9 @@ def test_a_cell_that_failed_in_a_folder_after_its_result_is_taken_as_that_result
     assert contents(tmp_path / "c") == expected and merged.taken == {folder: (1, 1)}
 
 
-@pytest.mark.parametrize("packed", [False, True])
-def test_what_the_output_holds_stays_and_gives_way_to_newer_results(tmp_path, packed):
+def test_what_the_output_holds_stays_and_gives_way_to_newer_results(tmp_path):
     there = folder_of(tmp_path / "c", "vjm", (0.1, 0.2, 0.3))
     new = folder_of(tmp_path / "new", "vjm", (0.15, 0.2), run_id=LATE)
-    if packed:
-        pack(there)
     merged = merge([new], there, NOTHING)
     assert (merged.n_there, merged.n_cells) == (3, 3)
     results = {one.cell.split_index: one for one in read_results(there)}
@@ -213,39 +192,37 @@ def test_sources_of_another_hash_are_other_data(tmp_path):
         merge([first, second], tmp_path / "c", NOTHING)
 
 
-def test_damaged_files_are_named_left_out_and_taken_from_who_has_them_whole(tmp_path):
+def test_damaged_rows_are_named_left_out_and_taken_from_who_has_them_whole(tmp_path):
     first = folder_of(tmp_path / "a", "vjm", (0.1, 0.2, 0.3))
     second = folder_of(tmp_path / "b", "vjm", (0.1,), run_id=LATE)
-    cells = sorted((first / "cells").iterdir())
-    for path in cells:
-        path.write_text(path.read_text()[:-20])
-    (data,) = (first / "data").iterdir()
-    data.write_bytes(b"no data")
+    cells = [one.cell for one in read_results(first)]
+    damage(first, *(cell.key for cell in cells))
+    change(first, "UPDATE data SET content = x'00'")
     merged = merge([first, second], tmp_path / "c", NOTHING)
-    assert [str(path) in " ".join(merged.damaged) for path in (*cells, data)] == [True] * 4
+    named = [*(cell.key for cell in cells), cells[0].data_sha256]
+    assert [name in " ".join(merged.damaged) for name in named] == [True] * 4
     (result,) = read_results(tmp_path / "c")
     assert result.run_id == LATE
-    read_data(tmp_path / "c" / "data", data.stem)
+    read_data(tmp_path / "c", cells[0].data_sha256)
+
+
+def test_of_a_torn_file_the_readable_cells_are_taken(two, tmp_path):
+    expected = contents(two[0]) | contents(two[1])
+    tear(two[0], "run")
+    before = files_of(two[0])
+    merged = merge(two, tmp_path / "c", NOTHING)
+    assert contents(tmp_path / "c") == expected and files_of(two[0]) == before
+    assert str(two[0] / FILE) in merged.damaged[0] and merged.taken[two[0]] == (2, 2)
 
 
 def test_a_record_under_another_cells_name_is_left_out(tmp_path):
     folder = folder_of(tmp_path / "a", "vjm", (0.1,))
-    (path,) = (folder / "cells").iterdir()
-    path.rename(path.with_name("0" * 24 + ".json"))
-    merged = merge([folder], tmp_path / "c", NOTHING)
-    assert len(merged.damaged) == 1 and not list(read_results(tmp_path / "c"))
-
-
-def test_a_pack_cannot_name_a_file_outside_the_output(tmp_path):
-    folder = folder_of(tmp_path / "a", "vjm", (0.1,))
     (result,) = read_results(folder)
+    forget(folder, result.cell.key)
     vars(result.cell)["key"] = "../../evil"
-    (folder / "packs").mkdir(exist_ok=True)
-    write_pack(folder, [result])
-    merged = merge([folder], tmp_path / "deep" / "c", NOTHING)
-    assert len(merged.damaged) == 1
-    assert merged.n_cells == 1 and len(list(read_results(tmp_path / "deep" / "c"))) == 1
-    assert not list(tmp_path.rglob("evil*"))
+    ResultStore(folder).write_cell(result)
+    merged = merge([folder], tmp_path / "c", NOTHING)
+    assert len(merged.damaged) == 1 and not read_results(tmp_path / "c")
 
 
 def test_of_a_run_that_was_copied_while_it_ran_the_last_state_counts(tmp_path):
@@ -262,37 +239,27 @@ class Killed(BaseException):
     pass
 
 
-def killed_after(n):
-    """A stand-in for a function that works n times."""
-
-    def wrap(function):
-        calls = count()
-
-        def limited(*args, **kwargs):
-            if next(calls) == n:
-                raise Killed
-            return function(*args, **kwargs)
-
-        return limited
-
-    return wrap
-
-
-@pytest.mark.parametrize("step", ["written_whole", "write_checked", "write_pack"])
 @pytest.mark.parametrize("n", [0, 1])
-def test_a_merge_that_was_stopped_is_completed_by_the_same_one(two, tmp_path, monkeypatch, step, n):
+def test_a_merge_that_was_stopped_is_completed_by_the_same_one(two, tmp_path, monkeypatch, n):
+    """A folder is taken whole or not at all."""
     three = (*two, folder_of(tmp_path / "t", "vjm", dataset=TWINS[1]))
-    expected = dict(item for folder in three for item in contents(folder).items())
-    monkeypatch.setattr(merging, "ENOUGH_TO_PACK", 2)
+    each = [contents(folder) for folder in three]
+    calls = count()
+    whole = merging.write_run
+
+    def killed(db, run):
+        if next(calls) == n:
+            raise Killed
+        whole(db, run)
+
     with monkeypatch.context() as patched:
-        patched.setattr(merging, step, killed_after(n)(getattr(merging, step)))
+        patched.setattr(merging, "write_run", killed)
         with pytest.raises(Killed):
             merge(three, tmp_path / "c", NOTHING)
-    assert contents(tmp_path / "c").items() <= expected.items()
+    assert contents(tmp_path / "c") == dict(item for one in each[:n] for item in one.items())
     merge(three, tmp_path / "c", NOTHING)
-    assert contents(tmp_path / "c") == expected
+    assert contents(tmp_path / "c") == dict(item for one in each for item in one.items())
     assert {run.run_id for run in read_manifests(tmp_path / "c")} == {EARLY, LATE}
-    assert len(list((tmp_path / "c" / "data").iterdir())) == 2
 
 
 MERGE = "import sys; from pathlib import Path; from stiff_bench.merge import merge; \
@@ -307,13 +274,13 @@ def test_two_merges_into_one_folder_at_once_do_no_harm(two, tmp_path):
 
 
 def test_a_folder_that_changes_meanwhile_is_said(two, tmp_path, monkeypatch):
-    (lost, *_) = (two[0] / "cells").iterdir()
+    lost = read_results(two[0])[0].cell.key
 
     def vanishes(*_):
-        lost.unlink(missing_ok=True)
+        forget(two[0], lost)
         return ()
 
-    monkeypatch.setattr(merging, "_join_data", vanishes)
+    monkeypatch.setattr(merging, "_data_to_copy", vanishes)
     with pytest.raises(StoreError, match="1 of its cells cannot be read any more"):
         merge(two, tmp_path / "c", NOTHING)
 
@@ -334,9 +301,11 @@ def test_the_command_says_what_it_took_and_its_status_is_1_where_a_file_was_left
     assert done.return_value == 0
     assert f"{two[0]}: 2 of 2 cells taken" in done.output
     assert f"4 cells in {tmp_path / 'c'}, 0 of them were there" in done.output
-    (two[0] / "runs" / f"{EARLY}.json").write_text("{")
+    change(two[0], "UPDATE run SET command = 'other'")
     done = run(*two, "--output", tmp_path / "d")
-    assert done.return_value == 1 and f"left out: {two[0]}/runs/{EARLY}.json" in done.output
+    assert (
+        done.return_value == 1 and f"left out: {two[0] / FILE}: damaged: run {EARLY}" in done.output
+    )
 
 
 def test_the_command_shows_what_differs(tmp_path):
@@ -360,6 +329,6 @@ def test_numbers_come_through_to_the_last_bit(two, tmp_path):
     merge(two, tmp_path / "c", NOTHING)
     for folder in two:
         for result in read_results(folder):
-            back = ResultStore(tmp_path / "c").loose(result.cell.key)
+            back = ResultStore(tmp_path / "c").result(result.cell.key)
             np.testing.assert_array_equal(back.prediction.predicted, result.prediction.predicted)
             assert back.records == result.records

@@ -114,7 +114,7 @@ def test_what_was_chosen_stands_under_the_table_and_comes_back_from_disk(tmp_pat
     store = ResultStore(tmp_path)
     for result in results:
         store.write_cell(result)
-    back = [store.read_cell(task.cell.key) for task in found]
+    back = [store.result(task.cell.key) for task in found]
     assert [result.chosen for result in back] == [result.chosen for result in results]
     (table,) = build_tables(back, METRICS)
     assert [row.label for row in table.rows] == ["knn", "vjm [not tuned]"]

@@ -224,7 +224,7 @@ def test_an_option_that_is_infinite_can_be_stored(tasks_of, tmp_path):
     task = tasks_of((key,), "fanuc-r2000ic")[0]
     store = ResultStore(tmp_path)
     store.write_cell(compute_cell(task, "r"))
-    assert store.read_cell(task.cell.key).cell.model_params["stop_score"] == "inf"
+    assert store.result(task.cell.key).cell.model_params["stop_score"] == "inf"
 
 
 class Divided:

@@ -34,7 +34,7 @@ def test_every_number_that_can_be_made_is_a_choice_and_no_other(tmp_path):
 @pytest.mark.parametrize("kind", ["is not there", "is empty"])
 def test_a_folder_without_results_is_refused_naming_the_command_that_makes_them(tmp_path, kind):
     if kind == "is empty":
-        (tmp_path / "runs" / "cells").mkdir(parents=True)
+        (tmp_path / "runs").mkdir()
     with pytest.raises(StoreError, match="runs: holds no results; `bench reproduce` makes them"):
         CliRunner().invoke(
             table, ["6", "--results", str(tmp_path / "runs")], catch_exceptions=False

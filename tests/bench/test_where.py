@@ -9,7 +9,7 @@ from compared_results import N_POSES, contest_in, made_data, spread, store_resul
 from stiff_bench.comparison import paired_errors
 from stiff_bench.comparison_data import place_text
 from stiff_bench.estimates import Question
-from stiff_bench.stored_data import read_data, write_data
+from stiff_bench.stored_data import data_content, stored_data
 from stiff_bench.where import FEWEST_POSES, factors, where_better
 from stiff_protocols.forward_kinematics import tcp_position
 from stiff_protocols.paired import LEVEL
@@ -49,10 +49,7 @@ def test_a_model_that_is_worse_under_heavy_loads_is_found_to_be_so_there_alone(t
 
 def test_of_each_kind_the_division_that_explains_most_is_shown(tmp_path):
     data = made_data()
-    folder = tmp_path / "data"
-    folder.mkdir()
-    write_data(folder, data, "x")
-    torque = np.abs(read_data(folder, "x").torque[:, 3])
+    torque = np.abs(stored_data(data_content(data)).torque[:, 3])
     high = data.samples.group == "far"
     b = worse_where((torque > np.quantile(torque, 2 / 3)) + 1.0 * high)
     found, stored = found_in(tmp_path, a=spread(1e-4, 1e-5, seed=2), b=b)
@@ -122,22 +119,11 @@ def test_a_sample_that_several_splits_test_counts_once(tmp_path):
     )
 
 
-def test_stored_data_hold_where_the_tcp_is_and_units_of_the_torques(tmp_path):
+def test_stored_data_hold_where_the_tcp_is_and_units_of_the_torques():
     data = made_data()
-    write_data(tmp_path, data, "x")
-    back = read_data(tmp_path, "x")
+    back = stored_data(data_content(data))
     np.testing.assert_array_equal(back.tcp, tcp_position(data.robot, data.samples.q))
     assert back.torque_units == ("Nm",) * 6
     assert isinstance(data, BenchmarkData)
     reach = next(factor for factor in factors(back) if factor.name.startswith("TCP reach"))
     np.testing.assert_allclose(reach.values, np.linalg.norm(back.tcp[:, :2], axis=1))
-
-
-def test_data_stored_before_the_tcp_was_are_read_and_divided_without_it(tmp_path):
-    write_data(tmp_path, made_data(), "x")
-    with np.load(tmp_path / "x.npz") as found:
-        older = {name: found[name] for name in found if name not in ("tcp", "joint_types")}
-    np.savez_compressed(tmp_path / "x.npz", **older)
-    back = read_data(tmp_path, "x")
-    assert back.tcp is None and back.torque_units == ("Nm",) * 6
-    assert not any(factor.name.startswith("TCP") for factor in factors(back))

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import io
-import json
 import zipfile
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from fuzz.sealed import model_opened, model_sealed, record_sealed
+from fuzz.sealed import model_opened, model_sealed, results_with
+
+from stiff_bench.cell_content import COLUMNS
 
 LONG = 500_000
 
@@ -149,24 +150,19 @@ def _robot(
     return f'<robot name="r">{text}</robot>'.encode()
 
 
-def records(valid: bytes) -> tuple[bytes, ...]:
-    """Records: deep nests, with and without the right checksum."""
-    content = json.loads(valid)["content"]
-    deep: object = 1
-    for _ in range(900):
-        deep = [deep]
-    sealed = [record_sealed(value) for value in (None, 1, [], {}, [[1, 2]], "ab", deep)]
-    nested = [record_sealed(content | {key: deep}) for key in content]
+def results(valid: bytes) -> tuple[bytes, ...]:
+    """Results files: cut, no database, deep nests and wrong types below the right checksum."""
+    deep = "[" * 900 + "]" * 900
+    texts = ("model_params", "shown", "about")
+    wrong: list[tuple[str, object]] = [(name, text) for name in texts for text in (deep, "1", "[]")]
+    wrong += [("prediction_arrays", names) for names in ("", "measured", "predicted x measured")]
+    wrong += [(name, value) for name in COLUMNS for value in (None, "x", b"\x00")]
     return (
         b"",
-        b"[" * LONG,
-        b'{"a":' * LONG,
-        b"[" * 1000 + b"]" * 1000,
-        b'{"schema":3,"sha256":1,"content":2}',
-        *sealed,
-        *nested,
-        *(record_sealed({**content, key: None}) for key in content),
-        *(record_sealed({**content, key: {"a": 1}}) for key in content),
+        valid[: len(valid) // 2],
+        b"SQLite format 3\x00",
+        b"x" * 4096,
+        *(results_with(valid, lambda content, one=one: content.update([one])) for one in wrong),
     )
 
 

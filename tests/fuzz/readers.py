@@ -9,7 +9,7 @@ from pathlib import Path
 
 from fuzz import hard_cases
 from fuzz.mutations import Mutator, text_damaged
-from fuzz.sealed import model_damaged, npz_damaged, parquet_damaged, record_damaged
+from fuzz.sealed import model_damaged, npz_damaged, parquet_damaged, results_damaged
 
 from made_results import MadeResults, made_data
 from quick_models import quick_model, twin_data
@@ -18,8 +18,8 @@ from stiff_bench.deploy import predict_file
 from stiff_bench.grids import checked_grid, written_grids
 from stiff_bench.registry import build_registry
 from stiff_bench.robot_words import parse_tcp
-from stiff_bench.store import read_manifests, read_results
-from stiff_bench.stored_data import read_data, write_data
+from stiff_bench.store import FILE, read_data, read_manifests, read_results
+from stiff_bench.stored_data import data_content, stored_data
 from stiff_datasets import registered
 from stiff_datasets.load_file import read_loads
 from stiff_datasets.measured import read_samples, write_samples
@@ -150,41 +150,29 @@ def _registrations(folder: Path) -> Prepared:
     return Prepared(folder / "datasets.toml", (valid,), text_damaged, read, hard_cases.tomls(valid))
 
 
-def _records(folder: Path) -> Prepared:
+def _results(folder: Path) -> Prepared:
     results = MadeResults(folder)
-    (key,) = results.add("model", [[0.1, 0.2, 0.3, 0.4]], coverage=0.9)
-    path = folder / "cells" / f"{key}.json"
-    return Prepared(
-        path,
-        (path.read_bytes(),),
-        record_damaged,
-        lambda _: list(read_results(folder)),
-        hard_cases.records(path.read_bytes()),
-    )
+    results.add_run("run-1", results.add("model", [[0.1, 0.2, 0.3, 0.4]], coverage=0.9))
+    path = folder / FILE
+    valid = path.read_bytes()
 
+    def read(_: Path) -> object:
+        cells = read_results(folder)
+        data = [read_data(folder, one.cell.data_sha256) for one in cells]
+        return cells, read_manifests(folder), data
 
-def _manifests(folder: Path) -> Prepared:
-    MadeResults(folder).add_run("run-1", ["a", "b"])
-    path = folder / "runs" / "run-1.json"
-    return Prepared(
-        path,
-        (path.read_bytes(),),
-        record_damaged,
-        lambda _: list(read_manifests(folder)),
-        hard_cases.records(path.read_bytes()),
-    )
+    return Prepared(path, (valid,), results_damaged, read, hard_cases.results(valid))
 
 
 def _stored_data(folder: Path) -> Prepared:
-    data = made_data(0)
-    write_data(folder, data, "abc")
-    path = folder / "abc.npz"
+    valid = data_content(made_data(0))
     return Prepared(
-        path,
-        (path.read_bytes(),),
+        folder / "data.npz",
+        (valid,),
         npz_damaged,
-        lambda _: read_data(folder, "abc"),
-        hard_cases.archives(path.read_bytes()),
+        lambda path: stored_data(path.read_bytes()),
+        hard_cases.archives(valid),
+        also_named=("",),
     )
 
 
@@ -249,8 +237,7 @@ READERS = {
         "twin TOML": _twin,
         "grid TOML": _grid,
         "registrations TOML": _registrations,
-        "cell records": _records,
-        "run manifests": _manifests,
+        "results": _results,
         "model files": _models,
         "command words": _words,
         "stored data": _stored_data,

@@ -6,7 +6,6 @@ import pytest
 
 from stiff_bench.execution import IN_THIS_PROCESS
 from stiff_bench.option_word import split_word
-from stiff_bench.paper.expected_time import DT_CNN_STEPS, RECIPES, expected_s
 from stiff_bench.paper.model_words import ALL_PAIRS, pretrained, unfrozen
 from stiff_bench.paper.reproduce import Study, forecast_of
 from stiff_bench.paper.study import (
@@ -17,9 +16,7 @@ from stiff_bench.paper.study import (
     paper_study,
 )
 from stiff_bench.registry import usable_registry
-from stiff_models import dt_cnn
 from stiff_models.catalog import MODELS
-from stiff_models.mlp_pretrained import PRETRAINING
 
 KEYS = [info.key for info in MODELS]
 
@@ -65,24 +62,6 @@ def test_the_leaderboard_has_every_shipped_model_once():
         assert [split_word(word)[0] for word in run.models] == KEYS
 
 
-def test_a_forecast_knows_a_time_for_every_cell_before_any_is_stored(tmp_path):
+def test_before_anything_is_stored_a_forecast_says_that_no_time_is_known(tmp_path):
     found = forecast_of(study_of(paper_study(full=False), tmp_path), IN_THIS_PROCESS)
-    assert found.n_unknown == 0
-    assert 60.0 < found.seconds < 3600.0
-
-
-def test_the_expected_time_grows_with_the_network_and_its_steps():
-    assert expected_s("mlp-pretrained@width=40") < expected_s("mlp-pretrained")
-    assert expected_s("mlp-pretrained@pretrain_steps=300") < expected_s("mlp-pretrained")
-    assert expected_s("mlp-pretrained@layers=6") > expected_s("mlp-pretrained")
-    assert expected_s("dt-cnn@pretrain_steps=300") < 0.2 * expected_s("dt-cnn")
-    short = "mlp-pretrained@pretrain_steps=100"
-    assert expected_s(f"{short}@recipe=paper") < 0.6 * expected_s(short)  # 256 samples, not 1,024
-    assert expected_s("mlp-pretrained@recipe=paper") > 5 * expected_s("mlp-pretrained@recipe=best")
-    assert expected_s("vjm") < 1.0 < expected_s("deep-ensemble")
-
-
-def test_the_recipes_that_a_forecast_counts_with_are_those_of_the_models():
-    plans = {recipe: (plan.steps, plan.batch) for recipe, plan in PRETRAINING.items()}
-    assert plans == RECIPES
-    assert dt_cnn.FAST.steps == DT_CNN_STEPS
+    assert found.n_unknown == found.n_cells > 0 and found.seconds == 0.0

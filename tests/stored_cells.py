@@ -1,0 +1,44 @@
+"""Cells as a store holds them; importing this costs no more than the store itself."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from stiff_protocols.cost import Cost
+from stiff_protocols.record import Cell, CellResult, Presentation, ResultRecord, RunManifest
+from stiff_protocols.types import Prediction
+
+SHOWN = Presentation("m@a=2", "d", "p", "simulated", "stiffness", caveats=("beware",))
+CELL = Cell("m", {"a": 1, "b": 2.5}, "d", {}, "00", "p", {}, 0, "11", 0)
+VALUES = tuple(ResultRecord(f"m{number}", "x", number / 7, "m") for number in range(29))
+MANIFEST = RunManifest("r", "bench run", "2026-01-01", "finished", {"numpy": "2"}, ("k",))
+
+
+def result(**changes) -> CellResult:
+    numbers = np.array([[1 / 3, 2e-17, -0.1]])
+    return CellResult(
+        **(
+            {
+                "cell": CELL,
+                "shown": SHOWN,
+                "run_id": "r",
+                "status": "ok",
+                "records": (
+                    ResultRecord("mae", "x", 1 / 3, "m"),
+                    ResultRecord("latency", "", 1e-5, "s"),
+                ),
+                "prediction": Prediction(np.array([4]), numbers, numbers * 7, None, numbers / 3),
+                "cost": Cost(1.5, 0.1, 1e-5, 1e5, None),
+                "diagnostics": {"k1": math.nan, "k2": math.inf, "k3": 0.1},
+                "warnings": ("careful",),
+            }
+            | changes
+        )
+    )
+
+
+def failure(**changes) -> CellResult:
+    nothing = {"records": (), "prediction": None, "cost": None}
+    return result(**({"status": "failed", "failure": "it broke", **nothing} | changes))
