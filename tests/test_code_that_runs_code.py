@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import os
-import shutil
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -136,9 +135,6 @@ def laid(tmp_path):
     made = MadeResults(folder)
     made.add_run("run-1", [*made.add("vjm", [0.1, 0.2]), *made.add("mlp", [0.3, 0.1])])
     mark = lay_about(folder)
-    for part in ("cells", "runs", "data"):
-        for file in folder.glob("*.py"):
-            shutil.copy(file, folder / part)
     return folder, mark
 
 

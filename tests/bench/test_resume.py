@@ -15,12 +15,12 @@ import pytest
 
 import hostile_models
 from command_line import bench, started
+from made_results import change, damage, tear
 from run_requests import planned
 from stiff_bench.collected import collect
 from stiff_bench.execution import IN_THIS_PROCESS
-from stiff_bench.packing import pack
 from stiff_bench.run import execute
-from stiff_bench.store import read_manifests, read_results
+from stiff_bench.store import FILE, fault_of, read_manifests, read_results, reading, stored_statuses
 
 PLUGIN = Path(hostile_models.__file__)
 N_CELLS = 40
@@ -51,8 +51,8 @@ def tally_of(said: str) -> str:
     return re.findall(r"bench: (\d+ ok.*?);", said)[-1]
 
 
-def cell_files(folder: Path) -> list[Path]:
-    return sorted((folder / "cells").glob("[!.]*.json"))
+def n_stored(folder: Path) -> int:
+    return len(stored_statuses(folder))
 
 
 def bytes_of_results(folder: Path) -> dict[str, bytes]:
@@ -66,11 +66,16 @@ def bytes_of_results(folder: Path) -> dict[str, bytes]:
 def test_the_same_command_again_computes_nothing_and_prints_the_same_table(run, tmp_path):
     _, first, said = run()
     assert tally_of(said) == "6 ok"
-    before = {path: path.read_bytes() for path in cell_files(tmp_path)}
+    before = rows_of_cells(tmp_path)
     status, again, said = run()
     assert (status, tally_of(said)) == (0, "0 ok, 6 cached")
     assert again == first
-    assert {path: path.read_bytes() for path in cell_files(tmp_path)} == before
+    assert rows_of_cells(tmp_path) == before
+
+
+def rows_of_cells(folder: Path) -> list[tuple[object, ...]]:
+    with reading(folder) as db:
+        return db.execute("SELECT * FROM cell ORDER BY key").fetchall()
 
 
 def test_more_splits_compute_those_that_are_missing(run, tmp_path):
@@ -89,41 +94,40 @@ def test_what_shapes_a_result_makes_it_another_one(run, change):
     assert tally_of(said) == ("6 ok" if "seed" in change else "3 ok, 3 cached")
 
 
-def flipped(content: bytes) -> bytes:
-    middle = len(content) // 2
-    return content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
-
-
-@pytest.mark.parametrize(
-    "damage",
-    [lambda _: b"", lambda content: content[:-40], flipped, lambda _: b"\x00" * 4096],
-    ids=["emptied", "cut off", "a bit flipped", "zeros"],
-)
-def test_a_damaged_record_is_named_and_computed_again(run, tmp_path, damage):
+def test_a_damaged_row_is_named_and_computed_again(run, tmp_path):
     _, table, _ = run()
-    path = cell_files(tmp_path)[2]
     whole = bytes_of_results(tmp_path)
-    path.write_bytes(damage(path.read_bytes()))
+    key = sorted(whole)[2]
+    damage(tmp_path, key)
     status, again, said = run()
     assert (status, tally_of(said)) == (0, "1 ok, 5 cached")
-    assert f"bench: warning: {path}: damaged" in said and "computed again" in said
+    assert key in said and "damaged" in said and "computed again" in said
     assert again.count("\n") == table.count("\n")
     assert bytes_of_results(tmp_path) == whole
 
 
-def test_the_record_of_another_cell_under_this_name_does_not_count(run, tmp_path):
+@pytest.mark.parametrize("table", ["run", "data", "value"])
+def test_a_torn_file_is_said_its_readable_rows_count_and_the_rest_is_computed_again(
+    run, tmp_path, table
+):
     run()
-    first, second, *_ = cell_files(tmp_path)
-    first.write_bytes(second.read_bytes())
+    whole = bytes_of_results(tmp_path)
+    tear(tmp_path, table)
+    status, _, said = run()
+    lost = 6 if table == "value" else 0  # the values of six cells share a page
+    assert (status, tally_of(said)) == (0, f"{lost} ok" + ("" if lost else ", 6 cached"))
+    assert f"warning: {tmp_path / FILE}: damaged" in said
+    assert bytes_of_results(tmp_path) == whole and fault_of(tmp_path) is None
+    assert (tmp_path / f"{FILE}.damaged").exists()
+
+
+def test_the_row_of_another_cell_under_this_key_does_not_count(run, tmp_path):
+    run()
+    first, second, *_ = sorted(stored_statuses(tmp_path))
+    change(tmp_path, "DELETE FROM cell WHERE key = ?", first)
+    change(tmp_path, "UPDATE cell SET key = ? WHERE key = ?", first, second)
     _, _, said = run()
-    assert tally_of(said) == "1 ok, 5 cached" and "which is another one's file" in said
-
-
-def test_packed_results_count_as_those_in_files(run, tmp_path):
-    _, table, _ = run()
-    assert pack(tmp_path) == 6 and not cell_files(tmp_path)
-    _, again, said = run()
-    assert tally_of(said) == "0 ok, 6 cached" and again == table
+    assert tally_of(said) == "2 ok, 4 cached" and first in said
 
 
 def test_rerun_all_computes_everything_and_gives_the_same_numbers(run, tmp_path):
@@ -156,28 +160,30 @@ def test_failures_stay_until_they_are_asked_for_again(tmp_path):
     assert "Good: FAILED (2 of 2 splits): OSError: no licence today" in second.stdout
     third = bench(*words, "--rerun", "failed", cwd=tmp_path)
     assert third.returncode == 0 and tally_of(third.stderr) == "2 ok, 2 cached"
-    assert not list((tmp_path / "out" / "cells").glob("*.failed.json"))
+    assert set(stored_statuses(tmp_path / "out").values()) == {"ok"}
 
 
 @pytest.mark.slow
-def test_a_disk_that_is_full_stops_the_run_and_leaves_no_part_of_a_file(tmp_path):
-    words = ["run", "--model", "knn", "--splits", "3", "--output", "out"]
-    assert bench(*words[:-4], "--splits", "1", "--output", "out", cwd=tmp_path).returncode == 0
-    (kept,) = (tmp_path / "out" / "cells").iterdir()
-    before = kept.read_bytes()
+def test_a_disk_that_is_full_stops_the_run_and_what_was_stored_stays(tmp_path):
+    words = ["run", "--model", "knn", "--output", "out", "--splits"]
+    assert bench(*words, "1", cwd=tmp_path).returncode == 0
+    size = (tmp_path / "out" / FILE).stat().st_size
 
     def small_files() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))  # a cell is larger
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 
-    done = bench(*words, cwd=tmp_path, preexec_fn=small_files)
+    done = bench(*words, "40", cwd=tmp_path, preexec_fn=small_files)
     assert done.returncode == 2
     last = done.stderr.strip().splitlines()[-1]
-    assert last.startswith("bench: error: out/cells/") and "cannot be written: File too" in last
-    assert kept.read_bytes() == before
-    assert [path.name for path in (tmp_path / "out" / "cells").iterdir()] == [kept.name]
-    after = bench(*words, cwd=tmp_path)
-    assert after.returncode == 0 and tally_of(after.stderr) == "2 ok, 1 cached"
+    assert last.startswith(f"bench: error: out/{FILE}: cannot be written: ")
+    assert "Traceback" not in done.stderr and n_stored(tmp_path / "out") >= 1
+    assert fault_of(tmp_path / "out") is None
+    n_there = n_stored(tmp_path / "out")
+    after = bench(*words, "40", cwd=tmp_path)
+    assert (
+        after.returncode == 0 and tally_of(after.stderr) == f"{40 - n_there} ok, {n_there} cached"
+    )
 
 
 @pytest.fixture(scope="module")
@@ -196,12 +202,12 @@ def test_a_run_that_is_stopped_at_any_moment_goes_on_with_what_is_missing(
 ):
     words = [*SLOW_RUN, "--jobs", "2", "--output", "out"]
     with started(*words, cwd=tmp_path) as command:
-        while not (tmp_path / "out" / "runs").is_dir() or not cell_files(tmp_path / "out"):
+        while not n_stored(tmp_path / "out"):
             time.sleep(0.01)
         time.sleep(random.Random(moment).uniform(0.0, 1.5))
         command.send_signal(number)
         command.communicate(timeout=60)
-    stored = len(cell_files(tmp_path / "out"))
+    stored = n_stored(tmp_path / "out")
     assert 0 < stored < N_CELLS
     (manifest,) = read_manifests(tmp_path / "out")
     assert manifest.status == ("running" if number == signal.SIGKILL else "interrupted")
@@ -209,7 +215,7 @@ def test_a_run_that_is_stopped_at_any_moment_goes_on_with_what_is_missing(
     assert done.returncode == 0
     assert tally_of(done.stderr) == f"{N_CELLS - stored} ok, {stored} cached"
     assert bytes_of_results(tmp_path / "out") == reference
-    assert not [path for path in (tmp_path / "out").rglob(".*.tmp*") if number != signal.SIGKILL]
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [FILE]
 
 
 @pytest.mark.slow
@@ -217,9 +223,7 @@ def test_a_cell_whose_process_is_killed_is_a_failure_of_that_cell_alone(tmp_path
     words = ["run", "--plugin", str(PLUGIN), "--model", "Good", "--model", "Hangs"]
     with started(*words, "--splits", "2", "--output", "out", cwd=tmp_path) as command:
         for split in range(2):
-            while not (tmp_path / "out" / "runs").is_dir() or len(cell_files(tmp_path / "out")) < (
-                2 * split + 1
-            ):
+            while n_stored(tmp_path / "out") < 2 * split + 1:
                 time.sleep(0.05)
             time.sleep(1.0)
             kill_a_cell(command.pid)
