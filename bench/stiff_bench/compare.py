@@ -21,7 +21,7 @@ from stiff_bench.competitor_words import competitor_meant
 from stiff_bench.contest_name import ContestName, labels
 from stiff_bench.estimates import Question
 from stiff_bench.natural_order import natural_key
-from stiff_bench.result_source import sources
+from stiff_bench.result_source import differing_libraries, sources
 from stiff_bench.store import read_data, read_manifests
 from stiff_bench.stored_data import StoredData
 from stiff_bench.where import Where, where_better
@@ -65,7 +65,7 @@ class Report:
         where: who is better where, if there is one contest.
         notes: contests that could not be compared, names that stand for several data sets, and
             results that were left out.
-        provenance: which stiffbench made the results.
+        provenance: which stiffbench made the results, and libraries that differ.
         command: the command line that made it.
     """
 
@@ -143,15 +143,20 @@ def _compared(
     return met, apart
 
 
-def _provenance(contests: Iterable[Contest], words: CompareWords) -> tuple[str, ...]:
-    """Say which stiffbench made the results that were compared."""
-    counts = Counter(
-        result.run_id
-        for contest in contests
-        for name in (words.a, words.b)
-        for result in contest.results(name, contest.shared_slots([words.a, words.b]))
-    )
-    return tuple(sources(words.results, [*read_manifests(words.results)], counts))
+def _provenance(contests: Sequence[Contest], words: CompareWords) -> tuple[str, ...]:
+    """Say which stiffbench made the results that were compared, and libraries that differ."""
+    names = words.a, words.b
+    counts = {
+        name: Counter(
+            result.run_id
+            for contest in contests
+            for result in contest.results(name, contest.shared_slots(names))
+        )
+        for name in names
+    }
+    runs = read_manifests(words.results)
+    made = sources(words.results, runs, counts[words.a] + counts[words.b])
+    return (*made, *differing_libraries(runs, counts))
 
 
 def _under(conditions: Sequence[str], contests: Sequence[Contest]) -> list[Contest]:

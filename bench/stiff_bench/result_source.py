@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from stiff_protocols.record import RunManifest
 
 NO_MANIFEST = "a run without a manifest"
+LIBRARIES = ("numpy", "scipy", "scikit-learn", "torch", "pin")
+"""That the numbers go through."""
 
 
 def sources(
@@ -30,6 +32,26 @@ def sources(
         for version, count in sorted(counts.items())
     )
     yield f"{counts.total()} results of {folder}, made by {made}."
+
+
+def differing_libraries(
+    runs: Sequence[RunManifest], run_ids: Mapping[str, Iterable[str]]
+) -> Iterator[str]:
+    """Yield a line for each library that models were computed with different versions of.
+
+    Args:
+        runs: whose manifests the folder holds.
+        run_ids: model -> the runs that computed its results.
+    """
+    known = {run.run_id: run.environment for run in runs}
+    for library in LIBRARIES:
+        used = {
+            model: sorted({known.get(run, {}).get(library, "unknown") for run in of_model})
+            for model, of_model in run_ids.items()
+        }
+        if len({tuple(versions) for versions in used.values()}) > 1:
+            said = "; ".join(f"{model}: {', '.join(found)}" for model, found in used.items())
+            yield f"Computed with different versions of {library}: {said}."
 
 
 def _version(environment: Mapping[str, str]) -> str:
