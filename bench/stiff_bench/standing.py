@@ -15,6 +15,7 @@ from stiff_bench.sort_key import SortKey
 from stiff_bench.split_sizes import split_sizes
 from stiff_bench.store import read_data
 from stiff_bench.stored_data import StoredData
+from stiff_bench.tables import pooled_prediction
 from stiff_protocols.bootstrap import PoseErrors, resampled_means
 from stiff_protocols.mean_ranks import ranked
 from stiff_protocols.paired import LEVEL, corrected_t, holm, wilcoxon_signed_rank
@@ -69,9 +70,8 @@ class Standing:
         return [self._errors_of(model, poses, pose_of_row) for model in self.models]
 
     def _errors_of(self, model: str, poses: TextArray, pose_of_row: IntArray) -> PoseErrors:
-        found = [r.prediction for r in self.field.results(model) if r.prediction is not None]
-        pose = pose_of_row[np.concatenate([prediction.rows for prediction in found])]
-        errors = np.concatenate([self.key.of_rows(prediction) for prediction in found])
+        found = pooled_prediction(self.field.results(model))
+        pose, errors = pose_of_row[found.rows], self.key.of_rows(found)
         totals = np.bincount(pose, weights=errors, minlength=len(poses)).astype(np.float64)
         return PoseErrors(poses, totals[:, None], np.bincount(pose, minlength=len(poses)))
 

@@ -25,7 +25,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import closing, contextmanager, suppress
 from dataclasses import fields
 from functools import cache
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -541,7 +541,7 @@ class _Known:
     def __init__(self) -> None:
         """Know nothing."""
         self._names: dict[int, tuple[str, str, str]] = {}
-        self._measures: dict[tuple[int, ...], _Measures] = {}
+        self._measures: dict[str, _Measures] = {}
 
     def values(
         self, db: sqlite3.Connection, cells: Sequence[int]
@@ -550,28 +550,30 @@ class _Known:
         if not cells:
             return {}
         whole = cells[-1] - cells[0] == len(cells) - 1  # a range is found sooner than single ones
-        where = "BETWEEN ? AND ?" if whole else f"IN {_marks(cells)}"
-        rows = db.execute(
-            f"SELECT cell, measure, value FROM value WHERE cell {where} ORDER BY cell, measure",
-            (cells[0], cells[-1]) if whole else cells,
+        where = f"cell {'BETWEEN ? AND ?' if whole else f'IN {_marks(cells)}'}"
+        asked = (cells[0], cells[-1]) if whole else cells
+        in_order = f"FROM (SELECT * FROM value WHERE {where} ORDER BY cell, measure)"
+        owners = db.execute(
+            f"SELECT cell, count(*), group_concat(measure) {in_order} GROUP BY cell", asked
         ).fetchall()
-        if not rows:
-            return {}
-        owners, measures, values = zip(*rows, strict=True)
-        numbers = np.array(values, dtype=np.float64)
-        ends = [*(np.flatnonzero(np.diff(np.array(owners))) + 1).tolist(), len(rows)]
+        values = db.execute(f"SELECT value {in_order}", asked)
+        numbers = np.fromiter(
+            chain.from_iterable(values), np.float64, sum(row[1] for row in owners)
+        )
         found, start = {}, 0
-        for end in ends:
-            found[owners[start]] = self._of(db, measures[start:end]), numbers[start:end]
-            start = end
+        for cell, n_values, measures in owners:
+            found[cell] = self._of(db, measures), numbers[start : start + n_values]
+            start += n_values
         return found
 
-    def _of(self, db: sqlite3.Connection, numbers: tuple[int, ...]) -> _Measures:
-        if numbers not in self._measures:
+    def _of(self, db: sqlite3.Connection, measures: str) -> _Measures:
+        """Return the measures with these numbers, "1,2,5"."""
+        if measures not in self._measures:
+            numbers = [int(number) for number in measures.split(",")]
             if not self._names.keys() >= {*numbers}:
                 self._names = {row[0]: row[1:] for row in db.execute("SELECT * FROM measure")}
-            self._measures[numbers] = _Measures([self._names[number] for number in numbers])
-        return self._measures[numbers]
+            self._measures[measures] = _Measures([self._names[number] for number in numbers])
+        return self._measures[measures]
 
 
 def _write(db: sqlite3.Connection, result: CellResult) -> None:

@@ -100,5 +100,6 @@ def _no_garbage_collection() -> Iterator[None]:
     try:
         yield
     finally:
+        gc.freeze()  # nor later
         if enabled:
             gc.enable()
