@@ -55,7 +55,7 @@ def metrics_overview() -> str:
 
 
 def describe(info: PluginInfo) -> str:
-    """Return summary, reference, caveats and options of a catalogue line."""
+    """Return summary, reference, version, caveats and options of a catalogue line."""
     from stiff_bench.options import options_of
 
     parts = [f"{info.key}: {info.summary}"]
@@ -67,6 +67,7 @@ def describe(info: PluginInfo) -> str:
     if why := info.missing():
         parts.append(f"cannot be used here yet: {why}")
     if isinstance(info, ModelInfo):
+        parts.append(_version(info))
         parts += [
             f"grid {name} of `nested`: {_grid_text(grid)}" for name, grid in info.grids.items()
         ]
@@ -87,6 +88,11 @@ def describe(info: PluginInfo) -> str:
         disable_numparse=True,
     )
     return "\n".join([*parts, "", table])
+
+
+def _version(info: ModelInfo) -> str:
+    of_library = f", and the version of {info.library}" if info.library else ""
+    return f"version: {info.version}{of_library} (part of a result's identity)"
 
 
 def _grid_text(grid: Grid) -> str:

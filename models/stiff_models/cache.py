@@ -2,8 +2,8 @@
 
 joblib.Memory keeps the results: one folder an entry, written beside its place and renamed, so that
 two processes may use it at once. The key is a hash of what goes into the training: samples of the
-source domain, first weights, plan, seed, versions, threads and code. Test data never goes into a
-training, and so never into a key.
+source domain, first weights, plan, seed, `PRETRAINING_VERSION`, torch's version and threads, and a
+stranger's code. Test data never goes into a training, and so never into a key.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import torch
 
 from stiff_models.arithmetic import arithmetic
 from stiff_models.cache_folder import OFF, VARIABLE, cache_folder, usable_folder
-from stiff_models.training import Curve, Rows
+from stiff_models.training import PRETRAINING_VERSION, Curve, Rows
 from stiff_models.training_plan import TrainingPlan
 from stiff_protocols.errors import StiffBenchWarning, StoreError
 from stiff_protocols.source_code import code_of
@@ -148,11 +148,13 @@ def training_digest(
         rows: what it learns from.
         plan: how.
         seed: order of the batches.
-        actors: other objects whose code takes part, such as the model.
+        actors: other objects that take part, such as the model; the code of those that are not
+            ours counts, as that of such modules of the network does.
         extra: further tensors that go into it.
         about: further settings, as text.
     """
     device = rows.inputs.device
+    things = (*network.modules(), *actors)
     digest = hashlib.sha256()
     for text in (
         repr(network),
@@ -161,7 +163,8 @@ def training_digest(
         about,
         _machine(device),
         repr(arithmetic(device, mixed_precision=plan.mixed_precision)),
-        *sorted({code_of(type(thing)) for thing in (*network.modules(), *actors)}),
+        f"{PRETRAINING_VERSION} torch {torch.__version__}",
+        *sorted(code_of(cls) for cls in {type(thing) for thing in things} if not _ours(cls)),
     ):
         digest.update(text.encode() + b"\0")
     for tensor in (rows.inputs, rows.targets, *network.state_dict().values(), *extra):
@@ -169,6 +172,11 @@ def training_digest(
         digest.update(f"{array.dtype}{array.shape}".encode())
         digest.update(array.tobytes())
     return digest.hexdigest()
+
+
+def _ours(cls: type) -> bool:
+    """Return whether a class's code is covered by `PRETRAINING_VERSION` and torch's version."""
+    return cls.__module__.partition(".")[0] in ("stiff_models", "torch")
 
 
 def _machine(device: torch.device) -> str:

@@ -21,28 +21,33 @@ MODELS = (
     ModelInfo(
         key="zero",
         target="stiff_models.zero:ZeroModel",
+        version=1,
         summary="no deflection at all: what an uncorrected path gets",
     ),
     ModelInfo(
         key="mean",
         target="stiff_models.mean:MeanModel",
+        version=1,
         summary="mean deflection of the training samples",
     ),
     ModelInfo(
         key="knn",
         target="stiff_models.knn:NearestNeighbours",
+        version=1,
         summary="mean of the nearest training samples",
         grids={"default": {"neighbours": (1, 3, 5, 10), "weights": ("uniform", "distance")}},
     ),
     ModelInfo(
         key="vjm",
         target="stiff_models.vjm:VirtualJointModel",
+        version=1,
         summary="linear virtual joint model, one torsion spring a joint, least squares",
         reference="deflection = J K^-1 J^T wrench; identified as in the source paper",
     ),
     ModelInfo(
         key="vjm-multisegment",
         target="stiff_models.multi_segment_vjm:MultiSegmentVjm",
+        version=1,
         summary="VJM whose springs get another slope as the torque grows, preloaded by gravity",
         reference="multi-segment joint stiffness after Schneider et al.; see docs/models.md",
         grids={"default": {"segments": (2, 3), "breakpoints": ("quantile", "search")}},
@@ -50,6 +55,7 @@ MODELS = (
     ModelInfo(
         key="vjm-full",
         target="stiff_models.full_vjm:FullVjm",
+        version=1,
         summary="three or six virtual springs a joint, reduced to what the samples identify",
         reference="after Pashkevich, Klimchik and Chablat 2011",
         grids={"default": {"springs": (3, 6), "solver": ("nnls", "ridge")}},
@@ -57,6 +63,7 @@ MODELS = (
     ModelInfo(
         key="mlp",
         target="stiff_models.mlp:Mlp",
+        version=1,
         summary="4 x 380 network from scratch on the measured training samples",
         reference="network of the source paper, without its transfer",
         uses_validation=True,
@@ -66,6 +73,7 @@ MODELS = (
     ModelInfo(
         key="mlp-pretrained",
         target="stiff_models.mlp_pretrained:MlpPretrained",
+        version=1,
         summary="4 x 380 network trained on the simulated source domain alone",
         reference="pre-training of the source paper",
         quick=_QUICK_SOURCE,
@@ -73,6 +81,7 @@ MODELS = (
     ModelInfo(
         key="ft-mlp",
         target="stiff_models.ft_mlp:FtMlp",
+        version=1,
         summary="pre-trained on the source domain, fine-tuned on the measurements",
         reference="the method of the source paper",
         uses_validation=True,
@@ -89,6 +98,7 @@ MODELS = (
     ModelInfo(
         key="dt-cnn",
         target="stiff_models.dt_cnn:DtCnn",
+        version=1,
         summary="1x1-convolution network, its features of simulated and measured inputs aligned",
         reference="Zhao et al., UDTL, 2021; the source paper's DT-CNN",
         uses_validation=True,
@@ -98,6 +108,7 @@ MODELS = (
     ModelInfo(
         key="compliance-net",
         target="stiff_models.compliance_net:ComplianceNet",
+        version=1,
         summary="network of joint compliances inside the VJM's equation: no load, no deflection",
         uses_validation=True,
         quick=_QUICK_NETWORK,
@@ -105,6 +116,7 @@ MODELS = (
     ModelInfo(
         key="deep-ensemble",
         target="stiff_models.deep_ensemble:DeepEnsemble",
+        version=1,
         summary="mean of several ft-mlp that differ in their random numbers",
         reference="Lakshminarayanan, Pritzel and Blundell 2017",
         uses_validation=True,
@@ -113,6 +125,7 @@ MODELS = (
     ModelInfo(
         key="residual-mlp",
         target="stiff_models.residual_mlp:ResidualMlp",
+        version=1,
         summary="VJM, and an MLP for what it leaves",
         uses_validation=True,
         quick=_QUICK_NETWORK,
@@ -124,6 +137,7 @@ MODELS = (
     ModelInfo(
         key="gp",
         target="stiff_models.gp:GaussianProcessModel",
+        version=1,
         summary="Gaussian process of the deflections, with its own intervals",
         quick=_QUICK_PROCESS,
         grids={"default": _KERNELS},
@@ -131,6 +145,7 @@ MODELS = (
     ModelInfo(
         key="vjm-gp",
         target="stiff_models.vjm_gp:VjmGp",
+        version=1,
         summary="VJM, and a Gaussian process for what it leaves, with its own intervals",
         quick=_QUICK_PROCESS,
         grids={"default": _KERNELS, "physics": _PHYSICS},
@@ -138,6 +153,7 @@ MODELS = (
     ModelInfo(
         key="mf-gp",
         target="stiff_models.mf_gp:MultiFidelityGp",
+        version=1,
         summary="co-kriging of simulated (VJM) and measured samples, with its own intervals",
         reference="Kennedy and O'Hagan 2000; Le Gratiet and Garnier 2014",
         quick=_QUICK_PROCESS | {"source_samples": 16},
@@ -145,6 +161,7 @@ MODELS = (
     ModelInfo(
         key="vjm-boosting",
         target="stiff_models.vjm_boosting:VjmBoosting",
+        version=1,
         summary="VJM, and gradient-boosted trees for what it leaves",
         quick={"trees": 20},
         grids={
@@ -155,27 +172,33 @@ MODELS = (
     ModelInfo(
         key="realmlp",
         target="stiff_models.realmlp:RealMlp",
+        version=1,
         summary="RealMLP, a tuned network for small tables",
         reference="Holzmueller, Grinsztajn and Steinwart 2024; package pytabkit",
         missing_because="stiff_models.optional_packages:missing_pytabkit",
+        library="pytabkit",
         uses_validation=True,
         quick={"epochs": 3},
     ),
     ModelInfo(
         key="tabm",
         target="stiff_models.tabm:TabM",
+        version=1,
         summary="TabM, an ensemble of networks that share most weights",
         reference="Gorishniy, Kotelnikov and Babenko 2025; package pytabkit",
         missing_because="stiff_models.optional_packages:missing_pytabkit",
+        library="pytabkit",
         uses_validation=True,
         quick={"epochs": 3},
     ),
     ModelInfo(
         key="tabpfn",
         target="stiff_models.tabpfn:TabPfn",
+        version=1,
         summary="TabPFN, a network that learned to predict from small tables",
         reference="Hollmann et al. 2025; package tabpfn",
         missing_because="stiff_models.optional_packages:missing_tabpfn",
+        library="tabpfn",
     ),
 )
 

@@ -85,6 +85,8 @@ def member(key: str) -> ModelInfo:
     return ModelInfo(
         key=key,
         target=model,
+        version=1,
+        library="scikit-learn",
         summary=f"scikit-learn's {model.estimator_class.__name__} on {what}",
         reference=f"sklearn.{_public_path(model.estimator_class)}",
     )

@@ -23,6 +23,11 @@ Objective = Callable[[float, torch.Tensor, torch.Tensor], torch.Tensor]
 """Takes the progress of the training (0 at its first step, towards 1), inputs (n, n_features) and
 standardised targets (n, 3); returns the loss."""
 
+PRETRAINING_VERSION = 1
+"""Part of the name under which a finished training is kept. Raise it with every change after which
+the same network, rows, plan and seed give other weights or other errors on the source: in this
+loop, the optimizers, the losses, the alignments, a network's forward pass, `source_errors`."""
+
 FULL_PRECISION_END = 0.1  # share of the steps that mixed precision leaves to float32
 REPORT_EVERY = 10  # steps
 

@@ -71,20 +71,37 @@ class ModelInfo(PluginInfo):
     """A model family.
 
     Attributes:
-        version: raised by a change that changes the model's numbers.
-        library: distribution whose installed version belongs to the identity too.
         uses_validation: the model needs rows that choose an epoch. Where it does not, a
             protocol's inner validation rows are given to it as training rows.
         quick: option values with which a fit takes seconds, for the conformance suite.
         grids: name -> option -> candidates, for protocols that tune; "default" is searched where
             no other is asked for.
+        version: raised by a change that changes the model's numbers; part of a cell's identity. A
+            plugin need not raise it: its own files are part of the identity too.
+        library: a distribution whose installed version belongs to the identity, because it is the
+            model; "" for none.
+
+    Raises:
+        ConfigError: `version` is no positive integer, or `library` no text.
     """
 
-    version: int = 1
-    library: str = ""
     uses_validation: bool = False
     quick: Mapping[str, Any] = field(default_factory=dict)
     grids: Mapping[str, Grid] = field(default_factory=dict)
+    version: int = 1
+    library: str = ""
+
+    def __post_init__(self) -> None:
+        """Check what a cell's identity is made of."""
+        if type(self.version) is not int or self.version < 1:
+            raise ConfigError(
+                f"{self.key!r}: version {self.version!r} is no positive integer (valid: 1, 2, ...)"
+            )
+        if not isinstance(self.library, str):
+            raise ConfigError(
+                f"{self.key!r}: library {self.library!r} is no text (valid: the name of a "
+                "distribution, such as 'scikit-learn')"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -210,7 +210,7 @@ def test_list_and_show_answer(tmp_path):
     assert "simulated" in bench("list", "datasets", cwd=tmp_path).stdout
     assert "leave-one-out" in bench("list", "protocols", cwd=tmp_path).stdout
     shown = bench("show", "ft-mlp", cwd=tmp_path).stdout
-    assert "ft-mlp.freeze" in shown and "layers:1,2" in shown
+    assert "ft-mlp.freeze" in shown and "layers:1,2" in shown and "\nversion: 1 (" in shown
     assert "caveat" in bench("show", "fanuc-r2000ic", cwd=tmp_path).stdout
 
 

@@ -173,6 +173,17 @@ def test_a_good_line_beside_a_taken_one_is_there_and_passes_the_conformance_suit
     assert done.stdout.startswith("force-spring (torques=False) on fanuc-r2000ic")
 
 
+@pytest.mark.parametrize("version", [0, -1, 1.0, "1", True, None])
+def test_a_version_is_a_positive_integer(version):
+    with pytest.raises(ConfigError, match=r"'m': version .* is no positive integer \(valid: 1, 2"):
+        ModelInfo(key="m", target=dict, summary="", version=version)
+
+
+def test_a_library_is_a_distributions_name():
+    with pytest.raises(ConfigError, match=r"'m': library None is no text"):
+        ModelInfo(key="m", target=dict, summary="", library=None)
+
+
 def test_a_model_whose_module_raises_when_it_is_used_is_a_config_error(tmp_path, monkeypatch):
     (tmp_path / "raises_late.py").write_text("raise RuntimeError('no licence')\n")
     monkeypatch.syspath_prepend(tmp_path)

@@ -134,15 +134,24 @@ def test_a_strangers_code_is_part_of_the_key(data, monkeypatch, tmp_path, traini
         assert len(trainings) == trained
 
 
+def test_our_own_files_are_no_part_of_the_key(data, monkeypatch, trainings):
+    monkeypatch.delattr(cache, "code_of")
+    fit(data)
+    assert len(trainings) == 1
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [
+        ("PRETRAINING_VERSION", cache.PRETRAINING_VERSION + 1),
         ("arithmetic", lambda device, mixed_precision: Arithmetic("highest", mixed_precision)),
         ("arithmetic", lambda device, mixed_precision: Arithmetic("medium", False)),
         ("_machine", lambda device: "GPU"),
     ],
 )
-def test_another_machines_rounding_is_another_training(data, monkeypatch, trainings, name, value):
+def test_another_version_or_machines_rounding_is_another_training(
+    data, monkeypatch, trainings, name, value
+):
     monkeypatch.setattr(cache, "arithmetic", lambda device, mixed_precision: NEITHER)
     fit(data)
     monkeypatch.setattr(cache, name, value)

@@ -1,0 +1,489 @@
+"""What holds a model's version honest: numbers that every built-in model gave when they were made.
+
+A model's `version` stands in a cell's identity in place of its code, so whoever changes its numbers
+must raise it. `models/test_golden_numbers.py` fits every model of the catalogue anew, with few
+rows, small networks and five steps, and compares
+
+- predictions, and bounds of intervals where a model has its own, to `CLOSED_FORM_M` or `NETWORK_M`;
+- the plan of each training that the model would do, recipe by recipe, in every field;
+- of the pre-training, whose version is `PRETRAINING_VERSION`, what a few steps give.
+
+The numbers are made by
+
+    python tests/golden_numbers.py
+
+which refuses to write over numbers that changed while their version did not. Whoever changes what
+is fitted here, and no model, deletes the model's lines in the file first.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sys
+import typing
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, replace
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import numpy as np
+import torch
+from scipy.optimize import minimize
+from threadpoolctl import threadpool_limits
+
+from quick_models import twin_data
+from stiff_datasets.kr10_twin import Kr10Twin
+from stiff_models import arithmetic, dt_cnn, likelihood, training
+from stiff_models.alignment import AlignedObjective, uses_target
+from stiff_models.catalog import MODELS, model_info
+from stiff_models.cnn import Cnn, build_cnn
+from stiff_models.mlp_pretrained import PRETRAINING
+from stiff_models.network_model import EncodedNetworkModel
+from stiff_models.networks import build_network
+from stiff_models.pytabkit_model import PytabkitModel
+from stiff_models.tabpfn import TabPfn
+from stiff_models.training import PRETRAINING_VERSION, Curve, Rows, train_network
+from stiff_models.training_plan import Trainable, TrainingPlan
+from stiff_protocols.contract import PredictsInterval
+from stiff_protocols.types import BenchmarkData, FloatArray
+
+KEPT = Path(__file__).parent / "models" / "golden_numbers.json"
+COMMAND = "python tests/golden_numbers.py"
+PRETRAINING_KEY = "the pre-training"
+KEYS = (
+    *(info.key for info in MODELS),
+    # of each family a member that rounding does not move: a tree's split flips
+    *("sklearn:linear_model.SGDRegressor", "vjm+sklearn:linear_model.Ridge"),
+    PRETRAINING_KEY,
+)
+
+CLOSED_FORM_M, NETWORK_M = 1e-9, 1e-6
+"""How far a predicted deflection may lie from the kept one."""
+NETWORKS = (EncodedNetworkModel, PytabkitModel, TabPfn)
+DEVIATION_M = 5e-4
+"""A standard deviation of these deflections: what losses and outputs of networks are taken times,
+so that the same tolerance holds."""
+SEARCH_STEPS = 5
+"""Of the search for many hyperparameters of a Gaussian process: from 40 rows they are not
+determined, and a search to its end stops elsewhere (2e-4 m) where sums are rounded otherwise."""
+
+TRAIN, VALIDATION, TEST = np.arange(0, 120, 3), np.arange(1, 31, 3), np.arange(2, 146, 18)
+SEED = 20261122
+COVERAGE = 0.9
+
+Options = Mapping[str, Any]
+
+SMALL: Options = {
+    "device": "cpu",
+    "width": 16,
+    "epochs": 5,
+    "pretrain_steps": 5,
+    "source_samples": 24,
+    "trees": 20,
+    "members": 2,
+}
+"""Of every model that has the option, where a variant does not say otherwise."""
+OTHER_SOURCE = {"source": "specimen 1"}
+"""No option, but `use_source`."""
+LEARNS = {"training": "normal", "learning_rate": 0.03}
+"""A fine-tuning that moves so far that its details are seen."""
+ALIGNMENT_WEIGHTS = {
+    **{name: 1.0 for name in ("none", "adabn", "mk-mmd", "jmmd", "dann", "rsd", "dare-gram")},
+    "coral": 1000.0,
+}
+"""So strong that a distance is seen in the loss, and rounding in it does not rule the training."""
+PHYSICS = ({}, {"physics": "vjm-multisegment"}, {"physics": "vjm-full"})
+
+VARIANTS: Mapping[str, tuple[Options, ...]] = {
+    "knn": ({}, {"weights": "uniform", "neighbours": 3}, {"angle_encoding": "raw"}),
+    "vjm": ({}, {"congruence": True}),
+    "vjm-multisegment": (
+        *({"segments": number} for number in (2, 3, 4)),
+        {"breakpoints": "search", "segments": 3},
+        {"breakpoints": "given", "given_breakpoints": "5,30", "segments": 3},
+        {"gravity": False},
+    ),
+    "vjm-full": tuple(
+        {"springs": springs, "solver": solver} for springs in (3, 6) for solver in ("nnls", "ridge")
+    ),
+    "mlp": (
+        {},
+        {"training": "normal"},
+        *({"activation": name} for name in ("tanh", "sigmoid", "gelu")),
+        {"angle_encoding": "raw", "layers": 2},
+    ),
+    "mlp-pretrained": (
+        *({"recipe": recipe} for recipe in ("fast", "best", "paper")),
+        {"source_poses": "data", "source_wrenches": "data"},
+        {"source_poses": "sobol", "source_wrenches": "uniform"},
+        {"source_poses": "sobol", "source_wrenches": "sobol"},
+        {"source_stiffness": "nominal"},
+        OTHER_SOURCE,
+    ),
+    "ft-mlp": (
+        {},
+        {"recipe": "paper"},
+        OTHER_SOURCE | LEARNS,
+        *(
+            {"freeze": freeze} | LEARNS
+            for freeze in (
+                *("layers:1,2", "layers:3,out", "first:2", "last:2", "full", "head"),
+                *("discriminative", "lp-ft", "bias"),
+            )
+        ),
+        {"freeze": "gradual", "unfreeze_every": 1} | LEARNS,
+        {"freeze": "l2sp", "l2sp_alpha": 20.0} | LEARNS,
+    ),
+    "dt-cnn": (
+        *({"alignment": name, "alignment_weight": w} for name, w in ALIGNMENT_WEIGHTS.items()),
+        {"supervision": "fine-tune", "alignment": "none"},
+        {"preset": "udtl", "alignment": "none"},
+        {"recipe": "udtl", "pool": "udtl", "alignment": "none"},
+    ),
+    "compliance-net": (
+        LEARNS,
+        {"recipe": "paper"},
+        {"source_stiffness": "nominal"} | LEARNS,
+        OTHER_SOURCE | LEARNS,
+    ),
+    "deep-ensemble": ({}, LEARNS),
+    "residual-mlp": PHYSICS,
+    "gp": (
+        {},
+        {"kernel": "rbf"},
+        {"ard": False},
+        {"restarts": 0, "search_rows": 20},
+        {"angle_encoding": "raw"},
+    ),
+    "vjm-gp": PHYSICS,
+    "mf-gp": ({}, {"ard": False, "restarts": 1}, {"source_poses": "data"}, OTHER_SOURCE),
+    "vjm-boosting": (*PHYSICS, {"leaves": 3, "leaf_samples": 2, "learning_rate": 0.2}),
+}
+"""Key of a model -> the options of each fit; of every other model one fit, as it comes."""
+
+
+def made(key: str) -> dict[str, Any]:
+    """Return a model's golden numbers as they are now.
+
+    Its version, the library of its line with that one's version, the numbers of each variant, and
+    the plans of each recipe (of networks alone).
+    """
+    if key == PRETRAINING_KEY:
+        return {"version": PRETRAINING_VERSION, "library": "", "numbers": pretrained(), "plans": {}}
+    info = model_info(key)
+    with few_steps():
+        numbers = {words(options): predicted(key, options) for options in VARIANTS.get(key, ({},))}
+    is_network = issubclass(info.load(), EncodedNetworkModel)
+    return {
+        "version": info.version,
+        "library": library(key),
+        "numbers": numbers,
+        "plans": {recipe: plans(key, recipe) for recipe in recipes(key)} if is_network else {},
+    }
+
+
+def library(key: str) -> str:
+    """Return name and version of the library that belongs to a model's identity; "" for none."""
+    name = "" if key == PRETRAINING_KEY else model_info(key).library
+    return f"{name} {version(name)}" if name else ""
+
+
+def words(options: Options) -> str:
+    return " ".join(f"{name}={value}" for name, value in options.items())
+
+
+def model_with(key: str, options: Options) -> Any:
+    """Return an unfitted model with options, small where it can be."""
+    cls = model_info(key).load()
+    known = cls().get_params()
+    own = {name: value for name, value in options.items() if name != "source"}
+    model = cls(**{name: value for name, value in SMALL.items() if name in known} | own)
+    if "source" in options:
+        model.use_source(other_source())
+    return model
+
+
+@cache
+def other_source() -> BenchmarkData:
+    return Kr10Twin(specimen=1).load()
+
+
+def fitted(key: str, options: Options) -> Any:
+    data, model = twin_data(), model_with(key, options)
+    return model.fit(
+        data.samples.take(TRAIN),
+        robot=data.robot,
+        validation=data.samples.take(VALIDATION) if model_info(key).uses_validation else None,
+        seed=SEED,
+    )
+
+
+def predicted(key: str, options: Options) -> list[float]:
+    """Return what a fit gives, m.
+
+    The deflections of the test rows, lower and upper bounds of intervals where they are the model's
+    own, and the last losses of each training.
+    """
+    model, test = fitted(key, options), twin_data().samples.take(TEST)
+    found = [model.predict(test.q, test.wrench)]
+    if isinstance(model, PredictsInterval):
+        interval = model.predict_interval(test.q, test.wrench, COVERAGE)
+        found += [interval.lower, interval.upper]
+    numbers = np.concatenate(found).ravel().tolist()
+    for curve in getattr(model, "curves_", {}).values():
+        numbers += losses(curve)
+    return numbers
+
+
+def losses(curve: FloatArray) -> list[float]:
+    """Return the last training loss of a curve, and validation loss where there is one."""
+    last = curve[-1, 1:]
+    found: list[float] = (last[np.isfinite(last)] * DEVIATION_M).tolist()
+    return found
+
+
+def recipes(key: str) -> tuple[str, ...]:
+    """Return the valid recipes of a model; "" for one without."""
+    kinds = typing.get_type_hints(model_info(key).load())
+    return typing.get_args(kinds["recipe"]) if "recipe" in kinds else ("",)
+
+
+def plans(key: str, recipe: str) -> list[dict[str, Any]]:
+    """Return each phase that a fit trains under a recipe: its whole plan, and how the rate goes.
+
+    Nothing is trained. The schedule's factors are those at every twentieth of the steps.
+    """
+    found: list[dict[str, Any]] = []
+
+    def seen(run: Any, plan: TrainingPlan, trainable: Trainable, phase: str) -> Curve:
+        steps = range(0, plan.steps, max(1, plan.steps // 20))
+        one = {"phase": phase, **asdict(plan)} | {
+            "rates": [round(plan.rate(step), 12) for step in steps]
+        }
+        if one not in found:
+            found.append(one)
+        return Curve((), plan.steps, np.nan)
+
+    lengths = dict.fromkeys({"epochs", "pretrain_steps"} & model_with(key, {}).get_params().keys())
+    defaults = model_info(key).load()().get_params()
+    options = {name: defaults[name] for name in lengths} | ({"recipe": recipe} if recipe else {})
+    if key == "dt-cnn":
+        options |= {"supervision": "fine-tune"}
+    with same_everywhere(), mock.patch.object(training, "_steps", seen):
+        fitted(key, options)
+    return found
+
+
+def pretrained() -> dict[str, list[float]]:
+    """Return what networks give after a few steps of each plan and with each alignment."""
+    angles = np.arange(64)[:, None] * np.arange(1, 9) * 0.7
+    inputs = torch.as_tensor(np.sin(angles), dtype=torch.float32)
+    rows = Rows(inputs[:48], torch.sin(3.0 * inputs[:48, :3]) + inputs[:48, 3:6])
+    found = {}
+    with same_everywhere(), torch.random.fork_rng():
+        torch.manual_seed(SEED)  # of dropout
+        for recipe, plan in PRETRAINING.items():
+            for activation in ("relu", "gelu"):
+                mlp = build_network(8, layers=4, width=16, activation=activation, seed=SEED)
+                short = replace(plan, steps=15, batch=plan.batch and 32)
+                curve = train_network(mlp, rows, short, seed=SEED, phase=recipe)
+                found[f"{recipe} {activation}"] = outputs(mlp, inputs) + losses(curve.table())
+        for alignment, weight in ALIGNMENT_WEIGHTS.items():
+            cnn = without_noise(8, pool="none", dropout=0.0, per_sample=False, seed=SEED)
+            objective, moving = None, [*cnn.parameters()]
+            if uses_target(alignment):
+                objective = AlignedObjective(
+                    cnn, inputs[20:60], alignment=alignment, weight=weight, loss="huber", seed=SEED
+                )
+                moving += objective.parameters()
+            curve = train_network(
+                cnn,
+                rows,
+                replace(dt_cnn.FAST, steps=5, batch=24),
+                seed=SEED,
+                phase=alignment,
+                trainable=Trainable(dict.fromkeys(moving, 1.0)),
+                objective=objective,
+            )
+            found[f"cnn {alignment}"] = outputs(cnn, inputs) + losses(curve.table())
+    return found
+
+
+def without_noise(*sizes: int, **options: Any) -> Cnn:
+    """Return `build_cnn`'s network, whose convolutions' biases stay while batches are normalised.
+
+    A bias before a batch normalisation has no gradient but rounding, which Adam scales up to whole
+    steps: another processor's predictions would lie 5e-7 m to 5e-6 m off.
+    """
+    network = build_cnn(*sizes, **options)
+
+    def still(gradient: torch.Tensor) -> torch.Tensor:
+        return gradient if network.statistics_frozen else torch.zeros_like(gradient)
+
+    for module in network.body:
+        if isinstance(module, torch.nn.Conv1d) and module.bias is not None:
+            module.bias.register_hook(still)
+    return network
+
+
+def outputs(network: torch.nn.Module, inputs: torch.Tensor) -> list[float]:
+    with torch.no_grad():
+        values = network(inputs[::10]).double().flatten()
+    found: list[float] = (values * DEVIATION_M).tolist()
+    return found
+
+
+@contextlib.contextmanager
+def same_everywhere() -> Iterator[None]:
+    """One thread, float32 whatever the processor can, no training from the cache, no warnings."""
+    threads = torch.get_num_threads()
+    with (
+        threadpool_limits(1),
+        mock.patch.dict(os.environ, {"STIFFBENCH_CACHE": "off"}),
+        mock.patch.object(arithmetic, "has_fast_bfloat16", lambda device: False),
+        warnings.catch_warnings(),
+    ):
+        warnings.simplefilter("ignore")
+        torch.set_num_threads(1)
+        try:
+            yield
+        finally:
+            torch.set_num_threads(threads)
+
+
+@contextlib.contextmanager
+def few_steps() -> Iterator[None]:
+    """As `same_everywhere`, and short where no option makes it so.
+
+    That is the fine-tuning of `dt-cnn`, and the search for more hyperparameters of a Gaussian
+    process than three.
+    """
+
+    def search(loss: Any, start: Any, **known: Any) -> Any:
+        return minimize(
+            loss, start, **known, options={"maxiter": SEARCH_STEPS} if len(start) > 3 else {}
+        )
+
+    with (
+        same_everywhere(),
+        mock.patch.object(dt_cnn, "GENTLE", replace(dt_cnn.GENTLE, steps=5)),
+        mock.patch.object(dt_cnn, "build_cnn", without_noise),
+        mock.patch.object(likelihood, "minimize", search),
+    ):
+        yield
+
+
+def tolerance(key: str) -> float:
+    is_network = key == PRETRAINING_KEY or issubclass(model_info(key).load(), NETWORKS)
+    return NETWORK_M if is_network else CLOSED_FORM_M
+
+
+def changed(key: str, kept: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """Return a line for each variant and recipe that both have and that differ."""
+    lines = []
+    for variant in kept["numbers"].keys() & now["numbers"].keys():
+        before, after = kept["numbers"][variant], now["numbers"][variant]
+        if len(before) != len(after):
+            lines.append(f"{variant or 'as it comes'}: {len(before)} became {len(after)} numbers")
+            continue
+        largest = float(np.abs(np.subtract(before, after)).max())
+        if not largest <= tolerance(key):
+            lines.append(f"{variant or 'as it comes'}: by up to {largest:.2g}")
+    for recipe in kept["plans"].keys() & now["plans"].keys():
+        before, after = kept["plans"][recipe], now["plans"][recipe]
+        if before != after:
+            lines.append(f"plans of recipe {recipe or '(none)'}: {before} became {after}")
+    return sorted(lines)
+
+
+def raise_its_version(key: str) -> str:
+    if key == PRETRAINING_KEY:
+        return f"numbers of {key} changed: raise PRETRAINING_VERSION"
+    return f"numbers of {key} changed: raise its version"
+
+
+def finding(key: str, kept: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    """Return what is wrong with a model's kept numbers, and what to do; "" for nothing.
+
+    Args:
+        key: of the model.
+        kept: model -> what `made` returned once.
+        now: what it returns.
+    """
+    if key not in kept:
+        return f"no golden numbers of {key}: make them by `{COMMAND}`"
+    known = kept[key]
+    if known["version"] != now["version"]:
+        return (
+            f"the golden numbers of {key} are of version {known['version']}, it has version "
+            f"{now['version']}: make them anew by `{COMMAND}`"
+        )
+    if lines := changed(key, known, now):
+        return "\n".join([raise_its_version(key), *lines])
+    for part in ("numbers", "plans"):
+        if different := known[part].keys() ^ now[part].keys():
+            return f"{key}, {part}: {sorted(different)} not in both: `{COMMAND}` makes them anew"
+    return ""
+
+
+def refreshed(
+    kept: Mapping[str, Any], now: Mapping[str, Any]
+) -> tuple[dict[str, Any], dict[str, list[str]]]:
+    """Return the numbers to keep, and model -> what changed of it while its version did not.
+
+    Numbers that did not change stay to the digit. A model that is not in `now` cannot be used here.
+    """
+    fresh, refused = {}, {}
+    for key in KEYS:
+        if key not in now:
+            if key in kept:
+                fresh[key] = kept[key]
+            continue
+        fresh[key] = now[key]
+        known = kept.get(key)
+        if known is None or any(known[of] != now[key][of] for of in ("version", "library")):
+            continue
+        if lines := changed(key, known, now[key]):
+            refused[key] = lines
+        numbers = now[key]["numbers"]
+        fresh[key] |= {
+            "numbers": {name: known["numbers"].get(name, numbers[name]) for name in numbers}
+        }
+    return fresh, refused
+
+
+def text_of(numbers: Mapping[str, Any]) -> str:
+    """Return JSON with a line for each variant and each plan."""
+    models = []
+    for key, one in numbers.items():
+        head = f'"version": {one["version"]}, "library": {json.dumps(one["library"])}'
+        parts = []
+        for part in ("numbers", "plans"):
+            lines = [f"{json.dumps(k)}: {json.dumps(v)}" for k, v in one[part].items()]
+            parts.append(
+                f'"{part}": {{\n' + ",\n".join(lines) + "\n}" if lines else f'"{part}": {{}}'
+            )
+        models.append(f"{json.dumps(key)}: {{{head},\n" + ",\n".join(parts) + "}")
+    return "{\n" + ",\n".join(models) + "\n}\n"
+
+
+def main(path: Path = KEPT, keys: Iterable[str] = KEYS) -> str:
+    """Make the file anew and return ""; or return why not, and leave it."""
+    kept = json.loads(path.read_text()) if path.is_file() else {}
+    usable = [key for key in keys if key == PRETRAINING_KEY or not model_info(key).missing()]
+    fresh, refused = refreshed(kept, {key: made(key) for key in usable})
+    if not refused:
+        path.write_text(text_of(fresh))
+    return "\n".join(
+        "\n  ".join([raise_its_version(key), *lines]) for key, lines in refused.items()
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

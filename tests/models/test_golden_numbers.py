@@ -1,0 +1,94 @@
+"""A model's version is raised with its numbers: every model against the numbers that were kept."""
+
+from __future__ import annotations
+
+import copy
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import golden_numbers
+from golden_numbers import KEPT, KEYS, PRETRAINING_KEY, finding, library, made, main
+from stiff_models import freeze, likelihood, muon
+from stiff_models.catalog import FAMILIES, model_info
+
+KNOWN: dict[str, Any] = json.loads(KEPT.read_text())
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_a_model_gives_the_numbers_of_its_version(key: str) -> None:
+    if key != PRETRAINING_KEY and (why := model_info(key).missing()):
+        pytest.skip(why)
+    kept = KNOWN.get(key)
+    if kept is not None and kept["library"] != library(key):
+        pytest.skip(f"golden numbers of {kept['library']}, here is {library(key)}")
+    if found := finding(key, KNOWN, made(key)):
+        pytest.fail(found, pytrace=False)
+
+
+def test_every_line_of_the_catalogue_has_a_place_and_no_other_has_one() -> None:
+    assert not KNOWN.keys() - set(KEYS)
+    for family in FAMILIES:
+        assert any(key.startswith(family.prefix) for key in KEYS)
+
+
+@pytest.mark.parametrize(
+    ("key", "place", "name", "value"),
+    [
+        ("gp", likelihood, "NOISE_BOUNDS", (1e-3, 10.0)),
+        ("ft-mlp", freeze, "DISCRIMINATIVE_FACTOR", 2.5),
+        (PRETRAINING_KEY, muon, "ITERATIONS", 2),
+    ],
+)
+def test_a_changed_constant_is_found(
+    key: str, place: Any, name: str, value: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(place, name, value)
+    of = "PRETRAINING_VERSION" if key == PRETRAINING_KEY else "its version"
+    assert finding(key, KNOWN, made(key)).startswith(f"numbers of {key} changed: raise {of}\n")
+
+
+def test_what_is_to_be_made_is_said() -> None:
+    now = KNOWN["vjm"]
+    assert finding("new", KNOWN, now).startswith("no golden numbers of new: make them by")
+    assert "of version 1, it has version 2: make them anew" in finding(
+        "vjm", KNOWN, now | {"version": 2}
+    )
+    more = now | {"numbers": now["numbers"] | {"another=1": [0.0]}}
+    assert "another=1" in finding("vjm", KNOWN, more)
+
+
+@pytest.fixture()
+def another(tmp_path: Path) -> Path:
+    """A file with other numbers of one model than it gives."""
+    content = {key: copy.deepcopy(KNOWN[key]) for key in ("mean", "zero", "vjm")}
+    content["vjm"]["numbers"][""][0] += 2e-9
+    path = tmp_path / "golden.json"
+    path.write_text(golden_numbers.text_of(content))
+    return path
+
+
+def test_the_command_refuses_numbers_that_changed_while_the_version_did_not(another: Path) -> None:
+    before = another.read_bytes()
+    refused = main(another, ("mean", "vjm"))
+    assert refused.splitlines()[0] == "numbers of vjm changed: raise its version"
+    assert "mean" not in refused and another.read_bytes() == before
+
+
+def test_the_command_writes_them_where_the_version_was_raised_and_leaves_the_others(
+    another: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    raised = replace(model_info("vjm"), version=2)
+    monkeypatch.setattr(
+        golden_numbers, "model_info", lambda key: raised if key == "vjm" else model_info(key)
+    )
+    assert main(another, ("mean", "vjm")) == ""
+    content = json.loads(another.read_text())
+    assert content["vjm"]["version"] == 2
+    assert content["vjm"]["numbers"][""][0] == pytest.approx(
+        KNOWN["vjm"]["numbers"][""][0], abs=1e-12
+    )
+    assert content["mean"] == KNOWN["mean"] and content["zero"] == KNOWN["zero"]
