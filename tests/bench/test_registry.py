@@ -133,7 +133,8 @@ def installed(tmp_path_factory) -> dict[str, str]:
         [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", site, package],
         check=True,
     )
-    return {**os.environ, "PYTHONPATH": str(site)}
+    others = os.environ.get("PYTHONPATH", "")
+    return {**os.environ, "PYTHONPATH": f"{site}{os.pathsep}{others}".rstrip(os.pathsep)}
 
 
 def bench_with(installed, folder, *words):
