@@ -90,13 +90,18 @@ def bench(*words: str, cwd: Path, **options: Any) -> subprocess.CompletedProcess
 
 @contextmanager
 def started(*words: str, cwd: Path, **options: Any) -> Iterator[subprocess.Popen[str]]:
-    """A command that runs meanwhile, and is killed at the end if it still does."""
+    """A command that runs meanwhile, and is killed at the end if it still does.
+
+    SIGINT interrupts it also where our own process ignores it, as in a CI that was started in the
+    background, and would bequeath that.
+    """
     with subprocess.Popen(
         [BENCH, *words],
         cwd=cwd,
         text=True,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
+        preexec_fn=functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
         **options,
     ) as command:
         try:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -14,7 +13,7 @@ import time
 import pytest
 import torch
 
-from command_line import BENCH, assert_refused, bench, bench_here
+from command_line import assert_refused, bench, bench_here, started
 from stiff_bench.store import ResultStore
 from stiff_protocols.metrics import METRICS
 
@@ -334,26 +333,20 @@ def test_debug_shows_the_traceback(tmp_path):
     assert done.returncode != 0 and "Traceback" in done.stderr and "ConfigError" in done.stderr
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "status"),
+    [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow)],
+)
 def test_a_run_that_is_stopped_keeps_what_was_finished_and_blames_no_cell(tmp_path, number, status):
     words = ["run", "--model", "vjm", "--model", "mlp", "--set", "mlp.epochs=1000000"]
-    process = subprocess.Popen(
-        [BENCH, *words, "--output", "out"],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONUNBUFFERED": "1"},
-        # a CI started in the background ignores SIGINT, and children would inherit that
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    )
     cells = tmp_path / "out" / "cells"
-    deadline = time.monotonic() + 120
-    while not (cells.is_dir() and any(cells.glob("*.json"))) and time.monotonic() < deadline:
-        time.sleep(0.1)
-    time.sleep(1.0)  # into the training of the second cell
-    process.send_signal(number)
-    stdout, stderr = process.communicate(timeout=60)
+    with started(*words, "--output", "out", cwd=tmp_path) as process:
+        deadline = time.monotonic() + 120
+        while not (cells.is_dir() and any(cells.glob("*.json"))) and time.monotonic() < deadline:
+            time.sleep(0.1)
+        time.sleep(1.0)  # into the training of the second cell
+        process.send_signal(number)
+        stdout, stderr = process.communicate(timeout=60)
     assert process.returncode == status
     assert stdout == ""
     assert stderr.strip().splitlines()[-1] == (
