@@ -10,15 +10,17 @@ import sys
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, chdir, contextmanager
+from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
+import click
 from click.testing import CliRunner
 from threadpoolctl import threadpool_limits
 
-from stiff_bench.cli import main
+from stiff_bench import cli
 
 BENCH = Path(sys.executable).with_name("bench")
 SIGNALS = (signal.SIGTERM, signal.SIGHUP)
@@ -38,7 +40,7 @@ def bench_here(
     arguments = [str(word) for word in words]
     with CliRunner().isolation(env=env) as (out, err, _), chdir(cwd), _all_put_back(arguments):
         try:
-            main(arguments)
+            cli.main(arguments)
         except SystemExit as left:
             status: Any = left.code
         said = [stream.getvalue().decode() for stream in (out, err)]
@@ -128,3 +130,26 @@ def assert_refused(done: subprocess.CompletedProcess[str], *parts: str) -> None:
     assert lines[0].startswith("bench: error: ")
     for part in parts:
         assert part in lines[0]
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """A command that does something, with the words that call it."""
+
+    words: tuple[str, ...]
+    command: click.Command
+
+    @property
+    def name(self) -> str:
+        return " ".join(self.words)
+
+
+def leaves(command: click.Command, words: tuple[str, ...] = ()) -> Iterator[Leaf]:
+    if not isinstance(command, click.Group):
+        yield Leaf(words, command)
+        return
+    for name, below in command.commands.items():
+        yield from leaves(below, (*words, name))
+
+
+LEAVES = list(leaves(cli.bench))

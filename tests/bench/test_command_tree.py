@@ -6,12 +6,11 @@ The commands are found in click's own tree, so that a new one is covered by bein
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import click
 import pytest
 
-from command_line import assert_refused, bench_here
+from command_line import LEAVES, Leaf, assert_refused, bench_here
 from stiff_bench.cli import bench
 
 WRITTEN = {"--output", "--figure", "--json"}
@@ -41,29 +40,6 @@ WORDS = (
 """Nonsense where a text belongs."""
 NUMBERS = ("nonsense", "", "nan", "1e", "0x10", "1,5", "--help")
 """Nonsense where a number belongs."""
-
-
-@dataclass(frozen=True)
-class Leaf:
-    """A command that does something, with the words that call it."""
-
-    words: tuple[str, ...]
-    command: click.Command
-
-    @property
-    def name(self) -> str:
-        return " ".join(self.words)
-
-
-def leaves(command: click.Command, words: tuple[str, ...] = ()) -> Iterator[Leaf]:
-    if not isinstance(command, click.Group):
-        yield Leaf(words, command)
-        return
-    for name, below in command.commands.items():
-        yield from leaves(below, (*words, name))
-
-
-LEAVES = list(leaves(bench))
 
 
 @pytest.fixture()
