@@ -53,7 +53,7 @@ def test_from_the_plan_to_the_leaderboard_with_ones_own_file(tmp_path, home, kr1
     checked = bench_here("data", "validate", "measured.csv", cwd=tmp_path)
     assert checked.returncode == 0, checked.stderr
     assert checked.stdout.startswith("measured.csv: valid")
-    assert "No robot was named: kr10-r1100-2 was taken." in checked.stdout
+    assert "kr10-r1100-2 was taken" in checked.stdout
     words = ["run", "--model", "vjm", "--format", "csv"]
     by_name = bench_here(*words, "--data", "measured.csv", "--robot", "kr10-r1100-2", cwd=tmp_path)
     registered = bench_here(
@@ -113,7 +113,7 @@ def test_a_stopped_simulation_leaves_nothing_behind(tmp_path):
 def test_a_plan_of_ones_own_robot_needs_its_payload(tmp_path):
     words = ["data", "plan", "--urdf", str(ROBOTS / "ur5.urdf"), "--tcp", "0,0.06,0.08"]
     words += ["--candidates", "300", "--poses", "20", "--output", "plan.csv"]
-    assert_refused(bench_here(*words, cwd=tmp_path), "payload of ur5 is not known", "--payload KG")
+    assert_refused(bench_here(*words, cwd=tmp_path), "ur5", "--payload KG")
     done = bench_here(*words, "--payload", "5", cwd=tmp_path)
     assert done.returncode == 0 and (tmp_path / "plan.csv").is_file()
     assert "bench data validate plan.csv --urdf" in done.stdout
@@ -123,15 +123,15 @@ def test_a_plan_of_ones_own_robot_needs_its_payload(tmp_path):
 def test_nothing_is_pretended_to_be_measured_on_a_kr10(tmp_path, home):
     listed = bench_here("list", "datasets", cwd=tmp_path, env=home).stdout
     (line,) = (line for line in listed.splitlines() if line.startswith("kr10-measured"))
-    assert "no file registered: bench data register kr10-measured FILE.csv" in line
+    assert "bench data register kr10-measured" in line
     done = bench_here("run", "--model", "vjm", "--dataset", "kr10-measured", cwd=tmp_path, env=home)
-    assert_refused(done, "no file registered: bench data register kr10-measured")
+    assert_refused(done, "bench data register kr10-measured")
 
 
 def test_a_simulated_file_is_never_registered_as_a_measurement(tmp_path, home):
     bench_here("data", "simulate", "--samples", "20", "--output", "s.csv", cwd=tmp_path)
     done = bench_here("data", "register", "kr10-measured", "s.csv", cwd=tmp_path, env=home)
-    assert_refused(done, "s.csv: has rows of the group 'simulated'")
+    assert_refused(done, "s.csv: ", "'simulated'")
 
 
 def test_a_wrong_file_is_not_registered(tmp_path, home):
@@ -180,7 +180,7 @@ def test_simulated_samples_validate_and_run(tmp_path, ending):
 def test_a_file_that_is_there_is_not_simulated_over(tmp_path):
     (tmp_path / "s.csv").write_text("a week of work")
     done = bench_here("data", "simulate", "--samples", "10", "--output", "s.csv", cwd=tmp_path)
-    assert_refused(done, "s.csv: exists, and nothing is written over it")
+    assert_refused(done, "s.csv: exists")
     assert (tmp_path / "s.csv").read_text() == "a week of work"
 
 
@@ -193,7 +193,7 @@ def test_a_robot_of_ones_own_is_simulated_from_urdf_and_constants(tmp_path):
     words = ["run", "--model", "vjm", "--dataset", "robot-twin"]
     done = bench_here(*words, "--set", "robot-twin.constants=mine.toml", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "robot-twin is simulated, never measured." in done.stdout
+    assert "robot-twin@constants=mine.toml (simulated)" in done.stdout
 
 
 def test_a_table_names_the_options_of_its_data(tmp_path):
