@@ -2,49 +2,86 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import signal
 import subprocess
 import sys
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import chdir, contextmanager
+from contextlib import ExitStack, chdir, contextmanager
+from dataclasses import dataclass
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
+import click
 from click.testing import CliRunner
+from threadpoolctl import threadpool_limits
 
-from stiff_bench.cli import main
+from stiff_bench import cli
 
 BENCH = Path(sys.executable).with_name("bench")
 SIGNALS = (signal.SIGTERM, signal.SIGHUP)
+PLUGIN_MODULE = "stiffbench_plugin_"
 
 
 def bench_here(
     *words: str | Path, cwd: Path, env: Mapping[str, str] | None = None
 ) -> subprocess.CompletedProcess[str]:
-    """Run the command in this process: the same code, without a second of start."""
+    """Run the command in this process: the same code, without a second of start.
+
+    Args:
+        words: the command's.
+        cwd: its working directory.
+        env: variables of its environment besides this process's.
+    """
     arguments = [str(word) for word in words]
-    handlers = {number: signal.getsignal(number) for number in SIGNALS}
-    status: Any = 0
-    with (
-        CliRunner().isolation(env=env) as (out, err, _),
-        chdir(cwd),
-        mock.patch.object(sys, "argv", ["bench", *arguments]),
-        mock.patch.dict(os.environ),
-        warnings.catch_warnings(),
-    ):
-        warnings.simplefilter("default")  # as in a command; pytest makes errors of them
+    with CliRunner().isolation(env=env) as (out, err, _), chdir(cwd), _all_put_back(arguments):
         try:
-            main(arguments)
+            cli.main(arguments)
         except SystemExit as left:
-            status = left.code
-        finally:
-            for number, handler in handlers.items():
-                signal.signal(number, handler)
+            status: Any = left.code
         said = [stream.getvalue().decode() for stream in (out, err)]
     return subprocess.CompletedProcess(arguments, status, *said)
+
+
+@contextmanager
+def _all_put_back(arguments: list[str]) -> Iterator[None]:
+    """What a command changes of its process is as before at the end."""
+    with ExitStack() as stack:
+        stack.enter_context(mock.patch.object(sys, "argv", ["bench", *arguments]))
+        stack.enter_context(mock.patch.dict(os.environ))
+        stack.enter_context(mock.patch("stiff_bench.registry.entry_points", _installed))
+        stack.enter_context(_warnings_as_in_a_command())
+        for number in SIGNALS:
+            stack.callback(signal.signal, number, signal.getsignal(number))
+        if (torch := sys.modules.get("torch")) is not None:
+            stack.callback(torch.set_num_threads, torch.get_num_threads())
+        stack.enter_context(threadpool_limits())
+        known = set(sys.modules)
+        yield
+    for name in sys.modules.keys() - known:
+        if name.startswith(PLUGIN_MODULE):
+            del sys.modules[name]
+
+
+_installed = functools.cache(entry_points)  # 50 ms a command
+
+
+@contextmanager
+def _warnings_as_in_a_command() -> Iterator[None]:
+    """Printed, where pytest makes errors of them."""
+    with warnings.catch_warnings():
+        warnings.resetwarnings()
+        for hidden in (DeprecationWarning, PendingDeprecationWarning, ImportWarning):
+            warnings.simplefilter("ignore", hidden)
+        warnings.simplefilter("ignore", ResourceWarning)
+        warnings.showwarning = lambda message, category, name, line, *_: sys.stderr.write(
+            warnings.formatwarning(message, category, name, line)
+        )
+        yield
 
 
 def bench(*words: str, cwd: Path, **options: Any) -> subprocess.CompletedProcess[str]:
@@ -55,13 +92,18 @@ def bench(*words: str, cwd: Path, **options: Any) -> subprocess.CompletedProcess
 
 @contextmanager
 def started(*words: str, cwd: Path, **options: Any) -> Iterator[subprocess.Popen[str]]:
-    """A command that runs meanwhile, and is killed at the end if it still does."""
+    """A command that runs meanwhile, and is killed at the end if it still does.
+
+    SIGINT interrupts it also where our own process ignores it, as in a CI that was started in the
+    background, and would bequeath that.
+    """
     with subprocess.Popen(
         [BENCH, *words],
         cwd=cwd,
         text=True,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
+        preexec_fn=functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
         **options,
     ) as command:
         try:
@@ -88,3 +130,26 @@ def assert_refused(done: subprocess.CompletedProcess[str], *parts: str) -> None:
     assert lines[0].startswith("bench: error: ")
     for part in parts:
         assert part in lines[0]
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """A command that does something, with the words that call it."""
+
+    words: tuple[str, ...]
+    command: click.Command
+
+    @property
+    def name(self) -> str:
+        return " ".join(self.words)
+
+
+def leaves(command: click.Command, words: tuple[str, ...] = ()) -> Iterator[Leaf]:
+    if not isinstance(command, click.Group):
+        yield Leaf(words, command)
+        return
+    for name, below in command.commands.items():
+        yield from leaves(below, (*words, name))
+
+
+LEAVES = list(leaves(cli.bench))

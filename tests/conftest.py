@@ -56,6 +56,12 @@ def parts() -> tuple[Robot, Samples, Samples, Samples]:
 
 
 @pytest.fixture()
+def small_source(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Networks learn from a source of few poses: what is asked of them is no matter of its size."""
+    monkeypatch.setattr("stiff_models.source.POSE_BUDGET", 120)
+
+
+@pytest.fixture()
 def rng() -> np.random.Generator:
     return np.random.default_rng(20261121)
 

@@ -133,11 +133,6 @@ ROWS = {
 }
 """Hazard -> what the engine says of its training rows, whichever the model."""
 
-SLOW = {
-    *("dt-cnn", "dt-cnn, adabn", "dt-cnn, coral", "dt-cnn, udtl", "deep-ensemble", "mf-gp"),
-    *("gp, ard", "vjm-multisegment, search", "sklearn mlp", "compliance-net"),
-}
-
 
 def expected(hazard: str, variant: str) -> str:
     for models, said in OUTCOMES.get(hazard, {}).items():

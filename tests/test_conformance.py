@@ -21,6 +21,7 @@ def data() -> BenchmarkData:
     return FanucR2000iC().load()
 
 
+@pytest.mark.usefixtures("small_source")
 @pytest.mark.parametrize("key", KEYS)
 def test_a_shipped_model_keeps_the_contract(key, data, monkeypatch):
     monkeypatch.setenv(VARIABLE, OFF)  # a remembered training always repeats itself

@@ -18,6 +18,8 @@ from stiff_bench.cells import compute_cell
 from stiff_datasets.kr10_twin import Kr10Twin
 from stiff_models.catalog import model_info
 
+pytestmark = pytest.mark.xdist_group("processes")  # what they predict is kept
+
 SEED = 5
 TOLERANCE_M = 1e-12
 """Of a predicted deflection, where only the number of threads differs: a millionth of a nm. A solve

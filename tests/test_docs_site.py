@@ -22,6 +22,8 @@ from stiff_bench.cli import bench
 from stiff_protocols.catalog import PROTOCOLS
 from stiff_protocols.metrics import METRICS
 
+pytestmark = pytest.mark.xdist_group("site")  # one process builds it
+
 TOP = Path(__file__).parents[1]
 DOCS = TOP / "docs"
 DEFINITIONS = (DOCS / "definitions.md").read_text(encoding="utf-8")

@@ -5,6 +5,8 @@ import pytest
 
 from golden_commands import KEPT, differences, printed
 
+pytestmark = pytest.mark.xdist_group("golden commands")  # one process makes all the numbers
+
 
 @pytest.fixture(scope="module")
 def now(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, list[float]]]:

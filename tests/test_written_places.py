@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import shlex
 import shutil
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from command_line import bench
+from command_line import LEAVES, bench
 from made_results import MadeResults
 
 ROOT = Path(__file__).parents[1]
@@ -65,39 +66,46 @@ def assert_writes_there_alone(place: Place, commands: list[str]) -> None:
         assert not ours, words
 
 
-@pytest.mark.slow
-def test_a_run_and_a_leaderboard_write_into_the_output_alone(place):
-    assert_writes_there_alone(
-        place,
-        [
-            "run --model vjm --splits 1 --output ../out",
-            "leaderboard --results ../results",
-        ],
-    )
+SIMULATE = "data simulate --samples 9 --output ../out/some.csv"
+FIT = "fit --model mlp@width=8@epochs=2 --dataset kr10-twin --output ../out/m.stiff"
+WRITE_BELOW_OUTPUT = (
+    ("run --model vjm --splits 1 --output ../out", "leaderboard --results ../results"),
+    ("run --model mlp-pretrained@pretrain_steps=3 --splits 1 --output ../out",),
+    ("run --model vjm --model knn --splits 2 --output ../out --jobs 2",),
+    ("list models", "show vjm", "compare vjm mlp --results ../results"),
+    ("check vjm",),
+    ("data info kr10-twin --output ../out",),
+    ("data plan --poses 5 --candidates 50 --output ../out/plan.csv",),
+    ("data simulate --samples 100 --output ../out/some.parquet",),
+    ("new model mine --output ../out",),
+    ("cache info", "cache clear"),
+    ("table 3", "report --results ../results --output ../out/report.html"),
+    ("figure regression --results ../results --output ../out/regression.svg",),
+    ("merge ../results --output ../out/merged", "reproduce --plan --output ../out"),
+    (SIMULATE, "data validate ../out/some.csv"),
+    (
+        SIMULATE,
+        FIT,
+        "predict --model ../out/m.stiff --input ../out/some.csv --output ../out/all.csv",
+    ),
+)
+REGISTER = "data register kr10-measured ../out/mine.csv"
+FETCH = "data fetch ur5-pose-error --from ../out"
+EXPORT = "export --model ../out/m.stiff --output ../out/mlp.onnx"
+DEVELOPERS = {"data calibrate", "perf", "pack"}
+
+
+def test_every_command_is_started_here_as_a_user_does():
+    """Other tests call it in their own process."""
+    ours = [*itertools.chain(*WRITE_BELOW_OUTPUT), REGISTER, FETCH, EXPORT]
+    started = {tuple(words.split()) for words in ours}
+    names = [leaf.words for leaf in LEAVES if leaf.name not in DEVELOPERS]
+    assert [name for name in names if not any(one[: len(name)] == name for one in started)] == []
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "commands",
-    [
-        ["run --model mlp-pretrained@pretrain_steps=3 --splits 1 --output ../out"],
-        ["run --model vjm --model knn --splits 2 --output ../out --jobs 2"],
-        ["list models", "show vjm", "compare vjm mlp --results ../results"],
-        ["check vjm"],
-        ["data info kr10-twin --output ../out"],
-        ["data plan --poses 5 --candidates 50 --output ../out/plan.csv"],
-        ["data simulate --samples 100 --output ../out/some.parquet"],
-        ["new model mine --output ../out"],
-        ["cache info"],
-        ["table 3", "report --results ../results --output ../out/report.html"],
-        ["figure regression --results ../results --output ../out/regression.svg"],
-        [
-            "fit --model vjm --dataset kr10-twin --output ../out/vjm.stiff",
-            "data simulate --samples 9 --output ../out/some.csv",
-            "predict --model ../out/vjm.stiff --input ../out/some.csv --output ../out/all.csv",
-        ],
-    ],
-    ids=lambda commands: commands[-1].split(" --")[0],
+    "commands", WRITE_BELOW_OUTPUT, ids=lambda commands: commands[-1].split(" --")[0]
 )
 def test_no_command_writes_elsewhere(place, commands):
     assert_writes_there_alone(place, commands)
@@ -106,12 +114,7 @@ def test_no_command_writes_elsewhere(place, commands):
 @pytest.mark.slow
 def test_an_export_writes_its_one_file(place):
     pytest.importorskip("onnxscript")
-    options = "--set mlp.width=8 --set mlp.epochs=2"
-    commands = [
-        f"fit --model mlp {options} --dataset kr10-twin --output ../out/mlp.stiff",
-        "export --model ../out/mlp.stiff --output ../out/mlp.onnx",
-    ]
-    assert_writes_there_alone(place, commands)
+    assert_writes_there_alone(place, [FIT, EXPORT])
 
 
 @pytest.mark.slow
@@ -128,9 +131,10 @@ def test_a_matplotlibrc_that_lies_about_changes_no_picture(place):
 
 
 @pytest.mark.slow
-def test_what_is_registered_goes_into_stiffbenchs_home(place, tmp_path):
+def test_what_is_registered_or_fetched_goes_into_stiffbenchs_home(place, tmp_path):
     shutil.copy(next(DATA.glob("*.csv")), tmp_path / "out" / "mine.csv")
     place.environment["STIFFBENCH_HOME"] = str(tmp_path / "out" / "home")
     before = place.files()
-    place.bench("data register kr10-measured ../out/mine.csv")
+    assert place.bench(REGISTER).returncode == 0
+    assert place.bench(FETCH).returncode == 2  # it lacks the files
     assert place.files() == before

@@ -154,7 +154,6 @@ def training_digest(
         about: further settings, as text.
     """
     device = rows.inputs.device
-    things = (*network.modules(), *actors)
     digest = hashlib.sha256()
     for text in (
         repr(network),
@@ -164,7 +163,7 @@ def training_digest(
         _machine(device),
         repr(arithmetic(device, mixed_precision=plan.mixed_precision)),
         f"{PRETRAINING_VERSION} torch {torch.__version__}",
-        *sorted(code_of(cls) for cls in {type(thing) for thing in things} if not _ours(cls)),
+        *sorted({code_of(type(thing)) for thing in (*network.modules(), *actors)}),
     ):
         digest.update(text.encode() + b"\0")
     for tensor in (rows.inputs, rows.targets, *network.state_dict().values(), *extra):
@@ -172,11 +171,6 @@ def training_digest(
         digest.update(f"{array.dtype}{array.shape}".encode())
         digest.update(array.tobytes())
     return digest.hexdigest()
-
-
-def _ours(cls: type) -> bool:
-    """Return whether a class's code is covered by `PRETRAINING_VERSION` and torch's version."""
-    return cls.__module__.partition(".")[0] in ("stiff_models", "torch")
 
 
 def _machine(device: torch.device) -> str:

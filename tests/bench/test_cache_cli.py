@@ -10,6 +10,8 @@ from stiff_bench.cli import bench
 from stiff_datasets.kr10_twin import Kr10Twin
 from stiff_models.mlp_pretrained import MlpPretrained
 
+pytestmark = pytest.mark.usefixtures("small_source")
+
 
 @pytest.fixture()
 def folder(tmp_path, monkeypatch):

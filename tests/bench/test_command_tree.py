@@ -5,17 +5,13 @@ The commands are found in click's own tree, so that a new one is covered by bein
 
 from __future__ import annotations
 
-import functools
-import os
-import signal
 from collections.abc import Iterator
-from dataclasses import dataclass
-from importlib.metadata import entry_points
 
 import click
 import pytest
 
-from stiff_bench.cli import bench, main
+from command_line import LEAVES, Leaf, assert_refused, bench_here
+from stiff_bench.cli import bench
 
 WRITTEN = {"--output", "--figure"}
 """Options that name what is written: a file or folder that is not there yet is right for them."""
@@ -45,30 +41,6 @@ NUMBERS = ("nonsense", "", "nan", "1e", "0x10", "1,5", "--help")
 """Nonsense where a number belongs."""
 
 
-@dataclass(frozen=True)
-class Leaf:
-    """A command that does something, with the words that call it."""
-
-    words: tuple[str, ...]
-    command: click.Command
-
-    @property
-    def name(self) -> str:
-        return " ".join(self.words)
-
-
-def leaves(command: click.Command, words: tuple[str, ...] = ()) -> Iterator[Leaf]:
-    if not isinstance(command, click.Group):
-        yield Leaf(words, command)
-        return
-    for name, below in command.commands.items():
-        yield from leaves(below, (*words, name))
-
-
-installed = functools.cache(entry_points)
-LEAVES = list(leaves(bench))
-
-
 @pytest.fixture()
 def refused(tmp_path, monkeypatch, capfd):
     """A function that runs a command line and checks that it is refused as it should be."""
@@ -76,28 +48,16 @@ def refused(tmp_path, monkeypatch, capfd):
     (tmp_path / "folder").mkdir()
     for variable in ("STIFFBENCH_HOME", "STIFFBENCH_CACHE"):
         monkeypatch.setenv(variable, str(tmp_path / "home"))
-    monkeypatch.setattr("stiff_bench.registry.entry_points", installed)  # 50 ms a command
-    monkeypatch.chdir(tmp_path)
     there = sorted(tmp_path.rglob("*"))
-    environment = dict(os.environ)
 
     def check(words: list[str]) -> str:
-        with pytest.raises(SystemExit) as left:
-            main(words)
-        out, err = capfd.readouterr()
-        said = f"bench {' '.join(word[:40] for word in words)}\n{out[-500:]}\n{err[-1500:]}"
-        assert left.value.code == 2, said
-        assert out == "", said
-        assert err.startswith("bench: error: ") and len(err.splitlines()) == 1, said
-        assert sorted(tmp_path.rglob("*")) == there, said
-        return err
+        done = bench_here(*words, cwd=tmp_path)
+        assert_refused(done)
+        assert capfd.readouterr() == ("", ""), words  # nor does a library say anything
+        assert sorted(tmp_path.rglob("*")) == there, words
+        return done.stderr
 
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
-    yield check
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
-    os.environ.clear()
-    os.environ.update(environment)
+    return check
 
 
 def nonsense(leaf: Leaf, parameter: click.Parameter) -> list[str]:

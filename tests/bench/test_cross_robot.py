@@ -26,6 +26,8 @@ from stiff_protocols.errors import ConfigError
 from stiff_protocols.protocol import Holdout
 from stiff_protocols.types import BenchmarkData, Samples, Split
 
+pytestmark = pytest.mark.usefixtures("small_source")
+
 FROM_UR5 = "source ur5-twin"
 OPTIONS = {"width": 8, "pretrain_steps": 3, "epochs": 4}
 FT_MLP = "@".join(["ft-mlp", *(f"{name}={value}" for name, value in OPTIONS.items())])

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from command_line import bench
+from command_line import bench_here
 from stiff_bench import deploy_cli
 from stiff_bench.deploy import predict_file
 from stiff_datasets.measured import write_samples
@@ -58,28 +58,28 @@ def predict(vjm_file, tmp_path):
 
 
 @pytest.mark.slow
-def test_fit_predict_and_export_on_the_real_command_line(tmp_path):
-    done = bench("fit", "--model", "vjm", "--dataset", "kr10-twin", "--output", "vjm.stiff",
-                 cwd=tmp_path)  # fmt: skip
+def test_fit_predict_and_export_on_the_command_line(tmp_path):
+    words = ("--dataset", "kr10-twin", "--output", "vjm.stiff")
+    done = bench_here("fit", "--model", "vjm", *words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     for part in ("vjm.stiff: vjm", "all 151 samples of kr10-twin (simulated)", "seed 0",
                  "No sample was held out", "stiffness A1 [Nm/rad]", "never measured"):  # fmt: skip
         assert part in done.stdout
     lines = (f"pose_id,load_id,group,{HEADER},dx_mm,dy_mm,dz_mm", f"P1,1,all,{ROW},,,")
     (tmp_path / "plan.csv").write_text("\n".join(lines))  # as `bench data plan` writes it
-    done = bench("predict", "--model", "vjm.stiff", "--input", "plan.csv", "--output", "out.csv",
-                 cwd=tmp_path)  # fmt: skip
+    words = ("--input", "plan.csv", "--output", "out.csv")
+    done = bench_here("predict", "--model", "vjm.stiff", *words, cwd=tmp_path)
     assert done.stdout == "out.csv: 1 row predicted by vjm for robot kr10_r1100_2\n"
     with (tmp_path / "out.csv").open() as file:
         assert next(csv.reader(file)) == [
             *"pose_id,load_id,group".split(","), *HEADER.split(","), "dx_mm", "dy_mm", "dz_mm",
         ]  # fmt: skip
     small = ("--set", "mlp.width=8", "--set", "mlp.layers=1", "--set", "mlp.epochs=3")
-    done = bench("fit", "--model", "mlp", *small, "--dataset", "kr10-twin", "--output", "mlp.stiff",
-                 cwd=tmp_path)  # fmt: skip
+    words = ("--dataset", "kr10-twin", "--output", "mlp.stiff")
+    done = bench_here("fit", "--model", "mlp", *small, *words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "the last one was kept" in done.stdout
-    done = bench("export", "--model", "mlp.stiff", "--output", "net.onnx", cwd=tmp_path)
+    done = bench_here("export", "--model", "mlp.stiff", "--output", "net.onnx", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert "float64" in done.stdout and (tmp_path / "net.onnx").stat().st_size > 0
 

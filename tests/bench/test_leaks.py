@@ -28,7 +28,6 @@ FAIR = [info.key for info in PROTOCOLS if info.key != "paper-holdout"]
 SMALL_ENSEMBLE = {"width": 8, "pretrain_steps": 5, "epochs": 10, "members": 2}
 QUICKER = {"deep-ensemble": SMALL_ENSEMBLE}
 """Options of a model that its quick options leave too slow for several fits."""
-SLOW = ("dt-cnn",)  # each fit predicts its whole source
 
 
 class Witness:
@@ -135,9 +134,8 @@ def assert_the_same(first, second):
     np.testing.assert_array_equal(first.reference, second.reference)
 
 
-@pytest.mark.parametrize(
-    "key", [pytest.param(key, marks=[pytest.mark.slow] * (key in SLOW)) for key in KEYS]
-)
+@pytest.mark.usefixtures("small_source")
+@pytest.mark.parametrize("key", KEYS)
 def test_no_test_deflection_is_read_before_the_last_prediction_nor_changes_one(
     key, tasks, monkeypatch, tmp_path
 ):

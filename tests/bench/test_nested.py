@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from command_line import bench
+from command_line import bench_here
 from run_requests import planned
 from stiff_bench.cells import compute_cell
 from stiff_bench.store import ResultStore
@@ -236,7 +236,7 @@ def test_a_grid_that_is_not_there_is_refused(grid, message, tmp_path, monkeypatc
 
 
 def test_the_command_tunes_and_prints_what_it_chose(tmp_path):
-    done = bench(
+    done = bench_here(
         *("run", "--model", "knn", "--dataset", "fanuc-r2000ic", "--protocol", "nested"),
         cwd=tmp_path,
     )

@@ -8,7 +8,7 @@ import io
 import pytest
 from click.testing import CliRunner
 
-from command_line import assert_refused, bench
+from command_line import assert_refused, bench_here
 from made_results import MadeResults
 from stiff_bench.paper.paper_results import PAPER_RESULTS
 from stiff_bench.paper.paper_tables import TABLES
@@ -67,5 +67,5 @@ def test_the_help_names_the_folder_that_is_read_by_default():
 
 
 def test_the_command_refuses_in_one_line_with_status_2_and_prints_nothing(tmp_path):
-    done = bench("table", "9", "--results", "none", cwd=tmp_path)
+    done = bench_here("table", "9", "--results", "none", cwd=tmp_path)
     assert_refused(done, "--results none: holds no results", "`bench reproduce` makes them")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from stiff_datasets.robots.shipped import named_robot
 from stiff_datasets.sample_files import sample_table
 from stiff_datasets.validate import render_report, validate
 from stiff_models.vjm import VirtualJointModel, joint_deflection
-from stiff_protocols.types import Robot, Samples
+from stiff_protocols.types import BenchmarkData, Robot, Samples
 
 TOOL = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 
@@ -46,15 +47,18 @@ class Measurement:
         return validate(self.path, self.robot, self.chain, VirtualJointModel())
 
 
+@functools.cache
+def measured(robot: str) -> tuple[BenchmarkData, ChainModel]:
+    if robot == "fanuc":
+        return FanucR2000iC().load(), named_robot("fanuc-r2000ic").chain()
+    data = Kr10Twin().load()
+    chain = shipped_chain("kr10_r1100_2", tcp=(0.0, 0.0, 0.0))
+    return data, dataclasses.replace(chain, tcp=data.robot.tcp)
+
+
 @pytest.fixture(params=["fanuc", "kr10"])
 def measurement(request, tmp_path):
-    if request.param == "fanuc":
-        data, chain = FanucR2000iC().load(), named_robot("fanuc-r2000ic").chain()
-    else:
-        data = Kr10Twin().load()
-        chain = dataclasses.replace(
-            shipped_chain("kr10_r1100_2", tcp=(0.0, 0.0, 0.0)), tcp=data.robot.tcp
-        )
+    data, chain = measured(request.param)
     return Measurement(data.samples, data.robot, chain, tmp_path / "my.csv")
 
 

@@ -21,6 +21,8 @@ from stiff_models.mlp_pretrained import MlpPretrained
 from stiff_protocols.errors import StiffBenchWarning
 from stiff_protocols.types import Samples
 
+pytestmark = pytest.mark.usefixtures("small_source")
+
 NEITHER = Arithmetic("highest", bfloat16=False)
 SMALL = {"width": 8, "pretrain_steps": 10, "device": "cpu", "source_poses": "data"}
 

@@ -13,8 +13,10 @@ from stiff_models.mlp_pretrained import MlpPretrained
 from stiff_models.networks import linear_layers
 from stiff_protocols.errors import ConfigError, ModelError, NotFittedError
 
+pytestmark = pytest.mark.usefixtures("small_source")
+
 SMALL = {"layers": 4, "width": 16, "device": "cpu"}
-SMALL_SOURCE = SMALL | {"pretrain_steps": 30}
+SMALL_SOURCE = SMALL | {"pretrain_steps": 30, "source_poses": "sobol"}
 STRATEGIES = [
     "layers:1,2",
     "layers:3",

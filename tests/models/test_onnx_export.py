@@ -23,11 +23,13 @@ onnxruntime = pytest.importorskip("onnxruntime")
 pytest.importorskip("onnxscript")
 
 
-LIKE_MLP = ("mlp-pretrained", "ft-mlp")  # the same graph as mlp's, and an export takes seconds
+pytestmark = pytest.mark.xdist_group("onnx")  # an import of seconds, in one process
+ALIKE = ("mlp", "mlp-pretrained", "ft-mlp", "deep-ensemble", "compliance-net", "dt-cnn")
+"""Of whose graphs another test here has each part; an export takes seconds."""
 
 
 @pytest.mark.parametrize(
-    "key", [pytest.param(key, marks=[pytest.mark.slow] * (key in LIKE_MLP)) for key in KEYS]
+    "key", [pytest.param(key, marks=[pytest.mark.slow] * (key in ALIKE)) for key in KEYS]
 )
 def test_onnxruntime_predicts_what_the_model_does(key, tmp_path, capfd):
     model, samples = quick_model(key), twin_data().samples
@@ -56,7 +58,7 @@ def test_the_literal_network_of_dt_cnn_pools_and_normalises_each_sample_in_its_g
     export_onnx(model, tmp_path / "net.onnx")
     session = onnxruntime.InferenceSession(tmp_path / "net.onnx")
     (ours,) = session.run(None, {"q": samples.q, "wrench": samples.wrench})
-    assert np.abs(ours - model.predict(samples.q, samples.wrench)).max() <= 1e-6
+    assert np.abs(ours - model.predict(samples.q, samples.wrench)).max() <= 1e-8
 
 
 @pytest.mark.parametrize("family", [pytest.param(Mlp, marks=pytest.mark.slow), ComplianceNet])

@@ -26,6 +26,8 @@ from stiff_protocols.contract import LearnsFromSource
 from stiff_protocols.errors import ConfigError
 from stiff_protocols.types import BenchmarkData
 
+pytestmark = pytest.mark.usefixtures("small_source")
+
 TINY = {"width": 8, "pretrain_steps": 3, "device": "cpu"}
 TAKE_A_SOURCE = ("mlp-pretrained", "ft-mlp", "dt-cnn", "compliance-net", "deep-ensemble", "mf-gp")
 

@@ -24,6 +24,7 @@ from stiff_protocols.paired import LEVEL, corrected_t
 from stiff_protocols.protocol import Holdout
 from stiff_protocols.types import Samples
 
+pytestmark = pytest.mark.xdist_group("false positives")  # all count the same data sets
 N_POSES = 151
 FEATURES = 5  # of each model
 NOISE = 0.3  # of the truth's standard deviation

@@ -11,6 +11,8 @@ from made_results import MadeResults
 from stiff_bench.paper.leaderboard_page import write_leaderboard
 from stiff_bench.paper.paper_page import write_paper
 
+pytestmark = pytest.mark.xdist_group("paper")  # writing it takes seconds
+
 
 @pytest.fixture(scope="module")
 def paper(tmp_path_factory):

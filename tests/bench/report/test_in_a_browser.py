@@ -11,7 +11,10 @@ from made_results import TWINS, MadeResults
 from stiff_bench.report.commands import Choice
 from stiff_bench.report.write import write_report
 
-pytestmark = pytest.mark.slow  # a browser takes seconds to start
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.xdist_group("browser"),
+]  # a browser takes seconds to start
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = (
