@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import time
 
-import click
-
 from stiff_bench.config import RunPlan
 from stiff_bench.execution import IN_THIS_PROCESS, Execution
 from stiff_bench.forecast import forecast
@@ -55,8 +53,6 @@ def show_plan(plan: RunPlan, fmt: str, execution: Execution) -> int:
     """
     found = forecast(cell_tasks(plan), plan.output, execution, warn)
     print_text(render_forecast(found, fmt, plan.command))
-    if script := execution.executor.job_script():
-        click.echo(f"bench: the script of each job:\n\n{script}", err=True)
     say(forecast_line(found))
     return 0
 
