@@ -60,7 +60,7 @@ LOG_END, LARGEST_LOG = 2**16, 2**24
 _NOISE = ("Extension modules:", "/multiprocessing/", "/pebble/", 'File "<string>"', "/stiff_bench/")
 """In lines of faulthandler that say nothing of the model: names of modules, our own beginning."""
 _PID, _PROGRESS, _LOG = "pid", "progress", "log"
-_PR_SET_CHILD_SUBREAPER = 36  # prctl(2)
+_PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36  # prctl(2)
 
 TIMED_OUT, OUT_OF_MEMORY, OTHER_CODE = "timed out", "out of memory", "other code"
 _WHY_OTHER_CODE = (
@@ -160,7 +160,8 @@ def _end_with_parent() -> None:
     if sys.platform == "linux":
         import fcntl
 
-        ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+        for what, how in ((_PR_SET_CHILD_SUBREAPER, 1), (_PR_SET_PDEATHSIG, signal.SIGKILL)):
+            ctypes.CDLL(None).prctl(what, how, 0, 0, 0)
         fcntl.fcntl(parent.sentinel, fcntl.F_SETOWN, -os.getpgrp())
         fcntl.fcntl(parent.sentinel, fcntl.F_SETSIG, signal.SIGKILL)
         flags = fcntl.fcntl(parent.sentinel, fcntl.F_GETFL)
