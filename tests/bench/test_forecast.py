@@ -14,8 +14,8 @@ from run_requests import planned
 from stiff_bench.execution import IN_THIS_PROCESS, Execution
 from stiff_bench.forecast import OVERHEAD_S, forecast
 from stiff_bench.forecast_text import forecast_line, forecast_table, render_forecast
-from stiff_bench.packing import pack
 from stiff_bench.isolate import Limits, LocalProcesses
+from stiff_bench.packing import pack
 from stiff_bench.store import ResultStore
 from stiff_bench.tasks import cell_tasks
 from stiff_protocols.cost import Cost
