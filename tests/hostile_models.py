@@ -164,7 +164,7 @@ class DetachesAChild(Good):
 class ClosesItsPipes(Good):
     def fit(self, train, **_):
         os.closerange(3, 4096)
-        time.sleep(1e6)
+        Spins().fit(train)
 
 
 class KillsTheServer(Good):

@@ -118,9 +118,9 @@ def test_a_choice_of_options_crosses_to_a_process(computed):
 @pytest.mark.slow
 def test_every_model_of_the_catalogue_runs_in_a_process(computed):
     keys = [key for key in KEYS if not model_info(key).missing()]
-    quick = {key: ",".join(f"{n}={v}" for n, v in model_info(key).quick.items()) for key in keys}
-    words = [f"{key}@{options}" if options else key for key, options in quick.items()]
-    _, results = computed(*words, splits=1, jobs=2)
+    quick = {key: model_info(key).quick.items() for key in keys}
+    settings = tuple(f"{key}.{name}={value}" for key in keys for name, value in quick[key])
+    _, results = computed(*keys, settings=settings, splits=1, jobs=2)
     assert {one.cell.model: (one.status, one.failure) for one in results} == dict.fromkeys(
         keys, ("ok", "")
     )
