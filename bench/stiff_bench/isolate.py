@@ -18,11 +18,12 @@ import tempfile
 import threading
 import time
 import warnings
+from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping, Set
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from multiprocessing import connection, parent_process
 from pathlib import Path
 from typing import Any
@@ -143,7 +144,6 @@ def _begin(folder: Path, threads: int) -> None:
         Path("/proc/self/oom_score_adj").write_text("1000")
     if os.environ.get("OMP_NUM_THREADS") != str(threads):  # else the server began with it
         pin_threads(threads)
-    (folder / _PID).write_text(str(os.getpid()))
 
 
 def _end_with_parent() -> None:
@@ -179,6 +179,7 @@ def _end_with_parent() -> None:
 
 def _compute(work: Work, folder: Path) -> tuple[bytes, bool]:
     """Return a cell's result as JSON, and whether processes that it started are left."""
+    (folder / _PID).write_text(str(os.getpid()))  # pebble may start another without a word
     os.truncate(folder / _LOG, 0)
     if work.limits.timeout_s is not None:
         faulthandler.dump_traceback_later(LAST_WORDS * work.limits.timeout_s)
@@ -190,10 +191,10 @@ def _compute(work: Work, folder: Path) -> tuple[bytes, bool]:
     faulthandler.cancel_dump_traceback_later()
     sys.stdout.flush()
     try:
-        os.waitpid(-1, os.WNOHANG)
+        left = os.waitpid(-1, os.WNOHANG) is not None
     except ChildProcessError:
-        return json_text(content).encode(), False
-    return json_text(content).encode(), True
+        left = False
+    return json_text(content).encode(), left
 
 
 def _result(work: Work, folder: Path) -> CellResult:
@@ -320,7 +321,7 @@ class Place:
             sent, left = self.future.result()
             content = orjson.loads(sent)
             if "result" not in content:
-                return Crash(content["cause"], content["reason"], self._last_lines())
+                return Crash(**content, log=self._last_lines(), innocent=True)
             found = cell_result(content["result"])
         except ProcessExpired as error:
             return self._ended(error.exitcode)
@@ -343,7 +344,6 @@ class Place:
         self._looked = now
         self._start = self._start or now
         self._pass_on(heard)
-        self._shorten_log()
         pid, limits = self._pid(), self._work.limits
         if pid is None:
             return None
@@ -353,6 +353,8 @@ class Place:
         if limits.timeout_s is not None and now - self._start > limits.timeout_s:
             said = f"took longer than --timeout {limits.timeout_s:g} s"
             return Crash(TIMED_OUT, said, self._last_lines())
+        if (self._folder / _LOG).stat().st_size > LARGEST_LOG:
+            os.truncate(self._folder / _LOG, 0)
         if limits.memory_bytes is None or (taken := _resident(pid)) <= limits.memory_bytes:
             return None
         if self._used:  # earlier cells may have left something there
@@ -386,23 +388,12 @@ class Place:
                 heard(Progress(**orjson.loads(said)))
                 self._heard = said
 
-    def _shorten_log(self) -> None:
-        with suppress(OSError):
-            if (self._folder / _LOG).stat().st_size > LARGEST_LOG:
-                end = self._log_end()
-                os.truncate(self._folder / _LOG, 0)
-                with (self._folder / _LOG).open("ab") as log:
-                    log.write(end)
-
-    def _log_end(self) -> bytes:
+    def _last_lines(self) -> tuple[str, ...]:
+        end = b""
         with suppress(OSError), (self._folder / _LOG).open("rb") as log:
             log.seek(max(0, log.seek(0, os.SEEK_END) - LOG_END))
-            return log.read(LOG_END)
-        return b""
-
-    def _last_lines(self) -> tuple[str, ...]:
-        cut = [line[:LONGEST_LINE] for line in self._log_end().split(b"\n")]
-        lines = [line.decode(errors="replace").rstrip() for line in cut]
+            end = log.read(LOG_END)
+        lines = [line[:LONGEST_LINE].decode(errors="replace").rstrip() for line in end.split(b"\n")]
         telling = [line for line in lines if line and not any(noise in line for noise in _NOISE)]
         return tuple(telling[-LOG_LINES:])
 
@@ -417,7 +408,7 @@ class Place:
             if (pid := self._pid()) is not None:
                 end_family(pid)
                 (self._folder / _PID).unlink()
-            self._pool.stop()
+            self._pool.stop()  # type: ignore[no-untyped-call]
 
     def end(self) -> None:
         """Kill them, and wait for it."""
@@ -517,51 +508,43 @@ class LocalProcesses:
         A cell whose process ended with the server of all is computed again, alone, after the
         others: whoever killed the server does so to itself then.
         """
-
-        def pack(task: CellTask) -> Work:
-            return work_of(task, run_id, self._limits, fresh=task.cell.model in self._strangers)
-
-        again: list[CellTask] = []
+        waiting, again, seen = iter(tasks), deque[CellTask](), set[str]()
+        running: dict[Place, CellTask] = {}
         with tempfile.TemporaryDirectory(prefix="bench-") as scratch:
             places = [Place(Path(scratch)) for _ in range(self.at_once)]
             try:
-                for task, found in _computed(places, tasks, pack, display):
-                    if isinstance(found, Crash) and found.innocent:
-                        again.append(task)
-                    else:
-                        yield result_of(task, run_id, found)
-                for task, found in _computed(places[:1], again, pack, display):
-                    yield result_of(task, run_id, found)
+                while True:
+                    for place in places:
+                        if place in running:
+                            continue
+                        if (task := next(waiting, None)) is not None:
+                            display.start(task)
+                        elif again and not running:
+                            task = again.popleft()
+                        else:
+                            break
+                        running[place] = task
+                        fresh = task.cell.model in self._strangers
+                        place.begin(partial(work_of, task, run_id, self._limits, fresh=fresh))
+                    if not running:
+                        return
+                    futures = [place.future for place in running]
+                    wait(futures, SECONDS_BETWEEN_LOOKS, return_when=FIRST_COMPLETED)
+                    for place, task in list(running.items()):
+                        if (found := place.outcome(display.step)) is None:
+                            continue
+                        del running[place]
+                        key = task.cell.key
+                        if isinstance(found, Crash) and found.innocent and key not in seen:
+                            seen.add(key)
+                            again.append(task)
+                        else:
+                            yield result_of(task, run_id, found)
             finally:
                 for place in places:
                     place.kill()
                 for place in places:
                     place.end()
-
-
-def _computed(
-    places: list[Place],
-    tasks: Iterable[CellTask],
-    pack: Callable[[CellTask], Work],
-    display: Display,
-) -> Generator[tuple[CellTask, CellResult | Crash], None, None]:
-    """Yield every task with its result or end; one is taken when there is a place for it."""
-    waiting = iter(tasks)
-    running: dict[Place, CellTask] = {}
-    while True:
-        for place in places:
-            if place not in running and (task := next(waiting, None)) is not None:
-                display.start(task)
-                running[place] = task
-                place.begin(lambda task=task: pack(task))
-        if not running:
-            return
-        futures = [place.future for place in running]
-        wait(futures, SECONDS_BETWEEN_LOOKS, return_when=FIRST_COMPLETED)
-        for place, task in list(running.items()):
-            if (found := place.outcome(display.step)) is not None:
-                del running[place]
-                yield task, found
 
 
 def result_of(task: CellTask, run_id: str, found: CellResult | Crash) -> CellResult:
