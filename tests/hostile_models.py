@@ -8,11 +8,13 @@ import re
 import signal
 import subprocess
 import time
+from typing import ClassVar
 
 import numpy as np
 import psutil
 
 from stiff_protocols.plugin import ModelInfo
+from stiff_protocols.progress import report
 
 
 class Good:
@@ -31,6 +33,35 @@ class Good:
 
     def predict(self, q, wrench):
         return np.repeat(self.mean_[None], len(q), axis=0)
+
+
+class SaysWhere(Good):
+    """Says which process it is in."""
+
+    def fit(self, train, **options):
+        self.diagnostics_ = {"pid": os.getpid()}
+        return super().fit(train, **options)
+
+
+class Reports(Good):
+    """Reports how far it is, and prints past Python."""
+
+    def fit(self, train, **options):
+        report("thinking", 3, 7)
+        os.write(1, b"past Python")
+        time.sleep(0.5)
+        return super().fit(train, **options)
+
+
+class Keeps(SaysWhere):
+    """Leaves 200 MiB in its process."""
+
+    kept: ClassVar = []
+
+    def fit(self, train, **options):
+        self.kept.append(np.ones(200 * 2**17))
+        time.sleep(0.5)
+        return super().fit(train, **options)
 
 
 class Raises(Good):
@@ -133,7 +164,7 @@ class DetachesAChild(Good):
 class ClosesItsPipes(Good):
     def fit(self, train, **_):
         os.closerange(3, 4096)
-        time.sleep(1e6)
+        Spins().fit(train)
 
 
 class KillsTheServer(Good):
@@ -164,6 +195,7 @@ MODELS = [
     ModelInfo(key=cls.__name__, target=cls, summary="misbehaves")
     for cls in (
         *(Good, Raises, Hangs, Spins, Eats, FeedsChildren, Talks, Segfaults, Aborts, Exits),
+        *(SaysWhere, Reports, Keeps),
         *(DetachesAChild, ClosesItsPipes, KillsTheServer, HoldsTheInterpreter),
         *(ExitsWell, Quits, Interrupts, KillsItself, TellsLies, LeavesAChild, KillsWorkers),
     )

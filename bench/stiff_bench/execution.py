@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Set
+from collections.abc import Generator, Iterable, Mapping, Set
 from dataclasses import dataclass, field
 from importlib.util import find_spec
-from pathlib import Path
-from typing import Literal
+from typing import Literal, Protocol
 
-from stiff_bench.cell_process import Limits
+from stiff_bench.cells import compute_cell
 from stiff_bench.config import RunPlan
-from stiff_bench.executor import Executor, InProcess, LocalProcesses
+from stiff_bench.isolate import Limits, LocalProcesses, result_of
+from stiff_bench.progress import Display
 from stiff_bench.registry import OURS, Registry
+from stiff_bench.tasks import CellTask
 from stiff_protocols.errors import ConfigError
+from stiff_protocols.record import CellResult
 
 Rerun = Literal["missing", "failed", "all"]
 COUNTING: Mapping[Rerun, Set[str]] = {
@@ -21,6 +23,42 @@ COUNTING: Mapping[Rerun, Set[str]] = {
     "all": frozenset(),
 }
 """Statuses of the stored results that stand; what was skipped is always looked at again."""
+
+
+class Executor(Protocol):
+    """Computes cells."""
+
+    at_once: int
+    """How many cells are computed side by side, as far as that is known."""
+
+    def results(
+        self, tasks: Iterable[CellTask], run_id: str, display: Display
+    ) -> Generator[CellResult, None, None]:
+        """Yield the result of every cell as it ends, in any order.
+
+        A task is taken from `tasks` when its turn comes. Closing the generator ends what runs.
+        """
+
+    def machines(self) -> Mapping[str, Mapping[str, str]]:
+        """Return the environments of other machines that took part, by their addresses."""
+
+
+class InProcess:
+    """Computes one cell after another in this process."""
+
+    at_once = 1
+
+    def results(
+        self, tasks: Iterable[CellTask], run_id: str, display: Display
+    ) -> Generator[CellResult, None, None]:
+        """Yield every cell's result, in order."""
+        for task in tasks:
+            display.start(task)
+            yield result_of(task, run_id, compute_cell(task, run_id))
+
+    def machines(self) -> Mapping[str, Mapping[str, str]]:
+        """Return none."""
+        return {}
 
 
 @dataclass(frozen=True)
@@ -71,11 +109,12 @@ def chosen_execution(
         raise ConfigError(f"--no-isolate: {needed[0]} needs a process for every cell")
     if dask and jobs > 1:
         raise ConfigError(f"--jobs {jobs}: the cluster of --dask says how many run at once")
-    strange = any(registry.origins.get(one.info.key, OURS) != OURS for one in plan.models)
-    isolated = bool(needed) or (strange if isolate is None else isolate)
-    executor: Executor = LocalProcesses(jobs, limits) if isolated else InProcess()
+    keys = {one.info.key for one in plan.models}
+    strangers = {key for key in keys if registry.origins.get(key, OURS) != OURS}
+    isolated = bool(needed) or (bool(strangers) if isolate is None else isolate)
+    executor: Executor = LocalProcesses(jobs, limits, strangers) if isolated else InProcess()
     if dask:
-        executor = _on_cluster(dask, limits, plan.output)
+        executor = _on_cluster(dask, limits, plan)
     return Execution(
         executor=executor,
         rerun=rerun,
@@ -88,9 +127,9 @@ def chosen_execution(
     )
 
 
-def _on_cluster(words: str, limits: Limits, output: Path) -> Executor:
+def _on_cluster(words: str, limits: Limits, plan: RunPlan) -> Executor:
     if find_spec("distributed") is None:
         raise ConfigError(f"--dask {words}: needs Dask: pip install 'stiffbench[cluster]'")
-    from stiff_bench.dask_executor import DaskExecutor
+    from stiff_bench.dask_cluster import DaskCluster
 
-    return DaskExecutor(words, limits, output)
+    return DaskCluster(words, limits, plan.output)

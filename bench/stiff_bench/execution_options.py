@@ -41,8 +41,7 @@ _OPTIONS = (
         "--dask",
         default="",
         metavar="CLUSTER",
-        help="Compute on a Dask cluster: tcp://HOST:PORT of its scheduler, local:N workers, or "
-        "slurm:FILE.toml.",
+        help="Compute on a Dask cluster: tcp://HOST:PORT of its scheduler, or local:N workers.",
     ),
     click.option(
         "--plan",
@@ -100,8 +99,8 @@ def execution_of(taken: dict[str, Any], plan: RunPlan, registry: Registry) -> Ex
     Raises:
         ConfigError: one is wrong, or two contradict each other.
     """
-    from stiff_bench.cell_process import Limits
     from stiff_bench.execution import chosen_execution
+    from stiff_bench.isolate import Limits
 
     limits = Limits(taken["threads"], taken["timeout"], _bytes(taken["memory"]))
     others = {name: taken[name] for name in ("jobs", "isolate", "dask", "rerun")}

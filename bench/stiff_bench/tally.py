@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Set
 
-from stiff_bench.crash import OUT_OF_MEMORY, TIMED_OUT
+from stiff_bench.isolate import OUT_OF_MEMORY, TIMED_OUT
 from stiff_protocols.record import CellResult
 
 _OWN_WORDS = (TIMED_OUT, OUT_OF_MEMORY)

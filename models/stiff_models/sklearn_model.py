@@ -24,6 +24,8 @@ from stiff_protocols.types import FloatArray
 
 PREFIX = "sklearn:"
 ON_PHYSICS = "vjm+"
+_DOT = "/"
+"""Stands for the dots of a key in its class's qualified name, which pickle would take apart."""
 
 
 class SklearnModel(RegressorModel):
@@ -111,11 +113,19 @@ def _model_class(key: str) -> type[SklearnModel]:
             "estimator_class": estimator,
             "__doc__": f"scikit-learn's {estimator.__name__}.\n\nAttributes:\n" + "\n".join(lines),
             "__module__": __name__,
+            "__qualname__": key.replace(".", _DOT),
         },
         kw_only=True,
         eq=False,
         repr=False,
     )
+
+
+def __getattr__(name: str) -> type[SklearnModel]:
+    """Return the class of a key, so that a pickle's reference to it is found in any process."""
+    if not name.startswith((PREFIX, ON_PHYSICS + PREFIX)):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return _model_class(name.replace(_DOT, "."))
 
 
 def _documented_types(estimator: type) -> dict[str, str]:

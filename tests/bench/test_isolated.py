@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import time
 from pathlib import Path
@@ -12,8 +13,15 @@ import pytest
 
 import hostile_models
 from command_line import assert_refused, bench, started
+from quick_models import KEYS
+from run_requests import planned
+from stiff_bench.cells import compute_cell
 from stiff_bench.cli import main
+from stiff_bench.isolate import Limits, LocalProcesses
+from stiff_bench.registry import build_registry
 from stiff_bench.store import read_manifests, read_results
+from stiff_bench.tasks import cell_tasks
+from stiff_models.catalog import model_info
 
 PLUGIN = Path(hostile_models.__file__)
 SECONDS = 8
@@ -35,7 +43,7 @@ EXPECTED = {
     "TellsLies": ("failed", "ModelError", "predict returned <U7 values, expected (31, 3)"),
     "LeavesAChild": ("ok", "", ""),
     "DetachesAChild": ("ok", "", ""),
-    "ClosesItsPipes": ("failed", "no result", "it closed the way to send one"),
+    "ClosesItsPipes": ("failed", "timed out", f"took longer than --timeout {SECONDS} s"),
     "HoldsTheInterpreter": ("failed", "timed out", f"took longer than --timeout {SECONDS} s"),
     "vjm": ("ok", "", ""),
 }
@@ -50,6 +58,95 @@ def run(tmp_path_factory):
     done = bench("run", "--plugin", str(PLUGIN), *models, *limits, "--output", "out", cwd=folder)
     left = [one for one in psutil.process_iter(["cwd"]) if one.info["cwd"] == str(folder)]
     return done, {one.cell.model: one for one in read_results(folder / "out")}, left, folder
+
+
+class Seen:
+    """A display that keeps what it is told."""
+
+    def __init__(self):
+        self.started, self.steps = [], []
+
+    def start(self, task):
+        self.started.append(task)
+
+    def step(self, progress):
+        self.steps.append(progress)
+
+
+@pytest.fixture()
+def computed():
+    """A function that computes a plan's cells beside this process, and in it if that is asked."""
+
+    def compute(*models, jobs=1, limits=None, strangers=frozenset(), display=None, **plan):
+        registry = build_registry()
+        registry.add(hostile_models.MODELS, "a stranger's")
+        tasks = list(cell_tasks(planned(registry, models=models, **plan)))
+        executor = LocalProcesses(jobs, limits or Limits(), strangers)
+        return tasks, executor.results(iter(tasks), "r", display or Seen())
+
+    return compute
+
+
+def pids(results) -> list[float]:
+    return [result.diagnostics["pid"] for result in results]
+
+
+def test_models_of_ours_share_a_process_and_a_strangers_cell_has_its_own(computed):
+    assert len(set(pids(computed("SaysWhere", splits=3)[1]))) == 1
+    own = pids(computed("SaysWhere", splits=3, strangers={"SaysWhere"})[1])
+    assert len(set(own)) == 3 and not any(psutil.pid_exists(int(pid)) for pid in own)
+
+
+def test_a_process_gives_the_bits_of_this_one_whatever_it_computed_before(computed):
+    sets = ("kr10-twin", "fanuc-r2000ic")
+    words = ("vjm", "sklearn:linear_model.Ridge", "vjm+sklearn:ensemble.RandomForestRegressor")
+    tasks, results = computed(*words, "knn", splits=1, jobs=2, datasets=sets)
+    found = {result.cell.key: result for result in results}
+    assert len(found) == len(tasks) == 8
+    for task in tasks:
+        here, there = compute_cell(task, "r"), found[task.cell.key]
+        assert there.status == "ok", there.failure
+        assert there.prediction.predicted.tobytes() == here.prediction.predicted.tobytes()
+
+
+def test_a_choice_of_options_crosses_to_a_process(computed):
+    words = ("sklearn:linear_model.Ridge@alpha=2", "knn")
+    _, results = computed(*words, protocols=("nested",), splits=1)
+    assert [result.status for result in results] == ["ok", "ok"]
+
+
+@pytest.mark.slow
+def test_every_model_of_the_catalogue_runs_in_a_process(computed):
+    keys = [key for key in KEYS if not model_info(key).missing()]
+    quick = {key: model_info(key).quick.items() for key in keys}
+    settings = tuple(f"{key}.{name}={value}" for key in keys for name, value in quick[key])
+    _, results = computed(*keys, settings=settings, splits=1, jobs=2)
+    assert {one.cell.model: (one.status, one.failure) for one in results} == dict.fromkeys(
+        keys, ("ok", "")
+    )
+
+
+def test_what_a_cell_reports_is_shown_and_what_it_prints_is_not(computed, capfd):
+    seen = Seen()
+    (result,) = computed("Reports", splits=1, display=seen)[1]
+    assert result.status == "ok" and len(seen.started) == 1
+    assert [(one.phase, one.step, one.total) for one in seen.steps] == [("thinking", 3, 7)]
+    assert "past Python" not in "".join(capfd.readouterr())
+
+
+def test_memory_that_earlier_cells_left_is_not_held_against_a_cell(computed):
+    limits = Limits(memory_bytes=800 * 2**20)
+    results = list(computed("Keeps", splits=4, limits=limits)[1])
+    assert [result.status for result in results] == ["ok"] * 4
+    assert 1 < len(set(pids(results))) < 4
+
+
+def test_a_process_that_ends_between_two_cells_costs_none(computed):
+    _, results = computed("SaysWhere", splits=4)
+    found = [next(results)]
+    psutil.Process(int(pids(found)[0])).kill()
+    found += results
+    assert [result.status for result in found] == ["ok"] * 4
 
 
 def test_a_crash_costs_its_own_row_alone(tmp_path):
@@ -79,8 +176,8 @@ def test_the_summary_counts_every_cause_and_the_exit_status_is_1(run):
     done, _, left, _ = run
     assert done.returncode == 1
     last = done.stderr.strip().splitlines()[-1]
-    assert last.startswith("bench: 4 ok, 10 failed (")
-    assert "4 timed out, 2 out of memory; " in last
+    assert last.startswith("bench: 4 ok, 9 failed (")
+    assert "5 timed out, 2 out of memory; " in last
     for cause in ("1 RuntimeError", "1 SIGSEGV", "1 exit status 3", "1 SIGKILL", "1 ModelError"):
         assert cause in last
     assert not left  # what a model started goes with it
@@ -139,7 +236,7 @@ def test_strangers_models_are_isolated_and_ours_are_not(tmp_path):
         (["--memory", "much"], ["--memory 'much': no size (valid: 2GiB, 500MB, ...)"]),
         (["--memory", "0"], ["--memory '0'"]),
         (["--dask", "tcp:here"], ["--dask 'tcp:here': no cluster (valid: tcp://HOST:PORT, local"]),
-        (["--dask", "slurm:no.toml"], ["--dask slurm:no.toml: cannot be read: No such file"]),
+        (["--dask", "local:0"], ["--dask 'local:0': no cluster (valid: tcp://HOST:PORT, local:N)"]),
     ],
 )
 def test_options_that_cannot_be_meant_are_refused(tmp_path, capfd, monkeypatch, words, parts):
@@ -167,12 +264,20 @@ def test_a_plugin_that_changes_during_a_run_gives_no_result_under_the_old_key(tm
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("key", ["Spins", "HoldsTheInterpreter"])
-def test_processes_end_with_the_run_that_is_killed(tmp_path, key):
+@pytest.mark.parametrize(
+    ("key", "number"),
+    [
+        ("Spins", signal.SIGKILL),
+        ("HoldsTheInterpreter", signal.SIGKILL),
+        ("ClosesItsPipes", signal.SIGKILL),
+        ("HoldsTheInterpreter", signal.SIGTERM),
+    ],
+)
+def test_processes_end_with_the_run_that_is_killed(tmp_path, key, number):
     words = ["run", "--plugin", str(PLUGIN), "--isolate", "--model", key, "--output", "out"]
     with started(*words, cwd=tmp_path) as command:
         family = wait_for_family(command.pid)
-        command.kill()
+        command.send_signal(number)
         command.wait()
         gone, alive = psutil.wait_procs(family, timeout=20)
     assert len(gone) >= 2 and not alive

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 from sklearn.base import clone
@@ -118,6 +120,13 @@ def test_options_are_parsed_from_the_command_line(parts):
 )
 def test_texts_mean_python_literals_where_they_can(text, value):
     assert literal(text) == value and type(literal(text)) is type(value)
+
+
+@pytest.mark.parametrize("key", [FOREST, f"vjm+{FOREST}", "sklearn:svm.SVR"])
+def test_the_class_of_a_key_is_found_again_by_pickle(key):
+    cls = member(key).load()
+    assert pickle.loads(pickle.dumps(cls)) is cls
+    assert pickle.loads(pickle.dumps(cls())).get_params() == cls().get_params()
 
 
 def test_a_bad_value_is_refused_before_anything_is_computed():
