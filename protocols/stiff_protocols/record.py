@@ -13,8 +13,9 @@ from stiff_protocols.cost import Cost
 from stiff_protocols.types import FloatArray, Prediction
 
 SCORING_VERSION = 1
-"""Of all that shapes a cell's numbers beside its model: metrics, intervals, tuning, the order of a
-cell's steps. A change of these numbers raises it; tests/protocols/test_golden_scoring.py notices."""
+"""Of all that shapes a cell's numbers beside its model: metrics, intervals, tuning, a cell's steps.
+
+A change of these numbers raises it; tests/protocols/test_golden_scoring.py notices."""
 
 
 @dataclass(frozen=True)

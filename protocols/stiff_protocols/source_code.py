@@ -1,4 +1,4 @@
-"""Which code a plugin's model runs: hashes of its source files, so that other code is another result.
+"""Which code a plugin's model runs: hashes of its files, so that other code is another result.
 
 Built-in models have a version instead (`ModelInfo.version`), which a golden test keeps honest.
 """

@@ -270,7 +270,7 @@ class Prediction:
         interval: Interval | None,
         reference: FloatArray | None,
     ) -> Self:
-        """Return a prediction that was checked before it was stored; its arrays are taken as they are.
+        """Return a prediction that was checked before it was stored, with its arrays as they are.
 
         Checking 35,000 of them again takes longer than a leaderboard does.
         """
