@@ -100,7 +100,7 @@ ALIGNMENT_WEIGHTS = {
 """So strong that a distance is seen in the loss, and rounding in it does not rule the training."""
 PHYSICS = ({}, {"physics": "vjm-multisegment"}, {"physics": "vjm-full"})
 
-VARIANTS: Mapping[str, tuple[Options, ...]] = {
+VARIANTS: dict[str, tuple[Options, ...]] = {
     "knn": ({}, {"weights": "uniform", "neighbours": 3}, {"angle_encoding": "raw"}),
     "vjm": ({}, {"congruence": True}),
     "vjm-multisegment": (
