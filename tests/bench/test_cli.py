@@ -317,7 +317,7 @@ def test_bad_robot_files_and_tools_are_refused_in_one_line(tmp_path):
 def test_an_output_folder_that_cannot_be_written_is_refused_before_the_work(tmp_path):
     (tmp_path / "file").write_text("")
     done = bench_here("run", "--model", "ft-mlp", "--output", "file/out", cwd=tmp_path)
-    assert_refused(done, "--output file/out", "cannot be written")
+    assert_refused(done, "--output file/out", "cannot be made")
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has a GPU")

@@ -137,7 +137,10 @@ def test_a_strangers_code_is_part_of_the_key(data, monkeypatch, tmp_path, traini
 
 
 def test_our_own_files_are_no_part_of_the_key(data, monkeypatch, trainings):
-    monkeypatch.delattr(cache, "code_of")
+    def read(path):
+        raise AssertionError(path)
+
+    monkeypatch.setattr("stiff_protocols.source_code.file_code", read)
     fit(data)
     assert len(trainings) == 1
 
