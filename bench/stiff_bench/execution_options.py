@@ -47,7 +47,7 @@ _OPTIONS = (
         "--plan",
         is_flag=True,
         help="Compute nothing; print how many cells there are, how many of them are in --output, "
-        "and the time and memory that the others will take.",
+        "and the time that the others will take by the stored fits of the same models.",
     ),
     click.option(
         "--rerun",
