@@ -24,6 +24,8 @@ from stiff_bench import cli
 
 BENCH = Path(sys.executable).with_name("bench")
 SIGNALS = (signal.SIGTERM, signal.SIGHUP)
+HIDDEN = (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning)
+"""Warnings that Python shows to no user."""
 PLUGIN_MODULE = "stiffbench_plugin_"
 
 
@@ -60,8 +62,11 @@ def _all_put_back(arguments: list[str]) -> Iterator[None]:
         if (torch := sys.modules.get("torch")) is not None:
             stack.callback(torch.set_num_threads, torch.get_num_threads())
         stack.enter_context(threadpool_limits())
-        known = set(sys.modules)
+        stack.callback(_forget_plugins_but, set(sys.modules))
         yield
+
+
+def _forget_plugins_but(known: set[str]) -> None:
     for name in sys.modules.keys() - known:
         if name.startswith(PLUGIN_MODULE):
             del sys.modules[name]
@@ -75,9 +80,8 @@ def _warnings_as_in_a_command() -> Iterator[None]:
     """Printed, where pytest makes errors of them."""
     with warnings.catch_warnings():
         warnings.resetwarnings()
-        for hidden in (DeprecationWarning, PendingDeprecationWarning, ImportWarning):
+        for hidden in HIDDEN:
             warnings.simplefilter("ignore", hidden)
-        warnings.simplefilter("ignore", ResourceWarning)
         warnings.showwarning = lambda message, category, name, line, *_: sys.stderr.write(
             warnings.formatwarning(message, category, name, line)
         )
