@@ -406,7 +406,7 @@ class Place:
         """Kill the process, if there is one, with all that it started."""
         if self._pool is not None:
             if (pid := self._pid()) is not None:
-                end_family(pid)
+                _end_family(pid)
                 (self._folder / _PID).unlink()
             self._pool.stop()  # type: ignore[no-untyped-call]
 
@@ -440,7 +440,7 @@ def _family(pid: int) -> list[psutil.Process]:
         return []
 
 
-def end_family(pid: int) -> None:
+def _end_family(pid: int) -> None:
     """Kill a process that leads a group, with the group and every process below it."""
     family = _family(pid)  # before they lose their parent
     with suppress(ProcessLookupError, PermissionError):
