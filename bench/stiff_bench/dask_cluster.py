@@ -10,10 +10,11 @@ import logging
 import multiprocessing
 import re
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Generator, Iterable, Mapping
 from contextlib import ExitStack, suppress
 from importlib.metadata import version
+from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -22,7 +23,15 @@ from distributed import Client, Future, LocalCluster, as_completed, get_worker
 import stiff_bench
 import stiff_models
 import stiff_protocols
-from stiff_bench.isolate import Crash, Limits, Work, compute_isolated, result_of, work_of
+from stiff_bench.isolate import (
+    Crash,
+    Limits,
+    Work,
+    compute_isolated,
+    result_of,
+    work_of,
+    work_of_run,
+)
 from stiff_bench.messages import say
 from stiff_bench.progress import Display
 from stiff_bench.provenance import environment
@@ -77,10 +86,11 @@ class DaskCluster:
         Raises:
             ConfigError: there is no scheduler, or it has gone.
         """
-        waiting, lost = iter(tasks), list[CellTask]()
-        if (task := next(waiting, None)) is None:
+        waiting = iter(tasks)
+        queue = deque(islice(waiting, 1))  # holds one while there are any
+        if not queue:
             return  # and no cluster is needed
-        lost.append(task)
+        common = work_of_run(run_id, self._limits)
         deaths: Counter[str] = Counter()
         given: dict[Future, tuple[str, CellTask]] = {}
         with ExitStack() as stack:
@@ -90,16 +100,17 @@ class DaskCluster:
             while True:
                 busy = {worker for worker, _ in given.values()}
                 for worker in workers.usable() - busy:
-                    task = lost.pop() if lost else next(waiting, None)
-                    if task is None:
+                    if not queue:
                         break
+                    task = queue.popleft()
+                    queue.extend(islice(waiting, 0 if queue else 1))
                     if not deaths[task.cell.key]:
                         display.start(task)
-                    work = work_of(task, run_id, self._limits, fresh=True)
+                    work = work_of(common, task, fresh=True)
                     future = _submit(client, worker, compute_beside_worker, work)
                     given[future] = worker, task
                     done.add(future)
-                if not given and not lost:
+                if not given and not queue:
                     return
                 if not done.has_ready():
                     time.sleep(SECONDS_BETWEEN_LOOKS)
@@ -112,7 +123,7 @@ class DaskCluster:
                     if found is None:
                         deaths[task.cell.key] += 1
                         if deaths[task.cell.key] < MOST_DEATHS:
-                            lost.append(task)
+                            queue.appendleft(task)
                             continue
                         said = f"{MOST_DEATHS} workers ended while they computed it"
                         found = Crash("killed its workers", said)

@@ -95,7 +95,8 @@ class Work:
             need the code of a plugin.
         data: sha256 -> a pickled data set; empty where the process has it.
         plugins: files to be imported first.
-        imports: modules that the server of the processes imports once, when it starts.
+        imports: modules that the server of the processes imports once, when it starts: those that
+            the run's process needed to make its models.
         run_id: the run that it is for.
         limits: of the process.
         fresh: no other cell was or will be computed in the process.
@@ -197,8 +198,9 @@ def _compute(work: Work, folder: Path) -> tuple[Content, bool]:
 
 
 def _result(work: Work, folder: Path) -> CellResult:
-    for path in set(work.plugins).difference(plugin_files()):
-        import_plugin_file(path)
+    if work.plugins:
+        for path in set(work.plugins).difference(plugin_files()):
+            import_plugin_file(path)
     found = {sha: pickle.loads(data) if data else _held[sha] for sha, data in work.data.items()}
     _held.clear()
     _held.update(found)
@@ -232,17 +234,23 @@ _held: dict[str, BenchmarkData] = {}
 # Outside
 
 
-def work_of(task: CellTask, run_id: str, limits: Limits, *, fresh: bool) -> Work:
+def work_of_run(run_id: str, limits: Limits) -> Work:
+    """Return what the work of all cells of a run has in common, once its models are imported."""
+    model_info(REFERENCE_MODEL).load()
+    known = list(sys.modules)  # another thread may import meanwhile
+    ours = sorted(name for name in known if name.startswith("stiff_models."))
+    imports = (__name__, *(("torch",) if "torch" in known else ()), *ours)
+    return Work(b"", {}, plugin_files(), imports, run_id, limits, fresh=True)
+
+
+def work_of(common: Work, task: CellTask, *, fresh: bool) -> Work:
     """Return what is sent to the process that computes a cell."""
     without: Any = {"data": None, "source": None}
     data = {task.cell.data_sha256: task.data, task.cell.source_sha256: task.source}
-    return Work(
+    return replace(
+        common,
         task=pickle.dumps(replace(task, **without)),
         data={sha: _pickled(one) for sha, one in data.items() if one is not None},
-        plugins=plugin_files(),
-        imports=_imports(),
-        run_id=run_id,
-        limits=limits,
         fresh=fresh,
     )
 
@@ -251,14 +259,6 @@ def work_of(task: CellTask, run_id: str, limits: Limits, *, fresh: bool) -> Work
 def _pickled(data: BenchmarkData) -> bytes:
     """Return a data set as it is sent; the cells of one follow each other."""
     return pickle.dumps(data)
-
-
-def _imports() -> tuple[str, ...]:
-    """Return which modules a cell will need, as this process shows that has made its model."""
-    model_info(REFERENCE_MODEL).load()
-    known = list(sys.modules)  # another thread may import meanwhile
-    ours = sorted(name for name in known if name.startswith("stiff_models."))
-    return (__name__, *(("torch",) if "torch" in known else ()), *ours)
 
 
 class Place:
@@ -404,7 +404,7 @@ class Place:
         """Kill the process, if there is one, with all that it started."""
         if self._pool is not None:
             if (pid := self._pid()) is not None:
-                end_family(pid)
+                _end_family(pid)
                 (self._folder / _PID).unlink()
             self._pool.stop()  # type: ignore[no-untyped-call]
 
@@ -438,7 +438,7 @@ def _family(pid: int) -> list[psutil.Process]:
         return []
 
 
-def end_family(pid: int) -> None:
+def _end_family(pid: int) -> None:
     """Kill a process that leads a group, with the group and every process below it."""
     family = _family(pid)  # before they lose their parent
     with suppress(ProcessLookupError, PermissionError):
@@ -506,6 +506,7 @@ class LocalProcesses:
         A cell whose process ended with the server of all is computed again, alone, after the
         others: whoever killed the server does so to itself then.
         """
+        common = work_of_run(run_id, self._limits)
         waiting, again, seen = iter(tasks), deque[CellTask](), set[str]()
         running: dict[Place, CellTask] = {}
         with tempfile.TemporaryDirectory(prefix="bench-") as scratch:
@@ -523,7 +524,7 @@ class LocalProcesses:
                             break
                         running[place] = task
                         fresh = task.cell.model in self._strangers
-                        place.begin(partial(work_of, task, run_id, self._limits, fresh=fresh))
+                        place.begin(partial(work_of, common, task, fresh=fresh))
                     if not running:
                         return
                     futures = [place.future for place in running]
