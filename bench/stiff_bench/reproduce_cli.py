@@ -46,8 +46,8 @@ def reproduce(
     """Run all that the paper's tables and figures need, or the committed leaderboard; write them.
 
     What is to be computed is said first, and how long that takes where stored fits tell. What is
-    stored already is not computed again: stopped in any way, the same command goes on. By default as many cells run at once as there are cores. The
-    leaderboard takes about 2 hours on 2 cores.
+    stored already is not computed again: stopped in any way, the same command goes on. By default
+    as many cells run at once as there are cores. The leaderboard takes about 2 hours on 2 cores.
     """
     given = context.get_parameter_source("quick")
     if what == "leaderboard" and given is not click.core.ParameterSource.DEFAULT:
