@@ -11,8 +11,9 @@ import json
 import math
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
-from functools import lru_cache, partial
+from dataclasses import fields, replace
+from functools import lru_cache
+from itertools import accumulate
 from typing import Any, TypeVar
 
 import numpy as np
@@ -99,41 +100,54 @@ def cell_result(content: Mapping[str, Any]) -> CellResult:
         DataError: it is no result's content, or its key is another cell's.
     """
     try:
-        result = _result(content)
+        records = tuple(ResultRecord(*metric) for metric in content["metrics"])
+        row = [content[name] for name in COLUMNS]
     except _FAULTS as error:
         raise DataError(f"{type(error).__name__}: {error}") from error
-    if result.cell.key != content["key"]:
-        raise DataError(f"holds the cell {result.cell.key}")
+    result = checked_result(row, records)
+    if replace(result.cell).key != row[0]:
+        raise DataError(f"holds the cell {replace(result.cell).key}")
     return result
 
 
-def checked_result(content: Mapping[str, Any]) -> CellResult:
-    """Return the result of content whose checksum is right: its key need not be worked out again.
+def checked_result(row: Sequence[Any], records: Sequence[ResultRecord]) -> CellResult:
+    """Return the result in a row whose checksum is right: its key need not be worked out again.
+
+    Args:
+        row: in the order of `COLUMNS`.
+        records: its metric values.
 
     Raises:
         DataError: it is no result's content.
     """
     try:
-        result = _result(content)
+        return _result(row, records)
     except _FAULTS as error:
         raise DataError(f"{type(error).__name__}: {error}") from error
-    vars(result.cell)["key"] = content["key"]
-    return result
 
 
-def _result(content: Mapping[str, Any]) -> CellResult:
-    cell = {name: content[column] for column, name in _OF_CELL.items()}
+_PLACES = tuple(accumulate([1, len(_NAMES), len(_OF_CELL), len(_PLAIN), len(_COST)]))
+"""Where the parts of a row begin, behind its key."""
+
+
+def _result(row: Sequence[Any], records: Sequence[ResultRecord]) -> CellResult:
+    names, of_cell, plain, of_cost, rest = _PLACES
+    cell = dict(zip(_OF_CELL.values(), row[of_cell:plain], strict=True))
     for name in _PARAMS:
         cell[name] = _parsed(cell[name])
-    about = _parsed(content["about"])
-    curves = {} if content["curves"] is None else orjson.loads(_unpacked(content["curves"]))
-    values: dict[str, Any] = {name: content[name] for name in _PLAIN}
+    cost = row[of_cost:rest]
+    shown, about_text, array_names, prediction, curves_blob = row[rest:]
+    about = _parsed(about_text)
+    curves = {} if curves_blob is None else orjson.loads(_unpacked(curves_blob))
+    values: dict[str, Any] = dict(zip(_PLAIN, row[plain:of_cost], strict=True))
     values.update(
-        cell=_made(Cell, cell),
-        shown=_presentation(*(content[name] for name in _NAMES), content["shown"]),
-        records=tuple(map(_record, content["metrics"])),
-        prediction=_prediction(content),
-        cost=None if content["fit_s"] is None else Cost(**{name: content[name] for name in _COST}),
+        cell=_made(Cell, {**cell, "key": row[0]}),
+        shown=_presentation(*row[names:of_cell], shown),
+        records=records,
+        prediction=None
+        if prediction is None
+        else _prediction(prediction, array_names, cell["coverage"]),
+        cost=None if cost[0] is None else _made(Cost, dict(zip(_COST, cost, strict=True))),
         diagnostics={name: float(value) for name, value in about["diagnostics"].items()},
         warnings=tuple(about["warnings"]),
         log=tuple(about["log"]),
@@ -144,10 +158,6 @@ def _result(content: Mapping[str, Any]) -> CellResult:
         },
     )
     return _made(CellResult, values)
-
-
-_record = partial(tuple.__new__, ResultRecord)
-"""Makes a record of a tuple, soon: a folder holds a million of them."""
 
 
 def _made(cls: type[_T], values: dict[str, Any]) -> _T:
@@ -196,19 +206,23 @@ def _compressed(content: bytes) -> bytes:
     return found if len(found) < 0.8 * len(content) else zlib.compress(content, level=0)
 
 
-def _prediction(content: Mapping[str, Any]) -> Prediction | None:
-    if content["prediction"] is None:
-        return None
-    names = content["prediction_arrays"].split(" ")
+@lru_cache(maxsize=16)
+def _array_names(text: str) -> list[str]:
+    names = text.split(" ")
     if not {"predicted", "measured"} <= {*names} <= {*_ARRAYS}:
-        raise ValueError(f"prediction_arrays {content['prediction_arrays']!r}")
-    raw = _unpacked(content["prediction"])
+        raise ValueError(f"prediction_arrays {text!r}")
+    return names
+
+
+def _prediction(blob: bytes, array_names: str, coverage: float | None) -> Prediction:
+    names = _array_names(array_names)
+    raw = _unpacked(blob)
     n = len(raw) // (8 + 24 * len(names))
     numbers = np.frombuffer(raw, "<f8", offset=8 * n).reshape(len(names), n, 3)
     arrays: dict[str, FloatArray] = dict(zip(names, numbers, strict=True))
     interval = None
-    if "lower" in arrays and content["coverage"] is not None:
-        interval = Interval(arrays["lower"], arrays["upper"], content["coverage"])
+    if "lower" in arrays and coverage is not None:
+        interval = Interval(arrays["lower"], arrays["upper"], coverage)
     return Prediction.of_stored(
         np.frombuffer(raw, "<i8", n),
         arrays["predicted"],
@@ -223,6 +237,8 @@ LARGEST_BYTES = 2**31
 
 
 def _unpacked(blob: bytes) -> bytes:
+    if len(blob) < LARGEST_BYTES // 2048:  # zlib shortens to a thousandth at the most
+        return zlib.decompress(blob)
     unpacker = zlib.decompressobj()
     content = unpacker.decompress(blob, LARGEST_BYTES)
     if unpacker.unconsumed_tail or not unpacker.eof:

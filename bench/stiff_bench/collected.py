@@ -118,25 +118,23 @@ def collect(folder: Path) -> list[Contest]:
     """
     try:
         runs = Runs.of(read_manifests(folder))
-        by_name = grouped(read_results(folder), contest_name_of)
+        by_name = grouped(read_results(folder), _names_and_data)
     except DamagedFile as error:
         raise StoreError(f"{error}; {_REMEDY}" if error.key else str(error)) from error
     if not by_name:
         raise StoreError(f"--results {folder}: holds no results; `bench run --output` makes them")
-    return [_contest(name, results, runs) for name, results in by_name.items()]
+    return [_contest(ContestName(*names), results, runs) for names, results in by_name.items()]
 
 
 def contest_name_of(result: CellResult) -> ContestName:
     """Return the name of the contest that a result belongs to."""
+    return ContestName(*_names_and_data(result))
+
+
+def _names_and_data(result: CellResult) -> tuple[str, str, str, int, str, str]:
     cell, shown = result.cell, result.shown
-    return ContestName(
-        shown.dataset,
-        shown.protocol,
-        cell.condition,
-        cell.seed,
-        cell.data_sha256,
-        cell.source_sha256,
-    )
+    data = cell.data_sha256, cell.source_sha256
+    return shown.dataset, shown.protocol, cell.condition, cell.seed, *data
 
 
 def _contest(name: ContestName, found: Sequence[CellResult], runs: Runs) -> Contest:

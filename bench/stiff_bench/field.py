@@ -90,13 +90,25 @@ def field_of(
     Raises:
         StoreError: two models have no split in common.
     """
-    missing = {model: reason for model in models if (reason := _why_missing(contest, model, key))}
+    whole = {
+        model: key.of_splits(contest.results(model))
+        for model in models
+        if model in contest.competitors and not contest.competitors[model].reasons
+    }
+    missing = {
+        model: reason for model in models if (reason := _why_missing(contest, model, whole, key))
+    }
     missing |= _unfinished(contest, [model for model in models if model not in missing], asked)
     present = [model for model in models if model not in missing]
     slots = tuple(contest.shared_slots(present)) if present else ()
     if present and not slots:
         _refuse(contest, present)
-    found = {model: key.of_splits(contest.results(model, slots)) for model in present}
+    found = {
+        model: whole[model]
+        if len(slots) == len(contest.competitors[model].done)
+        else key.of_splits(contest.results(model, slots))
+        for model in present
+    }
     scores = {model: values for model, values in found.items() if values is not None}
     return Field(contest, slots, scores, missing)
 
@@ -106,7 +118,9 @@ def complete_models(fields: Sequence[Field]) -> tuple[str, ...]:
     return tuple(sorted(set.intersection(*(set(field.scores) for field in fields))))
 
 
-def _why_missing(contest: Contest, model: str, key: SortKey) -> str:
+def _why_missing(
+    contest: Contest, model: str, values: Mapping[str, FloatArray | None], key: SortKey
+) -> str:
     competitor = contest.competitors.get(model)
     if competitor is None:
         return NOT_RUN
@@ -116,7 +130,7 @@ def _why_missing(contest: Contest, model: str, key: SortKey) -> str:
         n_all = len(competitor.reasons) + len(competitor.done)
         said = " ".join(why.split())
         return f"{status.upper()} in {len(competitor.reasons)} of {n_all} splits: {said}"
-    return "" if key.of_splits(contest.results(model)) is not None else f"no value of {key.text}"
+    return f"no value of {key.text}" if values[model] is None else ""
 
 
 def _unfinished(contest: Contest, models: Sequence[str], asked: Set[str]) -> dict[str, str]:

@@ -140,6 +140,8 @@ def counting(results: Sequence[CellResult], coverages: Sequence[float], runs: Ru
         coverages: of intervals, in the order of preference.
         runs: of the folder.
     """
+    if len(results) == 1:
+        return results[0]
     in_order = runs.newest_first(results)
     run = [result for result in in_order if result.status != "skipped"]
     valid = list(takewhile(lambda result: result.status == "ok", run))

@@ -70,28 +70,11 @@ class SortKey:
         if results[0].shown.pooled and self.metric.of_prediction is not None:
             found = [self.metric.values(pooled_prediction(results))]
         else:
-            found = self._stored_values(results)
+            found = [result.values(self.metric.key) for result in results]
         if any(axis not in values for values in found for axis in self._axes):
             return None
         of_axes = np.array([[values[axis] for axis in self._axes] for values in found])
         return np.asarray(of_axes.mean(axis=1))
-
-    def _stored_values(self, results: Sequence[CellResult]) -> list[dict[str, float]]:
-        """Return axis -> value for each result.
-
-        Results have their metrics in the same places, seldom in others.
-        """
-        key = self.metric.key
-        places = [n for n, record in enumerate(results[0].records) if record.metric == key]
-        n_records = len(results[0].records)
-        found = []
-        for result in results:
-            records = result.records
-            some = [records[n] for n in places] if len(records) == n_records else []
-            if not all(record.metric == key for record in some) or not some:
-                some = [record for record in records if record.metric == key]
-            found.append({record.axis: record.value for record in some})
-        return found
 
     def of_rows(self, prediction: Prediction) -> FloatArray:
         """Return the (n,) errors, m, whose mean is the value; of metrics that `resamples` alone."""

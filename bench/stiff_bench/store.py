@@ -44,7 +44,7 @@ from stiff_bench.cell_content import (
 from stiff_bench.stored_data import StoredData, data_content, stored_data
 from stiff_protocols.errors import DataError, StoreError
 from stiff_protocols.files import make_folder
-from stiff_protocols.record import CellResult, RunManifest
+from stiff_protocols.record import CellResult, Measures, RunManifest, StoredRecords
 from stiff_protocols.types import BenchmarkData, FloatArray
 
 FILE = "results.sqlite"
@@ -488,14 +488,11 @@ def _checked(row: Sequence[Any], values: Mapping[int, tuple[_Measures, FloatArra
     measures, numbers = values.get(number, _NO_VALUES)
     try:
         plain, blobs = columns[:-_N_BLOBS], columns[-_N_BLOBS:]
-        if checksum(plain, measures.names, numbers[measures.order], blobs) != sha256:
+        if checksum(plain, measures.text, numbers[measures.order], blobs) != sha256:
             raise DataError("its checksum does not match its content")
     except TypeError as error:  # bytes in the place of a text
         raise DataError(str(error)) from error
-    content = dict(zip(COLUMNS, columns, strict=True))
-    metrics, axes, units = measures.columns
-    content["metrics"] = zip(metrics, axes, numbers.tolist(), units, strict=True)
-    return checked_result(content)
+    return checked_result(columns, StoredRecords(measures, numbers))
 
 
 @cache  # most rows are alike
@@ -515,21 +512,14 @@ _TYPES = {"TEXT": str, "INTEGER": int, "REAL": float, "BLOB": bytes}
 _OPTIONAL = {*REALS, "memory_bytes", "prediction_arrays", "prediction", "curves"}
 
 
-class _Measures:
-    """The measures that the values of a cell are of.
+class _Measures(Measures):
+    """With what a checksum needs of them."""
 
-    Args:
-        measures: metric, axis and unit of each.
-    """
-
-    def __init__(self, measures: Sequence[tuple[str, str, str]]) -> None:
-        """Store them as they are used."""
-        self.columns = list(zip(*measures, strict=True)) or [(), (), ()]
-        self.order = np.array(
-            sorted(range(len(measures)), key=measures.__getitem__), dtype=np.int64
-        )
-        """Of the values in a checksum: by name, since another file has other numbers."""
-        self.names = measure_names(sorted(measures))
+    def __init__(self, names: Sequence[tuple[str, str, str]]) -> None:
+        """Put them in order: by name, since another file has other numbers for them."""
+        super().__init__(names)
+        self.order = np.array(sorted(range(len(names)), key=names.__getitem__), dtype=np.int64)
+        self.text = measure_names(sorted(names))
 
 
 _NO_VALUES = (_Measures(()), np.empty(0))
@@ -552,14 +542,12 @@ class _Known:
         whole = cells[-1] - cells[0] == len(cells) - 1  # a range is found sooner than single ones
         where = f"cell {'BETWEEN ? AND ?' if whole else f'IN {_marks(cells)}'}"
         asked = (cells[0], cells[-1]) if whole else cells
-        in_order = f"FROM (SELECT * FROM value WHERE {where} ORDER BY cell, measure)"
-        owners = db.execute(
-            f"SELECT cell, count(*), group_concat(measure) {in_order} GROUP BY cell", asked
-        ).fetchall()
-        values = db.execute(f"SELECT value {in_order}", asked)
-        numbers = np.fromiter(
-            chain.from_iterable(values), np.float64, sum(row[1] for row in owners)
-        )
+        # both walk the table in the order of its key
+        query = f"SELECT cell, count(*), group_concat(measure) FROM value WHERE {where} GROUP BY 1"
+        owners = db.execute(query, asked).fetchall()
+        query = f"SELECT value FROM value WHERE {where} ORDER BY cell, measure"
+        values = chain.from_iterable(db.execute(query, asked))
+        numbers = np.fromiter(values, np.float64, sum(row[1] for row in owners))
         found, start = {}, 0
         for cell, n_values, measures in owners:
             found[cell] = self._of(db, measures), numbers[start : start + n_values]
@@ -589,7 +577,7 @@ def _write(db: sqlite3.Connection, result: CellResult) -> None:
     values = np.array([metric[2] for metric in content["metrics"]], dtype=np.float64)
     columns = [content[name] for name in COLUMNS]
     plain, blobs = columns[:-_N_BLOBS], columns[-_N_BLOBS:]
-    sha256 = checksum(plain, measures.names, values[measures.order], blobs)
+    sha256 = checksum(plain, measures.text, values[measures.order], blobs)
     number = db.execute(_INSERT, (*columns, sha256)).lastrowid
     known = {row[1:]: row[0] for row in db.execute("SELECT * FROM measure")}
     for measure in named:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
@@ -102,6 +102,61 @@ class ResultRecord(NamedTuple):
     unit: str
 
 
+class Measures:
+    """What the values of a cell are of; many cells share one.
+
+    Args:
+        names: metric, axis and unit of each value.
+    """
+
+    def __init__(self, names: Sequence[tuple[str, str, str]]) -> None:
+        """Store the names."""
+        self.names = tuple(names)
+        self._places: dict[str, dict[str, int]] = {}
+
+    def places(self, metric: str) -> Mapping[str, int]:
+        """Return axis -> place among the values, of one metric."""
+        if metric not in self._places:
+            named = enumerate(self.names)
+            self._places[metric] = {axis: n for n, (key, axis, _) in named if key == metric}
+        return self._places[metric]
+
+
+class StoredRecords(Sequence[ResultRecord]):
+    """Records that are made when somebody asks for one: a folder holds a million of them.
+
+    Args:
+        measures: what the values are of.
+        numbers: (n,) the values.
+    """
+
+    def __init__(self, measures: Measures, numbers: FloatArray) -> None:
+        """Store both."""
+        self._measures, self._numbers = measures, numbers
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self._measures.names)
+
+    def __getitem__(self, place: Any) -> Any:
+        """Return one, or those of a slice."""
+        if isinstance(place, slice):
+            return tuple(self)[place]
+        metric, axis, unit = self._measures.names[place]
+        return ResultRecord(metric, axis, float(self._numbers[place]), unit)
+
+    def __eq__(self, other: object) -> bool:
+        """Say whether another sequence has the same records."""
+        return isinstance(other, Sequence) and tuple(self) == tuple(other)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def values(self, metric: str) -> dict[str, float]:
+        """Return axis -> value of one metric."""
+        numbers = self._numbers
+        return {axis: float(numbers[n]) for axis, n in self._measures.places(metric).items()}
+
+
 @dataclass(frozen=True)
 class Presentation:
     """What must stand beside a cell's numbers wherever they are shown.
@@ -164,7 +219,7 @@ class CellResult:
     shown: Presentation
     run_id: str
     status: Literal["ok", "failed", "skipped"]
-    records: tuple[ResultRecord, ...] = ()
+    records: Sequence[ResultRecord] = ()
     prediction: Prediction | None = None
     cost: Cost | None = None
     diagnostics: Mapping[str, float] = field(default_factory=dict)
@@ -177,6 +232,12 @@ class CellResult:
     chosen: Mapping[str, str] = field(default_factory=dict)
     n_splits: int = 0
     curves: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def values(self, metric: str) -> dict[str, float]:
+        """Return axis -> value of one metric, in SI units; empty where it has none."""
+        if isinstance(self.records, StoredRecords):
+            return self.records.values(metric)
+        return {record.axis: record.value for record in self.records if record.metric == metric}
 
 
 @dataclass(frozen=True)
