@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from run_requests import planned
+from stiff_bench import store
 from stiff_bench.tasks import CellTask, cell_tasks
 from stiff_datasets.kr10_twin import Kr10Twin
 from stiff_datasets.robots.robot import ChainModel, shipped_chain, shipped_robot
@@ -32,6 +33,23 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("STIFFBENCH_CACHE", str(tmp_path_factory.mktemp("cache")))
         yield
+
+
+SYNCHRONOUS = store.SYNCHRONOUS
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_waiting_for_the_disk() -> Iterator[None]:
+    """Let transactions end before they are on the disk: no test cuts the power."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(store, "SYNCHRONOUS", "OFF")
+        yield
+
+
+@pytest.fixture()
+def durable(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a user has it."""
+    monkeypatch.setattr(store, "SYNCHRONOUS", SYNCHRONOUS)
 
 
 @pytest.fixture(scope="session")

@@ -52,6 +52,8 @@ FORMAT = 4
 """Of the file, as `PRAGMA user_version` has it."""
 BUSY_S = 60.0
 """How long a command waits for another one that writes."""
+SYNCHRONOUS = "FULL"
+"""SQLite's word for: a transaction is on the disk before the next one begins."""
 PAGE_BYTES = 16384
 """A cell has about 2.5 kB: of SQLite's own 4 kB a third would stay empty."""
 AT_ONCE = 2000
@@ -372,7 +374,7 @@ def writing(folder: Path, other: Path | None = None) -> Iterator[sqlite3.Connect
         uri = f"{path.resolve().as_uri()}?mode=rwc"
         with closing(sqlite3.connect(uri, uri=True, timeout=BUSY_S, isolation_level=None)) as db:
             db.execute(f"PRAGMA page_size = {PAGE_BYTES}")  # of a new file
-            db.execute("PRAGMA synchronous = FULL")
+            db.execute(f"PRAGMA synchronous = {SYNCHRONOUS}")
             db.execute("PRAGMA foreign_keys = ON")
             if other is not None:
                 db.execute("ATTACH ? AS other", (_uri(other / FILE),))

@@ -331,10 +331,8 @@ def test_debug_shows_the_traceback(tmp_path):
     assert done.returncode != 0 and "Traceback" in done.stderr and "ConfigError" in done.stderr
 
 
-@pytest.mark.parametrize(
-    ("number", "status"),
-    [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_run_that_is_stopped_keeps_what_was_finished_and_blames_no_cell(tmp_path, number, status):
     words = ["run", "--model", "vjm", "--model", "mlp", "--set", "mlp.epochs=1000000"]
     with started(*words, "--output", "out", cwd=tmp_path) as process:

@@ -134,6 +134,7 @@ def test_what_a_cell_reports_is_shown_and_what_it_prints_is_not(computed, capfd)
     assert "past Python" not in "".join(capfd.readouterr())
 
 
+@pytest.mark.slow
 def test_memory_that_earlier_cells_left_is_not_held_against_a_cell(computed):
     limits = Limits(memory_bytes=800 * 2**20)
     results = list(computed("Keeps", splits=4, limits=limits)[1])
@@ -315,6 +316,7 @@ def test_a_module_beside_a_plugin_is_part_of_the_key(tmp_path):
     assert ["bench: 1 ok; " in text for text in said] == [True, False, True]
 
 
+@pytest.mark.slow
 def test_a_long_temporary_folder_is_no_obstacle(tmp_path):
     deep = tmp_path / ("d" * 60) / ("e" * 60)
     deep.mkdir(parents=True)

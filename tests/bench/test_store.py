@@ -505,6 +505,13 @@ def test_a_writer_that_is_killed_at_any_moment_loses_nothing_that_it_had_stored(
         assert fault_of(folder) is None
 
 
+def test_a_transaction_waits_for_the_disk_and_its_journal_is_taken_back(tmp_path, durable):
+    with writing(tmp_path) as db:
+        full, rollback = 2, "delete"
+        assert db.execute("PRAGMA synchronous").fetchone() == (full,)
+        assert db.execute("PRAGMA journal_mode").fetchone() == (rollback,)
+
+
 def test_readers_do_not_keep_a_writer_waiting(tmp_path):
     many(tmp_path, 10)
     for found in stored_results(tmp_path):

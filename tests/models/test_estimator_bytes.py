@@ -53,7 +53,9 @@ def test_an_object_that_could_not_be_read_again_is_refused_when_it_is_saved():
         estimator_to_bytes(FunctionTransformer(func=data))
 
 
-@pytest.mark.parametrize("content", [b"", b"no archive", skops.io.dumps([1, 2])])
+@pytest.mark.parametrize(
+    "content", [b"", b"no archive", skops.io.dumps([1, 2])], ids=["empty", "rubbish", "a list"]
+)
 def test_bytes_that_are_no_estimator_are_refused(content):
     with pytest.raises(DataError):
         estimator_from_bytes(content)
