@@ -250,10 +250,10 @@ def stored_results(
         with reading(folder) as db:
             if keys is None:
                 query = f"{_SELECT} WHERE id > ? ORDER BY id LIMIT {AT_ONCE}"
-                rows = db.execute(query, (last,)).fetchall()
+                rows = _fetched(db, query, (last,))
             else:
                 some, asked = asked[:AT_ONCE], asked[AT_ONCE:]
-                rows = db.execute(f"{_SELECT} WHERE key IN {_marks(some)}", some).fetchall()
+                rows = _fetched(db, f"{_SELECT} WHERE key IN {_marks(some)}", some)
             values = known.values(db, [row[0] for row in rows])
         for row in rows:
             try:
@@ -275,7 +275,7 @@ def stored_statuses(folder: Path) -> dict[str, str]:
     if not has_results(folder):
         return {}
     with reading(folder) as db:
-        return dict(db.execute("SELECT key, status FROM cell").fetchall())
+        return dict(_fetched(db, "SELECT key, status FROM cell"))
 
 
 def mean_seconds(folder: Path) -> dict[str, float]:
@@ -288,7 +288,7 @@ def mean_seconds(folder: Path) -> dict[str, float]:
         return {}
     query = "SELECT model, avg(fit_s + predict_s) FROM cell WHERE status = 'ok' GROUP BY model"
     with reading(folder) as db:
-        return {model: seconds for model, seconds in db.execute(query) if seconds is not None}
+        return {model: seconds for model, seconds in _fetched(db, query) if seconds is not None}
 
 
 def read_manifests(folder: Path) -> list[RunManifest]:
@@ -310,7 +310,7 @@ def _manifests(folder: Path, tell: Report) -> Iterator[tuple[str, RunManifest | 
     if not has_results(folder):
         return
     with reading(folder) as db:
-        rows = db.execute(f"SELECT sha256, {', '.join(_RUN)} FROM run ORDER BY run_id").fetchall()
+        rows = _fetched(db, f"SELECT sha256, {', '.join(_RUN)} FROM run ORDER BY run_id")
     for row in rows:
         try:
             yield row[1], _manifest(*row)
@@ -403,6 +403,8 @@ def fault_of(folder: Path) -> str | None:
         try:
             with closing(sqlite3.connect(path, timeout=BUSY_S)) as db:
                 (said,) = db.execute("PRAGMA quick_check(1)").fetchone()
+        except UnicodeDecodeError as error:
+            return str(error)
         except sqlite3.DatabaseError as error:
             if type(error) is not sqlite3.DatabaseError:
                 raise
@@ -440,41 +442,60 @@ def _copied(old: sqlite3.Connection, new: sqlite3.Connection) -> Iterator[str]:
     """Copy every readable row; yield the keys of the cells that were there besides."""
     try:
         old.execute("SELECT count(*) FROM sqlite_schema").fetchone()
-    except sqlite3.DatabaseError:
+    except _DAMAGES:
         return  # not even its tables can be found
     for table in ("run", "data"):
         for row in _readable_rows(old, table):
-            with suppress(sqlite3.Error):  # of one key a damaged file may have two
+            with suppress(*_DAMAGES):  # of one key a damaged file may have two
                 new.execute(f"INSERT INTO {table} VALUES {_marks(row)}", row)
     kept: set[str] = set()
     known = _Known()
     for row in _readable_rows(old, "cell"):
-        with suppress(sqlite3.Error, DataError, KeyError):
+        with suppress(*_DAMAGES, DataError, KeyError):
             # id, columns, checksum -> id, checksum, columns
             result = _checked((row[0], row[-1], *row[1:-1]), known.values(old, [row[0]]))
             _write(new, result)
             kept.add(result.cell.key)
-    with suppress(sqlite3.Error):  # the index of keys has pages of its own
+    with suppress(*_DAMAGES):  # the index of keys has pages of its own
         for (key,) in old.execute("SELECT key FROM cell INDEXED BY cell_key").fetchall():
             if key not in kept:
                 yield str(key)
+
+
+def _fetched(
+    db: sqlite3.Connection, query: str, values: Sequence[object] = ()
+) -> list[tuple[Any, ...]]:
+    """Return all rows; bytes that are no text are left to the rows' checksums to find."""
+    try:
+        return db.execute(query, values).fetchall()
+    except sqlite3.OperationalError as error:
+        if "decode" not in str(error):
+            raise
+    db.text_factory = _lenient
+    return db.execute(query, values).fetchall()
+
+
+def _lenient(text: bytes) -> str:
+    return text.decode(errors="surrogateescape")
 
 
 def _readable_rows(db: sqlite3.Connection, table: str) -> Iterator[tuple[Any, ...]]:
     """Yield every row that can be read, found by its number: a broken page ends other searches."""
     try:
         (last,) = db.execute(f"SELECT max(rowid) FROM {table}").fetchone()
-    except sqlite3.Error:
+    except _DAMAGES:
         last = MOST_ROWS
     for number in range(1, (last or 0) + 1):
         try:
             row = db.execute(f"SELECT * FROM {table} WHERE rowid = ?", (number,)).fetchone()
-        except sqlite3.Error:
+        except _DAMAGES:
             continue
         if row is not None:
             yield row
 
 
+_DAMAGES = (sqlite3.Error, UnicodeDecodeError)
+"""What a damaged file can raise."""
 MOST_ROWS = 100_000
 """How many numbers are tried in a damaged table that does not say its last."""
 
@@ -667,6 +688,8 @@ def _said(path: Path, what: str) -> Iterator[None]:
             raise StoreError(f"{path}: cannot be {what}: {error}") from error
         remedy = "the `bench run` that made it keeps what can be read and computes the rest again"
         raise DamagedFile(path, f"{error}; {remedy}") from error
+    except UnicodeDecodeError as error:  # even the names of its tables are no text
+        raise DamagedFile(path, str(error)) from error
     except (sqlite3.Error, OverflowError) as error:
         raise StoreError(f"{path}: cannot be {what}: {error}") from error
     except OSError as error:

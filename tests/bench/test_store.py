@@ -219,6 +219,8 @@ def test_a_changed_row_is_found_and_named(tmp_path, column):
         "UPDATE cell SET status = 'failed'",
         "UPDATE cell SET about = 7",
         "UPDATE cell SET model_key = x'ff'",
+        "UPDATE cell SET model_key = CAST(x'ff' AS TEXT)",
+        "UPDATE cell SET shown = CAST(x'7bff7d' AS TEXT)",
     ],
 )
 def test_no_number_of_a_cell_can_change_unnoticed(tmp_path, statement):
@@ -228,7 +230,10 @@ def test_no_number_of_a_cell_can_change_unnoticed(tmp_path, statement):
         read_results(tmp_path)
 
 
-@pytest.mark.parametrize("statement", ["cells = '[]'", "environment = '['", "command = 'other'"])
+@pytest.mark.parametrize(
+    "statement",
+    ["cells = '[]'", "environment = '['", "command = 'other'", "started = CAST(x'ff' AS TEXT)"],
+)
 def test_a_changed_manifest_is_found_and_taken_out_by_the_next_run(tmp_path, statement):
     store = ResultStore(tmp_path)
     store.write_manifest(MANIFEST)
