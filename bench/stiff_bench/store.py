@@ -352,7 +352,12 @@ def reading(folder: Path) -> Iterator[sqlite3.Connection]:
         db = sqlite3.connect(_uri(path), uri=True, timeout=BUSY_S, isolation_level=None)
         with closing(db):
             db.execute("BEGIN")  # all that the block reads is of one moment
-            _check_format(path, db)
+            if _has_tables(db):
+                _check_format(path, db)
+                yield db
+                return
+        with closing(sqlite3.connect(":memory:")) as db:  # a run is about to make the tables
+            _make_tables(db)
             yield db
 
 
@@ -380,9 +385,8 @@ def writing(folder: Path, other: Path | None = None) -> Iterator[sqlite3.Connect
                 db.execute("ATTACH ? AS other", (_uri(other / FILE),))
             db.execute("BEGIN IMMEDIATE")
             try:
-                if not db.execute("SELECT count(*) FROM main.sqlite_schema").fetchone()[0]:
-                    for statement in _SCHEMA.split(";\n"):
-                        db.execute(statement)
+                if not _has_tables(db):
+                    _make_tables(db)
                 _check_format(path, db)
                 yield db
             except BaseException:
@@ -390,6 +394,15 @@ def writing(folder: Path, other: Path | None = None) -> Iterator[sqlite3.Connect
                     db.execute("ROLLBACK")
                 raise
             db.execute("COMMIT")
+
+
+def _has_tables(db: sqlite3.Connection) -> bool:
+    return bool(db.execute("SELECT count(*) FROM main.sqlite_schema").fetchone()[0])
+
+
+def _make_tables(db: sqlite3.Connection) -> None:
+    for statement in _SCHEMA.split(";\n"):
+        db.execute(statement)
 
 
 def fault_of(folder: Path) -> str | None:

@@ -97,6 +97,7 @@ def test_models_of_ours_share_a_process_and_a_strangers_cell_has_its_own(compute
     assert len(set(own)) == 3 and not any(psutil.pid_exists(int(pid)) for pid in own)
 
 
+@pytest.mark.slow
 def test_a_process_gives_the_bits_of_this_one_whatever_it_computed_before(computed):
     sets = ("kr10-twin", "fanuc-r2000ic")
     words = ("vjm", "sklearn:linear_model.Ridge", "vjm+sklearn:ensemble.RandomForestRegressor")

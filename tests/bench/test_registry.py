@@ -147,6 +147,7 @@ def bench_with(installed, folder, *words):
     )
 
 
+@pytest.mark.slow
 def test_an_installed_package_brings_its_model_and_what_is_broken_in_it_is_said(
     installed, tmp_path
 ):

@@ -195,8 +195,10 @@ def reference(tmp_path_factory):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-@pytest.mark.parametrize("moment", range(2))
+@pytest.mark.parametrize(
+    ("number", "moment"),
+    [(signal.SIGINT, 0), (signal.SIGTERM, 1), (signal.SIGKILL, 0), (signal.SIGKILL, 1)],
+)
 def test_a_run_that_is_stopped_at_any_moment_goes_on_with_what_is_missing(
     tmp_path, reference, number, moment
 ):

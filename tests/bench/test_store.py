@@ -180,6 +180,17 @@ def test_a_folder_without_a_file_holds_nothing(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_file_whose_tables_are_still_to_be_made_holds_nothing(tmp_path):
+    """A run has made it and not ended its first transaction, or was killed there."""
+    (tmp_path / FILE).touch()
+    assert read_results(tmp_path) == read_manifests(tmp_path) == []
+    assert stored_statuses(tmp_path) == mean_seconds(tmp_path) == {}
+    with pytest.raises(StoreError, match="holds no data set"):
+        read_data(tmp_path, "00")
+    ResultStore(tmp_path).write_cell(result())
+    assert only(tmp_path).status == "ok"
+
+
 def test_times_are_means_of_a_models_fits(tmp_path):
     store = ResultStore(tmp_path)
     for index, fit_s in enumerate((1.0, 2.0)):

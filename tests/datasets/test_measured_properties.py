@@ -149,6 +149,7 @@ def test_other_si_numbers_are_written_as_the_nearest_and_are_exact_from_then_on(
 FAULTS = ["nan", "text", "empty", "angle", "load", "deflection", "name", "line", "duplicate"]
 
 
+@pytest.mark.slow
 @many
 @given(table=tables(), fault=st.sampled_from(FAULTS), data=st.data())
 def test_any_single_fault_is_refused_with_file_row_and_column(folder, table, fault, data):

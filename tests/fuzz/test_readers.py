@@ -6,7 +6,7 @@ import pytest
 from fuzz.fuzzing import fuzz
 from fuzz.readers import READERS
 
-FEW, MANY = 30, 3_000
+FEW, MANY = 30, 2_000
 
 
 @pytest.mark.parametrize("name", READERS)

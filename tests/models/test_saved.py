@@ -50,6 +50,7 @@ def test_every_built_in_predicts_the_same_bits_after_a_round_trip(key, tmp_path)
     assert loaded.robot_.name == "kr10_r1100_2"
 
 
+@pytest.mark.slow
 def test_a_fresh_process_predicts_the_same_bits_and_imports_nothing_heavy_before(tmp_path):
     model, samples = quick_model("ft-mlp"), twin_data().samples
     model.save(tmp_path / "model.stiff")
