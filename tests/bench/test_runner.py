@@ -128,7 +128,7 @@ def test_costs_are_measured(task_of):
     class Slow(Scaled):
         def fit(self, train, *, robot, validation=None, seed=0):
             time.sleep(0.03)
-            self.held = np.ones(4_000_000)  # 30 MiB
+            self.held = np.ones(5_000_000)  # 38 MiB: above 32, malloc reuses no memory it has
             return super().fit(train, robot=robot, validation=validation, seed=seed)
 
         def predict(self, q, wrench):
