@@ -147,11 +147,12 @@ def _contest(name: ContestName, found: Sequence[CellResult], runs: Runs) -> Cont
             if result.status == "ok" and result.cell.coverage is not None
         )
     )
+    newest_of = {one.shown.model: one for one in reversed(in_order)}  # the newest is the last set
     competitors = {}
     for model, of_model in sorted(grouped(results, lambda one: one.shown.model).items()):
-        own, older_options = of_newest_options(of_model, runs)
+        newest = newest_of[model]
+        own, older_options = of_newest_options(of_model, newest.cell)
         left_out += older_options
-        newest = runs.newest_first(own)[0]
         of_slots = [counting(one, coverages, runs) for one in grouped(own, slot_of).values()]
         competitors[model] = Competitor(
             shown=newest.shown,

@@ -89,14 +89,13 @@ def _continues(kept: Mapping[int, str], more: Mapping[int, str]) -> bool:
 
 
 def of_newest_options(
-    results: Sequence[CellResult], runs: Runs
+    results: Sequence[CellResult], newest: Cell
 ) -> tuple[list[CellResult], list[str]]:
     """Return a model's results with options and version of its newest one, and what is left out.
 
     A name holds the options that differ from their defaults; one name has other options where a
     default, or a file that an option names, was changed.
     """
-    newest = runs.newest_first(results)[0].cell
     results, older = _of_version(newest, results)
     same, older_options = _of_options(newest.model_params, results)
     return same, older + older_options

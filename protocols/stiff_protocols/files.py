@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import tempfile
 from collections.abc import Iterator
@@ -34,17 +33,6 @@ def refuse_existing(path: Path) -> None:
         raise StoreError(
             f"{path}: exists, and nothing is written over it; give the name of a new file"
         )
-
-
-def read_plain(path: Path) -> bytes:
-    """Read a plain file: a pipe or a device in its place would never end.
-
-    Raises:
-        OSError: it cannot be read, or is no plain file.
-    """
-    if path.exists() and not path.is_file():
-        raise OSError(errno.EINVAL, "no plain file")
-    return path.read_bytes()
 
 
 @contextmanager

@@ -2,9 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from stiff_protocols.record import Cell
+
+NOISE = Cell(
+    model="knn",
+    model_params={"neighbours": 3, "weights": "uniform"},
+    dataset="kr10-twin",
+    dataset_params={"torques": "hook", "specimen": 9},
+    data_sha256="3c" * 32,
+    protocol="sensor-noise",
+    protocol_params={"levels": "0,1,5,20", "noise": 1.0, "bias": 0.0},
+    split_index=1,
+    split_sha256="d4" * 32,
+    seed=1,
+    condition="noise x5",
+    rows_sha256="e5" * 32,
+)
 
 CELLS = (
     Cell(
@@ -57,35 +74,8 @@ CELLS = (
         seed=7,
         coverage=0.8,
     ),
-    Cell(
-        model="knn",
-        model_params={"neighbours": 3, "weights": "uniform"},
-        dataset="kr10-twin",
-        dataset_params={"torques": "hook", "specimen": 9},
-        data_sha256="3c" * 32,
-        protocol="sensor-noise",
-        protocol_params={"levels": "0,1,5,20", "noise": 1.0, "bias": 0.0},
-        split_index=1,
-        split_sha256="d4" * 32,
-        seed=1,
-        condition="noise x5",
-        rows_sha256="e5" * 32,
-    ),
-    Cell(
-        model="knn",
-        model_params={"neighbours": 3, "weights": "uniform"},
-        dataset="kr10-twin",
-        dataset_params={"torques": "hook", "specimen": 9},
-        data_sha256="3c" * 32,
-        protocol="sensor-noise",
-        protocol_params={"levels": "0,1,5,20", "noise": 1.0, "bias": 0.0},
-        split_index=1,
-        split_sha256="f6" * 32,
-        seed=1,
-        coverage=0.5,
-        condition="noise x20",
-        rows_sha256="e5" * 32,
-    ),
+    NOISE,
+    replace(NOISE, split_sha256="f6" * 32, coverage=0.5, condition="noise x20"),
     Cell(
         model="dt-cnn",
         model_params={"alignment": "coral", "supervision": "none"},
