@@ -135,36 +135,47 @@ def _result(row: Sequence[Any], records: Sequence[ResultRecord]) -> CellResult:
     cell = dict(zip(_OF_CELL.values(), row[of_cell:plain], strict=True))
     for name in _PARAMS:
         cell[name] = _parsed(cell[name])
+    cell["key"] = row[0]
     cost = row[of_cost:rest]
-    shown, about_text, array_names, prediction, curves_blob = row[rest:]
-    about = _parsed(about_text)
-    curves = {} if curves_blob is None else orjson.loads(_unpacked(curves_blob))
+    shown, about, array_names, prediction, curves = row[rest:]
     values: dict[str, Any] = dict(zip(_PLAIN, row[plain:of_cost], strict=True))
-    values.update(
-        cell=_made(Cell, {**cell, "key": row[0]}),
-        shown=_presentation(*row[names:of_cell], shown),
-        records=records,
-        prediction=None
-        if prediction is None
-        else _prediction(prediction, array_names, cell["coverage"]),
-        cost=None if cost[0] is None else _made(Cost, dict(zip(_COST, cost, strict=True))),
-        diagnostics={name: float(value) for name, value in about["diagnostics"].items()},
-        warnings=tuple(about["warnings"]),
-        log=tuple(about["log"]),
-        chosen=about["chosen"],
-        curves={
-            name: np.array(points, dtype=np.float64).reshape(-1, 3)
-            for name, points in curves.items()
-        },
+    values |= _about(about)
+    values["cell"] = _made(Cell, cell)
+    values["shown"] = _presentation(*row[names:of_cell], shown)
+    values["records"] = records
+    values["prediction"] = (
+        None if prediction is None else _prediction(prediction, array_names, cell["coverage"])
     )
+    values["cost"] = (
+        None if cost[0] is None else _made(Cost, dict(zip(_COST, cost, strict=True)))
+    )
+    values["curves"] = {} if curves is None else _curves(curves)
     return _made(CellResult, values)
 
 
 def _made(cls: type[_T], values: dict[str, Any]) -> _T:
     """Return a frozen dataclass with all of its fields: calling it takes three times as long."""
     made = object.__new__(cls)
-    vars(made).update(values)
+    object.__setattr__(made, "__dict__", values)
     return made
+
+
+@lru_cache(maxsize=4096)
+def _about(text: str) -> dict[str, Any]:
+    about = orjson.loads(text)
+    return {
+        "diagnostics": {name: float(value) for name, value in about["diagnostics"].items()},
+        "warnings": tuple(about["warnings"]),
+        "log": tuple(about["log"]),
+        "chosen": about["chosen"],
+    }
+
+
+def _curves(blob: bytes) -> dict[str, FloatArray]:
+    return {
+        name: np.array(points, dtype=np.float64).reshape(-1, 3)
+        for name, points in orjson.loads(_unpacked(blob)).items()
+    }
 
 
 @lru_cache(maxsize=4096)
@@ -217,14 +228,16 @@ def _array_names(text: str) -> list[str]:
 def _prediction(blob: bytes, array_names: str, coverage: float | None) -> Prediction:
     names = _array_names(array_names)
     raw = _unpacked(blob)
-    n = len(raw) // (8 + 24 * len(names))
-    numbers = np.frombuffer(raw, "<f8", offset=8 * n).reshape(len(names), n, 3)
+    n, more = divmod(len(raw), 8 + 24 * len(names))
+    if more:
+        raise ValueError(f"{len(raw)} bytes are no rows of {array_names!r}")
+    numbers = np.ndarray((len(names), n, 3), "<f8", raw, 8 * n)
     arrays: dict[str, FloatArray] = dict(zip(names, numbers, strict=True))
     interval = None
     if "lower" in arrays and coverage is not None:
         interval = Interval(arrays["lower"], arrays["upper"], coverage)
     return Prediction.of_stored(
-        np.frombuffer(raw, "<i8", n),
+        np.ndarray((n,), "<i8", raw),
         arrays["predicted"],
         arrays["measured"],
         interval,

@@ -275,13 +275,14 @@ class Prediction:
         Checking 35,000 of them again takes longer than a leaderboard does.
         """
         made = object.__new__(cls)
-        vars(made).update(
-            rows=rows,
-            predicted=predicted,
-            measured=measured,
-            interval=interval,
-            reference=reference,
-        )
+        values = {
+            "rows": rows,
+            "predicted": predicted,
+            "measured": measured,
+            "interval": interval,
+            "reference": reference,
+        }
+        object.__setattr__(made, "__dict__", values)
         return made
 
 
