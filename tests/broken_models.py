@@ -11,7 +11,7 @@ from annotated_types import Ge
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
-from stiff_protocols.types import Interval
+from stiff_protocols.contract.types import Interval
 
 
 class Springs(BaseEstimator):

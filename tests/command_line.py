@@ -20,7 +20,7 @@ import click
 from click.testing import CliRunner
 from threadpoolctl import threadpool_limits
 
-from stiff_bench import cli
+from stiff_bench.cli import main as cli
 
 BENCH = Path(sys.executable).with_name("bench")
 SIGNALS = (signal.SIGTERM, signal.SIGHUP)
@@ -55,7 +55,7 @@ def _all_put_back(arguments: list[str]) -> Iterator[None]:
     with ExitStack() as stack:
         stack.enter_context(mock.patch.object(sys, "argv", ["bench", *arguments]))
         stack.enter_context(mock.patch.dict(os.environ))
-        stack.enter_context(mock.patch("stiff_bench.registry.entry_points", _installed))
+        stack.enter_context(mock.patch("stiff_bench.plan.registry.entry_points", _installed))
         stack.enter_context(_warnings_as_in_a_command())
         for number in SIGNALS:
             stack.callback(signal.signal, number, signal.getsignal(number))

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from stiff_bench.collected import Contest, collect
-from stiff_bench.store import ResultStore, read_data
-from stiff_bench.stored_data import StoredData
+from stiff_bench.analysis.collected import Contest, collect
+from stiff_bench.store.database import ResultStore, read_data
+from stiff_bench.store.samples import StoredData
 from stiff_datasets.robots.robot import shipped_robot
-from stiff_protocols.record import Cell, CellResult, Presentation
-from stiff_protocols.types import BenchmarkData, FloatArray, IntArray, Prediction, Samples
+from stiff_protocols.contract.record import Cell, CellResult, Presentation
+from stiff_protocols.contract.types import BenchmarkData, FloatArray, IntArray, Prediction, Samples
 
 N_POSES = 40
 Errors = Callable[[int, IntArray], FloatArray]

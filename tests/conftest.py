@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 
 from run_requests import planned
-from stiff_bench import store
-from stiff_bench.tasks import CellTask, cell_tasks
-from stiff_datasets.kr10_twin import Kr10Twin
+from stiff_bench.plan.cells import CellTask, cell_tasks
+from stiff_bench.store import database as store
 from stiff_datasets.robots.robot import ChainModel, shipped_chain, shipped_robot
-from stiff_protocols.protocol import Holdout
-from stiff_protocols.types import Robot, Samples
+from stiff_datasets.twin.kr10_twin import Kr10Twin
+from stiff_protocols.contract.types import Robot, Samples
+from stiff_protocols.splits.random_splits import Holdout
 
 KR10_TCP = (0.06, 0.0, 0.08)
 
@@ -76,7 +76,7 @@ def parts() -> tuple[Robot, Samples, Samples, Samples]:
 @pytest.fixture()
 def small_source(monkeypatch: pytest.MonkeyPatch) -> None:
     """Networks learn from a source of few poses: what is asked of them is no matter of its size."""
-    monkeypatch.setattr("stiff_models.source.POSE_BUDGET", 120)
+    monkeypatch.setattr("stiff_models.transfer.source.POSE_BUDGET", 120)
 
 
 @pytest.fixture()

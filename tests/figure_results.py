@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from made_results import TWINS, MadeResults
-from stiff_bench.store import ResultStore, read_results
+from stiff_bench.store.database import ResultStore, read_results
 
 SIZES = (5, 10, 40)
 CURVE = np.array([[10.0, 0.5, 0.6], [20.0, 0.2, 0.3], [30.0, 0.1, 0.4]])

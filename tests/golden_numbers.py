@@ -38,20 +38,21 @@ from scipy.optimize import minimize
 from threadpoolctl import threadpool_limits
 
 from quick_models import twin_data
-from stiff_datasets.kr10_twin import Kr10Twin
-from stiff_models import arithmetic, dt_cnn, likelihood, training
-from stiff_models.alignment import AlignedObjective, uses_target
+from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.catalog import MODELS, model_info
-from stiff_models.cnn import Cnn, build_cnn
-from stiff_models.mlp_pretrained import PRETRAINING
-from stiff_models.network_model import EncodedNetworkModel
-from stiff_models.networks import build_network
-from stiff_models.pytabkit_model import PytabkitModel
-from stiff_models.tabpfn import TabPfn
-from stiff_models.training import PRETRAINING_VERSION, Curve, Rows, train_network
-from stiff_models.training_plan import Trainable, TrainingPlan
-from stiff_protocols.contract import PredictsInterval
-from stiff_protocols.types import BenchmarkData, FloatArray
+from stiff_models.networks import arithmetic, training
+from stiff_models.networks.network import build_network
+from stiff_models.networks.network_model import EncodedNetworkModel
+from stiff_models.networks.training import PRETRAINING_VERSION, Curve, Rows, train_network
+from stiff_models.networks.training_plan import Trainable, TrainingPlan
+from stiff_models.regressors import gaussian_process as likelihood
+from stiff_models.regressors.tabular import PytabkitModel, TabPfn
+from stiff_models.transfer import dt_cnn
+from stiff_models.transfer.alignment import AlignedObjective, uses_target
+from stiff_models.transfer.cnn import Cnn, build_cnn
+from stiff_models.transfer.mlp_pretrained import PRETRAINING
+from stiff_protocols.contract.interfaces import PredictsInterval
+from stiff_protocols.contract.types import BenchmarkData, FloatArray
 
 KEPT = Path(__file__).parent / "models" / "golden_numbers.json"
 COMMAND = "python tests/golden_numbers.py"

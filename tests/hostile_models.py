@@ -13,8 +13,8 @@ from typing import ClassVar
 import numpy as np
 import psutil
 
-from stiff_protocols.plugin import ModelInfo
-from stiff_protocols.progress import report
+from stiff_protocols.contract.plugin import ModelInfo
+from stiff_protocols.contract.progress import report
 
 
 class Good:

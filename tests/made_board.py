@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from run_requests import planned
-from stiff_bench.store import ResultStore
-from stiff_bench.tasks import CellTask, cell_tasks
-from stiff_protocols.cost import Cost
-from stiff_protocols.metrics import METRICS
-from stiff_protocols.record import CellResult, ResultRecord, RunManifest
-from stiff_protocols.types import Prediction
+from stiff_bench.plan.cells import CellTask, cell_tasks
+from stiff_bench.store.database import ResultStore
+from stiff_protocols.contract.record import CellResult, Cost, ResultRecord, RunManifest
+from stiff_protocols.contract.types import Prediction
+from stiff_protocols.scoring.metrics import METRICS
 
 MODELS = (
     *("zero", "mean", "knn", "knn@neighbours=1", "vjm", "vjm@congruence=true"),

@@ -10,11 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
-from stiff_bench.store import FILE, ResultStore
+from stiff_bench.store.database import FILE, ResultStore
 from stiff_datasets.robots.robot import shipped_robot
-from stiff_protocols.metrics import METRICS
-from stiff_protocols.record import Cell, CellResult, Presentation, ResultRecord, RunManifest
-from stiff_protocols.types import BenchmarkData, Interval, Prediction, Samples
+from stiff_protocols.contract.record import (
+    Cell,
+    CellResult,
+    Presentation,
+    ResultRecord,
+    RunManifest,
+)
+from stiff_protocols.contract.types import BenchmarkData, Interval, Prediction, Samples
+from stiff_protocols.scoring.metrics import METRICS
 
 N_POSES, N_TEST = 12, 4
 TWINS = tuple(f"twin@specimen={number}" for number in range(5))

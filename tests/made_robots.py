@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiff_protocols.types import JointType, Robot
+from stiff_protocols.contract.types import JointType, Robot
 
 
 def random_chain(rng: np.random.Generator, kinds: tuple[JointType, ...]) -> Robot:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiff_protocols.types import FloatArray, Samples
+from stiff_protocols.contract.types import FloatArray, Samples
 
 
 def samples_with(q: FloatArray, wrench: FloatArray, deflection: FloatArray) -> Samples:

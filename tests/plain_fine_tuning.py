@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from stiff_models.freeze import stages
-from stiff_models.ft_mlp import fine_tune
-from stiff_models.networks import linear_layers
-from stiff_models.training import Curve, Rows
-from stiff_models.training_plan import TrainingPlan
+from stiff_models.networks.network import linear_layers
+from stiff_models.networks.training import Curve, Rows
+from stiff_models.networks.training_plan import TrainingPlan
+from stiff_models.transfer.freeze import stages
+from stiff_models.transfer.ft_mlp import fine_tune
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from stiff_bench.config import RunPlan, RunRequest, plan_run
-from stiff_bench.registry import Registry, build_registry
-from stiff_bench.robot_words import RobotWords
+from stiff_bench.plan.registry import Registry, build_registry
+from stiff_bench.plan.request import RunPlan, RunRequest, plan_run
+from stiff_bench.plan.robots import RobotWords
 
 
 def planned(registry: Registry | None = None, **changes: Any) -> RunPlan:

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stiff_bench.cells import compute_cell
-from stiff_bench.tasks import CellTask
+from stiff_bench.plan.cells import CellTask
+from stiff_bench.run.cell import compute_cell
 from stiff_models.catalog import REFERENCE_MODEL, model_info
-from stiff_protocols.record import CellResult
-from stiff_protocols.types import FloatArray, IntArray, Samples
+from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.types import FloatArray, IntArray, Samples
 
 CALLS = ("fit", "predict", "predict_interval")
 

@@ -6,9 +6,15 @@ import math
 
 import numpy as np
 
-from stiff_protocols.cost import Cost
-from stiff_protocols.record import Cell, CellResult, Presentation, ResultRecord, RunManifest
-from stiff_protocols.types import Prediction
+from stiff_protocols.contract.record import (
+    Cell,
+    CellResult,
+    Cost,
+    Presentation,
+    ResultRecord,
+    RunManifest,
+)
+from stiff_protocols.contract.types import Prediction
 
 SHOWN = Presentation("m@a=2", "d", "p", "simulated", "stiffness", caveats=("beware",))
 CELL = Cell("m", {"a": 1, "b": 2.5}, "d", {}, "00", "p", {}, 0, "11", 0)

@@ -40,22 +40,22 @@ LOADERS = {
 }
 
 ALLOWED = {
-    "bench/stiff_bench/registry.py": "importlib: --plugin files, which the user names",
-    "bench/stiff_bench/execution.py": "importlib: asks whether a package is there",
-    "bench/stiff_bench/plugin_commands.py": "importlib: asks whether a name is free",
-    "bench/stiff_bench/provenance.py": "subprocess: git status of our own checkout",
-    "bench/stiff_bench/report/widget.py": "subprocess: npm, for developers who take a newer widget",
-    "bench/stiff_bench/stored_data.py": "np.load with allow_pickle=False",
-    "bench/stiff_bench/isolate.py": "pickle, multiprocessing, ctypes: our own processes; prctl(2)",
-    "bench/stiff_bench/dask_cluster.py": "multiprocessing: says that a worker may have children",
-    "models/stiff_models/cache.py": "joblib: the user's own cache, refused where others may write",
-    "models/stiff_models/on_physics.py": "importlib: a table of our own",
-    "models/stiff_models/onnx_export.py": "importlib: asks whether a package is there",
-    "models/stiff_models/optional_packages.py": "importlib: asks whether a package is there",
-    "models/stiff_models/sklearn_model.py": "importlib: modules of sklearn alone",
-    "models/stiff_models/state_codec.py": "importlib: modules of ours alone",
+    "bench/stiff_bench/plan/registry.py": "importlib: --plugin files, which the user names",
+    "bench/stiff_bench/run/execution.py": "importlib: asks whether a package is there",
+    "bench/stiff_bench/model_tools/plugins.py": "importlib: asks whether a name is free",
+    "bench/stiff_bench/run/provenance.py": "subprocess: git status of our own checkout",
+    "bench/stiff_bench/report/page.py": "subprocess: npm, for developers who take a newer widget",
+    "bench/stiff_bench/store/samples.py": "np.load with allow_pickle=False",
+    "bench/stiff_bench/run/isolate.py": "pickle, multiprocessing, ctypes: our processes; prctl(2)",
+    "bench/stiff_bench/run/dask_cluster.py": "multiprocessing: a worker may have children",
+    "models/stiff_models/networks/cache.py": "joblib: the user's cache, refused if others write",
+    "models/stiff_models/regressors/on_physics.py": "importlib: a table of our own",
+    "models/stiff_models/networks/onnx_export.py": "importlib: asks whether a package is there",
+    "models/stiff_models/regressors/tabular.py": "importlib: asks whether a package is there",
+    "models/stiff_models/regressors/sklearn_model.py": "importlib: modules of sklearn alone",
+    "models/stiff_models/io/state_codec.py": "importlib: modules of ours alone",
     "datasets/stiff_datasets/robots/robot.py": "xml: ElementTree, which reads no external entities",
-    "protocols/stiff_protocols/plugin.py": "importlib: targets of catalogue lines",
+    "protocols/stiff_protocols/contract/plugin.py": "importlib: targets of catalogue lines",
 }
 """File -> what it uses, and why a stranger's file cannot make it run anything."""
 

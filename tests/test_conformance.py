@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from stiff_bench.registry import Registry
-from stiff_datasets.fanuc_r2000ic import FanucR2000iC
-from stiff_models.cache import OFF, VARIABLE
+from stiff_bench.plan.registry import Registry
+from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_models.catalog import FAMILIES, MODELS
-from stiff_models.saved import load
-from stiff_protocols.conformance import check_model
-from stiff_protocols.types import BenchmarkData
+from stiff_models.io.cache_folder import OFF, VARIABLE
+from stiff_models.io.saved import load
+from stiff_protocols.conformance.suite import check_model
+from stiff_protocols.contract.types import BenchmarkData
 
 NOT_SAVABLE = ("realmlp", "tabm", "tabpfn")  # pickled by their packages, or another's weights
 KEYS = [*(info.key for info in MODELS), *(family.example for family in FAMILIES)]

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from quick_models import KEYS
-from stiff_bench.cells import compute_cell
-from stiff_datasets.kr10_twin import Kr10Twin
+from stiff_bench.run.cell import compute_cell
+from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.catalog import model_info
 
 pytestmark = pytest.mark.xdist_group("processes")  # what they predict is kept

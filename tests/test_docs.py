@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from run_requests import planned
-from stiff_bench.cells import compute_cell
-from stiff_bench.registry import build_registry
-from stiff_bench.tasks import cell_tasks
-from stiff_datasets.fanuc_r2000ic import FanucR2000iC
-from stiff_protocols.conformance import check_model
+from stiff_bench.plan.cells import cell_tasks
+from stiff_bench.plan.registry import build_registry
+from stiff_bench.run.cell import compute_cell
+from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
+from stiff_protocols.conformance.suite import check_model
 
 PAGE = (Path(__file__).parents[1] / "docs" / "add_a_model.md").read_text(encoding="utf-8")
 BLOCKS = dict(

@@ -18,9 +18,9 @@ from threading import Thread
 import click
 import pytest
 
-from stiff_bench.cli import bench
+from stiff_bench.cli.main import bench
 from stiff_protocols.catalog import PROTOCOLS
-from stiff_protocols.metrics import METRICS
+from stiff_protocols.scoring.metrics import METRICS
 
 pytestmark = pytest.mark.xdist_group("site")  # one process builds it
 

@@ -25,14 +25,14 @@ from sklearn.preprocessing import FunctionTransformer
 
 from made_results import ROBOT, MadeResults, made_data
 from quick_models import quick_model
-from stiff_bench.store import FILE, ResultStore, read_manifests, read_results
-from stiff_bench.stored_data import stored_data
-from stiff_datasets.measured import read_samples
+from stiff_bench.store.database import FILE, ResultStore, read_manifests, read_results
+from stiff_bench.store.samples import stored_data
+from stiff_datasets.measured.measured import read_samples
 from stiff_datasets.robots.robot import load_robot
 from stiff_models import load
-from stiff_models.cache_folder import usable_folder
-from stiff_models.estimator_bytes import estimator_from_bytes
-from stiff_protocols.errors import DataError, StoreError
+from stiff_models.io.cache_folder import usable_folder
+from stiff_models.io.estimator_bytes import estimator_from_bytes
+from stiff_protocols.contract.errors import DataError, StoreError
 
 ROOT = Path(__file__).parents[1]
 URDF = ROOT / "datasets" / "stiff_datasets" / "robots" / "kr10_r1100_2.urdf"
@@ -169,7 +169,7 @@ def test_few_bytes_that_stand_for_too_many_samples_are_refused_unread():
 
 
 def test_a_blob_that_unpacks_to_too_much_is_refused(folder, monkeypatch):
-    monkeypatch.setattr("stiff_bench.cell_content.LARGEST_BYTES", 100)
+    monkeypatch.setattr("stiff_bench.store.codec.LARGEST_BYTES", 100)
     with pytest.raises(StoreError, match="unpacks to more than"):
         read_results(folder)
 

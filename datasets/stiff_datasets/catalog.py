@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from stiff_protocols.plugin import DatasetInfo
+from stiff_protocols.contract.plugin import DatasetInfo
 
 _SIMULATED = "simulated, never measured; its constants are largely assumptions."
 _KR10_CARD = "data/kr10_twin.md"
@@ -10,7 +10,7 @@ _KR10_CARD = "data/kr10_twin.md"
 DATASETS = (
     DatasetInfo(
         key="kr10-twin",
-        target="stiff_datasets.kr10_twin:Kr10Twin",
+        target="stiff_datasets.twin.kr10_twin:Kr10Twin",
         kind="simulated",
         summary="KUKA KR10 R1100-2 twin, 151 poses, one load each along the paper's Table 5",
         reference="constants and their sources: stiff_datasets/twins/kr10_r1100_2.toml",
@@ -20,7 +20,7 @@ DATASETS = (
     ),
     DatasetInfo(
         key="kr10-twin-omni",
-        target="stiff_datasets.kr10_twin:Kr10TwinOmni",
+        target="stiff_datasets.twin.kr10_twin:Kr10TwinOmni",
         kind="simulated",
         summary="the same twin and poses, pulled at a hook in every direction up to the payload",
         reference="constants and their sources: stiff_datasets/twins/kr10_r1100_2.toml",
@@ -29,7 +29,7 @@ DATASETS = (
     ),
     DatasetInfo(
         key="kr10-twin-multiload",
-        target="stiff_datasets.kr10_twin:Kr10TwinMultiload",
+        target="stiff_datasets.twin.kr10_twin:Kr10TwinMultiload",
         kind="simulated",
         summary="the same twin and poses, five loads each along the paper's Table 5",
         reference="constants and their sources: stiff_datasets/twins/kr10_r1100_2.toml",
@@ -38,7 +38,7 @@ DATASETS = (
     ),
     DatasetInfo(
         key="ur5-twin",
-        target="stiff_datasets.robot_twin:Ur5Twin",
+        target="stiff_datasets.twin.robot_twin:Ur5Twin",
         kind="simulated",
         summary="twin of a UR5 (5 kg) at 151 random poses, pulled at a hook in every direction",
         reference="constants and their sources: stiff_datasets/twins/ur5.toml",
@@ -47,15 +47,15 @@ DATASETS = (
     ),
     DatasetInfo(
         key="robot-twin",
-        target="stiff_datasets.robot_twin:RobotTwin",
+        target="stiff_datasets.twin.robot_twin:RobotTwin",
         kind="simulated",
         summary="twin of your own robot: --set robot-twin.constants=FILE.toml",
-        reference="what the file holds: stiff_datasets/twin_constants.py",
+        reference="what the file holds: stiff_datasets/twin/constants.py",
         caveats=("robot-twin is simulated, never measured.",),
     ),
     DatasetInfo(
         key="fanuc-r2000ic",
-        target="stiff_datasets.fanuc_r2000ic:FanucR2000iC",
+        target="stiff_datasets.measured.fanuc_r2000ic:FanucR2000iC",
         kind="measured",
         summary="43 real deflections of a FANUC R-2000iC under cable loads",
         reference="data card: stiff_datasets/data/fanuc_r2000ic.md",
@@ -69,16 +69,16 @@ DATASETS = (
     ),
     DatasetInfo(
         key="kr10-measured",
-        target="stiff_datasets.registered:Kr10Measured",
+        target="stiff_datasets.measured.registered:Kr10Measured",
         kind="measured",
         summary="your own KUKA KR10 measurement (stiffbench ships none)",
         caveats=("kr10-measured is a user's own file; stiffbench knows nothing of its making.",),
         published="table_10",
-        missing_because="stiff_datasets.registered:kr10_missing",
+        missing_because="stiff_datasets.measured.registered:kr10_missing",
     ),
     DatasetInfo(
         key="ur5-pose-error",
-        target="stiff_datasets.ur5_pose_error:Ur5PoseError",
+        target="stiff_datasets.measured.ur5_pose_error:Ur5PoseError",
         kind="measured",
         task="pose-error",
         summary="1,020 pose errors of an unloaded UR5",
@@ -88,13 +88,13 @@ DATASETS = (
             "errors.",
         ),
         card="data/ur5_pose_error.md",
-        missing_because="stiff_datasets.ur5_pose_error:missing",
+        missing_because="stiff_datasets.measured.ur5_pose_error:missing",
     ),
 )
 
 MEASURED_FILE = DatasetInfo(
     key="file",
-    target="stiff_datasets.measured:MeasuredData",
+    target="stiff_datasets.measured.measured:MeasuredData",
     kind="user's file",
     summary="a user's own CSV file and URDF (bench run --data FILE.csv --urdf FILE.urdf)",
 )

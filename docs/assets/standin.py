@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from stiff_datasets.twin_constants import read_constants
-from stiff_datasets.twin_experiment import TwinExperiment, recorded_deflection, recorded_wrench
+from stiff_datasets.twin.constants import read_constants
+from stiff_datasets.twin.twin import TwinExperiment, recorded_deflection, recorded_wrench
 
 plan = pd.read_csv(sys.argv[1])
 constants = read_constants(Path(__file__).with_name("my_robot.toml"))

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from stiff_models.checked_model import CheckedModel
+    from stiff_models.io.checked_model import CheckedModel
 
 __all__ = ["load"]
 
@@ -17,6 +17,6 @@ def load(path: Path | str) -> CheckedModel:
     Raises:
         DataError: the file cannot be read, is damaged, or holds what this version does not know.
     """
-    from stiff_models.saved import load as load_file  # heavy, and most imports need none of it
+    from stiff_models.io.saved import load as load_file
 
     return load_file(path)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from itertools import combinations
 
-from stiff_protocols.errors import unknown_name
-from stiff_protocols.plugin import ModelFamily, ModelInfo
+from stiff_protocols.contract.errors import unknown_name
+from stiff_protocols.contract.plugin import ModelFamily, ModelInfo
 
 _QUICK_NETWORK = {"width": 16, "epochs": 20}
 _QUICK_PROCESS = {"restarts": 0, "ard": False}
@@ -20,33 +20,33 @@ REFERENCE_MODEL = "vjm"
 MODELS = (
     ModelInfo(
         key="zero",
-        target="stiff_models.zero:ZeroModel",
+        target="stiff_models.regressors.baselines:ZeroModel",
         version=1,
         summary="no deflection at all: what an uncorrected path gets",
     ),
     ModelInfo(
         key="mean",
-        target="stiff_models.mean:MeanModel",
+        target="stiff_models.regressors.baselines:MeanModel",
         version=1,
         summary="mean deflection of the training samples",
     ),
     ModelInfo(
         key="knn",
-        target="stiff_models.knn:NearestNeighbours",
+        target="stiff_models.regressors.regressor_model:NearestNeighbours",
         version=1,
         summary="mean of the nearest training samples",
         grids={"default": {"neighbours": (1, 3, 5, 10), "weights": ("uniform", "distance")}},
     ),
     ModelInfo(
         key="vjm",
-        target="stiff_models.vjm:VirtualJointModel",
+        target="stiff_models.physics.vjm:VirtualJointModel",
         version=1,
         summary="linear virtual joint model, one torsion spring a joint, least squares",
         reference="deflection = J K^-1 J^T wrench; identified as in the source paper",
     ),
     ModelInfo(
         key="vjm-multisegment",
-        target="stiff_models.multi_segment_vjm:MultiSegmentVjm",
+        target="stiff_models.physics.multi_segment_vjm:MultiSegmentVjm",
         version=1,
         summary="VJM whose springs get another slope as the torque grows, preloaded by gravity",
         reference="multi-segment joint stiffness after Schneider et al.; see docs/models.md",
@@ -54,7 +54,7 @@ MODELS = (
     ),
     ModelInfo(
         key="vjm-full",
-        target="stiff_models.full_vjm:FullVjm",
+        target="stiff_models.physics.full_vjm:FullVjm",
         version=1,
         summary="three or six virtual springs a joint, reduced to what the samples identify",
         reference="after Pashkevich, Klimchik and Chablat 2011",
@@ -62,7 +62,7 @@ MODELS = (
     ),
     ModelInfo(
         key="mlp",
-        target="stiff_models.mlp:Mlp",
+        target="stiff_models.networks.mlp:Mlp",
         version=1,
         summary="4 x 380 network from scratch on the measured training samples",
         reference="network of the source paper, without its transfer",
@@ -72,7 +72,7 @@ MODELS = (
     ),
     ModelInfo(
         key="mlp-pretrained",
-        target="stiff_models.mlp_pretrained:MlpPretrained",
+        target="stiff_models.transfer.mlp_pretrained:MlpPretrained",
         version=1,
         summary="4 x 380 network trained on the simulated source domain alone",
         reference="pre-training of the source paper",
@@ -80,7 +80,7 @@ MODELS = (
     ),
     ModelInfo(
         key="ft-mlp",
-        target="stiff_models.ft_mlp:FtMlp",
+        target="stiff_models.transfer.ft_mlp:FtMlp",
         version=1,
         summary="pre-trained on the source domain, fine-tuned on the measurements",
         reference="the method of the source paper",
@@ -97,7 +97,7 @@ MODELS = (
     ),
     ModelInfo(
         key="dt-cnn",
-        target="stiff_models.dt_cnn:DtCnn",
+        target="stiff_models.transfer.dt_cnn:DtCnn",
         version=1,
         summary="1x1-convolution network, its features of simulated and measured inputs aligned",
         reference="Zhao et al., UDTL, 2021; the source paper's DT-CNN",
@@ -107,7 +107,7 @@ MODELS = (
     ),
     ModelInfo(
         key="compliance-net",
-        target="stiff_models.compliance_net:ComplianceNet",
+        target="stiff_models.transfer.compliance_net:ComplianceNet",
         version=1,
         summary="network of joint compliances inside the VJM's equation: no load, no deflection",
         uses_validation=True,
@@ -115,7 +115,7 @@ MODELS = (
     ),
     ModelInfo(
         key="deep-ensemble",
-        target="stiff_models.deep_ensemble:DeepEnsemble",
+        target="stiff_models.transfer.deep_ensemble:DeepEnsemble",
         version=1,
         summary="mean of several ft-mlp that differ in their random numbers",
         reference="Lakshminarayanan, Pritzel and Blundell 2017",
@@ -124,7 +124,7 @@ MODELS = (
     ),
     ModelInfo(
         key="residual-mlp",
-        target="stiff_models.residual_mlp:ResidualMlp",
+        target="stiff_models.regressors.residual_mlp:ResidualMlp",
         version=1,
         summary="VJM, and an MLP for what it leaves",
         uses_validation=True,
@@ -136,7 +136,7 @@ MODELS = (
     ),
     ModelInfo(
         key="gp",
-        target="stiff_models.gp:GaussianProcessModel",
+        target="stiff_models.regressors.gp:GaussianProcessModel",
         version=1,
         summary="Gaussian process of the deflections, with its own intervals",
         quick=_QUICK_PROCESS,
@@ -144,7 +144,7 @@ MODELS = (
     ),
     ModelInfo(
         key="vjm-gp",
-        target="stiff_models.vjm_gp:VjmGp",
+        target="stiff_models.regressors.on_physics:VjmGp",
         version=1,
         summary="VJM, and a Gaussian process for what it leaves, with its own intervals",
         quick=_QUICK_PROCESS,
@@ -152,7 +152,7 @@ MODELS = (
     ),
     ModelInfo(
         key="mf-gp",
-        target="stiff_models.mf_gp:MultiFidelityGp",
+        target="stiff_models.regressors.mf_gp:MultiFidelityGp",
         version=1,
         summary="co-kriging of simulated (VJM) and measured samples, with its own intervals",
         reference="Kennedy and O'Hagan 2000; Le Gratiet and Garnier 2014",
@@ -160,7 +160,7 @@ MODELS = (
     ),
     ModelInfo(
         key="vjm-boosting",
-        target="stiff_models.vjm_boosting:VjmBoosting",
+        target="stiff_models.regressors.on_physics:VjmBoosting",
         version=1,
         summary="VJM, and gradient-boosted trees for what it leaves",
         quick={"trees": 20},
@@ -171,33 +171,33 @@ MODELS = (
     ),
     ModelInfo(
         key="realmlp",
-        target="stiff_models.realmlp:RealMlp",
+        target="stiff_models.regressors.tabular:RealMlp",
         version=1,
         summary="RealMLP, a tuned network for small tables",
         reference="Holzmueller, Grinsztajn and Steinwart 2024; package pytabkit",
-        missing_because="stiff_models.optional_packages:missing_pytabkit",
+        missing_because="stiff_models.regressors.optional_packages:missing_pytabkit",
         library="pytabkit",
         uses_validation=True,
         quick={"epochs": 3},
     ),
     ModelInfo(
         key="tabm",
-        target="stiff_models.tabm:TabM",
+        target="stiff_models.regressors.tabular:TabM",
         version=1,
         summary="TabM, an ensemble of networks that share most weights",
         reference="Gorishniy, Kotelnikov and Babenko 2025; package pytabkit",
-        missing_because="stiff_models.optional_packages:missing_pytabkit",
+        missing_because="stiff_models.regressors.optional_packages:missing_pytabkit",
         library="pytabkit",
         uses_validation=True,
         quick={"epochs": 3},
     ),
     ModelInfo(
         key="tabpfn",
-        target="stiff_models.tabpfn:TabPfn",
+        target="stiff_models.regressors.tabular:TabPfn",
         version=1,
         summary="TabPFN, a network that learned to predict from small tables",
         reference="Hollmann et al. 2025; package tabpfn",
-        missing_because="stiff_models.optional_packages:missing_tabpfn",
+        missing_because="stiff_models.regressors.optional_packages:missing_tabpfn",
         library="tabpfn",
     ),
 )
@@ -205,13 +205,13 @@ MODELS = (
 FAMILIES = (
     ModelFamily(
         prefix="sklearn:",
-        target="stiff_models.sklearn_model:member",
+        target="stiff_models.regressors.sklearn_model:member",
         example="sklearn:ensemble.RandomForestRegressor",
         summary="any scikit-learn regressor, on encoded and standardised features",
     ),
     ModelFamily(
         prefix="vjm+sklearn:",
-        target="stiff_models.sklearn_model:member",
+        target="stiff_models.regressors.sklearn_model:member",
         example="vjm+sklearn:ensemble.RandomForestRegressor",
         summary="VJM, and any scikit-learn regressor for what it leaves",
     ),

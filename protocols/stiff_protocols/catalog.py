@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from stiff_protocols.plugin import ProtocolInfo
+from stiff_protocols.contract.plugin import ProtocolInfo
 
 PROTOCOLS = (
     ProtocolInfo(
         key="holdout",
-        target="stiff_protocols.protocol:Holdout",
+        target="stiff_protocols.splits.random_splits:Holdout",
         summary="80/20 by pose; the best epoch is chosen on an inner part of the training side",
         reasoning=(
             "How well does a model do at new poses among the ones that were measured? All rows "
@@ -17,7 +17,7 @@ PROTOCOLS = (
     ),
     ProtocolInfo(
         key="repeated-holdout",
-        target="stiff_protocols.protocol:RepeatedHoldout",
+        target="stiff_protocols.splits.random_splits:RepeatedHoldout",
         summary="holdout drawn 15 times, for comparisons",
         reasoning=(
             "The same question as holdout's, with the spread over training and test parts. The "
@@ -27,7 +27,7 @@ PROTOCOLS = (
     ),
     ProtocolInfo(
         key="kfold",
-        target="stiff_protocols.protocol:KFold",
+        target="stiff_protocols.splits.random_splits:KFold",
         summary="5-fold cross-validation by pose",
         reasoning=(
             "Every pose is tested exactly once, which uses few poses best; the training parts "
@@ -36,7 +36,7 @@ PROTOCOLS = (
     ),
     ProtocolInfo(
         key="leave-one-out",
-        target="stiff_protocols.protocol:LeaveOneOut",
+        target="stiff_protocols.splits.random_splits:LeaveOneOut",
         summary="each pose is tested once by a model that never saw it; metrics over all poses",
         reasoning=(
             "For very small data sets: the training part is as large as it can be. One pose gives "
@@ -46,7 +46,7 @@ PROTOCOLS = (
     ),
     ProtocolInfo(
         key="sample-efficiency",
-        target="stiff_protocols.sample_efficiency:SampleEfficiency",
+        target="stiff_protocols.splits.sample_efficiency:SampleEfficiency",
         summary="learning curve over 5, 10, 20, 40, 80, 121 measured poses, nested subsets",
         reasoning=(
             "A measured pose costs minutes at the robot: how many does a model need? Within a "
@@ -57,7 +57,7 @@ PROTOCOLS = (
     ),
     ProtocolInfo(
         key="space-transfer",
-        target="stiff_protocols.extrapolation:SpaceTransfer",
+        target="stiff_protocols.splits.extrapolation:SpaceTransfer",
         summary="train on the joint-space poses, test on the Cartesian ones, and back",
         reasoning=(
             "A measurement plan covers one part of the robot's poses, and the work is done in "
@@ -66,7 +66,7 @@ PROTOCOLS = (
     ),
     ProtocolInfo(
         key="load-extrapolation",
-        target="stiff_protocols.extrapolation:LoadExtrapolation",
+        target="stiff_protocols.splits.extrapolation:LoadExtrapolation",
         summary="train on light loads or some directions, test on heavy loads or other directions",
         reasoning=(
             "Weights on a rope are lighter than cutting forces and pull in few directions. A model "
@@ -76,7 +76,7 @@ PROTOCOLS = (
     ),
     ProtocolInfo(
         key="workspace-extrapolation",
-        target="stiff_protocols.workspace:WorkspaceExtrapolation",
+        target="stiff_protocols.splits.workspace:WorkspaceExtrapolation",
         summary="hold out one of 4 regions of the workspace, train on the others",
         reasoning=(
             "Fixtures and fences keep a tracker from seeing every corner: does a model hold where "
@@ -86,7 +86,7 @@ PROTOCOLS = (
     ),
     ProtocolInfo(
         key="sensor-noise",
-        target="stiff_protocols.sensor_noise:SensorNoise",
+        target="stiff_protocols.splits.sensor_noise:SensorNoise",
         summary="holdout with sensor noise and bias on test wrenches, 0 to 20 x an ATI Axia80-M8's",
         reasoning=(
             "On line the wrench comes from a force sensor, not from known weights: how much of a "
@@ -96,7 +96,7 @@ PROTOCOLS = (
     ),
     ProtocolInfo(
         key="cross-robot",
-        target="stiff_protocols.cross_robot:CrossRobot",
+        target="stiff_protocols.splits.cross_robot:CrossRobot",
         summary="pre-train on another robot's or specimen's VJM, fine-tune on this one",
         reasoning=(
             "Must a source domain be made anew for each robot, or does another specimen's, or "
@@ -108,7 +108,7 @@ PROTOCOLS = (
     ),
     ProtocolInfo(
         key="nested",
-        target="stiff_protocols.nested:Nested",
+        target="stiff_protocols.tuning.nested:Nested",
         summary="holdout; options are chosen first, by cross-validation inside the training side",
         reasoning=(
             "How well does a model do when nobody tunes it by hand? Options that were picked by "
@@ -122,7 +122,7 @@ PROTOCOLS = (
     ),
     ProtocolInfo(
         key="paper-holdout",
-        target="stiff_protocols.protocol:PaperHoldout",
+        target="stiff_protocols.splits.random_splits:PaperHoldout",
         summary="the source paper's: 80/20 by pose, the 20 % also picks the best epoch",
         reasoning="Only to reproduce the paper's figures. It is not fair, and its rows say so.",
         warning=(

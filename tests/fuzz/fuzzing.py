@@ -16,7 +16,7 @@ from random import Random
 
 from fuzz.readers import Prepared, Reader
 
-from stiff_protocols.errors import StiffBenchError, StiffBenchWarning
+from stiff_protocols.contract.errors import StiffBenchError, StiffBenchWarning
 
 SECONDS = 2.0
 """Of processor time that an input may take: more is a hang."""

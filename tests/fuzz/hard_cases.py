@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from fuzz.sealed import model_opened, model_sealed, results_with
 
-from stiff_bench.cell_content import COLUMNS
+from stiff_bench.store.codec import COLUMNS
 
 LONG = 500_000
 

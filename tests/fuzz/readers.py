@@ -14,17 +14,17 @@ from fuzz.sealed import model_damaged, npz_damaged, parquet_damaged, results_dam
 from made_results import MadeResults, made_data
 from quick_models import quick_model, twin_data
 from run_requests import planned
-from stiff_bench.deploy import predict_file
-from stiff_bench.grids import checked_grid, written_grids
-from stiff_bench.registry import build_registry
-from stiff_bench.robot_words import parse_tcp
-from stiff_bench.store import FILE, read_data, read_manifests, read_results
-from stiff_bench.stored_data import data_content, stored_data
-from stiff_datasets import registered
-from stiff_datasets.load_file import read_loads
-from stiff_datasets.measured import read_samples, write_samples
+from stiff_bench.model_tools.saved import predict_file
+from stiff_bench.plan.registry import build_registry
+from stiff_bench.plan.robots import parse_tcp
+from stiff_bench.plan.search import checked_grid, written_grids
+from stiff_bench.store.database import FILE, read_data, read_manifests, read_results
+from stiff_bench.store.samples import data_content, stored_data
+from stiff_datasets.measured import registered
+from stiff_datasets.measured.load_file import read_loads
+from stiff_datasets.measured.measured import read_samples, write_samples
 from stiff_datasets.robots.robot import load_robot
-from stiff_datasets.twin_constants import read_constants
+from stiff_datasets.twin.constants import read_constants
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def _urdf(folder: Path) -> Prepared:
 
 
 def _twin(folder: Path) -> Prepared:
-    twins = files("stiff_datasets.twins")
+    twins = files("stiff_datasets") / "twins"
     valid = tuple((twins / f"{name}.toml").read_bytes() for name in ("kr10_r1100_2", "ur5"))
     return Prepared(
         folder / "twin.toml",

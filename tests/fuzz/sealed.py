@@ -17,8 +17,8 @@ import pyarrow.parquet as pq
 import safetensors.numpy
 from fuzz.mutations import JSON_NONSENSE, NONSENSE, bytes_damaged, tree_damaged
 
-from stiff_bench.cell_content import COLUMNS, checksum, measure_names
-from stiff_models.saved import _digest
+from stiff_bench.store.codec import COLUMNS, checksum, measure_names
+from stiff_models.io.saved import _digest
 
 DTYPES = ("f8", "f4", "f2", "i8", "u1", "b1", "c16", "U3", "S2", "M8[s]", ">f8")
 

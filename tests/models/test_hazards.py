@@ -17,15 +17,15 @@ import pytest
 from hazard_outcomes import ALWAYS, ROWS, VARIANTS, expected
 from made_hazards import HAZARDS, Case
 
-import stiff_models.network_model
-import stiff_models.source
-from stiff_datasets.kr10_twin import Kr10Twin
+import stiff_models.networks.network_model
+import stiff_models.transfer.source
+from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.catalog import model_info
-from stiff_models.identification import nonnegative
-from stiff_protocols.errors import ModelError, StiffBenchError, StiffBenchWarning
-from stiff_protocols.protocol import Holdout
-from stiff_protocols.sanity import check_units, warn_of_rows
-from stiff_protocols.types import FloatArray
+from stiff_models.physics.identification import nonnegative
+from stiff_protocols.contract.errors import ModelError, StiffBenchError, StiffBenchWarning
+from stiff_protocols.contract.types import FloatArray
+from stiff_protocols.scoring.sanity import check_units, warn_of_rows
+from stiff_protocols.splits.random_splits import Holdout
 
 TINY = {
     "width": 8,
@@ -57,9 +57,11 @@ def healthy() -> Case:
 def small_source() -> Iterator[None]:
     """A source of few poses, trained on anew each time: looking for old ones takes longer."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stiff_models.source, "POSE_BUDGET", 16)
-        patch.setattr(stiff_models.network_model, "training_digest", lambda *_, **__: "")
-        patch.setattr(stiff_models.network_model, "remembered", lambda _, compute: compute())
+        patch.setattr(stiff_models.transfer.source, "POSE_BUDGET", 16)
+        patch.setattr(stiff_models.networks.network_model, "training_digest", lambda *_, **__: "")
+        patch.setattr(
+            stiff_models.networks.network_model, "remembered", lambda _, compute: compute()
+        )
         yield
 
 
@@ -255,6 +257,6 @@ def test_least_squares_that_go_round_in_circles_are_our_error(monkeypatch, rng):
     def circling(*_: FloatArray) -> None:
         raise RuntimeError("Maximum number of iterations reached.")
 
-    monkeypatch.setattr("stiff_models.identification.nnls", circling)
+    monkeypatch.setattr("stiff_models.physics.identification.nnls", circling)
     with pytest.raises(ModelError, match="no compliances >= 0 were found for 3 springs: Maximum"):
         nonnegative(rng.normal(size=(9, 3)), rng.normal(size=9))

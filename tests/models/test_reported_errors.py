@@ -7,8 +7,8 @@ import copy
 import numpy as np
 import pytest
 
-from stiff_models import mlp_pretrained
-from stiff_models.ft_mlp import FtMlp
+from stiff_models.transfer import mlp_pretrained
+from stiff_models.transfer.ft_mlp import FtMlp
 
 SMALL = {"layers": 2, "width": 8, "device": "cpu", "pretrain_steps": 3, "epochs": 2}
 MM = 1000.0

@@ -12,7 +12,7 @@ import pytest
 
 from command_line import BENCH, peak_mib
 from perf_case import figure, needed, ours
-from stiff_bench.store import read_results
+from stiff_bench.store.database import read_results
 
 N_CELLS = 40
 MODELS_OF_PLAN = ("zero", "mean", "knn", "knn@neighbours=1", "vjm", "vjm@congruence=true", "gp")
@@ -37,7 +37,7 @@ import time
 
 import numpy as np
 
-from stiff_protocols.plugin import ModelInfo
+from stiff_protocols.contract.plugin import ModelInfo
 
 {inspect.getsource(Busy)}
 

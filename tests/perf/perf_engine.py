@@ -22,17 +22,17 @@ from command_line import BENCH, peak_mib
 from made_board import made_board
 from perf_case import figure, ours, peer
 from run_requests import planned
-from stiff_bench.collected import collect
-from stiff_bench.config import RunPlan
-from stiff_bench.registry import build_registry
-from stiff_bench.robot_words import RobotWords
-from stiff_bench.run import execute
-from stiff_bench.store import FILE, ResultStore, stored_results, stored_statuses
-from stiff_datasets.measured import write_samples
+from stiff_bench.analysis.collected import collect
+from stiff_bench.cli.run import execute
+from stiff_bench.plan.registry import build_registry
+from stiff_bench.plan.request import RunPlan
+from stiff_bench.plan.robots import RobotWords
+from stiff_bench.store.database import FILE, ResultStore, stored_results, stored_statuses
+from stiff_datasets.measured.measured import write_samples
 from stiff_datasets.robots.robot import shipped_robot
-from stiff_models.kinematics import jacobian
-from stiff_protocols.plugin import ModelInfo
-from stiff_protocols.types import Samples
+from stiff_models.physics.kinematics import jacobian
+from stiff_protocols.contract.plugin import ModelInfo
+from stiff_protocols.contract.types import Samples
 
 N_CELLS = 1000
 ROBOT = RobotWords("kr10-r1100-2", None, "")

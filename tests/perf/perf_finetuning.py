@@ -13,15 +13,15 @@ from joblib import Parallel, delayed, parallel_config
 from perf_case import figure, ours, peer
 from plain_fine_tuning import Pretrained, largest_difference, our_loop, plain_loop
 from run_requests import planned
-from stiff_bench.tasks import CellTask, cell_tasks
-from stiff_datasets.kr10_twin import Kr10Twin
-from stiff_models.arithmetic import arithmetic, has_fast_bfloat16
-from stiff_models.ft_mlp import FINE_TUNING, FtMlp
-from stiff_models.mlp_pretrained import Recipe
-from stiff_models.networks import linear_layers
-from stiff_models.training_plan import TrainingPlan
-from stiff_protocols.protocol import PaperHoldout
-from stiff_protocols.types import FloatArray, Samples
+from stiff_bench.plan.cells import CellTask, cell_tasks
+from stiff_datasets.twin.kr10_twin import Kr10Twin
+from stiff_models.networks.arithmetic import arithmetic, has_fast_bfloat16
+from stiff_models.networks.network import linear_layers
+from stiff_models.networks.training_plan import TrainingPlan
+from stiff_models.transfer.ft_mlp import FINE_TUNING, FtMlp
+from stiff_models.transfer.mlp_pretrained import Recipe
+from stiff_protocols.contract.types import FloatArray, Samples
+from stiff_protocols.splits.random_splits import PaperHoldout
 
 FREEZE = "layers:1,2"  # the paper's
 UPPER = "layers:3,4,out"  # what lies below is computed once

@@ -6,11 +6,11 @@ import pytest
 import torch
 
 from perf_case import ours, peer
-from stiff_datasets.kr10_twin import Kr10Twin
-from stiff_models.cache_folder import OFF, VARIABLE
-from stiff_models.ft_mlp import FtMlp
-from stiff_models.mlp_pretrained import MlpPretrained
-from stiff_protocols.protocol import Holdout
+from stiff_datasets.twin.kr10_twin import Kr10Twin
+from stiff_models.io.cache_folder import OFF, VARIABLE
+from stiff_models.transfer.ft_mlp import FtMlp
+from stiff_models.transfer.mlp_pretrained import MlpPretrained
+from stiff_protocols.splits.random_splits import Holdout
 
 STEPS, SPLITS = 300, 64
 PROCESSOR = "processor, one thread"

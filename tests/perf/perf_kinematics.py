@@ -17,11 +17,11 @@ import torch
 from made_samples import samples_with
 from perf_case import figure, needed, ours, peer
 from stiff_datasets.robots.robot import shipped_chain, shipped_robot
-from stiff_models.joint_springs import deflections, joint_deflection
-from stiff_models.kinematics import jacobian
-from stiff_models.straight_line import CHUNK
-from stiff_models.vjm import VirtualJointModel
-from stiff_protocols.types import FloatArray
+from stiff_models.physics.joint_springs import deflections, joint_deflection
+from stiff_models.physics.kinematics import jacobian
+from stiff_models.physics.straight_line import CHUNK
+from stiff_models.physics.vjm import VirtualJointModel
+from stiff_protocols.contract.types import FloatArray
 
 ROBOT, TCP = "kr10_r1100_2", (0.06, 0.0, 0.08)
 SAMPLES, FEW = 106_400, 4_000

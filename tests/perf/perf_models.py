@@ -11,13 +11,12 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 
 from perf_case import ours, peer
-from stiff_datasets.kr10_twin import Kr10Twin
-from stiff_models.breakpoint_search import search_breakpoints
-from stiff_models.congruence import LoadedRobot
-from stiff_models.features import Scaler, encode
-from stiff_models.gaussian_process import Covariance, GaussianProcess
-from stiff_models.likelihood import log_likelihood
-from stiff_protocols.types import FloatArray
+from stiff_datasets.twin.kr10_twin import Kr10Twin
+from stiff_models.networks.features import Scaler, encode
+from stiff_models.physics.congruence import LoadedRobot
+from stiff_models.physics.multi_segment_vjm import search_breakpoints
+from stiff_models.regressors.gaussian_process import Covariance, GaussianProcess, log_likelihood
+from stiff_protocols.contract.types import FloatArray
 
 SCIKIT_LEARN = "scikit-learn"
 LIKELIHOOD = "GP likelihood and gradient, 18 length scales, {} rows"

@@ -14,13 +14,13 @@ import pytest
 import torch
 
 from perf_case import figure, needed, ours, peer
-from stiff_datasets.kr10_twin import Kr10Twin
-from stiff_models.arithmetic import has_fast_bfloat16
-from stiff_models.mlp_pretrained import PRETRAINING, MlpPretrained, Recipe, divided
-from stiff_models.networks import Activation, build_network, linear_layers
-from stiff_models.training import Rows, train_network
-from stiff_models.training_plan import TrainingPlan
-from stiff_protocols.types import FloatArray
+from stiff_datasets.twin.kr10_twin import Kr10Twin
+from stiff_models.networks.arithmetic import has_fast_bfloat16
+from stiff_models.networks.network import Activation, build_network, linear_layers
+from stiff_models.networks.training import Rows, train_network
+from stiff_models.networks.training_plan import TrainingPlan
+from stiff_models.transfer.mlp_pretrained import PRETRAINING, MlpPretrained, Recipe, divided
+from stiff_protocols.contract.types import FloatArray
 
 WIDTH, BATCH, STEPS = 380, 1024, 20
 FAST = PRETRAINING["fast"]

@@ -10,10 +10,10 @@ import pinocchio as pin
 import pytest
 
 from perf_case import figure, ours, peer
-from stiff_datasets.kr10_twin import Kr10Twin
 from stiff_datasets.robots.robot import shipped_chain
-from stiff_models.source import SourceDesign, design_deflection, simulate, source_design
-from stiff_protocols.types import FloatArray, Robot
+from stiff_datasets.twin.kr10_twin import Kr10Twin
+from stiff_models.transfer.source import SourceDesign, design_deflection, simulate, source_design
+from stiff_protocols.contract.types import FloatArray, Robot
 
 COMPLIANCE = 1 / np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])
 GROUP = "VJM source domain, 21,280 poses x 5 wrenches"

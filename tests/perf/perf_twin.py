@@ -9,10 +9,10 @@ import pytest
 from pinocchio_twin import elastic_pinocchio, torque_and_tcp
 
 from perf_case import ours, peer
-from stiff_datasets.springs import SpringLaw
-from stiff_datasets.twin import TOLERANCE_NM, DigitalTwin
-from stiff_datasets.twins import shipped_constants
-from stiff_protocols.types import FloatArray
+from stiff_datasets.twin.constants import shipped_constants
+from stiff_datasets.twin.springs import SpringLaw
+from stiff_datasets.twin.twin import TOLERANCE_NM, DigitalTwin
+from stiff_protocols.contract.types import FloatArray
 
 CONSTANTS = shipped_constants("kr10_r1100_2")
 CHAIN = CONSTANTS.chain()

@@ -4,7 +4,7 @@ import numpy as np
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
-from stiff_protocols.plugin import ModelInfo
+from stiff_protocols.contract.plugin import ModelInfo
 
 
 class CartesianSpring(BaseEstimator):

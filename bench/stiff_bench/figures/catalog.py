@@ -15,8 +15,8 @@ from stiff_bench.figures import (
     sweep,
     workspace,
 )
-from stiff_bench.figures.figure_line import FigureLine, by_name
-from stiff_bench.figures.figure_source import FigureSource
+from stiff_bench.figures.figure import FigureLine, by_name
+from stiff_bench.figures.source import FigureSource
 
 FIGURES: Mapping[str, FigureLine[FigureSource]] = by_name(
     (

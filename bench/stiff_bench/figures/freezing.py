@@ -9,25 +9,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiff_bench.collected import Contest
-from stiff_bench.figures.caption_words import setting
-from stiff_bench.figures.figure_line import Content
-from stiff_bench.figures.figure_source import FigureSource, pooled
-from stiff_bench.figures.journal_style import (
-    COLUMN_INCH,
-    REFERENCE_COLOR,
-    looks,
-    new_figure,
-    short,
-)
-from stiff_bench.figures.variants import variants_of
-from stiff_bench.grouped import grouped
-from stiff_bench.newest import Slot, slot_of
-from stiff_bench.units import MM
+from stiff_bench.analysis.collected import Contest
+from stiff_bench.figures.figure import Content
+from stiff_bench.figures.source import FigureSource, pooled, setting, variants_of
+from stiff_bench.figures.style import COLUMN_INCH, REFERENCE_COLOR, looks, new_figure, short
+from stiff_bench.store.names import grouped
+from stiff_bench.store.newest import Slot, slot_of
+from stiff_bench.tables.units import MM
 from stiff_models.catalog import REFERENCE_MODEL
-from stiff_protocols.errors import StoreError
-from stiff_protocols.record import CellResult
-from stiff_protocols.types import FloatArray
+from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

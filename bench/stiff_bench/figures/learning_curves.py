@@ -12,29 +12,26 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy import stats
 
-from stiff_bench.collected import Contest
-from stiff_bench.contest_choice import presentation
-from stiff_bench.contest_name import ContestName
-from stiff_bench.figures.caption_words import between, marks_in
-from stiff_bench.figures.figure_line import Content
-from stiff_bench.figures.figure_source import FigureSource, mean_length, with_linear
-from stiff_bench.figures.journal_style import (
+from stiff_bench.analysis.collected import Contest
+from stiff_bench.analysis.leaderboard import presentation
+from stiff_bench.analysis.same_robot import family_of
+from stiff_bench.figures.figure import Content
+from stiff_bench.figures.source import FigureSource, between, marks_in, mean_length, with_linear
+from stiff_bench.figures.style import (
     COLUMN_INCH,
     PAGE_INCH,
     Look,
     looks,
     name_panels,
     new_figure,
+    plain_numbers,
     short,
 )
-from stiff_bench.figures.log_axes import plain_numbers
-from stiff_bench.grouped import grouped
-from stiff_bench.same_robot import family_of
-from stiff_bench.units import MM
-from stiff_bench.words import counted
+from stiff_bench.store.names import ContestName, grouped
+from stiff_bench.tables.units import MM, counted
 from stiff_models.catalog import REFERENCE_MODEL
-from stiff_protocols.errors import StoreError
-from stiff_protocols.types import FloatArray
+from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

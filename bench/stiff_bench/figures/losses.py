@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stiff_bench.figures.figure_line import Content
-from stiff_bench.figures.figure_source import FigureSource
-from stiff_bench.figures.journal_style import (
+from stiff_bench.figures.figure import Content
+from stiff_bench.figures.source import FigureSource
+from stiff_bench.figures.style import (
     COLUMN_INCH,
     PAGE_INCH,
     REFERENCE_COLOR,
@@ -20,13 +20,13 @@ from stiff_bench.figures.journal_style import (
     looks,
     name_panels,
     new_figure,
+    powers,
     short,
 )
-from stiff_bench.figures.log_axes import powers
-from stiff_bench.grouped import grouped
-from stiff_protocols.errors import StoreError
-from stiff_protocols.record import CellResult
-from stiff_protocols.types import FloatArray
+from stiff_bench.store.names import grouped
+from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,19 +7,23 @@ from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-from stiff_bench.contest_choice import presentation, shown_contests
-from stiff_bench.critical_difference import HEAD_INCH, LINE_INCH, draw_diagram, n_lines
-from stiff_bench.field import field_of
-from stiff_bench.figures.caption_words import marks_in
-from stiff_bench.figures.figure_line import Content
-from stiff_bench.figures.figure_source import FigureSource
-from stiff_bench.figures.journal_style import PAGE_INCH, new_figure
-from stiff_bench.rank_analysis import RankAnalysis, rank_analyses
-from stiff_bench.same_robot import of_robots
-from stiff_bench.sort_key import sort_key
-from stiff_bench.standing import Standings
-from stiff_protocols.errors import ConfigError
-from stiff_protocols.paired import LEVEL
+from stiff_bench.analysis.critical_difference import (
+    HEAD_INCH,
+    LINE_INCH,
+    RankAnalysis,
+    draw_diagram,
+    n_lines,
+    rank_analyses,
+)
+from stiff_bench.analysis.leaderboard import presentation, shown_contests
+from stiff_bench.analysis.same_robot import of_robots
+from stiff_bench.analysis.sort_key import sort_key
+from stiff_bench.analysis.standing import Standings, field_of
+from stiff_bench.figures.figure import Content
+from stiff_bench.figures.source import FigureSource, marks_in
+from stiff_bench.figures.style import PAGE_INCH, new_figure
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.scoring.paired import LEVEL
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

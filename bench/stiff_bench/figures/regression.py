@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiff_bench.figures.figure_line import Content
-from stiff_bench.figures.figure_source import FigureSource, Predicted
-from stiff_bench.figures.journal_style import (
+from stiff_bench.figures.figure import Content
+from stiff_bench.figures.source import FigureSource, Predicted
+from stiff_bench.figures.style import (
     PAGE_INCH,
     PANEL_LETTERS,
     REFERENCE_COLOR,
@@ -21,8 +21,8 @@ from stiff_bench.figures.journal_style import (
     new_figure,
     short,
 )
-from stiff_bench.units import MM
-from stiff_protocols.types import AXES, FloatArray
+from stiff_bench.tables.units import MM
+from stiff_protocols.contract.types import AXES, FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

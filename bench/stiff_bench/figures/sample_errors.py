@@ -7,18 +7,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from stiff_bench.figures.figure_line import Content
-from stiff_bench.figures.figure_source import FigureSource
-from stiff_bench.figures.journal_style import (
-    PAGE_INCH,
-    Look,
-    looks,
-    name_panels,
-    new_figure,
-    short,
-)
-from stiff_bench.units import MM
-from stiff_protocols.types import AXES, FloatArray, IntArray
+from stiff_bench.figures.figure import Content
+from stiff_bench.figures.source import FigureSource
+from stiff_bench.figures.style import PAGE_INCH, Look, looks, name_panels, new_figure, short
+from stiff_bench.tables.units import MM
+from stiff_protocols.contract.types import AXES, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

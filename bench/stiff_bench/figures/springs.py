@@ -10,26 +10,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiff_bench.collected import Contest
-from stiff_bench.config import chosen_dataset, loaded
-from stiff_bench.figures.caption_words import setting
-from stiff_bench.figures.figure_line import Content
-from stiff_bench.figures.figure_source import FigureSource
-from stiff_bench.figures.journal_style import (
-    PAGE_INCH,
-    looks,
-    name_panels,
-    new_figure,
-    short,
-)
-from stiff_bench.registry import build_registry
-from stiff_bench.store import read_data
-from stiff_bench.stored_data import StoredData
+from stiff_bench.analysis.collected import Contest
+from stiff_bench.figures.figure import Content
+from stiff_bench.figures.source import FigureSource, setting
+from stiff_bench.figures.style import PAGE_INCH, looks, name_panels, new_figure, short
+from stiff_bench.plan.registry import build_registry
+from stiff_bench.plan.request import chosen_dataset, loaded
+from stiff_bench.store.database import read_data
+from stiff_bench.store.samples import StoredData
 from stiff_models.catalog import REFERENCE_MODEL
-from stiff_models.gravity import gravity_torque
-from stiff_protocols.errors import StiffBenchError
-from stiff_protocols.record import CellResult
-from stiff_protocols.types import FloatArray
+from stiff_models.physics.kinematics import gravity_torque
+from stiff_protocols.contract.errors import StiffBenchError
+from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

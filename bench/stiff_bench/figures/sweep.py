@@ -9,23 +9,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiff_bench.figures.caption_words import setting
-from stiff_bench.figures.figure_line import Content
-from stiff_bench.figures.figure_source import FigureSource
-from stiff_bench.figures.journal_style import (
+from stiff_bench.figures.figure import Content
+from stiff_bench.figures.source import FigureSource, setting, variants_of
+from stiff_bench.figures.style import (
     PAGE_INCH,
     REFERENCE_COLOR,
     looks,
     name_panels,
     new_figure,
+    plain_numbers,
 )
-from stiff_bench.figures.log_axes import plain_numbers
-from stiff_bench.figures.variants import variants_of
-from stiff_bench.grouped import grouped
-from stiff_bench.units import MM
-from stiff_protocols.errors import StoreError
-from stiff_protocols.record import CellResult
-from stiff_protocols.types import FloatArray
+from stiff_bench.store.names import grouped
+from stiff_bench.tables.units import MM
+from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

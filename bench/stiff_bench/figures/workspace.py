@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stiff_bench.figures.figure_line import Content
-from stiff_bench.figures.figure_source import Compared, FigureSource
-from stiff_bench.figures.journal_style import (
+from stiff_bench.figures.figure import Content
+from stiff_bench.figures.source import Compared, FigureSource
+from stiff_bench.figures.style import (
     COLUMN_INCH,
     PAGE_INCH,
     PANEL_LETTERS,
@@ -20,9 +20,9 @@ from stiff_bench.figures.journal_style import (
     new_figure,
     short,
 )
-from stiff_bench.store import read_data
-from stiff_bench.units import MM
-from stiff_protocols.types import FloatArray
+from stiff_bench.store.database import read_data
+from stiff_bench.tables.units import MM
+from stiff_protocols.contract.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,18 +8,26 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from stiff_bench.paper.model_words import DT_CNN, FT_MLP, FT_MLP_OWN_SOURCE, VJM
-from stiff_bench.paper.paper_results import PaperResults
-from stiff_bench.paper.paper_table import PAPER_DATA, Entry, Group, Labels, PaperTable, Part
-from stiff_bench.paper.recipe_words import fine_tuning_note
-from stiff_bench.paper.reductions import errors_mm, mean_reduction, reduction
-from stiff_bench.paper.shared_splits import SharedSplits, provenance, shared_splits
+from stiff_bench.paper.names import DT_CNN, FT_MLP, FT_MLP_OWN_SOURCE, VJM
+from stiff_bench.paper.network_tables import fine_tuning_note
+from stiff_bench.paper.results import PaperResults, SharedSplits, provenance, shared_splits
 from stiff_bench.paper.study import DATASET, FAIR_PROTOCOL, PAPER_PROTOCOL, SEED
-from stiff_bench.published import claimed_reductions, published_rows
-from stiff_bench.tables import mark_of
-from stiff_protocols.errors import StoreError
-from stiff_protocols.metrics import metric
-from stiff_protocols.types import AXES
+from stiff_bench.paper.table import (
+    PAPER_DATA,
+    Entry,
+    Group,
+    Labels,
+    PaperTable,
+    Part,
+    errors_mm,
+    mean_reduction,
+    reduction,
+)
+from stiff_bench.tables.published import claimed_reductions, published_rows
+from stiff_bench.tables.table import mark_of
+from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.types import AXES
+from stiff_protocols.scoring.metrics import metric
 
 ERRORS = ("mae", "stde", "me")
 OLD, NEW, OWN_SOURCE = "VJM", "FT-MLP", "FT-MLP, own source"

@@ -7,20 +7,19 @@ from functools import partial
 
 import numpy as np
 
-from stiff_bench.config import chosen_dataset, loaded
-from stiff_bench.figures.figure_line import Content
-from stiff_bench.figures.figure_source import Predicted, pooled
+from stiff_bench.figures.figure import Content
 from stiff_bench.figures.regression import SHARE, Series, regression_figure
-from stiff_bench.paper.figure_captions import DATA, paper_setting
-from stiff_bench.paper.model_words import DT_CNN, FT_MLP, VJM
-from stiff_bench.paper.paper_results import PaperResults
-from stiff_bench.paper.shared_splits import SharedSplits, shared_splits
+from stiff_bench.figures.source import Predicted, pooled
+from stiff_bench.paper.names import DT_CNN, FT_MLP, VJM
+from stiff_bench.paper.network_figures import DATA, paper_setting
+from stiff_bench.paper.results import PaperResults, SharedSplits, shared_splits
 from stiff_bench.paper.study import DATASET, PAPER_PROTOCOL, SEED
-from stiff_bench.published import published_rows
-from stiff_bench.registry import build_registry
-from stiff_bench.units import MM
-from stiff_protocols.errors import StiffBenchWarning, StoreError
-from stiff_protocols.types import AXES
+from stiff_bench.plan.registry import build_registry
+from stiff_bench.plan.request import chosen_dataset, loaded
+from stiff_bench.tables.published import published_rows
+from stiff_bench.tables.units import MM
+from stiff_protocols.contract.errors import StiffBenchWarning, StoreError
+from stiff_protocols.contract.types import AXES
 
 _LINES = (
     f"Grey: identity; coloured lines: identity ± the error that {SHARE:.0%} of the samples keep."

@@ -6,16 +6,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from stiff_bench.config import RunPlan, RunRequest, plan_run
-from stiff_bench.execution import Execution
-from stiff_bench.forecast import Forecast, forecast
+from stiff_bench.analysis.forecast import Forecast, forecast
 from stiff_bench.paper.study import SEED, StudyRun
-from stiff_bench.progress import display
-from stiff_bench.registry import Registry
-from stiff_bench.robot_words import RobotWords
-from stiff_bench.runner import Finished, run_cells
-from stiff_bench.store import ResultStore, stored_statuses
-from stiff_bench.tasks import CellTask, cell_tasks
+from stiff_bench.plan.cells import CellTask, cell_tasks
+from stiff_bench.plan.registry import Registry
+from stiff_bench.plan.request import RunPlan, RunRequest, plan_run
+from stiff_bench.plan.robots import RobotWords
+from stiff_bench.run.execution import Execution
+from stiff_bench.run.progress import display
+from stiff_bench.run.runner import Finished, run_cells
+from stiff_bench.store.database import ResultStore, stored_statuses
 
 METRICS = ("mae", "stde", "me")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from stiff_bench.paper.model_words import (
+from stiff_bench.paper.names import (
     ACTIVATIONS,
     ADJACENT_PAIRS,
     ALL_PAIRS,

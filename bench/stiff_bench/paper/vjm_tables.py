@@ -7,16 +7,16 @@ from functools import cache
 
 import numpy as np
 
-from stiff_bench.config import chosen_dataset, loaded
-from stiff_bench.paper.model_words import VJM
-from stiff_bench.paper.paper_table import PAPER_DATA, Entry, Group, Labels, PaperTable, Part, Unit
+from stiff_bench.paper.names import VJM
 from stiff_bench.paper.study import DATASET
-from stiff_bench.published import published_rows, published_stiffness
-from stiff_bench.registry import build_registry
-from stiff_bench.units import MM
-from stiff_datasets.calibrate import VjmFigures
-from stiff_protocols.metrics import metric
-from stiff_protocols.types import AXES, BenchmarkData
+from stiff_bench.paper.table import PAPER_DATA, Entry, Group, Labels, PaperTable, Part, Unit
+from stiff_bench.plan.registry import build_registry
+from stiff_bench.plan.request import chosen_dataset, loaded
+from stiff_bench.tables.published import published_rows, published_stiffness
+from stiff_bench.tables.units import MM
+from stiff_datasets.twin.calibrate import VjmFigures
+from stiff_protocols.contract.types import AXES, BenchmarkData
+from stiff_protocols.scoring.metrics import metric
 
 SPECIMENS = range(5)
 ERRORS = ("mae", "stde", "me")

@@ -1,37 +1,43 @@
-"""Every pair of models in every contest: the verdicts of `bench compare`, at a bounded cost.
-
-The same tests on the same splits and poses. One thing is quicker: the interval over poses is the
-percentile interval of the draws that also give the probabilities, drawn once for all models of a
-contest, where `bench compare` computes a BCa interval for each pair.
-"""
+"""The pairwise comparisons of a leaderboard's section as tables of the page. Here SI becomes mm."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass, replace
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 
-from stiff_bench.collected import Contest
-from stiff_bench.contest_choice import presentation
-from stiff_bench.contest_name import ContestName
-from stiff_bench.estimates import (
+from stiff_bench.analysis.collected import Contest, split_sizes
+from stiff_bench.analysis.comparison import (
     Estimate,
     Question,
     Verdict,
     decide,
     estimates_over_splits,
 )
-from stiff_bench.grouped import grouped
-from stiff_bench.newest import Slot
-from stiff_bench.split_sizes import split_sizes
-from stiff_bench.stored_data import StoredData
-from stiff_protocols.bootstrap import PoseErrors, pose_differences, pose_errors, resampled_means
-from stiff_protocols.metrics import norm_errors
-from stiff_protocols.paired import Posterior, wilcoxon_signed_rank
-from stiff_protocols.record import CellResult
-from stiff_protocols.types import FloatArray
+from stiff_bench.analysis.comparison_text import VERDICTS
+from stiff_bench.analysis.leaderboard import Section, presentation
+from stiff_bench.report.content import Block, Cell, Kind, PageTable, Tone
+from stiff_bench.report.runs import shell_words
+from stiff_bench.report.scores import page_table
+from stiff_bench.store.names import ContestName, grouped
+from stiff_bench.store.newest import Slot
+from stiff_bench.store.samples import StoredData
+from stiff_bench.tables.render import TextTable
+from stiff_bench.tables.units import MM, counted, marked, percent
+from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.types import FloatArray
+from stiff_protocols.scoring.bootstrap import (
+    PoseErrors,
+    pose_differences,
+    pose_errors,
+    resampled_means,
+)
+from stiff_protocols.scoring.metrics import norm_errors
+from stiff_protocols.scoring.paired import Posterior, wilcoxon_signed_rank
 
 
 @dataclass(frozen=True)
@@ -157,3 +163,151 @@ def _of_draws(
         Posterior(a, max(0.0, 1.0 - a - b), b) for a, b in zip(a_better, b_better, strict=True)
     ]
     return low.tolist(), high.tolist(), posteriors
+
+
+MOST_PAIRS = 10_000
+"""So many comparisons are computed for a section: some seconds."""
+MOST_MODELS = 40
+"""So many models are compared with each other."""
+_MIRRORED: Mapping[Verdict, Verdict] = {"a": "b", "b": "a"}
+
+
+def pair_block(
+    section: Section,
+    *,
+    heading: str,
+    folder: Path,
+    data_of: Callable[[str], StoredData],
+    question: Question,
+) -> Block:
+    """Return a matrix of all pairs and a list of them by protocol."""
+    asked = list(section.marks)[:MOST_MODELS]
+    pairs, n_left_out = _pairs(section, asked, data_of, question)
+    compared = {name for pair in pairs for name in (pair.a, pair.b)}
+    models = [name for name in asked if name in compared]
+    if not pairs:
+        return Block(heading, ["No two models share a split with at least two poses."])
+    command = shell_words("bench", "compare", pairs[0].a, pairs[0].b, "--results", str(folder))
+    shown = [_named(section, model) for model in models]
+    return Block(
+        heading,
+        [
+            "Mean length of the 3-D error, each pair of models in each contest (a data set under a "
+            "protocol and condition), on the splits that both have."
+        ],
+        [_matrix(pairs, models, shown), _list(pairs, section, command)],
+        notes=[*_notes(section, question, asked, compared, n_left_out), *section.caveats],
+    )
+
+
+def _pairs(
+    section: Section,
+    models: Sequence[str],
+    data_of: Callable[[str], StoredData],
+    question: Question,
+) -> tuple[list[Pair], int]:
+    """Return the pairs in as many contests as `MOST_PAIRS` allows, and how many contests lack."""
+    pairs: list[Pair] = []
+    left = MOST_PAIRS
+    for number, field in enumerate(section.fields):
+        left -= n_pairs(field.contest, models)
+        if left < 0:
+            return pairs, len(section.fields) - number
+        data = data_of(field.name.data_sha256)
+        pairs += compared_pairs(field.contest, models, data, question)
+    return pairs, 0
+
+
+def _named(section: Section, model: str) -> str:
+    return marked(model, section.marks[model])
+
+
+def _matrix(pairs: Sequence[Pair], models: Sequence[str], shown: Sequence[str]) -> PageTable:
+    counts: dict[tuple[str, str], Counter[Verdict]] = {}
+    for pair in pairs:
+        other_way = _MIRRORED.get(pair.verdict, pair.verdict)
+        counts.setdefault((pair.a, pair.b), Counter())[pair.verdict] += 1
+        counts.setdefault((pair.b, pair.a), Counter())[other_way] += 1
+    n_most = max(count.total() for count in counts.values())
+    rows: list[tuple[Cell, ...]] = []
+    for number, (row, name) in enumerate(zip(models, shown, strict=True), 1):
+        cells = (
+            _matrix_cell(counts.get((row, column)), n_most, row == column) for column in models
+        )
+        rows.append((Cell(f"{number} {name}", f"{number:06d}"), *cells))
+    kinds: list[Kind] = ["number"] * len(models)
+    return PageTable(
+        caption="Pairwise: contests in which the row is better, and in which it is worse",
+        header=("model", *(str(number) for number in range(1, len(models) + 1))),
+        kinds=("text", *kinds),
+        rows=tuple(rows),
+        notes=(
+            "Columns have the rows' numbers. 5 : 1 means that the row is better in 5 contests and "
+            f"the column in 1; in the others of {n_most}, or of as many as stand beside it, they "
+            "are equivalent or cannot be told apart.",
+        ),
+        widget=False,
+    )
+
+
+def _matrix_cell(count: Counter[Verdict] | None, n_most: int, is_diagonal: bool) -> Cell:
+    if count is None:
+        return Cell("" if is_diagonal else "-", "")
+    won, lost = count["a"], count["b"]
+    tone: Tone = "better" if won > lost else "worse" if lost > won else ""
+    fewer = f" of {count.total()}" if count.total() < n_most else ""
+    return Cell(f"{won} : {lost}{fewer}", str(won - lost), tone)
+
+
+def _list(pairs: Sequence[Pair], section: Section, command: str) -> PageTable:
+    rows = [
+        [
+            *(marked(name, section.mark_under(protocol, name)) for name in (a, b)),
+            protocol,
+            str(len(found)),
+            *(str(sum(one.verdict == verdict for one in found)) for verdict in VERDICTS),
+            f"{MM * np.mean([one.difference for one in found]):+.4f}",
+        ]
+        for (a, b, protocol), found in grouped(
+            pairs, lambda pair: (pair.a, pair.b, pair.name.protocol)
+        ).items()
+    ]
+    header = ("A", "B", "protocol", "contests", *VERDICTS.values(), "mean A - B [mm]")
+    table = TextTable("Pairs by protocol: number of contests with each verdict", header, rows, ())
+    made = page_table(table, command=command)
+    return replace(
+        made, notes=(*made.notes, "The command beneath shows one pair, contest by contest.")
+    )
+
+
+def _notes(
+    section: Section,
+    question: Question,
+    asked: Sequence[str],
+    compared: Set[str],
+    n_left_out: int,
+) -> Iterator[str]:
+    level, alpha = percent(question.confidence), f"{1.0 - question.confidence:.2g}"
+    yield (
+        f"better: p < {alpha} and no interval reaches zero, neither over splits (corrected t) nor "
+        "over poses (bootstrap). Where there is one split, or all are scored together, p is "
+        "Wilcoxon's over poses, and the verdict is of these fits, not of another training. "
+        f"equivalent: the difference is below {MM * question.rope:g} mm with {level} probability. "
+        "Not told apart does not mean equal."
+    )
+    yield (
+        "Each contest is a test of its own, p is not corrected for their number, nor for the "
+        "number of pairs: of many pairs without a difference some are called better by chance. The "
+        "place in the leaderboard is corrected. Bounds over poses are percentiles of the draws; "
+        "`bench compare` computes BCa bounds, so that close calls may differ."
+    )
+    if alone := [name for name in asked if name not in compared]:
+        yield f"Without a result to compare: {', '.join(alone)}."
+    n_models = len(section.marks)
+    if n_models > MOST_MODELS:
+        yield f"The first {MOST_MODELS} of {n_models} models are compared; --model names others."
+    if n_left_out:
+        yield (
+            f"{counted(n_left_out, 'contest')} of {len(section.fields)} not compared: there are "
+            f"more than {MOST_PAIRS} pairs; --dataset, --protocol and --model name fewer."
+        )

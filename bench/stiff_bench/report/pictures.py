@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from stiff_bench.figures.catalog import FIGURES
-from stiff_bench.figures.figure_line import Prepared
-from stiff_bench.figures.figure_source import FigureSource
-from stiff_bench.report.commands import Choice
+from stiff_bench.figures.figure import Prepared
+from stiff_bench.figures.source import FigureSource
 from stiff_bench.report.content import Block, Picture
-from stiff_protocols.errors import StiffBenchError
+from stiff_bench.report.runs import Choice
+from stiff_protocols.contract.errors import StiffBenchError
 
 LARGEST_SVG = 300_000
 """Bytes; a picture of more is embedded as PNG."""

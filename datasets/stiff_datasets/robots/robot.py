@@ -15,8 +15,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from stiff_protocols.errors import DataError
-from stiff_protocols.types import FloatArray, JointType, Robot
+from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.types import FloatArray, JointType, Robot
 
 LONGEST_TCP_M = 5.0
 """No tool is longer; a larger number was written in mm."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from stiff_datasets.robots.robot import ChainModel, robot_of, shipped_chain
-from stiff_protocols.errors import unknown_name
-from stiff_protocols.types import Robot
+from stiff_protocols.contract.errors import unknown_name
+from stiff_protocols.contract.types import Robot
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,10 @@ from figure_results import CURVE, compared, learned, ranked, with_fields
 from made_results import TWINS, MadeResults
 from stiff_bench.figures import losses
 from stiff_bench.figures.catalog import FIGURES
-from stiff_bench.figures.figure_line import can_be_drawn
-from stiff_bench.figures.figure_source import FigureSource
-from stiff_bench.figures.journal_style import COLUMN_INCH, DOTS_PER_INCH, PAGE_INCH
-from stiff_protocols.errors import ConfigError, StoreError
+from stiff_bench.figures.figure import can_be_drawn
+from stiff_bench.figures.source import FigureSource
+from stiff_bench.figures.style import COLUMN_INCH, DOTS_PER_INCH, PAGE_INCH
+from stiff_protocols.contract.errors import ConfigError, StoreError
 
 FROM_PREDICTIONS = ["regression", "errors", "workspace"]
 

@@ -10,12 +10,11 @@ from figure_results import SIZES, compared, learned, with_fields
 from made_results import TWINS, MadeResults, made_data
 from stiff_bench.figures import freezing, learning_curves, springs, sweep
 from stiff_bench.figures.catalog import FIGURES
-from stiff_bench.figures.figure_source import FigureSource, Predicted
-from stiff_bench.figures.journal_style import looks, short
-from stiff_bench.figures.log_axes import power_of_ten
 from stiff_bench.figures.regression import Series, regression_figure
+from stiff_bench.figures.source import FigureSource, Predicted
+from stiff_bench.figures.style import looks, power_of_ten, short
 from stiff_bench.figures.workspace import workspace_figure
-from stiff_bench.store import read_data
+from stiff_bench.store.database import read_data
 
 NET = {"name": "net"}  # the same model, whatever its options
 

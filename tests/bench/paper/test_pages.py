@@ -8,8 +8,7 @@ import pytest
 
 from figure_results import ranked
 from made_results import MadeResults
-from stiff_bench.paper.leaderboard_page import write_leaderboard
-from stiff_bench.paper.paper_page import write_paper
+from stiff_bench.paper.pages import write_leaderboard, write_paper
 
 pytestmark = pytest.mark.xdist_group("paper")  # writing it takes seconds
 

@@ -18,7 +18,8 @@ import numpy as np
 import pytest
 
 from made_results import MadeResults
-from stiff_bench.paper.model_words import (
+from stiff_bench.paper.catalog import FITTED_HERE, TABLES, build
+from stiff_bench.paper.names import (
     DT_CNN,
     FT_MLP,
     FT_MLP_LAST_EPOCH,
@@ -27,14 +28,12 @@ from stiff_bench.paper.model_words import (
     pretrained,
     unfrozen,
 )
-from stiff_bench.paper.paper_results import PaperResults
-from stiff_bench.paper.paper_table import Entry, Group, PaperTable, Part
-from stiff_bench.paper.paper_table_text import render_paper_table
-from stiff_bench.paper.paper_tables import FITTED_HERE, TABLES, build
-from stiff_bench.paper.recipe_words import FINE_TUNING, PRETRAINING
-from stiff_models import mlp_pretrained
-from stiff_models.ft_mlp import FINE_TUNING as FT_PLANS
-from stiff_protocols.errors import ConfigError, StoreError
+from stiff_bench.paper.network_tables import FINE_TUNING, PRETRAINING
+from stiff_bench.paper.results import PaperResults
+from stiff_bench.paper.table import Entry, Group, PaperTable, Part, render_paper_table
+from stiff_models.transfer import mlp_pretrained
+from stiff_models.transfer.ft_mlp import FINE_TUNING as FT_PLANS
+from stiff_protocols.contract.errors import ConfigError, StoreError
 
 PAPER, FAIR = "paper-holdout", "holdout"
 OURS, FAIRLY, EARLY = "ours, paper-holdout", "ours, holdout", "ours, stopped early"

@@ -7,18 +7,18 @@ import math
 import numpy as np
 import pytest
 
-from stiff_bench.paper.reductions import reduction
-from stiff_bench.published import (
+from stiff_bench.paper.table import reduction
+from stiff_bench.tables.published import (
     claimed_reductions,
     published_lines,
     published_rows,
     published_stiffness,
 )
-from stiff_datasets.kr10_twin import Kr10Twin
-from stiff_models.mlp_pretrained import divided
-from stiff_models.source import SourceDomain, source_design
-from stiff_protocols.protocol import Holdout, PaperHoldout
-from stiff_protocols.types import AXES
+from stiff_datasets.twin.kr10_twin import Kr10Twin
+from stiff_models.transfer.mlp_pretrained import divided
+from stiff_models.transfer.source import SourceDomain, source_design
+from stiff_protocols.contract.types import AXES
+from stiff_protocols.splits.random_splits import Holdout, PaperHoldout
 
 FOUR_DECIMALS, TWO_DECIMALS, ONE_DECIMAL = 0.5e-4, 0.5e-2, 0.05
 N_POSES, N_SAMPLES = 21_280, 106_400

@@ -7,13 +7,15 @@ from dataclasses import replace
 import pytest
 
 from made_results import TWINS, MadeResults, change
-from stiff_bench.report import failures, gather, pair_tables
-from stiff_bench.report.commands import Choice
+from stiff_bench.analysis.sort_key import sort_key
+from stiff_bench.analysis.stored_leaderboard import StoredResults
+from stiff_bench.report import pairs as pair_tables
+from stiff_bench.report import report as gather
+from stiff_bench.report import runs as failures
 from stiff_bench.report.content import Block
-from stiff_bench.sort_key import sort_key
-from stiff_bench.store import ResultStore
-from stiff_bench.stored_leaderboard import StoredResults
-from stiff_protocols.errors import StoreError
+from stiff_bench.report.runs import Choice
+from stiff_bench.store.database import ResultStore
+from stiff_protocols.contract.errors import StoreError
 
 
 @pytest.fixture(autouse=True)

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from made_results import TWINS, MadeResults
-from stiff_bench.report.commands import Choice
-from stiff_bench.report.write import write_report
+from stiff_bench.report.report import write_report
+from stiff_bench.report.runs import Choice
 
 pytestmark = [
     pytest.mark.slow,

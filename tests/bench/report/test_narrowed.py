@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from made_results import MadeResults
-from stiff_bench.report.commands import Choice
-from stiff_bench.report.narrowed import check_choice, chosen_here, narrowed
-from stiff_bench.stored_leaderboard import StoredResults
-from stiff_protocols.errors import ConfigError
+from stiff_bench.analysis.stored_leaderboard import StoredResults
+from stiff_bench.report.report import check_choice, chosen_here, narrowed
+from stiff_bench.report.runs import Choice
+from stiff_protocols.contract.errors import ConfigError
 
 
 @pytest.fixture()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from stiff_bench.report import palette
+from stiff_bench.report import page as palette
 
 
 @pytest.mark.parametrize("colours", [palette.LIGHT, palette.DARK], ids=["light", "dark"])

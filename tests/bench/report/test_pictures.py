@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from stiff_bench.figures.figure_line import FigureLine, Prepared
+from stiff_bench.figures.figure import FigureLine, Prepared
 from stiff_bench.report import pictures
-from stiff_bench.report.commands import Choice
-from stiff_protocols.errors import StoreError
+from stiff_bench.report.runs import Choice
+from stiff_protocols.contract.errors import StoreError
 
 
 class Drawn(Prepared):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from stiff_bench.render import TextTable
-from stiff_bench.report.sorting import MOST_ROWS, natural_order, number_in, page_table
+from stiff_bench.report.scores import MOST_ROWS, natural_order, number_in, page_table
+from stiff_bench.tables.render import TextTable
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from stiff_bench.report import widget
-from stiff_protocols.errors import StoreError
+from stiff_bench.report import page as widget
+from stiff_protocols.contract.errors import StoreError
 
 
 def test_the_widget_has_the_recorded_hash_and_its_licence_beside_it():

@@ -1,0 +1,362 @@
+"""Stored results, sorted for comparisons: who met whom on the same data and the same splits.
+
+A contest is one data set under one protocol and condition. Results of different data never meet in
+one, even where the data sets' names are the same; results of different splits are different slots
+of it, and a model that lacks a slot is incomplete there.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stiff_bench.store.database import DamagedFile, read_manifests, read_results
+from stiff_bench.store.names import OPTION_MARK, SHORT, ContestName, grouped, labels, split_word
+from stiff_bench.store.newest import (
+    Runs,
+    Slot,
+    counting,
+    of_newest_options,
+    of_newest_splits,
+    slot_of,
+)
+from stiff_protocols.contract.errors import ConfigError, StoreError, unknown_name
+from stiff_protocols.contract.record import Cell, CellResult, Presentation
+
+
+@dataclass(frozen=True)
+class SplitSizes:
+    """Sizes of the splits of one contest.
+
+    Attributes:
+        n_train, n_test: rows of one split, means over the splits.
+        n_samples: rows of the data set.
+    """
+
+    n_train: float
+    n_test: float
+    n_samples: int
+
+    @property
+    def test_share(self) -> float:
+        """Part of the data set (0..1) that a split tests on.
+
+        Where a split trains on a part of the rest alone (a learning curve), this still is what ties
+        the splits' results together, not n_test / (n_test + n_train): few training rows hardly
+        overlap from split to split (counted in tests/protocols/scoring/test_false_positives.py).
+        """
+        return self.n_test / self.n_samples
+
+
+def split_sizes(results: Sequence[CellResult], n_samples: int) -> SplitSizes:
+    """Return the sizes of the splits of a model's results.
+
+    Args:
+        results: of one model, at least one of them with a prediction.
+        n_samples: rows of the data set.
+    """
+    n_test = np.mean([len(r.prediction.rows) for r in results if r.prediction is not None])
+    n_train = np.mean([result.n_train for result in results])
+    return SplitSizes(float(n_train), float(n_test), n_samples)
+
+
+_REMEDY = "the `bench run` that made it computes it again"
+"""What to do about a damaged cell."""
+
+
+@dataclass(frozen=True, eq=False)
+class Competitor:
+    """One model, with its options, in one contest.
+
+    Attributes:
+        shown: what must stand beside its numbers.
+        done: its results by slot.
+        reasons: slot -> why it failed there or was skipped; no slot that is done.
+        n_asked: how many splits its newest run was asked for here; 0 where it is not known.
+    """
+
+    shown: Presentation
+    done: Mapping[Slot, CellResult]
+    reasons: Mapping[Slot, str]
+    n_asked: int
+
+    @property
+    def name(self) -> str:
+        """Key with the options that differ from their defaults."""
+        return self.shown.model
+
+
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """All competitors on one data set under one protocol and condition.
+
+    Attributes:
+        name: what they share.
+        slots: the splits that any of them was run on, in order.
+        competitors: by name, in the order of their names.
+        newest_run: the latest of the runs that asked for its results and failures; a run's name
+            begins with its time.
+        cell: one of its cells; the options of data set and protocol are the same in all.
+        coverages: of the intervals, those of the newest run first; () where there are none.
+        left_out: which results do not count, and why.
+    """
+
+    name: ContestName
+    slots: tuple[Slot, ...]
+    competitors: Mapping[str, Competitor]
+    newest_run: str
+    cell: Cell
+    coverages: tuple[float, ...]
+    left_out: tuple[str, ...]
+
+    @cached_property
+    def rows_sha256(self) -> Mapping[Slot, str]:
+        """Split -> hash of its rows alone, as its cells have it; "" where nobody has a result."""
+        found = dict.fromkeys(self.slots, "")
+        for competitor in self.competitors.values():
+            found |= {slot: one.cell.rows_sha256 for slot, one in competitor.done.items()}
+        return found
+
+    @property
+    def n_results(self) -> int:
+        """How many results and failures it holds."""
+        return sum(len(found.done) + len(found.reasons) for found in self.competitors.values())
+
+    def options(self, kind: str) -> Mapping[str, Any]:
+        """Return every option of its "dataset" or "protocol", defaults too."""
+        options: Mapping[str, Any] = getattr(self.cell, f"{kind}_params")
+        return options
+
+    def results(self, competitor: str, slots: Sequence[Slot] | None = None) -> list[CellResult]:
+        """Return a model's results on these slots (default: all that it has), in order."""
+        done = self.competitors[competitor].done
+        wanted = self.slots if slots is None else slots
+        return [done[slot] for slot in wanted if slot in done]
+
+    def shared_slots(self, competitors: Iterable[str]) -> list[Slot]:
+        """Return the splits on which all of these models have a result, in order."""
+        each = [self.competitors[name].done for name in competitors]
+        return [slot for slot in self.slots if all(slot in done for done in each)]
+
+
+def collect(folder: Path) -> list[Contest]:
+    """Read every result of a folder and sort them into contests.
+
+    Where results contradict each other, those of the newest run count: see `newest.py`.
+
+    Raises:
+        StoreError: the folder holds no results, or a file of it is damaged: what it held would be
+            missing unnoticed.
+    """
+    try:
+        runs = Runs.of(read_manifests(folder))
+        by_name = grouped(read_results(folder), _names_and_data)
+    except DamagedFile as error:
+        raise StoreError(f"{error}; {_REMEDY}" if error.key else str(error)) from error
+    if not by_name:
+        raise StoreError(f"--results {folder}: holds no results; `bench run --output` makes them")
+    return [_contest(ContestName(*names), results, runs) for names, results in by_name.items()]
+
+
+def contest_name_of(result: CellResult) -> ContestName:
+    """Return the name of the contest that a result belongs to."""
+    return ContestName(*_names_and_data(result))
+
+
+def _names_and_data(result: CellResult) -> tuple[str, str, str, int, str, str]:
+    cell, shown = result.cell, result.shown
+    data = cell.data_sha256, cell.source_sha256
+    return shown.dataset, shown.protocol, cell.condition, cell.seed, *data
+
+
+def _contest(name: ContestName, found: Sequence[CellResult], runs: Runs) -> Contest:
+    results, left_out = of_newest_splits(found, runs)
+    in_order = runs.newest_first(results)
+    coverages = tuple(
+        dict.fromkeys(
+            result.cell.coverage
+            for result in in_order
+            if result.status == "ok" and result.cell.coverage is not None
+        )
+    )
+    newest_of = {one.shown.model: one for one in reversed(in_order)}  # the newest is the last set
+    competitors = {}
+    for model, of_model in sorted(grouped(results, lambda one: one.shown.model).items()):
+        newest = newest_of[model]
+        own, older_options = of_newest_options(of_model, newest.cell)
+        left_out += older_options
+        of_slots = [counting(one, coverages, runs) for one in grouped(own, slot_of).values()]
+        competitors[model] = Competitor(
+            shown=newest.shown,
+            done={slot_of(one): one for one in of_slots if one.status == "ok"},
+            reasons={
+                slot_of(one): f"{one.status}: {one.failure}"
+                for one in of_slots
+                if one.status != "ok"
+            },
+            n_asked=newest.n_splits,
+        )
+    return Contest(
+        name=name,
+        slots=tuple(sorted({s for one in competitors.values() for s in (*one.done, *one.reasons)})),
+        competitors=competitors,
+        newest_run=runs.run_of(in_order[0]),
+        cell=results[0].cell,
+        coverages=coverages,
+        left_out=tuple(left_out),
+    )
+
+
+def competitor_names(contests: Iterable[Contest]) -> list[str]:
+    """Return the names of all models that have a result or a failure anywhere."""
+    return sorted({name for contest in contests for name in contest.competitors})
+
+
+def chosen_contests(
+    contests: Sequence[Contest],
+    *,
+    datasets: Sequence[str],
+    protocols: Sequence[str],
+) -> list[Contest]:
+    """Return the contests of these data sets and protocols; none named means all.
+
+    A key without options stands for all its variants: "kr10-twin" for every specimen,
+    "kr10-twin@specimen=0" for the one that is shown as "kr10-twin".
+
+    Raises:
+        ConfigError: a name has no results.
+    """
+    chosen = list(contests)
+    for kind, asked in (("dataset", datasets), ("protocol", protocols)):
+        for word in asked:
+            if not any(_stands_for_its(kind, word, contest) for contest in contests):
+                names = {getattr(contest.name, kind) for contest in contests}
+                meant = unknown_name(f"{kind} with results", word, names)
+                raise ConfigError(f"--{kind}: {meant}")
+        chosen = [
+            contest
+            for contest in chosen
+            if not asked or any(_stands_for_its(kind, word, contest) for word in asked)
+        ]
+    return chosen
+
+
+def stands_for(word: str, name: str) -> bool:
+    """Say whether a word is a name, or the key of a name with options."""
+    return name == word or name.startswith(f"{word}{OPTION_MARK}")
+
+
+def asked_for(name: str, words: Sequence[str]) -> bool:
+    """Say whether a name is among what was asked for; no word stands for all names."""
+    return not words or any(stands_for(word, name) for word in words)
+
+
+def _stands_for_its(kind: str, word: str, contest: Contest) -> bool:
+    """Say whether a word stands for a contest's data set or protocol; defaults may be spelled."""
+    name: str = getattr(contest.name, kind)
+    if stands_for(word, name):
+        return True
+    key, settings = split_word(word)
+    options = contest.options(kind)
+    said = [setting.partition("=") for setting in settings]
+    return (
+        bool(said)
+        and key == split_word(name)[0]
+        and all(str(options.get(option)) == value for option, _, value in said)
+    )
+
+
+def same_name_other_data(contests: Sequence[Contest]) -> Iterator[str]:
+    """Yield a line for each data set whose name stands for different numbers in the folder.
+
+    So too for contests whose source domain comes from different numbers under one name.
+    """
+    of_dataset = grouped(contests, lambda one: one.name.dataset)
+    for dataset, found in of_dataset.items():
+        yield from _several(dataset, "data", {one.name.data_sha256 for one in found})
+    names = labels(contest.name for contest in contests)
+    for found in grouped(contests, lambda one: replace(one.name, source_sha256="")).values():
+        hashes = {one.name.source_sha256 for one in found}
+        yield from _several(names[found[0].name], "source data", hashes)
+
+
+def _several(name: str, what: str, hashes: Set[str]) -> Iterator[str]:
+    if len(hashes) > 1:
+        short = ", ".join(sorted(sha256[:SHORT] for sha256 in hashes))
+        yield f"{name} stands for different {what} here ({short}); they are never compared."
+
+
+def left_out_notes(contests: Sequence[Contest]) -> Iterator[str]:
+    """Yield a line for each reason why results of these contests do not count."""
+    names = labels(contest.name for contest in contests)
+    reasons = [(reason, names[one.name]) for one in contests for reason in one.left_out]
+    for reason, found in grouped(reasons, lambda pair: pair[0]).items():
+        places = list(dict.fromkeys(place for _, place in found))
+        where = places[0] if len(places) == 1 else f"{len(places)} contests"
+        yield f"{where}: {reason} are left out."
+
+
+def competitor_meant(word: str, contests: Sequence[Contest], folder: Path) -> str:
+    """Return the name of the model with results that a word stands for.
+
+    A word may spell out defaults, as for `bench run`: "knn@neighbours=5" is what is stored as
+    "knn". The defaults are those that the results were made with.
+
+    Raises:
+        ConfigError: there are no results of it in the folder.
+    """
+    known = competitor_names(contests)
+    if word in known:
+        return word
+    key, settings = split_word(word)
+    said = dict(_option_and_value(settings))
+    same_key = [name for name in known if split_word(name)[0] == key]
+    for name in same_key:
+        if _spells_out(said, name, contests):
+            return name
+    raise ConfigError(_no_results(word, known, same_key, folder))
+
+
+def _option_and_value(settings: Iterable[str]) -> list[tuple[str, str]]:
+    return [(name, value) for name, _, value in (one.partition("=") for one in settings)]
+
+
+def _spells_out(said: Mapping[str, str], name: str, contests: Iterable[Contest]) -> bool:
+    """Say whether options are those of a name and, beyond them, its defaults alone."""
+    named = [option for option, _ in _option_and_value(split_word(name)[1])]
+    options = next(
+        (
+            result.cell.model_params
+            for contest in contests
+            if name in contest.competitors
+            for result in contest.results(name)
+        ),
+        {},
+    )
+    return all(option in said for option in named) and all(
+        option in options and _is(options[option], text) for option, text in said.items()
+    )
+
+
+def _is(value: Any, text: str) -> bool:
+    """Say whether a text is a value, however its number was written."""
+    try:
+        return float(value) == float(text)
+    except (TypeError, ValueError):
+        return str(value).lower() == text.lower()
+
+
+def _no_results(word: str, known: Sequence[str], same_key: Sequence[str], folder: Path) -> str:
+    if same_key:
+        options = "" if OPTION_MARK in word else " with its default options"
+        there = ", ".join(map(repr, same_key))
+        return f"no results of {word!r}{options} in {folder}; there are results of {there}"
+    near = difflib.get_close_matches(word, known, n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return f"no results of {word!r} in {folder}{hint} (there are: {', '.join(known)})"

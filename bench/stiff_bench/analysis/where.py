@@ -1,0 +1,224 @@
+"""Where is A better than B? Regions of the workspace, sizes of the load, torques on the joints.
+
+The tested samples are divided by each of these into three parts of about equal number (a part of
+the measurement plan stays one), and every part is tested by itself. There are dozens of them, so
+the p-values are corrected for all that were looked at (Holm). What is shown is, of each kind, the
+division that explains most of the differences between poses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from stiff_bench.analysis.comparison import (
+    ERRORS,
+    NORM,
+    Estimate,
+    PairedErrors,
+    Question,
+    Verdict,
+    decide,
+    estimates_over_poses,
+)
+from stiff_bench.store.samples import StoredData
+from stiff_protocols.contract.types import FloatArray, IntArray, TextArray
+from stiff_protocols.scoring.bootstrap import PoseErrors, pose_differences, pose_errors
+from stiff_protocols.scoring.paired import holm, wilcoxon_signed_rank
+
+Kind = Literal["pose region", "load", "joint torque"]
+PARTS = 3
+FEWEST_POSES = 11
+"""Parts with fewer poses say nothing: with n poses the smallest p of the signed-rank test is 2/2^n,
+which after the correction for about 30 places is below 0.05 from 11 poses on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Factor:
+    """A quantity that every sample of a data set has.
+
+    Attributes:
+        kind: what it belongs to.
+        name: for people, e.g. "torque on A2".
+        unit: "m", "N", "Nm", or "" for names.
+        values: (n,) in that unit, or names.
+    """
+
+    kind: Kind
+    name: str
+    unit: str
+    values: FloatArray | TextArray
+
+
+@dataclass(frozen=True)
+class Place:
+    """A part of the tested samples, and who is better there.
+
+    Attributes:
+        kind, factor, unit: what it was divided by, as in `Factor`.
+        low, high: smallest and largest value in it; None where `label` names it.
+        label: name; "" where it is a range.
+        n_samples, n_poses: different ones that were tested.
+        mean_a, mean_b: mean length of the error, m.
+        estimate: over its poses, with the fitted models held fixed; its p-value is corrected for
+            all places that were looked at.
+        verdict: of the estimate.
+    """
+
+    kind: Kind
+    factor: str
+    unit: str
+    low: float | None
+    high: float | None
+    label: str
+    n_samples: int
+    n_poses: int
+    mean_a: float
+    mean_b: float
+    estimate: Estimate
+    verdict: Verdict
+
+    @property
+    def difference(self) -> float:
+        """A less B, m; negative where A is better."""
+        return self.mean_a - self.mean_b
+
+
+@dataclass(frozen=True)
+class Where:
+    """What was found.
+
+    Attributes:
+        places: of the division that explains most, kind by kind.
+        n_factors, n_places: how many divisions and places were looked at.
+        a_better, b_better: in how many of all places the verdict is so.
+    """
+
+    places: tuple[Place, ...]
+    n_factors: int
+    n_places: int
+    a_better: int
+    b_better: int
+
+
+def where_better(paired: PairedErrors, data: StoredData, question: Question) -> Where:
+    """Look for the places where the mean length of the error differs.
+
+    A division counts if it has several parts and `FEWEST_POSES` in each.
+    """
+    pose_id = data.samples.pose_id[paired.rows]
+    divisions = [
+        (factor, parts)
+        for factor in factors(data)
+        if len(parts := list(_parts(factor, paired, pose_id))) > 1
+        and min(len(part.a.poses) for part in parts) >= FEWEST_POSES
+    ]
+    if not divisions:
+        return Where((), 0, 0, 0, 0)
+    p_values = [wilcoxon_signed_rank(part.differences) for _, parts in divisions for part in parts]
+    corrected = iter(holm(p_values).tolist())
+    found = [
+        [_place(factor, part, next(corrected), paired, question) for part in parts]
+        for factor, parts in divisions
+    ]
+    strongest: dict[Kind, int] = {}  # kind -> number of the division that explains most
+    for number, (factor, parts) in enumerate(divisions):
+        best = strongest.setdefault(factor.kind, number)
+        if _explained(parts) > _explained(divisions[best][1]):
+            strongest[factor.kind] = number
+    verdicts = [place.verdict for places in found for place in places]
+    return Where(
+        places=tuple(place for number in strongest.values() for place in found[number]),
+        n_factors=len(divisions),
+        n_places=len(verdicts),
+        a_better=verdicts.count("a"),
+        b_better=verdicts.count("b"),
+    )
+
+
+def factors(data: StoredData) -> list[Factor]:
+    """Return what the samples of a data set are divided by."""
+    found = [Factor("pose region", "part of the plan", "", data.samples.group)]
+    x, y, z = data.tcp.T
+    found += [
+        Factor("pose region", "TCP reach (from the base's z axis)", "m", np.hypot(x, y)),
+        Factor("pose region", "TCP height", "m", z),
+    ]
+    force, torque = data.samples.wrench[:, :3], data.samples.wrench[:, 3:]
+    found += [
+        Factor("load", "force", "N", np.linalg.norm(force, axis=1)),
+        Factor("load", "torque at the TCP", "Nm", np.linalg.norm(torque, axis=1)),
+    ]
+    found += [
+        Factor("joint torque", f"torque on {name}", unit, np.abs(data.torque[:, joint]))
+        for joint, (name, unit) in enumerate(zip(data.joint_names, data.torque_units, strict=True))
+    ]
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """The tested rows of one place, by number in the list of tested rows, and its poses' errors."""
+
+    label: str
+    chosen: IntArray
+    a: PoseErrors
+    b: PoseErrors
+
+    @property
+    def differences(self) -> FloatArray:
+        """The (p,) mean difference of each pose, m."""
+        return pose_differences(self.a, self.b)[:, 0]
+
+
+def _parts(factor: Factor, paired: PairedErrors, pose_id: TextArray) -> Iterator[_Part]:
+    values = factor.values[paired.rows]
+    if factor.unit:
+        different = factor.values[np.unique(paired.rows)].astype(np.float64)
+        edges = np.quantile(different, np.arange(1, PARTS) / PARTS)
+        names = np.searchsorted(edges, values).astype(np.str_)
+    else:
+        names = values.astype(np.str_)
+    norm = [ERRORS.index(NORM)]
+    for name in np.unique(names):
+        chosen = np.flatnonzero(names == name)
+        a, b = (
+            pose_errors(pose_id[chosen], errors[chosen][:, norm]) for errors in (paired.a, paired.b)
+        )
+        yield _Part("" if factor.unit else str(name), chosen, a, b)
+
+
+def _explained(parts: Sequence[_Part]) -> float:
+    """Return which share (0..1) of the poses' differences' variance lies between the parts."""
+    together = np.concatenate([part.differences for part in parts])
+    total = float(((together - together.mean()) ** 2).sum())
+    between = sum(
+        len(part.differences) * (part.differences.mean() - together.mean()) ** 2 for part in parts
+    )
+    return float(between / total) if total > 0.0 else 0.0
+
+
+def _place(
+    factor: Factor, part: _Part, p_value: float, paired: PairedErrors, question: Question
+) -> Place:
+    rows = paired.rows[part.chosen]
+    values = factor.values[rows]
+    (estimate,) = estimates_over_poses(part.a, part.b, question)
+    estimate = replace(estimate, p_value=p_value)
+    return Place(
+        kind=factor.kind,
+        factor=factor.name,
+        unit=factor.unit,
+        low=float(values.min()) if factor.unit else None,
+        high=float(values.max()) if factor.unit else None,
+        label=part.label,
+        n_samples=len(np.unique(rows)),
+        n_poses=len(part.a.poses),
+        mean_a=float(part.a.mean[0]),
+        mean_b=float(part.b.mean[0]),
+        estimate=estimate,
+        verdict=decide([estimate], question.confidence),
+    )

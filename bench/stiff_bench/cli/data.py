@@ -1,0 +1,163 @@
+"""The `bench data` commands: words in, one function of `data_commands` called."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from stiff_bench.cli.options import (
+    FILE,
+    debug_option,
+    plugin_option,
+    robot_options,
+    robot_words,
+    settings_option,
+)
+
+
+def seed_option(command: Any) -> Any:
+    """Add --seed."""
+    return click.option(
+        "--seed", type=click.IntRange(0, 2**32), default=0, show_default=True, help="Of chance."
+    )(command)
+
+
+@click.group()
+def data() -> None:
+    """Make, check, plan and look at data sets."""
+
+
+@data.command()
+@click.argument("key")
+@click.option(
+    "--output",
+    type=FILE,
+    default=Path("results/info"),
+    show_default=True,
+    metavar="DIR",
+    help="Where the picture KEY.png goes.",
+)
+@settings_option
+@plugin_option
+@debug_option
+def info(key: str, output: Path, settings: tuple[str, ...], plugins: tuple[Path, ...]) -> None:
+    """Print a data set's card and facts, and draw its picture."""
+    from stiff_bench.data_tools.commands import show_info
+    from stiff_bench.plan.registry import usable_registry
+
+    click.echo(show_info(key, settings, usable_registry(plugins), output))
+
+
+@data.command()
+@robot_options
+@click.option(
+    "--poses",
+    type=click.IntRange(1, 10_000),
+    help="How many to choose.  [default: "
+    "the paper's 151 poses of the KR10; 151 chosen ones of other robots]",
+)
+@click.option(
+    "--criterion",
+    type=click.Choice(["d-optimal", "condition"]),
+    help="What chosen poses are best in.  [default: d-optimal]",
+)
+@click.option(
+    "--candidates",
+    type=click.IntRange(1, 100_000),
+    help="Random reachable poses to choose from.  [default: 2000, or ten a pose if that is more]",
+)
+@click.option("--payload", type=float, metavar="KG", help="[default: the shipped robot's]")
+@click.option(
+    "--clearance",
+    type=float,
+    default=0.2,
+    show_default=True,
+    metavar="M",
+    help="Smallest distance of the arm's centre line from the base column.",
+)
+@seed_option
+@click.option("--output", type=FILE, required=True, metavar="FILE.csv", help="A new file.")
+@debug_option
+def plan(**words: Any) -> None:
+    """Write a measurement plan to fill in."""
+    from stiff_bench.data_tools.commands import PlanWords, write_measurement_plan
+
+    click.echo(write_measurement_plan(PlanWords(robot=robot_words(words), **words)))
+
+
+@data.command()
+@click.argument("file", type=FILE)
+@robot_options
+@debug_option
+def validate(file: Path, **words: Any) -> int:
+    """Check a measured file and say what is odd in it."""
+    from stiff_bench.data_tools.commands import validation
+
+    text, valid = validation(file, robot_words(words))
+    click.echo(text)
+    return 0 if valid else 2
+
+
+@data.command()
+@click.option(
+    "--twin",
+    default="kr10-r1100-2",
+    show_default=True,
+    metavar="NAME|FILE.toml",
+    help="A shipped twin (kr10-r1100-2, ur5) or the constants of your own.",
+)
+@click.option(
+    "--samples", type=click.IntRange(1), default=10_000, show_default=True, help="How many."
+)
+@click.option(
+    "--loads",
+    type=click.Choice(["line", "line-hook", "omni"]),
+    default="omni",
+    show_default=True,
+    help="Along the paper's Table 5, its forces at a hook, or every direction at a hook.",
+)
+@click.option(
+    "--loads-per-pose", type=click.IntRange(1, 1000), default=1, show_default=True, help="How many."
+)
+@click.option(
+    "--specimen",
+    type=click.IntRange(0, 9),
+    default=0,
+    show_default=True,
+    help="Which of ten robots of the type.",
+)
+@seed_option
+@click.option("--output", type=FILE, required=True, metavar="FILE.csv|FILE.parquet")
+@debug_option
+def simulate(**words: Any) -> None:
+    """Write a simulated data set of any size, block by block."""
+    from stiff_bench.data_tools.commands import write_simulation
+
+    click.echo(write_simulation(**words))
+
+
+@data.command()
+@click.argument("key", type=click.Choice(["ur5-pose-error"]))
+@click.option("--from", "source", type=FILE, metavar="DIR", help="A folder with the files.")
+@debug_option
+def fetch(key: str, source: Path | None) -> None:
+    """Get and check the files of a data set that is not shipped."""
+    from stiff_datasets.measured.ur5_pose_error import fetch as fetch_files
+
+    for path in fetch_files(source):
+        click.echo(f"{key}: {path}")
+
+
+@data.command()
+@click.argument("key", type=click.Choice(["kr10-measured"]))
+@click.argument("file", type=FILE)
+@click.option("--urdf", type=FILE, metavar="FILE.urdf", help="[default: the shipped KR10]")
+@click.option("--tcp", default="", metavar="X,Y,Z", help="In m.  [default: the shipped tool's]")
+@debug_option
+def register(key: str, file: Path, urdf: Path | None, tcp: str) -> None:
+    """Make your own measurement a data set with a name."""
+    from stiff_bench.data_tools.commands import register_file
+
+    click.echo(register_file(key, file, urdf, tcp))

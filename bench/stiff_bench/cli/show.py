@@ -1,0 +1,114 @@
+"""The texts of `bench list` and `bench show KEY`.
+
+What needs numpy or pydantic is imported where it is used: a list of keys answers without them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from tabulate import tabulate
+
+from stiff_protocols.contract.plugin import (
+    DatasetInfo,
+    ModelFamily,
+    ModelInfo,
+    PluginInfo,
+    ProtocolInfo,
+)
+from stiff_protocols.contract.search_space import Grid, Range
+
+if TYPE_CHECKING:
+    from stiff_bench.plan.options import Option
+
+
+def overview(infos: Iterable[PluginInfo], families: Iterable[ModelFamily] = ()) -> str:
+    """Return a line for each catalogue line of one kind, and one for each family of models.
+
+    A line holds key, for data sets the kind, and what it is.
+    """
+    rows, headers = [], ["key", "what it is"]
+    for info in infos:
+        why = info.missing()
+        summary = f"{info.summary} [{why}]" if why else info.summary
+        if isinstance(info, DatasetInfo):
+            headers = ["key", "kind", "what it is"]
+            rows.append([info.key, info.label, summary])
+        else:
+            rows.append([info.key, summary])
+    rows += [[family.example, family.summary] for family in families]
+    return tabulate(rows, headers=headers)
+
+
+def metrics_overview() -> str:
+    """Return a line for each metric: key, unit as printed, what is best, what it is."""
+    from stiff_bench.tables.units import PRINTED
+    from stiff_protocols.contract.types import AXES
+    from stiff_protocols.scoring.metrics import METRICS
+
+    rows = [
+        [
+            item.key,
+            PRINTED[item.unit][0],
+            item.direction,
+            "x, y, z" if item.axes == AXES else "one",
+            item.meaning,
+        ]
+        for item in METRICS.values()
+    ]
+    return tabulate(rows, headers=["key", "unit", "best", "values", "what it is"])
+
+
+def describe(info: PluginInfo) -> str:
+    """Return summary, reference, version, caveats and options of a catalogue line."""
+    from stiff_bench.plan.options import options_of
+
+    parts = [f"{info.key}: {info.summary}"]
+    if info.reference:
+        parts.append(f"reference: {info.reference}")
+    if isinstance(info, DatasetInfo):
+        parts.append(f"kind: {info.label}")
+        parts += [f"caveat: {caveat}" for caveat in info.caveats]
+    if why := info.missing():
+        parts.append(f"cannot be used here yet: {why}")
+    if isinstance(info, ModelInfo):
+        parts.append(_version(info))
+        parts += [
+            f"grid {name} of `nested`: {_grid_text(grid)}" for name, grid in info.grids.items()
+        ]
+    if isinstance(info, ProtocolInfo):
+        parts += [f"reasoning: {info.reasoning}"] if info.reasoning else []
+        parts += [f"warning: {info.warning}"] if info.warning else []
+    options = options_of(info.load()).values()
+    if not options:
+        return "\n".join([*parts, "", "no options"])
+    rows = [
+        [f"{info.key}.{option.name}", option.type_text, _default(option), option.description]
+        for option in options
+    ]
+    table = tabulate(
+        rows,
+        headers=["--set", "valid", "default", "what it does"],
+        maxcolwidths=[None, 40, None, 60],
+        disable_numparse=True,
+    )
+    return "\n".join([*parts, "", table])
+
+
+def _version(info: ModelInfo) -> str:
+    of_library = f", and the version of {info.library}" if info.library else ""
+    return f"version: {info.version}{of_library} (part of a result's identity)"
+
+
+def _grid_text(grid: Grid) -> str:
+    return "; ".join(
+        f"{option} = {values if isinstance(values, Range) else ' | '.join(map(str, values))}"
+        for option, values in grid.items()
+    )
+
+
+def _default(option: Option) -> str:
+    if option.required:
+        return "must be set"
+    return "none" if option.default is None else str(option.default)

@@ -1,0 +1,285 @@
+"""One page that shows a data set: poses, load directions, deflections, torques on the joints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiff_bench.store.samples import load_torque
+from stiff_bench.tables.picture_file import check_suffix, drawing, save_figure
+from stiff_datasets.planning.reachable import arm_points
+from stiff_models.physics.kinematics import gravity_torque
+from stiff_protocols.contract.types import (
+    AXES,
+    BenchmarkData,
+    FloatArray,
+    IntArray,
+    Robot,
+    TextArray,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+
+SIZE_INCH = (10.0, 8.0)
+_STYLE: dict[Any, Any] = {
+    "font.size": 9.0,
+    "axes.titlesize": 10.0,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "0.9",
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "svg.hashsalt": "stiffbench",
+    "text.parse_math": False,  # a file, a robot or a group may have "$" in its name
+}
+_PALETTE = "seaborn-v0_8-colorblind"  # comes with matplotlib
+_PALE = "#F0E442"  # its yellow, hardly seen on white
+_MARKERS = "os^Dv"
+
+MOST_POINTS = 3000  # in a cloud; more hide each other
+MOST_GROUPS = 6  # in the legend
+MOST_BINS = 50
+LONGEST_LABEL = 9  # of a joint, to be written level
+_SLANTED: dict[str, Any] = {"rotation": 25.0, "ha": "right", "rotation_mode": "anchor"}
+WIDE_RATIO = 30.0
+"""Joints whose torques differ by more than this are drawn on a symmetric logarithmic axis."""
+
+
+DEFLECTION = "Deflection of the TCP under load"
+
+
+def save_picture(data: BenchmarkData, title: str, path: Path, quantity: str = DEFLECTION) -> None:
+    """Draw the data set and write the page as PNG, PDF or SVG.
+
+    Args:
+        data: at least one sample.
+        title: the data set's key, and whether it is simulated or measured.
+        path: the file; its suffix chooses the format.
+        quantity: what the deflections are.
+
+    Raises:
+        ConfigError: the suffix is none of the three.
+        StoreError: the file cannot be written.
+    """
+    check_suffix(path)
+
+    with drawing(_STYLE):
+        save_figure(_draw(data, title, quantity), path)
+
+
+def _draw(data: BenchmarkData, title: str, quantity: str) -> Figure:
+    from matplotlib.figure import Figure
+
+    samples = data.samples
+    figure = Figure(figsize=SIZE_INCH, layout="constrained")
+    poses = np.sort(np.unique(samples.pose_id, return_index=True)[1])  # a row of each
+    count = f"samples: {len(samples):,}   poses: {len(poses):,}   robot: {data.robot.name}"
+    figure.suptitle(f"{title}\n{count}", fontsize=11.0)
+    pages = figure.subfigures(2, 2, squeeze=False, wspace=0.03, hspace=0.04)
+    cloud, loads, histograms, torques = pages.flat
+    _draw_poses(cloud, data, poses)
+    _draw_directions(loads, samples.wrench[:, :3])
+    _draw_deflections(histograms, samples.deflection, quantity)
+    _draw_torques(torques, data)
+    return figure
+
+
+def _head(page: SubFigure, text: str) -> None:
+    page.suptitle(text, fontsize=10.0, fontweight="bold", x=0.02, horizontalalignment="left")
+
+
+def _colors() -> list[str]:
+    from matplotlib import style
+
+    colors = style.library[_PALETTE]["axes.prop_cycle"].by_key()["color"]
+    return [str(color) for color in colors if color != _PALE]
+
+
+def _thinned(n: int) -> IntArray:
+    """Return the rows of a cloud to draw: all, or an even random choice, always the same."""
+    if n <= MOST_POINTS:
+        return np.arange(n)
+    return np.sort(np.random.default_rng(0).choice(n, MOST_POINTS, replace=False))
+
+
+def _of_all(shown: int, n: int) -> str:
+    return "" if shown == n else f" ({shown:,} of {n:,} drawn)"
+
+
+def _point_area(n: int) -> float:
+    """Return the area of a point in square typographic points: smaller in a dense cloud."""
+    return float(np.clip(4000.0 / max(n, 1), 5.0, 14.0))
+
+
+def _draw_poses(page: SubFigure, data: BenchmarkData, poses: IntArray) -> None:
+    """Draw TCP positions from the side and from above, one point a pose."""
+    rows = poses[_thinned(len(poses))]
+    x, y, z = arm_points(data.robot, data.samples.q[rows])[:, -1].T
+    _head(page, f"(a) TCP positions, base frame{_of_all(len(rows), len(poses))}")
+    side, above = page.subplots(1, 2)
+    groups = data.samples.group[rows]
+    _scatter_groups(side, np.hypot(x, y), z, groups)
+    _scatter_groups(above, x, y, groups)
+    for axes in (side, above):
+        axes.plot(0.0, 0.0, "k+", markersize=9.0, label="base")
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.locator_params(nbins=5)
+    side.set(title="from the side", xlabel="distance from base's z [m]", ylabel="z [m]")
+    above.set(title="from above", xlabel="x [m]", ylabel="y [m]")
+    handles, names = side.get_legend_handles_labels()
+    page.legend(handles, names, loc="outside lower center", ncols=4)
+
+
+def _scatter_groups(axes: Axes, x: FloatArray, y: FloatArray, groups: TextArray) -> None:
+    colors = _colors()
+    names = list(dict.fromkeys(groups.tolist()))
+    for number, name in enumerate(names):
+        row = groups == name
+        label = name if number < MOST_GROUPS else None
+        if number == MOST_GROUPS:
+            label = f"... and {len(names) - MOST_GROUPS} more groups"
+        axes.scatter(
+            x[row],
+            y[row],
+            s=_point_area(len(groups)),
+            linewidths=0.0,
+            alpha=0.7,
+            color=colors[number % len(colors)],
+            marker=_MARKERS[(number + number // len(colors)) % len(_MARKERS)],
+            label=label,
+            rasterized=True,
+        )
+
+
+def _draw_directions(page: SubFigure, force: FloatArray) -> None:
+    """Draw the directions of the forces on equal-area maps of the two halves of the sphere."""
+    from matplotlib.colors import Normalize
+    from matplotlib.ticker import MaxNLocator
+
+    force = force[force.any(axis=1)]
+    size = np.linalg.norm(force, axis=1)
+    rows = _thinned(len(force))
+    _head(page, f"(b) Force directions, base frame{_of_all(len(rows), len(force))}")
+    x, y, z = (force / size[:, None]).T
+    radius = np.sqrt(1.0 - np.abs(z).clip(max=1.0))  # Lambert: 0 straight up or down, 1 horizontal
+    azimuth = np.arctan2(y, x)
+    scale = Normalize(*(size.min(), size.max()) if len(size) else (0.0, 0.0))
+    halves = page.subplots(1, 2)
+    for axes, down, name in zip(halves, (True, False), ("downwards", "upwards"), strict=True):
+        half = (z < 0.0) == down
+        shown = rows[half[rows]]
+        _draw_half_sphere(axes, "-" if down else "+")
+        axes.set_title(f"{name}: {half.sum():,}", loc="center")
+        points = axes.scatter(
+            radius[shown] * np.cos(azimuth[shown]),
+            radius[shown] * np.sin(azimuth[shown]),
+            c=size[shown],
+            s=_point_area(len(rows)),
+            cmap="viridis",
+            norm=scale,
+            linewidths=0.0,
+            rasterized=True,
+            zorder=3.0,
+        )
+    bar = page.colorbar(points, ax=list(halves), orientation="horizontal", shrink=0.7, aspect=30)
+    bar.set_label("|F| [N]   (seen from above; circles: elevation over the horizontal)")
+    bar.locator = MaxNLocator(6)
+    bar.ax.set_visible(len(force) > 0)
+
+
+def _draw_half_sphere(axes: Axes, sign: str) -> None:
+    """Draw circles of elevation 0, 30 and 60 degrees, up ("+") or down ("-"), and the axes."""
+    from matplotlib.patches import Circle
+
+    for elevation, color in ((0, "0.3"), (30, "0.8"), (60, "0.8")):
+        radius = np.sqrt(1.0 - np.sin(np.deg2rad(elevation)))
+        axes.add_patch(Circle((0.0, 0.0), radius, fill=False, edgecolor=color, linewidth=0.8))
+        if elevation:
+            place = radius * np.sqrt(0.5)
+            axes.text(-place, place, f"{sign}{elevation}°", color="0.4", size=7.0, ha="right")
+    for name, x, y in (("+x", 1, 0), ("+y", 0, 1), ("-x", -1, 0), ("-y", 0, -1)):
+        axes.plot([0.0, x], [0.0, y], color="0.8", linewidth=0.8)
+        axes.text(1.13 * x, 1.13 * y, name, ha="center", va="center")
+    axes.set(xlim=(-1.25, 1.25), ylim=(-1.25, 1.25), aspect="equal")
+    axes.set_axis_off()
+
+
+def _draw_deflections(page: SubFigure, deflection: FloatArray, quantity: str) -> None:
+    """Draw a histogram for each component, with common bins."""
+    from matplotlib.ticker import MaxNLocator
+
+    _head(page, f"(c) {quantity}, base frame")
+    millimetres = deflection * 1000.0
+    edges = np.histogram_bin_edges(millimetres, bins="auto")
+    if len(edges) - 1 > MOST_BINS:
+        edges = np.histogram_bin_edges(millimetres, bins=MOST_BINS)
+    rows = page.subplots(3, 1, sharex=True, sharey=True)
+    for axes, name, values in zip(rows, AXES, millimetres.T, strict=True):
+        axes.hist(values, edges, color="0.55", edgecolor="white", linewidth=0.5)
+        axes.axvline(0.0, color="black", linewidth=0.8)
+        axes.yaxis.set_major_locator(MaxNLocator(3, integer=True))
+        axes.set_ylabel(f"d{name}: samples")
+    rows[-1].set_xlabel("displacement [mm]")
+
+
+def _draw_torques(page: SubFigure, data: BenchmarkData) -> None:
+    """Draw a box a joint for the loads' torque and one for gravity's, over all samples."""
+    _head(page, "(d) Torque on the joints: quartiles, least and most")
+    robot = data.robot
+    blue, orange = _colors()[0], _colors()[2]
+    series = [("load (Jᵀw)", blue, load_torque(data))]
+    if robot.masses.any():
+        weights = gravity_torque(robot, data.samples.q)
+        series.append(("weight of the links", orange, weights))
+    axes = page.subplots()
+    middle = np.arange(robot.n_joints, dtype=np.float64)
+    width = 0.7 / len(series)
+    for number, (label, color, torque) in enumerate(series):
+        axes.boxplot(
+            torque,
+            positions=middle + (number - (len(series) - 1) / 2.0) * width,
+            widths=0.85 * width,
+            whis=(0.0, 100.0),
+            manage_ticks=False,
+            patch_artist=True,
+            boxprops={"facecolor": color, "alpha": 0.6},
+            medianprops={"color": "black"},
+            label=label,
+        )
+    axes.axhline(0.0, color="0.6", linewidth=0.8, zorder=0.5)
+    axes.grid(visible=False, axis="x")
+    labels = _joint_labels(robot)
+    axes.set_xticks(middle, labels, **(_SLANTED if max(map(len, labels)) > LONGEST_LABEL else {}))
+    axes.set(xlabel="joint", ylabel=_torque_label(robot))
+    _set_torque_scale(axes, np.concatenate([torque for _, _, torque in series]))
+    page.legend(loc="outside lower center", ncols=2)
+
+
+def _set_torque_scale(axes: Axes, torque: FloatArray) -> None:
+    """Choose a symmetric logarithmic axis where the joints' torques differ much."""
+    largest = np.abs(torque).max(axis=0)  # (n_joints,)
+    seen = largest[largest > 1e-6 * largest.max()]  # rounding errors are no torque
+    if len(seen) and seen.max() > WIDE_RATIO * seen.min():
+        linear = 10.0 ** np.floor(np.log10(seen.min()))
+        axes.set_yscale("symlog", linthresh=linear, linscale=0.5)
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.margins(y=0.08)
+        axes.set_ylabel(f"{axes.get_ylabel()}, log beyond ±{linear:g}")
+
+
+def _joint_labels(robot: Robot) -> list[str]:
+    return [
+        f"{name} [N]" if kind == "prismatic" else name
+        for name, kind in zip(robot.joint_names, robot.joint_types, strict=True)
+    ]
+
+
+def _torque_label(robot: Robot) -> str:
+    sliding = "prismatic" in robot.joint_types
+    return "torque [N m], force [N]" if sliding else "torque [N m]"

@@ -1,0 +1,335 @@
+"""Which of a folder's results a figure shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from stiff_bench.analysis.collected import (
+    Contest,
+    chosen_contests,
+    collect,
+    competitor_meant,
+    competitor_names,
+    stands_for,
+)
+from stiff_bench.analysis.leaderboard import of_newest_data, presentation
+from stiff_bench.store.names import grouped
+from stiff_bench.store.newest import Slot
+from stiff_bench.tables.table import mark_of
+from stiff_bench.tables.units import counted
+from stiff_models.catalog import REFERENCE_MODEL
+from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.plugin import kind_label
+from stiff_protocols.contract.record import CellResult, Presentation
+from stiff_protocols.contract.types import FloatArray, IntArray
+
+
+def variants_of(results: Sequence[CellResult], *options: str) -> tuple[str, list[CellResult]]:
+    """Return the model with most values of some options, and its results.
+
+    They differ in nothing else than these options, and in their splits.
+
+    Args:
+        results: at least one.
+        options: names of the model's options.
+    """
+    families = grouped(results, lambda one: _others(one, options)).values()
+    largest = max(families, key=lambda members: len({_values(one, options) for one in members}))
+    return largest[0].cell.model, largest
+
+
+def _values(result: CellResult, options: Sequence[str]) -> tuple[str, ...]:
+    return tuple(str(result.cell.model_params.get(name)) for name in options)
+
+
+def _others(result: CellResult, options: Sequence[str]) -> tuple[str, ...]:
+    given = result.cell.model_params
+    return (result.cell.model, *(f"{k}={given[k]}" for k in sorted(given) if k not in options))
+
+
+_FEW = 3  # models that a caption names; of more it names the others
+
+
+def between(counts: Collection[int], thing: str) -> str:
+    """Return "5 splits", or "1 to 5 splits" where not all are equal."""
+    least, most = min(counts), max(counts)
+    return counted(most, thing) if least == most else f"{least} to {counted(most, thing)}"
+
+
+def marks(shown: Iterable[Presentation]) -> str:
+    """Return a sentence for each mark that stands beside models elsewhere; "" for none."""
+    shown = list(shown)
+    everyone = list(dict.fromkeys(one.model for one in shown))
+    marked = grouped(
+        dict.fromkeys((mark_of(one), one.model) for one in shown), lambda pair: pair[0]
+    )
+    return "".join(
+        f" {_which([model for _, model in pairs], everyone)}: {mark}."
+        for mark, pairs in marked.items()
+        if mark
+    )
+
+
+def marks_in(contests: Iterable[Contest], models: Collection[str]) -> str:
+    """Return `marks` of the models of some contests."""
+    return marks(
+        found.shown
+        for contest in contests
+        for name, found in contest.competitors.items()
+        if name in models
+    )
+
+
+def setting(contest: Contest, models: Collection[str], n_splits: Collection[int]) -> str:
+    """Return data, protocol, splits and seed in a sentence, and what must be read with them.
+
+    Args:
+        contest: the results.
+        models: that are shown.
+        n_splits: of which these numbers of splits are shown.
+    """
+    shown = presentation(contest)
+    data = f"{contest.name.dataset} ({kind_label(shown.kind, shown.task)})"
+    protocol = " | ".join(filter(None, (contest.name.protocol, contest.name.condition)))
+    said = marks_in([contest], models)
+    return f"{data}, {protocol}, {between(n_splits, 'split')}, seed {contest.name.seed}.{said}"
+
+
+def _which(models: Sequence[str], everyone: Sequence[str]) -> str:
+    others = [name for name in everyone if name not in models]
+    if not others and len(models) > 1:
+        return "All models shown"
+    if len(models) > _FEW and len(others) <= _FEW:
+        return f"All models shown but {', '.join(others)}"
+    return ", ".join(models)
+
+
+@dataclass(frozen=True, eq=False)
+class FigureSource:
+    """Results of a folder that figures may show.
+
+    Attributes:
+        folder: of the results.
+        contests: those of the data sets and protocols that were asked for; at least one.
+        models: words that were asked for; none: each figure takes those that it is clear with.
+    """
+
+    folder: Path
+    contests: tuple[Contest, ...]
+    models: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        folder: Path,
+        models: Sequence[str] = (),
+        datasets: Sequence[str] = (),
+        protocols: Sequence[str] = (),
+    ) -> FigureSource:
+        """Read a folder.
+
+        Raises:
+            StoreError: it holds no results, or a file of it is damaged.
+            ConfigError: a name has no results.
+        """
+        chosen = chosen_contests(collect(folder), datasets=datasets, protocols=protocols)
+        return cls(folder, tuple(chosen), tuple(models))
+
+    @cached_property
+    def newest(self) -> tuple[Contest, ...]:
+        """The contests that figures show: those of the data that each name stands for last."""
+        return tuple(of_newest_data(self.contests))
+
+    def names(self, contests: Iterable[Contest] | None = None) -> list[str]:
+        """Return the models asked for, or all, that have a result in these contests.
+
+        Args:
+            contests: None: all of the newest data.
+
+        Raises:
+            ConfigError: a word has no results in the folder.
+        """
+        looked_at = self.newest if contests is None else tuple(contests)
+        known = competitor_names(self.contests)
+        asked = dict.fromkeys(name for word in self.models for name in self._meant(word, known))
+        done = {name for one in looked_at for name, found in one.competitors.items() if found.done}
+        return [name for name in (asked or known) if name in done]
+
+    def _meant(self, word: str, known: Sequence[str]) -> list[str]:
+        found = [name for name in known if stands_for(word, name)]
+        return found or [competitor_meant(word, self.contests, self.folder)]
+
+    def contest(
+        self,
+        has: Callable[[CellResult], bool] = lambda _: True,
+        *,
+        needs: str = "a result",
+        most_first: bool = False,
+    ) -> Contest:
+        """Return the contest to draw: fair before others, then the one with most models.
+
+        Args:
+            has: whether a result has what the figure shows.
+            needs: what that is, for the error, with the command that makes it.
+            most_first: the one with most such models, fair or not.
+
+        Raises:
+            StoreError: no contest has such a result of the models asked for.
+        """
+        models = self.names()
+
+        def n_models(contest: Contest) -> int:
+            return sum(
+                any(map(has, contest.results(m))) for m in models if m in contest.competitors
+            )
+
+        def preference(one: Contest) -> tuple[int, tuple[bool, bool, int, int, int, str]]:
+            n_found = n_models(one)
+            return n_found if most_first else min(n_found, 1), _preference(one, n_found)
+
+        best = max(self.newest, key=preference)
+        if n_models(best) == 0:
+            of = f" of {', '.join(self.models)}" if self.models else ""
+            raise StoreError(f"--results {self.folder}: no result{of} has {needs}")
+        return best
+
+    def compared(
+        self,
+        contest: Contest,
+        most: int,
+        has: Callable[[CellResult], bool] = lambda _: True,
+    ) -> Compared:
+        """Return the models to draw of a contest: those asked for, or the best and the linear one.
+
+        Raises:
+            StoreError: they have no split in common.
+        """
+        names = [
+            name
+            for name in self.names([contest])
+            if name in contest.competitors and any(map(has, contest.results(name)))
+        ]
+        n_all = len(names)
+        if not self.models:
+            names = _best(contest, names, most)
+        slots = contest.shared_slots(names)
+        if not names or not slots:
+            raise StoreError(
+                f"--results {self.folder}: {contest.name.text}: {', '.join(names) or 'no model'}: "
+                "no split on which all have a result; `bench run` with the same --splits makes them"
+            )
+        older = any(
+            one.name.dataset == contest.name.dataset and one not in self.newest
+            for one in self.contests
+        )
+        return Compared(contest, tuple(names), tuple(slots), n_all, older)
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """Models of one contest that a figure shows.
+
+    Attributes:
+        contest: the results.
+        models: their names, best first unless they were asked for.
+        slots: the splits that all of them have.
+        n_all: how many models could be shown.
+        has_older: the folder has results on older data of that name, which are left out.
+    """
+
+    contest: Contest
+    models: tuple[str, ...]
+    slots: tuple[Slot, ...]
+    n_all: int
+    has_older: bool
+
+    def tested(self, model: str) -> Predicted:
+        """Return a model's test samples of all splits, one after the other."""
+        return pooled(self.contest.results(model, self.slots))
+
+    @property
+    def choice(self) -> str:
+        """Say which models are shown, where there are more."""
+        if len(self.models) == self.n_all:
+            return ""
+        linear = f"; {REFERENCE_MODEL} in any case" * (REFERENCE_MODEL in self.models)
+        return (
+            f"Shown: {len(self.models)} of {self.n_all} models that have what is shown, "
+            f"least mean error first, among those with most splits{linear}."
+        )
+
+    @property
+    def setting(self) -> str:
+        """Say which data, protocol, splits and seed, and what must be read with the numbers."""
+        older = f" Results on older data named {self.contest.name.dataset} are left out."
+        return setting(self.contest, self.models, [len(self.slots)]) + older * self.has_older
+
+
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """Test samples and what a model says of them.
+
+    Attributes:
+        rows: (n,) row numbers in the data set.
+        measured, predicted: (n, 3) deflection, m, base frame.
+    """
+
+    rows: IntArray
+    measured: FloatArray
+    predicted: FloatArray
+
+    @property
+    def error(self) -> FloatArray:
+        """The (n, 3) absolute errors, m."""
+        return np.asarray(np.abs(self.predicted - self.measured))
+
+    def mean_by_row(self, values: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Return the distinct rows and, for each, the mean of its (n, ...) values."""
+        rows, where, times = np.unique(self.rows, return_inverse=True, return_counts=True)
+        total = np.zeros((len(rows), *values.shape[1:]))
+        np.add.at(total, where, values)
+        return rows, total / times.reshape(-1, *[1] * (values.ndim - 1))
+
+
+def pooled(results: Sequence[CellResult]) -> Predicted:
+    """Return the test samples of some results, one after the other."""
+    found = [one.prediction for one in results if one.prediction is not None]
+    return Predicted(
+        np.concatenate([one.rows for one in found]),
+        np.concatenate([one.measured for one in found]),
+        np.concatenate([one.predicted for one in found]),
+    )
+
+
+def mean_length(results: Iterable[CellResult]) -> float:
+    """Return the mean length of the error over the test samples of some results, m."""
+    tested = pooled(list(results))
+    return float(np.linalg.norm(tested.error, axis=1).mean())
+
+
+def _preference(contest: Contest, n_models: int) -> tuple[bool, bool, int, int, int, str]:
+    fair = not presentation(contest).selects_on_test
+    whole = not contest.name.condition  # not one of many sizes or directions
+    plain = -len(contest.name.dataset)  # "kr10-twin" before its specimens
+    return fair, whole, n_models, len(contest.slots), plain, contest.newest_run
+
+
+def _best(contest: Contest, names: Sequence[str], most: int) -> list[str]:
+    """Return the best of the models that have most splits, and the linear one."""
+    n_done = {name: len(contest.competitors[name].done) for name in names}
+    complete = [name for name in names if n_done[name] == max(n_done.values())]
+    ordered = sorted(complete, key=lambda name: mean_length(contest.results(name)))
+    return with_linear(ordered, most)
+
+
+def with_linear(ordered: Sequence[str], most: int) -> list[str]:
+    """Return the first of some models; the linear one takes the last place if it comes later."""
+    best = list(ordered[:most])
+    if REFERENCE_MODEL in ordered and REFERENCE_MODEL not in best:
+        best[-1:] = [REFERENCE_MODEL]
+    return best

@@ -1,0 +1,158 @@
+"""How every figure looks: a journal's widths, small type, colours that all eyes tell apart."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from string import ascii_lowercase
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
+
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def powers(axis: Axis) -> None:
+    """Write the decades of an axis that spans many: 10⁻³, 10⁻²."""
+    from matplotlib.ticker import FuncFormatter, NullFormatter
+
+    axis.set_major_formatter(FuncFormatter(lambda value, _: power_of_ten(value)))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def power_of_ten(value: float) -> str:
+    """Return "10⁻³" for 0.001; other numbers in digits."""
+    if value <= 0.0:
+        return f"{value:g}"
+    exponent = round(math.log10(value))
+    exact = math.isclose(value, 10.0**exponent)
+    return f"10{str(exponent).translate(_RAISED)}" if exact else f"{value:g}"
+
+
+def plain_numbers(axis: Axis) -> None:
+    """Write 0.1, 0.2, 0.5, 1 on an axis that spans few decades."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
+
+
+COLUMN_INCH, PAGE_INCH = 3.46, 7.09
+"""One column of a journal (88 mm), and both (180 mm)."""
+DOTS_PER_INCH = 300
+"""Of a PNG."""
+SMALL = 7.0
+"""Size of the letters, in points."""
+
+STYLE: dict[str, Any] = {
+    "font.size": SMALL,
+    "axes.titlesize": 7.5,
+    "axes.labelsize": SMALL,
+    "xtick.labelsize": SMALL,
+    "ytick.labelsize": SMALL,
+    "legend.fontsize": SMALL,
+    "figure.titlesize": 8.0,
+    "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.minor.width": 0.4,
+    "ytick.minor.width": 0.4,
+    "xtick.major.size": 2.5,
+    "ytick.major.size": 2.5,
+    "xtick.minor.size": 1.5,
+    "ytick.minor.size": 1.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "grid.color": "0.92",
+    "grid.linewidth": 0.5,
+    "lines.linewidth": 1.1,
+    "lines.markersize": 3.0,
+    "legend.frameon": False,
+    "legend.handlelength": 2.2,
+    "savefig.dpi": DOTS_PER_INCH,
+    "pdf.fonttype": 42,  # letters that an editor can change
+    "svg.fonttype": "none",  # text stays text
+    "svg.hashsalt": "stiffbench",
+    "text.parse_math": False,  # a model may have "$" in its name
+}
+
+REFERENCE_COLOR = "0.35"
+"""Of identity lines, published values and other things that are no competitor."""
+# Okabe and Ito's, as seaborn's "colorblind" palette has them, without the pale ones
+_ORDER = (0, 3, 2, 1, 4, 5, 9, 7)
+_MARKERS = "osD^vP<X"
+_LINES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (1, 2)), (0, (8, 2)), (0, (3, 2)))
+
+
+@dataclass(frozen=True)
+class Look:
+    """What tells one series from the others, in colour and without it."""
+
+    color: str
+    marker: str
+    line: Any
+
+    def points(self) -> dict[str, Any]:
+        """Return the style of unconnected points."""
+        return {"color": self.color, "marker": self.marker, "linestyle": "none"}
+
+    def connected(self) -> dict[str, Any]:
+        """Return the style of a line."""
+        return {"color": self.color, "linestyle": self.line}
+
+
+MOST_LOOKS = len(_ORDER)
+
+
+def looks(n: int) -> list[Look]:
+    """Return `n` looks; beyond eight, colours come again with other markers."""
+    import seaborn
+
+    palette = seaborn.color_palette("colorblind").as_hex()
+    return [
+        Look(
+            color=palette[_ORDER[number % MOST_LOOKS]],
+            marker=_MARKERS[(number + number // MOST_LOOKS) % len(_MARKERS)],
+            line=_LINES[(number + number // MOST_LOOKS) % len(_LINES)],
+        )
+        for number in range(n)
+    ]
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return an empty figure; sizes in inches."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def name_panels(panels: Sequence[Axes]) -> None:
+    """Write (a), (b), ... before the titles of panels, from the first to the last."""
+    for number, axes in enumerate(panels):
+        letter = ascii_lowercase[number] if number < len(ascii_lowercase) else str(number + 1)
+        axes.set_title(f"({letter}) {axes.get_title(loc='left')}".rstrip(), loc="left")
+
+
+MOST_LETTERS = 28
+"""Of a name in a legend or on an axis."""
+PANEL_LETTERS = 22
+"""Of a name over one of three panels beside each other, with its letter."""
+
+
+def short(name: str, most: int = MOST_LETTERS) -> str:
+    """Return a name that fits a legend: no unprintable sign, a long one without its middle."""
+    from stiff_bench.console import one_line
+
+    text = one_line(name)
+    if len(text) <= most:
+        return text
+    head = (most - 1) * 2 // 3
+    return f"{text[:head]}…{text[len(text) - (most - 1 - head) :]}"

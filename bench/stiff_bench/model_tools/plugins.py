@@ -1,0 +1,217 @@
+"""What `bench check` and `bench new` do."""
+
+from __future__ import annotations
+
+import importlib.util
+import keyword
+import os
+import shlex
+import textwrap
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+
+from stiff_bench.plan.options import Choice, parse_settings
+from stiff_bench.plan.registry import OURS, Info, Registry
+from stiff_bench.plan.request import chosen_dataset, loaded
+from stiff_bench.run.progress import phases
+from stiff_models.io.cache_folder import OFF, VARIABLE
+from stiff_models.io.saved import load
+from stiff_protocols.conformance.checklist import Check, Status
+from stiff_protocols.conformance.data import check_dataset, check_protocol
+from stiff_protocols.conformance.suite import check_model
+from stiff_protocols.contract.errors import ConfigError, StoreError
+from stiff_protocols.contract.files import make_folder, written_whole
+from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, PluginInfo
+
+_MARKS: dict[Status, str] = {"passed": "✓", "failed": "✗", "not applicable": "–"}  # noqa: RUF001
+_WIDTH = 100
+
+
+def checklist(
+    key: str, dataset: str, settings: Sequence[str], registry: Registry
+) -> tuple[str, bool]:
+    """Return the checklist of `bench check KEY`, and whether nothing failed.
+
+    Args:
+        key: of a model, a data set or a protocol.
+        dataset: key of the data that models and protocols are checked on.
+        settings: ``KEY.option=value`` words.
+        registry: knows the keys.
+
+    Raises:
+        ConfigError: a key, option or value is unknown or wrong, or the entry cannot be used here.
+        DataError: the data set cannot be loaded or is too small.
+    """
+    info = registry.find(key)
+    _refuse_missing(key, "" if isinstance(info, ModelInfo) else info.missing())
+    with phases():
+        if isinstance(info, ModelInfo):
+            checks, where = _check_model(info, dataset, settings, registry)
+        elif isinstance(info, DatasetInfo):
+            choice = chosen_dataset(key, settings, registry)
+            checks, where = check_dataset(choice.make), _named(choice)
+        else:
+            checks, where = _check_protocol(info, dataset, settings, registry)
+    return _text(where, checks), all(check.status != "failed" for check in checks)
+
+
+def _check_model(
+    info: ModelInfo, dataset: str, settings: Sequence[str], registry: Registry
+) -> tuple[list[Check], str]:
+    model, data = _with_data(info, dataset, settings, registry)
+    model = Choice(info, model.cls, {**info.quick, **model.params}, {})
+    _refuse_missing(info.key, model.missing())
+    ours = registry.origins.get(info.key, OURS) == OURS  # others read their own files
+    with _without_cache():
+        checks = check_model(
+            model.make,
+            loaded(data),
+            uses_validation=info.uses_validation,
+            load=load if ours else None,
+        )
+    return checks, f"{_named(model)} on {_named(data)}"
+
+
+def _refuse_missing(key: str, why: str) -> None:
+    if why:
+        raise ConfigError(f"{key!r} cannot be checked here: {why}")
+
+
+def _check_protocol(
+    info: PluginInfo, dataset: str, settings: Sequence[str], registry: Registry
+) -> tuple[list[Check], str]:
+    protocol, data = _with_data(info, dataset, settings, registry)
+    checks = check_protocol(protocol.make, loaded(data))
+    return checks, f"{_named(protocol)} on {_named(data)}"
+
+
+def _with_data(
+    info: Info, dataset: str, settings: Sequence[str], registry: Registry
+) -> tuple[Choice[Info], Choice[DatasetInfo]]:
+    """Return what is checked and the data it is checked on, with their options."""
+    data = chosen_dataset(dataset, (), registry)
+    classes = {info.key: info.load(), data.info.key: data.cls}
+    params = parse_settings(settings, classes)
+    return (
+        Choice(info, classes[info.key], params[info.key], {}),
+        replace(data, params={**params[data.info.key], **data.params}),
+    )
+
+
+@contextmanager
+def _without_cache() -> Iterator[None]:
+    """Train anew each time: a remembered training always repeats itself."""
+    before = os.environ.get(VARIABLE)
+    os.environ[VARIABLE] = OFF
+    try:
+        yield
+    finally:
+        del os.environ[VARIABLE]
+        if before is not None:
+            os.environ[VARIABLE] = before
+
+
+def _named(choice: Choice[Info]) -> str:
+    return f"{choice.info.key} ({choice.options_text or 'default options'})"
+
+
+def _text(where: str, checks: Sequence[Check]) -> str:
+    """Return the checklist for people."""
+    lines = [where, ""]
+    for check in checks:
+        head = f"{_MARKS[check.status]} {check.name}"
+        lines.append(f"{head}: {check.reason}" if check.reason else head)
+        if check.advice:
+            lines += textwrap.wrap(
+                f"to mend it: {check.advice}",
+                _WIDTH,
+                initial_indent="    ",
+                subsequent_indent="    ",
+                break_on_hyphens=False,
+            )
+    counts = [f"{sum(check.status == status for check in checks)} {status}" for status in _MARKS]
+    return "\n".join([*lines, "", ", ".join(counts)])
+
+
+@dataclass(frozen=True)
+class PluginNames:
+    """The names that come from one word.
+
+    Attributes:
+        key: on the command line, "my-model".
+        module: of the file, "my_model".
+        cls: of the class, "MyModel".
+    """
+
+    key: str
+    module: str
+    cls: str
+
+    @classmethod
+    def of(cls, name: str) -> PluginNames:
+        """Derive the names.
+
+        Raises:
+            ConfigError: no Python module can be called so.
+        """
+        module = name.lower().replace("-", "_")
+        plain = module.isascii() and module.isidentifier() and module[0].isalpha()
+        if not plain or keyword.iskeyword(module):
+            raise ConfigError(
+                f"{name!r} is no name for a model (valid: letters, digits, '-' and '_', a letter "
+                "first, and no Python keyword)"
+            )
+        words = [word for word in module.split("_") if word]
+        return cls("-".join(words), module, "".join(word.capitalize() for word in words))
+
+
+def new_model(name: str, folder: Path, registry: Registry) -> str:
+    """Write a plugin and its test into `folder`, and return the commands to type next.
+
+    Both files are written, or none.
+
+    Raises:
+        ConfigError: the name cannot be used, or is taken.
+        StoreError: a file exists or cannot be written.
+    """
+    names = PluginNames.of(name)
+    if names.key in registry.origins:
+        raise ConfigError(
+            f"key {names.key!r} is taken by {registry.origins[names.key]}; give another name"
+        )
+    make_folder(folder)
+    plugin, test = folder / f"{names.module}.py", folder / f"test_{names.module}.py"
+    for path in (plugin, test):
+        if path.exists():
+            raise StoreError(f"{path}: exists; nothing was written")
+    if importlib.util.find_spec(names.module) is not None:
+        raise ConfigError(f"Python already has a module {names.module!r}; give another name")
+    _write_both(plugin, _filled_in("model.py.txt", names), test, _filled_in("test.py.txt", names))
+    at, key = shlex.quote(str(plugin)), names.key
+    return "\n".join(
+        [
+            f"written: {plugin} and {test}; the model's key is {key}. Next:",
+            f"  python -m pytest {shlex.quote(str(test))}",
+            f"  bench check {key} --plugin {at}",
+            f"  bench run --model {key} --model vjm --plugin {at}",
+        ]
+    )
+
+
+def _write_both(plugin: Path, text: str, test: Path, test_text: str) -> None:
+    try:
+        with written_whole(plugin) as first, written_whole(test) as second:
+            first.write_text(text, encoding="utf-8")
+            second.write_text(test_text, encoding="utf-8")
+    except StoreError:
+        test.unlink(missing_ok=True)  # it was not there before
+        raise
+
+
+def _filled_in(template: str, names: PluginNames) -> str:
+    text = (files("stiff_bench.model_tools") / "templates" / template).read_text(encoding="utf-8")
+    return Template(text).substitute(key=names.key, module=names.module, cls=names.cls)

@@ -1,0 +1,187 @@
+"""What `bench fit`, `bench predict` and `bench export` do."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from stiff_bench.console import say
+from stiff_bench.plan.options import Choice
+from stiff_bench.plan.registry import EVERY_MODEL, Registry
+from stiff_bench.plan.request import RunRequest, loaded, plan_run
+from stiff_bench.plan.robots import RobotWords
+from stiff_bench.run.progress import phases
+from stiff_datasets.measured.load_file import read_loads, write_predictions
+from stiff_models import load
+from stiff_models.io.saved import key_of, save
+from stiff_protocols.contract.errors import ConfigError, DataError, StiffBenchError, StoreError
+from stiff_protocols.contract.files import refuse_existing
+from stiff_protocols.contract.interfaces import (
+    ChecksRobot,
+    ChoosesEpoch,
+    PredictsInterval,
+    ReportsDiagnostics,
+)
+from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo
+from stiff_protocols.contract.types import frozen_array
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitWords:
+    """The options of `bench fit`; None: not given."""
+
+    model: str
+    dataset: str | None
+    data: Path | None
+    robot: RobotWords
+    settings: tuple[str, ...]
+    seed: int
+    device: str
+    output: Path
+
+
+def fit_model(words: FitWords, registry: Registry) -> str:
+    """Fit a model to all samples of one data set, save it, and return what was saved.
+
+    Raises:
+        ConfigError: a key, an option or a value is unknown or wrong.
+        DataError: the data cannot be read.
+        ModelError: the model cannot be fitted, or is not one that can be saved.
+        StoreError: the file cannot be written, or exists.
+    """
+    _check_new_file(words.output)
+    chosen, dataset = _chosen(words, registry)
+    model = chosen.make()
+    key_of(model)  # before the work, not after it
+    data = loaded(dataset)
+    if isinstance(model, ChecksRobot):
+        model.check_robot(data.robot)
+    with _warnings_said(), phases():
+        model.fit(data.samples, robot=data.robot, validation=None, seed=words.seed)
+    save(model, words.output)
+    options = f", {chosen.options_text}" if chosen.options_text else ""
+    lines = [
+        f"{words.output}: {chosen.info.key}{options}, fitted to all {len(data.samples)} samples of "
+        f"{dataset.info.key} ({dataset.info.label}), robot {data.robot.name}, seed {words.seed}",
+        *(f"- {caveat}" for caveat in dataset.info.caveats),
+        "- No sample was held out, so nothing here says how well it predicts; `bench run` does.",
+    ]
+    if isinstance(model, ChoosesEpoch) and model.chooses_epoch():
+        lines.append("- No rows to choose an epoch by: the last one was kept.")
+    if isinstance(model, ReportsDiagnostics):
+        lines += [f"- {name}: {value:.4g}" for name, value in model.diagnostics_.items()]
+    return "\n".join(lines)
+
+
+def _chosen(words: FitWords, registry: Registry) -> tuple[Choice[ModelInfo], Choice[DatasetInfo]]:
+    if words.model == EVERY_MODEL:
+        raise ConfigError(f"--model {EVERY_MODEL}: a file holds one model; name one")
+    if (words.dataset is None) == (words.data is None):
+        raise ConfigError("give one of --dataset KEY and --data FILE.csv")
+    plan = plan_run(
+        RunRequest(
+            models=(words.model,),
+            datasets=() if words.dataset is None else (words.dataset,),
+            protocols=(),
+            metrics=(),
+            splits=None,
+            seed=words.seed,
+            settings=words.settings,
+            device=words.device,
+            output=words.output,
+            data=words.data,
+            robot=words.robot,
+            command="",
+        ),
+        registry,
+    )
+    (model,), (dataset,) = plan.models, plan.datasets
+    if why := model.missing():
+        raise ConfigError(f"{model.info.key!r} cannot be used here: {why}")
+    return model, dataset
+
+
+def predict_file(model_file: Path, loads: Path, output: Path, coverage: float | None) -> str:
+    """Predict the deflections of a file's rows, write them, and return how many.
+
+    Raises:
+        ConfigError: intervals are asked for and the model has none of its own.
+        DataError: the model file or the loads cannot be read.
+        StoreError: the output cannot be written, or exists.
+    """
+    _check_new_file(output)
+    model = load(model_file)
+    with _blamed_on(model_file):
+        table = read_loads(loads, model.robot_)
+    for oddity in table.oddities:
+        say(f"warning: {oddity}")
+    interval = None
+    if coverage is not None:
+        if not isinstance(model, PredictsInterval):
+            raise ConfigError(
+                f"--coverage {coverage:g}: {key_of(model)} has no intervals of its own (those of "
+                "`bench run` come from samples that were held out)"
+            )
+        with _blamed_on(model_file):
+            interval = model.predict_interval(table.q, table.wrench, coverage)
+    with _blamed_on(model_file):
+        predicted = model.predict(table.q, table.wrench)
+        deflection = frozen_array(predicted, "the prediction", (len(table.q), 3))
+    write_predictions(output, table, deflection, interval)
+    rows = "1 row" if len(table.q) == 1 else f"{len(table.q)} rows"
+    return f"{output}: {rows} predicted by {key_of(model)} for robot {model.robot_.name}"
+
+
+def export_file(model_file: Path, output: Path) -> str:
+    """Write a saved network as ONNX and return what its inputs and outputs are.
+
+    Raises:
+        ConfigError: the model is no network, or a package is missing.
+        DataError: the model file cannot be read.
+        StoreError: the output cannot be written, or exists.
+    """
+    _check_new_file(output)
+    model = load(model_file)
+    from stiff_models.networks.onnx_export import export_onnx
+
+    export_onnx(model, output)
+    robot = model.robot_
+    return (
+        f"{output}: {key_of(model)} for robot {robot.name}; inputs q (n, {robot.n_joints}) rad or "
+        "m, wrench (n, 6) N and N m at the TCP; output deflection (n, 3) m; base frame, float64"
+    )
+
+
+def _check_new_file(path: Path) -> None:
+    """See that a file can be written, before the work is done."""
+    refuse_existing(path)
+    if not path.parent.is_dir():
+        raise StoreError(f"{path}: cannot be written: no folder {path.parent}")
+
+
+@contextmanager
+def _blamed_on(model_file: Path) -> Iterator[None]:
+    """Make one clear error of whatever a model from a crafted file raises.
+
+    Raises:
+        DataError: it raised something; the message names the file.
+    """
+    try:
+        yield
+    except Exception as error:
+        kind = "" if isinstance(error, StiffBenchError) else f"{type(error).__name__}: "
+        raise DataError(f"{model_file}: its model cannot predict: {kind}{error}") from error
+
+
+@contextmanager
+def _warnings_said() -> Iterator[None]:
+    """Say each warning once, in a line."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        warnings.simplefilter("ignore", DeprecationWarning)
+        yield
+    for message in dict.fromkeys(str(warning.message) for warning in caught):
+        say(f"warning: {message}")

@@ -1,0 +1,70 @@
+"""The tables of the source paper that are made beside ours, by their numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from stiff_bench.figures.figure import FigureLine, by_name
+from stiff_bench.paper import network_figures, regression_figures
+from stiff_bench.paper import network_figures as freezing_figure
+from stiff_bench.paper.method_table import table_10
+from stiff_bench.paper.network_tables import table_6, table_7, table_8, table_9
+from stiff_bench.paper.results import PaperResults
+from stiff_bench.paper.table import PaperTable
+from stiff_bench.paper.vjm_tables import table_2, table_3
+from stiff_protocols.contract.errors import ConfigError, unknown_name
+
+_FITTED_HERE: Mapping[int, Callable[[], PaperTable]] = {2: table_2, 3: table_3}
+_FROM_RESULTS: Mapping[int, Callable[[PaperResults], PaperTable]] = {
+    6: table_6,
+    7: table_7,
+    8: table_8,
+    9: table_9,
+    10: table_10,
+}
+TABLES: Mapping[int, str] = {
+    2: "errors of the VJM on the samples it was fitted to",
+    3: "identified joint stiffnesses",
+    6: "errors on the simulated source by number of hidden layers",
+    7: "errors on the simulated source by activation",
+    8: "which layers are unfrozen; ours alone",
+    9: "last epoch against best epoch",
+    10: "VJM, FT-MLP and DT-CNN",
+}
+"""Number -> what the table is about, in a few words."""
+FITTED_HERE = frozenset(_FITTED_HERE)
+"""Tables that need no stored results: a model is fitted in a second."""
+
+
+def build(number: int, results: PaperResults | None) -> PaperTable:
+    """Return a table of the paper beside ours.
+
+    Args:
+        number: of the table in the paper.
+        results: that ours come from; None for a table of `FITTED_HERE`.
+
+    Raises:
+        ConfigError: the paper's table of that number is not made here.
+        StoreError: the results have nothing of it.
+    """
+    if number in _FITTED_HERE:
+        return _FITTED_HERE[number]()
+    if number not in _FROM_RESULTS:
+        raise unknown_name("table of the paper", str(number), map(str, TABLES))
+    if results is None:
+        raise ConfigError(f"table {number} needs results; `bench reproduce` makes them")
+    return _FROM_RESULTS[number](results)
+
+
+FIGURES: Mapping[str, FigureLine[PaperResults]] = by_name(
+    (
+        FigureLine("4", "Measured against VJM-fitted", regression_figures.figure_4),
+        FigureLine("5a", "MAE over nodes a layer", network_figures.figure_5a),
+        FigureLine("5b", "STDE over nodes a layer", network_figures.figure_5b),
+        FigureLine("5c", "Loss of the pre-training", network_figures.figure_5c),
+        FigureLine("5", "Depth, width and pre-training of the network", network_figures.figure_5),
+        FigureLine("6", "One unfrozen layer against two", freezing_figure.figure_6),
+        FigureLine("8", "Measured against DT-CNN", regression_figures.figure_8),
+        FigureLine("9", "Measured against FT-MLP and VJM", regression_figures.figure_9),
+    )
+)

@@ -1,0 +1,1 @@
+"""What a run was asked for: registry, options, and the cells that follow."""

@@ -1,0 +1,277 @@
+"""Options of models, data sets and protocols: read off their constructors, checked on the way in.
+
+An option's type is the constructor argument's annotation (with `annotated_types` bounds), or the
+type of its default where there is no annotation.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, is_dataclass
+from typing import Any, Generic, Literal, get_args, get_origin, get_type_hints
+
+from pydantic import PydanticUserError, TypeAdapter, ValidationError
+
+from stiff_bench.plan.registry import Info
+from stiff_bench.store.names import join_word
+from stiff_protocols.contract.errors import ConfigError, unknown_name
+from stiff_protocols.contract.interfaces import KnowsWhatIsMissing
+
+
+@dataclass(frozen=True)
+class Option:
+    """A constructor argument.
+
+    Attributes:
+        name: of the argument.
+        annotation: its type.
+        default: its default; `inspect.Parameter.empty` where it has none.
+        description: from the class's docstring.
+    """
+
+    name: str
+    annotation: Any
+    default: Any
+    description: str
+
+    @property
+    def required(self) -> bool:
+        """Whether it has no default."""
+        return self.default is inspect.Parameter.empty
+
+    @property
+    def type_text(self) -> str:
+        """The type as a user reads it."""
+        try:
+            schema = TypeAdapter(self.annotation).json_schema()
+        except PydanticUserError:
+            return str(self.annotation)  # a stranger's own type
+        return " or ".join(_schema_text(part) for part in schema.get("anyOf", [schema]))
+
+
+@functools.cache
+def options_of(cls: type) -> Mapping[str, Option]:
+    """Return the constructor's options by name; asked for in every cell, read off once."""
+    init = cls.__init__  # type: ignore[misc]
+    try:
+        hints = get_type_hints(cls if is_dataclass(cls) else init, include_extras=True)
+    except NameError as error:
+        raise ConfigError(f"{cls.__name__}: an annotation cannot be resolved: {error}") from error
+    descriptions = _descriptions(cls)
+    options = {}
+    for name, parameter in inspect.signature(cls).parameters.items():
+        if parameter.kind in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL):
+            continue
+        annotation = hints.get(name)
+        if annotation is None:
+            plain = isinstance(parameter.default, bool | int | float | str)
+            annotation = type(parameter.default) if plain else str
+        options[name] = Option(name, annotation, parameter.default, descriptions.get(name, ""))
+    return options
+
+
+def parse_settings(
+    settings: Sequence[str], classes: Mapping[str, type]
+) -> dict[str, dict[str, Any]]:
+    """Turn ``KEY.option=value`` words into checked values by key and option.
+
+    Args:
+        settings: the words.
+        classes: every key of the run and its class.
+
+    Raises:
+        ConfigError: a word is malformed, names what is not in the run, or its value is wrong.
+    """
+    parsed: dict[str, dict[str, Any]] = {key: {} for key in classes}
+    for setting in settings:
+        said = f"--set {setting!r}"
+        target, equals, text = setting.partition("=")
+        key, dot, name = target.rpartition(".")
+        if not (equals and dot and key and name):
+            raise ConfigError(f"{said}: expected KEY.option=value")
+        if key not in classes:
+            raise ConfigError(f"{said}: {unknown_name('key', key, classes)} in this run")
+        _add(parsed[key], said, key, classes[key], name, text)
+    return parsed
+
+
+def parse_word(said: str, key: str, settings: Sequence[str], cls: type) -> dict[str, Any]:
+    """Turn the ``OPTION=VALUE`` parts of a ``KEY@OPTION=VALUE`` word into checked values.
+
+    Args:
+        said: what the user wrote, for messages.
+        key: of the word.
+        settings: the parts.
+        cls: of the key.
+
+    Raises:
+        ConfigError: a part is malformed, names no option, or its value is wrong.
+    """
+    parsed: dict[str, Any] = {}
+    for setting in settings:
+        name, equals, text = setting.partition("=")
+        if not (equals and name):
+            raise ConfigError(f"{said}: expected KEY@OPTION=VALUE")
+        if parsed and name not in options_of(cls):
+            unknown = unknown_name(f"{key} option", name, options_of(cls))
+            raise ConfigError(f"{said}: {unknown}; an @ inside a value is doubled: @@")
+        _add(parsed, said, key, cls, name, text)
+    return parsed
+
+
+def _add(parsed: dict[str, Any], said: str, key: str, cls: type, name: str, text: str) -> None:
+    options = options_of(cls)
+    if name not in options:
+        raise ConfigError(f"{said}: {unknown_name(f'{key} option', name, options)}")
+    if name in parsed:
+        raise ConfigError(f"{said}: {key}.{name} is set twice")
+    parsed[name] = _value(said, options[name], text)
+
+
+_STORED = (-(2**63), 2**63 - 1)
+
+
+def _value(said: str, option: Option, text: str) -> Any:
+    if not text.isprintable() and any(0xD800 <= ord(letter) <= 0xDFFF for letter in text):
+        raise ConfigError(f"{said}: {text!r} is no UTF-8, which results are stored in")
+    try:
+        adapter = TypeAdapter(option.annotation)
+    except PydanticUserError:
+        raise ConfigError(
+            f"{said}: {option.name} is a {option.type_text}, which no text can give"
+        ) from None
+    if text.lower() == "none" and option.default is None:
+        return None
+    if get_origin(option.annotation) is Literal:  # pydantic takes no text for a number in it
+        words = {str(word): word for word in get_args(option.annotation)}
+        if text in words:
+            return words[text]
+    try:
+        value = adapter.validate_strings(text)
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ConfigError(f"{said}: {text!r} is not finite (valid: {option.type_text})")
+        if isinstance(value, int) and not _STORED[0] <= value <= _STORED[1]:
+            raise ConfigError(f"{said}: {text} takes more than the 64 bits that a result stores")
+        return value
+    except ValidationError as error:
+        reasons = {_lower_first(str(problem["msg"])) for problem in error.errors()}
+        raise ConfigError(
+            f"{said}: {text!r} is no valid {option.name}: "
+            f"{'; '.join(sorted(reasons))} (valid: {option.type_text})"
+        ) from None
+
+
+def _lower_first(message: str) -> str:
+    return message[:1].lower() + message[1:]
+
+
+_SCHEMA_BOUNDS = (
+    ("minimum", ">="),
+    ("exclusiveMinimum", ">"),
+    ("maximum", "<="),
+    ("exclusiveMaximum", "<"),
+)
+
+
+def _schema_text(schema: Mapping[str, Any]) -> str:
+    if "enum" in schema:
+        return " | ".join(map(str, schema["enum"]))
+    if "const" in schema:
+        return str(schema["const"])
+    names = {"integer": "whole number", "string": "text", "null": "none", "boolean": "true | false"}
+    kind = schema.get("type", "value")
+    bounds = [f"{sign} {schema[word]:g}" for word, sign in _SCHEMA_BOUNDS if word in schema]
+    return " ".join([names.get(kind, kind), *bounds])
+
+
+def _descriptions(cls: type) -> dict[str, str]:
+    """Return the entries of the "Attributes:" or "Args:" sections, base classes first."""
+    found = {}
+    for base in reversed(cls.__mro__):
+        doc = inspect.cleandoc(vars(base).get("__doc__") or "")
+        for section in re.findall(
+            r"^(?:Attributes|Args):\n((?:[ ]{4}.*\n?|\n)+)", doc, re.MULTILINE
+        ):
+            for name, text in re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", section, re.MULTILINE):
+                found[name] = " ".join(text.split())
+    return found
+
+
+@dataclass(frozen=True)
+class Choice(Generic[Info]):
+    """A catalogue line with the options that were set.
+
+    Attributes:
+        info: the line.
+        cls: its class.
+        params: what was set; the rest is default.
+        context: arguments that do not belong to the result's identity (the device).
+    """
+
+    info: Info
+    cls: type
+    params: dict[str, Any]
+    context: dict[str, Any]
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """Every option and its value, defaults too, but for the context: what a key hashes.
+
+        A default spelled out is the same result, and a default that changes is another one.
+        """
+        defaults = {name: option.default for name, option in options_of(self.cls).items()}
+        merged = {**defaults, **self.params}
+        return {
+            name: value if _is_json(value) else str(value)
+            for name, value in merged.items()
+            if name not in self.context
+        }
+
+    @property
+    def options_text(self) -> str:
+        """What was set, for people: "name=value, ..."; "" for all defaults."""
+        return ", ".join(f"{name}={value}" for name, value in sorted(self.params.items()))
+
+    @property
+    def name(self) -> str:
+        """Key with every option that differs from its default: a word of the command line."""
+        options = options_of(self.cls)
+        changed = [
+            f"{name}={value}"
+            for name, value in sorted(self.params.items())
+            if value != options[name].default
+        ]
+        return join_word(self.info.key, changed)
+
+    def missing(self) -> str:
+        """Return why this cannot be used here, with its options; "" where it can."""
+        if issubclass(self.cls, KnowsWhatIsMissing):
+            return str(self.make().missing())
+        return self.info.missing()
+
+    def make(self) -> Any:
+        """Return a new object.
+
+        Raises:
+            ConfigError: the constructor, which may be a stranger's, refuses.
+        """
+        for name, option in options_of(self.cls).items():
+            if option.required and name not in {**self.params, **self.context}:
+                raise ConfigError(f"{self.info.key!r} needs --set {self.info.key}.{name}=...")
+        try:
+            return self.cls(**self.params, **self.context)
+        except Exception as error:
+            raise ConfigError(
+                f"{self.info.key!r} cannot be made: {type(error).__name__}: {error}"
+            ) from error
+
+
+def _is_json(value: object) -> bool:
+    """Say whether JSON has the value: it has no infinity and no NaN."""
+    if isinstance(value, float):
+        return math.isfinite(value)
+    return isinstance(value, str | int | type(None))

@@ -1,0 +1,245 @@
+"""All models, data sets and protocols that can be named: ours, installed plugins', files'."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import importlib.util
+import re
+import sys
+import traceback
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import TypeVar
+
+from stiff_bench.console import say
+from stiff_datasets.catalog import DATASETS
+from stiff_models.catalog import FAMILIES, MODELS
+from stiff_protocols.catalog import PROTOCOLS
+from stiff_protocols.contract.errors import ConfigError, unknown_name
+from stiff_protocols.contract.plugin import (
+    DatasetInfo,
+    ModelFamily,
+    ModelInfo,
+    PluginInfo,
+    ProtocolInfo,
+)
+
+OURS = "stiffbench"
+"""Origin of the lines that are shipped."""
+
+Info = TypeVar("Info", bound=PluginInfo)
+KEY = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+"""What a key of a catalogue line looks like, so that every command line can name it."""
+EVERY_MODEL = "all"
+"""The word that stands for every registered model on the command line."""
+_PLUGIN = "stiffbench_plugin_"
+"""How the modules of plugin files are called."""
+_KINDS: dict[str, type[PluginInfo]] = {
+    "models": ModelInfo,
+    "datasets": DatasetInfo,
+    "protocols": ProtocolInfo,
+}
+
+
+@dataclass
+class Registry:
+    """Catalogue lines by key.
+
+    Attributes:
+        models, datasets, protocols: key -> line.
+        families: lines of models without number, such as every scikit-learn regressor.
+        origins: key -> where the line came from.
+        broken: one line for each installed plugin that could not be loaded.
+    """
+
+    models: dict[str, ModelInfo] = field(default_factory=dict)
+    datasets: dict[str, DatasetInfo] = field(default_factory=dict)
+    protocols: dict[str, ProtocolInfo] = field(default_factory=dict)
+    families: tuple[ModelFamily, ...] = ()
+    origins: dict[str, str] = field(default_factory=dict)
+    broken: list[str] = field(default_factory=list)
+
+    def add(self, infos: Iterable[object], origin: str) -> None:
+        """Register catalogue lines.
+
+        Raises:
+            ConfigError: a line is none of ours, or its key is taken.
+        """
+        for info in infos:
+            for kind, line in _KINDS.items():
+                if isinstance(info, line):
+                    self._add_one(getattr(self, kind), info, origin)
+                    break
+            else:
+                raise ConfigError(
+                    f"{origin}: {info!r} is no ModelInfo, DatasetInfo or ProtocolInfo"
+                )
+
+    def _add_one(self, table: dict[str, Info], info: Info, origin: str) -> None:
+        # one key, one thing: `bench show KEY` and `--set KEY.option` do not name the kind
+        if info.key in self.origins:
+            raise ConfigError(
+                f"{origin}: key {info.key!r} is taken by {self.origins[info.key]}; rename it"
+            )
+        if info.key == EVERY_MODEL:
+            raise ConfigError(f"{origin}: key {info.key!r} stands for every model; rename it")
+        family = self._family(info.key)
+        if family is not None:
+            raise ConfigError(
+                f"{origin}: key {info.key!r} begins with {family.prefix!r}, which stands for "
+                f"{family.summary}; rename it"
+            )
+        if not KEY.fullmatch(info.key):
+            raise ConfigError(
+                f"{origin}: key {info.key!r} is no word (valid: letters, digits, and . _ -)"
+            )
+        table[info.key] = info
+        self.origins[info.key] = origin
+
+    def model(self, key: str) -> ModelInfo:
+        """Return the line of a model's key, which may be a member of a family.
+
+        Raises:
+            ConfigError: there is none.
+        """
+        family = self._family(key)
+        if family is not None:
+            return family.member(key)
+        if key not in self.models:
+            raise unknown_name("model", key, [*self.models, *self._family_names()])
+        return self.models[key]
+
+    def find(self, key: str) -> PluginInfo:
+        """Return the line of a key of any kind.
+
+        Raises:
+            ConfigError: there is none.
+        """
+        others: dict[str, PluginInfo] = {**self.datasets, **self.protocols}
+        if key in others:
+            return others[key]
+        if key in self.models or self._family(key) is not None:
+            return self.model(key)
+        raise unknown_name("key", key, [*self.models, *others, *self._family_names()])
+
+    def _family(self, key: str) -> ModelFamily | None:
+        fitting = [family for family in self.families if key.startswith(family.prefix)]
+        return max(fitting, key=lambda family: len(family.prefix), default=None)
+
+    def _family_names(self) -> list[str]:
+        return [f"{family.prefix}..." for family in self.families]
+
+
+def lookup(table: dict[str, Info], kind: str, key: str) -> Info:
+    """Return the line of `key`, or raise ConfigError with the nearest valid key."""
+    if key not in table:
+        raise unknown_name(kind, key, table)
+    return table[key]
+
+
+def build_registry(plugin_files: Sequence[Path] = ()) -> Registry:
+    """Collect the shipped catalogues, installed plugins, and plugin files.
+
+    What an installed plugin cannot give (it raises on import, a line is no line of ours, a key is
+    taken) is noted in `broken`, and the rest is there; a file that the user named must load.
+
+    Raises:
+        ConfigError: a plugin file cannot be used, or its key is taken.
+    """
+    registry = Registry(families=FAMILIES)
+    for infos in (MODELS, DATASETS, PROTOCOLS):
+        registry.add(infos, OURS)
+    for kind in _KINDS:
+        for point in entry_points(group=f"stiffbench.{kind}"):
+            _add_installed(registry, point)
+    for path in plugin_files:
+        registry.add(_lines_of(import_plugin_file(path), path), str(path))
+    return registry
+
+
+def usable_registry(plugin_files: Sequence[Path] = ()) -> Registry:
+    """Return `build_registry`'s, after saying which installed plugins it leaves out."""
+    registry = build_registry(plugin_files)
+    for line in registry.broken:
+        say(f"warning: plugin left out: {line}")
+    return registry
+
+
+def _add_installed(registry: Registry, point: EntryPoint) -> None:
+    origin = f"{point.dist.name if point.dist else 'plugin'} ({point.group}: {point.name})"
+    try:
+        with _guarded(origin):
+            lines = _as_list(point.load())
+    except ConfigError as error:
+        registry.broken.append(str(error))
+        return
+    for line in lines:
+        try:
+            registry.add([line], origin)
+        except ConfigError as error:
+            registry.broken.append(str(error))
+
+
+@contextlib.contextmanager
+def _guarded(origin: str) -> Iterator[None]:
+    """Import a stranger's module: whatever it raises is one clear error.
+
+    What it prints goes to standard error: standard output belongs to the tables.
+
+    Raises:
+        ConfigError: it raised.
+    """
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
+    except (Exception, SystemExit) as error:
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        raise ConfigError(
+            f"{origin}: cannot be imported: {type(error).__name__}: {error} "
+            f"({place.filename}:{place.lineno})"
+        ) from error
+
+
+def _as_list(lines: object) -> list[object]:
+    return list(lines) if isinstance(lines, list | tuple) else [lines]
+
+
+def import_plugin_file(path: Path) -> ModuleType:
+    """Import a plugin's file, whose code runs with that.
+
+    Raises:
+        ConfigError: it cannot be imported.
+    """
+    if not path.is_file():
+        raise ConfigError(f"--plugin {path}: no such file")
+    # two files may have one name, and each needs a module of its own
+    place = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]
+    name = f"{_PLUGIN}{path.stem}_{place}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise ConfigError(f"--plugin {path}: not a Python file (valid: a file that ends in .py)")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses and type hints look their module up here
+    with _guarded(f"--plugin {path}"):
+        spec.loader.exec_module(module)
+    return module
+
+
+def plugin_files() -> tuple[Path, ...]:
+    """Return the plugin files that this process has imported: their classes need them elsewhere."""
+    names = [name for name in list(sys.modules) if name.startswith(_PLUGIN)]
+    return tuple(Path(str(sys.modules[name].__file__)).resolve() for name in names)
+
+
+def _lines_of(module: ModuleType, path: Path) -> list[object]:
+    lines = [info for kind in _KINDS for info in _as_list(getattr(module, kind.upper(), []))]
+    if not lines:
+        raise ConfigError(
+            f"--plugin {path}: defines nothing (valid: a list MODELS, DATASETS or PROTOCOLS of "
+            "ModelInfo, DatasetInfo or ProtocolInfo)"
+        )
+    return lines

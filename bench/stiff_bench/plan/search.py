@@ -1,0 +1,190 @@
+"""Candidates of a search: a named grid of the catalogue lines, or the user's TOML file.
+
+A file has a table a model (quoted where the key holds a colon or a dot)::
+
+    [ft-mlp]
+    freeze = ["layers:1,2", "full"]
+    learning_rate = {low = 1e-4, high = 1e-2, log = true}
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from stiff_bench.plan.options import Choice, parse_word
+from stiff_protocols.contract.errors import ConfigError, unknown_name
+from stiff_protocols.contract.files import read_toml
+from stiff_protocols.contract.interfaces import ChecksParams, TunesModels
+from stiff_protocols.contract.plugin import ModelInfo, ProtocolInfo
+from stiff_protocols.contract.search_space import DEFAULT_GRID, Grid, Range
+
+FILE_ENDING = ".toml"
+VALID = "a list of values, or {low = ..., high = ..., log = true} of numbers for search=optuna"
+
+
+def written_grids(
+    name: str, said: str, models: Sequence[Choice[ModelInfo]]
+) -> Mapping[str, Mapping[str, Any]]:
+    """Return each model key's grid as it is written, for those that have one.
+
+    Args:
+        name: of a grid, or a path that ends in .toml.
+        said: what the user set, for messages.
+        models: of the run.
+
+    Raises:
+        ConfigError: there is none for any of the models, or the file cannot be read.
+    """
+    if name.endswith(FILE_ENDING):
+        return _read(Path(name), said, {model.info.key for model in models})
+    grids = {model.info.key: model.info.grids[name] for model in models if name in model.info.grids}
+    if not grids and name != DEFAULT_GRID:
+        known = {grid for model in models for grid in model.info.grids}
+        unknown = unknown_name("grid of these models", name, known)
+        raise ConfigError(f"{said}: {unknown}; a file's name ends in {FILE_ENDING}")
+    return grids
+
+
+def _read(path: Path, said: str, keys: set[str]) -> dict[str, dict[str, Any]]:
+    try:
+        content = read_toml(path)
+    except OSError as error:
+        raise ConfigError(f"{said}: cannot be read: {error.strerror or error}") from error
+    except ValueError as error:
+        raise ConfigError(f"{said}: no TOML: {error}") from error
+    for key, table in content.items():
+        if not isinstance(table, dict):
+            raise ConfigError(f"{said}: {key} is {table!r} (valid: tables [MODEL] of options)")
+    if not keys & set(content):
+        raise ConfigError(
+            f"{said}: has tables for {', '.join(content) or 'no model'}, none for a model of this "
+            f"run ({', '.join(sorted(keys))})"
+        )
+    return content
+
+
+def checked_grid(said: str, model: Choice[ModelInfo], written: Mapping[str, Any]) -> Grid:
+    """Return the candidates of a model's options, with the options' types.
+
+    Args:
+        said: where it is written, for messages.
+        model: whose options.
+        written: option -> list of values, Range, or mapping of a range's fields.
+
+    Raises:
+        ConfigError: an option is unknown, or a value is wrong.
+    """
+    return {
+        name: _candidates(f"{said}.{name}", model, name, candidates)
+        for name, candidates in written.items()
+    }
+
+
+def _candidates(
+    said: str, model: Choice[ModelInfo], name: str, written: Any
+) -> tuple[Any, ...] | Range:
+    def value(text: object) -> Any:
+        return parse_word(said, model.info.key, [f"{name}={text}"], model.cls)[name]
+
+    if isinstance(written, Range):
+        written = asdict(written)
+    if isinstance(written, Mapping):
+        return _range(
+            said, {**written, **{end: value(written[end]) for end in _ends(said, written)}}
+        )
+    if not isinstance(written, list | tuple) or not written:
+        raise ConfigError(f"{said} is {written!r} (valid: {VALID})")
+    return tuple(value(each) for each in written)
+
+
+def _ends(said: str, written: Mapping[str, Any]) -> tuple[str, str]:
+    """Return the names of a range's ends, once they are there and nothing unknown is."""
+    ends = ("low", "high")
+    unknown = set(written) - {item.name for item in fields(Range)}
+    if unknown or not set(ends) <= set(written):
+        raise ConfigError(f"{said} is {dict(written)} (valid: {VALID})")
+    return ends
+
+
+def _range(said: str, checked: Mapping[str, Any]) -> Range:
+    """Return the range whose ends have the option's type."""
+    found = Range(**checked)
+    numbers = all(type(end) in (int, float) for end in (found.low, found.high))
+    if not numbers or type(found.log) is not bool:
+        raise ConfigError(f"{said} is {dict(checked)} (valid: {VALID})")
+    if not found.low < found.high:
+        raise ConfigError(f"{said}: low {found.low:g} must lie below high {found.high:g}")
+    if found.log and found.low <= 0:
+        raise ConfigError(f"{said}: low {found.low:g} has no logarithm (valid with log: above 0)")
+    return found
+
+
+@dataclass(frozen=True)
+class TunedChoice(Choice[ModelInfo]):
+    """A model that chooses options in its fit.
+
+    Attributes:
+        tuner: the protocol that has it do so.
+        grid: the candidates; empty where it has none.
+    """
+
+    tuner: TunesModels
+    grid: Grid
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """Every option and its value, with the candidates for those that are chosen."""
+        candidates = {
+            name: str(values) if isinstance(values, Range) else [str(value) for value in values]
+            for name, values in self.grid.items()
+        }
+        return {**super().identity, **candidates}
+
+    def make(self) -> Any:
+        """Return a new object that chooses.
+
+        Raises:
+            ConfigError: the model's constructor refuses.
+        """
+        return self.tuner.tuned(super().make(), self.grid)
+
+
+def tuned_models(
+    protocols: Sequence[Choice[ProtocolInfo]], models: Sequence[Choice[ModelInfo]]
+) -> dict[str, list[TunedChoice]]:
+    """Return what each protocol that tunes makes of the models, by the protocol's name.
+
+    Raises:
+        ConfigError: a grid or a file holds nothing for these models, names no option, or holds a
+            value that is wrong or does not fit the others.
+    """
+    found = {}
+    for protocol in protocols:
+        tuner = protocol.make()
+        if isinstance(tuner, TunesModels):
+            said = f"{protocol.info.key}.grid={tuner.grid}"
+            grids = written_grids(tuner.grid, said, models)
+            found[protocol.name] = [
+                _tuned(said, model, tuner, grids.get(model.info.key, {})) for model in models
+            ]
+    return found
+
+
+def _tuned(
+    said: str, model: Choice[ModelInfo], tuner: TunesModels, written: Mapping[str, Any]
+) -> TunedChoice:
+    """Return the checked choice; an option that the user set is taken out of the grid."""
+    said = f"{said}: {model.info.key}"
+    grid = checked_grid(said, model, written)
+    left = {name: grid[name] for name in grid if name not in {**model.params, **model.context}}
+    tuned = TunedChoice(model.info, model.cls, model.params, model.context, tuner, left)
+    made = tuned.make()
+    if isinstance(made, ChecksParams) and not tuned.missing():
+        try:
+            made.check_params()
+        except ConfigError as error:
+            raise ConfigError(f"{said}: {error}") from error
+    return tuned

@@ -1,0 +1,1 @@
+"""Computes cells: here, in processes of their own, or on a cluster."""

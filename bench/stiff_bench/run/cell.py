@@ -1,0 +1,281 @@
+"""Computes one cell: fit, predict, and only then look at what was measured."""
+
+from __future__ import annotations
+
+import random
+import sys
+import time
+import traceback
+import warnings
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from stiff_bench.console import printing_to_stderr
+from stiff_bench.plan.cells import CellTask
+from stiff_bench.run.costs import MemoryMeter, latency, throughput
+from stiff_models.catalog import REFERENCE_MODEL, model_info
+from stiff_protocols.contract.errors import (
+    ModelError,
+    StiffBenchError,
+    StiffBenchWarning,
+    TooFewToCalibrate,
+    said_by,
+)
+from stiff_protocols.contract.interfaces import (
+    ChoosesOptions,
+    KeepsCurves,
+    PredictsInterval,
+    ReportsDiagnostics,
+    StiffnessModel,
+)
+from stiff_protocols.contract.record import CellResult, Cost, ResultRecord
+from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Prediction, Samples
+from stiff_protocols.scoring.conformal import SplitConformal
+from stiff_protocols.scoring.metrics import METRICS
+from stiff_protocols.scoring.sanity import check_prediction, check_units, warn_of_rows
+
+ROWS_FOR_UNITS = 256
+"""How many training rows are predicted to see that a model predicts m: enough, and soon done."""
+
+
+CURVE_POINTS = 200
+"""Of a training that are stored: more than a figure's width shows."""
+
+LONGEST_MESSAGE, MOST_WARNINGS = 2000, 100
+"""Of a failure or warning, characters; and how many warnings of a cell are kept."""
+
+
+def compute_cell(task: CellTask, run_id: str) -> CellResult:
+    """Fit, predict and score one cell; what goes wrong in the model becomes a failed result.
+
+    Every metric is stored, whichever a table shows; those of intervals where there are intervals.
+    A model that cannot be used on this machine gives a skipped result.
+    """
+    _seed_global_numbers(task.cell.model_seed)
+    with printing_to_stderr(), warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        warnings.simplefilter("ignore", DeprecationWarning)
+        try:
+            missing = task.model.missing()
+            if missing:
+                result = unfinished(task, run_id, "skipped", missing)
+            else:
+                result = _fit_predict_score(task, run_id)
+        except StiffBenchError as error:
+            result = failed(task, run_id, type(error).__name__, short(str(error)))
+        except (
+            Exception,
+            SystemExit,
+        ) as error:  # whatever a plugin raises is that cell's failure alone
+            where = traceback.extract_tb(error.__traceback__)[-1]
+            reason = f"{short(said_by(error))} ({where.filename}:{where.lineno})"
+            result = failed(task, run_id, type(error).__name__, reason)
+    messages = dict.fromkeys(short(str(warning.message)) for warning in caught)
+    return replace(result, warnings=tuple(messages)[:MOST_WARNINGS])
+
+
+def _seed_global_numbers(seed: int) -> None:
+    """Give a model that draws from global random numbers the same ones wherever the cell runs."""
+    random.seed(seed)
+    np.random.seed(seed)  # noqa: NPY002
+    if (torch := sys.modules.get("torch")) is not None:
+        torch.manual_seed(seed)
+
+
+def short(text: str) -> str:
+    """Return a message that a model may have made megabytes long, cut to what people read."""
+    return text if len(text) <= LONGEST_MESSAGE else f"{text[:LONGEST_MESSAGE]} [...]"
+
+
+def failed(
+    task: CellTask, run_id: str, cause: str, reason: str, log: tuple[str, ...] = ()
+) -> CellResult:
+    """Return the row of a cell that gave no result."""
+    return replace(unfinished(task, run_id, "failed", reason), cause=cause, log=log)
+
+
+def unfinished(
+    task: CellTask, run_id: str, status: Literal["failed", "skipped"], reason: str
+) -> CellResult:
+    """Return the row of a cell without numbers."""
+    return CellResult(task.cell, task.shown, run_id, status, failure=reason, n_splits=task.n_splits)
+
+
+def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
+    """Fit and predict, and only then look at what was measured at the test rows."""
+    train, validation = _training_side(task, chooses_epoch=task.chooses_epoch)
+    q, wrench = task.data.samples.q[task.split.test], task.split.test_wrench(task.data.samples)
+    model = task.make()
+    memory = MemoryMeter()
+    start = time.perf_counter()
+    model.fit(train, robot=task.data.robot, validation=validation, seed=task.cell.model_seed)
+    fitted = time.perf_counter()
+    predicted = np.asarray(model.predict(q, wrench))
+    predict_s = time.perf_counter() - fitted
+    memory_bytes = memory.rise()
+    check_prediction(predicted, len(q))
+    _check_units(model, train)
+    warn_of_rows(train)
+    diagnostics, chosen = _diagnostics(model), _chosen(model)
+    intervals = _interval_source(task, model, train, validation)
+    interval = None
+    if intervals is not None and task.cell.coverage is not None:
+        interval = _interval(intervals, q, wrench, task.cell.coverage)
+    cost = Cost(  # measured last: how often it asks the model depends on the machine's speed
+        fit_s=fitted - start,
+        predict_s=predict_s,
+        latency_s=latency(model, q, wrench),
+        throughput_per_s=throughput(model, q, wrench, predict_s),
+        memory_bytes=memory_bytes,
+    )
+    reference = _reference(task, q, wrench)
+    measured = task.data.samples.deflection[task.split.test]
+    prediction = Prediction(task.split.test, predicted, measured, interval, reference)
+    return CellResult(
+        cell=task.cell,
+        shown=task.shown,
+        run_id=run_id,
+        status="ok",
+        records=_records(prediction, cost),
+        prediction=prediction,
+        cost=cost,
+        calibration_samples=(
+            len(intervals.residuals_) if isinstance(intervals, SplitConformal) else 0
+        ),
+        diagnostics=diagnostics,
+        n_train=len(_training_rows(task)),
+        n_splits=task.n_splits,
+        chosen=chosen,
+        curves=_curves(model),
+    )
+
+
+def _diagnostics(model: StiffnessModel) -> dict[str, float]:
+    if not isinstance(model, ReportsDiagnostics):
+        return {}
+    return {str(name): float(value) for name, value in model.diagnostics_.items()}
+
+
+def _curves(model: StiffnessModel) -> dict[str, FloatArray]:
+    if not isinstance(model, KeepsCurves):
+        return {}
+    return {str(name): _thinned(name, curve) for name, curve in model.curves_.items()}
+
+
+def _thinned(name: str, curve: FloatArray) -> FloatArray:
+    """Return a curve of at most `CURVE_POINTS` points, first and last among them.
+
+    Raises:
+        ModelError: it is no curve.
+    """
+    try:
+        points = np.asarray(curve, dtype=np.float64)
+    except (TypeError, ValueError):
+        points = np.empty(0)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ModelError(f"curves_[{name!r}] is no (n, 3) array of step, loss, validation loss")
+    if len(points) <= CURVE_POINTS:
+        return points
+    return points[np.linspace(0, len(points) - 1, CURVE_POINTS).round().astype(np.int64)]
+
+
+def _chosen(model: StiffnessModel) -> dict[str, str]:
+    if not isinstance(model, ChoosesOptions):
+        return {}
+    return {name: str(value) for name, value in model.best_params_.items()}
+
+
+def _records(prediction: Prediction, cost: Cost) -> tuple[ResultRecord, ...]:
+    return tuple(
+        ResultRecord(metric.key, axis, value, metric.unit)
+        for metric in METRICS.values()
+        for axis, value in metric.values(prediction, cost).items()
+    )
+
+
+def _reference(task: CellTask, q: FloatArray, wrench: FloatArray) -> FloatArray | None:
+    """Return what the reference model predicts that learned from the whole training side.
+
+    It takes a millisecond; None where these data do not identify it.
+    """
+    model = model_info(REFERENCE_MODEL).load()()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            train, _ = _training_side(task, chooses_epoch=False)
+            model.fit(train, robot=task.data.robot, seed=task.cell.model_seed)
+            return np.asarray(model.predict(q, wrench))
+    except StiffBenchError:
+        return None
+
+
+def _interval_source(
+    task: CellTask, model: StiffnessModel, train: Samples, validation: Samples | None
+) -> PredictsInterval | None:
+    """Return what will give the intervals: the model itself, or a second fit on fewer rows.
+
+    None where there are none to give: not asked for, or the training side is too small for the
+    coverage, which is a warning and leaves the point predictions alone.
+    """
+    if task.cell.coverage is None:
+        return None
+    if isinstance(model, PredictsInterval):
+        return model
+    conformal = SplitConformal(task.make(), coverage=task.cell.coverage)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", StiffBenchWarning)
+        try:
+            conformal.fit(
+                train, robot=task.data.robot, validation=validation, seed=task.cell.model_seed
+            )
+        except TooFewToCalibrate as error:
+            found, said = None, [f"no intervals: {error}"]
+        else:
+            found = conformal
+            said = [f"fit for the intervals: {w.message}" for w in caught]  # its rows are fewer
+    for message in dict.fromkeys(said):
+        warnings.warn(message, StiffBenchWarning, stacklevel=1)
+    return found
+
+
+def _interval(
+    source: PredictsInterval, q: FloatArray, wrench: FloatArray, coverage: float
+) -> Interval:
+    interval = source.predict_interval(q, wrench, coverage)
+    if not isinstance(interval, Interval):
+        raise ModelError(f"predict_interval returned {type(interval).__name__}, expected Interval")
+    return interval
+
+
+def _check_units(model: StiffnessModel, train: Samples) -> None:
+    rows = np.linspace(0, len(train) - 1, min(len(train), ROWS_FOR_UNITS)).astype(np.int64)
+    some = train.take(rows)
+    predicted = np.asarray(model.predict(some.q, some.wrench))
+    check_prediction(predicted, len(some))
+    check_units(predicted, some.deflection)
+
+
+def _training_side(task: CellTask, *, chooses_epoch: bool) -> tuple[Samples, Samples | None]:
+    """Return training and validation samples.
+
+    A model that chooses no epoch has no use for validation rows; it learns from all of the
+    training side instead.
+    """
+    samples, split = task.data.samples, task.split
+    if chooses_epoch:
+        validation = samples.take(split.validation) if len(split.validation) else None
+        return samples.take(split.train), validation
+    return samples.take(_training_rows(task)), None
+
+
+def _training_rows(task: CellTask) -> IntArray:
+    """Return the rows of the training side, those that choose an epoch too.
+
+    Where the validation rows are the test rows, nobody learns from them.
+    """
+    split = task.split
+    if task.shown.selects_on_test:
+        return split.train
+    return np.sort(np.concatenate([split.train, split.validation]))

@@ -1,0 +1,193 @@
+"""Computes cells on a Dask cluster: each in a process of its own, beside a worker.
+
+As many cells are given away as there are workers, so that nobody else's is lost with one. Dask
+gives a cell whose worker ends to another one.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import multiprocessing
+import re
+import time
+from collections.abc import Generator, Iterable, Mapping
+from contextlib import ExitStack, suppress
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from distributed import Client, Future, KilledWorker, LocalCluster, get_worker
+
+import stiff_bench
+import stiff_models
+import stiff_protocols
+from stiff_bench.console import say
+from stiff_bench.plan.cells import CellTask
+from stiff_bench.run.isolate import (
+    Crash,
+    Limits,
+    Work,
+    compute_isolated,
+    result_of,
+    work_of,
+    work_of_run,
+)
+from stiff_bench.run.machine import pin_threads
+from stiff_bench.run.progress import Display
+from stiff_bench.run.provenance import environment
+from stiff_bench.store.versions import LIBRARIES
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.source_code import code_below
+
+SECONDS_TO_CONNECT = 10.0
+SECONDS_BETWEEN_LOOKS = 0.01
+SECONDS_BETWEEN_COUNTS = 1.0
+SECONDS_UNTIL_SAID = 30.0
+"""How long there is no worker before that is said."""
+
+
+class DaskCluster:
+    """Computes cells on a cluster.
+
+    Args:
+        words: "tcp://HOST:PORT" of a scheduler, or "local:N" workers of our own.
+        limits: of every cell's process.
+        output: folder for what workers of our own write.
+    """
+
+    def __init__(self, words: str, limits: Limits, output: Path) -> None:
+        """Check the words; nothing is started yet.
+
+        Raises:
+            ConfigError: they name no cluster.
+        """
+        self._said, self._limits, self._output = f"--dask {words}", limits, output
+        self._address = words if re.fullmatch(r"(tcp|tls)://[^/:]+:\d+", words) else ""
+        local = re.fullmatch(r"local:0*([1-9]\d*)", words)
+        if not self._address and not local:
+            raise ConfigError(f"--dask {words!r}: no cluster (valid: tcp://HOST:PORT, local:N)")
+        self.at_once = int(local[1]) if local else 1
+        self._machines: dict[str, Mapping[str, str]] = {}
+
+    def machines(self) -> Mapping[str, Mapping[str, str]]:
+        """Return the environments of the workers that computed cells, by their addresses."""
+        return self._machines
+
+    def results(
+        self, tasks: Iterable[CellTask], run_id: str, display: Display
+    ) -> Generator[CellResult, None, None]:
+        """Yield the result of every cell as it ends.
+
+        Raises:
+            ConfigError: there is no scheduler, or it has gone.
+        """
+        waiting = iter(tasks)
+        task = next(waiting, None)
+        if task is None:
+            return  # and no cluster is needed
+        common, code = work_of_run(run_id, self._limits), shared_code()
+        given: dict[Future, CellTask] = {}
+        n_workers, counted, last_seen = 0, -SECONDS_BETWEEN_COUNTS, time.monotonic()
+        with ExitStack() as stack:
+            client = self._connected(stack)
+            while task is not None or given:
+                now = time.monotonic()
+                if now - counted >= SECONDS_BETWEEN_COUNTS:
+                    n_workers, counted = len(client.scheduler_info()["workers"]), now
+                    if n_workers:
+                        last_seen = now
+                    elif now - last_seen > SECONDS_UNTIL_SAID:
+                        last_seen = math.inf
+                        say(f"{self._said}: there is no worker; waiting for one")
+                while task is not None and len(given) < n_workers:
+                    display.start(task)
+                    work = work_of(common, task, fresh=True)
+                    given[client.submit(compute_beside_worker, work, code, pure=False)] = task
+                    task = next(waiting, None)
+                time.sleep(SECONDS_BETWEEN_LOOKS)
+                for future in [future for future in given if future.done()]:
+                    with suppress(TimeoutError):  # its worker has gone with it: Dask makes it anew
+                        found = self._outcome(future)
+                        yield result_of(given.pop(future), run_id, found)
+
+    def _connected(self, stack: ExitStack) -> Client:
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters, we say
+        address = self._address
+        if not address:
+            scratch = stack.enter_context(TemporaryDirectory(dir=self._output, prefix=".dask-"))
+            cluster = LocalCluster(
+                n_workers=self.at_once,
+                threads_per_worker=1,
+                dashboard_address=":0",
+                local_directory=scratch,
+            )
+            address = stack.enter_context(cluster).scheduler_address
+        try:
+            return stack.enter_context(Client(address, timeout=SECONDS_TO_CONNECT))
+        except (OSError, ValueError) as error:
+            said = f"{self._said}: no scheduler answers there ({error})"
+            raise ConfigError(said) from error
+
+    def _outcome(self, future: Future) -> CellResult | Crash:
+        """Return what became of a cell.
+
+        Raises:
+            ConfigError: the scheduler has gone, or a worker computes otherwise than we would.
+            TimeoutError: its worker has gone, with the result.
+        """
+        goes_on = "the same command goes on where this run stopped"
+        if future.status == "finished":
+            worker, machine, found = future.result(timeout=SECONDS_TO_CONNECT)
+            self._machines[worker] = machine
+            outcome: CellResult | Crash = found
+            return outcome
+        if future.status != "error":
+            raise ConfigError(f"{self._said}: the scheduler has gone; {goes_on}")
+        error = future.exception()
+        if isinstance(error, KilledWorker):
+            n_workers = error.allowed_failures + 1
+            return Crash("killed its workers", f"{n_workers} workers ended while they computed it")
+        raise ConfigError(
+            f"{self._said}: a worker cannot run this stiffbench: {type(error).__name__}: {error}; "
+            f"stop it, and {goes_on}"
+        )
+
+
+@cache
+def shared_code() -> str:
+    """Return hashes of our packages and versions of the libraries that numbers go through."""
+    packages = (stiff_bench, stiff_models, stiff_protocols)
+    hashes = [code_below(Path(str(package.__file__)).parent) for package in packages]
+    return " ".join([*hashes, *map(version, LIBRARIES)])
+
+
+_environment = cache(environment)
+
+
+def compute_beside_worker(
+    work: Work, code: str
+) -> tuple[str, dict[str, str], CellResult | Crash | None]:
+    """Compute a cell in a process of its own beside this worker, which may be a daemon.
+
+    Returns:
+        The worker's address, its environment, and the result.
+
+    Raises:
+        ConfigError: the worker's code is another than that of who asks.
+    """
+    worker = get_worker()
+    if code != shared_code():
+        said = "has another version of stiffbench or of a library"
+        raise ConfigError(f"{worker.address} {said}")
+    pin_threads(work.limits.threads)
+    multiprocessing.current_process().daemon = False  # one may not have children; ours end with it
+    key = worker.get_current_task()
+
+    def wanted() -> bool:
+        task = worker.state.tasks.get(key)
+        return task is not None and task.state != "cancelled"
+
+    return worker.address, _environment(), compute_isolated(work, wanted)

@@ -1,0 +1,135 @@
+"""How cells are computed: side by side or not, within which limits, and which again."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterable, Mapping, Set
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from typing import Literal, Protocol
+
+from stiff_bench.plan.cells import CellTask
+from stiff_bench.plan.registry import OURS, Registry
+from stiff_bench.plan.request import RunPlan
+from stiff_bench.run.cell import compute_cell
+from stiff_bench.run.isolate import Limits, LocalProcesses, result_of
+from stiff_bench.run.progress import Display
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.record import CellResult
+
+Rerun = Literal["missing", "failed", "all"]
+COUNTING: Mapping[Rerun, Set[str]] = {
+    "missing": {"ok", "failed"},
+    "failed": {"ok"},
+    "all": frozenset(),
+}
+"""Statuses of the stored results that stand; what was skipped is always looked at again."""
+
+
+class Executor(Protocol):
+    """Computes cells."""
+
+    at_once: int
+    """How many cells are computed side by side, as far as that is known."""
+
+    def results(
+        self, tasks: Iterable[CellTask], run_id: str, display: Display
+    ) -> Generator[CellResult, None, None]:
+        """Yield the result of every cell as it ends, in any order.
+
+        A task is taken from `tasks` when its turn comes. Closing the generator ends what runs.
+        """
+
+    def machines(self) -> Mapping[str, Mapping[str, str]]:
+        """Return the environments of other machines that took part, by their addresses."""
+
+
+class InProcess:
+    """Computes one cell after another in this process."""
+
+    at_once = 1
+
+    def results(
+        self, tasks: Iterable[CellTask], run_id: str, display: Display
+    ) -> Generator[CellResult, None, None]:
+        """Yield every cell's result, in order."""
+        for task in tasks:
+            display.start(task)
+            yield result_of(task, run_id, compute_cell(task, run_id))
+
+    def machines(self) -> Mapping[str, Mapping[str, str]]:
+        """Return none."""
+        return {}
+
+
+@dataclass(frozen=True)
+class Execution:
+    """How the cells of a run are computed.
+
+    Attributes:
+        executor: what computes them.
+        rerun: which cells are computed though their results are there.
+        facts: what a manifest says of it.
+    """
+
+    executor: Executor
+    rerun: Rerun = "missing"
+    facts: Mapping[str, str] = field(default_factory=dict)
+
+
+IN_THIS_PROCESS = Execution(InProcess())
+"""One cell after another, none isolated."""
+
+
+def chosen_execution(
+    plan: RunPlan,
+    registry: Registry,
+    *,
+    jobs: int,
+    isolate: bool | None,
+    limits: Limits,
+    dask: str,
+    rerun: Rerun,
+) -> Execution:
+    """Return how a plan is executed.
+
+    Cells are isolated where several run at once, where a limit is to hold, and where a stranger's
+    model takes part.
+
+    Raises:
+        ConfigError: two options contradict each other, or there is no such cluster.
+    """
+    reasons = {
+        f"--jobs {jobs}": jobs > 1,
+        f"--dask {dask}": bool(dask),
+        "--timeout": limits.timeout_s is not None,
+        "--memory": limits.memory_bytes is not None,
+    }
+    needed = [reason for reason, holds in reasons.items() if holds]
+    if isolate is False and needed:
+        raise ConfigError(f"--no-isolate: {needed[0]} needs a process for every cell")
+    if dask and jobs > 1:
+        raise ConfigError(f"--jobs {jobs}: the cluster of --dask says how many run at once")
+    keys = {one.info.key for one in plan.models}
+    strangers = {key for key in keys if registry.origins.get(key, OURS) != OURS}
+    isolated = bool(needed) or (bool(strangers) if isolate is None else isolate)
+    executor: Executor = LocalProcesses(jobs, limits, strangers) if isolated else InProcess()
+    if dask:
+        executor = _on_cluster(dask, limits, plan)
+    return Execution(
+        executor=executor,
+        rerun=rerun,
+        facts={
+            "jobs": str(jobs),
+            "isolated": str(isolated).lower(),
+            "threads": str(limits.threads),
+            "dask": dask,
+        },
+    )
+
+
+def _on_cluster(words: str, limits: Limits, plan: RunPlan) -> Executor:
+    if find_spec("distributed") is None:
+        raise ConfigError(f"--dask {words}: needs Dask: pip install 'stiffbench[cluster]'")
+    from stiff_bench.run.dask_cluster import DaskCluster
+
+    return DaskCluster(words, limits, plan.output)

@@ -1,0 +1,556 @@
+"""Computes cells in other processes, whatever may become of those.
+
+The processes are pebble's, forked from a server that has imported what they need and never runs a
+model's code. A model of ours gets one that others had before it; a stranger's gets its own. A pool
+holds one process, so that nothing that this one does can harm another.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import faulthandler
+import multiprocessing
+import os
+import pickle
+import signal
+import sys
+import tempfile
+import threading
+import time
+import warnings
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Mapping, Set
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache, partial
+from multiprocessing import connection, parent_process
+from pathlib import Path
+from typing import Any
+
+import orjson
+import psutil
+from pebble import CONSTS, ProcessExpired, ProcessPool
+
+from stiff_bench.plan.cells import CellTask, version_of
+from stiff_bench.plan.registry import import_plugin_file, plugin_files
+from stiff_bench.run.cell import compute_cell, failed, short
+from stiff_bench.run.machine import pin_threads
+from stiff_bench.run.progress import Display
+from stiff_bench.store.codec import Content, cell_content, cell_result, json_text
+from stiff_models.catalog import REFERENCE_MODEL, model_info
+from stiff_protocols.contract.errors import DataError, said_by
+from stiff_protocols.contract.progress import Progress, listening
+from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.types import BenchmarkData
+
+CONSTS.sleep_unit = 0.02
+"""How often pebble looks whether a process has ended, s."""
+SECONDS_BETWEEN_LOOKS = 0.1
+SECONDS_BETWEEN_REPORTS = 0.2
+SECONDS_TO_SAY = 1.0
+"""How long pebble may take to say how a process ended; it never does where the status was 0."""
+LAST_WORDS = 0.9
+"""Part of the time limit after which a process prints where it is."""
+LONGEST_TEMPDIR = 70
+"""Bytes: a socket's whole name has at most 107 (unix(7)), of which multiprocessing needs 33."""
+LOG_LINES, LONGEST_LINE = 30, 500
+LOG_END, LARGEST_LOG = 2**16, 2**24
+"""Bytes of a log that are read, and how large it gets before the rest is thrown away."""
+_NOISE = ("Extension modules:", "/multiprocessing/", "/pebble/", 'File "<string>"', "/stiff_bench/")
+"""In lines of faulthandler that say nothing of the model: names of modules, our own beginning."""
+_PID, _PROGRESS, _LOG = "pid", "progress", "log"
+_PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36  # prctl(2)
+
+TIMED_OUT, OUT_OF_MEMORY, OTHER_CODE = "timed out", "out of memory", "other code"
+_WHY_OTHER_CODE = (
+    "the model's version, its plugin's files or the library that it wraps are not what they were "
+    "when the run began, or not the same on the machine that ran this cell"
+)
+_SERVER_GONE = 255
+"""Exit code that multiprocessing gives where the server that forks the processes has ended."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a cell's process may take.
+
+    Attributes:
+        threads: of every library.
+        timeout_s: wall time; None: any.
+        memory_bytes: resident, of the process and those that it starts; None: any.
+    """
+
+    threads: int = 1
+    timeout_s: float | None = None
+    memory_bytes: int | None = None
+
+
+@dataclass(frozen=True)
+class Work:
+    """A cell on its way to a process, perhaps on another machine.
+
+    Attributes:
+        task: the pickled CellTask without data; read in the cell's process alone, since that may
+            need the code of a plugin.
+        data: sha256 -> a pickled data set; empty where the process has it.
+        plugins: files to be imported first.
+        imports: modules that the server of the processes imports once, when it starts: those that
+            the run's process needed to make its models.
+        run_id: the run that it is for.
+        limits: of the process.
+        fresh: no other cell was or will be computed in the process.
+    """
+
+    task: bytes
+    data: Mapping[str, bytes]
+    plugins: tuple[Path, ...]
+    imports: tuple[str, ...]
+    run_id: str
+    limits: Limits
+    fresh: bool
+
+
+@dataclass(frozen=True)
+class Crash:
+    """A cell that ended without a result.
+
+    Attributes:
+        cause: in a word or two that count it: "SIGKILL", "exit status 3", "timed out".
+        reason: the whole sentence.
+        log: the last lines that it printed.
+        innocent: perhaps another cell has killed the server of all processes.
+    """
+
+    cause: str
+    reason: str
+    log: tuple[str, ...] = ()
+    innocent: bool = False
+
+
+# Inside the process
+
+
+def _begin(folder: Path, threads: int) -> None:
+    """Prepare a process: what it and all that it starts prints goes to a log."""
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    _end_with_parent()
+    log = os.open(folder / _LOG, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
+    for descriptor in (1, 2):
+        os.dup2(log, descriptor)
+    os.close(log)
+    faulthandler.enable(all_threads=False)
+    with suppress(OSError):  # Linux: where memory runs out, this process goes before the others
+        Path("/proc/self/oom_score_adj").write_text("1000")
+    if os.environ.get("OMP_NUM_THREADS") != str(threads):  # else the server began with it
+        pin_threads(threads)
+
+
+def _end_with_parent() -> None:
+    """Lead a group of processes of our own, and have it killed when the run's process ends.
+
+    On Linux the kernel does it, whatever this process does: it sends a signal to the group when the
+    pipe that the parent holds is closed (fcntl(2), F_SETOWN and F_SETSIG). Processes that are
+    started below and detach themselves stay our descendants. Elsewhere a thread waits.
+    """
+    os.setsid()
+    parent = parent_process()
+    if parent is None:
+        return
+    if sys.platform == "linux":
+        import fcntl
+
+        for what, how in ((_PR_SET_CHILD_SUBREAPER, 1), (_PR_SET_PDEATHSIG, signal.SIGKILL)):
+            ctypes.CDLL(None).prctl(what, how, 0, 0, 0)
+        fcntl.fcntl(parent.sentinel, fcntl.F_SETOWN, -os.getpgrp())
+        fcntl.fcntl(parent.sentinel, fcntl.F_SETSIG, signal.SIGKILL)
+        flags = fcntl.fcntl(parent.sentinel, fcntl.F_GETFL)
+        fcntl.fcntl(parent.sentinel, fcntl.F_SETFL, flags | os.O_ASYNC)
+        if connection.wait([parent.sentinel], 0):  # it was gone before
+            os.killpg(0, signal.SIGKILL)
+    else:
+
+        def wait_and_end() -> None:
+            parent.join()
+            os.killpg(0, signal.SIGKILL)
+
+        threading.Thread(target=wait_and_end, daemon=True).start()
+
+
+def _compute(work: Work, folder: Path) -> tuple[Content, bool]:
+    """Return a cell's result as plain content, and whether processes that it started are left."""
+    (folder / _PID).write_text(str(os.getpid()))  # pebble may start another without a word
+    os.truncate(folder / _LOG, 0)
+    if work.limits.timeout_s is not None:
+        faulthandler.dump_traceback_later(LAST_WORDS * work.limits.timeout_s)
+    content: Content
+    try:
+        content = {"result": cell_content(_result(work, folder))}
+    except BaseException as error:  # such as a plugin that cannot be imported here
+        content = {"cause": type(error).__name__, "reason": short(said_by(error))}
+    faulthandler.cancel_dump_traceback_later()
+    sys.stdout.flush()
+    try:
+        left = os.waitpid(-1, os.WNOHANG) is not None
+    except ChildProcessError:
+        left = False
+    return content, left
+
+
+def _result(work: Work, folder: Path) -> CellResult:
+    if work.plugins:
+        for path in set(work.plugins).difference(plugin_files()):
+            import_plugin_file(path)
+    found = {sha: pickle.loads(data) if data else _held[sha] for sha, data in work.data.items()}
+    _held.clear()
+    _held.update(found)
+    last = 0.0
+
+    def report(progress: Progress) -> None:
+        nonlocal last
+        if time.monotonic() - last >= SECONDS_BETWEEN_REPORTS:
+            last = time.monotonic()
+            with suppress(OSError):
+                (folder / _PROGRESS).write_text(json_text(asdict(progress)))
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a cell's own are collected
+        task: CellTask = pickle.loads(work.task)  # from our own process
+        cell = task.cell
+        task = replace(task, data=_held[cell.data_sha256], source=_held.get(cell.source_sha256))
+        if not task.model.missing() and version_of(task.model) != cell.model_version:
+            return failed(task, work.run_id, OTHER_CODE, _WHY_OTHER_CODE)
+        try:
+            with listening(report):
+                return compute_cell(task, work.run_id)
+        except BaseException as error:  # a model may raise what would stop a program
+            return failed(task, work.run_id, type(error).__name__, short(said_by(error)))
+
+
+_held: dict[str, BenchmarkData] = {}
+"""The data sets of the last cell of this process, by their sha256."""
+
+
+# Outside
+
+
+def work_of_run(run_id: str, limits: Limits) -> Work:
+    """Return what the work of all cells of a run has in common, once its models are imported."""
+    model_info(REFERENCE_MODEL).load()
+    known = list(sys.modules)  # another thread may import meanwhile
+    ours = sorted(name for name in known if name.startswith("stiff_models."))
+    imports = (__name__, *(("torch",) if "torch" in known else ()), *ours)
+    return Work(b"", {}, plugin_files(), imports, run_id, limits, fresh=True)
+
+
+def work_of(common: Work, task: CellTask, *, fresh: bool) -> Work:
+    """Return what is sent to the process that computes a cell."""
+    without: Any = {"data": None, "source": None}
+    data = {task.cell.data_sha256: task.data, task.cell.source_sha256: task.source}
+    return replace(
+        common,
+        task=pickle.dumps(replace(task, **without)),
+        data={sha: _pickled(one) for sha, one in data.items() if one is not None},
+        fresh=fresh,
+    )
+
+
+@lru_cache(maxsize=2)
+def _pickled(data: BenchmarkData) -> bytes:
+    """Return a data set as it is sent; the cells of one follow each other."""
+    return pickle.dumps(data)
+
+
+class Place:
+    """Where one cell at a time is computed.
+
+    Args:
+        scratch: folder for the files of the processes.
+    """
+
+    def __init__(self, scratch: Path) -> None:
+        """Start nothing yet."""
+        self.future: Future[tuple[Content, bool]] = Future()
+        self._scratch, self._heard = scratch, b""
+        self._start: float | None = None
+        self._pool: ProcessPool | None = None
+        self._known: Set[str] = frozenset()
+
+    def begin(self, make: Callable[[], Work]) -> None:
+        """Start the cell that is made, in the process of the last one where that may be."""
+        self._start, self._looked = None, 0.0
+        try:
+            self._work = work = make()
+            if self._pool is None or work.fresh:
+                self._open(work)
+            self._used = bool(self._known)
+            data = {sha: b"" if sha in self._known else one for sha, one in work.data.items()}
+            assert self._pool is not None
+            self.future = self._pool.schedule(_compute, [replace(work, data=data), self._folder])
+            self._known = work.data.keys()
+        except Exception as error:  # no process could be started
+            self.future = Future()
+            self.future.set_exception(error)
+
+    def _open(self, work: Work) -> None:
+        _keep_socket_names_short()
+        self.end()
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(list(work.imports))
+        self._folder = Path(tempfile.mkdtemp(dir=self._scratch))
+        self._pool = ProcessPool(
+            1, initializer=_begin, initargs=(self._folder, work.limits.threads), context=context
+        )
+
+    def outcome(
+        self, heard: Callable[[Progress], None] = lambda _: None
+    ) -> CellResult | Crash | None:
+        """Return the result of the cell or how it ended, None while it runs.
+
+        Args:
+            heard: is told what the cell reports.
+        """
+        found = self._finished() if self.future.done() else self._looked_at(heard)
+        if isinstance(found, Crash) or (found is not None and self._work.fresh):
+            self.end()
+        return found
+
+    def _finished(self) -> CellResult | Crash:
+        try:
+            content, left = self.future.result()
+            if "result" not in content:
+                return Crash(**content, log=self._last_lines(), innocent=True)
+            found = cell_result(content["result"])
+        except ProcessExpired as error:
+            return self._ended(error.exitcode)
+        except (ValueError, KeyError, TypeError, AttributeError, DataError) as error:
+            said = f"its process sent no result: {type(error).__name__}: {error}"
+            return Crash("no result", said, self._last_lines())
+        except Exception as error:
+            said = f"no process could be started: {said_by(error)}"
+            return Crash(type(error).__name__, said, innocent=True)
+        if found.status == "failed":
+            found = replace(found, log=self._last_lines())
+        if left:
+            self.end()
+        return found
+
+    def _looked_at(self, heard: Callable[[Progress], None]) -> Crash | None:
+        now = time.monotonic()
+        if now - self._looked < SECONDS_BETWEEN_LOOKS or not self.future.running():
+            return None
+        self._looked = now
+        self._start = self._start or now
+        self._pass_on(heard)
+        pid, limits = self._pid(), self._work.limits
+        if pid is None:
+            return None
+        if not psutil.pid_exists(pid):
+            wait([self.future], SECONDS_TO_SAY)
+            return None if self.future.done() else self._ended(0)
+        if limits.timeout_s is not None and now - self._start > limits.timeout_s:
+            said = f"took longer than --timeout {limits.timeout_s:g} s"
+            return Crash(TIMED_OUT, said, self._last_lines())
+        if (self._folder / _LOG).stat().st_size > LARGEST_LOG:
+            os.truncate(self._folder / _LOG, 0)
+        if limits.memory_bytes is None or (taken := _resident(pid)) <= limits.memory_bytes:
+            return None
+        if self._used:  # earlier cells may have left something there
+            self.end()
+            self.begin(lambda: self._work)
+            return None
+        said = f"took {_mebibytes(taken)}, more than --memory {_mebibytes(limits.memory_bytes)}"
+        return Crash(OUT_OF_MEMORY, said, self._last_lines())
+
+    def _ended(self, exit_code: int) -> Crash:
+        """Return what became of a process with this exit code (negative: a signal's number)."""
+        seconds = time.monotonic() - (self._start or time.monotonic())
+        if exit_code >= 0:
+            cause = f"exit status {exit_code}"
+            if exit_code == _SERVER_GONE:
+                cause += ", or its server was killed"
+            said = f"its process ended after {seconds:.1f} s without a result ({cause})"
+            return Crash(cause, said, self._last_lines(), innocent=exit_code == _SERVER_GONE)
+        try:
+            name = signal.Signals(-exit_code).name
+        except ValueError:
+            name = f"signal {-exit_code}"
+        hint = ", as the system does where memory runs out" if name == "SIGKILL" else ""
+        said = f"its process was ended by {name} after {seconds:.1f} s{hint}"
+        return Crash(name, said, self._last_lines())
+
+    def _pass_on(self, heard: Callable[[Progress], None]) -> None:
+        with suppress(OSError, ValueError, TypeError):  # none yet, or half written
+            said = (self._folder / _PROGRESS).read_bytes()
+            if said != self._heard:
+                heard(Progress(**orjson.loads(said)))
+                self._heard = said
+
+    def _last_lines(self) -> tuple[str, ...]:
+        end = b""
+        with suppress(OSError), (self._folder / _LOG).open("rb") as log:
+            log.seek(max(0, log.seek(0, os.SEEK_END) - LOG_END))
+            end = log.read(LOG_END)
+        lines = [line[:LONGEST_LINE].decode(errors="replace").rstrip() for line in end.split(b"\n")]
+        telling = [line for line in lines if line and not any(noise in line for noise in _NOISE)]
+        return tuple(telling[-LOG_LINES:])
+
+    def _pid(self) -> int | None:
+        with suppress(OSError, ValueError):
+            return int((self._folder / _PID).read_text())
+        return None
+
+    def kill(self) -> None:
+        """Kill the process, if there is one, with all that it started."""
+        if self._pool is not None:
+            if (pid := self._pid()) is not None:
+                _end_family(pid)
+                (self._folder / _PID).unlink()
+            self._pool.stop()  # type: ignore[no-untyped-call]
+
+    def end(self) -> None:
+        """Kill them, and wait for it."""
+        self.kill()
+        if self._pool is not None:
+            self._pool.join()
+        self._pool, self._known = None, frozenset()
+
+
+def _resident(pid: int) -> int:
+    """Return the resident memory of a process and of those that it started, bytes."""
+    total = 0
+    for one in _family(pid):
+        with suppress(psutil.Error):
+            total += one.memory_info().rss
+    return total
+
+
+def _mebibytes(size: int) -> str:
+    return f"{size / 2**20:.0f} MiB"
+
+
+def _family(pid: int) -> list[psutil.Process]:
+    """Return a process and those below it, of other sessions too; none where it is gone."""
+    try:
+        process = psutil.Process(pid)
+        return [process, *process.children(recursive=True)]
+    except psutil.Error:
+        return []
+
+
+def _end_family(pid: int) -> None:
+    """Kill a process that leads a group, with the group and every process below it."""
+    family = _family(pid)  # before they lose their parent
+    with suppress(ProcessLookupError, PermissionError):
+        os.killpg(pid, signal.SIGKILL)
+    for process in family:
+        with suppress(psutil.Error):
+            process.kill()
+
+
+def _keep_socket_names_short() -> None:
+    """Have multiprocessing's sockets in /tmp where TMPDIR is long, as batch systems make it.
+
+    It chooses a folder for them when the first one is made, and keeps to it.
+    """
+    if len(os.fsencode(tempfile.gettempdir())) > LONGEST_TEMPDIR:
+        before, tempfile.tempdir = tempfile.tempdir, "/tmp"
+        try:
+            connection.Listener(family="AF_UNIX").close()
+        finally:
+            tempfile.tempdir = before
+
+
+def compute_isolated(work: Work, wanted: Callable[[], bool]) -> CellResult | Crash | None:
+    """Compute one cell in a process of its own; None where its result became unwanted.
+
+    Args:
+        work: the cell.
+        wanted: is asked ten times a second whether its result still is.
+    """
+    with tempfile.TemporaryDirectory(prefix="bench-") as scratch:
+        place = Place(Path(scratch))
+        try:
+            place.begin(lambda: work)
+            while wanted():
+                wait([place.future], SECONDS_BETWEEN_LOOKS)
+                if (found := place.outcome()) is not None:
+                    return found
+        finally:
+            place.end()
+    return None
+
+
+class LocalProcesses:
+    """Computes cells in processes on this machine, some side by side.
+
+    Args:
+        jobs: how many at once.
+        limits: of each.
+        strangers: keys of the models that are not ours, of which each cell gets a fresh process.
+    """
+
+    def __init__(self, jobs: int, limits: Limits, strangers: Set[str] = frozenset()) -> None:
+        """Store them."""
+        self.at_once, self._limits, self._strangers = jobs, limits, strangers
+
+    def machines(self) -> Mapping[str, Mapping[str, str]]:
+        """Return none: there is no other machine."""
+        return {}
+
+    def results(
+        self, tasks: Iterable[CellTask], run_id: str, display: Display
+    ) -> Generator[CellResult, None, None]:
+        """Yield the result of every cell as it ends.
+
+        A cell whose process ended with the server of all is computed again, alone, after the
+        others: whoever killed the server does so to itself then.
+        """
+        common = work_of_run(run_id, self._limits)
+        waiting, again, seen = iter(tasks), deque[CellTask](), set[str]()
+        running: dict[Place, CellTask] = {}
+        with tempfile.TemporaryDirectory(prefix="bench-") as scratch:
+            places = [Place(Path(scratch)) for _ in range(self.at_once)]
+            try:
+                while True:
+                    for place in places:
+                        if place in running:
+                            continue
+                        if (task := next(waiting, None)) is not None:
+                            display.start(task)
+                        elif again and not running:
+                            task = again.popleft()
+                        else:
+                            break
+                        running[place] = task
+                        fresh = task.cell.model in self._strangers
+                        place.begin(partial(work_of, common, task, fresh=fresh))
+                    if not running:
+                        return
+                    futures = [place.future for place in running]
+                    wait(futures, SECONDS_BETWEEN_LOOKS, return_when=FIRST_COMPLETED)
+                    for place, task in list(running.items()):
+                        if (found := place.outcome(display.step)) is None:
+                            continue
+                        del running[place]
+                        key = task.cell.key
+                        if isinstance(found, Crash) and found.innocent and key not in seen:
+                            seen.add(key)
+                            again.append(task)
+                        else:
+                            yield result_of(task, run_id, found)
+            finally:
+                for place in places:
+                    place.kill()
+                for place in places:
+                    place.end()
+
+
+def result_of(task: CellTask, run_id: str, found: CellResult | Crash) -> CellResult:
+    """Return the row of a cell, whatever became of its process.
+
+    What was computed is what was asked for, whatever a model made of it.
+    """
+    if isinstance(found, Crash):
+        return failed(task, run_id, found.cause, found.reason, found.log)
+    return replace(found, cell=task.cell, shown=task.shown, run_id=run_id, n_splits=task.n_splits)

@@ -1,0 +1,139 @@
+"""Where a run came from: everything beside the cells that can change a number."""
+
+from __future__ import annotations
+
+import hashlib
+import locale
+import os
+import platform
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, entry_points, requires, version
+from pathlib import Path
+
+from threadpoolctl import threadpool_info
+
+from stiff_bench.run.machine import usable_cores
+
+_OURS = "stiffbench"
+_NOT_LOADED = "not loaded"
+_VARIABLES = re.compile(
+    r"(OMP|GOMP|KMP|MKL|OPENBLAS|BLIS|ONEDNN|DNNL|ATEN|TORCH|PYTORCH|CUDA|CUBLAS|NVIDIA|STIFFBENCH|"
+    r"LC)_\w+|LANG|LANGUAGE|PYTHONHASHSEED|PYTHONOPTIMIZE"
+)
+"""Environment variables that the libraries beneath us read."""
+_PLUGIN_MODULE = "stiffbench_plugin_"
+"""What the module of a `--plugin` file is called: see `registry.py`."""
+_DEVELOPERS = re.compile(r"""extra\s*==\s*['"](dev|perf)['"]""")
+
+
+def environment() -> dict[str, str]:
+    """Return versions, processor, libraries, threads, locale, plugins, commit and its state.
+
+    torch is asked where a model has loaded it; it is not loaded for this.
+    """
+    return {
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "processor": _processor(),
+        "cores": str(usable_cores()),
+        "threads": os.environ.get("OMP_NUM_THREADS", "default"),
+        "libraries": "; ".join(sorted(_libraries())),
+        **_torch(),
+        "locale": f"{locale.setlocale(locale.LC_ALL)}, {locale.getencoding()}",
+        "PYTHONHASHSEED": "random",  # unless the next line has another
+        **{name: os.environ[name] for name in sorted(os.environ) if _VARIABLES.fullmatch(name)},
+        **{name: _version(name) for name in (_OURS, *_dependencies())},
+        "plugins": "; ".join(sorted(_plugins())),
+        **_commit(),
+    }
+
+
+def _libraries() -> Iterator[str]:
+    """Yield every BLAS and OpenMP library of the process with its version and threads."""
+    for found in threadpool_info():
+        about = (found["version"], found.get("threading_layer"), found.get("architecture"))
+        words = " ".join(word for word in (found["internal_api"], *about) if word)
+        yield f"{words} ({Path(found['filepath']).name}), threads {found['num_threads']}"
+
+
+def _torch() -> dict[str, str]:
+    """Return torch's threads and how it multiplies matrices; the GPU: "" without one."""
+    torch = sys.modules.get("torch")
+    if torch is None:
+        return {"gpu": "", "torch threads": _NOT_LOADED, "torch arithmetic": _NOT_LOADED}
+    routes = [
+        f"capability {torch.backends.cpu.get_cpu_capability()}",
+        f"float32 {torch.get_float32_matmul_precision()}",
+        f"oneDNN {_on_or_off(torch.backends.mkldnn.is_available())}",
+        f"deterministic {_on_or_off(torch.are_deterministic_algorithms_enabled())}",
+    ]
+    ours = sys.modules.get("stiff_models.networks.arithmetic")
+    if ours is not None:
+        fast = ours.has_fast_bfloat16(torch.device("cpu"))
+        routes.append(f"bfloat16 {_on_or_off(fast)}")
+        routes.append(f"medium is float32 {_on_or_off(ours.medium_is_float32())}")
+    return {
+        "gpu": str(torch.cuda.get_device_name()) if torch.cuda.is_available() else "",
+        "torch threads": str(torch.get_num_threads()),
+        "torch arithmetic": ", ".join(routes),
+    }
+
+
+def _on_or_off(on: bool) -> str:
+    return "on" if on else "off"
+
+
+def _dependencies() -> Iterator[str]:
+    """Yield the names of the packages that stiffbench may compute with, optional ones too."""
+    found = (line for line in requires(_OURS) or () if not _DEVELOPERS.search(line))
+    yield from sorted({re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in found} - {_OURS})
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def _plugins() -> Iterator[str]:
+    """Yield every `--plugin` file with its sha256, and every installed plugin with its version."""
+    for name, module in sorted(sys.modules.items()):
+        if name.startswith(_PLUGIN_MODULE) and module.__file__ is not None:
+            file = Path(module.__file__)
+            yield f"{file} sha256 {hashlib.sha256(file.read_bytes()).hexdigest()}"
+    found = entry_points()
+    for kind in ("models", "datasets", "protocols"):
+        for point in found.select(group=f"{_OURS}.{kind}"):
+            if point.dist is not None:
+                yield f"{point.dist.name} {point.dist.version} ({point.group}: {point.name})"
+
+
+def _processor() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        return platform.processor() or "unknown"
+    return platform.processor() or "unknown"
+
+
+def _commit() -> dict[str, str]:
+    """Return the checkout's commit; empty where stiffbench is installed without one."""
+    words = ("status", "--porcelain=v2", "--branch", "--untracked-files=no")
+    try:
+        said = subprocess.run(
+            ["git", "-C", str(Path(__file__).resolve().parent), *words],
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=10,
+        ).stdout.splitlines()
+    except (OSError, subprocess.SubprocessError):
+        return {"commit": "", "dirty": ""}
+    commit = "".join(line.split()[2] for line in said if line.startswith("# branch.oid "))
+    return {"commit": commit, "dirty": str(any(line[0] != "#" for line in said)).lower()}

@@ -1,0 +1,192 @@
+"""Runs the cells of a plan that have no result yet, and stores each as it ends."""
+
+from __future__ import annotations
+
+import time
+import uuid
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence, Set
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from typing import Literal
+
+from stiff_bench.console import say
+from stiff_bench.plan.cells import CellTask
+from stiff_bench.run.costs import peak_memory_bytes
+from stiff_bench.run.execution import COUNTING, Execution, Rerun
+from stiff_bench.run.isolate import OUT_OF_MEMORY, TIMED_OUT
+from stiff_bench.run.progress import Display, Expected
+from stiff_bench.run.provenance import environment
+from stiff_bench.store.database import DamagedFile, ResultStore, mean_seconds, stored_results
+from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.record import CellResult, RunManifest
+
+_OWN_WORDS = (TIMED_OUT, OUT_OF_MEMORY)
+"""Causes that are counted by themselves."""
+
+
+def tally(results: Iterable[CellResult], cached: Set[str]) -> str:
+    """Return e.g. "18 ok, 1 failed (SIGKILL), 1 timed out, 3 cached".
+
+    Args:
+        results: of the run.
+        cached: keys of the results that were there before.
+    """
+    counts: Counter[str] = Counter()
+    causes: Counter[str] = Counter()
+    for result in results:
+        if result.status == "failed":
+            own = result.cause in _OWN_WORDS
+            counts[result.cause if own else "failed"] += 1
+            causes.update([] if own else [result.cause or "error"])
+        else:
+            counts["cached" if result.cell.key in cached else result.status] += 1
+    words = [f"{counts['ok']} ok"]
+    for status in ("failed", *_OWN_WORDS, "skipped", "cached"):
+        if counts[status]:
+            why = f" ({_in_words(causes)})" if status == "failed" else ""
+            words.append(f"{counts[status]} {status}{why}")
+    return ", ".join(words)
+
+
+def _in_words(causes: Counter[str]) -> str:
+    """Return causes with their numbers, a single one by its name alone."""
+    if causes.total() == 1 or len(causes) == 1:
+        return next(iter(causes))
+    return ", ".join(f"{number} {cause}" for cause, number in causes.most_common())
+
+
+@dataclass(frozen=True)
+class Finished:
+    """What a run has in the end.
+
+    Attributes:
+        results: of every cell, in the order of the plan.
+        cached: keys of the cells whose results or failures were there.
+    """
+
+    results: tuple[CellResult, ...]
+    cached: Set[str]
+
+
+def run_cells(
+    tasks: Sequence[CellTask],
+    command: str,
+    store: ResultStore,
+    execution: Execution,
+    display: Display,
+) -> Finished:
+    """Compute the cells that have no result yet, store each as it ends, and return them all.
+
+    The run's manifest is written first and completed at the end, also when it is interrupted.
+
+    Args:
+        tasks: the cells; a cell that several parts of a study need stands here once.
+        command: the command line, for the manifest.
+        store: where results are, and go.
+        execution: how they are computed.
+        display: shows progress.
+
+    Raises:
+        StoreError: a result cannot be written.
+        ConfigError: the cluster does not answer.
+    """
+    found = _stored(tasks, store, execution.rerun)
+    cached = set(found)
+    missing = [task for task in tasks if task.cell.key not in found]
+
+    def waiting() -> Iterator[CellTask]:
+        """Give a cell when its turn comes, unless another run has finished it meanwhile."""
+        for task in missing:
+            other = None if execution.rerun == "all" else store.result(task.cell.key)
+            if other is None:
+                yield task
+            else:
+                found[task.cell.key] = _as_asked(other, task)
+                cached.add(task.cell.key)
+                display.end(other)
+
+    expected = Expected.of(missing, mean_seconds(store.folder), execution.executor.at_once)
+    display.begin(len(missing), len(cached), expected)
+    with _described(tasks, command, store, execution) as run_id:
+        _keep_data(tasks, store)
+        with closing(execution.executor.results(waiting(), run_id, display)) as results:
+            for result in results:
+                store.write_cell(result)
+                found[result.cell.key] = result
+                display.end(result)
+    return Finished(tuple(found[task.cell.key] for task in tasks), cached)
+
+
+def _stored(tasks: Sequence[CellTask], store: ResultStore, rerun: Rerun) -> dict[str, CellResult]:
+    """Return the results and failures that are there and count; damaged ones are said and deleted.
+
+    A cell that was skipped is looked at again: what it lacked may be installed now.
+    """
+    wanted = {task.cell.key: task for task in tasks}
+    damaged: list[str] = []
+
+    def note(error: StoreError) -> None:
+        say(f"warning: {error}; what it held is computed again")
+        damaged.extend([error.key] if isinstance(error, DamagedFile) else [])
+
+    store.repair(note)
+    found: dict[str, CellResult] = {}
+    for result in stored_results(store.folder, wanted.keys(), note):
+        if result.status in COUNTING[rerun]:
+            found[result.cell.key] = _as_asked(result, wanted[result.cell.key])
+    if damaged:
+        store.remove(filter(None, damaged))
+    return found
+
+
+def _as_asked(result: CellResult, task: CellTask) -> CellResult:
+    """Return a stored result with what this run puts beside its numbers."""
+    if (result.shown, result.n_splits) == (task.shown, task.n_splits):
+        return result
+    return replace(result, shown=task.shown, n_splits=task.n_splits)
+
+
+def _keep_data(tasks: Sequence[CellTask], store: ResultStore) -> None:
+    kept = {task.cell.data_sha256: task.data for task in tasks}
+    kept |= {task.cell.source_sha256: task.source for task in tasks if task.source is not None}
+    for data in kept.values():
+        store.write_data(data)
+
+
+@contextmanager
+def _described(
+    tasks: Sequence[CellTask], command: str, store: ResultStore, execution: Execution
+) -> Iterator[str]:
+    """Keep the manifest of a run while it lasts, and give its name."""
+    started = time.perf_counter()
+    manifest = RunManifest(
+        run_id=f"{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}-{uuid.uuid4().hex[:6]}",
+        command=command,
+        started=datetime.now(UTC).isoformat(timespec="seconds"),
+        status="running",
+        environment=environment() | dict(execution.facts),
+        cells=tuple(task.cell.key for task in tasks),
+    )
+    store.write_manifest(manifest)
+
+    def complete(status: Literal["finished", "interrupted"]) -> None:
+        seconds = time.perf_counter() - started
+        store.write_manifest(
+            replace(
+                manifest,
+                status=status,
+                wall_s=seconds,
+                peak_memory_bytes=peak_memory_bytes(),
+                machines=execution.executor.machines(),
+            )
+        )
+
+    try:
+        yield manifest.run_id
+    except BaseException:
+        with suppress(StoreError):  # what stopped the run is what is to be said
+            complete("interrupted")
+        raise
+    complete("finished")

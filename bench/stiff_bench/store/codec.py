@@ -1,0 +1,285 @@
+"""A cell's result as plain content, and back: what the database holds and a cell's process sends.
+
+Numbers are in SI units at full precision. Texts hold what is for people or has no fixed shape, as
+strict JSON; arrays are float64 in little-endian order, compressed with zlib.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
+from functools import lru_cache
+from itertools import accumulate
+from typing import Any, TypeVar
+
+import numpy as np
+import orjson
+
+from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.record import Cell, CellResult, Cost, Presentation, ResultRecord
+from stiff_protocols.contract.types import FloatArray, Interval, Prediction
+
+_T = TypeVar("_T")
+Content = dict[str, Any]
+"""Name of a column -> str, int, float, bytes or None; "metrics" -> (metric, axis, value, unit)s."""
+
+_OF_CELL = {
+    "model_key": "model",
+    "dataset_key": "dataset",
+    "protocol_key": "protocol",
+    **{
+        name: name
+        for name in (
+            *("model_params", "dataset_params", "protocol_params", "condition", "split_index"),
+            *("seed", "coverage", "data_sha256", "split_sha256", "rows_sha256", "source_sha256"),
+            *("model_version", "scoring_version"),
+        )
+    },
+}
+"""Column -> field of `Cell`; `model`, `dataset` and `protocol` are names with options."""
+_PARAMS = ("model_params", "dataset_params", "protocol_params")
+_NAMES = ("model", "dataset", "protocol")
+_SHOWN = tuple(item.name for item in fields(Presentation) if item.name not in _NAMES)
+_COST = tuple(item.name for item in fields(Cost))
+_PLAIN = ("run_id", "status", "n_splits", "n_train", "calibration_samples", "cause", "failure")
+COLUMNS = (
+    *("key", *_NAMES, *_OF_CELL, *_PLAIN, *_COST),
+    *("shown", "about", "prediction_arrays", "prediction", "curves"),
+)
+"""In the order of the table, beside the checksum."""
+REALS = ("coverage", "fit_s", "predict_s", "latency_s", "throughput_per_s")
+_ARRAYS = ("predicted", "measured", "reference", "lower", "upper")
+
+_FAULTS = (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, zlib.error)
+"""What content that is none of ours can raise."""
+
+
+def cell_content(result: CellResult) -> Content:
+    """Return what is stored of a result."""
+    cell, shown = result.cell, result.shown
+    content: Content = {"key": cell.key}
+    content |= {name: getattr(shown, name) for name in _NAMES}
+    content |= {column: getattr(cell, name) for column, name in _OF_CELL.items()}
+    content |= {name: json_text(content[name]) for name in _PARAMS}
+    content |= {name: getattr(result, name) for name in _PLAIN}
+    content |= {name: getattr(result.cost, name, None) for name in _COST}
+    content["shown"] = json_text({name: getattr(shown, name) for name in _SHOWN})
+    content["about"] = json_text(
+        {
+            # JSON has no infinity (a rigid joint) and no NaN (one that cannot be identified)
+            "diagnostics": {
+                name: value if math.isfinite(value) else str(value)
+                for name, value in result.diagnostics.items()
+            },
+            "warnings": result.warnings,
+            "log": result.log,
+            "chosen": dict(result.chosen),
+        }
+    )
+    content["prediction_arrays"], content["prediction"] = _packed(result.prediction)
+    curves = {name: curve.tolist() for name, curve in result.curves.items()}
+    content["curves"] = zlib.compress(orjson.dumps(curves)) if curves else None
+    content["metrics"] = [tuple(record) for record in result.records]
+    for name, value in content.items():
+        if type(value) is str and not value.isascii():  # a file's name may hold what is no text
+            content[name] = value.encode(errors="replace").decode()
+        elif name in REALS and value is not None:
+            content[name] = float(value)  # as it comes back
+    return content
+
+
+def cell_result(content: Mapping[str, Any]) -> CellResult:
+    """Return the result whose content this is.
+
+    Raises:
+        DataError: it is no result's content, or its key is another cell's.
+    """
+    try:
+        records = tuple(ResultRecord(*metric) for metric in content["metrics"])
+        row = [content[name] for name in COLUMNS]
+    except _FAULTS as error:
+        raise DataError(f"{type(error).__name__}: {error}") from error
+    result = checked_result(row, records)
+    if replace(result.cell).key != row[0]:
+        raise DataError(f"holds the cell {replace(result.cell).key}")
+    return result
+
+
+def checked_result(row: Sequence[Any], records: Sequence[ResultRecord]) -> CellResult:
+    """Return the result in a row whose checksum is right: its key need not be worked out again.
+
+    Args:
+        row: in the order of `COLUMNS`.
+        records: its metric values.
+
+    Raises:
+        DataError: it is no result's content.
+    """
+    try:
+        return _result(row, records)
+    except _FAULTS as error:
+        raise DataError(f"{type(error).__name__}: {error}") from error
+
+
+_PLACES = tuple(accumulate([1, len(_NAMES), len(_OF_CELL), len(_PLAIN), len(_COST)]))
+"""Where the parts of a row begin, behind its key."""
+
+
+def _result(row: Sequence[Any], records: Sequence[ResultRecord]) -> CellResult:
+    names, of_cell, plain, of_cost, rest = _PLACES
+    cell = dict(zip(_OF_CELL.values(), row[of_cell:plain], strict=True))
+    for name in _PARAMS:
+        cell[name] = _parsed(cell[name])
+    cell["key"] = row[0]
+    cost = row[of_cost:rest]
+    shown, about, array_names, prediction, curves = row[rest:]
+    values: dict[str, Any] = dict(zip(_PLAIN, row[plain:of_cost], strict=True))
+    values |= _about(about)
+    values["cell"] = _made(Cell, cell)
+    values["shown"] = _presentation(*row[names:of_cell], shown)
+    values["records"] = records
+    values["prediction"] = (
+        None if prediction is None else _prediction(prediction, array_names, cell["coverage"])
+    )
+    values["cost"] = None if cost[0] is None else _made(Cost, dict(zip(_COST, cost, strict=True)))
+    values["curves"] = {} if curves is None else _curves(curves)
+    return _made(CellResult, values)
+
+
+def _made(cls: type[_T], values: dict[str, Any]) -> _T:
+    """Return a frozen dataclass with all of its fields: calling it takes three times as long."""
+    made = object.__new__(cls)
+    object.__setattr__(made, "__dict__", values)
+    return made
+
+
+@lru_cache(maxsize=4096)
+def _about(text: str) -> dict[str, Any]:
+    about = orjson.loads(text)
+    return {
+        "diagnostics": {name: float(value) for name, value in about["diagnostics"].items()},
+        "warnings": tuple(about["warnings"]),
+        "log": tuple(about["log"]),
+        "chosen": about["chosen"],
+    }
+
+
+def _curves(blob: bytes) -> dict[str, FloatArray]:
+    return {
+        name: np.array(points, dtype=np.float64).reshape(-1, 3)
+        for name, points in orjson.loads(_unpacked(blob)).items()
+    }
+
+
+@lru_cache(maxsize=4096)
+def _parsed(text: str) -> Any:
+    """Return what a JSON text says, which many cells share."""
+    return orjson.loads(text)
+
+
+@lru_cache(maxsize=4096)
+def _presentation(model: str, dataset: str, protocol: str, rest: str) -> Presentation:
+    shown = orjson.loads(rest)
+    return Presentation(model, dataset, protocol, **{**shown, "caveats": tuple(shown["caveats"])})
+
+
+def _packed(prediction: Prediction | None) -> tuple[str | None, bytes | None]:
+    """Return the names of the arrays that a prediction has, and all of them one behind the other.
+
+    First the row numbers (n,), int64, then (n, 3) m each.
+    """
+    if prediction is None:
+        return None, None
+    interval = prediction.interval  # its coverage is the cell's
+    arrays = {
+        "predicted": prediction.predicted,
+        "measured": prediction.measured,
+        "reference": prediction.reference,
+        "lower": None if interval is None else interval.lower,
+        "upper": None if interval is None else interval.upper,
+    }
+    there = {name: array for name, array in arrays.items() if array is not None}
+    content = [np.asarray(prediction.rows, "<i8").tobytes()]
+    content += [np.ascontiguousarray(array, "<f8").tobytes() for array in there.values()]
+    return " ".join(there), _compressed(b"".join(content))
+
+
+def _compressed(content: bytes) -> bytes:
+    """Return what zlib makes of content; what it hardly shortens is read sooner as it is."""
+    found = zlib.compress(content)
+    return found if len(found) < 0.8 * len(content) else zlib.compress(content, level=0)
+
+
+@lru_cache(maxsize=16)
+def _array_names(text: str) -> list[str]:
+    names = text.split(" ")
+    if not {"predicted", "measured"} <= {*names} <= {*_ARRAYS}:
+        raise ValueError(f"prediction_arrays {text!r}")
+    return names
+
+
+def _prediction(blob: bytes, array_names: str, coverage: float | None) -> Prediction:
+    names = _array_names(array_names)
+    raw = _unpacked(blob)
+    n, more = divmod(len(raw), 8 + 24 * len(names))
+    if more:
+        raise ValueError(f"{len(raw)} bytes are no rows of {array_names!r}")
+    numbers = np.ndarray((len(names), n, 3), "<f8", raw, 8 * n)
+    arrays: dict[str, FloatArray] = dict(zip(names, numbers, strict=True))
+    interval = None
+    if "lower" in arrays and coverage is not None:
+        interval = Interval(arrays["lower"], arrays["upper"], coverage)
+    return Prediction.of_stored(
+        np.ndarray((n,), "<i8", raw),
+        arrays["predicted"],
+        arrays["measured"],
+        interval,
+        arrays.get("reference"),
+    )
+
+
+LARGEST_BYTES = 2**31
+"""What a blob may unpack to; few bytes can stand for many."""
+
+
+def _unpacked(blob: bytes) -> bytes:
+    if len(blob) < LARGEST_BYTES // 2048:  # zlib shortens to a thousandth at the most
+        return zlib.decompress(blob)
+    unpacker = zlib.decompressobj()
+    content = unpacker.decompress(blob, LARGEST_BYTES)
+    if unpacker.unconsumed_tail or not unpacker.eof:
+        raise ValueError("its compressed content is cut, or unpacks to more than 2 GiB")
+    return content
+
+
+def checksum(
+    columns: Sequence[Any], names: bytes, values: FloatArray, blobs: Sequence[bytes | None]
+) -> str:
+    """Return the SHA-256 of a cell's content.
+
+    Args:
+        columns: all that is text or number, in the order of `COLUMNS`.
+        names: of the metric values, as `measure_names` has them.
+        values: (n,) of the metrics.
+        blobs: the last columns.
+    """
+    parts = [orjson.dumps(columns), names, values.tobytes()]
+    return hashlib.sha256(b"\0".join([*parts, *(blob or b"" for blob in blobs)])).hexdigest()
+
+
+def measure_names(measures: Sequence[tuple[str, str, str]]) -> bytes:
+    """Return metric, axis and unit of a cell's values, for its checksum."""
+    return orjson.dumps(measures)
+
+
+def json_text(content: Any) -> str:
+    """Return strict JSON.
+
+    What is no character becomes a question mark: a file's name may hold such bytes.
+    """
+    text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return text if text.isascii() else text.encode(errors="replace").decode()

@@ -1,0 +1,105 @@
+"""Names: of models with options, of comparisons, and in which order they stand.
+
+A key with options is one word, ``KEY@OPTION=VALUE@OPTION=VALUE``: `kr10-twin@specimen=3`. An @ in
+a value, which may be such a word itself, is doubled: `cross-robot@source=ur5-twin@@seed=1`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Hashable, Iterable
+from dataclasses import dataclass
+from typing import TypeVar
+
+Item = TypeVar("Item")
+Key = TypeVar("Key", bound=Hashable)
+
+
+def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list[Item]]:
+    """Return key -> the items that have it; keys and items in the order of their appearance."""
+    groups: dict[Key, list[Item]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups
+
+
+def natural_key(text: str) -> list[tuple[int, str]]:
+    """Return a sort key in which numbers stand by their size: "n = 5" before "n = 40"."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", text)]
+
+
+SHORT = 8
+"""So many characters of a hash tell data apart."""
+
+
+@dataclass(frozen=True, order=True)
+class ContestName:
+    """What makes results comparable.
+
+    Attributes:
+        dataset, protocol, condition: as shown.
+        seed: of the run's splits.
+        data_sha256: hash of the data set's numbers.
+        source_sha256: of the other robot's data that source domains come from; "" for none.
+    """
+
+    dataset: str
+    protocol: str
+    condition: str
+    seed: int
+    data_sha256: str
+    source_sha256: str = ""
+
+    @property
+    def text(self) -> str:
+        """Data set, protocol and condition for people."""
+        return " | ".join(filter(None, (self.dataset, self.protocol, self.condition)))
+
+
+def label_parts(names: Iterable[ContestName]) -> dict[ContestName, tuple[str, ...]]:
+    """Return the parts of each name for people: data set, protocol, condition, and what differs.
+
+    Contests with one text have other seeds or other data (one file name, say); the seed or the
+    hash that tells them apart stands there then, and only then.
+    """
+    parts = {}
+    for same_text in grouped(dict.fromkeys(names), lambda name: name.text).values():
+        differing = [
+            kind
+            for kind in ("seed", "data_sha256", "source_sha256")
+            if len({getattr(name, kind) for name in same_text}) > 1
+        ]
+        for name in same_text:
+            apart = {
+                "seed": f"seed {name.seed}",
+                "data_sha256": f"data {name.data_sha256[:SHORT]}",
+                "source_sha256": f"source data {name.source_sha256[:SHORT] or 'none'}",
+            }
+            words = (name.dataset, name.protocol, name.condition, *map(apart.get, differing))
+            parts[name] = tuple(word for word in words if word)
+    return parts
+
+
+def labels(names: Iterable[ContestName]) -> dict[ContestName, str]:
+    """Return each name in one text, as `ContestName.text` has it, with what tells it apart."""
+    return {name: " | ".join(parts) for name, parts in label_parts(names).items()}
+
+
+OPTION_MARK = "@"
+"""Parts the options from the key and from each other in a word; doubled, it is part of a value."""
+_HELD = "\0"  # stands for a doubled mark; no command line holds it
+
+
+def split_word(word: str) -> tuple[str, list[str]]:
+    """Return the key and the ``OPTION=VALUE`` words of a word."""
+    key, *settings = (
+        part.replace(_HELD, OPTION_MARK)
+        for part in word.replace(2 * OPTION_MARK, _HELD).split(OPTION_MARK)
+    )
+    return key, settings
+
+
+def join_word(key: str, settings: Iterable[str]) -> str:
+    """Return the word that `split_word` takes apart."""
+    held = (setting.replace(OPTION_MARK, 2 * OPTION_MARK) for setting in settings)
+    return OPTION_MARK.join([key, *held])

@@ -1,0 +1,116 @@
+"""The samples behind the results of a folder: what a comparison needs to say where models differ.
+
+Samples, robot's name, joint torques of the loads and TCP positions, as a NumPy archive (`.npz`):
+so a folder of results can be judged without the data set's own files.
+"""
+
+from __future__ import annotations
+
+import io
+import lzma
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.types import BenchmarkData, FloatArray, Samples, frozen_array
+
+
+def load_torque(data: BenchmarkData) -> FloatArray:
+    """Return J^T w: the (n, n_joints) torque [N m] (force [N]) that the loads exert on joints."""
+    # what only reads data needs no kinematics
+    from stiff_models.physics.kinematics import jacobian, joint_torque
+
+    rows = jacobian(data.robot, data.samples.q)  # (n, 6, n_joints)
+    return joint_torque(rows, data.samples.wrench)
+
+
+LARGEST_BYTES = 4 * 2**30
+"""What an archive may unpack to: ten million samples. Few bytes can stand for many."""
+
+
+@dataclass(frozen=True, eq=False)
+class StoredData:
+    """A data set as a results folder keeps it.
+
+    Attributes:
+        samples: all of them.
+        torque: (n, n_joints) N m (N), of the loads on the joints.
+        joint_names: base to tip.
+        robot: its name.
+        tcp: (n, 3) m, where the unloaded TCP is in the base frame.
+        torque_units: one a joint, "Nm" of a revolute one, "N" of a prismatic one.
+    """
+
+    samples: Samples
+    torque: FloatArray
+    joint_names: tuple[str, ...]
+    robot: str
+    tcp: FloatArray
+    torque_units: tuple[str, ...]
+
+
+def data_content(data: BenchmarkData) -> bytes:
+    """Return what is stored of a data set."""
+    from stiff_protocols.contract.forward_kinematics import tcp_position
+
+    arrays = {item.name: getattr(data.samples, item.name) for item in fields(Samples)}
+    file = io.BytesIO()
+    np.savez_compressed(
+        file,
+        torque=load_torque(data),
+        tcp=tcp_position(data.robot, data.samples.q),
+        joint_types=np.array(data.robot.joint_types),
+        joint_names=np.array(data.robot.joint_names),
+        robot=np.array(data.robot.name),
+        **arrays,
+    )
+    return file.getvalue()
+
+
+def stored_data(content: bytes) -> StoredData:
+    """Return the data set whose content this is.
+
+    Raises:
+        DataError: it is none, or unpacks to too much.
+    """
+    try:
+        _check_size(content)
+        with np.load(io.BytesIO(content), allow_pickle=False) as found:
+            return _stored(found)
+    except _DAMAGES as error:
+        raise DataError(str(error)) from error
+
+
+def _check_size(content: bytes) -> None:
+    with zipfile.ZipFile(io.BytesIO(content)) as parts:
+        size = sum(part.file_size for part in parts.infolist())
+    if size > LARGEST_BYTES:
+        raise DataError(f"unpacks to {size} bytes (valid: up to {LARGEST_BYTES})")
+
+
+def _stored(found: Mapping[str, Any]) -> StoredData:
+    samples = Samples(**{item.name: found[item.name] for item in fields(Samples)})
+    joint_names = tuple(str(name) for name in found["joint_names"])
+    types = found["joint_types"]
+    if len(types) != len(joint_names):
+        raise DataError(f"{len(types)} joint_types for {len(joint_names)} joint_names")
+    return StoredData(
+        samples=samples,
+        torque=frozen_array(found["torque"], "torque", (len(samples), len(joint_names))),
+        joint_names=joint_names,
+        robot=str(found["robot"]),
+        tcp=frozen_array(found["tcp"], "tcp", (len(samples), 3)),
+        torque_units=tuple("N" if kind == "prismatic" else "Nm" for kind in types),
+    )
+
+
+_DAMAGES = (
+    *(ValueError, KeyError, TypeError, EOFError, MemoryError, RuntimeError, NotImplementedError),
+    *(zlib.error, lzma.LZMAError, zipfile.BadZipFile, DataError),
+)
+"""What a file that is none of ours can raise, or one that somebody made to do so."""

@@ -1,0 +1,61 @@
+"""Which stiffbench made the results of a folder."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+from stiff_protocols.contract.record import RunManifest
+
+NO_MANIFEST = "a run without a manifest"
+LIBRARIES = ("numpy", "scipy", "scikit-learn", "torch", "pin")
+"""That the numbers go through."""
+
+
+def sources(
+    folder: Path, runs: Sequence[RunManifest], n_results: Mapping[str, int]
+) -> Iterator[str]:
+    """Yield a line that names the versions and commits that made results of a folder.
+
+    Args:
+        folder: of the results.
+        runs: whose manifests the folder holds.
+        n_results: run id -> how many of its results are shown.
+    """
+    versions = {run.run_id: _version(run.environment) for run in runs}
+    counts: Counter[str] = Counter()
+    for run_id, count in n_results.items():
+        counts[versions.get(run_id, NO_MANIFEST)] += count
+    made = ", ".join(
+        version if len(counts) == 1 else f"{version} ({count})"
+        for version, count in sorted(counts.items())
+    )
+    yield f"{counts.total()} results of {folder}, made by {made}."
+
+
+def differing_libraries(
+    runs: Sequence[RunManifest], run_ids: Mapping[str, Iterable[str]]
+) -> Iterator[str]:
+    """Yield a line for each library that models were computed with different versions of.
+
+    Args:
+        runs: whose manifests the folder holds.
+        run_ids: model -> the runs that computed its results.
+    """
+    known = {run.run_id: run.environment for run in runs}
+    for library in LIBRARIES:
+        used = {
+            model: sorted({known.get(run, {}).get(library, "unknown") for run in of_model})
+            for model, of_model in run_ids.items()
+        }
+        if len({tuple(versions) for versions in used.values()}) > 1:
+            said = "; ".join(f"{model}: {', '.join(found)}" for model, found in used.items())
+            yield f"Computed with different versions of {library}: {said}."
+
+
+def _version(environment: Mapping[str, str]) -> str:
+    commit = environment.get("commit", "")[:8]
+    changed = " with uncommitted changes" if environment.get("dirty") == "true" else ""
+    at = f" at {commit}{changed}" if commit else ""
+    return f"stiffbench {environment.get('stiffbench', '')}{at}"

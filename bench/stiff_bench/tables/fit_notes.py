@@ -1,0 +1,102 @@
+"""What stands beneath a table of what a model's fits reported: numbers, choices, warnings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from stiff_bench.tables.units import percent
+from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.search_space import in_words
+
+
+def size_notes(results: Sequence[CellResult]) -> list[str]:
+    """Return how many samples a split's training side and its test part have; none if unknown."""
+    sizes = {
+        (result.n_train, len(result.prediction.rows))
+        for result in results
+        if result.prediction is not None and result.n_train
+    }
+    if not sizes:
+        return []
+    trained, tested = (_range(column) for column in zip(*sizes, strict=True))
+    return [f"a split trains on {trained} samples, validation included, and tests on {tested}."]
+
+
+def _range(numbers: tuple[int, ...]) -> str:
+    low, high = min(numbers), max(numbers)
+    return f"{low}" if low == high else f"{low} to {high}"
+
+
+def model_notes(results: Sequence[CellResult]) -> list[str]:
+    """Return what a model's cells reported: numbers as means, warnings, reasons of failure."""
+    name = results[0].shown.model
+    notes = []
+    done = [result for result in results if result.status == "ok"]
+    if numbers := _mean_diagnostics(done):
+        over = f" (means over {len(done)} splits)" if len(done) > 1 else ""
+        notes.append(f"{name}{over}: {', '.join(numbers)}.")
+    notes += _chosen_notes(name, done)
+    coverage = results[0].cell.coverage
+    if coverage is not None and any(_has_interval(result) for result in done):
+        notes.append(f"{name}: {percent(coverage)} intervals are {_interval_kind(done)}.")
+    for kind, messages in (
+        ("warning", [message for result in results for message in result.warnings]),
+        ("FAILED", [result.failure for result in results if result.status == "failed"]),
+        ("SKIPPED", [result.failure for result in results if result.status == "skipped"]),
+    ):
+        lines = [_one_line(message) for message in messages]
+        for message in dict.fromkeys(lines):
+            times = lines.count(message)
+            where = f" ({times} of {len(results)} splits)" if len(results) > 1 else ""
+            notes.append(f"{name}: {kind}{where}: {message}")
+    return notes
+
+
+def _mean_diagnostics(done: Sequence[CellResult]) -> list[str]:
+    """Return each number's mean; fits that chose different options report different numbers."""
+    numbers = []
+    for key in dict.fromkeys(key for result in done for key in result.diagnostics):
+        values = [result.diagnostics[key] for result in done if key in result.diagnostics]
+        some = "" if len(values) == len(done) else f" (in {len(values)} of {len(done)} splits)"
+        numbers.append(f"{key} {_mean_text(values)}{some}")
+    return numbers
+
+
+def _chosen_notes(name: str, done: Sequence[CellResult]) -> list[str]:
+    """Return which options the fits chose, and in how many splits each; none where none did."""
+    choices = [in_words(result.chosen) for result in done if result.chosen]
+    if not choices:
+        return []
+    counted = [
+        f"{chosen} ({choices.count(chosen)} of {len(done)} splits)" if len(done) > 1 else chosen
+        for chosen in dict.fromkeys(choices)
+    ]
+    return [f"{name}: chosen on inner folds: {'; '.join(counted)}."]
+
+
+def _has_interval(result: CellResult) -> bool:
+    return result.prediction is not None and result.prediction.interval is not None
+
+
+def _mean_text(values: Sequence[float]) -> str:
+    """Return a mean for people; an infinite value (a joint found rigid) is counted apart."""
+    finite = [value for value in values if not math.isinf(value)]
+    if len(finite) == len(values) or not finite:
+        return f"{float(np.mean(values)):.4g}"
+    n_infinite = len(values) - len(finite)
+    return f"{float(np.mean(finite)):.4g} (and infinite in {n_infinite} of {len(values)})"
+
+
+def _interval_kind(results: Sequence[CellResult]) -> str:
+    counts = sorted({result.calibration_samples for result in results})
+    if counts[-1] == 0:
+        return "the model's own"
+    of_splits = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    return f"split-conformal, with {of_splits} calibration samples"
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())

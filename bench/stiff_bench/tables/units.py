@@ -1,0 +1,34 @@
+"""How units are printed: SI inside, what the field reads outside."""
+
+from __future__ import annotations
+
+from stiff_protocols.scoring.metrics import Unit
+
+PRINTED: dict[Unit, tuple[str, float]] = {
+    "m": ("mm", 1000.0),
+    "share": ("%", 100.0),
+    "1": ("", 1.0),
+    "s": ("ms", 1000.0),
+    "B": ("MiB", 2.0**-20),
+    "1/s": ("1/s", 1.0),
+}
+"""Unit of a metric -> the unit it is printed in, and how many of those it is."""
+
+
+MM = PRINTED["m"][1]
+"""Millimetres in a metre."""
+
+
+def percent(share: float) -> str:
+    """Return a share for people."""
+    return f"{100.0 * share:g} %"
+
+
+def counted(number: int, thing: str) -> str:
+    """Return "1 split", "5 splits"."""
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+
+
+def marked(name: str, mark: str) -> str:
+    """Return a name with what must stand beside it; "" for nothing."""
+    return f"{name} [{mark}]" if mark else name

@@ -1,0 +1,1 @@
+"""Measured data: reading, checks, shipped data sets."""

@@ -1,0 +1,223 @@
+"""How well samples identify each joint's compliance, and which of many candidates do best.
+
+The linear virtual joint model, with the Jacobian J at the tool centre point (TCP) and its
+translational rows J_v: deflection = sum_i J_v,i (J_i^T w) c_i, linear in the compliances c_i. The
+optimal designs are those of linear least squares (V. Fedorov, Theory of Optimal Experiments,
+1972).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from stiff_datasets.robots.robot import ChainModel
+from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.progress import report
+from stiff_protocols.contract.types import FloatArray, IntArray, frozen_array
+
+TOLERANCE = 1e-6
+"""A joint that moves the TCP less than this share of what the strongest joint does is not
+excited: the share goes with the square of the lever, so this is 1 mm beside 1 m. Also the share
+of the largest singular value, columns scaled, below which joints cannot be told apart."""
+
+DEFLECTION_NOISE = np.sqrt(2.0) * 1e-5
+"""m, standard deviation an axis: a tracker that repeats 0.01 mm, read with and without load."""
+
+REFERENCE_COMPLIANCE = 1.0 / 5e4
+"""rad/(N m); assumption, the order of the KR10's A1 to A3. Wrists are softer."""
+
+_START = 1e-6
+"""Information that a plan without samples has on every joint, as a share of what one mean
+candidate gives: a determinant exists from the first choice on and is not changed visibly later."""
+
+
+@dataclass(frozen=True, eq=False)
+class Identifiability:
+    """What samples tell of each joint's compliance.
+
+    Attributes:
+        names: joint names, base to tip.
+        rank: rank of the regressor.
+        condition: condition number of the regressor with columns scaled to unit length; infinite
+            where a joint cannot be identified.
+        log_det: natural logarithm of the determinant of the information matrix of the *relative*
+            compliances c_i / c_ref,i, which has no unit; -inf where a joint cannot be identified.
+            The scale is the same for all samples: scaled by the plan's own columns it would not
+            see how strongly a plan excites the joints. Between two plans of one robot the
+            difference depends neither on the reference nor on the noise.
+        relative_standard_error: (n_joints,) standard error of the least squares compliance over
+            c_ref,i; infinite where it cannot be identified. It is proportional to the noise and
+            to 1 / c_ref,i.
+        unidentifiable: names of the joints that are hardly excited, or that the samples cannot
+            tell from other joints.
+    """
+
+    names: tuple[str, ...]
+    rank: int
+    condition: float
+    log_det: float
+    relative_standard_error: FloatArray
+    unidentifiable: tuple[str, ...]
+
+
+def regressor(chain: ChainModel, q: FloatArray, wrench: FloatArray) -> FloatArray:
+    """Return the deflection by each joint at unit compliance.
+
+    Args:
+        chain: the robot.
+        q: (n, n_joints) joint angles, rad (m for prismatic joints); a continuous joint has one
+            angle too.
+        wrench: (n, 6) load at the TCP, force [N] then torque [N m], base frame.
+
+    Returns:
+        (n, 3, n_joints), m per rad/(N m) (m per m/N for prismatic joints), base frame.
+
+    Raises:
+        DataError: an array has another shape, or an entry is not finite.
+    """
+    model, data = chain.model, chain.model.createData()
+    q = frozen_array(q, "q", (None, model.nv))
+    wrench = frozen_array(wrench, "wrench", (len(q), 6))
+    last, at_tcp = model.njoints - 1, pin.SE3(np.eye(3), chain.tcp)
+    result = np.empty((len(q), 3, model.nv))
+    for row, (angles, load) in enumerate(zip(q, wrench, strict=True)):
+        pin.computeJointJacobians(model, data, configuration(chain, angles))
+        jacobian = pin.getFrameJacobian(model, data, last, at_tcp, pin.LOCAL_WORLD_ALIGNED)
+        result[row] = jacobian[:3] * (jacobian.T @ load)
+    return result
+
+
+def configuration(chain: ChainModel, angles: FloatArray) -> FloatArray:
+    """Return Pinocchio's configuration of (n_joints,) angles: cosine and sine where continuous."""
+    return np.asarray(pin.integrate(chain.model, pin.neutral(chain.model), angles))
+
+
+def identifiability(
+    regressors: FloatArray,
+    joint_names: Sequence[str],
+    *,
+    reference_compliance: float | FloatArray = REFERENCE_COMPLIANCE,
+    deflection_noise: float = DEFLECTION_NOISE,
+) -> Identifiability:
+    """Say how well samples identify each joint by linear least squares.
+
+    Args:
+        regressors: (n, 3, n_joints), as `regressor` gives.
+        joint_names: base to tip.
+        reference_compliance: compliance that errors are relative to, rad/(N m) (m/N for prismatic
+            joints); one for all joints or (n_joints,).
+        deflection_noise: standard deviation of a measured deflection an axis, m.
+
+    Raises:
+        DataError: the shapes do not fit, or reference or noise is not above zero.
+    """
+    names = tuple(joint_names)
+    regressors = frozen_array(regressors, "regressors", (None, 3, len(names)))
+    reference = per_joint(reference_compliance, len(names))
+    if not (np.isfinite(deflection_noise) and deflection_noise > 0.0):
+        raise DataError(f"deflection_noise is {deflection_noise:g}, expected m above 0")
+    matrix = regressors.reshape(-1, len(names))
+    size = np.linalg.norm(matrix, axis=0)
+    excited = size > TOLERANCE * size.max()
+    _, singular, axes = np.linalg.svd(matrix[:, excited] / size[excited], full_matrices=False)
+    kept = singular > TOLERANCE * singular.max(initial=0.0)
+    # a joint is identifiable when its unit vector lies in the span of the kept directions
+    known = excited.copy()
+    known[excited] = (axes[kept] ** 2).sum(axis=0) > 1.0 - 1e-6
+    variance = np.full(len(names), np.inf)  # of compliance times column length, at unit noise
+    variance[excited] = ((axes[kept] / singular[kept, None]) ** 2).sum(axis=0)
+    signal = size * reference / deflection_noise  # length of each column, relative compliance
+    error = np.full(len(names), np.inf)
+    error[known] = np.sqrt(variance[known]) / signal[known]
+    condition, log_det = np.inf, -np.inf
+    if known.all():
+        condition = singular[0] / singular[-1]
+        log_det = 2.0 * (np.log(singular).sum() + np.log(signal).sum())
+    return Identifiability(
+        names=names,
+        rank=int(kept.sum()),
+        condition=float(condition),
+        log_det=float(log_det),
+        relative_standard_error=error,
+        unidentifiable=tuple(n for n, is_known in zip(names, known, strict=True) if not is_known),
+    )
+
+
+def choose_d_optimal(candidates: FloatArray, n: int) -> IntArray:
+    """Choose candidates one by one, each the one that raises the determinant most.
+
+    The first k choices are the choice of k. A candidate's effect on the determinant is exact, by
+    the matrix determinant lemma: det(M + B^T B) = det(M) det(I + B M^-1 B^T), B its three rows.
+    Joints that no candidate excites are left out; scaling a column changes nothing.
+
+    Args:
+        candidates: (n_candidates, 3, n_joints), as `regressor` gives.
+        n: how many, at most n_candidates.
+
+    Returns:
+        (n,) row numbers in the order of choice; of equals the first.
+    """
+    rows = _excited_columns(candidates)
+    information = _START * np.eye(rows.shape[2])
+    free = np.ones(len(rows), dtype=bool)
+    chosen = np.empty(n, dtype=np.int64)
+    for step in range(n):
+        report("choose", step, n)
+        spread = rows @ np.linalg.inv(information) @ rows.transpose(0, 2, 1)
+        gain = np.linalg.det(np.eye(3) + spread)
+        chosen[step] = best = np.argmax(np.where(free, gain, -np.inf))
+        free[best] = False
+        information += rows[best].T @ rows[best]
+    return chosen
+
+
+def choose_by_condition(candidates: FloatArray, n: int) -> IntArray:
+    """Choose candidates one by one, each the one that leaves the smallest condition number.
+
+    The condition number is that of `Identifiability`: columns scaled to unit length. As it is
+    infinite at first, the first n_joints choices are those of `choose_d_optimal`. Arguments and
+    return value as there.
+
+    A warning: this evens the joints out by weakly loaded poses, so that the standard errors grow.
+    """
+    rows = _excited_columns(candidates)
+    start = choose_d_optimal(candidates, min(n, rows.shape[2]))
+    free = np.ones(len(rows), dtype=bool)
+    free[start] = False
+    gained = rows.transpose(0, 2, 1) @ rows  # (n_candidates, n_joints, n_joints)
+    information = gained[start].sum(axis=0)
+    chosen = list(start)
+    while len(chosen) < n:
+        report("choose", len(chosen), n)
+        trial = information + gained
+        size = np.sqrt(np.diagonal(trial, axis1=1, axis2=2))
+        eigenvalues = np.linalg.eigvalsh(trial / (size[:, :, None] * size[:, None, :]))
+        # the floor: joints that no candidate can tell apart leave nothing but rounding
+        squared = eigenvalues[:, -1] / np.maximum(eigenvalues[:, 0], TOLERANCE**2)
+        best = int(np.argmin(np.where(free, squared, np.inf)))
+        free[best] = False
+        information += gained[best]
+        chosen.append(best)
+    return np.array(chosen, dtype=np.int64)
+
+
+def _excited_columns(candidates: FloatArray) -> FloatArray:
+    """Return the columns that are not next to zero, each of unit mean square over candidates."""
+    size = np.sqrt((candidates**2).sum(axis=1).mean(axis=0))
+    excited = size > TOLERANCE * size.max()
+    return np.asarray(candidates[:, :, excited] / size[excited])
+
+
+def per_joint(compliance: float | FloatArray, n_joints: int) -> FloatArray:
+    """Return the reference compliance as (n_joints,) numbers above zero."""
+    value = np.asarray(compliance, dtype=np.float64)
+    given = frozen_array(
+        np.full(n_joints, value) if value.ndim == 0 else value, "reference_compliance", (n_joints,)
+    )
+    if (given <= 0.0).any():
+        raise DataError(f"reference_compliance is {given.min():g}, expected rad/(N m) above 0")
+    return given

@@ -1,0 +1,126 @@
+"""Tables of loads at poses: what `bench predict` reads, and writes with the predictions beside.
+
+The columns are those of `sample_files.py` without the deflections: ``q1_deg .. qn_deg, fx_N ..
+tz_Nm``; ``pose_id, load_id, group`` may be there. So may ``dx_mm, dy_mm, dz_mm``, as in a
+measurement or in a plan that is still to be measured: they are not read, and in what is written
+the columns of these names are the predictions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from stiff_datasets.measured.sample_checks import (
+    Problem,
+    limit_problems,
+    number_problems,
+    problems_error,
+    radian_problems,
+    table_problems,
+    wrench_problems,
+)
+from stiff_datasets.measured.sample_files import (
+    DEFLECTION_COLUMNS,
+    ID_COLUMNS,
+    MM_PER_M,
+    WRENCH_COLUMNS,
+    all_columns,
+    file_units,
+    in_file_units,
+    joint_columns,
+    read_sheet,
+    write_table,
+)
+from stiff_protocols.contract.types import AXES, FloatArray, Interval, Robot
+
+
+@dataclass(frozen=True, eq=False)
+class LoadTable:
+    """The rows of a file, checked.
+
+    Attributes:
+        q: (n, n_joints) rad or m.
+        wrench: (n, 6) N and N m at the TCP, base frame.
+        columns: names, joint positions and wrenches as in the file, in its units.
+        oddities: what is odd but no error, a line each.
+    """
+
+    q: FloatArray
+    wrench: FloatArray
+    columns: pd.DataFrame
+    oddities: tuple[str, ...]
+
+
+def read_loads(path: Path, robot: Robot) -> LoadTable:
+    """Read a file of loads at poses.
+
+    Args:
+        path: the file; Parquet if it ends in .parquet, else CSV.
+        robot: gives the number and the kinds of joints, and their limits.
+
+    Raises:
+        DataError: the file is unreadable, empty or wrongly headed, or a value is none; the message
+            names file, row (1 is the header of a CSV file), column, value and what is valid.
+    """
+    sheet = read_sheet(path)
+    problems = table_problems(sheet, all_columns(robot), (*ID_COLUMNS, *DEFLECTION_COLUMNS))
+    if problems:
+        raise problems_error(path, problems, "")
+    joints = joint_columns(robot)
+    q_file, wrench = sheet.numbers(joints), sheet.numbers(WRENCH_COLUMNS)
+    problems = [
+        *number_problems(sheet, joints, q_file),
+        *number_problems(sheet, WRENCH_COLUMNS, wrench),
+        *wrench_problems(sheet, wrench),
+    ]
+    if problems:
+        problems.sort(key=lambda problem: problem.row or 0)
+        raise problems_error(path, problems, "mend this one first")
+    outside = list(limit_problems(sheet, q_file, robot))
+    names = [name for name in ID_COLUMNS if name in sheet.cells]
+    columns: dict[str, object] = {name: sheet.cells[name].to_numpy(dtype=object) for name in names}
+    columns |= dict(zip(joints, q_file.T, strict=True))
+    columns |= dict(zip(WRENCH_COLUMNS, wrench.T, strict=True))
+    return LoadTable(
+        q=q_file / file_units(robot),
+        wrench=wrench,
+        columns=pd.DataFrame(columns),
+        oddities=(
+            *(f"{path}: {problem}" for problem in radian_problems(q_file, robot)),
+            *([_outside(path, outside)] if outside else []),
+        ),
+    )
+
+
+def _outside(path: Path, problems: list[Problem]) -> str:
+    n_rows = len({problem.row for problem in problems})
+    rows = "1 row has a joint" if n_rows == 1 else f"{n_rows} rows have a joint"
+    return f"{path}: {rows} outside of its limits, the first: {problems[0]}"
+
+
+def write_predictions(
+    path: Path, table: LoadTable, deflection: FloatArray, interval: Interval | None = None
+) -> None:
+    """Write the rows with their predicted deflections, whole or not at all.
+
+    Args:
+        path: the file; Parquet if it ends in .parquet, else CSV.
+        table: the rows.
+        deflection: (n, 3) m, base frame; ``dx_mm, dy_mm, dz_mm``.
+        interval: of the same rows; ``dx_lower_mm, dx_upper_mm, ...``.
+
+    Raises:
+        StoreError: the file cannot be written.
+        DataError: Parquet is asked for and pyarrow is not installed.
+    """
+    columns = dict(zip(DEFLECTION_COLUMNS, deflection.T, strict=True))
+    if interval is not None:
+        for i, axis in enumerate(AXES):
+            columns[f"d{axis}_lower_mm"] = interval.lower[:, i]
+            columns[f"d{axis}_upper_mm"] = interval.upper[:, i]
+    in_mm = {name: in_file_units(np.asarray(values), MM_PER_M) for name, values in columns.items()}
+    write_table(path, table.columns.assign(**in_mm))

@@ -1,0 +1,85 @@
+"""One's own measured data: the samples of a CSV or Parquet file and their robot.
+
+The columns are those of `stiff_datasets.measured.sample_files`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from stiff_datasets.measured.sample_checks import CheckedSamples, check_sheet, problems_error
+from stiff_datasets.measured.sample_files import read_sheet, sample_table, sheet_of, write_table
+from stiff_protocols.contract.types import BenchmarkData, Robot, Samples
+
+
+def check_file(path: Path, robot: Robot) -> CheckedSamples:
+    """Read a file of measured samples and collect everything that is wrong with it.
+
+    Args:
+        path: the file; Parquet if it ends in .parquet, else CSV.
+        robot: the robot that was measured; gives the number of joints and their limits.
+
+    Raises:
+        DataError: the file cannot be read, is empty, or is no table.
+    """
+    return check_sheet(read_sheet(path), robot)
+
+
+def read_samples(path: Path, robot: Robot) -> Samples:
+    """Read and check a file of measured samples; arguments as `check_file`.
+
+    Raises:
+        DataError: the file is unreadable, empty or wrongly headed, or a value cannot be; the
+            message names file, row (1 is the header of a CSV file), column, value and what is
+            valid, and how many problems there are beside the first.
+    """
+    return _samples(check_file(path, robot), "bench data validate lists them")
+
+
+def write_samples(path: Path, samples: Samples, robot: Robot) -> None:
+    """Write samples in the units of files; `read_samples` gives the same numbers and names again.
+
+    The same to the last bit, if every number is that of some number in deg or mm, as all numbers
+    are that were read from a file; see `stiff_datasets.measured.sample_files.sample_table`.
+
+    Args:
+        path: the file; Parquet if it ends in .parquet, else CSV. Written whole or not at all.
+        samples: what to write.
+        robot: the robot they belong to.
+
+    Raises:
+        DataError: `read_samples` would refuse the file, or Parquet is not installed.
+        StoreError: the file cannot be written.
+    """
+    table = sample_table(samples, robot)
+    _samples(check_sheet(sheet_of(path, table), robot), "nothing was written")
+    write_table(path, table)
+
+
+class MeasuredData:
+    """A user's own measurement: a file of samples and the robot they were measured on.
+
+    Attributes:
+        csv: the samples; Parquet if the name ends in .parquet.
+        robot: the robot.
+    """
+
+    def __init__(self, *, csv: Path, robot: Robot) -> None:
+        """Store the arguments."""
+        self.csv = csv
+        self.robot = robot
+
+    def load(self) -> BenchmarkData:
+        """Read the file.
+
+        Raises:
+            DataError: see `read_samples`.
+        """
+        return BenchmarkData(read_samples(self.csv, self.robot), self.robot)
+
+
+def _samples(checked: CheckedSamples, hint: str) -> Samples:
+    """Return the samples, or raise for the first problem."""
+    if checked.samples is None:
+        raise problems_error(checked.path, checked.problems, hint)
+    return checked.samples

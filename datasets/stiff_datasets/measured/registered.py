@@ -1,0 +1,253 @@
+"""Files that a user registered: `kr10-measured` is the place for one's own KR10 measurement.
+
+stiffbench ships no such measurement, and none is public. What is registered stands in
+``datasets.toml`` in the folder of the user (see `home`), one table a key. Heavy imports stay in the
+functions that need them, so that a list of data sets can ask `missing` at no cost.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import platformdirs
+
+from stiff_protocols.contract import files
+from stiff_protocols.contract.errors import DataError, StoreError, unknown_name
+from stiff_protocols.contract.files import read_toml, written_whole
+
+if TYPE_CHECKING:
+    from stiff_protocols.contract.types import BenchmarkData
+
+
+VARIABLE = "STIFFBENCH_HOME"
+"""Environment variable that names another folder."""
+
+
+def home() -> Path:
+    """Return the folder; it need not exist yet.
+
+    Raises:
+        DataError: the variable names a user who does not exist.
+    """
+    named = os.environ.get(VARIABLE)
+    try:
+        return Path(named).expanduser() if named else platformdirs.user_data_path("stiffbench")
+    except RuntimeError as error:
+        raise DataError(f"{VARIABLE}={named}: {error}") from error
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder at or below `home`, with its parents.
+
+    Raises:
+        DataError: it cannot be made.
+    """
+    try:
+        files.make_folder(folder)
+    except StoreError as error:
+        raise DataError(
+            f"{error}; name another folder in the environment variable {VARIABLE}"
+        ) from error
+
+
+KR10_MEASURED = "kr10-measured"
+SLOTS = {KR10_MEASURED: "kr10_r1100_2"}
+"""Key -> the shipped robot that stands in where no URDF is registered."""
+
+
+_LONGEST_M = 1e3
+"""What no length of a tool reaches, so that the number can be a float."""
+
+
+@dataclass(frozen=True)
+class Registration:
+    """What is registered under a key.
+
+    Attributes:
+        key: one of `SLOTS`.
+        csv: the samples, in the schema of `stiff_datasets.measured.measured`.
+        urdf: the robot; None: the slot's shipped one.
+        tcp: (3,) tool centre point in the frame of the URDF's last link, m.
+        sha256: of the CSV as it was registered.
+        urdf_sha256: of the URDF; "" where it is the shipped robot.
+    """
+
+    key: str
+    csv: Path
+    urdf: Path | None
+    tcp: tuple[float, float, float]
+    sha256: str
+    urdf_sha256: str
+
+    def read(self) -> BenchmarkData:
+        """Read the files, whatever their checksum.
+
+        Raises:
+            DataError: see `stiff_datasets.measured.measured.read_samples`.
+        """
+        from stiff_datasets.measured.measured import MeasuredData
+        from stiff_datasets.robots.robot import load_robot, shipped_robot
+
+        if self.urdf is not None:
+            robot = load_robot(self.urdf, tcp=self.tcp)
+        else:
+            robot = shipped_robot(SLOTS[self.key], tcp=self.tcp)
+        return MeasuredData(csv=self.csv, robot=robot).load()
+
+
+def registry_file() -> Path:
+    """Return the file that holds every registration; it need not exist yet."""
+    return home() / "datasets.toml"
+
+
+def register(key: str, csv: Path, urdf: Path | None, tcp: tuple[float, float, float]) -> Path:
+    """Register a measurement after reading it; an earlier one under the key is replaced.
+
+    Args:
+        key: one of `SLOTS`.
+        csv: the samples, in the schema of `stiff_datasets.measured.measured`.
+        urdf: the robot; None: the slot's shipped one.
+        tcp: (3,) tool centre point in the frame of the URDF's last link, m.
+
+    Returns:
+        The file that holds every registration.
+
+    Raises:
+        ConfigError: nothing can be registered under the key.
+        DataError: the data cannot be read (see `read_samples`), or the
+            file of registrations is damaged; nothing is written then.
+        StoreError: the file of registrations cannot be written.
+    """
+    if key not in SLOTS:
+        raise unknown_name("data set to register", key, SLOTS)
+    path = registry_file()
+    tables = _tables(path)
+    csv, urdf = csv.absolute(), urdf.absolute() if urdf else None
+    entry = Registration(key, csv, urdf, tcp, _sha256(csv), _sha256(urdf) if urdf else "")
+    from stiff_datasets.measured.sample_files import SIMULATED_GROUP
+
+    if SIMULATED_GROUP in entry.read().samples.group:
+        raise DataError(
+            f"{csv}: has rows of the group {SIMULATED_GROUP!r}, written by a simulation"
+        )
+    tables[key] = {
+        "csv": str(csv),
+        "urdf": str(urdf or ""),  # empty: the shipped robot
+        "tcp": [float(length) for length in tcp],
+        "sha256": entry.sha256,
+        "urdf_sha256": entry.urdf_sha256,
+    }
+    _write(path, tables)
+    return path
+
+
+def registration(key: str) -> Registration | None:
+    """Return what is registered under a key, None for nothing.
+
+    Raises:
+        DataError: the file of registrations is damaged.
+    """
+    path = registry_file()
+    table = _tables(path).get(key)
+    match table:
+        case None:
+            return None
+        case {
+            "csv": str(csv),
+            "urdf": str(urdf),
+            "tcp": [float() | int() as x, float() | int() as y, float() | int() as z],
+            "sha256": str(checksum),
+            "urdf_sha256": str(of_urdf),
+        } if all(abs(length) < _LONGEST_M for length in (x, y, z)):
+            tcp = (float(x), float(y), float(z))
+            return Registration(
+                key, Path(csv), Path(urdf) if urdf else None, tcp, checksum, of_urdf
+            )
+    raise DataError(
+        f"{path}: table [{key}] is {table!r}, expected csv, urdf (empty: the shipped robot), tcp "
+        f"(three lengths in m), sha256 and urdf_sha256; register again: {_command(key)}"
+    )
+
+
+def missing(key: str) -> str:
+    """Return "" when a file is registered under the key, else a short reason."""
+    try:
+        _present(key)
+    except DataError as error:
+        return str(error)
+    return ""
+
+
+def kr10_missing() -> str:
+    """Return why `kr10-measured` cannot be loaded; "" where it can."""
+    return missing(KR10_MEASURED)
+
+
+class Kr10Measured:
+    """The user's own measurement of a KUKA KR10 R1100-2."""
+
+    def load(self) -> BenchmarkData:
+        """Read the registered files.
+
+        Raises:
+            DataError: nothing is registered, the file is gone, or it has changed since.
+        """
+        entry = _present(KR10_MEASURED)
+        _unchanged(entry.csv, entry.sha256)
+        if entry.urdf is not None:
+            _unchanged(entry.urdf, entry.urdf_sha256)
+        return entry.read()
+
+
+def _unchanged(path: Path, registered: str) -> None:
+    found = _sha256(path)
+    if found != registered:
+        raise DataError(
+            f"{path}: sha256 {found}, registered {registered}: the file has changed; "
+            f"register it again: {_command(KR10_MEASURED)}"
+        )
+
+
+def _present(key: str) -> Registration:
+    entry = registration(key)
+    if entry is None:
+        raise DataError(f"no file registered: {_command(key)}")
+    for path in filter(None, (entry.csv, entry.urdf)):
+        if not path.is_file():
+            raise DataError(f"{path}: the registered file is gone: {_command(key)}")
+    return entry
+
+
+def _command(key: str) -> str:
+    return f"bench data register {key} FILE.csv"
+
+
+def _sha256(path: Path) -> str:
+    try:
+        return sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def _tables(path: Path) -> dict[str, Any]:
+    """Return every table of the file; none where there is no file."""
+    try:
+        return read_toml(path)
+    except FileNotFoundError:
+        return {}
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except ValueError as error:
+        raise DataError(f"{path}: not TOML: {error}; mend or delete the file") from error
+
+
+def _write(path: Path, tables: dict[str, Any]) -> None:
+    import tomli_w
+
+    make_folder(path.parent)
+    with written_whole(path) as temporary:
+        temporary.write_bytes(tomli_w.dumps(tables).encode())

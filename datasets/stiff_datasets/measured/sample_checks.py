@@ -1,0 +1,270 @@
+"""What a table of measured samples must be before it is believed: every problem of a file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from stiff_datasets.measured.sample_files import (
+    DEFLECTION_COLUMNS,
+    ID_COLUMNS,
+    LONGEST_CELL,
+    MM_PER_M,
+    WRENCH_COLUMNS,
+    Sheet,
+    all_columns,
+    file_units,
+    joint_columns,
+)
+from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.types import FloatArray, Robot, Samples
+
+LARGEST_DEFLECTION_MM = 50.0
+"""No industrial robot gives way so far under a load it may carry."""
+SMALLEST_DEFLECTION_MM = 0.01
+"""What trackers repeat; a file that never exceeds it holds metres, not millimetres."""
+LARGEST_NUMBER = 1e6
+"""N, N m, deg or mm; no load of a robot is larger, nor a position of a joint without limits."""
+FULL_TURN_RAD = 2.0 * np.pi
+SAME_POSE = 1e-3
+"""deg or mm; joint positions of one pose may differ by the rounding of a log."""
+LIMIT_SLACK = 1e-6
+"""deg or mm; a limit may have been written with rounding."""
+
+_SHOWN = 60
+"""Characters of a wrong cell that a message shows."""
+
+_UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")  # or breaks a line
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong with a file.
+
+    Attributes:
+        value: what is there; of the file as a whole, what is wrong.
+        valid: what would be right; "" where that says itself.
+        row: the row's number (see `sample_files.Sheet`); None: the whole file.
+        column: name of the column, or of the columns with commas between.
+    """
+
+    value: str
+    valid: str
+    row: int | None = None
+    column: str | None = None
+
+    def __str__(self) -> str:
+        """Return one line without the file's name."""
+        if self.row is None:
+            return f"{self.value} (valid: {self.valid})" if self.valid else self.value
+        return f"row {self.row}, column {self.column}: {self.value!r}, expected {self.valid}"
+
+
+@dataclass(frozen=True, eq=False)
+class CheckedSamples:
+    """A file's samples if nothing is wrong with it, else its problems.
+
+    Attributes:
+        path: the file.
+        problems: those of the whole file first, then by row.
+        samples: None if there are problems.
+        rows: (n,) row number of every sample, for messages.
+    """
+
+    path: Path
+    problems: tuple[Problem, ...]
+    samples: Samples | None
+    rows: NDArray[np.int64]
+
+
+def check_sheet(sheet: Sheet, robot: Robot) -> CheckedSamples:
+    """Check the cells of a file and turn them into samples.
+
+    Args:
+        sheet: the cells.
+        robot: the robot that was measured; gives the number of joints and their limits.
+    """
+    problems = table_problems(sheet, all_columns(robot)) or [*_long_names(sheet)]
+    if problems:
+        return CheckedSamples(sheet.path, tuple(problems), None, sheet.lines)
+    numbers = _Numbers.read(sheet, robot)
+    problems = [
+        *_id_problems(sheet),
+        *number_problems(sheet, joint_columns(robot), numbers.q),
+        *number_problems(sheet, WRENCH_COLUMNS, numbers.wrench),
+        *number_problems(sheet, DEFLECTION_COLUMNS, numbers.deflection_mm),
+        *wrench_problems(sheet, numbers.wrench),
+        *radian_problems(numbers.q, robot),
+        *limit_problems(sheet, numbers.q, robot),
+        *_deflection_problems(sheet, numbers.deflection_mm),
+        *_pose_problems(sheet, numbers.q, robot),
+    ]
+    problems.sort(key=lambda problem: problem.row or 0)
+    samples = None if problems else numbers.samples(sheet.cells, robot)
+    return CheckedSamples(sheet.path, tuple(problems), samples, sheet.lines)
+
+
+@dataclass(frozen=True, eq=False)
+class _Numbers:
+    """The numbers of a sheet in its own units; NaN where a cell holds none."""
+
+    q: FloatArray  # (n, n_joints) deg, and mm of prismatic joints
+    wrench: FloatArray  # (n, 6) N, N m
+    deflection_mm: FloatArray  # (n, 3)
+
+    @classmethod
+    def read(cls, sheet: Sheet, robot: Robot) -> _Numbers:
+        names = (joint_columns(robot), WRENCH_COLUMNS, DEFLECTION_COLUMNS)
+        return cls(*(sheet.numbers(columns) for columns in names))
+
+    def samples(self, cells: pd.DataFrame, robot: Robot) -> Samples:
+        return Samples(
+            q=self.q / file_units(robot),
+            wrench=self.wrench,
+            deflection=self.deflection_mm / MM_PER_M,
+            **{name: cells[name].to_numpy(dtype=str) for name in ID_COLUMNS},
+        )
+
+
+def problems_error(path: Path, problems: Sequence[Problem], hint: str) -> DataError:
+    """Return the error that names the first problem, and how many there are beside it."""
+    first, *others = problems
+    more = f" (and {len(others)} more; {hint})" if others else ""
+    return DataError(f"{path}: {first}{more}")
+
+
+def table_problems(
+    sheet: Sheet, columns: tuple[str, ...], optional: tuple[str, ...] = ()
+) -> list[Problem]:
+    """Return what is wrong with a header, else that there are no rows.
+
+    Args:
+        sheet: the cells.
+        columns: every column that a file may have, in the usual order.
+        optional: those that may be missing.
+    """
+    found = list(sheet.cells.columns)
+    missing = [name for name in columns if name not in (*found, *optional)]
+    unknown = [name for name in found if name not in columns]
+    repeated = sorted({name for name in found if found.count(name) > 1})
+    labelled = (("missing", missing), ("unknown", unknown), ("repeated", repeated))
+    parts = [f"{label} {', '.join(names)}" for label, names in labelled if names]
+    if parts:
+        may_miss = f"; optional: {', '.join(optional)}" if optional else ""
+        return [Problem(f"header: {'; '.join(parts)}", ",".join(columns) + may_miss)]
+    return [Problem("no data rows below the header", "")] if sheet.cells.empty else []
+
+
+def _problem(sheet: Sheet, row: int | np.integer, column: str, valid: str) -> Problem:
+    return Problem(
+        value=_shortened(str(sheet.cells[column].iloc[row])),
+        valid=valid,
+        row=int(sheet.lines[row]),
+        column=column,
+    )
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
+
+
+def _long_names(sheet: Sheet) -> Iterator[Problem]:
+    for column in ID_COLUMNS:
+        for row, name in enumerate(sheet.cells[column]):
+            if len(name) > LONGEST_CELL:
+                yield _problem(sheet, row, column, f"a name of at most {LONGEST_CELL} characters")
+
+
+def _id_problems(sheet: Sheet) -> Iterator[Problem]:
+    for column in ID_COLUMNS:
+        for row, name in enumerate(sheet.cells[column]):
+            if not name:
+                yield _problem(sheet, row, column, "a name")
+            elif name != name.strip() or _UNPRINTABLE.search(name):
+                yield _problem(sheet, row, column, "a name that prints on one line")
+    pair = sheet.cells[["pose_id", "load_id"]]
+    for again in np.flatnonzero(pair.duplicated() & (pair != "").all(axis=1)):
+        yield Problem(
+            value=",".join(map(_shortened, pair.iloc[again])),
+            valid="a pair that no earlier row has",
+            row=int(sheet.lines[again]),
+            column="pose_id,load_id",
+        )
+
+
+def number_problems(
+    sheet: Sheet, columns: tuple[str, ...], values: FloatArray
+) -> Iterator[Problem]:
+    """Yield the cells of `columns` whose `values` (n, len(columns)) are no finite numbers."""
+    for row, column in np.argwhere(~np.isfinite(values)):
+        yield _problem(sheet, row, columns[column], "a finite number")
+
+
+def wrench_problems(sheet: Sheet, wrench: FloatArray) -> Iterator[Problem]:
+    """Yield the components of (n, 6) `wrench` that no robot bears, N and N m."""
+    valid = f"a load within +-{LARGEST_NUMBER:g}; is the file in another unit?"
+    for row, column in np.argwhere(np.isfinite(wrench) & (np.abs(wrench) > LARGEST_NUMBER)):
+        yield _problem(sheet, row, WRENCH_COLUMNS[column], valid)
+
+
+def radian_problems(q_file: FloatArray, robot: Robot) -> Iterator[Problem]:
+    """Say whether (n, n_joints) `q_file`, in deg, look like radians."""
+    angles = q_file[:, [kind == "revolute" for kind in robot.joint_types]]
+    small = angles.size > 0 and (np.abs(angles) <= FULL_TURN_RAD).all() and np.ptp(angles) > 0.0
+    if len(q_file) >= 5 and small:
+        yield Problem(
+            f"every joint angle lies within +-{FULL_TURN_RAD:.2f} deg; the columns q1_deg.. are in "
+            "degrees, these look like radians",
+            "",
+        )
+
+
+def limit_problems(sheet: Sheet, q_file: FloatArray, robot: Robot) -> Iterator[Problem]:
+    """Yield the joint positions (n, n_joints), deg or mm, outside of the robot's limits."""
+    lower = np.maximum(robot.lower * file_units(robot), -LARGEST_NUMBER)
+    upper = np.minimum(robot.upper * file_units(robot), LARGEST_NUMBER)
+    outside = (q_file < lower - LIMIT_SLACK) | (q_file > upper + LIMIT_SLACK)
+    for row, joint in np.argwhere(np.isfinite(q_file) & outside):
+        yield _problem(
+            sheet,
+            row,
+            joint_columns(robot)[joint],
+            f"{lower[joint]:g}..{upper[joint]:g}, the limits of joint "
+            f"{robot.joint_names[joint]} of {robot.name}",
+        )
+
+
+def _deflection_problems(sheet: Sheet, deflection_mm: FloatArray) -> Iterator[Problem]:
+    size = np.abs(deflection_mm)
+    valid = f"mm within +-{LARGEST_DEFLECTION_MM:g}; is the file in another unit?"
+    for row, axis in np.argwhere(size > LARGEST_DEFLECTION_MM):
+        yield _problem(sheet, row, DEFLECTION_COLUMNS[axis], valid)
+    if size.max() < SMALLEST_DEFLECTION_MM:  # not so where a cell is no number
+        yield Problem(
+            f"no deflection exceeds {SMALLEST_DEFLECTION_MM:g} mm (largest {size.max():g}); the "
+            "columns dx_mm.. are in mm, these look like metres",
+            "",
+        )
+
+
+def _pose_problems(sheet: Sheet, q_file: FloatArray, robot: Robot) -> Iterator[Problem]:
+    """A pose's rows must have the same joint angles, or a split by pose would mean nothing."""
+    poses, _ = pd.factorize(sheet.cells["pose_id"])
+    _, first_rows = np.unique(poses, return_index=True)
+    first = first_rows[poses]  # (n,) the first row of each row's pose
+    away = np.abs(q_file - q_file[first])
+    for row in np.flatnonzero((away > SAME_POSE).any(axis=1)):
+        column = joint_columns(robot)[int(np.nanargmax(away[row]))]
+        yield _problem(
+            sheet,
+            row,
+            column,
+            f"{sheet.cells[column].iloc[first[row]]}, as in row {sheet.lines[first[row]]} of the "
+            f"same pose {sheet.cells['pose_id'].iloc[row]!r}",
+        )

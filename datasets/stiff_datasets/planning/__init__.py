@@ -1,0 +1,1 @@
+"""Which poses and loads to measure."""

@@ -1,0 +1,76 @@
+"""Loads on a robot: wrenches along the line of the source paper's Table 5, or pulls at a hook.
+
+Table 5's wrenches lie nearly on one line in wrench space. Their torques are no single rope's: a
+force F that pulls on a lever r gives r x F, at right angles to F, and the table's first row has
+F . T = 1360. It takes two ropes, or a weight off the rope's line. `line_wrenches` is that regime;
+`hook_wrenches` is one rope on one hook.
+"""
+
+from __future__ import annotations
+
+from hashlib import sha256
+from typing import Literal
+
+import numpy as np
+
+from stiff_protocols.contract.types import FloatArray
+
+
+def stream(*words: str | int) -> np.random.Generator:
+    """Return the random numbers of the words: the same on every machine, others independent.
+
+    Two data sets that share a seed must not share loads, noise or specimens by accident, or a
+    comparison over data sets would count one draw twice. No word may hold a slash.
+    """
+    digest = sha256("/".join(map(str, words)).encode()).digest()
+    return np.random.default_rng(int.from_bytes(digest, "little"))
+
+
+LoadKind = Literal["line", "line-hook", "omni"]
+"""line: force and torque along Table 5's line; line-hook: the forces along it, pulling at a hook;
+omni: forces in every direction, pulling at a hook."""
+
+TABLE_5 = np.array(  # source paper: Fx, Fy, Fz in N, Ta, Tb, Tc in N m
+    [
+        [100.0, 40.0, -20.0, 10.0, 10.0, 2.0],
+        [80.0, 30.0, -40.0, 8.0, 8.0, 1.0],
+        [60.0, 20.0, -60.0, 6.0, 6.0, 0.0],
+        [40.0, 10.0, -80.0, 4.0, 4.0, -1.0],
+        [20.0, 5.0, -100.0, 2.0, 2.0, -2.0],
+    ]
+)
+TABLE_5_PAYLOAD_KG = 10.0
+SCATTER = 0.05
+"""Of the line's loads, a component: 5 N and 0.5 N m beside 100 N and 10 N m; assumption."""
+LIGHTEST = 0.2  # of the payload; a lighter load would drown in the tracker's noise
+G = 9.81  # m/s2
+
+
+def line_wrenches(n: int, payload_kg: float, rng: np.random.Generator) -> FloatArray:
+    """Return (n, 6) wrenches [N, N m] along Table 5's line with scatter, within the payload.
+
+    The line is scaled by the payload over the 10 kg of the table's robot.
+    """
+    scale = payload_kg / TABLE_5_PAYLOAD_KG
+    row = rng.uniform(0, len(TABLE_5) - 1, size=n)
+    wrench = np.stack([np.interp(row, range(len(TABLE_5)), column) for column in TABLE_5.T], axis=1)
+    wrench += rng.normal(size=wrench.shape) * SCATTER * np.repeat([100.0, 10.0], 3)
+    return _within(wrench * scale, payload_kg)
+
+
+def omni_forces(n: int, payload_kg: float, rng: np.random.Generator) -> FloatArray:
+    """Return (n, 3) forces [N] of every direction, from a fifth of the payload to all of it."""
+    direction = rng.normal(size=(n, 3))
+    size = rng.uniform(LIGHTEST, 1.0, size=(n, 1)) * payload_kg * G
+    return np.asarray(direction / np.linalg.norm(direction, axis=1, keepdims=True) * size)
+
+
+def hook_wrenches(force: FloatArray, lever: FloatArray) -> FloatArray:
+    """Return the (n, 6) wrenches at the TCP of (n, 3) `force` [N] on (n, 3) `lever` [m]."""
+    return np.hstack([force, np.cross(lever, force)])
+
+
+def _within(wrench: FloatArray, payload_kg: float) -> FloatArray:
+    """Shrink whole wrenches whose force is heavier than the payload."""
+    size = np.linalg.norm(wrench[:, :3], axis=1, keepdims=True)
+    return np.asarray(wrench * np.minimum(1.0, payload_kg * G / size))

@@ -1,0 +1,128 @@
+"""The measurement plan of the source paper (its Table 1): 61 joint-space and 90 Cartesian poses.
+
+What the paper leaves open is decided here so that every pose lies where the simulated source
+domain (Table 4: A4 = A6 = 0, A5 in 0..90 deg, A1 in -45..45 deg) lies too:
+
+* A2 steps by 15 deg, which gives 60 poses; the 61st is a reference pose with the tool down.
+* "A5 and A6 adjusted to the measurement": A6 = 0, and A5 keeps the tool level where 0..90 deg
+  can, else it takes the nearer end.
+* The Cartesian group's three levels are 300, 550 and 800 mm (a step of 250; the printed "interval
+  300" does not give three levels inside 300..800). The tool lies in the arm's plane; A5 goes
+  through 15, 30, 45, 60 and 75 deg from pose to pose, because A4 shows in the deflection only
+  where A5 is bent, and takes the nearest of these where the joint limits do not permit.
+
+Collisions of the robot with itself or its surroundings are not checked.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from stiff_datasets.robots.robot import ChainModel
+from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.types import FloatArray, TextArray
+
+A2_STEP_DEG = 15
+# A1, first A2, last A2, A3 in deg
+_SWEEPS = (
+    (0, -90, 0, 0),
+    (0, -120, -30, 30),
+    (0, -150, -30, 60),
+    (0, -150, -60, 90),
+    (0, -180, -60, 120),
+    (0, -180, -60, 150),
+)
+_SIDE_A1_DEG = (-15, -30)
+_SIDE_A2_A3_DEG = ((0, 0), (-30, 30), (-30, 60), (-60, 90), (-60, 120), (-60, 150))
+_REFERENCE_POSE_DEG = (0, -90, 90, 0, 90, 0)
+
+CARTESIAN_X_MM = (300, 400, 500, 600, 700, 800)
+CARTESIAN_Y_MM = (-300, -150, 0, 150, 300)
+CARTESIAN_Z_MM = (300, 550, 800)
+
+_CARTESIAN_A5_DEG = (15, 30, 45, 60, 75)
+_A5_RANGE_DEG = (0.0, 90.0)
+_START = np.deg2rad((-90.0, 90.0))
+"""A2 and A3 the inverse kinematics starts from: elbow up."""
+_LONGEST_STEP = 0.3  # rad; a full Newton step may leap to the other elbow
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """Where a robot is measured.
+
+    Attributes:
+        q: (n, n_joints) rad.
+        pose_id: (n,) names.
+        group: (n,) parts of the plan.
+    """
+
+    q: FloatArray
+    pose_id: TextArray
+    group: TextArray
+
+
+def paper_poses(chain: ChainModel) -> Poses:
+    """Return the 61 + 90 poses of the KR10, named J01.. and C01..; errors as `cartesian_poses`."""
+    joint_space, cartesian = joint_space_poses(), cartesian_poses(chain)
+    names = [f"J{i + 1:02d}" for i in range(len(joint_space))]
+    names += [f"C{i + 1:02d}" for i in range(len(cartesian))]
+    return Poses(
+        q=np.concatenate([joint_space, cartesian]),
+        pose_id=np.array(names),
+        group=np.repeat(["joint-space", "cartesian"], [len(joint_space), len(cartesian)]),
+    )
+
+
+def joint_space_poses() -> FloatArray:
+    """Return the (61, 6) joint-space group, rad."""
+    arm = [
+        (a1, a2, a3)
+        for a1, first, last, a3 in _SWEEPS
+        for a2 in range(first, last + 1, A2_STEP_DEG)
+    ]
+    arm += [(a1, a2, a3) for a1 in _SIDE_A1_DEG for a2, a3 in _SIDE_A2_A3_DEG]
+    poses = [(a1, a2, a3, 0.0, np.clip(-(a2 + a3), *_A5_RANGE_DEG), 0.0) for a1, a2, a3 in arm]
+    return np.deg2rad(np.array([*poses, _REFERENCE_POSE_DEG], dtype=np.float64))
+
+
+def cartesian_poses(chain: ChainModel) -> FloatArray:
+    """Return the (90, 6) poses that put the KR10's TCP on the grid, rad.
+
+    Raises:
+        DataError: a grid point cannot be reached inside the joint limits.
+    """
+    grid = itertools.product(CARTESIAN_X_MM, CARTESIAN_Y_MM, CARTESIAN_Z_MM)
+    wrist = itertools.cycle(_CARTESIAN_A5_DEG)
+    return np.stack([_reach(chain, np.array(p) / 1000.0, next(wrist)) for p in grid])
+
+
+def _reach(chain: ChainModel, target: FloatArray, wanted_a5_deg: float) -> FloatArray:
+    """Return a pose inside the limits with the TCP at `target` (3,) m."""
+    lower, upper = chain.model.lowerPositionLimit, chain.model.upperPositionLimit
+    for a5_deg in sorted(_CARTESIAN_A5_DEG, key=lambda angle: abs(angle - wanted_a5_deg)):
+        q = _solve(chain, target, np.deg2rad(a5_deg))
+        if q is not None and (lower <= q).all() and (q <= upper).all():
+            return q
+    raise DataError(f"the TCP cannot reach {target * 1000} mm inside the joint limits")
+
+
+def _solve(chain: ChainModel, target: FloatArray, a5: float) -> FloatArray | None:
+    """Newton's method on A1, A2 and A3 with A4 = A6 = 0 and A5 given; None: no root."""
+    model, data = chain.model, chain.model.createData()
+    last, at_tcp = model.njoints - 1, pin.SE3(np.eye(3), chain.tcp)
+    q = np.array([-np.arctan2(target[1], target[0]), *_START, 0.0, a5, 0.0])
+    for _ in range(100):
+        pin.forwardKinematics(model, data, q)
+        missing = target - data.oMi[last].act(chain.tcp)
+        if np.abs(missing).max() < 1e-12:
+            return q
+        pin.computeJointJacobians(model, data, q)
+        rows = pin.getFrameJacobian(model, data, last, at_tcp, pin.LOCAL_WORLD_ALIGNED)
+        step = np.linalg.lstsq(rows[:3, :3], missing, rcond=1e-6)[0]
+        q[:3] += np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
+    return None

@@ -1,0 +1,155 @@
+"""Poses a robot can take: inside its joint limits, clear of its own base and of the ground.
+
+Both distances are checked for centre lines from the elbow (joint 3) on: the straight lines between
+joint origins, and on to the tool centre point (TCP). Nothing else is checked: neither the shape of
+links and tool, nor the upper arm, nor what stands around the robot.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from stiff_datasets.robots.robot import ChainModel, robot_of
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.types import FloatArray, Robot
+
+BoolArray = NDArray[np.bool_]
+
+CLEARANCE = 0.2
+"""m, default distance of the arm's centre line to the base column's. The paper's 151 poses of the
+KR10 keep 0.22 m. Larger robots need more."""
+
+LOWEST_HEIGHT = 0.15
+"""m above the mounting plane (z = 0 of the base frame), for the arm's centre line: room for the
+thickness of forearm and tool. The paper's 151 poses keep 0.20 m."""
+
+DRAWS_PER_CANDIDATE = 50
+"""Random poses drawn at most for each candidate asked for."""
+
+
+def reachable_poses(
+    chain: ChainModel, n: int, rng: np.random.Generator, clearance: float = CLEARANCE
+) -> FloatArray:
+    """Return (n, n_joints) random poses inside the limits that keep the clearances, rad or m.
+
+    Joint angles are uniform inside the limits. A revolute joint that turns further than once is
+    drawn from the 360 deg about the middle of its limits (+-180 deg if it has none): no pose is
+    lost, and cables are twisted least.
+
+    Args:
+        chain: the robot, at least three joints.
+        n: how many.
+        rng: draws them.
+        clearance: smallest distance of the arm from the base column, m.
+
+    Raises:
+        ConfigError: `clearance` is out of range, the robot has fewer than three joints, or too
+            few random poses keep the clearances.
+        DataError: a joint has more than one degree of freedom.
+    """
+    if not (np.isfinite(clearance) and clearance >= 0.0):
+        raise ConfigError(f"clearance is {clearance:g}, expected m, 0 or more")
+    if chain.model.nv < 3:
+        raise ConfigError(f"{chain.name} has {chain.model.nv} joints; expected at least three")
+    robot = robot_of(chain)
+    lower, upper = _drawn_ranges(robot)
+    found = np.empty((0, len(lower)))
+    for _ in range(DRAWS_PER_CANDIDATE):
+        q = rng.uniform(lower, upper, size=(n, len(lower)))
+        found = np.concatenate([found, q[keeps_clear(robot, q, clearance)]])
+        if len(found) >= n:
+            return found[:n]
+    raise ConfigError(
+        f"{len(found)} of {n * DRAWS_PER_CANDIDATE} random poses of {chain.name} keep a clearance "
+        f"of {clearance:g} m to the base and {LOWEST_HEIGHT:g} m to the mounting plane; expected "
+        f"{n} candidates: ask for a smaller clearance or fewer candidates"
+    )
+
+
+def keeps_clear(robot: Robot, q: FloatArray, clearance: float) -> BoolArray:
+    """Return (n,) whether poses (n, n_joints) keep `clearance` [m] to the base and the height."""
+    points = arm_points(robot, q)
+    return (base_distance(points) >= clearance) & (lowest_height(points) >= LOWEST_HEIGHT)
+
+
+def arm_points(robot: Robot, q: FloatArray) -> FloatArray:
+    """Return (n, n_joints + 1, 3) joint origins and TCP [m], base frame, for (n, n_joints) q."""
+    rotation, origin = np.broadcast_to(np.eye(3), (len(q), 3, 3)), np.zeros((len(q), 3))
+    points = np.empty((len(q), robot.n_joints + 1, 3))
+    for joint, kind in enumerate(robot.joint_types):
+        origin = origin + rotation @ robot.placements[joint, :3, 3]
+        rotation = rotation @ robot.placements[joint, :3, :3]
+        points[:, joint] = origin
+        travel = q[:, joint, None] * robot.axes[joint]  # (n, 3) rad or m, joint frame
+        if kind == "revolute":
+            rotation = rotation @ Rotation.from_rotvec(travel).as_matrix()
+        else:
+            origin = origin + np.einsum("nij,nj->ni", rotation, travel)
+    points[:, -1] = origin + rotation @ robot.tcp
+    return points
+
+
+def base_distance(points: FloatArray) -> FloatArray:
+    """Return (n,) smallest distance [m] of the arm from joint 3 on to the base column.
+
+    The column is the segment from the base frame's origin to joint 2's.
+
+    Args:
+        points: (n, n_joints + 1, 3) as `arm_points` gives, at least three joints.
+    """
+    top = points[:, 1:2]
+    distance = _segment_distance(points[:, 2:-1], points[:, 3:], np.zeros_like(top), top)
+    return np.asarray(distance.min(axis=1))
+
+
+def lowest_height(points: FloatArray) -> FloatArray:
+    """Return (n,) lowest height [m] of the arm from joint 3 on; argument as `base_distance`."""
+    return np.asarray(points[:, 2:, 2].min(axis=1))
+
+
+def _segment_distance(a0: FloatArray, a1: FloatArray, b0: FloatArray, b1: FloatArray) -> FloatArray:
+    """Return the distances of segments a0-a1 and b0-b1, arrays (..., 3) that broadcast.
+
+    The squared distance is convex in the two positions on the segments: its minimum lies inside
+    both, or at an end of one.
+    """
+    along, other, between = a1 - a0, b1 - b0, a0 - b0
+    aa, ab, bb = _dot(along, along), _dot(along, other), _dot(other, other)
+    da, db = _dot(along, between), _dot(other, between)
+    area = aa * bb - ab**2  # zero for parallel segments, whose minimum lies at an end
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = np.clip(np.nan_to_num((ab * db - bb * da) / area), 0.0, 1.0)[..., None]
+        t = np.clip(np.nan_to_num((aa * db - ab * da) / area), 0.0, 1.0)[..., None]
+    inside = np.linalg.norm(between + s * along - t * other, axis=-1)
+    ends = [
+        _point_distance(a0, b0, b1),
+        _point_distance(a1, b0, b1),
+        _point_distance(b0, a0, a1),
+        _point_distance(b1, a0, a1),
+    ]
+    return np.asarray(np.minimum.reduce([inside, *ends]))
+
+
+def _point_distance(point: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
+    """Return the distances of points to segments, arrays (..., 3) that broadcast."""
+    along = end - start
+    with np.errstate(invalid="ignore"):  # a segment of no length
+        share = np.nan_to_num(_dot(point - start, along) / _dot(along, along))
+    nearest = start + np.clip(share, 0.0, 1.0)[..., None] * along
+    return np.asarray(np.linalg.norm(point - nearest, axis=-1))
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray((a * b).sum(axis=-1))
+
+
+def _drawn_ranges(robot: Robot) -> tuple[FloatArray, FloatArray]:
+    """Return the (n_joints,) lower and upper ends of the joint ranges to draw from."""
+    endless = np.isinf(robot.lower)  # a continuous joint
+    lower = np.where(endless, -np.pi, robot.lower)
+    upper = np.where(endless, np.pi, robot.upper)
+    middle, half = (lower + upper) / 2.0, (upper - lower) / 2.0
+    wide = (np.array(robot.joint_types) == "revolute") & (half > np.pi)
+    return np.where(wide, middle - np.pi, lower), np.where(wide, middle + np.pi, upper)

@@ -1,0 +1,1 @@
+"""Digital twins: simulated robots and their data sets."""

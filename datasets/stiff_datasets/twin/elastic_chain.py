@@ -1,0 +1,151 @@
+"""Statics of a serial chain whose every joint also tilts: many samples at once.
+
+Each revolute joint has three elastic coordinates: torsion about its axis and two tilts across it.
+The turns are taken in that order, the joint's link follows them. Arrays hold one sample a column,
+and a joint's frame is written in a basis of its own (two cross axes, then the joint's axis), so
+that every turn mixes two columns of the rotation matrix and no others.
+
+SI: rad, N, N m, m.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from stiff_datasets.robots.robot import ChainModel, joint_type_and_axis
+from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.types import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Statics:
+    """What a deformed chain under load is like.
+
+    Attributes:
+        torque: (3 n_joints, n) torque of load and weight about every elastic axis, N m; a
+            joint's torsion first, then its two tilts.
+        tcp: (3, n) position of the TCP in the base frame, m.
+    """
+
+    torque: FloatArray
+    tcp: FloatArray
+
+
+class ElasticChain:
+    """A serial chain of revolute joints with three elastic coordinates a joint.
+
+    Args:
+        chain: rigid kinematics, masses and TCP.
+
+    Raises:
+        DataError: a joint is not revolute.
+    """
+
+    def __init__(self, chain: ChainModel) -> None:
+        """Write every constant in the joints' own bases."""
+        model = chain.model
+        bases = [_basis(model, joint) for joint in range(1, model.njoints)]
+        previous = [np.eye(3), *bases[:-1]]
+        placements = [model.jointPlacements[joint] for joint in range(1, model.njoints)]
+        inertias = [model.inertias[joint] for joint in range(1, model.njoints)]
+        self.n_joints = len(bases)
+        self._turn = np.stack(
+            [b.T @ p.rotation @ a for b, p, a in zip(previous, placements, bases, strict=True)]
+        )  # (n_joints, 3, 3)
+        self._offset = np.stack(
+            [b.T @ p.translation for b, p in zip(previous, placements, strict=True)]
+        )  # (n_joints, 3) m
+        self._centre = np.stack(
+            [b.T @ inertia.lever for b, inertia in zip(bases, inertias, strict=True)]
+        )  # (n_joints, 3) m
+        self._weight = np.stack(
+            [inertia.mass * model.gravity.linear for inertia in inertias]
+        )  # (n_joints, 3) N
+        self._tcp = bases[-1].T @ chain.tcp
+        self._last_basis = bases[-1]
+
+    def statics(self, q: FloatArray, theta: FloatArray, wrench: FloatArray) -> Statics:
+        """Return torques and TCP of the chain at `q`, deformed by `theta`, under `wrench`.
+
+        Args:
+            q: (n_joints, n) commanded joint angles, rad.
+            theta: (3 n_joints, n) elastic coordinates, rad.
+            wrench: (6, n) load at the TCP, force [N] then torque [N m], base frame.
+        """
+        frame = np.repeat(np.eye(3)[:, :, None], q.shape[1], axis=2)  # (column, xyz, n)
+        angle = theta.copy()
+        angle[::3] += q
+        sine, cosine = np.sin(angle), np.cos(angle)
+        axes = np.empty((len(theta), 3, q.shape[1]))
+        arm, centre = [], []  # joint to joint, and joint to its link's centre of mass
+        for joint in range(self.n_joints):
+            arm.append(_along(self._offset[joint], frame))
+            frame = np.tensordot(self._turn[joint], frame, axes=(0, 0))
+            for k, turned in enumerate((2, 0, 1)):  # torsion, then the tilts
+                row = 3 * joint + k
+                axes[row] = frame[turned]
+                _mix(frame, (turned + 1) % 3, (turned + 2) % 3, sine[row], cosine[row])
+            centre.append(_along(self._centre[joint], frame))
+        lever = _along(self._tcp, frame)
+        return Statics(
+            torque=self._torque(axes, arm, centre, lever, wrench), tcp=sum(arm[1:], arm[0] + lever)
+        )
+
+    def tool_vectors(self, q: FloatArray, vector: FloatArray) -> FloatArray:
+        """Return (3, n): `vector` (3,) of the last joint's frame in the base frame, undeformed."""
+        frame = np.repeat(np.eye(3)[:, :, None], q.shape[1], axis=2)
+        for joint in range(self.n_joints):
+            frame = np.tensordot(self._turn[joint], frame, axes=(0, 0))
+            _mix(frame, 0, 1, np.sin(q[joint]), np.cos(q[joint]))
+        return _along(self._last_basis.T @ vector, frame)
+
+    def _torque(
+        self,
+        axes: FloatArray,
+        arm: list[FloatArray],
+        centre: list[FloatArray],
+        lever: FloatArray,
+        wrench: FloatArray,
+    ) -> FloatArray:
+        """Sum force and moment from the tip to the base and project them on the axes."""
+        torque = np.empty((len(axes), wrench.shape[1]))
+        force, moment = wrench[:3], wrench[3:] + _cross(lever, wrench[:3])
+        for joint in reversed(range(self.n_joints)):
+            weight = self._weight[joint][:, None]
+            moment = moment + _cross(centre[joint], weight)
+            force = force + weight
+            rows = slice(3 * joint, 3 * joint + 3)
+            torque[rows] = np.einsum("kcn,cn->kn", axes[rows], moment)
+            moment = moment + _cross(arm[joint], force)
+        return torque
+
+
+def _basis(model: pin.Model, joint: int) -> FloatArray:
+    """Return (3, 3): columns two cross axes and the joint's axis, right-handed."""
+    kind, axis = joint_type_and_axis(model, joint)
+    if kind != "revolute":
+        raise DataError(f"joint {model.names[joint]!r} is {kind}; the twin has no law for it")
+    first = np.linalg.svd(axis[None])[2][1]  # any direction across the axis
+    return np.column_stack([first, np.cross(axis, first), axis])
+
+
+def _along(vector: FloatArray, frame: FloatArray) -> FloatArray:
+    """Return (3, n): the constant `vector` (3,) of the frames (column, xyz, n)."""
+    return np.asarray(np.tensordot(vector, frame, axes=(0, 0)))
+
+
+def _mix(frame: FloatArray, first: int, second: int, sine: FloatArray, cosine: FloatArray) -> None:
+    """Turn the frames about their third axis, in place: first, second, third are right-handed."""
+    turned = cosine * frame[first] + sine * frame[second]
+    frame[second] = cosine * frame[second] - sine * frame[first]
+    frame[first] = turned
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the (3, n) cross products of (3, n) vectors; np.cross is slow along axis 0."""
+    return np.stack(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )

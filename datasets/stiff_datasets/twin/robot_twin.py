@@ -1,0 +1,103 @@
+"""A SIMULATED robot from two files: its URDF and a small TOML of joint constants."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge, Gt
+
+from stiff_datasets.planning.loads import LoadKind, stream
+from stiff_datasets.planning.poses import Poses
+from stiff_datasets.planning.reachable import reachable_poses
+from stiff_datasets.twin.constants import (
+    SpecimenNumber,
+    TwinConstants,
+    read_constants,
+    shipped_constants,
+)
+from stiff_datasets.twin.twin import measure_poses
+from stiff_protocols.contract.types import BenchmarkData
+
+POSES = 151  # as many as the source paper measured
+
+
+class RobotTwin:
+    """A robot's twin at random reachable poses.
+
+    Attributes:
+        constants: the TOML file (`twin_constants.py` says what it holds).
+        poses: how many; inside the joint limits, clear of base and ground.
+        loads: "line" (along Table 5's line, scaled to the payload), "line-hook" or "omni".
+        loads_per_pose: how many.
+        specimen: which of ten robots of the type; 0 has the constants as they stand.
+        seed: draws poses, loads and noise; the robot itself does not depend on it.
+    """
+
+    def __init__(
+        self,
+        *,
+        constants: Path,
+        poses: Annotated[int, Gt(0)] = POSES,
+        loads: LoadKind = "omni",
+        loads_per_pose: Annotated[int, Gt(0)] = 1,
+        specimen: SpecimenNumber = 0,
+        seed: Annotated[int, Ge(0)] = 0,
+    ) -> None:
+        """Store the options."""
+        self.constants = constants
+        self.poses = poses
+        self.loads = loads
+        self.loads_per_pose = loads_per_pose
+        self.specimen = specimen
+        self.seed = seed
+
+    def load(self) -> BenchmarkData:
+        """Simulate the measurement.
+
+        Raises:
+            DataError: a file is missing or wrong, or a load is beyond the twin.
+        """
+        constants = read_constants(self.constants)
+        return measure_poses(
+            constants,
+            _random_poses(constants, self.poses, self.seed),
+            loads=self.loads,
+            loads_per_pose=self.loads_per_pose,
+            specimen=self.specimen,
+            seed=self.seed,
+        )
+
+
+class Ur5Twin:
+    """The twin of a UR5, a smaller robot (5 kg), pulled at a hook in every direction.
+
+    Attributes:
+        specimen: which of ten robots of the type; 0 has the constants as they stand.
+        seed: draws poses, loads and noise; the robot itself does not depend on it.
+    """
+
+    def __init__(self, *, specimen: SpecimenNumber = 0, seed: Annotated[int, Ge(0)] = 0) -> None:
+        """Store the options."""
+        self.specimen = specimen
+        self.seed = seed
+
+    def load(self) -> BenchmarkData:
+        """Simulate the measurement."""
+        constants = shipped_constants("ur5")
+        return measure_poses(
+            constants,
+            _random_poses(constants, POSES, self.seed),
+            loads="omni",
+            loads_per_pose=1,
+            specimen=self.specimen,
+            seed=self.seed,
+        )
+
+
+def _random_poses(constants: TwinConstants, n: int, seed: int) -> Poses:
+    """Return `n` random poses that the robot can reach, named P1, P2, ..."""
+    q = reachable_poses(constants.chain(), n, stream("poses", constants.name, seed))
+    names = np.array([f"P{i + 1}" for i in range(n)])
+    return Poses(q=q, pose_id=names, group=np.full(n, "random"))

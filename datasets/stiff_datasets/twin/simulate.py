@@ -1,0 +1,137 @@
+"""Twin data sets of any size, written block by block: memory does not grow with their number."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiff_datasets.measured.sample_files import (
+    ID_COLUMNS,
+    SIMULATED_GROUP,
+    all_columns,
+    file_units,
+)
+from stiff_datasets.planning.loads import LoadKind, stream
+from stiff_datasets.planning.poses import Poses
+from stiff_datasets.planning.reachable import reachable_poses
+from stiff_datasets.twin.constants import TwinConstants
+from stiff_datasets.twin.twin import DECIMALS_DEG, DECIMALS_MM, TwinExperiment
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.files import refuse_existing, written_whole
+from stiff_protocols.contract.progress import report
+from stiff_protocols.contract.types import Robot, Samples
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+BLOCK = 16_384
+"""Samples a block at most. Part of what a seed means: another size gives other data."""
+
+Write = Callable[["pa.RecordBatch"], None]
+
+
+def simulate(
+    path: Path,
+    constants: TwinConstants,
+    n_samples: int,
+    *,
+    loads: LoadKind,
+    loads_per_pose: int = 1,
+    specimen: int = 0,
+    seed: int = 0,
+) -> None:
+    """Write a twin's samples at random reachable poses, in the schema of `sample_files.py`.
+
+    Their group says that they are simulated, so that a file can never pass for a measurement.
+
+    The same arguments give the same file. The last pose may have fewer loads.
+
+    Args:
+        path: FILE.csv or FILE.parquet.
+        constants: of the twin.
+        n_samples: how many.
+        loads: how the wrenches lie.
+        loads_per_pose: how many at each pose.
+        specimen: which of ten robots of the type.
+        seed: draws poses, loads and noise.
+
+    Raises:
+        ConfigError: the file's ending is another one.
+        DataError: a load is beyond the twin.
+        StoreError: the file exists, or cannot be written.
+    """
+    if path.suffix not in _WRITERS:
+        raise ConfigError(f"{path}: {path.suffix!r} (valid endings: {', '.join(_WRITERS)})")
+    refuse_existing(path)
+    experiment = TwinExperiment(
+        constants, loads=loads, specimen=specimen, seed=seed, loads_per_pose=loads_per_pose
+    )
+    robot, chain, done, poses_done = constants.robot(), constants.chain(), 0, 0
+    poses_a_block = max(1, BLOCK // loads_per_pose)
+    with written_whole(path) as temporary, _WRITERS[path.suffix](temporary, robot) as write:
+        for block in range(-(-n_samples // (poses_a_block * loads_per_pose))):
+            numbers = stream("simulated poses", constants.name, seed, block)
+            poses = Poses(
+                q=reachable_poses(chain, poses_a_block, numbers),
+                pose_id=np.array([f"P{poses_done + i + 1}" for i in range(poses_a_block)]),
+                group=np.full(poses_a_block, SIMULATED_GROUP),
+            )
+            samples = experiment.samples(poses, block=block)
+            samples = samples.take(np.arange(min(len(samples), n_samples - done)))
+            write(_batch(samples, robot))
+            done, poses_done = done + len(samples), poses_done + poses_a_block
+            report("simulate", done, n_samples)
+
+
+def _schema(robot: Robot) -> pa.Schema:
+    import pyarrow as pa
+
+    return pa.schema(
+        [(name, pa.string() if name in ID_COLUMNS else pa.float64()) for name in all_columns(robot)]
+    )
+
+
+def _batch(samples: Samples, robot: Robot) -> pa.RecordBatch:
+    """Return the samples in the file's units, rounded as they were recorded."""
+    import pyarrow as pa
+
+    names = [getattr(samples, name).tolist() for name in ID_COLUMNS]
+    numbers = np.hstack(
+        [
+            (samples.q * file_units(robot)).round(DECIMALS_DEG),
+            samples.wrench,
+            (samples.deflection * 1000.0).round(DECIMALS_MM),
+        ]
+    )
+    return pa.RecordBatch.from_arrays(
+        [*map(pa.array, names), *map(pa.array, numbers.T.copy())], schema=_schema(robot)
+    )
+
+
+@contextmanager
+def _csv_writer(path: Path, robot: Robot) -> Iterator[Write]:
+    from pyarrow import csv
+
+    options = csv.WriteOptions(include_header=False, quoting_style="none")
+    with path.open("wb") as file:
+        file.write((",".join(all_columns(robot)) + "\n").encode())
+        with csv.CSVWriter(file, _schema(robot), write_options=options) as writer:
+            yield writer.write_batch
+
+
+@contextmanager
+def _parquet_writer(path: Path, robot: Robot) -> Iterator[Write]:
+    from pyarrow import parquet
+
+    with parquet.ParquetWriter(path, _schema(robot), compression="zstd") as writer:
+        yield writer.write_batch
+
+
+_WRITERS: dict[str, Callable[[Path, Robot], AbstractContextManager[Write]]] = {
+    ".csv": _csv_writer,
+    ".parquet": _parquet_writer,
+}

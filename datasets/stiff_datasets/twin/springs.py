@@ -1,0 +1,100 @@
+"""Elasticity of a robot joint: strain-wave gear, structure in series, bearing, lost motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stiff_protocols.contract.types import FloatArray
+
+LOST_MOTION_SHARE = 0.04
+"""Of the rated torque: where catalogues measure lost motion."""
+
+
+@dataclass(frozen=True)
+class Gear:
+    """Catalogue torsion of a strain-wave gear: slope K1 up to T1, K2 up to T2, K3 above.
+
+    Attributes:
+        slopes: K1, K2, K3 in N m/rad.
+        breakpoints: T1, T2 in N m.
+        rated_torque: N m; lost motion is measured at +-4 % of it.
+    """
+
+    slopes: tuple[float, float, float]
+    breakpoints: tuple[float, float]
+    rated_torque: float
+
+
+@dataclass(frozen=True)
+class JointSprings:
+    """The elasticity of one joint.
+
+    Attributes:
+        gear: its strain-wave gear.
+        structure: stiffness of casing and link in series with the gear, N m/rad.
+        tilting: stiffness about the two cross axes, N m/rad.
+        lost_motion: full width of the backlash-like dead angle, rad.
+    """
+
+    gear: Gear
+    structure: float
+    tilting: tuple[float, float]
+    lost_motion: float
+
+
+class SpringLaw:
+    """theta = phi(tau) of all elastic coordinates; arrays are (3 n_joints, n).
+
+    The torsion of a joint is piecewise linear in the torque (gear and structure in series) plus
+    the lost motion, which saturates: half its width times tanh(tau / 4 % of the rated torque).
+    A tilt is linear.
+
+    Args:
+        springs: one entry a joint, base to tip.
+    """
+
+    def __init__(self, springs: Sequence[JointSprings]) -> None:
+        """Put the constants in columns, (3 n_joints, 1)."""
+        rows = [row for joint in springs for row in _rows(joint)]
+        columns = np.array(rows).T[:, :, None]
+        self._compliance = columns[:3]  # rad/(N m) of the three segments
+        self._breakpoints = columns[3:5]  # N m
+        self._half_lost_motion, self._lost_motion_torque = columns[5:]  # rad, N m
+
+    def angle(self, torque: FloatArray) -> FloatArray:
+        """Return theta [rad] for `torque` [N m]."""
+        size = np.abs(torque)
+        first, second = self._breakpoints
+        bent = (
+            self._compliance[0] * np.minimum(size, first)
+            + self._compliance[1] * np.clip(size - first, 0.0, second - first)
+            + self._compliance[2] * np.maximum(size - second, 0.0)
+        )
+        lost = self._half_lost_motion * np.tanh(torque / self._lost_motion_torque)
+        return np.asarray(np.copysign(bent, torque) + lost)
+
+    def slope(self, torque: FloatArray) -> FloatArray:
+        """Return d theta / d tau [rad/(N m)] at `torque` [N m]: the tangent compliance."""
+        size = np.abs(torque)
+        first, second = self._breakpoints
+        segment = np.where(
+            size < first,
+            self._compliance[0],
+            np.where(size < second, self._compliance[1], self._compliance[2]),
+        )
+        ratio = np.tanh(torque / self._lost_motion_torque)
+        return np.asarray(
+            segment + self._half_lost_motion / self._lost_motion_torque * (1.0 - ratio**2)
+        )
+
+
+def _rows(joint: JointSprings) -> list[tuple[float, ...]]:
+    """Return the constants of a joint's torsion and of its two tilts."""
+    torsion = [1.0 / slope + 1.0 / joint.structure for slope in joint.gear.slopes]
+    lost = (joint.lost_motion / 2.0, LOST_MOTION_SHARE * joint.gear.rated_torque)
+    linear = [([1.0 / tilting] * 3, (1.0, 2.0), (0.0, 1.0)) for tilting in joint.tilting]
+    parts = [(torsion, joint.gear.breakpoints, lost), *linear]
+    return [(*compliance, *breakpoints, *end) for compliance, breakpoints, end in parts]

@@ -1,0 +1,224 @@
+"""An experiment on a digital twin: loads, readings with the instruments' noise, records.
+
+Records are rounded as a log would be, and more coarsely than rounding errors, so that machines
+agree on the data's hash.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stiff_datasets.planning.loads import (
+    LoadKind,
+    hook_wrenches,
+    line_wrenches,
+    omni_forces,
+    stream,
+)
+from stiff_datasets.planning.poses import Poses
+from stiff_datasets.robots.robot import ChainModel
+from stiff_datasets.twin.constants import Noise, TwinConstants, specimen_springs
+from stiff_datasets.twin.elastic_chain import ElasticChain
+from stiff_datasets.twin.springs import JointSprings, SpringLaw
+from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.types import BenchmarkData, FloatArray, Samples
+
+DECIMALS_DEG, DECIMALS_N, DECIMALS_NM, DECIMALS_MM = 4, 3, 5, 5
+
+
+class TwinExperiment:
+    """A twin's measurement.
+
+    Args:
+        constants: of the twin.
+        loads: how the wrenches lie.
+        specimen: which robot of the type.
+        seed: draws loads and noise; the robot does not depend on it.
+        loads_per_pose: how many.
+
+    Attributes:
+        twin: the robot.
+    """
+
+    def __init__(
+        self,
+        constants: TwinConstants,
+        *,
+        loads: LoadKind,
+        specimen: int,
+        seed: int,
+        loads_per_pose: int = 1,
+    ) -> None:
+        """Build the twin."""
+        self._constants = constants
+        self._loads = loads
+        self._loads_per_pose = loads_per_pose
+        self.twin = DigitalTwin(constants.chain(), specimen_springs(constants, specimen))
+        # "line" and "line-hook" share their forces: only what the torques do differs
+        self._key = (constants.name, loads.split("-")[0], loads_per_pose, specimen, seed)
+
+    def samples(self, poses: Poses, *, block: int = 0) -> Samples:
+        """Measure every load at each of the poses, pose by pose.
+
+        Args:
+            poses: where.
+            block: another number gives other loads and noise.
+
+        Raises:
+            DataError: a load is beyond the twin.
+        """
+        q = self.logged_q(poses)
+        wrench = self.wrenches(q, block=block)
+        return self.recorded(poses, wrench, self.twin.readings(q, wrench), block=block)
+
+    def logged_q(self, poses: Poses) -> FloatArray:
+        """Return (n, n_joints) joint angles [rad] as a log holds them, a row a load."""
+        logged = np.deg2rad(np.rad2deg(poses.q).round(DECIMALS_DEG))
+        return np.repeat(logged, self._loads_per_pose, axis=0)
+
+    def wrenches(self, q: FloatArray, *, block: int = 0) -> FloatArray:
+        """Return (n, 6) the loads that act at the TCP [N, N m], base frame, at (n, n_joints) q."""
+        rng, payload = stream("loads", *self._key, block), self._constants.payload_kg
+        if self._loads == "line":
+            return line_wrenches(len(q), payload, rng)
+        if self._loads == "line-hook":
+            force = line_wrenches(len(q), payload, rng)[:, :3]
+        else:
+            force = omni_forces(len(q), payload, rng)
+        return hook_wrenches(force, self.twin.tool_vectors(q, self._constants.hook_m))
+
+    def recorded(
+        self, poses: Poses, wrench: FloatArray, deflection: FloatArray, *, block: int = 0
+    ) -> Samples:
+        """Return what the instruments show of (n, 6) `wrench` and (n, 3) `deflection` [m]."""
+        rng, noise = stream("noise", *self._key, block), self._constants.noise
+        loads = np.arange(1, self._loads_per_pose + 1).astype(str)
+        return Samples(
+            q=self.logged_q(poses),
+            wrench=recorded_wrench(wrench, noise, rng),
+            deflection=recorded_deflection(deflection, noise, rng),
+            pose_id=np.repeat(poses.pose_id, self._loads_per_pose),
+            load_id=np.tile(loads, len(poses.q)),
+            group=np.repeat(poses.group, self._loads_per_pose),
+        )
+
+
+def measure_poses(
+    constants: TwinConstants,
+    poses: Poses,
+    *,
+    loads: LoadKind,
+    loads_per_pose: int,
+    specimen: int,
+    seed: int,
+) -> BenchmarkData:
+    """Return the samples of `loads_per_pose` loads at each of the poses, pose by pose."""
+    experiment = TwinExperiment(
+        constants, loads=loads, specimen=specimen, seed=seed, loads_per_pose=loads_per_pose
+    )
+    return BenchmarkData(experiment.samples(poses), constants.robot())
+
+
+def recorded_wrench(wrench: FloatArray, noise: Noise, rng: np.random.Generator) -> FloatArray:
+    """Return (n, 6) `wrench` as the force sensor shows it."""
+    noisy = wrench + rng.normal(size=wrench.shape) * np.repeat([noise.force_N, noise.torque_Nm], 3)
+    return np.hstack([noisy[:, :3].round(DECIMALS_N), noisy[:, 3:].round(DECIMALS_NM)])
+
+
+def recorded_deflection(
+    deflection: FloatArray, noise: Noise, rng: np.random.Generator
+) -> FloatArray:
+    """Return (n, 3) `deflection` [m] as the difference of two tracker readings."""
+    readings = rng.normal(scale=noise.tracker_m, size=(2, *deflection.shape))
+    measured_mm = (deflection + readings[0] - readings[1]) * 1000.0
+    return np.asarray(measured_mm.round(DECIMALS_MM) / 1000.0)
+
+
+TOLERANCE_NM = 1e-10
+"""What a torque may still change by in the last step; rounding leaves about 1e-13 N m."""
+MAX_ITERATIONS = 100
+CHUNK = 2048  # samples at once: the arrays of one step stay in the cache
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """The balance of springs, load and weight; elastic coordinates joint by joint.
+
+    Attributes:
+        theta: (n, 3 n_joints) elastic coordinates, rad: torsion and two tilts a joint.
+        torque: (n, 3 n_joints) torque on the springs, N m.
+        tcp: (n, 3) TCP of the deformed robot, base frame, m.
+    """
+
+    theta: FloatArray
+    torque: FloatArray
+    tcp: FloatArray
+
+
+class DigitalTwin:
+    """A robot of given elasticity that can be loaded and read.
+
+    Args:
+        chain: rigid kinematics, masses and TCP.
+        springs: one entry a joint, base to tip.
+
+    Raises:
+        DataError: the number of springs differs from the number of joints, or a joint is
+            not revolute.
+    """
+
+    def __init__(self, chain: ChainModel, springs: Sequence[JointSprings]) -> None:
+        """Build the elastic chain."""
+        self._chain = ElasticChain(chain)
+        if len(springs) != self._chain.n_joints:
+            raise DataError(f"{len(springs)} joint springs for {self._chain.n_joints} joints")
+        self._law = SpringLaw(springs)
+
+    def readings(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the TCP's displacements by one load a pose, without measurement noise.
+
+        Args:
+            q: (n, n_joints) commanded joint angles, rad.
+            wrench: (n, 6) load at the TCP, force [N] then torque [N m], base frame.
+
+        Returns:
+            (n, 3) loaded minus unloaded TCP position, m, base frame.
+
+        Raises:
+            DataError: no equilibrium was found (the load is beyond the model).
+        """
+        return self.equilibrium(q, wrench).tcp - self.equilibrium(q, np.zeros_like(wrench)).tcp
+
+    def equilibrium(self, q: FloatArray, wrench: FloatArray) -> Equilibrium:
+        """Return the balance under gravity and `wrench`; arguments and errors as `readings`."""
+        parts = [
+            self._solve(q[start : start + CHUNK].T.copy(), wrench[start : start + CHUNK].T.copy())
+            for start in range(0, len(q), CHUNK)
+        ]
+        theta, torque, tcp = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+        return Equilibrium(theta, torque, tcp)
+
+    def tool_vectors(self, q: FloatArray, vector: Sequence[float]) -> FloatArray:
+        """Return (n, 3): `vector` (3,) of the last joint's frame in the base frame, undeformed."""
+        return self._chain.tool_vectors(q.T, np.asarray(vector)).T
+
+    def _solve(
+        self, q: FloatArray, wrench: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        theta = np.zeros((3 * len(q), q.shape[1]))
+        state = self._chain.statics(q, theta, wrench)
+        for _ in range(MAX_ITERATIONS):
+            theta = self._law.angle(state.torque)
+            found = self._chain.statics(q, theta, wrench)
+            change = np.abs(found.torque - state.torque).max(axis=0)
+            state = found
+            if (change < TOLERANCE_NM).all():
+                return theta.T, state.torque.T, state.tcp.T
+        worst = int(np.argmax(~(change < TOLERANCE_NM)))  # NaN is no balance either
+        raise DataError(
+            f"no elastic equilibrium at q = {np.rad2deg(q[:, worst]).round(3)} deg under the "
+            f"wrench {wrench[:, worst].round(3)}: the load is too large for these springs"
+        )

@@ -1,0 +1,62 @@
+"""Where pre-trained networks are kept between runs."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+import platformdirs
+
+from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.files import make_folder
+
+VARIABLE = "STIFFBENCH_CACHE"
+"""Environment variable that names another folder, or `OFF`."""
+OFF = "off"
+
+
+def cache_folder() -> Path | None:
+    """Return the folder; it need not exist yet. None: switched off by STIFFBENCH_CACHE=off.
+
+    Raises:
+        StoreError: the variable names a user who does not exist.
+    """
+    named = os.environ.get(VARIABLE)
+    if named == OFF:
+        return None
+    try:
+        return Path(named).expanduser() if named else platformdirs.user_cache_path("stiffbench")
+    except RuntimeError as error:
+        raise StoreError(f"{VARIABLE}={named}: {error}") from error
+
+
+def usable_folder() -> Path | None:
+    """Return the folder, made if need be; None: switched off.
+
+    Raises:
+        StoreError: it cannot be written, or others can put files there: joblib keeps pickles, which
+            run code when they are read.
+    """
+    folder = cache_folder()
+    if folder is None:
+        return None
+    _make_private(folder)
+    if not os.access(folder, os.W_OK):
+        raise StoreError(f"{folder}: cannot be written")
+    about = folder.stat()
+    if hasattr(os, "getuid") and (about.st_uid != os.getuid() or about.st_mode & _OTHERS_WRITE):
+        raise StoreError(
+            f"{folder}: belongs to another user, or others may write there (chmod go-w ends that)"
+        )
+    return folder
+
+
+_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+
+
+def _make_private(folder: Path) -> None:
+    """Make the folder, if it is not there, so that its user alone may read and write."""
+    if not folder.exists():
+        make_folder(folder)
+        folder.chmod(stat.S_IRWXU)

@@ -1,0 +1,77 @@
+"""What the networks see of a sample, and how numbers are standardised."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Self
+
+import numpy as np
+
+from stiff_protocols.contract.types import FloatArray, Robot
+
+AngleEncoding = Literal["sincos", "raw"]
+
+NO_DEFLECTION = 1e-9
+"""Unit [m] of deflections that are all zero: far below what any instrument resolves."""
+
+
+def encode(
+    robot: Robot, q: FloatArray, wrench: FloatArray, angle_encoding: AngleEncoding
+) -> FloatArray:
+    """Return the features of each sample.
+
+    Args:
+        robot: says which joints turn; a prismatic joint's position always stays as it is.
+        q: (n, n_joints) joint positions, rad or m.
+        wrench: (n, 6) N and N m.
+        angle_encoding: "sincos" gives sin q, cos q and the wrench (18 features for six joints;
+            an angle and the same angle a turn later are one pose), "raw" gives q and the wrench.
+    """
+    if angle_encoding == "raw":
+        return np.hstack([q, wrench])
+    turning = np.array([kind == "revolute" for kind in robot.joint_types])
+    angles, slides = q[:, turning], q[:, ~turning]
+    return np.hstack([np.sin(angles), np.cos(angles), slides, wrench])
+
+
+@dataclass(frozen=True, eq=False)
+class Scaler:
+    """Column means and standard deviations.
+
+    Attributes:
+        mean: (n_columns,)
+        scale: (n_columns,)
+    """
+
+    mean: FloatArray
+    scale: FloatArray
+
+    @classmethod
+    def of(cls, values: FloatArray, *, of_constant: float = 1.0) -> Self:
+        """Take the statistics of (n, n_columns) values.
+
+        Args:
+            values: of the training samples.
+            of_constant: scale of a column that does not vary.
+        """
+        scale = values.std(axis=0)
+        constant = scale <= 1e-12 * np.maximum(np.abs(values).max(axis=0), 1e-300)
+        return cls(values.mean(axis=0), np.where(constant, of_constant, scale))
+
+    @classmethod
+    def of_deflection(cls, deflection: FloatArray) -> Self:
+        """Take the statistics of (n, 3) deflections, m.
+
+        A component that does not vary (one sample, one gauge) is scaled by the size of all: in
+        units of 1 m whatever a learner leaves of it would be decimetres.
+        """
+        size = float(np.sqrt(np.mean(deflection**2)))
+        return cls.of(deflection, of_constant=size or NO_DEFLECTION)
+
+    def apply(self, values: FloatArray) -> FloatArray:
+        """Return standardised values."""
+        return (values - self.mean) / self.scale
+
+    def undo(self, values: FloatArray) -> FloatArray:
+        """Return values in their own unit again."""
+        return values * self.scale + self.mean

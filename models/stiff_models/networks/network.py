@@ -1,0 +1,47 @@
+"""The base network of all learned families."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Literal
+
+import torch
+
+Activation = Literal["relu", "tanh", "sigmoid", "gelu"]
+ChosenActivation = Literal["auto", "relu", "tanh", "sigmoid", "gelu"]
+
+_ACTIVATIONS = {
+    "relu": torch.nn.ReLU,
+    "tanh": torch.nn.Tanh,
+    "sigmoid": torch.nn.Sigmoid,
+    "gelu": torch.nn.GELU,
+}
+
+
+def build_network(
+    n_inputs: int,
+    *,
+    layers: int,
+    width: int,
+    activation: Activation,
+    seed: int,
+    n_outputs: int = 3,
+) -> torch.nn.Sequential:
+    """Return a fully connected network with `layers` hidden layers and linear outputs.
+
+    Weights are torch's default initialisation drawn from `seed`; torch's own random state is
+    left as it was.
+    """
+    sizes = [n_inputs, *[width] * layers]
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        modules: list[torch.nn.Module] = []
+        for n_in, n_out in itertools.pairwise(sizes):
+            modules += [torch.nn.Linear(n_in, n_out), _ACTIVATIONS[activation]()]
+        modules.append(torch.nn.Linear(sizes[-1], n_outputs))
+    return torch.nn.Sequential(*modules)
+
+
+def linear_layers(network: torch.nn.Module) -> list[torch.nn.Linear]:
+    """Return the hidden layers, then the output layer."""
+    return [module for module in network.modules() if isinstance(module, torch.nn.Linear)]

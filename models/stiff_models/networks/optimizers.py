@@ -1,0 +1,194 @@
+"""Whitened Muon: momentum, orthogonalised where the layer's inputs are white, before each step.
+
+K. Jordan et al., "Muon: an optimizer for hidden layers in neural networks" (2024), bounds how much
+a step W -> W - lr D changes the outputs of a layer for inputs of any direction alike. Inputs of a
+hidden layer are far from white: with A = E[x x^T] = L L^T we orthogonalise the gradient G L^-T for
+the white inputs L^-1 x, and take D = orth(G L^-T) L^-1. The curvature of the loss in A alone is
+F. Benzing, "Gradient descent on neurons" (ICML 2022). On the source domain the same time gives
+half the error, and three iterations of Newton and Schulz are enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+
+import torch
+
+from stiff_models.networks.network import linear_layers
+from stiff_models.networks.training_plan import Trainable, TrainingPlan
+
+MOMENTUM = 0.95
+EVERY = 3  # a matrix moves in every third step, in turn: orthogonalising costs as much as a batch
+ITERATIONS = 3
+_QUINTIC = (3.4445, -4.7750, 2.0315)
+"""Newton-Schulz polynomial of the reference: drives all singular values towards 1."""
+
+WHITENED_EVERY = 50  # steps between two estimates of A
+WHITENED_ROWS = 1024  # that an estimate is made of
+DAMPING = 0.1  # added to A's eigenvalues, in units of their mean
+
+
+class Muon(torch.optim.Optimizer):
+    """Muon for the weights of hidden layers.
+
+    Args:
+        network: that is trained.
+        layers: the layers of it whose weights move.
+        sample: (n, n_inputs) inputs of the network, to estimate A from.
+        lr: step length: root of the mean square of a weight's change, times the root of the width.
+        low_precision: orthogonalise in bfloat16 (accurate enough: the step's direction alone
+            depends on it).
+    """
+
+    def __init__(
+        self,
+        network: torch.nn.Module,
+        layers: Sequence[torch.nn.Linear],
+        sample: torch.Tensor,
+        *,
+        lr: float,
+        low_precision: bool,
+    ) -> None:
+        """Store what the steps need."""
+        super().__init__([layer.weight for layer in layers], {"lr": lr})
+        self._network, self._layers, self._sample = network, layers, sample
+        self._dtype = torch.bfloat16 if low_precision else torch.float32
+        self._steps = 0
+
+    @torch.no_grad()
+    def step(self, closure: None = None) -> None:  # type: ignore[override]
+        """Take every gradient into its average, and move the weights whose turn it is."""
+        if self._steps % WHITENED_EVERY == 0:
+            inputs = layer_inputs(self._network, self._layers, self._sample)
+            self._whitening = [whitening(each).to(self._dtype) for each in inputs]
+        (group,) = self.param_groups
+        for number, (weight, white) in enumerate(
+            zip(group["params"], self._whitening, strict=True)
+        ):
+            direction = self._averaged_gradient(weight).to(self._dtype)
+            if number % EVERY == self._steps % EVERY:
+                direction = (orthogonalised(direction @ white.T) @ white).to(weight.dtype)
+                length = group["lr"] * len(weight) ** 0.5
+                weight.sub_(direction * (length / direction.norm().clamp_min(1e-12)))
+        self._steps += 1
+
+    def _averaged_gradient(self, weight: torch.Tensor) -> torch.Tensor:
+        """Return Nesterov's."""
+        assert weight.grad is not None  # for the type checker; every layer is part of the loss
+        average = self.state[weight].setdefault("average", torch.zeros_like(weight))
+        average.lerp_(weight.grad, 1.0 - MOMENTUM)
+        return weight.grad.lerp(average, MOMENTUM)
+
+
+def layer_inputs(
+    network: torch.nn.Module, layers: Sequence[torch.nn.Module], inputs: torch.Tensor
+) -> list[torch.Tensor]:
+    """Return what each of the layers is given when the network is given `inputs`."""
+    seen: dict[torch.nn.Module, torch.Tensor] = {}
+
+    def note(layer: torch.nn.Module, arguments: tuple[torch.Tensor, ...]) -> None:
+        seen[layer] = arguments[0]
+
+    handles = [layer.register_forward_pre_hook(note) for layer in layers]
+    network(inputs)
+    for handle in handles:
+        handle.remove()
+    return [seen[layer] for layer in layers]
+
+
+def whitening(inputs: torch.Tensor) -> torch.Tensor:
+    """Return L^-1, (n, n), of the damped second moment L L^T of (k, n) inputs."""
+    moment = inputs.T @ inputs / len(inputs)
+    n = len(moment)
+    moment.diagonal().add_(DAMPING * moment.trace() / n + 1e-12)
+    eye = torch.eye(n, dtype=moment.dtype, device=moment.device)
+    with _one_thread():  # LAPACK divides the work by their number, and rounds accordingly
+        factor = torch.linalg.cholesky_ex(moment).L  # of NaN it is NaN, which the loss will show
+        white: torch.Tensor = torch.linalg.solve_triangular(factor, eye, upper=False)
+    return white
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Compute on one thread meanwhile."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+def orthogonalised(matrix: torch.Tensor) -> torch.Tensor:
+    """Return, for an (n, n) matrix, a more nearly orthogonal one with its singular vectors."""
+    a, b, c = _QUINTIC
+    x: torch.Tensor = matrix / matrix.norm().clamp_min(1e-12)
+    for _ in range(ITERATIONS):
+        gram = x @ x.T
+        x = torch.addmm(x, torch.addmm(gram, gram, gram, beta=b, alpha=c), x, beta=a)
+    return x
+
+
+ADAM_RATE_BESIDE_MUON = 4e-3  # of biases and of the first and last layer
+
+
+def optimizers(
+    network: torch.nn.Module,
+    plan: TrainingPlan,
+    trainable: Trainable,
+    inputs: torch.Tensor,
+    *,
+    bfloat16: bool,
+) -> list[torch.optim.Optimizer]:
+    """Return the optimizers, each parameter in one group of its own rate.
+
+    Args:
+        network: that is trained.
+        plan: how.
+        trainable: which parameters move.
+        inputs: (n, n_inputs) of the network, of the rows it learns from.
+        bfloat16: low precision is at hand.
+    """
+    rates = trainable.rates
+    if plan.optimizer == "sgd":
+        return [torch.optim.SGD(_groups(rates, plan.learning_rate))]
+    if plan.optimizer == "adam":
+        groups = _groups(rates, plan.learning_rate)
+        return [torch.optim.Adam(groups, weight_decay=plan.weight_decay, fused=True)]
+    hidden = [layer for layer in linear_layers(network)[1:-1] if layer.weight in rates]
+    weights = {layer.weight for layer in hidden}
+    rest = {parameter: rate for parameter, rate in rates.items() if parameter not in weights}
+    optimizers: list[torch.optim.Optimizer] = [
+        torch.optim.Adam(_groups(rest, ADAM_RATE_BESIDE_MUON), fused=True)
+    ]
+    if hidden:
+        sample = inputs[:: max(1, len(inputs) // WHITENED_ROWS)][:WHITENED_ROWS]
+        optimizers.append(
+            Muon(network, hidden, sample, lr=plan.learning_rate, low_precision=bfloat16)
+        )
+    return optimizers
+
+
+def _groups(rates: Mapping[torch.Tensor, float], learning_rate: float) -> list[dict[str, object]]:
+    by_rate: dict[float, list[torch.Tensor]] = {}
+    for parameter, rate in rates.items():
+        by_rate.setdefault(rate, []).append(parameter)
+    return [{"params": group, "lr": rate * learning_rate} for rate, group in by_rate.items()]
+
+
+@torch.no_grad()
+def pull_back(
+    moving: list[torch.Tensor],
+    origin: list[torch.Tensor],
+    trainable: Trainable,
+    learning_rate: float,
+) -> None:
+    """Apply the penalty alpha/2 |w - w0|^2 as its proximal step.
+
+    Taken implicitly it is stable for every alpha and tends to w0 as alpha grows; as a gradient
+    an adaptive optimizer would rescale it away.
+    """
+    for parameter, first in zip(moving, origin, strict=True):
+        shrink = 1.0 / (1.0 + trainable.pull * learning_rate * trainable.rates[parameter])
+        parameter.copy_(first + (parameter - first) * shrink)

@@ -1,0 +1,120 @@
+"""The parts of a prediction as torch modules: what a family puts together for export.
+
+Each maps float64 `q` (n, n_joints), rad or m, and `wrench` (n, 6), N and N m, to float64 (n, 3) m,
+base frame. A family returns one from `_torch_module()`; a third party may read them as a recipe.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import torch
+
+from stiff_models.networks.features import AngleEncoding, Scaler
+from stiff_models.networks.torch_kinematics import cos_sin, stacked
+from stiff_models.physics.chain import Chain
+from stiff_protocols.contract.types import FloatArray, Robot
+
+
+class EncodedNetwork(torch.nn.Module):
+    """A network with `stiff_models.networks.features.encode` and the two scalers around it.
+
+    Features are computed in float64 and the network runs in float32, as in `predict`. A network
+    with k outputs gives (n, k), in the unit of `output_scaler`.
+    """
+
+    mean: torch.Tensor
+    scale: torch.Tensor
+    output_mean: torch.Tensor
+    output_scale: torch.Tensor
+
+    def __init__(
+        self,
+        robot: Robot,
+        network: torch.nn.Module,
+        *,
+        angle_encoding: AngleEncoding,
+        input_scaler: Scaler,
+        output_scaler: Scaler,
+    ) -> None:
+        """Store the parts; `network` maps (n, n_features) float32 to (n, k) float32."""
+        super().__init__()
+        self.network = network
+        self.raw = angle_encoding == "raw"
+        self.turning = [i for i, kind in enumerate(robot.joint_types) if kind == "revolute"]
+        self.sliding = [i for i, kind in enumerate(robot.joint_types) if kind != "revolute"]
+        for name, values in (
+            ("mean", input_scaler.mean),
+            ("scale", input_scaler.scale),
+            ("output_mean", output_scaler.mean),
+            ("output_scale", output_scaler.scale),
+        ):
+            self.register_buffer(name, torch.tensor(values, dtype=torch.float64))
+
+    def forward(self, q: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
+        """Return the network's output in its own unit; shapes as above."""
+        features = (self._encoded(q, wrench) - self.mean) / self.scale
+        output: torch.Tensor = self.network(features.to(torch.float32))
+        return output.to(torch.float64) * self.output_scale + self.output_mean
+
+    def _encoded(self, q: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
+        if self.raw:
+            return torch.cat([q, wrench], dim=1)
+        angles = q[:, self.turning]
+        parts = [torch.sin(angles), torch.cos(angles)]
+        if self.sliding:
+            parts.append(q[:, self.sliding])
+        return torch.cat([*parts, wrench], dim=1)
+
+
+class JointSprings(torch.nn.Module):
+    """Linear joint springs: ``d = J_v diag(c) J^T w``, the virtual joint model."""
+
+    def __init__(self, robot: Robot, compliance: FloatArray) -> None:
+        """Take the constants of `robot` and `compliance` (n_joints,), rad/(N m) or m/N."""
+        super().__init__()
+        self.chain = Chain.of(robot)
+        self.compliance: list[float] = compliance.tolist()
+
+    def forward(self, q: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
+        """Return the deflection; shapes as above."""
+        components = q.unbind(dim=1), wrench.unbind(dim=1)
+        return stacked(self.chain.deflection(self.compliance, *components, cos_sin), q)
+
+
+class SumOf(torch.nn.Module):
+    """The sum of what its parts predict: physics and a learned residual."""
+
+    def __init__(self, parts: Iterable[torch.nn.Module]) -> None:
+        """Store the parts."""
+        super().__init__()
+        self.parts = torch.nn.ModuleList(parts)
+
+    def forward(self, q: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
+        """Return the deflection; shapes as above."""
+        return torch.stack([part(q, wrench) for part in self.parts]).sum(dim=0)
+
+
+class MeanOf(SumOf):
+    """The mean of what its parts predict: an ensemble."""
+
+    def forward(self, q: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
+        """Return the deflection; shapes as above."""
+        return super().forward(q, wrench) / len(self.parts)
+
+
+def bent_joints(
+    jacobian: torch.Tensor, compliance: torch.Tensor, wrench: torch.Tensor
+) -> torch.Tensor:
+    """Return ``J_v diag(c) J^T w``.
+
+    Args:
+        jacobian: (n, 6, n_joints).
+        compliance: (n_joints,) or (n, n_joints), rad/(N m) or m/N.
+        wrench: (n, 6) N and N m.
+
+    Returns:
+        (n, 3) m, base frame.
+    """
+    torque = (wrench[:, None, :] @ jacobian)[:, 0]  # (n, n_joints)
+    return (jacobian[:, :3] @ (compliance * torque)[:, :, None])[:, :, 0]

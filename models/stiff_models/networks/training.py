@@ -1,0 +1,345 @@
+"""The one training loop: pre-training, fine-tuning and training from scratch all run here."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from stiff_models.networks.arithmetic import arithmetic
+from stiff_models.networks.optimizers import optimizers, pull_back
+from stiff_models.networks.plain_sequence import PlainSequence
+from stiff_models.networks.training_plan import Trainable, TrainingPlan, loss_function
+from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
+from stiff_protocols.contract.progress import report
+from stiff_protocols.contract.types import FloatArray
+
+RISEN = 10.0
+"""So many times both the first loss and that of no output at all: the training has diverged."""
+ROWS_LOOKED_AT = 256
+
+
+def rose(first: float, last: float, of_nothing: float) -> str:
+    """Return that the loss rose; "" where it did not, or where noise may explain it.
+
+    Args:
+        first: loss before the first step.
+        last: loss at the end.
+        of_nothing: loss of outputs that are all zero, which predict the mean.
+    """
+    if last <= RISEN * max(first, of_nothing):
+        return ""
+    return f"the loss rose from {first:.3g} to {last:.3g}"
+
+
+def dead(inputs: torch.Tensor, outputs: torch.Tensor, targets: torch.Tensor) -> str:
+    """Return that all outputs are the same; "" where they are not, or where they should be.
+
+    Units that a step too far has pushed below zero for every row stay there for ever.
+
+    Args:
+        inputs: (n, n_features), n > 0
+        outputs: (n, 3) of the trained network.
+        targets: (n, 3)
+    """
+    if not _varies(inputs) or not _varies(targets) or _varies(outputs):
+        return ""
+    return "the network gives every row the same output"
+
+
+def _varies(values: torch.Tensor) -> bool:
+    return bool((values != values[0]).any())
+
+
+Objective = Callable[[float, torch.Tensor, torch.Tensor], torch.Tensor]
+"""Takes the progress of the training (0 at its first step, towards 1), inputs (n, n_features) and
+standardised targets (n, 3); returns the loss."""
+
+PRETRAINING_VERSION = 1
+"""Part of the name under which a finished training is kept. Raise it with every change after which
+the same network, rows, plan and seed give other weights or other errors on the source: in this
+loop, the optimizers, the losses, the alignments, a network's forward pass, `source_errors`."""
+
+FULL_PRECISION_END = 0.1  # share of the steps that mixed precision leaves to float32
+REPORT_EVERY = 10  # steps
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Standardised samples on the device: inputs (n, n_features) and targets (n, 3), float32."""
+
+    inputs: torch.Tensor
+    targets: torch.Tensor
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.inputs)
+
+
+@dataclass(frozen=True)
+class CurvePoint:
+    """A recorded step of a training.
+
+    Attributes:
+        step: its number.
+        train_loss: the loss before it.
+        validation_loss: mean absolute error of the validation rows, standardised; NaN: none.
+    """
+
+    step: int
+    train_loss: float
+    validation_loss: float
+
+
+@dataclass(frozen=True)
+class Curve:
+    """What happened in a training.
+
+    Attributes:
+        points: the recorded steps.
+        best_step: the step whose weights were kept (the last one without validation rows).
+        best_loss: its validation loss; NaN where there are no validation rows.
+    """
+
+    points: tuple[CurvePoint, ...]
+    best_step: int
+    best_loss: float
+
+    def table(self) -> FloatArray:
+        """Return (n_points, 3): step, training loss, validation loss (NaN: no rows)."""
+        rows = [(point.step, point.train_loss, point.validation_loss) for point in self.points]
+        return np.array(rows, dtype=np.float64).reshape(-1, 3)
+
+
+def train_network(
+    network: torch.nn.Module,
+    rows: Rows,
+    plan: TrainingPlan,
+    *,
+    seed: int,
+    phase: str,
+    trainable: Trainable | None = None,
+    validation: Rows | None = None,
+    objective: Objective | None = None,
+) -> Curve:
+    """Train `network` in place; it is in train mode meanwhile, and in eval mode afterwards.
+
+    Args:
+        network: maps (n, n_features) inputs to (n, 3) outputs.
+        rows: what it learns from.
+        plan: how.
+        seed: order of the batches.
+        phase: name for progress reports.
+        trainable: which parameters move; None: all of the network's.
+        validation: rows that choose the step when the plan keeps the best; never learned from.
+        objective: what is minimised; None: the plan's loss on the network's outputs.
+
+    Raises:
+        ModelError: the loss became NaN or infinite.
+    """
+    trainable = trainable or Trainable.all_of(network)
+    for parameter in network.parameters():
+        parameter.requires_grad_(parameter in trainable.rates)
+    held_out = validation if plan.keep_best else None
+    kind = arithmetic(rows.inputs.device, mixed_precision=plan.mixed_precision)
+    with kind.in_force():
+        run = _Run(network, rows, plan, trainable, held_out, seed, objective, kind.bfloat16)
+        curve = _steps(run, plan, trainable, phase)
+    network.eval()
+    return curve
+
+
+def _steps(run: _Run, plan: TrainingPlan, trainable: Trainable, phase: str) -> Curve:
+    moving = list(trainable.rates)
+    origin = [parameter.detach().clone() for parameter in moving] if trainable.pull else []
+    too_high = f"a learning rate of {plan.learning_rate:g} is too high here"
+
+    def finite(loss: torch.Tensor, steps: int) -> float:
+        value = loss.item()
+        if not math.isfinite(value):
+            raise ModelError(f"{phase}: the loss is {value} after {steps} steps; {too_high}")
+        return value
+
+    report(phase, 0, plan.steps)
+    run.network.train()
+    first = loss = torch.tensor(0.0)
+    for step in range(plan.steps):
+        loss = run.step(step)
+        first = loss if step == 0 else first
+        if origin:
+            pull_back(moving, origin, trainable, plan.learning_rate * plan.rate(step))
+        if (step + 1) % REPORT_EVERY == 0 or step + 1 == plan.steps:
+            value = finite(loss, step + 1)
+            run.note(step + 1, value)
+            report(phase, step + 1, plan.steps, value)
+    curve = run.finish()
+    if plan.steps:
+        inputs, outputs, targets = run.at_the_end()
+        final = finite(run.loss(outputs, targets), plan.steps)
+        nothing = run.loss(torch.zeros_like(targets), targets).item()
+        finding = rose(first.item(), max(loss.item(), final), nothing)
+        finding = finding or dead(inputs, outputs, targets)
+        if finding:
+            warnings.warn(f"{phase}: {finding}; {too_high}", StiffBenchWarning, stacklevel=4)
+    return curve
+
+
+class _Run:
+    """State of one call of `train_network`."""
+
+    def __init__(
+        self,
+        network: torch.nn.Module,
+        rows: Rows,
+        plan: TrainingPlan,
+        trainable: Trainable,
+        validation: Rows | None,
+        seed: int,
+        objective: Objective | None,
+        bfloat16: bool,
+    ) -> None:
+        self.network = network
+        self.plan = plan
+        self.device = rows.inputs.device
+        self.bfloat16 = bfloat16
+        self.objective = objective
+        self.tail, before = (
+            _split_at_first_moving(network, trainable)
+            if objective is None
+            else (network, torch.nn.Sequential())
+        )
+        self.rows = _through(before, rows)
+        self.validation = None if validation is None else _through(before, validation)
+        self.by_hand = None if objective else PlainSequence.of(self.tail, trainable.rates)
+        self.loss = loss_function(plan.loss)
+        self.optimizers = optimizers(
+            self.tail, plan, trainable, self.rows.inputs, bfloat16=self.bfloat16
+        )
+        self.highest = [[g["lr"] for g in opt.param_groups] for opt in self.optimizers]
+        self.generator = torch.Generator().manual_seed(seed)
+        self.order = torch.empty(0, dtype=torch.int64)
+        # batch statistics belong to the weights, and must not be taken over validation rows
+        buffers = [*network.buffers()]
+        self.one_pass = objective is None and not buffers
+        self.kept = [tensor.detach() for tensor in (*trainable.rates, *buffers)]
+        self.points: list[CurvePoint] = []
+        self.validation_loss = math.nan
+        self.best_step, self.best_loss = 0, math.inf
+        self.best_weights: list[torch.Tensor] = []
+
+    def step(self, step: int) -> torch.Tensor:
+        """Do one optimizer step and return the loss before it."""
+        for optimizer, highest in zip(self.optimizers, self.highest, strict=True):
+            for group, rate in zip(optimizer.param_groups, highest, strict=True):
+                group["lr"] = rate * self.plan.rate(step)
+            optimizer.zero_grad(set_to_none=True)
+        loss = self._gradients(step)
+        for optimizer in self.optimizers:
+            optimizer.step()
+        return loss.detach()
+
+    def _gradients(self, step: int) -> torch.Tensor:
+        """Set the gradients of a batch's loss and return that loss."""
+        inputs, targets = self._batch()
+        low = self.bfloat16 and step < (1.0 - FULL_PRECISION_END) * self.plan.steps
+        if self.validation is not None and not self.one_pass:
+            self._judge(step, self._predicted(self.validation.inputs))
+        if self.objective is not None:
+            with self._autocast(low):
+                loss = self.objective(step / self.plan.steps, inputs, targets)
+            loss.backward()  # type: ignore[no-untyped-call]
+            return loss
+        n = len(targets)
+        if self.validation is not None and self.one_pass:  # one pass serves both
+            inputs = torch.cat([inputs, self.validation.inputs])
+        outputs = self._outputs(inputs, low)
+        if self.validation is not None and self.one_pass:
+            self._judge(step, outputs[n:].detach())
+        learned = outputs[:n]
+        if self.by_hand is not None:  # autograd's part begins behind the network
+            learned.requires_grad_()
+        loss = self.loss(learned, targets)
+        loss.backward()  # type: ignore[no-untyped-call]
+        if self.by_hand is not None and learned.grad is not None:
+            self.by_hand.backward(learned.grad)
+        return loss
+
+    def _outputs(self, inputs: torch.Tensor, low: bool) -> torch.Tensor:
+        if self.by_hand is not None:
+            return self.by_hand.outputs(inputs, bfloat16=low)
+        with self._autocast(low):
+            outputs: torch.Tensor = self.tail(inputs)
+        return outputs.float()
+
+    def _autocast(self, low: bool) -> torch.autocast:
+        return torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=low)
+
+    def _predicted(self, inputs: torch.Tensor) -> torch.Tensor:
+        """Return the outputs as a prediction has them: dropout off, batch statistics fixed."""
+        self.network.eval()
+        with torch.no_grad():
+            outputs: torch.Tensor = self.tail(inputs)
+        self.network.train()
+        return outputs
+
+    def note(self, step: int, train_loss: float) -> None:
+        self.points.append(CurvePoint(step, train_loss, self.validation_loss))
+
+    def finish(self) -> Curve:
+        """Judge the last weights, put the best ones back, and return what happened."""
+        if self.validation is None:
+            return Curve(tuple(self.points), self.plan.steps, math.nan)
+        self._judge(self.plan.steps, self._predicted(self.validation.inputs))
+        torch._foreach_copy_(self.kept, self.best_weights)
+        return Curve(tuple(self.points), self.best_step, self.best_loss)
+
+    def at_the_end(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Return inputs, outputs and targets of some training rows."""
+        inputs, targets = self.rows.inputs[:ROWS_LOOKED_AT], self.rows.targets[:ROWS_LOOKED_AT]
+        return inputs, self._predicted(inputs), targets
+
+    def _batch(self) -> tuple[torch.Tensor, torch.Tensor]:
+        batch = self.plan.batch
+        if batch is None or batch >= len(self.rows):
+            return self.rows.inputs, self.rows.targets
+        if len(self.order) < batch:
+            self.order = torch.randperm(len(self.rows), generator=self.generator)
+        chosen, self.order = self.order[:batch].to(self.device), self.order[batch:]
+        return self.rows.inputs[chosen], self.rows.targets[chosen]
+
+    def _judge(self, step: int, outputs: torch.Tensor) -> None:
+        """Remember the weights if the validation rows were never predicted better."""
+        assert self.validation is not None  # for the type checker
+        self.validation_loss = (outputs - self.validation.targets).abs().mean().item()
+        if self.validation_loss < self.best_loss or not self.best_weights:
+            self.best_step, self.best_loss = step, self.validation_loss
+            self.best_weights = self.best_weights or [torch.empty_like(t) for t in self.kept]
+            torch._foreach_copy_(self.best_weights, self.kept)
+
+
+def _split_at_first_moving(
+    network: torch.nn.Module, trainable: Trainable
+) -> tuple[torch.nn.Module, torch.nn.Sequential]:
+    """Return the part from the first moving layer on, and the frozen part before it.
+
+    A network that is no plain sequence, or has batch statistics, stays whole.
+    """
+    if not isinstance(network, torch.nn.Sequential) or [*network.buffers()]:
+        return network, torch.nn.Sequential()
+    for index, module in enumerate(network):
+        if any(parameter in trainable.rates for parameter in module.parameters()):
+            modules = list(network)
+            return torch.nn.Sequential(*modules[index:]), torch.nn.Sequential(*modules[:index])
+    return torch.nn.Sequential(), network
+
+
+def _through(part: torch.nn.Sequential, rows: Rows) -> Rows:
+    """Pass rows through the frozen part once, instead of once a step."""
+    if len(part) == 0:
+        return rows
+    with torch.no_grad():
+        return Rows(part(rows.inputs), rows.targets)

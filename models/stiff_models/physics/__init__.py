@@ -1,0 +1,1 @@
+"""Physical models: kinematics, springs, virtual joint models."""

@@ -1,0 +1,316 @@
+"""The closed form of a serial chain, component by component: the kernel of every physical model.
+
+The chain is rewritten once so that each joint moves about or along its own z axis; what lies
+between two joints is then a constant rotation and a constant offset. A component is anything that
+can be added and multiplied: a torch tensor, or a symbol of `straight_line.py`, which
+NumPy arrays are computed by. Components that are plain floats 0 or 1 cost
+nothing, and most of a robot's constants are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from stiff_protocols.contract.types import FloatArray, Robot
+
+Component = Any
+"""A plain float, a torch tensor, or a symbol; those of one computation broadcast together."""
+
+Vector = Sequence[Component]
+"""Components along x, y, z."""
+
+Column = tuple[Vector, Vector]
+"""Column of a Jacobian: translation [m/rad or m/m] and rotation of the TCP by one joint."""
+
+CosSin = Callable[[Component], tuple[Component, Component]]
+"""Returns the cosine and the sine of an angle [rad]."""
+
+ORIGIN: Vector = (0.0, 0.0, 0.0)
+AXES: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """What lies between one joint's z-aligned frame and the next one's.
+
+    Attributes:
+        axes: x, y and z axis of the joint's frame, in the frame before.
+        offset: origin of the joint's frame, in the frame before, m.
+        prismatic: whether the joint slides.
+        mass: of what the joint carries up to the next one, kg.
+        centre: its centre of mass in the joint's moved frame, m.
+    """
+
+    axes: tuple[Vector, ...]
+    offset: Vector
+    prismatic: bool
+    mass: float
+    centre: Vector
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A joint's frame after its motion, in the base frame: origin [m] and axes x, y, z."""
+
+    origin: Vector
+    axes: Sequence[Vector]
+
+    def point(self, offset: Vector) -> Vector:
+        """Return where a point of the frame is, base frame."""
+        return _plus(self.origin, _out_of(self.axes, offset))
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """A serial chain whose joints all move about or along z.
+
+    Attributes:
+        links: base to tip.
+        tcp: tool centre point in the last joint's frame, m.
+        gravity: acceleration in the base frame, m/s2.
+    """
+
+    links: tuple[Link, ...]
+    tcp: Vector
+    gravity: Vector
+
+    @classmethod
+    def of(cls, robot: Robot) -> Self:
+        """Rewrite a robot."""
+        links = []
+        basis = np.eye(3)  # the previous joint's z-aligned frame, seen from its own URDF frame
+        for i, placement in enumerate(robot.placements):
+            aligned = _basis_with_z(robot.axes[i])
+            links.append(
+                Link(
+                    axes=tuple((basis.T @ placement[:3, :3] @ aligned).T.tolist()),
+                    offset=(basis.T @ placement[:3, 3]).tolist(),
+                    prismatic=robot.joint_types[i] == "prismatic",
+                    mass=float(robot.masses[i]),
+                    centre=(aligned.T @ robot.centres_of_mass[i]).tolist(),
+                )
+            )
+            basis = aligned
+        return cls(tuple(links), (basis.T @ robot.tcp).tolist(), robot.gravity.tolist())
+
+    def frames(self, q: Sequence[Component], cos_sin: CosSin) -> Iterator[Frame]:
+        """Yield every joint's moved frame; `q` holds one component a joint, rad or m."""
+        frame = Frame(ORIGIN, AXES)
+        for link, position in zip(self.links, q, strict=True):
+            origin = frame.point(link.offset)
+            x, y, z = (_out_of(frame.axes, axis) for axis in link.axes)
+            if link.prismatic:
+                origin = _plus(origin, _scaled(position, z))
+            else:
+                cosine, sine = cos_sin(position)
+                x, y = (
+                    _plus(_scaled(cosine, x), _scaled(sine, y)),
+                    _minus(_scaled(cosine, y), _scaled(sine, x)),
+                )
+            frame = Frame(origin, (x, y, z))
+            yield frame
+
+    def columns(self, q: Sequence[Component], cos_sin: CosSin) -> list[Column]:
+        """Return the columns of the Jacobian at the TCP, base frame.
+
+        A revolute joint's is ``[z x (p - o); z]`` and a prismatic one's ``[z; 0]``, with the
+        joint's axis z and origin o, and the TCP p.
+        """
+        frames = list(self.frames(q, cos_sin))
+        tcp = frames[-1].point(self.tcp)
+        return [
+            (frame.axes[2], ORIGIN)
+            if link.prismatic
+            else (_cross(frame.axes[2], _minus(tcp, frame.origin)), frame.axes[2])
+            for link, frame in zip(self.links, frames, strict=True)
+        ]
+
+    def virtual_columns(self, q: Sequence[Component], cos_sin: CosSin) -> list[list[Column]]:
+        """Return, joint by joint, those of turns about and slides along the moved frame's axes."""
+        frames = list(self.frames(q, cos_sin))
+        tcp = frames[-1].point(self.tcp)
+        return [
+            [(_cross(axis, _minus(tcp, frame.origin)), axis) for axis in frame.axes]
+            + [(axis, ORIGIN) for axis in frame.axes]
+            for frame in frames
+        ]
+
+    def compliance_matrix(
+        self, compliance: Sequence[Component], q: Sequence[Component], cos_sin: CosSin
+    ) -> list[list[Component]]:
+        """Return the 3 x 6 components of ``J_v diag(c) J^T``."""
+        columns = self.columns(q, cos_sin)
+        turned = [_scaled(c, move) for c, (move, _) in zip(compliance, columns, strict=True)]
+        return [
+            [
+                _dot([move[row] for move in turned], [(*move, *turn)[k] for move, turn in columns])
+                for k in range(6)
+            ]
+            for row in range(3)
+        ]
+
+    def deflection(
+        self,
+        compliance: Sequence[Component],
+        q: Sequence[Component],
+        wrench: Sequence[Component],
+        cos_sin: CosSin,
+    ) -> Vector:
+        """Return ``J_v diag(c) J^T w`` without the Jacobian: three sweeps, joint by joint.
+
+        The TCP is carried to the base, the wrench from there to the tip, and the deflection back
+        to the base, each in the frame of the joint that is reached. There a joint's torque is
+        ``m_z + (p x f)_z``, and its turn moves the TCP by ``(-p_y, p_x, 0)``.
+
+        Args:
+            compliance: of the joints, rad/(N m) or m/N.
+            q: of the joints, rad or m.
+            wrench: force [N] and torque [N m] at the TCP, base frame.
+            cos_sin: of angles.
+
+        Returns:
+            m, base frame.
+        """
+        motions = [
+            (0.0, 0.0) if link.prismatic else cos_sin(position)
+            for link, position in zip(self.links, q, strict=True)
+        ]
+        arms = []  # the TCP in each joint's frame before its motion; of a slide, x and y count
+        tcp = self.tcp
+        for link, position, motion in reversed(list(zip(self.links, q, motions, strict=True))):
+            tcp = (*tcp[:2], _sum(tcp[2], position)) if link.prismatic else _turned(tcp, motion)
+            arms.append(tcp)
+            tcp = _plus(link.offset, _out_of(link.axes, tcp))
+        arms.reverse()
+
+        bent = []
+        force, torque = wrench[:3], wrench[3:]
+        for link, motion, arm, c in zip(self.links, motions, arms, compliance, strict=True):
+            force, torque = _into(link.axes, force), _into(link.axes, torque)
+            if link.prismatic:
+                bent.append(_times(c, force[2]))
+                continue
+            swung = _less(_times(arm[0], force[1]), _times(arm[1], force[0]))
+            bent.append(_times(c, _sum(torque[2], swung)))
+            force, torque = _turned_back(force, motion), _turned_back(torque, motion)
+
+        moved: Vector = ORIGIN
+        for link, motion, arm, turn in reversed(
+            list(zip(self.links, motions, arms, bent, strict=True))
+        ):
+            if link.prismatic:
+                moved = (*moved[:2], _sum(moved[2], turn))
+            else:
+                x, y, z = _turned(moved, motion)
+                moved = (_less(x, _times(turn, arm[1])), _sum(y, _times(turn, arm[0])), z)
+            moved = _out_of(link.axes, moved)
+        return moved
+
+    def gravity_torque(self, q: Sequence[Component], cos_sin: CosSin) -> list[Component]:
+        """Return the torque [N m] (force [N]) of the links' weights on each joint.
+
+        A joint bears the weights beyond it: ``z . (sum_l m_l (r_l - o) x g)``, with the centres
+        of mass r, or ``z . (sum_l m_l g)`` where it slides.
+        """
+        torques = []
+        mass, first_moment = 0.0, ORIGIN  # of all that a joint carries, kg and kg m, base frame
+        frames = list(self.frames(q, cos_sin))
+        for link, frame in reversed(list(zip(self.links, frames, strict=True))):
+            mass += link.mass
+            first_moment = _plus(first_moment, _scaled(link.mass, frame.point(link.centre)))
+            if link.prismatic:
+                load = _scaled(mass, self.gravity)
+            else:
+                load = _cross(_minus(first_moment, _scaled(mass, frame.origin)), self.gravity)
+            torques.append(_dot(frame.axes[2], load))
+        return torques[::-1]
+
+
+def _basis_with_z(axis: FloatArray) -> FloatArray:
+    """Return a right-handed orthonormal basis (columns) whose third axis is `axis`."""
+    helper = np.zeros(3)
+    helper[np.argmin(np.abs(axis))] = 1.0
+    x_axis = np.cross(helper, axis)
+    x_axis /= np.linalg.norm(x_axis)
+    return np.stack([x_axis, np.cross(axis, x_axis), axis], axis=1)
+
+
+def _turned(vector: Vector, motion: tuple[Component, Component]) -> Vector:
+    """Return a vector of the moved frame in the frame before a turn of (cosine, sine) about z."""
+    (cosine, sine), (x, y, z) = motion, vector
+    return (
+        _less(_times(cosine, x), _times(sine, y)),
+        _sum(_times(sine, x), _times(cosine, y)),
+        z,
+    )
+
+
+def _turned_back(vector: Vector, motion: tuple[Component, Component]) -> Vector:
+    """Return a vector of the frame before a turn in the moved frame."""
+    (cosine, sine), (x, y, z) = motion, vector
+    return (
+        _sum(_times(cosine, x), _times(sine, y)),
+        _less(_times(cosine, y), _times(sine, x)),
+        z,
+    )
+
+
+def _out_of(axes: Sequence[Vector], vector: Vector) -> Vector:
+    """Return a vector of a frame with these axes in the frame that the axes are given in."""
+    return [_dot([axis[k] for axis in axes], vector) for k in range(3)]
+
+
+def _into(axes: Sequence[Vector], vector: Vector) -> Vector:
+    """Return a vector in the frame with these axes."""
+    return [_dot(axis, vector) for axis in axes]
+
+
+def _plus(a: Vector, b: Vector) -> Vector:
+    return [_sum(x, y) for x, y in zip(a, b, strict=True)]
+
+
+def _minus(a: Vector, b: Vector) -> Vector:
+    return [_less(x, y) for x, y in zip(a, b, strict=True)]
+
+
+def _scaled(factor: Component, vector: Vector) -> Vector:
+    return [_times(factor, x) for x in vector]
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return [_less(_times(a[j], b[k]), _times(a[k], b[j])) for j, k in ((1, 2), (2, 0), (0, 1))]
+
+
+def _dot(a: Sequence[Component], b: Sequence[Component]) -> Component:
+    total = 0.0
+    for x, y in zip(a, b, strict=True):
+        total = _sum(total, _times(x, y))
+    return total
+
+
+def _times(a: Component, b: Component) -> Component:
+    """Return a b; a factor that is the plain number 0, 1 or -1 costs no product."""
+    for factor, other in ((a, b), (b, a)):
+        if isinstance(factor, float) and abs(factor) in (0.0, 1.0):
+            if factor == 0.0:
+                return 0.0
+            return other if factor == 1.0 else -other
+    return a * b
+
+
+def _sum(a: Component, b: Component) -> Component:
+    """Return a + b; a term that is the plain number 0 costs no addition."""
+    if isinstance(a, float) and a == 0.0:
+        return b
+    return a if isinstance(b, float) and b == 0.0 else a + b
+
+
+def _less(a: Component, b: Component) -> Component:
+    """Return a - b; a term that is the plain number 0 costs no subtraction."""
+    if isinstance(a, float) and a == 0.0:
+        return -b
+    return a if isinstance(b, float) and b == 0.0 else a - b

@@ -1,0 +1,170 @@
+"""Batched kinematics of a serial chain in NumPy: the hot paths of every physical model.
+
+The closed form is `chain.py`'s. It is written once a robot as a straight-line program,
+which works through the samples in chunks that fit the cache; there is no loop over samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import lru_cache
+
+import numpy as np
+
+from stiff_models.physics.chain import Chain, Column, Component
+from stiff_models.physics.straight_line import Program, half_angle, tape_with
+from stiff_protocols.contract.forward_kinematics import checked_positions
+from stiff_protocols.contract.types import FloatArray, Robot
+
+PROGRAMS_KEPT = 32  # a program of each kind and robot; a few hundred steps each
+
+
+def jacobian(robot: Robot, q: FloatArray) -> FloatArray:
+    """Return the geometric Jacobian at the TCP, base frame.
+
+    Args:
+        robot: the serial chain.
+        q: (n, n_joints) joint positions, rad or m.
+
+    Returns:
+        (n, 6, n_joints): rows 0..2 translation [m/rad or m/m], rows 3..5 rotation.
+
+    Raises:
+        DataError: `q` has another number of joints than the robot.
+    """
+    q = checked_positions(robot, q)
+    columns = np.empty((6, robot.n_joints, len(q)))
+    _jacobian_program(robot).run([q], columns.reshape(6 * robot.n_joints, len(q)))
+    return columns.transpose(2, 0, 1)
+
+
+def virtual_jacobian(robot: Robot, q: FloatArray) -> FloatArray:
+    """Return how the TCP moves with six virtual joints at every joint, base frame.
+
+    They turn about and slide along the axes x, y, z of the joint's moving frame, after the joint's
+    own motion; z is the joint's axis. Where the axis lies along one of the URDF frame's, x and y
+    do too; else they are any two across it.
+
+    Args:
+        robot: the serial chain.
+        q: (n, n_joints) joint positions, rad or m.
+
+    Returns:
+        (n, 6, n_joints, 6): rows as of `jacobian`; the last index is the virtual joint: turns
+        about x, y, z, then slides along x, y, z.
+
+    Raises:
+        DataError: `q` has another number of joints than the robot.
+    """
+    q = checked_positions(robot, q)
+    columns = np.empty((6, robot.n_joints, 6, len(q)))
+    _virtual_program(robot).run([q], columns.reshape(36 * robot.n_joints, len(q)))
+    return columns.transpose(3, 0, 1, 2)
+
+
+def kinematic_hessian(rows: FloatArray) -> FloatArray:
+    """Return the derivatives of a geometric Jacobian by the joint positions.
+
+    A turn about axis a_i moves all that it carries: column j changes by a_i x J_j for j >= i, and
+    the TCP's second derivatives are symmetric; axes do not turn with the joints that they carry
+    (Hourtash, "The kinematic Hessian and higher derivatives", 2005).
+
+    Args:
+        rows: (n, 6, n_joints) Jacobians as `jacobian` returns them.
+
+    Returns:
+        (n, 6, n_joints, n_joints): [:, :, i, j] is dJ_i / dq_j.
+    """
+    n, _, n_joints = rows.shape
+    move, axis = rows[:, :3].transpose(1, 2, 0), rows[:, 3:].transpose(1, 2, 0)
+    hessian = np.zeros((6, n_joints, n_joints, n))
+    for i in range(n_joints):
+        for j in range(i, n_joints):
+            _cross(hessian[:3, i, j], axis[:, i], move[:, j])
+            hessian[:3, j, i] = hessian[:3, i, j]
+            if j > i:
+                _cross(hessian[3:, j, i], axis[:, i], axis[:, j])
+    return hessian.transpose(3, 0, 1, 2)
+
+
+def joint_torque(rows: FloatArray, wrench: FloatArray) -> FloatArray:
+    """Return J^T w: the torque [N m] (force [N] at a prismatic joint) of the load on each joint.
+
+    Args:
+        rows: (n, 6, n_joints) Jacobians at the TCP.
+        wrench: (n, 6) N and N m at the TCP, base frame.
+
+    Returns:
+        (n, n_joints).
+    """
+    return np.asarray(np.einsum("nki,nk->ni", rows, wrench))
+
+
+def unit_deflections(rows: FloatArray, wrench: FloatArray) -> FloatArray:
+    """Return the deflection by each spring alone at unit compliance: J_v,s (J_s^T w).
+
+    Args:
+        rows: (n, 6, n_springs) twist of the TCP by a unit turn (or slide) of each spring.
+        wrench: (n, 6) N and N m at the TCP, base frame.
+
+    Returns:
+        (n, 3, n_springs) m for a compliance of 1 rad/(N m) (m/N for a slide).
+    """
+    return np.asarray(rows[:, :3] * joint_torque(rows, wrench)[:, None, :])
+
+
+@lru_cache(PROGRAMS_KEPT)
+def _jacobian_program(robot: Robot) -> Program:
+    tape, (q,) = tape_with(robot.n_joints)
+    return Program.of(tape, _rows(Chain.of(robot).columns(q, half_angle)))
+
+
+@lru_cache(PROGRAMS_KEPT)
+def _virtual_program(robot: Robot) -> Program:
+    tape, (q,) = tape_with(robot.n_joints)
+    columns = Chain.of(robot).virtual_columns(q, half_angle)
+    return Program.of(tape, _rows(column for joint in columns for column in joint))
+
+
+def _rows(columns: Iterable[Column]) -> list[Component]:
+    """Return the components of a Jacobian row by row."""
+    return [
+        component
+        for row in zip(*((*move, *turn) for move, turn in columns), strict=True)
+        for component in row
+    ]
+
+
+def _cross(out: FloatArray, a: FloatArray, b: FloatArray) -> None:
+    """Write the cross product of two (3, n) arrays; `numpy.cross` is several times slower."""
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        np.multiply(a[j], b[k], out=out[i])
+        out[i] -= a[k] * b[j]
+
+
+def gravity_torque(robot: Robot, q: FloatArray) -> FloatArray:
+    """Return the torque that the links' weights exert on the joints.
+
+    It has the sign of the loads' torque, and so the opposite one of the generalised gravity g(q)
+    that drives must balance. Loads and tools that the robot carries are not part of it.
+
+    Args:
+        robot: with masses.
+        q: (n, n_joints) joint positions, rad or m.
+
+    Returns:
+        (n, n_joints) N m, or N at a prismatic joint.
+
+    Raises:
+        DataError: `q` has another number of joints than the robot.
+    """
+    q = checked_positions(robot, q)
+    torque = np.empty((robot.n_joints, len(q)))
+    _program(robot).run([q], torque)
+    return np.ascontiguousarray(torque.T)
+
+
+@lru_cache(PROGRAMS_KEPT)
+def _program(robot: Robot) -> Program:
+    tape, (q,) = tape_with(robot.n_joints)
+    return Program.of(tape, Chain.of(robot).gravity_torque(q, half_angle))

@@ -1,0 +1,304 @@
+"""The multi-segment virtual joint model: springs whose slope changes with the torque.
+
+A joint under the torque tau turns by the odd, piecewise linear
+
+    phi(tau) = sgn(tau) [c1 min(|tau|, T1) + c2 (min(|tau|, T2) - T1)+ + c3 (|tau| - T2)+],
+
+as catalogues give strain-wave gears. What is measured is the TCP's place with the load minus its
+place without, and gravity preloads the gear in both:
+
+    d = J_v [phi(tau_g + J^T w) - phi(tau_g)].
+
+Given the breakpoints T it is linear in the slopes c >= 0. SI: rad, N, N m, m.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from annotated_types import Ge, Le
+from scipy.optimize import nnls
+
+from stiff_models.base import FittedModel
+from stiff_models.physics.identification import Identified, identify
+from stiff_models.physics.kinematics import gravity_torque, jacobian, joint_torque
+from stiff_models.physics.vjm import warn_unexplained
+from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
+from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
+
+MAX_SWEEPS = 20
+WORTH = 1e-9  # relative fall of the residual that a breakpoint is moved for: more than rounding
+
+
+def search_breakpoints(finest: FloatArray, target: FloatArray, start: IntArray) -> IntArray:
+    """Return the candidates that leave the least residual, moving one breakpoint at a time.
+
+    A segment is a sum of the finest ones, so the samples are compressed once (QR) and a trial
+    costs the same however many samples there are.
+
+    Args:
+        finest: (n, 3, n_joints, n_candidates + 1) deflection [m] by each of the segments between
+            neighbouring candidates at unit slope.
+        target: (n, 3) measured deflection, m.
+        start: (n_joints, n_breakpoints) candidates' numbers to start from, increasing.
+
+    Returns:
+        (n_joints, n_breakpoints) candidates' numbers, increasing.
+    """
+    _, _, n_joints, n_finest = finest.shape
+    rows = finest.reshape(-1, n_joints * n_finest)
+    # the target beside them: the last column is what slopes can explain of it, and what they cannot
+    beside = np.column_stack([rows, target.reshape(-1)])
+    compressed = np.asarray(np.linalg.qr(beside, mode="r"))  # numpy's own types lack this mode
+    triangle, seen = compressed[:, :-1], compressed[:, -1]
+    # where each joint's segments begin in the columns: the first at the joint's own first one
+    own, nothing = n_finest * np.arange(n_joints)[:, None], np.zeros(n_joints, dtype=np.int64)
+
+    def residual(chosen: IntArray) -> float:
+        first = own + np.column_stack([nothing, chosen + 1])
+        coarse = np.add.reduceat(triangle, first.ravel(), axis=1)
+        size = np.linalg.norm(coarse, axis=0)
+        size[size == 0.0] = 1.0  # no sample's torque lies in the segment
+        return float(nnls(coarse / size, seen)[1])
+
+    chosen, best = start, residual(start)
+    for _ in range(MAX_SWEEPS):
+        before = best
+        for joint, number in np.ndindex(start.shape):
+            for trial in _moves(chosen, joint, number, n_finest - 1):
+                error = residual(trial)
+                if error < best * (1.0 - WORTH):
+                    best, chosen = error, trial
+        if best == before:
+            break
+    return chosen
+
+
+def _moves(chosen: IntArray, joint: int, number: int, n_candidates: int) -> list[IntArray]:
+    """Return the choices that one breakpoint's move between its neighbours gives."""
+    around = [-1, *chosen[joint], n_candidates]
+    moves = []
+    for candidate in range(around[number] + 1, around[number + 2]):
+        trial = chosen.copy()
+        trial[joint, number] = candidate
+        moves.append(trial)
+    return moves
+
+
+FIRST_SHARE = 0.25  # of the training torques lie below the first breakpoint
+CANDIDATE_SHARES = np.linspace(0.1, 0.9, 17)  # of the search: each end keeps a tenth of the samples
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class MultiSegmentVjm(FittedModel):
+    """The multi-segment VJM as a model; a load's own stiffness (congruence) is left out.
+
+    Attributes:
+        segments: slopes a joint.
+        breakpoints: where a slope ends: "quantile" of the training samples' torques (a quarter
+            lies in the first segment, the others share the rest evenly), "search" among such
+            quantiles for the least training residual (with few samples it follows their
+            noise), or "given".
+        given_breakpoints: torques [N m] (forces [N] at a prismatic joint) for
+            breakpoints="given", increasing: "10,30" for all joints, or a list a joint, base to
+            tip: "10,30;12,35;...".
+        gravity: whether the weights preload the gears; false for a robot that is balanced.
+        breakpoints_: (n_joints, segments - 1) N m.
+        slopes_: (n_joints, segments) compliance of each segment, rad/(N m).
+        diagnostics_: stiffnesses, breakpoints, rank and condition number, by name and unit.
+    """
+
+    segments: Annotated[int, Ge(2), Le(4)] = 2
+    breakpoints: Literal["quantile", "search", "given"] = "quantile"
+    given_breakpoints: str = ""
+    gravity: bool = True
+
+    def check_params(self) -> None:
+        """Check what a single option's type cannot.
+
+        Raises:
+            ConfigError: the given breakpoints do not fit the other options.
+        """
+        if self.breakpoints == "given":
+            _parsed(self.given_breakpoints, self.segments)
+        elif self.given_breakpoints:
+            raise ConfigError(
+                f"given_breakpoints {self.given_breakpoints!r} would not be used: "
+                f"breakpoints is {self.breakpoints!r}, expected 'given'"
+            )
+
+    def check_robot(self, robot: Robot) -> None:
+        """Check that the given breakpoints fit the robot.
+
+        Raises:
+            ConfigError: there is neither one list nor one a joint.
+        """
+        self.check_params()
+        if self.breakpoints == "given":
+            lists = len(_parsed(self.given_breakpoints, self.segments))
+            if lists not in (1, robot.n_joints):
+                raise ConfigError(
+                    f"given_breakpoints {self.given_breakpoints!r} holds {lists} lists, expected "
+                    f"1 for all joints or {robot.n_joints}, one a joint of {robot.name!r}"
+                )
+
+    def fit(
+        self,
+        train: Samples,
+        *,
+        robot: Robot,
+        validation: Samples | None = None,
+        seed: int = 0,
+    ) -> Self:
+        """Find breakpoints and slopes on `train`; `validation` and `seed` are not used.
+
+        Raises:
+            ConfigError: the given breakpoints do not fit.
+            ModelError: no joint can be identified.
+        """
+        self.check_robot(robot)
+        loaded = _loaded_joints(robot, train.q, train.wrench, gravity=self.gravity)
+        self.breakpoints_ = self._breakpoints(loaded, train)
+        matrix = loaded.effects(self.breakpoints_).reshape(3 * len(train), -1)
+        found = identify(matrix, train.deflection.reshape(-1))
+        self.slopes_ = found.compliance.reshape(robot.n_joints, self.segments)
+        self.diagnostics_ = _diagnostics(robot, found, self.breakpoints_)
+        self._warn(robot, found)
+        warn_unexplained(found.compliance, train)
+        self.robot_ = robot
+        return self
+
+    def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        loaded = _loaded_joints(self.robot_, q, wrench, gravity=self.gravity)
+        return np.asarray(np.einsum("nkis,is->nk", loaded.effects(self.breakpoints_), self.slopes_))
+
+    def _breakpoints(self, loaded: _LoadedJoints, train: Samples) -> FloatArray:
+        """Return the (n_joints, segments - 1) breakpoints, N m."""
+        if self.breakpoints == "given":
+            given = np.array(_parsed(self.given_breakpoints, self.segments))
+            n_joints = loaded.torque.shape[1]
+            return np.array(np.broadcast_to(given, (n_joints, self.segments - 1)))
+        shares = np.linspace(FIRST_SHARE, 1.0, self.segments)[:-1]
+        if self.breakpoints == "quantile":
+            return loaded.quantiles(shares)
+        candidates = loaded.quantiles(CANDIDATE_SHARES)
+        nearest = np.abs(CANDIDATE_SHARES - shares[:, None]).argmin(axis=1)
+        start = np.tile(nearest, (len(candidates), 1))
+        chosen = search_breakpoints(loaded.effects(candidates), train.deflection, start)
+        return np.take_along_axis(candidates, chosen, axis=1)
+
+    def _warn(self, robot: Robot, found: Identified) -> None:
+        if self.gravity and not robot.masses.any():
+            warnings.warn(
+                f"robot {robot.name!r} has no masses: its springs are fitted as if nothing but "
+                "the load turned them (gravity preload 0)",
+                StiffBenchWarning,
+                stacklevel=3,
+            )
+        known = found.known.reshape(robot.n_joints, self.segments)
+        unknown = [
+            f"{name} segment {', '.join(str(k + 1) for k in np.flatnonzero(~row))}"
+            for name, row in zip(robot.joint_names, known, strict=True)
+            if not row.all()
+        ]
+        if unknown:
+            warnings.warn(
+                f"slope not identifiable from the training samples: {'; '.join(unknown)} "
+                f"(regressor rank {found.rank} of {known.size}); no value is given, and where "
+                "no training torque reaches, predictions take the joint as rigid",
+                StiffBenchWarning,
+                stacklevel=3,
+            )
+
+
+def segment_torques(torque: FloatArray, breakpoints: FloatArray) -> FloatArray:
+    """Return the parts of the torques that lie in each segment; phi is their sum times the slopes.
+
+    Args:
+        torque: (n, n_joints) N m.
+        breakpoints: (n_joints, segments - 1) N m, positive and increasing.
+
+    Returns:
+        (n, n_joints, segments) N m, with the sign of the torque.
+    """
+    edges = np.pad(breakpoints, ((0, 0), (1, 0)))
+    width = np.diff(edges, axis=1, append=np.inf)
+    size = np.clip(np.abs(torque)[..., None] - edges, 0.0, width)
+    return np.asarray(np.sign(torque)[..., None] * size)
+
+
+@dataclass(frozen=True, eq=False)
+class _LoadedJoints:
+    """What samples do to the joints.
+
+    Attributes:
+        move: (n, 3, n_joints) J_v, m/rad.
+        preload: (n, n_joints) torque without the load, N m.
+        torque: (n, n_joints) torque with it, N m.
+    """
+
+    move: FloatArray
+    preload: FloatArray
+    torque: FloatArray
+
+    def effects(self, breakpoints: FloatArray) -> FloatArray:
+        """Return the (n, 3, n_joints, segments) deflection [m] by each segment at unit slope."""
+        parts = segment_torques(self.torque, breakpoints) - segment_torques(
+            self.preload, breakpoints
+        )
+        return np.asarray(self.move[..., None] * parts[:, None])
+
+    def quantiles(self, shares: FloatArray) -> FloatArray:
+        """Return the (n_joints, n_shares) torques [N m] below which shares of |torque| lie."""
+        return np.asarray(np.quantile(np.abs(self.torque), shares, axis=0).T)
+
+
+def _loaded_joints(
+    robot: Robot, q: FloatArray, wrench: FloatArray, *, gravity: bool
+) -> _LoadedJoints:
+    rows = jacobian(robot, q)
+    load = joint_torque(rows, wrench)
+    preload = gravity_torque(robot, q) if gravity else np.zeros_like(load)
+    return _LoadedJoints(rows[:, :3], preload, preload + load)
+
+
+def _parsed(text: str, segments: int) -> list[list[float]]:
+    """Return the lists of `given_breakpoints`.
+
+    Raises:
+        ConfigError: a list is not `segments` - 1 positive, increasing numbers.
+    """
+    if not text:
+        raise ConfigError("breakpoints=given needs given_breakpoints, in N m")
+    example = ",".join(str(20 * number) for number in range(1, segments))
+    wanted = (
+        f"expected {segments - 1} positive, increasing torques for {segments} segments, "
+        f"e.g. '{example}' for all joints or '{example};{example};...' joint by joint"
+    )
+    lists = []
+    for part in text.split(";"):
+        try:
+            torques = [float(word) for word in part.split(",")]
+        except ValueError:
+            raise ConfigError(f"given_breakpoints: {part!r}, {wanted}") from None
+        increasing = all(a < b for a, b in zip([0.0, *torques], torques, strict=False))
+        if len(torques) != segments - 1 or not increasing or not all(map(math.isfinite, torques)):
+            raise ConfigError(f"given_breakpoints: {part!r}, {wanted}")
+        lists.append(torques)
+    return lists
+
+
+def _diagnostics(robot: Robot, found: Identified, breakpoints: FloatArray) -> dict[str, float]:
+    named: dict[str, float] = {}
+    stiffness = found.stiffness.reshape(robot.n_joints, -1)
+    for i, name in enumerate(robot.joint_names):
+        turns = robot.joint_types[i] == "revolute"
+        for k, value in enumerate(stiffness[i], start=1):
+            named[f"stiffness {name} segment {k} [{'Nm/rad' if turns else 'N/m'}]"] = float(value)
+        for k, value in enumerate(breakpoints[i], start=1):
+            named[f"breakpoint {name} {k} [{'Nm' if turns else 'N'}]"] = float(value)
+    return named | {"rank": float(found.rank), "condition number": found.condition}

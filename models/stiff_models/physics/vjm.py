@@ -1,0 +1,171 @@
+"""The linear virtual joint model (VJM): one torsion spring a joint.
+
+With the Jacobian J at the TCP and its translational rows J_v, the deflection under a wrench w is
+``d = J_v K^-1 J^T w = sum_i J_v,i (J_i^T w) c_i``, which is linear in the compliances
+``c_i = 1/k_i``. They are identified by least squares with ``c >= 0``.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from stiff_models.base import FittedModel
+from stiff_models.physics.congruence import linearised_at_best, loaded_deflection
+from stiff_models.physics.identification import identify, stiffness_error
+from stiff_models.physics.joint_springs import joint_deflection
+from stiff_models.physics.kinematics import jacobian, unit_deflections
+from stiff_protocols.contract.errors import StiffBenchWarning
+from stiff_protocols.contract.types import FloatArray, Robot, Samples
+
+
+@dataclass(frozen=True, eq=False)
+class IdentifiedJoints:
+    """Joint springs identified from samples.
+
+    Attributes:
+        names: joint names, base to tip.
+        compliance: (n_joints,) rad/(N m), non-negative. Of joints that the data cannot tell apart
+            only the sum of their effects on the samples means anything.
+        stiffness: (n_joints,) N m/rad; infinite for a joint found rigid, NaN where the data
+            cannot tell.
+        standard_error: (n_joints,) of the stiffness, N m/rad, from the residual variance; NaN
+            where there is none (not identifiable, rigid, or no degree of freedom left).
+        rank: rank of the regressor.
+        condition: condition number of the column-scaled regressor over its identifiable part.
+        unidentifiable: names of the joints that the data cannot identify.
+    """
+
+    names: tuple[str, ...]
+    compliance: FloatArray
+    stiffness: FloatArray
+    standard_error: FloatArray
+    rank: int
+    condition: float
+    unidentifiable: tuple[str, ...]
+
+
+def compliance_regressor(robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
+    """Return the (n, 3, n_joints) deflection [m] by each joint at unit compliance."""
+    return unit_deflections(jacobian(robot, q), wrench)
+
+
+def identify_joints(
+    robot: Robot, samples: Samples, *, congruence: bool = False
+) -> IdentifiedJoints:
+    """Identify one spring a joint by non-negative least squares.
+
+    Args:
+        robot: the robot that was measured.
+        samples: what was measured.
+        congruence: identify the springs of the loaded robot, see `congruence.py`; rank,
+            condition number and standard errors are then those of the problem at its solution.
+
+    Raises:
+        ModelError: no joint can be identified (for example, every wrench is zero).
+    """
+    if congruence:
+        problem = linearised_at_best(robot, samples)
+        matrix, target = problem.matrix, problem.target
+    else:
+        regressor = compliance_regressor(robot, samples.q, samples.wrench)
+        matrix, target = regressor.reshape(-1, robot.n_joints), samples.deflection.reshape(-1)
+    found = identify(matrix, target)
+    error = stiffness_error(matrix, target, found.compliance)
+    return IdentifiedJoints(
+        names=robot.joint_names,
+        compliance=found.compliance,
+        stiffness=found.stiffness,
+        standard_error=np.where(found.known, error, np.nan),
+        rank=found.rank,
+        condition=found.condition,
+        unidentifiable=tuple(
+            name
+            for name, identified in zip(robot.joint_names, found.known, strict=True)
+            if not identified
+        ),
+    )
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class VirtualJointModel(FittedModel):
+    """The linear VJM as a model.
+
+    Attributes:
+        congruence: whether the load's own stiffness counts (conservative congruence, K - K_g);
+            predictions then are no longer linear in the wrench.
+        robot_: the robot it was fitted for; `predict` is valid for that robot alone.
+        joints_: what was identified.
+        diagnostics_: stiffnesses, rank and condition number, by name and unit.
+    """
+
+    congruence: bool = False
+
+    def fit(
+        self,
+        train: Samples,
+        *,
+        robot: Robot,
+        validation: Samples | None = None,
+        seed: int = 0,
+    ) -> Self:
+        """Identify the springs on `train`; `validation` and `seed` are not used.
+
+        Raises:
+            ModelError: no joint can be identified.
+        """
+        self.joints_ = identify_joints(robot, train, congruence=self.congruence)
+        self.diagnostics_ = _diagnostics(self.joints_, robot)
+        warn_unidentifiable(self.joints_)
+        warn_unexplained(self.joints_.compliance, train)
+        self.robot_ = robot
+        return self
+
+    def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the (n, 3) deflection.
+
+        Raises:
+            ModelError: with `congruence`, a load is beyond buckling.
+        """
+        deflection = loaded_deflection if self.congruence else joint_deflection
+        return deflection(self.robot_, self.joints_.compliance, q, wrench)
+
+
+def _diagnostics(joints: IdentifiedJoints, robot: Robot) -> dict[str, float]:
+    named: dict[str, float] = {}
+    for i, name in enumerate(joints.names):
+        unit = "Nm/rad" if robot.joint_types[i] == "revolute" else "N/m"
+        named[f"stiffness {name} [{unit}]"] = float(joints.stiffness[i])
+        named[f"standard error {name} [{unit}]"] = float(joints.standard_error[i])
+    return named | {"rank": float(joints.rank), "condition number": joints.condition}
+
+
+def warn_unidentifiable(joints: IdentifiedJoints, samples: str = "training samples") -> None:
+    """Warn which joints these samples cannot identify."""
+    if joints.unidentifiable:
+        warnings.warn(
+            f"joint stiffness not identifiable from the {samples}: "
+            f"{', '.join(joints.unidentifiable)} (regressor rank {joints.rank} of "
+            f"{len(joints.names)}); no value is given, predictions use their joint effect alone",
+            StiffBenchWarning,
+            stacklevel=3,
+        )
+
+
+def warn_unexplained(compliance: FloatArray, samples: Samples) -> None:
+    """Warn where every spring was found rigid."""
+    if not compliance.any():
+        warnings.warn(why_rigid(samples), StiffBenchWarning, stacklevel=3)
+
+
+def why_rigid(samples: Samples) -> str:
+    """Return why these samples make every spring rigid."""
+    if not samples.deflection.any():
+        return f"every deflection is zero in all {len(samples)} samples: every joint is found rigid"
+    return (
+        "no joint spring explains any of the deflections: is the sign or the frame of the "
+        "wrench wrong? `bench data validate` compares them"
+    )

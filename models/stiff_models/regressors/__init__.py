@@ -1,0 +1,1 @@
+"""Regressors of tables, alone or on what physics leaves."""

@@ -1,0 +1,355 @@
+"""One-output Gaussian processes: covariance, posterior, and a trend of unknown size.
+
+The covariance is ``s^2 k(r) + noise``, r the distance of two rows in units of the length scales,
+and k a Matern 5/2, ``(1 + x + x^2/3) exp(-x)`` with ``x = sqrt(5) r``, or a squared exponential,
+``exp(-r^2/2)``: C. E. Rasmussen and C. K. I. Williams, Gaussian Processes for Machine Learning,
+2006, ch. 2 and 4. scikit-learn's process is the same and the tests hold ours against it; it is not
+used because its likelihood takes several times as long, and its fit a second factorisation.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.linalg.lapack import dpotri
+from scipy.optimize import minimize
+from sklearn.utils import check_random_state
+
+from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
+from stiff_protocols.contract.types import FloatArray
+
+# Standardised features and deflections. Wide: a length scale at its upper bound switches an
+# irrelevant feature off, a noise at its lower bound says that the samples carry none.
+VARIANCE_BOUNDS = (1e-3, 1e5)
+LENGTH_BOUNDS = (1e-2, 1e4)
+NOISE_BOUNDS = (1e-8, 10.0)
+
+
+@dataclass(frozen=True)
+class Search:
+    """How hyperparameters are looked for.
+
+    A step takes a time that grows as the cube of the rows, and a thousand rows say nearly what
+    more would of a dozen or so hyperparameters: the search sees at most `rows` of them.
+
+    Attributes:
+        restarts: searches from random starts, after the first.
+        rows: at most so many of the training rows are looked at, drawn at random.
+        seed: of both.
+    """
+
+    restarts: int
+    rows: int
+    seed: int
+
+    def likeliest(
+        self,
+        start: Covariance,
+        inputs: FloatArray,
+        outputs: FloatArray,
+        trend: FloatArray | None = None,
+    ) -> Covariance:
+        """Return the likeliest covariance that was found.
+
+        Args:
+            start: where the first search starts; its kind, too.
+            inputs: (n, n_features)
+            outputs: (n,)
+            trend: (n,) that an unknown multiple of is in the outputs.
+        """
+        if len(inputs) > self.rows:
+            chosen = np.random.default_rng(self.seed).permutation(len(inputs))[: self.rows]
+            inputs, outputs = inputs[chosen], outputs[chosen]
+            trend = None if trend is None else trend[chosen]
+
+        def loss(theta: FloatArray) -> tuple[float, FloatArray]:
+            value, gradient = log_likelihood(start.with_theta(theta), inputs, outputs, trend)
+            return -value, -gradient
+
+        def searched(theta: FloatArray) -> Any:
+            return minimize(loss, theta, jac=True, method="L-BFGS-B", bounds=bounds.tolist())
+
+        bounds = _log_bounds(start)
+        # legacy numbers: those that scikit-learn's restarts draw
+        drawn = check_random_state(self.seed).uniform(*bounds.T, (self.restarts, len(bounds)))
+        best = min((searched(theta) for theta in (start.theta, *drawn)), key=lambda one: one.fun)
+        if not best.success:
+            warnings.warn(
+                f"hyperparameters of a Gaussian process: the search for the likeliest ones stopped "
+                f"early ({best.message.strip(' :')}); the best that it met are used",
+                StiffBenchWarning,
+                stacklevel=3,
+            )
+        return start.with_theta(best.x)
+
+
+def log_likelihood(
+    covariance: Covariance,
+    inputs: FloatArray,
+    outputs: FloatArray,
+    trend: FloatArray | None = None,
+) -> tuple[float, FloatArray]:
+    """Return the log marginal likelihood and its gradient by `Covariance.theta`.
+
+    Minus infinity, and zeros, where rounding leaves the covariance without a Cholesky factor.
+
+    Args:
+        covariance: of the outputs.
+        inputs: (n, n_features)
+        outputs: (n,)
+        trend: (n,), as for `Search.likeliest`.
+    """
+    scaled, n = covariance.scaled(inputs), len(inputs)
+    of_rows, slope = covariance.with_slope(scaled)
+    try:
+        factor = covariance.factor(of_rows)
+    except np.linalg.LinAlgError:
+        return -math.inf, np.zeros_like(covariance.theta)
+    weights, rho = weights_and_rho(factor, outputs, trend)
+    left = outputs if trend is None else outputs - rho * trend
+    energy = float(left @ weights)
+    value = -0.5 * energy - np.log(np.diag(factor)).sum() - 0.5 * n * math.log(2.0 * math.pi)
+
+    # with A = weights weights^T - covariance^-1 a derivative is half the trace of A dC
+    inverse, _ = dpotri(factor, lower=1, overwrite_c=1)  # its lower triangle, zeros above
+    trace = float(weights @ weights - np.trace(inverse))
+    own = (covariance.noise + covariance.jitter) * trace
+    by_variance = 0.5 * (energy - n - own)  # the trace of A C is energy - n
+
+    # sum_ij A_ij slope_ij (z_i - z_j)^2 / 2; the diagonal adds nothing, so the inverse's lower
+    # triangle is taken twice instead of filling the upper one
+    inverse *= -2.0
+    inverse += np.outer(weights, weights)
+    inverse *= slope
+    both = inverse.sum(axis=0) + inverse.sum(axis=1)
+    by_lengths = 0.5 * both @ scaled**2 - (scaled * (inverse @ scaled)).sum(axis=0)
+    if len(covariance.lengths) == 1:
+        by_lengths = by_lengths.sum(keepdims=True)
+    by_noise = [0.5 * covariance.noise * trace] if covariance.noise else []
+    return float(value), np.array([by_variance, *by_lengths, *by_noise])
+
+
+def _log_bounds(covariance: Covariance) -> FloatArray:
+    """Return (n_theta, 2) bounds of `Covariance.theta`."""
+    noise = [NOISE_BOUNDS] if covariance.noise else []
+    return np.log([VARIANCE_BOUNDS, *[LENGTH_BOUNDS] * len(covariance.lengths), *noise])
+
+
+Kernel = Literal["matern", "rbf"]
+
+_BLOCK = 2**16
+"""Entries of a covariance that are computed at once: they stay in a core's cache."""
+
+
+@dataclass(frozen=True, eq=False)
+class Covariance:
+    """Covariance of a process' outputs.
+
+    Attributes:
+        kernel: "matern" (Matern 5/2) or "rbf" (squared exponential).
+        variance: s^2.
+        lengths: (n_features,) length scales, or (1,) that all features share.
+        noise: variance of each measured output's own error; 0: the process interpolates.
+        jitter: added to the variances of the training rows, which the Cholesky factor needs.
+    """
+
+    kernel: Kernel
+    variance: float
+    lengths: FloatArray
+    noise: float
+    jitter: float
+
+    @property
+    def theta(self) -> FloatArray:
+        """Logarithms of variance, length scales and, where there is one, noise."""
+        noise = [self.noise] if self.noise else []
+        return np.asarray(np.log([self.variance, *self.lengths, *noise]))
+
+    def with_theta(self, theta: FloatArray) -> Covariance:
+        """Return the same covariance with other hyperparameters."""
+        variance, *others = np.exp(theta)
+        n_lengths = len(self.lengths)
+        noise = float(others[-1]) if self.noise else 0.0
+        return replace(
+            self, variance=float(variance), lengths=np.array(others[:n_lengths]), noise=noise
+        )
+
+    def scaled(self, inputs: FloatArray) -> FloatArray:
+        """Return (n, n_features) inputs whose distances are the kernel's argument, x or r."""
+        unit = np.sqrt(5.0) if self.kernel == "matern" else 1.0
+        return inputs * (unit / self.lengths)
+
+    def blocks(
+        self, first: FloatArray, second: FloatArray, *, fewest: int = 1
+    ) -> Iterator[tuple[slice, FloatArray]]:
+        """Yield rows of the (m, n) covariance without noise of `scaled` rows, block by block.
+
+        Args:
+            first: (m, n_features)
+            second: (n, n_features)
+            fewest: rows of a block, at least.
+
+        Yields:
+            Which rows of `first`, and their (rows, n) covariance; the next block overwrites it.
+        """
+        left, right = _factors(first, second)
+        size = max(1, min(len(first), max(fewest, _BLOCK // len(second))))
+        # memory that is new for each block costs several times what is computed in it
+        squares, slope, decay = np.empty((3, size, len(second)))
+        for start in range(0, len(first), size):
+            part = left[start : start + size]
+            n = len(part)
+            self._correlate(np.matmul(part, right, out=squares[:n]), slope[:n], decay[:n])
+            squares *= self.variance
+            yield slice(start, start + n), squares[:n]
+
+    def between(self, first: FloatArray, second: FloatArray) -> FloatArray:
+        """Return the (m, n) covariance without noise of `scaled` rows."""
+        covariance = np.empty((len(first), len(second)))
+        for part, block in self.blocks(first, second):
+            covariance[part] = block
+        return covariance
+
+    def with_slope(self, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the (n, n) covariance without noise of `scaled` rows and its slope.
+
+        The slope times a feature's own squared distance, in `scaled` units, is the covariance's
+        derivative by the logarithm of that feature's length scale.
+        """
+        left, right = _factors(rows, rows)
+        covariance, slope = left @ right, np.empty((len(rows), len(rows)))
+        self._correlate(covariance, slope, np.empty_like(slope))
+        covariance *= self.variance
+        slope *= self.variance
+        return covariance, slope
+
+    def factor(self, of_rows: FloatArray) -> FloatArray:
+        """Return the (n, n) lower Cholesky factor of training outputs' covariance.
+
+        Args:
+            of_rows: (n, n) covariance of the rows without noise; it is written over.
+
+        Raises:
+            numpy.linalg.LinAlgError: rounding leaves none.
+        """
+        of_rows[np.diag_indices(len(of_rows))] += self.noise + self.jitter
+        return np.asarray(cholesky(of_rows.T, lower=True, overwrite_a=True, check_finite=False))
+
+    def _correlate(self, squares: FloatArray, slope: FloatArray, decay: FloatArray) -> None:
+        """Turn squared distances of `scaled` rows into k, and fill its slope; `decay` is scratch.
+
+        All have the same shape.
+        """
+        np.maximum(squares, 0.0, out=squares)
+        if self.kernel == "rbf":
+            squares *= -0.5
+            np.exp(squares, out=squares)
+            slope[:] = squares
+            return
+        np.sqrt(squares, out=slope)
+        np.exp(np.negative(slope, out=decay), out=decay)
+        slope += 1.0
+        slope *= decay
+        squares *= decay
+        squares /= 3.0
+        squares += slope
+        slope /= 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class GaussianProcess:
+    """A process of zero mean, or of a trend times an unknown scale, given its training rows.
+
+    Attributes:
+        covariance: its hyperparameters.
+        rows: (n, n_features) training inputs, as `Covariance.scaled` returns them.
+        factor: (n, n) lower Cholesky factor of the training outputs' covariance.
+        weights: (n,) inverse of that covariance times the outputs less their trend.
+        rho: likeliest scale of the trend; 0 without one.
+    """
+
+    covariance: Covariance
+    rows: FloatArray
+    factor: FloatArray
+    weights: FloatArray
+    rho: float
+
+    @classmethod
+    def of(
+        cls,
+        covariance: Covariance,
+        inputs: FloatArray,
+        outputs: FloatArray,
+        trend: FloatArray | None = None,
+    ) -> GaussianProcess:
+        """Return the process given (n, n_features) inputs, (n,) outputs and their (n,) trend.
+
+        Raises:
+            ModelError: the rows' covariance has no Cholesky factor.
+        """
+        rows = covariance.scaled(inputs)
+        try:
+            factor = covariance.factor(covariance.between(rows, rows))
+        except np.linalg.LinAlgError as error:
+            raise ModelError(
+                f"a Gaussian process of {len(rows)} rows cannot be solved: {error}; are rows "
+                "repeated that differ in nothing?"
+            ) from error
+        weights, rho = weights_and_rho(factor, outputs, trend)
+        return cls(covariance, rows, factor, weights, rho)
+
+    def mean(self, inputs: FloatArray) -> FloatArray:
+        """Return the (n,) predicted outputs, less their trend, at (n, n_features) inputs."""
+        scaled, mean = self.covariance.scaled(inputs), np.empty(len(inputs))
+        for part, between in self.covariance.blocks(scaled, self.rows):
+            mean[part] = between @ self.weights
+        return mean
+
+    def deviation(self, inputs: FloatArray) -> FloatArray:
+        """Return the (n,) standard deviation of outputs there, noise included."""
+        scaled, known = self.covariance.scaled(inputs), np.empty(len(inputs))
+        # triangular systems want many right-hand sides: the factor is read once for all of them
+        for part, between in self.covariance.blocks(scaled, self.rows, fewest=256):
+            solved = solve_triangular(self.factor, between.T, lower=True, check_finite=False)
+            known[part] = np.einsum("ij,ij->j", solved, solved)
+        variance = self.covariance.variance + self.covariance.noise - known
+        return np.sqrt(np.maximum(variance, 0.0))
+
+
+def weights_and_rho(
+    factor: FloatArray, outputs: FloatArray, trend: FloatArray | None
+) -> tuple[FloatArray, float]:
+    """Return the (n,) weights of a process and the scale of its trend.
+
+    The scale is the generalised least-squares one; 0 where the trend does not move at all.
+
+    Args:
+        factor: (n, n) lower Cholesky factor of the outputs' covariance.
+        outputs: (n,)
+        trend: (n,), or None.
+    """
+    weights = cho_solve((factor, True), outputs, check_finite=False)
+    if trend is None:
+        return weights, 0.0
+    weighed = cho_solve((factor, True), trend, check_finite=False)
+    energy = float(weighed @ trend)
+    rho = float(weighed @ outputs) / energy if energy > 0.0 else 0.0
+    return weights - rho * weighed, rho
+
+
+def _factors(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return two matrices whose product is the (m, n) squared distances of rows.
+
+    Rounding leaves errors of the order of 1e-16 of the rows' squared lengths; correlations are
+    smooth at 0, so theirs are no larger.
+    """
+    sizes = np.einsum("ij,ij->i", first, first), np.einsum("ij,ij->i", second, second)
+    left = np.column_stack([-2.0 * first, sizes[0], np.ones(len(first))])
+    right = np.column_stack([second, np.ones(len(second)), sizes[1]])
+    return left, right.T

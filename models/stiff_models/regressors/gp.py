@@ -1,0 +1,115 @@
+"""`gp`: a Gaussian process from pose and load to deflection, one an axis.
+
+See `gaussian_process` for the covariance and `likelihood` for its hyperparameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Annotated, Self
+
+import numpy as np
+from annotated_types import Ge
+
+from stiff_models.base import normal_interval
+from stiff_models.regressors.gaussian_process import Covariance, GaussianProcess, Kernel, Search
+from stiff_models.regressors.standardised_model import StandardisedModel
+from stiff_protocols.contract.types import AXES, FloatArray, Interval, Robot, Samples
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class GaussianProcessModel(StandardisedModel):
+    """Gaussian-process regression, one process an axis.
+
+    Attributes:
+        kernel: "matern" (Matern 5/2) or "rbf" (squared exponential).
+        ard: one length scale a feature; else all features share one.
+        restarts: searches for the hyperparameters from random starts, after the first.
+        search_rows: training rows that the search looks at, at most (drawn at random); the
+            process itself always learns from all of them.
+        processes_: one an axis.
+    """
+
+    kernel: Kernel = "matern"
+    ard: bool = True
+    restarts: Annotated[int, Ge(0)] = 1
+    search_rows: Annotated[int, Ge(2)] = 1000
+
+    def fit(
+        self,
+        train: Samples,
+        *,
+        robot: Robot,
+        validation: Samples | None = None,
+        seed: int = 0,
+    ) -> Self:
+        """Choose the hyperparameters by the marginal likelihood of `train`.
+
+        Raises:
+            ModelError: the rows' covariance cannot be solved.
+        """
+        inputs, targets = self._standardised(robot, train)
+        start, search = self._start(inputs.shape[1]), self._search(seed)
+        self.processes_ = tuple(
+            GaussianProcess.of(search.likeliest(start, inputs, axis), inputs, axis)
+            for axis in targets.T
+        )
+        self.diagnostics_ = noise_in_mm(self.processes_, self.output_scaler_.scale)
+        self.robot_ = robot
+        return self
+
+    def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
+        """Return the central interval of each axis' predictive normal, its noise included.
+
+        Args:
+            q: (n, n_joints) joint positions, rad or m.
+            wrench: (n, 6) N and N m at the TCP, base frame.
+            coverage: probability, between 0 and 1.
+
+        Raises:
+            NotFittedError: `fit` was not called.
+            ModelError: the shapes are not those of the robot fitted for.
+        """
+        q, wrench = self._checked(q, wrench)
+        inputs, scaler = self._inputs(self.robot_, q, wrench), self.output_scaler_
+        mean, deviation = scaler.undo(self._means(inputs)), self._deviations(inputs) * scaler.scale
+        return normal_interval(mean, deviation, coverage)
+
+    def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        return self.output_scaler_.undo(self._means(self._inputs(self.robot_, q, wrench)))
+
+    def _means(self, inputs: FloatArray) -> FloatArray:
+        """Return the predictive means (n, 3), standardised."""
+        return np.stack([process.mean(inputs) for process in self.processes_], axis=1)
+
+    def _deviations(self, inputs: FloatArray) -> FloatArray:
+        """Return the predictive standard deviations (n, 3), standardised."""
+        return np.stack([process.deviation(inputs) for process in self.processes_], axis=1)
+
+    def _search(self, seed: int) -> Search:
+        return Search(restarts=self.restarts, rows=self.search_rows, seed=seed)
+
+    def _start(self, n_features: int, *, noise: bool = True) -> Covariance:
+        """Return where the search starts; without `noise` the process interpolates."""
+        return Covariance(
+            self.kernel,
+            variance=1.0,
+            # standardised samples lie about sqrt(2 n_features) apart
+            lengths=np.full(n_features if self.ard else 1, np.sqrt(n_features)),
+            noise=0.1 if noise else 0.0,
+            jitter=1e-10 if noise else 1e-8,
+        )
+
+
+def noise_in_mm(processes: Iterable[GaussianProcess], scale: FloatArray) -> dict[str, float]:
+    """Return the standard deviation of each axis' noise term, by name and unit.
+
+    Args:
+        processes: one an axis.
+        scale: (3,) m, what their targets were divided by.
+    """
+    return {
+        f"noise {axis.upper()} [mm]": float(np.sqrt(process.covariance.noise) * size * 1e3)
+        for axis, process, size in zip(AXES, processes, scale, strict=True)
+    }

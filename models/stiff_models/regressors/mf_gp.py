@@ -1,0 +1,138 @@
+"""`mf-gp`: co-kriging of a simulated virtual joint model (low fidelity) and the measurements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Self
+
+import numpy as np
+from annotated_types import Ge
+
+from stiff_models.physics.joint_springs import joint_deflection
+from stiff_models.regressors.gaussian_process import Covariance, GaussianProcess, Search
+from stiff_models.regressors.gp import GaussianProcessModel, noise_in_mm
+from stiff_models.transfer.source import PoseDesign, WrenchDesign, drawn_from
+from stiff_models.transfer.source_model import SourceModel
+from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
+
+
+@dataclass(frozen=True, eq=False)
+class CoKriging:
+    """A fitted two-fidelity process.
+
+    Attributes:
+        low: process of the low fidelity.
+        delta: process of what `rho` times the low fidelity leaves.
+    """
+
+    low: GaussianProcess
+    delta: GaussianProcess
+
+    @property
+    def rho(self) -> float:
+        """Scale between the fidelities."""
+        return self.delta.rho
+
+    def mean(self, inputs: FloatArray) -> FloatArray:
+        """Return the (n,) predicted high fidelity at (n, n_features) inputs."""
+        return self.rho * self.low.mean(inputs) + self.delta.mean(inputs)
+
+    def deviation(self, inputs: FloatArray) -> FloatArray:
+        """Return the (n,) predictive standard deviation, delta's noise included.
+
+        rho counts as known.
+        """
+        low = self.rho * self.low.deviation(inputs)
+        return np.asarray(np.hypot(low, self.delta.deviation(inputs)))
+
+
+def fit_co_kriging(
+    low: Covariance,
+    delta: Covariance,
+    cheap: tuple[FloatArray, FloatArray],
+    dear: tuple[FloatArray, FloatArray],
+    search: Search,
+) -> CoKriging:
+    """Fit both levels.
+
+    Args:
+        low: covariance of the low fidelity that the search starts from.
+        delta: the same of the difference.
+        cheap: inputs (m, n_features) and low-fidelity outputs (m,).
+        dear: inputs (n, n_features) and high-fidelity outputs (n,).
+        search: for the hyperparameters of each level.
+
+    Raises:
+        ModelError: a level's covariance cannot be solved.
+    """
+    below = GaussianProcess.of(search.likeliest(low, *cheap), *cheap)
+    trend = below.mean(dear[0])
+    return CoKriging(below, GaussianProcess.of(search.likeliest(delta, *dear, trend), *dear, trend))
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class MultiFidelityGp(SourceModel, GaussianProcessModel):
+    """Two-fidelity co-kriging, one an axis; see `co_kriging`.
+
+    Its few simulated samples should lie where the measured ones do, so that the source is a Sobol
+    design over the training samples' ranges unless another is asked for. With another robot's
+    source the low fidelity is that robot's VJM, over its own samples' ranges.
+
+    Attributes:
+        source_samples: drawn at random from the source's design, one wrench a pose, besides those
+            at the training samples' poses and loads; at most as many as the design has poses.
+    """
+
+    source_poses: PoseDesign = "sobol"
+    source_wrenches: WrenchDesign = "sobol"
+    restarts: Annotated[int, Ge(0)] = 0
+    source_samples: Annotated[int, Ge(1)] = 256
+
+    def fit(
+        self,
+        train: Samples,
+        *,
+        robot: Robot,
+        validation: Samples | None = None,
+        seed: int = 0,
+    ) -> Self:
+        """Identify the VJM on `train`, simulate it, and fit both levels.
+
+        Raises:
+            ConfigError: the source cannot be made for the robot.
+            ModelError: no joint can be identified, or a level cannot be solved.
+        """
+        inputs, targets = self._standardised(robot, train)
+        origin = self._origin(train, robot)
+        compliance = self._source_compliance(origin.samples, origin.robot)
+        drawn_q, drawn_wrench = drawn_from(
+            self._design(origin.samples, origin.robot, seed),
+            self.source_samples,
+            np.random.default_rng(seed),
+        )
+        # nested designs: the low fidelity is simulated where the high one was measured too
+        q, wrench = np.vstack([drawn_q, train.q]), np.vstack([drawn_wrench, train.wrench])
+        cheap_inputs = self._inputs(robot, q, wrench)
+        cheap = self.output_scaler_.apply(joint_deflection(origin.robot, compliance, q, wrench))
+        self.levels_ = tuple(
+            fit_co_kriging(
+                self._start(inputs.shape[1], noise=False),
+                self._start(inputs.shape[1]),
+                (cheap_inputs, cheap[:, axis]),
+                (inputs, targets[:, axis]),
+                self._search(seed),
+            )
+            for axis in range(len(AXES))
+        )
+        self.diagnostics_ = {
+            **{f"rho {a.upper()}": c.rho for a, c in zip(AXES, self.levels_, strict=True)},
+            **noise_in_mm([level.delta for level in self.levels_], self.output_scaler_.scale),
+        }
+        self.robot_ = robot
+        return self
+
+    def _means(self, inputs: FloatArray) -> FloatArray:
+        return np.stack([level.mean(inputs) for level in self.levels_], axis=1)
+
+    def _deviations(self, inputs: FloatArray) -> FloatArray:
+        return np.stack([level.deviation(inputs) for level in self.levels_], axis=1)

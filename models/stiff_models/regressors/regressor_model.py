@@ -1,0 +1,150 @@
+"""What the families share that are a scikit-learn-style regressor on encoded samples."""
+
+from __future__ import annotations
+
+import warnings
+from abc import abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from annotated_types import Ge, Gt
+from sklearn.ensemble import HistGradientBoostingRegressor
+from sklearn.multioutput import MultiOutputRegressor
+from sklearn.neighbors import KNeighborsRegressor
+from sklearn.utils import get_tags
+
+from stiff_models.regressors.standardised_model import Rows, StandardisedModel
+from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
+from stiff_protocols.contract.types import FloatArray, Robot, Samples
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class RegressorModel(StandardisedModel):
+    """Base of the families whose learner has scikit-learn's `fit` and `predict`."""
+
+    def fit(
+        self,
+        train: Samples,
+        *,
+        robot: Robot,
+        validation: Samples | None = None,
+        seed: int = 0,
+    ) -> Self:
+        """Fit the regressor to `train`; few families look at `validation`.
+
+        Raises:
+            ModelError: the regressor cannot be fitted.
+        """
+        rows = self._standardised(robot, train)
+        self.regressor_ = self._regressor(seed)
+        with numpys_seed(seed):
+            self._learn(rows, None if validation is None else self._rows(robot, validation))
+        self.robot_ = robot
+        return self
+
+    @abstractmethod
+    def _regressor(self, seed: int) -> Any:
+        """Return a new regressor of (n, 3) targets with scikit-learn's `fit` and `predict`."""
+
+    def _learn(self, train: Rows, validation: Rows | None) -> None:
+        """Fit `regressor_`."""
+        with told_as_ours():
+            self.regressor_.fit(*train)
+
+    def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        with told_as_ours():
+            predicted = self.regressor_.predict(self._inputs(self.robot_, q, wrench))
+        return self.output_scaler_.undo(predicted)
+
+
+def for_three_outputs(regressor: Any) -> Any:
+    """Return a regressor of the three axes: one copy an axis where it has one output only."""
+    several = get_tags(regressor).target_tags.multi_output
+    return regressor if several else MultiOutputRegressor(regressor)
+
+
+@contextmanager
+def told_as_ours() -> Iterator[None]:
+    """Turn what a regressor says of the samples into our warnings, which stand beside a result.
+
+    What it says of its code (deprecations, changes to come) stays what it is.
+    """
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        yield
+    for text, category in dict.fromkeys((str(w.message), w.category) for w in caught):
+        if not issubclass(category, UserWarning | RuntimeWarning):
+            warnings.warn(text, category, stacklevel=4)
+            continue
+        finding = " ".join(text.split()).partition(" You might")[0]  # advice on other data
+        if category is RuntimeWarning:  # numpy's, which does not say whose arithmetic it was
+            finding = f"the regressor's arithmetic: {finding}"
+        warnings.warn(finding, StiffBenchWarning, stacklevel=4)
+
+
+@contextmanager
+def numpys_seed(seed: int) -> Iterator[None]:
+    """Let what draws from numpy's global state (libsvm does) follow `seed`, and leave no trace."""
+    state = np.random.get_state()  # noqa: NPY002
+    np.random.seed(seed % 2**32)  # noqa: NPY002
+    try:
+        yield
+    finally:
+        np.random.set_state(state)  # noqa: NPY002
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class NearestNeighbours(RegressorModel):
+    """k nearest neighbours in standardised features, Euclidean distance.
+
+    Attributes:
+        neighbours: how many training samples are averaged.
+        weights: "uniform", or "distance" (inverse distance).
+    """
+
+    neighbours: Annotated[int, Ge(1)] = 5
+    weights: Literal["uniform", "distance"] = "distance"
+
+    def _regressor(self, seed: int) -> Any:
+        return KNeighborsRegressor(n_neighbors=self.neighbours, weights=self.weights)
+
+    def _learn(self, train: Rows, validation: Rows | None) -> None:
+        if len(train[0]) < self.neighbours:
+            raise ModelError(f"neighbours {self.neighbours}: only {len(train[0])} training samples")
+        super()._learn(train, validation)
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class BoostingModel(RegressorModel):
+    """Histogram gradient boosting, squared error, one ensemble an axis.
+
+    The defaults are for a hundred samples or so, where scikit-learn's (31 leaves of at least
+    20 samples) would leave every tree with five leaves at most: small leaves, but small trees
+    and small steps. All trees are kept: an early stop would cost training rows.
+
+    Attributes:
+        trees: trees an axis.
+        learning_rate: share of a tree's correction that is taken.
+        leaves: leaves a tree at most.
+        leaf_samples: training samples a leaf at least.
+    """
+
+    trees: Annotated[int, Ge(1)] = 200
+    learning_rate: Annotated[float, Gt(0.0)] = 0.05
+    leaves: Annotated[int, Ge(2)] = 8
+    leaf_samples: Annotated[int, Ge(1)] = 5
+
+    def _regressor(self, seed: int) -> Any:
+        return for_three_outputs(
+            HistGradientBoostingRegressor(
+                max_iter=self.trees,
+                learning_rate=self.learning_rate,
+                max_leaf_nodes=self.leaves,
+                min_samples_leaf=self.leaf_samples,
+                early_stopping=False,
+                random_state=seed,
+            )
+        )

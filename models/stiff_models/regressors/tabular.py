@@ -1,0 +1,172 @@
+"""What the families share that wrap a network of the package pytabkit."""
+
+from __future__ import annotations
+
+import io
+import logging
+import random
+import warnings
+from abc import abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import torch
+from annotated_types import Ge
+from sklearn.multioutput import MultiOutputRegressor
+
+from stiff_models.device import Device, torch_device
+from stiff_models.regressors.optional_packages import missing_tabpfn
+from stiff_models.regressors.regressor_model import RegressorModel, for_three_outputs
+from stiff_models.regressors.standardised_model import Rows
+from stiff_protocols.contract.errors import ConfigError, NotSavable
+from stiff_protocols.contract.types import FloatArray
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class PytabkitModel(RegressorModel):
+    """Base of the pytabkit families.
+
+    Validation rows choose the epoch; without them pytabkit keeps a random fifth of the training
+    rows back for it.
+
+    Attributes:
+        epochs: length of the training; None: pytabkit's default.
+        device: where the network runs.
+    """
+
+    epochs: Annotated[int, Ge(1)] | None = None
+    device: Device = "auto"
+
+    def check_params(self) -> None:
+        """Check what a single option's type cannot.
+
+        Raises:
+            ConfigError: the device is not there.
+        """
+        torch_device(self.device)
+
+    def save(self, path: Path) -> None:
+        """Refuse: a fitted pytabkit object can only be pickled.
+
+        Raises:
+            NotSavable: always.
+        """
+        raise NotSavable(f"{type(self).__name__} cannot be saved: pytabkit only pickles")
+
+    @abstractmethod
+    def _network(self, **settings: Any) -> Any:
+        """Return pytabkit's regressor with the shared settings."""
+
+    def _regressor(self, seed: int) -> Any:
+        with _quiet():
+            return self._network(
+                device=torch_device(self.device).type,
+                random_state=seed,
+                n_epochs=self.epochs,
+                n_threads=torch.get_num_threads(),  # pytabkit sets torch's own, for good
+            )
+
+    def _learn(self, train: Rows, validation: Rows | None) -> None:
+        inputs, targets = train
+        chosen = {}
+        if validation is not None:
+            chosen["val_idxs"] = np.arange(len(inputs), len(inputs) + len(validation[0]))
+            inputs, targets = (np.vstack(parts) for parts in zip(train, validation, strict=True))
+        with _quiet():
+            self.regressor_.fit(inputs, targets, **chosen)
+
+    def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        with _quiet():
+            return super()._predict(q, wrench).astype(np.float64)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep what pytabkit and lightning print and warn of, and the seeds they set, to themselves."""
+    logger = logging.getLogger("pytorch_lightning")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    states = random.getstate(), np.random.get_state()  # noqa: NPY002
+    try:
+        with (
+            warnings.catch_warnings(),
+            redirect_stdout(io.StringIO()),
+            torch.random.fork_rng(),
+        ):
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logger.setLevel(level)
+        random.setstate(states[0])
+        np.random.set_state(states[1])  # noqa: NPY002
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class RealMlp(PytabkitModel):
+    """RealMLP-TD with pytabkit's defaults, one network of three outputs."""
+
+    def _network(self, **settings: Any) -> Any:
+        from pytabkit import RealMLP_TD_Regressor
+
+        return RealMLP_TD_Regressor(**settings)
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class TabM(PytabkitModel):
+    """TabM with pytabkit's defaults, one ensemble an axis: it has one output only."""
+
+    def _network(self, **settings: Any) -> Any:
+        from pytabkit import TabM_D_Regressor
+
+        return MultiOutputRegressor(TabM_D_Regressor(**settings))
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class TabPfn(RegressorModel):
+    """TabPFN in context: fitting keeps the training rows; one context an axis.
+
+    Attributes:
+        model_path: file of weights of a TabPFN regressor (.ckpt); empty: the package's default
+            file in its own cache folder.
+        device: where the network runs.
+    """
+
+    model_path: str = ""
+    device: Device = "auto"
+
+    def check_params(self) -> None:
+        """Check what a single option's type cannot.
+
+        Raises:
+            ConfigError: the device is not there.
+        """
+        torch_device(self.device)
+
+    def missing(self) -> str:
+        """Return why it cannot be used here: no package, or no weights; "" where it can."""
+        return missing_tabpfn(self.model_path)
+
+    def save(self, path: Path) -> None:
+        """Refuse: the weights' licence is not ours to pass on.
+
+        Raises:
+            NotSavable: always.
+        """
+        raise NotSavable("a TabPFN cannot be saved: its weights are not ours to pass on")
+
+    def _regressor(self, seed: int) -> Any:
+        if reason := self.missing():  # the package would go for a download
+            raise ConfigError(f"tabpfn: {reason}")
+        from tabpfn import TabPFNRegressor
+
+        return for_three_outputs(
+            TabPFNRegressor(
+                model_path=self.model_path or "auto",
+                device=torch_device(self.device).type,
+                random_state=seed,
+            )
+        )

@@ -1,0 +1,172 @@
+"""`compliance-net`: a network of joint compliances inside the virtual joint model's equation.
+
+``d = J_v diag(c(q, tau)) tau`` with ``tau = J^T w`` and ``c = c0 softplus(network) / softplus(0)``:
+no load gives no deflection, and the compliance matrix is positive semi-definite at every pose. A
+constant network is the VJM, and that is where training begins.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, cast
+
+import numpy as np
+import torch
+from annotated_types import Ge
+
+from stiff_models.device import torch_device
+from stiff_models.networks.features import Scaler, encode
+from stiff_models.networks.network import build_network, linear_layers
+from stiff_models.networks.torch_kinematics import TorchJacobian
+from stiff_models.networks.torch_parts import EncodedNetwork, bent_joints
+from stiff_models.networks.training_plan import TrainingPlan
+from stiff_models.physics.kinematics import jacobian, joint_torque
+from stiff_models.transfer.ft_mlp import GENTLE, FtMlp
+from stiff_protocols.contract.types import FloatArray, Robot, Samples
+
+_SOFTPLUS_0 = math.log(2.0)
+
+
+class ComplianceNetwork(torch.nn.Module):
+    """Turns features and the VJM's regressor into deflections.
+
+    Args:
+        body: maps (n, n_features) to (n, n_joints); its output layer starts at zero.
+        n_joints: number of joints.
+    """
+
+    def __init__(self, body: torch.nn.Sequential, n_joints: int) -> None:
+        """Keep the body, and let it begin with the constant compliances."""
+        super().__init__()
+        self.body = body
+        self.n_joints = n_joints
+        output = linear_layers(body)[-1]
+        torch.nn.init.zeros_(output.weight)
+        torch.nn.init.zeros_(output.bias)
+
+    def compliance(self, features: torch.Tensor) -> torch.Tensor:
+        """Return the (n, n_joints) compliances, in units of the constant ones."""
+        return torch.nn.functional.softplus(self.body(features)) / _SOFTPLUS_0
+
+    def forward(self, inputs: torch.Tensor) -> torch.Tensor:
+        """Return (n, 3) deflections of inputs that hold features, then the regressor row by row."""
+        n_regressor = 3 * self.n_joints
+        regressor = inputs[:, -n_regressor:].reshape(-1, 3, self.n_joints)
+        compliance = self.compliance(inputs[:, :-n_regressor])
+        return (regressor * compliance[:, None, :]).sum(dim=2)
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class ComplianceNet(FtMlp):
+    """Structure-preserving network.
+
+    Its constant case is the teacher of the source domain, so that pre-training on a source with
+    identified stiffnesses has nothing to teach and is left out by default; it has with
+    source_stiffness=nominal. From another robot's source come the compliances that training begins
+    with, and a pre-training in that robot's own kinematics; predictions and fine-tuning are in the
+    kinematics of the robot that is fitted for.
+
+    Attributes:
+        freeze: which layers move in fine-tuning: "layers:1,2" (hidden layers from 1, "out" for the
+            output layer; any set), "first:k", "last:k", "full", "head", "gradual",
+            "discriminative", "l2sp", "lp-ft", "bias".
+        pretrain_steps: length of the pre-training; none: the recipe's.
+    """
+
+    freeze: str = "full"
+    pretrain_steps: Annotated[int, Ge(0)] | None = 0
+
+    def compliance(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the (n, n_joints) compliance of each joint, rad/(N m), at each sample.
+
+        Args:
+            q: (n, n_joints) rad.
+            wrench: (n, 6) N and N m at the TCP, base frame.
+
+        Raises:
+            NotFittedError: `fit` was not called.
+            ModelError: the shapes are not those of the robot fitted for.
+        """
+        features = self._inputs(*self._checked(q, wrench))[:, : -3 * self.robot_.n_joints]
+        with torch.no_grad():
+            relative = self._compliances().compliance(features)
+        return np.asarray(relative.cpu().double().numpy() * self.reference_compliance_)
+
+    def _fine_tuning_recipe(self) -> TrainingPlan:
+        return super()._fine_tuning_recipe() if self.recipe == "paper" else GENTLE
+
+    def _compliances(self) -> ComplianceNetwork:
+        return cast(ComplianceNetwork, self.network_)
+
+    def _source_compliance(self, samples: Samples, robot: Robot) -> FloatArray:
+        compliance = super()._source_compliance(samples, robot)
+        # a joint that the VJM found rigid must still be able to give way
+        typical = np.median(compliance[compliance > 0.0])
+        self.reference_compliance_ = np.where(compliance > 0.0, compliance, typical)
+        return compliance
+
+    def _start(
+        self, robot: Robot, q: FloatArray, wrench: FloatArray, deflection: FloatArray, seed: int
+    ) -> None:
+        self.robot_ = robot
+        _, torque = _translation_and_torque(robot, q, wrench)
+        self.input_scaler_ = Scaler.of(encode(robot, q, torque, self.angle_encoding))
+        size = np.sqrt((deflection**2).mean(axis=0))
+        # no shift of the outputs: no load must give no deflection
+        self.output_scaler_ = Scaler(np.zeros(3), np.where(size > 0.0, size, 1.0))
+        self.network_ = self._new_network(seed).to(torch_device(self.device)).eval()
+
+    def _new_network(self, seed: int) -> torch.nn.Module:
+        n_joints = self.robot_.n_joints
+        body = build_network(
+            len(self.input_scaler_.mean),
+            layers=self.layers,
+            width=self.width,
+            activation=self.hidden_activation,
+            seed=seed,
+            n_outputs=n_joints,
+        )
+        return ComplianceNetwork(body, n_joints)
+
+    def _torch_module(self) -> torch.nn.Module:
+        n_joints = self.robot_.n_joints
+        compliance = EncodedNetwork(
+            self.robot_,
+            torch.nn.Sequential(self._compliances().body, torch.nn.Softplus()),
+            angle_encoding=self.angle_encoding,
+            input_scaler=self.input_scaler_,
+            output_scaler=Scaler(np.zeros(n_joints), self.reference_compliance_ / _SOFTPLUS_0),
+        )
+        return _NonlinearSprings(self.robot_, compliance)
+
+    def _inputs(self, q: FloatArray, wrench: FloatArray) -> torch.Tensor:
+        """Return features of pose and joint torque, then the regressor in the network's units."""
+        translation, torque = _translation_and_torque(self.robot_, q, wrench)
+        features = encode(self.robot_, q, torque, self.angle_encoding)
+        regressor = translation * (torque * self.reference_compliance_)[:, None, :]
+        regressor /= self.output_scaler_.scale[:, None]
+        inputs = np.hstack([self.input_scaler_.apply(features), regressor.reshape(len(q), -1)])
+        return torch.as_tensor(inputs, dtype=torch.float32, device=torch_device(self.device))
+
+
+class _NonlinearSprings(torch.nn.Module):
+    """Joint springs whose compliance is a module's: the prediction as one module."""
+
+    def __init__(self, robot: Robot, compliance: EncodedNetwork) -> None:
+        super().__init__()
+        self.jacobian = TorchJacobian(robot)
+        self.compliance = compliance
+
+    def forward(self, q: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
+        rows = self.jacobian(q)
+        torque = (wrench[:, None, :] @ rows)[:, 0]
+        return bent_joints(rows, self.compliance(q, torque), wrench)
+
+
+def _translation_and_torque(
+    robot: Robot, q: FloatArray, wrench: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return J_v (n, 3, n_joints) and J^T w (n, n_joints)."""
+    rows = jacobian(robot, q)
+    return rows[:, :3], joint_torque(rows, wrench)

@@ -1,0 +1,108 @@
+"""`deep-ensemble`: several fine-tuned networks that differ in their random numbers.
+
+Lakshminarayanan, Pritzel and Blundell, "Simple and scalable predictive uncertainty estimation
+using deep ensembles", NeurIPS 2017: the members' mean is the prediction, their spread says where
+they have learned little. Here the members are `ft-mlp`, each with its own pre-training.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Annotated, Self
+
+import numpy as np
+import torch
+from annotated_types import Ge
+
+from stiff_models.base import normal_interval
+from stiff_models.networks.torch_parts import MeanOf
+from stiff_models.transfer.ft_mlp import FtMlp
+from stiff_protocols.contract.errors import ModelError
+from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples
+from stiff_protocols.splits.generators import inner_validation
+
+HELD_OUT = 0.2  # share of the training poses that the residuals of the intervals come from
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class DeepEnsemble(FtMlp):
+    """Mean of `members` fine-tuned MLPs; every option of `ft-mlp` is every member's.
+
+    Attributes:
+        members: how many; the first has the seed, and so the pre-training, that ft-mlp has.
+    """
+
+    members: Annotated[int, Ge(2)] = 5
+
+    def fit(
+        self,
+        train: Samples,
+        *,
+        robot: Robot,
+        validation: Samples | None = None,
+        seed: int = 0,
+    ) -> Self:
+        """Fit each member as `ft-mlp`, with seeds drawn from `seed`.
+
+        The residual scatter of the intervals is that of one more network on a fifth of the
+        training poses, which it did not learn from.
+
+        Raises:
+            ConfigError: the freeze strategy does not fit the network, or the source the robot.
+            ModelError: no joint can be identified, a training diverged, or all training samples
+                are of one pose.
+        """
+        self.check_params()
+        parts = inner_validation(train, np.arange(len(train)), HELD_OUT, seed)
+        if not len(parts.validation):
+            raise ModelError(
+                "deep-ensemble needs samples of two poses or more for its intervals, all "
+                f"{len(train)} are of one"
+            )
+        further = np.random.default_rng(seed).integers(2**31, size=self.members - 1)
+        self.members_ = [
+            self._member().fit(train, robot=robot, validation=validation, seed=int(member_seed))
+            for member_seed in (seed, *further)
+        ]
+        held_out = train.take(parts.validation)
+        probe = self._member().fit(
+            train.take(parts.train), robot=robot, validation=validation, seed=seed
+        )
+        error = probe.predict(held_out.q, held_out.wrench) - held_out.deflection
+        self.noise_ = np.sqrt((error**2).mean(axis=0))  # (3,) m
+        self.robot_ = robot
+        self.diagnostics_ = {"members": float(self.members)} | self.members_[0].diagnostics_
+        return self
+
+    def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
+        """Return normal intervals: variance among the members plus that of the residuals.
+
+        Args:
+            q: (n, n_joints) rad.
+            wrench: (n, 6) N and N m at the TCP, base frame.
+            coverage: probability, between 0 and 1, of each axis alone.
+
+        Raises:
+            NotFittedError: `fit` was not called.
+            ModelError: the shapes are not those of the robot fitted for.
+        """
+        members = self._of_members(*self._checked(q, wrench))
+        deviation = np.sqrt(members.var(axis=0) + self.noise_**2)
+        return normal_interval(members.mean(axis=0), deviation, coverage)
+
+    def _member(self) -> FtMlp:
+        """Return an unfitted network with the ensemble's options and source."""
+        options = {item.name: getattr(self, item.name) for item in fields(FtMlp) if item.init}
+        member = FtMlp(**options)
+        member.use_source(self._source)
+        return member
+
+    def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        return np.asarray(self._of_members(q, wrench).mean(axis=0))
+
+    def _torch_module(self) -> torch.nn.Module:
+        return MeanOf(member._torch_module() for member in self.members_)
+
+    def _of_members(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return (members, n, 3) m."""
+        return np.stack([member.predict(q, wrench) for member in self.members_])

@@ -1,0 +1,113 @@
+"""Freeze strategies of fine-tuning: which layers move, when, and how fast.
+
+Written as in ``freeze=layers:1,2``. Hidden layers count from 1; ``out`` is the output layer.
+
+========================  ========================================================================
+``layers:1,2``            hidden layers 1 and 2 alone (the source paper's); any set, also ``out``
+``full``                  every layer
+``head``                  the output layer alone
+``first:k``, ``last:k``   the first or last k layers; the output layer counts as the last
+``gradual``               from the output layer down, one more layer every `unfreeze_every` epochs
+``discriminative``        every layer; the rate falls by 2.6 a layer downwards (Howard and Ruder)
+``l2sp``                  every layer, with the penalty alpha/2 |w - w0|^2 (Li et al. 2018)
+``lp-ft``                 the output layer for half of the epochs, then every layer
+``bias``                  the biases of every layer
+========================  ========================================================================
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from stiff_protocols.contract.errors import ConfigError
+
+DISCRIMINATIVE_FACTOR = 2.6
+_PLAIN = ("full", "head", "gradual", "discriminative", "l2sp", "lp-ft", "bias")
+VALID = f"layers:1,2 (hidden layers from 1, out), first:k, last:k, {', '.join(_PLAIN)}"
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stretch of epochs in which the same layers move.
+
+    Attributes:
+        epochs: its length.
+        rates: layer number from 0 (the last is the output layer) -> factor on the learning rate.
+        biases_only: the weights stay.
+        pull: alpha of the l2sp penalty; 0: none.
+    """
+
+    epochs: int
+    rates: dict[int, float]
+    biases_only: bool = False
+    pull: float = 0.0
+
+
+def stages(
+    freeze: str, *, hidden_layers: int, epochs: int, unfreeze_every: int, l2sp_alpha: float
+) -> tuple[Stage, ...]:
+    """Return the stages of a strategy.
+
+    Args:
+        freeze: the strategy, see above.
+        hidden_layers: of the network.
+        epochs: in all stages together.
+        unfreeze_every: epochs between two layers of `gradual`.
+        l2sp_alpha: strength of `l2sp`.
+
+    Raises:
+        ConfigError: no such strategy, or no such layer.
+    """
+    out = hidden_layers
+    everything = dict.fromkeys(range(out + 1), 1.0)
+    name, _, argument = freeze.partition(":")
+    if name in ("layers", "first", "last") and argument:
+        chosen = _layers(freeze, name, argument, hidden_layers)
+        return (Stage(epochs, dict.fromkeys(chosen, 1.0)),)
+    if argument or freeze not in _PLAIN:
+        raise ConfigError(f"freeze={freeze!r}: no such strategy (valid: {VALID})")
+    if freeze == "head":
+        return (Stage(epochs, {out: 1.0}),)
+    if freeze == "bias":
+        return (Stage(epochs, everything, biases_only=True),)
+    if freeze == "l2sp":
+        return (Stage(epochs, everything, pull=l2sp_alpha),)
+    if freeze == "discriminative":
+        falling = {layer: DISCRIMINATIVE_FACTOR ** (layer - out) for layer in everything}
+        return (Stage(epochs, falling),)
+    if freeze == "lp-ft":
+        return (Stage(epochs // 2, {out: 1.0}), Stage(epochs - epochs // 2, everything))
+    if freeze == "gradual":
+        return _gradual(out, epochs, unfreeze_every)
+    return (Stage(epochs, everything),)
+
+
+def _gradual(out: int, epochs: int, unfreeze_every: int) -> tuple[Stage, ...]:
+    result, left = [], epochs
+    for lowest in range(out, -1, -1):
+        length = left if lowest == 0 else min(unfreeze_every, left)
+        result.append(Stage(length, dict.fromkeys(range(lowest, out + 1), 1.0)))
+        left -= length
+    return tuple(result)
+
+
+def _layers(freeze: str, name: str, argument: str, hidden_layers: int) -> list[int]:
+    """Return the layer numbers, from 0, of `layers:`, `first:` and `last:`."""
+    if name != "layers":
+        count = _number(freeze, argument, hidden_layers + 1)
+        everything = list(range(hidden_layers + 1))
+        return everything[:count] if name == "first" else everything[-count:]
+    chosen = {
+        hidden_layers if word == "out" else _number(freeze, word, hidden_layers) - 1
+        for word in argument.split(",")
+    }
+    return sorted(chosen)
+
+
+def _number(freeze: str, text: str, largest: int) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= largest:
+        raise ConfigError(
+            f"freeze={freeze!r}: {text!r} is no layer of a network with these layers "
+            f"(valid here: 1..{largest}{', out' if freeze.startswith('layers') else ''})"
+        )
+    return int(text)

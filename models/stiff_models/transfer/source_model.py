@@ -1,0 +1,167 @@
+"""What the families with a source domain share: its options, and how it is made."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field
+from typing import Any, Literal, Self
+
+import numpy as np
+
+from stiff_models.physics.vjm import identify_joints, warn_unidentifiable, why_rigid
+from stiff_models.transfer.source import (
+    PAPER_ROBOT,
+    PoseDesign,
+    SourceDesign,
+    SourceDomain,
+    WrenchDesign,
+    check_poses,
+    simulate,
+    source_design,
+)
+from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
+from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot, Samples
+
+PAPER_STIFFNESS = (50_900.0, 63_360.0, 50_340.0, 2_270.0, 8_890.0, 1_390.0)
+"""Source paper, Table 3: A1..A6, N m/rad."""
+
+FAR_OFF = 100.0
+"""A network says nothing of forces so many times larger or smaller than those it learned from."""
+
+NO_TARGET_LABELS = "target labels not trained on"
+"""Regime of a model whose weights see the source domain alone: the labels identify the VJM."""
+
+NO_TARGET_LABELS_AT_ALL = "target labels not used"
+"""The same where another robot's labels identify the VJM."""
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class SourceModel:
+    """Options of the source domain; a mixin of model families, before their base class.
+
+    The samples and the robot of the source are the training samples and their robot, or those that
+    `use_source` was given; "the samples" below are these.
+
+    Attributes:
+        source_poses: "paper" (grid of Table 4), "data" (grid over the samples' joint ranges),
+            "sobol" (Sobol points in them), "auto" (the paper's for its own robot, else the
+            data's).
+        source_wrenches: "paper" (Table 5), "data" (drawn like the samples' wrenches), "uniform" or
+            "sobol" (over the range of each of their components), "auto" (as above).
+        source_stiffness: of the joints that make the source's deflections: "identified" by the
+            VJM on the samples, or "nominal".
+        nominal_stiffness: values for "nominal", base to tip, N m/rad, as "5e4,6e4,..."; none:
+            the paper's Table 3, for its own robot.
+    """
+
+    source_poses: PoseDesign = "auto"
+    source_wrenches: WrenchDesign = "auto"
+    source_stiffness: Literal["identified", "nominal"] = "identified"
+    nominal_stiffness: str | None = None
+    _source: BenchmarkData | None = field(default=None, init=False)
+
+    def use_source(self, source: BenchmarkData | None) -> None:
+        """Store whose VJM the next `fit` makes the source domain of.
+
+        Args:
+            source: another robot or specimen, with as many joints of the same types as the one
+                that is fitted for; all of its samples are used. None: the training samples.
+        """
+        self._source = source
+
+    def __sklearn_clone__(self) -> Self:
+        """Return an unfitted copy with the same options and the same source."""
+        base: Any = super()
+        copy: Self = base.__sklearn_clone__()
+        copy.use_source(self._source)
+        return copy
+
+    def check_robot(self, robot: Robot) -> None:
+        """Check that the source can be made for the robot, or of the one that `use_source` gave.
+
+        Raises:
+            ConfigError: the paper's poses for a robot without six joints, or nominal stiffnesses
+                that are missing, do not fit it, or would not be used.
+        """
+        robot = robot if self._source is None else self._source.robot
+        check_poses(self.source_poses, robot)
+        if self.source_stiffness == "nominal":
+            self._nominal(robot)
+        elif self.nominal_stiffness is not None:
+            raise ConfigError(
+                f"nominal_stiffness={self.nominal_stiffness!r} would not be used: "
+                f"source_stiffness is {self.source_stiffness!r} (valid with it: nominal)"
+            )
+
+    def _unlabelled(self) -> str:
+        """Return the regime of a network that no measured deflection of the target trains."""
+        return NO_TARGET_LABELS if self._source is None else NO_TARGET_LABELS_AT_ALL
+
+    def _origin(self, train: Samples, robot: Robot) -> BenchmarkData:
+        """Return the samples and the robot that make the source domain."""
+        return BenchmarkData(train, robot) if self._source is None else self._source
+
+    def _simulated(self, samples: Samples, robot: Robot, seed: int) -> SourceDomain:
+        """Return the source domain that belongs to the samples.
+
+        Raises:
+            ConfigError: see `check_robot`.
+            ModelError: no joint can be identified.
+        """
+        compliance = self._source_compliance(samples, robot)
+        return simulate(robot, compliance, self._design(samples, robot, seed))
+
+    def _design(self, samples: Samples, robot: Robot, seed: int) -> SourceDesign:
+        design = source_design(self.source_poses, self.source_wrenches, robot, samples, seed)
+        _warn_of_other_loads(design, samples)
+        return design
+
+    def _source_compliance(self, samples: Samples, robot: Robot) -> FloatArray:
+        """Return the (n_joints,) compliance, rad/(N m), of the joints that make the source."""
+        if self.source_stiffness == "nominal":
+            return np.asarray(1.0 / self._nominal(robot))
+        joints = identify_joints(robot, samples)
+        of_source = "training samples" if self._source is None else "source's samples"
+        if not joints.compliance.any():
+            raise ModelError(
+                f"no source can be simulated from the {of_source}: {why_rigid(samples)}"
+            )
+        warn_unidentifiable(joints, of_source)
+        return joints.compliance
+
+    def _nominal(self, robot: Robot) -> FloatArray:
+        if self.nominal_stiffness is None:
+            if robot.name != PAPER_ROBOT:
+                raise ConfigError(
+                    f"source_stiffness=nominal: no stiffnesses are known for robot {robot.name!r}; "
+                    f"give nominal_stiffness={robot.n_joints} values in N m/rad, or use identified"
+                )
+            return np.array(PAPER_STIFFNESS)
+        words = self.nominal_stiffness.split(",")
+        try:
+            values = np.array([float(word) for word in words])
+        except ValueError:
+            values = np.array([np.nan])
+        if values.shape != (robot.n_joints,) or not (values > 0).all() or np.isinf(values).any():
+            raise ConfigError(
+                f"nominal_stiffness={self.nominal_stiffness!r}: valid are {robot.n_joints} "
+                f"positive numbers, base to tip, in N m/rad, separated by commas"
+            )
+        return values
+
+
+def _warn_of_other_loads(design: SourceDesign, samples: Samples) -> None:
+    """Warn where the source's loads are far larger or smaller than the measured ones."""
+    simulated, measured = (_force_size(w) for w in (design.wrench, samples.wrench))
+    if measured > 0.0 and not 1.0 / FAR_OFF < simulated / measured < FAR_OFF:
+        warnings.warn(
+            f"the source is simulated under forces of {simulated:.3g} N, the samples were measured "
+            f"under {measured:.3g} N (root mean square): is the file in N? source_wrenches=data "
+            "draws loads like the measured ones",
+            StiffBenchWarning,
+            stacklevel=4,
+        )
+
+
+def _force_size(wrench: FloatArray) -> float:
+    return float(np.sqrt(np.mean(wrench[..., :3] ** 2)))

@@ -1,0 +1,1 @@
+"""What a model, a data set and a protocol must do."""

@@ -1,0 +1,246 @@
+"""The conformance suite for data sets and protocols."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from stiff_protocols.conformance.checklist import (
+    Check,
+    Failed,
+    NotApplicable,
+    Question,
+    StageFailed,
+    answers,
+)
+from stiff_protocols.contract.errors import StiffBenchError
+from stiff_protocols.contract.interfaces import DividesByRobot, EvaluationProtocol, StiffnessDataset
+from stiff_protocols.contract.types import BenchmarkData, Samples, Split
+from stiff_protocols.splits.checks import (
+    fault_of_numbers,
+    fault_of_rows,
+    fault_of_sensor_errors,
+    leak_of,
+    named,
+)
+
+LARGEST_WRENCH = 1e5  # N or N m; the largest robots carry some 2e4 N
+LARGEST_ANGLE = 8.0 * np.pi  # rad; a joint turns a few times at most, and 90 deg is more
+SMALLEST_DEFLECTION, LARGEST_DEFLECTION = 1e-9, 1.0  # m
+
+MakeDataset = Callable[[], StiffnessDataset]
+
+
+def check_dataset(make: MakeDataset) -> list[Check]:
+    """Check what a data set loads; it is loaded twice.
+
+    Args:
+        make: returns a new data set with the options to be checked.
+    """
+    return answers(_DATASET_QUESTIONS, make)
+
+
+def _loaded(make: MakeDataset) -> BenchmarkData:
+    data = make().load()
+    if not isinstance(data, BenchmarkData):
+        raise Failed(f"load returned {type(data).__name__}, expected BenchmarkData")
+    return data
+
+
+def _same_numbers(make: MakeDataset) -> str:
+    """Load twice."""
+    first, second = _loaded(make), _loaded(make)
+    if first.sha256 != second.sha256:
+        raise Failed(f"sha256 {first.sha256[:12]} and {second.sha256[:12]}")
+    return f"{len(first.samples)} samples of {first.robot.name}, sha256 {first.sha256[:12]}"
+
+
+def _plausible_units(make: MakeDataset) -> str:
+    """Look at sizes: values in deg or mm are too large, in km too small."""
+    data = _loaded(make)
+    turning = [kind == "revolute" for kind in data.robot.joint_types]
+    angle = float(np.abs(data.samples.q[:, turning]).max(initial=0.0))
+    wrench = float(np.abs(data.samples.wrench).max(initial=0.0))
+    deflection = float(np.abs(data.samples.deflection).max(initial=0.0))
+    if angle > LARGEST_ANGLE:
+        raise Failed(f"a joint angle of {angle:g} rad; is it in deg?")
+    if wrench > LARGEST_WRENCH:
+        raise Failed(f"a wrench component of {wrench:g} N or N m")
+    if not SMALLEST_DEFLECTION <= deflection <= LARGEST_DEFLECTION:
+        raise Failed(f"the largest deflection is {deflection:g} m; is it in mm?")
+    return f"wrench up to {wrench:.3g} N or N m, deflection up to {1e3 * deflection:.3g} mm"
+
+
+_DATASET_QUESTIONS: tuple[Question[MakeDataset], ...] = (
+    Question(
+        "loading twice gives the same samples",
+        _same_numbers,
+        "draw all chance from an option `seed`, and return BenchmarkData(samples, robot)",
+    ),
+    Question(
+        "values are in rad, N, N m and m",
+        _plausible_units,
+        "convert units where the file is read",
+    ),
+)
+
+
+class DividedRows:
+    """A protocol's divisions of a small data set.
+
+    Attributes:
+        samples: the data.
+        protocol: what divides it; it knows the robot if it asks for one.
+    """
+
+    def __init__(self, make: Callable[[], EvaluationProtocol], data: BenchmarkData) -> None:
+        """Make the protocol."""
+        self.samples = data.samples
+        self.protocol = make()
+        if isinstance(self.protocol, DividesByRobot):
+            self.protocol.use_robot(data.robot)
+
+    def splits(self, samples: Samples | None = None) -> Sequence[Split]:
+        """Return the divisions of these samples, or others.
+
+        Raises:
+            StageFailed: the protocol raised.
+        """
+        chosen = self.samples if samples is None else samples
+        try:
+            return self.protocol.splits(chosen, n_splits=None, seed=0)
+        except StiffBenchError as error:
+            advice = "check it on a data set that it can divide (--dataset KEY)"
+            raise StageFailed("splits", Failed(str(error), advice)) from error
+        except (Exception, SystemExit) as error:
+            raise StageFailed("splits", error) from error
+
+
+def check_protocol(make: Callable[[], EvaluationProtocol], data: BenchmarkData) -> list[Check]:
+    """Check how a protocol divides samples.
+
+    Args:
+        make: returns a new protocol with the options to be checked.
+        data: to be divided.
+    """
+    return answers(_PROTOCOL_QUESTIONS, DividedRows(make, data))
+
+
+def _rows_exist(divided: DividedRows) -> str:
+    """See that every part holds row numbers, and training and test part some."""
+    splits = divided.splits()
+    if not splits:
+        raise Failed("there are no splits")
+    for split in splits:
+        if fault := fault_of_rows(split, len(divided.samples)):
+            raise Failed(f"{named(split)} {fault}")
+    return f"{len(splits)} splits"
+
+
+def _told_apart(divided: DividedRows) -> str:
+    """See that the splits of every condition are numbered from 0."""
+    splits = divided.splits()
+    if fault := fault_of_numbers(splits):
+        raise Failed(fault)
+    conditions = {split.condition for split in splits}
+    return f"{len(conditions)} conditions" if len(conditions) > 1 else ""
+
+
+def _disjoint(divided: DividedRows) -> str:
+    """See that no row is learned from and tested."""
+    for split in divided.splits():
+        if leak := leak_of(split, selects_on_test=divided.protocol.selects_on_test):
+            raise Failed(f"{named(split)} {leak}")
+    return ""
+
+
+def _sensor_errors_fit(divided: DividedRows) -> str:
+    """See that sensor errors, where there are any, belong to the test rows."""
+    erring = [split for split in divided.splits() if split.wrench_error is not None]
+    for split in erring:
+        if fault := fault_of_sensor_errors(split):
+            raise Failed(f"{named(split)} {fault}")
+    if not erring:
+        raise NotApplicable("adds no sensor errors")
+    return f"{len(erring)} splits with sensor errors"
+
+
+def _covers(divided: DividedRows) -> str:
+    """Say how many rows no split uses."""
+    used = [rows for s in divided.splits() for rows in (s.train, s.validation, s.test)]
+    left_out = len(divided.samples) - len(np.unique(np.concatenate(used)))
+    if left_out:
+        raise NotApplicable(f"leaves out {left_out} of {len(divided.samples)} rows")
+    return ""
+
+
+def _same_splits(divided: DividedRows) -> str:
+    """Divide twice."""
+    first, second = (_hashes(divided.splits()) for _ in range(2))
+    if first != second:
+        raise Failed("the same seed gave other splits")
+    return ""
+
+
+def _blind_to_deflections(divided: DividedRows) -> str:
+    """Divide the same samples with each other's deflections."""
+    turned = replace(divided.samples, deflection=divided.samples.deflection[::-1])
+    if _hashes(divided.splits()) != _hashes(divided.splits(turned)):
+        raise Failed("other deflections gave other splits")
+    return ""
+
+
+def _keeps_poses(divided: DividedRows) -> str:
+    """Divide the same samples named as two loads a pose."""
+    pose_id = np.array([f"P{row // 2}" for row in range(len(divided.samples))])
+    splits = divided.splits(replace(divided.samples, pose_id=pose_id))
+    selects = divided.protocol.selects_on_test  # its validation rows are test rows, as it says
+    learned = [s.train if selects else np.r_[s.train, s.validation] for s in splits]
+    parted = sum(
+        bool(np.isin(pose_id[rows], pose_id[split.test]).any())
+        for rows, split in zip(learned, splits, strict=True)
+    )
+    if parted:
+        raise NotApplicable(
+            f"warning: {parted} of {len(splits)} splits test a pose that was trained on; such "
+            "results are optimistic where a pose has several loads"
+        )
+    return ""
+
+
+def _hashes(splits: Sequence[Split]) -> list[tuple[str, str]]:
+    return [(split.condition, split.sha256) for split in splits]
+
+
+_PROTOCOL_QUESTIONS: tuple[Question[DividedRows], ...] = (
+    Question(
+        "splits name existing rows",
+        _rows_exist,
+        "return Split(index, train, validation, test) with row numbers",
+    ),
+    Question(
+        "splits are told apart",
+        _told_apart,
+        "number the splits of each condition 0, 1, 2, ...",
+    ),
+    Question(
+        "no row is learned from and tested",
+        _disjoint,
+        "keep the parts disjoint, or set selects_on_test = True if test rows choose the epoch",
+    ),
+    Question(
+        "sensor errors are those of the test rows",
+        _sensor_errors_fit,
+        "give wrench_error the shape (n_test, 6), N and N m",
+    ),
+    Question("every row is used", _covers, "return splits that can be concatenated"),
+    Question("the same seed gives the same splits", _same_splits, "draw all chance from `seed`"),
+    Question(
+        "the division does not look at deflections",
+        _blind_to_deflections,
+        "divide by poses, loads and groups alone",
+    ),
+    Question("no pose is parted", _keeps_poses, "divide by samples.pose_id"),
+)

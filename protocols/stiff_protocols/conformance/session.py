@@ -1,0 +1,267 @@
+"""One model under the conformance suite: its rows, its fits (each made once), what it did aside."""
+
+from __future__ import annotations
+
+import io
+import random
+import sys
+import warnings
+from collections.abc import Callable
+from contextlib import redirect_stdout
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from stiff_protocols.conformance.checklist import Failed, StageFailed
+from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.interfaces import PredictsInterval, StiffnessModel
+from stiff_protocols.contract.types import BenchmarkData, FloatArray, Interval, Samples
+from stiff_protocols.scoring.sanity import check_prediction
+
+FEWEST_ROWS, MOST_ROWS = 10, 48
+TRAIN_SHARE, VALIDATION_SHARE = 0.6, 0.2
+LOUD = 1e3
+"""Factor on labels that are to show in whatever was fitted to them."""
+READ_ONLY = "read-only"  # in NumPy's words for a write to a frozen array
+
+Value = TypeVar("Value")
+
+
+class Session:
+    """A model and the rows it is checked on.
+
+    Attributes:
+        make: returns a new model.
+        robot: of the data.
+        train, validation, test: disjoint samples.
+        other: as many samples as `train`, most of them others.
+        uses_validation: the model is one that chooses an epoch.
+        load: reads a saved model, or None.
+        printed: what the model wrote to standard output so far.
+        disturbed: names of the global random states that it changed.
+        overwritten: names of arrays given to `predict` that it changed.
+    """
+
+    def __init__(
+        self,
+        make: Callable[[], StiffnessModel],
+        data: BenchmarkData,
+        *,
+        uses_validation: bool,
+        load: Callable[[Path], StiffnessModel] | None,
+    ) -> None:
+        """Divide the rows.
+
+        Raises:
+            DataError: there are too few.
+        """
+        if len(data.samples) < FEWEST_ROWS:
+            raise DataError(
+                f"{len(data.samples)} samples are too few to check a model with "
+                f"(valid: {FEWEST_ROWS} or more)"
+            )
+        self.make, self.load, self.robot = make, load, data.robot
+        self.uses_validation = uses_validation
+        every = np.linspace(0, len(data.samples) - 1, min(len(data.samples), MOST_ROWS))
+        rows = np.random.default_rng(0).permutation(np.unique(every.astype(np.int64)))
+        n_train, n_validation = (
+            int(len(rows) * share) for share in (TRAIN_SHARE, VALIDATION_SHARE)
+        )
+        self.train = data.samples.take(rows[:n_train])
+        self.validation = data.samples.take(rows[n_train : n_train + n_validation])
+        self.test = data.samples.take(rows[n_train + n_validation :])
+        self.other = data.samples.take(rows[-n_train:])
+        self.printed = ""
+        self.disturbed: set[str] = set()
+        self.overwritten: set[str] = set()
+        self._outcomes: dict[str, Any] = {}
+
+    def new(self) -> StiffnessModel:
+        """Return a new model.
+
+        Raises:
+            StageFailed: the constructor raised.
+        """
+        self._once("the constructor", self.make)
+        return self.make()
+
+    @property
+    def fitted(self) -> StiffnessModel:
+        """The model after its first fit, on `train`.
+
+        Raises:
+            StageFailed: it could not be made or fitted.
+        """
+        return self._first_fit()[0]
+
+    @property
+    def options_around_fit(self) -> tuple[dict[str, str], dict[str, str]]:
+        """The repr of each option, before and after the first fit."""
+        return self._first_fit()[2], _options(self.fitted)
+
+    @property
+    def returned_by_fit(self) -> object:
+        """What the first fit returned."""
+        return self._first_fit()[1]
+
+    @property
+    def prediction(self) -> FloatArray:
+        """The (n, 3) prediction [m] of the test rows after the first fit.
+
+        Raises:
+            StageFailed: there is none, or it is no prediction.
+        """
+        return self._once("predict", lambda: self.predict_test(self.fitted))
+
+    @property
+    def prediction_elsewhere(self) -> FloatArray:
+        """The (n, 3) prediction [m] of the test rows by `fitted_elsewhere`, before it is refitted.
+
+        Raises:
+            StageFailed: there is none, or it is no prediction.
+        """
+        return self._once(
+            "predict after the fit to other rows",
+            lambda: self.predict_test(self.fitted_elsewhere),
+        )
+
+    def prediction_again(self, *, with_validation: bool) -> FloatArray:
+        """The (n, 3) prediction [m] of a new model fitted to the same rows with the same seed."""
+        validation = self.validation if with_validation else None
+        return self._once(
+            f"the second fit {'with' if with_validation else 'without'} validation rows",
+            lambda: self.predict_test(self._fit(self.new(), self.train, validation)[0]),
+        )
+
+    @property
+    def fitted_elsewhere(self) -> StiffnessModel:
+        """A model fitted to `other` without validation rows."""
+        return self._once(
+            "the fit to other rows", lambda: self._fit(self.new(), self.other, None)[0]
+        )
+
+    @property
+    def fitted_beside_loud_validation(self) -> StiffnessModel:
+        """A model fitted to `other` with validation deflections that are `LOUD` times too large."""
+        loud = replace(self.validation, deflection=LOUD * self.validation.deflection)
+        return self._once(
+            "the fit with large validation deflections",
+            lambda: self._fit(self.new(), self.other, loud)[0],
+        )
+
+    @property
+    def fitted_to_loud_rows(self) -> StiffnessModel:
+        """A model fitted to `LOUD` times too large deflections, with a seed of its own."""
+        loud = replace(self.other, deflection=LOUD * self.other.deflection)
+        return self._once(
+            "the fit to large deflections",
+            lambda: self._fit(self.new(), loud, self._own_validation, seed=1)[0],
+        )
+
+    def prediction_after_refit(self) -> FloatArray:
+        """The (n, 3) prediction [m] of `fitted_elsewhere` fitted once more, as the first was."""
+        _ = self.prediction_elsewhere
+        return self.predict_test(
+            self._fit(self.fitted_elsewhere, self.train, self._own_validation)[0]
+        )
+
+    def predict_test(self, model: StiffnessModel) -> FloatArray:
+        """Return the checked (n, 3) prediction [m] of the test rows.
+
+        Raises:
+            ModelError: it is no prediction.
+        """
+        predicted = self.predict(model, self.test.q, self.test.wrench)
+        check_prediction(predicted, len(self.test))
+        return predicted
+
+    def predict(self, model: StiffnessModel, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return what the model predicts from writable copies, and note what it does to them."""
+        given = {"q": q.copy(), "wrench": wrench.copy()}
+        predicted = np.asarray(self._watched(lambda: model.predict(**given)))
+        for name, array in (("q", q), ("wrench", wrench)):
+            if not np.array_equal(given[name], array):
+                self.overwritten.add(name)
+        return predicted
+
+    def interval(
+        self, model: PredictsInterval, q: FloatArray, wrench: FloatArray, coverage: float
+    ) -> Interval:
+        """Return what the model says of writable copies."""
+        given = q.copy(), wrench.copy()
+        return self._watched(lambda: model.predict_interval(*given, coverage))
+
+    @property
+    def _own_validation(self) -> Samples | None:
+        return self.validation if self.uses_validation else None
+
+    def _first_fit(self) -> tuple[StiffnessModel, object, dict[str, str]]:
+        def work() -> tuple[StiffnessModel, object, dict[str, str]]:
+            model = self.new()
+            before = _options(model)
+            return *self._fit(model, self.train, self._own_validation), before
+
+        return self._once("fit", work)
+
+    def _fit(
+        self, model: StiffnessModel, train: Samples, validation: Samples | None, seed: int = 0
+    ) -> tuple[StiffnessModel, object]:
+        """Fit; return the model and what its `fit` returned."""
+        try:
+            returned = self._watched(
+                lambda: model.fit(train, robot=self.robot, validation=validation, seed=seed)
+            )
+        except ValueError as error:
+            if READ_ONLY not in str(error):
+                raise
+            raise Failed(
+                f"fit writes into the samples it was given ({error})",
+                "copy an array before you change it: q = train.q.copy()",
+            ) from error
+        return model, returned
+
+    def _once(self, stage: str, work: Callable[[], Value]) -> Value:
+        """Return what `work` gave when the stage was first needed; a failure stays one."""
+        if stage not in self._outcomes:
+            try:
+                self._outcomes[stage] = work()
+            except StageFailed as failure:
+                self._outcomes[stage] = failure
+            except (Exception, SystemExit) as error:
+                self._outcomes[stage] = StageFailed(stage, error)
+        outcome = self._outcomes[stage]
+        if isinstance(outcome, StageFailed):
+            raise outcome
+        done: Value = outcome
+        return done
+
+    def _watched(self, work: Callable[[], Value]) -> Value:
+        """Do `work` and note what it prints and which global random states it moves."""
+        before, printed = _random_states(), io.StringIO()
+        try:
+            with redirect_stdout(printed), warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # findings about the rows, not about the model
+                return work()
+        finally:
+            self.printed += printed.getvalue()
+            after = _random_states()
+            self.disturbed |= {name for name, state in before.items() if after[name] != state}
+
+
+def _options(model: StiffnessModel) -> dict[str, str]:
+    return {name: repr(value) for name, value in model.get_params(deep=False).items()}
+
+
+def _random_states() -> dict[str, object]:
+    """Return the global random states by name; torch's only where somebody imported it."""
+    kind, keys, *rest = np.random.get_state(legacy=True)  # noqa: NPY002
+    states: dict[str, object] = {
+        "numpy.random": (kind, np.asarray(keys).tobytes(), *rest),
+        "random": random.getstate(),
+    }
+    torch = sys.modules.get("torch")
+    if torch is not None and hasattr(torch, "get_rng_state"):
+        states["torch"] = torch.get_rng_state().numpy().tobytes()
+    return states

@@ -1,0 +1,1 @@
+"""What the packages agree on: types, errors, interfaces, records."""

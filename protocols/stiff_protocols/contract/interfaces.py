@@ -1,0 +1,232 @@
+"""What the engine asks of a model, a data set and a protocol: structural types, no base class.
+
+A model has scikit-learn *semantics*: a constructor with keyword-only arguments that only
+stores them, `fit` that computes, fitted attributes that end in an underscore, `get_params`
+and `set_params` (inherit `sklearn.base.BaseEstimator` for them, or write them).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol, Self, runtime_checkable
+
+from stiff_protocols.contract.search_space import Grid
+from stiff_protocols.contract.types import (
+    BenchmarkData,
+    FloatArray,
+    Interval,
+    Robot,
+    Samples,
+    Split,
+)
+
+
+@runtime_checkable
+class StiffnessModel(Protocol):
+    """Predicts the deflection of a robot's end-effector under a known wrench."""
+
+    def fit(
+        self,
+        train: Samples,
+        *,
+        robot: Robot,
+        validation: Samples | None = None,
+        seed: int = 0,
+    ) -> Self:
+        """Learn from `train`.
+
+        Args:
+            train: the only samples the parameters may be fitted to.
+            robot: kinematics of the robot that was measured.
+            validation: samples that may choose an epoch, never fit a parameter; None: none.
+            seed: seed of everything random; the same seed gives the same model.
+        """
+
+    def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the (n, 3) deflection [m] for (n, n_joints) `q` [rad] and (n, 6) `wrench`."""
+
+    def get_params(self, deep: bool = True) -> dict[str, Any]:
+        """Return the constructor's arguments as stored."""
+
+    def set_params(self, **params: Any) -> Self:
+        """Store new values of constructor arguments."""
+
+
+@runtime_checkable
+class ReportsDiagnostics(Protocol):
+    """Optional power: numbers worth printing under a table, such as identified stiffnesses.
+
+    Attributes:
+        diagnostics_: name with unit -> value, available after `fit`.
+    """
+
+    diagnostics_: Mapping[str, float]
+
+
+@runtime_checkable
+class KeepsCurves(Protocol):
+    """Optional power: how the losses went while a network was trained.
+
+    Attributes:
+        curves_: name of each training -> (n_points, 3) array of step, training loss and validation
+            loss (NaN: none), available after `fit`. Losses are in the network's own units.
+    """
+
+    curves_: Mapping[str, FloatArray]
+
+
+@runtime_checkable
+class ChecksParams(Protocol):
+    """Optional power: refuse options that do not fit together before anything is computed."""
+
+    def check_params(self) -> None:
+        """Raise ConfigError, naming the option, its value and what is valid."""
+
+
+@runtime_checkable
+class ChecksRobot(Protocol):
+    """Optional power: refuse a robot that the options cannot serve, before anything is computed."""
+
+    def check_robot(self, robot: Robot) -> None:
+        """Raise ConfigError, naming the option, its value and what is valid."""
+
+
+@runtime_checkable
+class ChoosesEpoch(Protocol):
+    """Optional power of a model with `uses_validation`: say whether its options use the rows."""
+
+    def chooses_epoch(self) -> bool:
+        """Return False when the last epoch is kept; the rows then are training rows."""
+
+
+@runtime_checkable
+class ChoosesOptions(Protocol):
+    """Optional power: choose options in the fit; what was chosen stands under the table.
+
+    Attributes:
+        best_params_: option -> chosen value, available after `fit`.
+    """
+
+    best_params_: Mapping[str, Any]
+
+
+@runtime_checkable
+class PredictsInterval(Protocol):
+    """Optional power: say how sure a prediction is. Others get split-conformal intervals."""
+
+    def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
+        """Return where each deflection lies with probability `coverage` (0..1), axis by axis."""
+
+
+@runtime_checkable
+class StatesRegime(Protocol):
+    """Optional power: say what a row must say of how the training labels were used.
+
+    Attributes:
+        regime: printed beside the model's name; "" for nothing. Transfer without target labels
+            and transfer with them are not the same contest.
+    """
+
+    @property
+    def regime(self) -> str:
+        """Return the words; they follow from the options and from `use_source` alone."""
+
+
+@runtime_checkable
+class LearnsFromSource(Protocol):
+    """Optional power: build the simulated source domain from another robot's samples.
+
+    A copy by `sklearn.base.clone` must keep the source (write `__sklearn_clone__`): intervals come
+    from copies.
+    """
+
+    def use_source(self, source: BenchmarkData | None) -> None:
+        """Store what the next `fit` makes its source domain of.
+
+        Args:
+            source: another robot or specimen with as many joints of the same types; all of its
+                samples may be learned from. None: the training samples.
+        """
+
+
+@runtime_checkable
+class KnowsWhatIsMissing(Protocol):
+    """Optional power: say why a model with its options cannot be used on this machine."""
+
+    def missing(self) -> str:
+        """Return what is missing (a package, a file of weights); "" for nothing."""
+
+
+@runtime_checkable
+class SavesItself(Protocol):
+    """Optional power: be written to a file that `stiff_models.load` reads."""
+
+    def save(self, path: Path) -> None:
+        """Write the fitted model to `path`."""
+
+
+@runtime_checkable
+class StiffnessDataset(Protocol):
+    """Makes or reads one data set; constructor arguments are its options."""
+
+    def load(self) -> BenchmarkData:
+        """Return samples and robot; the same options give the same numbers."""
+
+
+@runtime_checkable
+class EvaluationProtocol(Protocol):
+    """Says how a data set is divided and which part may choose an epoch.
+
+    Attributes:
+        selects_on_test: the validation rows are the test rows, so results are optimistic.
+        pooled: the metrics are computed once over the predictions of all splits (as in
+            leave-one-out), not once a split.
+    """
+
+    selects_on_test: bool
+    pooled: bool
+
+    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
+        """Return the splits; the same arguments give the same splits.
+
+        Args:
+            samples: to be divided; a fair division does not look at their deflections.
+            n_splits: how many draws, in each condition; None: the protocol's own number.
+            seed: of the draws.
+        """
+
+
+@runtime_checkable
+class DividesByRobot(Protocol):
+    """Optional power of a protocol: be told which robot was measured, before it divides."""
+
+    def use_robot(self, robot: Robot) -> None:
+        """Remember the robot."""
+
+
+@runtime_checkable
+class TunesModels(Protocol):
+    """Optional power of a protocol: have a model's options chosen on the training side.
+
+    Attributes:
+        grid: name of a grid of each model's catalogue line, or a path that ends in .toml.
+    """
+
+    grid: str
+
+    def tuned(self, model: StiffnessModel, grid: Grid) -> StiffnessModel:
+        """Return what is fitted in the model's place and chooses from the grid in its fit.
+
+        Args:
+            model: unfitted; the options that are not in the grid stay as they are.
+            grid: its candidates; empty where it has none.
+        """
+
+
+@runtime_checkable
+class NamesSources(Protocol):
+    """Optional power of a protocol: have models learn from another robot's or specimen's data."""
+
+    def source_datasets(self) -> Sequence[str]:
+        """Return every word that its splits have as `source`, such as kr10-twin@specimen=9."""

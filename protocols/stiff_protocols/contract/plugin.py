@@ -1,0 +1,175 @@
+"""The catalogue line of a model, a data set or a protocol.
+
+The target is "module:Class", imported only when the entry is used, or the class itself.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.search_space import Grid
+
+STIFFNESS = "stiffness"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PluginInfo:
+    """What is common to every catalogue line.
+
+    Attributes:
+        key: the word used on the command line.
+        target: "module:Class", or the class.
+        summary: one line for `bench list`.
+        reference: where the definition comes from.
+        missing_because: "module:function" that returns why the entry cannot be used here yet (data
+            not fetched, an optional package not installed), or "".
+    """
+
+    key: str
+    target: str | type
+    summary: str
+    reference: str = ""
+    missing_because: str = ""
+
+    def missing(self) -> str:
+        """Return why the entry cannot be used yet; "" where it can.
+
+        Raises:
+            ConfigError: the function that knows cannot be imported.
+        """
+        return str(_imported(self.key, self.missing_because)()) if self.missing_because else ""
+
+    def load(self) -> Any:
+        """Import and return the class.
+
+        Raises:
+            ConfigError: the target cannot be imported.
+        """
+        if isinstance(self.target, type):
+            return self.target
+        if not isinstance(self.target, str):
+            raise ConfigError(f"{self.key!r}: {self.target!r} is no class and no module:Class")
+        return _imported(self.key, self.target)
+
+
+def _imported(key: str, target: str) -> Any:
+    module, _, name = target.partition(":")
+    try:
+        return getattr(importlib.import_module(module), name)
+    except (Exception, SystemExit) as error:  # whatever a stranger's module does on import
+        raise ConfigError(
+            f"{key!r}: cannot import {target!r}: {type(error).__name__}: {error}"
+        ) from error
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelInfo(PluginInfo):
+    """A model family.
+
+    Attributes:
+        uses_validation: the model needs rows that choose an epoch. Where it does not, a
+            protocol's inner validation rows are given to it as training rows.
+        quick: option values with which a fit takes seconds, for the conformance suite.
+        grids: name -> option -> candidates, for protocols that tune; "default" is searched where
+            no other is asked for.
+        version: raised by a change that changes the model's numbers; part of a cell's identity. A
+            plugin need not raise it: its own files are part of the identity too.
+        library: a distribution whose installed version belongs to the identity, because it is the
+            model; "" for none.
+
+    Raises:
+        ConfigError: `version` is no positive integer, or `library` no text.
+    """
+
+    uses_validation: bool = False
+    quick: Mapping[str, Any] = field(default_factory=dict)
+    grids: Mapping[str, Grid] = field(default_factory=dict)
+    version: int = 1
+    library: str = ""
+
+    def __post_init__(self) -> None:
+        """Check what a cell's identity is made of."""
+        if type(self.version) is not int or self.version < 1:
+            raise ConfigError(
+                f"{self.key!r}: version {self.version!r} is no positive integer (valid: 1, 2, ...)"
+            )
+        if not isinstance(self.library, str):
+            raise ConfigError(
+                f"{self.key!r}: library {self.library!r} is no text (valid: the name of a "
+                "distribution, such as 'scikit-learn')"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelFamily:
+    """A catalogue line for models without number whose keys have one beginning.
+
+    Attributes:
+        prefix: how the keys begin, e.g. "sklearn:".
+        target: "module:function"; the function turns a key into its ModelInfo and raises
+            ConfigError for a key that names nothing.
+        example: a whole key.
+        summary: one line for `bench list`.
+    """
+
+    prefix: str
+    target: str
+    example: str
+    summary: str
+
+    def member(self, key: str) -> ModelInfo:
+        """Return the catalogue line of a key with this prefix.
+
+        Raises:
+            ConfigError: the key names nothing.
+        """
+        line = _imported(self.prefix, self.target)(key)
+        assert isinstance(line, ModelInfo)  # ours to keep: families are not plugins
+        return line
+
+
+@dataclass(frozen=True, kw_only=True)
+class DatasetInfo(PluginInfo):
+    """A data set.
+
+    Attributes:
+        kind: "simulated" or "measured"; printed with every table.
+        task: "stiffness", or what else the deflections are ("pose-error"); tables of another
+            task say so, and no leaderboard of stiffness models holds them.
+        caveats: printed under every table that contains the data set.
+        published: name of the table in `results/published` that belongs beneath; "" for none.
+        card: the data card, a path inside the package `stiff_datasets`; "" for none.
+    """
+
+    kind: str
+    task: str = STIFFNESS
+    caveats: tuple[str, ...] = ()
+    published: str = ""
+    card: str = ""
+
+    @property
+    def label(self) -> str:
+        """Kind, and the task where it is not stiffness."""
+        return kind_label(self.kind, self.task)
+
+
+def kind_label(kind: str, task: str) -> str:
+    """Return a data set's kind, and its task where that is not stiffness."""
+    return kind if task == STIFFNESS else f"{kind} {task}, not stiffness"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProtocolInfo(PluginInfo):
+    """A protocol.
+
+    Attributes:
+        reasoning: which question it answers, and why it divides so; for `bench show`.
+        warning: printed above every table made under it; "" for none.
+    """
+
+    reasoning: str = ""
+    warning: str = ""

@@ -1,0 +1,321 @@
+"""The values that pass between the floors: frozen, shape-checked once, SI units.
+
+Angles are in rad, forces in N, torques in N m, lengths and deflections in m. A wrench is
+force first, acts at the tool centre point (TCP) and is expressed in the robot base frame.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stiff_protocols.contract.errors import DataError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+TextArray = NDArray[np.str_]
+JointType = Literal["revolute", "prismatic"]
+
+AXES = ("x", "y", "z")
+"""Names of the three components of a deflection, robot base frame."""
+
+GRAVITY = (0.0, 0.0, -9.81)  # (3,) m/s2, base frame; Pinocchio's default
+
+
+def frozen_array(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> FloatArray:
+    """Return `value` as a read-only float64 copy of the given shape (None: any length).
+
+    Raises:
+        DataError: the shape differs, or an entry is no real number, NaN or infinite.
+    """
+    given = np.asarray(value)
+    if given.dtype.kind not in "fiub":  # complex numbers and dates would lose a part
+        raise DataError(f"{name} holds {given.dtype}, expected real numbers")
+    with np.errstate(over="ignore", invalid="ignore"):  # what is too large is refused below
+        array = np.array(given, dtype=np.float64, order="C")
+    if array.ndim != len(shape) or any(
+        want is not None and want != have for want, have in zip(shape, array.shape, strict=True)
+    ):
+        wanted = "x".join("n" if size is None else str(size) for size in shape)
+        raise DataError(f"{name} has shape {array.shape}, expected {wanted}")
+    if not np.isfinite(array).all():
+        row = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise DataError(f"{name}{list(row)} is {array[row]}, expected a finite number")
+    array.flags.writeable = False
+    return array
+
+
+def _frozen_text(value: ArrayLike, name: str, length: int) -> TextArray:
+    array: TextArray = np.array(value, dtype=np.str_)
+    if array.shape != (length,):
+        raise DataError(f"{name} has shape {array.shape}, expected ({length},)")
+    array.flags.writeable = False
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Measured or simulated load/deflection samples of one robot.
+
+    Attributes:
+        q: (n, n_joints) joint angles, rad (m for prismatic joints).
+        wrench: (n, 6) load at the TCP, force [N] then torque [N m], base frame.
+        deflection: (n, 3) displacement of the TCP under the load, m, base frame.
+        pose_id: (n,) name of the robot pose; a fair split never parts the rows of one pose.
+        load_id: (n,) name of the load at that pose.
+        group: (n,) name of the part of the measurement plan the pose belongs to.
+    """
+
+    q: FloatArray
+    wrench: FloatArray
+    deflection: FloatArray
+    pose_id: TextArray
+    load_id: TextArray
+    group: TextArray
+
+    def __post_init__(self) -> None:
+        """Freeze and check every array."""
+        q = frozen_array(self.q, "q", (None, None))
+        n = len(q)
+        object.__setattr__(self, "q", q)
+        object.__setattr__(self, "wrench", frozen_array(self.wrench, "wrench", (n, 6)))
+        object.__setattr__(self, "deflection", frozen_array(self.deflection, "deflection", (n, 3)))
+        for name in ("pose_id", "load_id", "group"):
+            object.__setattr__(self, name, _frozen_text(getattr(self, name), name, n))
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.q)
+
+    def take(self, rows: IntArray) -> Self:
+        """Return the samples of the given row numbers, in that order."""
+        return type(self)(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A serial chain of revolute or prismatic joints with a tool centre point.
+
+    Attributes:
+        name: name of the robot.
+        joint_names: names from the base to the tip.
+        joint_types: "revolute" or "prismatic", one a joint.
+        placements: (n_joints, 4, 4) pose of each joint frame in the previous joint's
+            frame (the base for the first) at zero joint position; lengths in m.
+        axes: (n_joints, 3) unit axis of each joint in its own frame.
+        lower, upper: (n_joints,) joint limits, rad or m; infinite where there are none.
+        masses: (n_joints,) mass of what each joint carries up to the next one, kg.
+        centres_of_mass: (n_joints, 3) its centre of mass in the joint's frame, m.
+        tcp: (3,) tool centre point in the last joint's frame, m.
+        gravity: (3,) acceleration of gravity in the base frame, m/s2.
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    joint_types: tuple[JointType, ...]
+    placements: FloatArray
+    axes: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    masses: FloatArray
+    centres_of_mass: FloatArray
+    tcp: FloatArray
+    gravity: FloatArray = field(default_factory=lambda: np.array(GRAVITY))
+
+    def __post_init__(self) -> None:
+        """Freeze and check every array."""
+        n = len(self.joint_names)
+        if n == 0 or len(self.joint_types) != n:
+            raise DataError(f"robot {self.name!r}: {n} joint names, {len(self.joint_types)} types")
+        shapes: dict[str, tuple[int | None, ...]] = {
+            "placements": (n, 4, 4),
+            "axes": (n, 3),
+            "masses": (n,),
+            "centres_of_mass": (n, 3),
+            "tcp": (3,),
+            "gravity": (3,),
+        }
+        for name, shape in shapes.items():
+            object.__setattr__(self, name, frozen_array(getattr(self, name), name, shape))
+        for name in ("lower", "upper"):  # limits alone may be infinite
+            limits = np.array(getattr(self, name), dtype=np.float64)
+            if limits.shape != (n,) or np.isnan(limits).any():
+                raise DataError(f"robot {self.name!r}: {name} limits are {limits}, expected {n}")
+            limits.flags.writeable = False
+            object.__setattr__(self, name, limits)
+        if not np.allclose(np.linalg.norm(self.axes, axis=1), 1.0, atol=1e-9):
+            raise DataError(f"robot {self.name!r}: joint axes must have unit length")
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints."""
+        return len(self.joint_names)
+
+
+@dataclass(frozen=True)
+class Split:
+    """Row numbers of one division of a data set, and under which condition it is tested.
+
+    Attributes:
+        index: number of the split in its condition, from 0.
+        train: rows a model learns from.
+        validation: rows that choose an epoch; empty where the protocol gives none.
+        test: rows the metrics are computed on.
+        condition: what a protocol varies beside the rows' draw ("n = 20", "joint-space ->
+            cartesian"); results of different conditions are never averaged. "" where it varies
+            nothing.
+        wrench_error: (n_test, 6) N and N m, base frame, what the force sensor adds to the test
+            rows' wrenches; None for nothing.
+        source: word of the data set of another robot or specimen that simulated source domains
+            come from; "" for the training rows.
+    """
+
+    index: int
+    train: IntArray
+    validation: IntArray
+    test: IntArray
+    condition: str = ""
+    wrench_error: FloatArray | None = None
+    source: str = ""
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hash of rows and sensor errors: rows of different splits never meet in one table."""
+        if self.wrench_error is None:
+            return self.rows_sha256
+        digest = hashlib.sha256(self.rows_sha256.encode())
+        digest.update(_canonical_bytes(self.wrench_error))
+        return digest.hexdigest()
+
+    @cached_property
+    def rows_sha256(self) -> str:
+        """Hash of the three row lists alone."""
+        digest = hashlib.sha256()
+        for rows in (self.train, self.validation, self.test):
+            digest.update(len(rows).to_bytes(8, "little"))
+            digest.update(np.ascontiguousarray(rows, dtype="<i8").tobytes())
+        return digest.hexdigest()
+
+    def test_wrench(self, samples: Samples) -> FloatArray:
+        """Return the (n_test, 6) wrenches [N, N m] that a model is told of the test rows."""
+        wrench = samples.wrench[self.test]
+        return wrench if self.wrench_error is None else wrench + self.wrench_error
+
+
+@dataclass(frozen=True, eq=False)
+class Interval:
+    """Where a model says that each deflection lies with a stated probability, axis by axis.
+
+    Attributes:
+        lower, upper: (n, 3) m, base frame; lower <= upper.
+        coverage: the probability, of each axis alone.
+    """
+
+    lower: FloatArray
+    upper: FloatArray
+    coverage: float
+
+    def __post_init__(self) -> None:
+        """Freeze and check the arrays.
+
+        Raises:
+            DataError: a bound is not finite, or a lower one lies above its upper one.
+        """
+        for name in ("lower", "upper"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name), name, (None, 3)))
+        if self.lower.shape != self.upper.shape or (self.lower > self.upper).any():
+            raise DataError("an interval's lower bounds lie above its upper bounds")
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What a model said about the test rows of one split, beside what was measured.
+
+    Attributes:
+        rows: (n,) row numbers in the data set.
+        predicted: (n, 3) predicted deflection, m, base frame.
+        measured: (n, 3) deflection of the data set, m, base frame.
+        interval: of the same rows; None where none was asked for.
+        reference: (n, 3) m, base frame, what the reference model (the VJM) predicts that learned
+            from the same rows; None where it cannot be had.
+    """
+
+    rows: IntArray
+    predicted: FloatArray
+    measured: FloatArray
+    interval: Interval | None = None
+    reference: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        """Freeze and check the arrays."""
+        n = len(self.rows)
+        for name in ("predicted", "measured"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name), name, (n, 3)))
+        if self.reference is not None:
+            object.__setattr__(self, "reference", frozen_array(self.reference, "reference", (n, 3)))
+        if self.interval is not None and len(self.interval.lower) != n:
+            raise DataError(f"{len(self.interval.lower)} intervals for {n} predictions")
+
+    @classmethod
+    def of_stored(
+        cls,
+        rows: IntArray,
+        predicted: FloatArray,
+        measured: FloatArray,
+        interval: Interval | None,
+        reference: FloatArray | None,
+    ) -> Self:
+        """Return a prediction that was checked before it was stored, with its arrays as they are.
+
+        Checking 35,000 of them again takes longer than a leaderboard does.
+        """
+        made = object.__new__(cls)
+        values = {
+            "rows": rows,
+            "predicted": predicted,
+            "measured": measured,
+            "interval": interval,
+            "reference": reference,
+        }
+        object.__setattr__(made, "__dict__", values)
+        return made
+
+
+@dataclass(frozen=True, eq=False)
+class BenchmarkData:
+    """What a data set gives the engine: samples, the robot they belong to, what to say of them."""
+
+    samples: Samples
+    robot: Robot
+
+    def __post_init__(self) -> None:
+        """Check that samples and robot have the same joints."""
+        if self.samples.q.shape[1] != self.robot.n_joints:
+            raise DataError(
+                f"samples have {self.samples.q.shape[1]} joint angles, "
+                f"robot {self.robot.name!r} has {self.robot.n_joints} joints"
+            )
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hash of every number and name that can change a result."""
+        digest = hashlib.sha256()
+        for owner in (self.samples, self.robot):
+            for item in fields(owner):
+                digest.update(item.name.encode())
+                digest.update(_canonical_bytes(getattr(owner, item.name)))
+        return digest.hexdigest()
+
+
+def _canonical_bytes(value: Any) -> bytes:
+    if isinstance(value, np.ndarray) and value.dtype.kind == "f":
+        # -0.0 and 0.0 are one number to every model
+        return np.ascontiguousarray(value + 0.0, dtype="<f8").tobytes()
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    return repr(value).encode()

@@ -1,0 +1,150 @@
+"""Split-conformal intervals for any model: how wrong is it on poses that it did not learn from?
+
+The training side is divided by pose. A copy of the model is fitted to one part; the absolute
+errors s_1 .. s_n on the other part give, for each axis alone, the half width of the interval: with
+``k = ceil(c (n + 1))`` the k-th smallest of them. A new pose then lies inside with a probability
+of c to c + 1/(n + 1), whatever the model (Lei et al. 2018, Distribution-free predictive inference
+for regression, theorem 2.2).
+
+That holds for exchangeable errors. The rows of one pose are not: so each calibration pose gives one
+row, drawn at random (Dunn, Wasserman and Ramdas 2023, Distribution-free prediction sets for
+two-layer hierarchical models, "subsampling once").
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import Self
+
+import numpy as np
+from sklearn.base import BaseEstimator, clone
+
+from stiff_protocols.contract.errors import ModelError, NotFittedError, TooFewToCalibrate
+from stiff_protocols.contract.interfaces import StiffnessModel
+from stiff_protocols.contract.types import AXES, FloatArray, IntArray, Interval, Robot, Samples
+from stiff_protocols.scoring.sanity import check_prediction
+from stiff_protocols.splits.generators import inner_validation
+
+SHARE = 0.25  # of the training side's poses
+ROUNDING = 1e-12
+"""1 - 0.9 is a little less than 0.1 in floating point, which would cost a calibration sample."""
+
+
+def calibration_samples_needed(coverage: float) -> int:
+    """Return how many calibration samples a finite interval needs: c / (1 - c), rounded up."""
+    return math.ceil(1.0 / (1.0 - coverage + ROUNDING)) - 1
+
+
+class SplitConformal(BaseEstimator):  # type: ignore[misc]
+    """A model with split-conformal intervals.
+
+    Attributes:
+        model: what is copied and fitted; it is left as it is.
+        coverage: probability (0..1) that an interval is to have, of each axis alone.
+        share: of the training poses that are calibrated on; more where `coverage` needs
+            more, but never more than half.
+        model_: the copy, fitted to the other poses.
+        residuals_: (n, 3) m, absolute errors on one row of each calibration pose.
+    """
+
+    def __init__(
+        self, model: StiffnessModel, *, coverage: float = 0.9, share: float = SHARE
+    ) -> None:
+        """Store the arguments."""
+        self.model = model
+        self.coverage = coverage
+        self.share = share
+
+    def fit(
+        self,
+        train: Samples,
+        *,
+        robot: Robot,
+        validation: Samples | None = None,
+        seed: int = 0,
+    ) -> Self:
+        """Divide `train` by pose, fit a copy of the model to one part, calibrate on the other.
+
+        Args:
+            train: samples to divide.
+            robot: that was measured.
+            validation: given to the model as it is; never calibrated on.
+            seed: of the division and of the model.
+
+        Raises:
+            TooFewToCalibrate: `coverage` needs more calibration samples than half of the poses.
+        """
+        part = inner_validation(train, np.arange(len(train)), self._fraction(train), seed)
+        self.model_ = clone(self.model)
+        self.model_.fit(train.take(part.train), robot=robot, validation=validation, seed=seed)
+        calibration = train.take(_one_row_a_pose(train, part.validation, seed))
+        self.residuals_ = np.abs(
+            self.predict(calibration.q, calibration.wrench) - calibration.deflection
+        )
+        return self
+
+    def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the (n, 3) deflection [m] by the copy that the intervals are centred on.
+
+        Raises:
+            NotFittedError: `fit` was not called.
+            ModelError: what the model returns is no prediction.
+        """
+        if not hasattr(self, "model_"):
+            raise NotFittedError("SplitConformal: call fit before predict")
+        predicted = np.asarray(self.model_.predict(q, wrench))
+        check_prediction(predicted, len(q))
+        return predicted
+
+    def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
+        """Return where each deflection lies with probability `coverage`, axis by axis.
+
+        Args:
+            q: (n, n_joints) rad or m.
+            wrench: (n, 6) N and N m at the TCP, base frame.
+            coverage: 0..1; may differ from what `fit` was prepared for.
+
+        Raises:
+            NotFittedError: `fit` was not called.
+            ModelError: `coverage` needs more calibration samples than there are.
+        """
+        predicted = self.predict(q, wrench)
+        needed = calibration_samples_needed(coverage)
+        if len(self.residuals_) < needed:
+            raise ModelError(
+                f"coverage {coverage:g} needs at least {needed} calibration samples, "
+                f"there are {len(self.residuals_)}"
+            )
+        bounds = [
+            _bounds(predicted[:, axis], self.residuals_[:, axis], coverage)
+            for axis in range(len(AXES))
+        ]
+        lower, upper = np.stack(bounds, axis=-1)
+        return Interval(lower, upper, coverage)
+
+    def _fraction(self, train: Samples) -> float:
+        """Return the share of the poses to calibrate on."""
+        poses = len(np.unique(train.pose_id))
+        needed = calibration_samples_needed(self.coverage)
+        if needed > poses // 2:
+            raise TooFewToCalibrate(
+                f"coverage {self.coverage:g} needs at least {needed} calibration samples of "
+                f"different poses; half of the {poses} training poses are {poses // 2}"
+            )
+        count = min(max(math.ceil(self.share * poses), needed), poses // 2)
+        return (count - 0.5) / poses  # the division rounds up, and must not round past `count`
+
+
+def _one_row_a_pose(samples: Samples, rows: IntArray, seed: int) -> IntArray:
+    shuffled = np.random.default_rng(seed).permutation(rows)
+    _, first = np.unique(samples.pose_id[shuffled], return_index=True)
+    return np.asarray(shuffled[first])
+
+
+def _bounds(predicted: FloatArray, residuals: FloatArray, coverage: float) -> FloatArray:
+    """Return (2, n) lower and upper bounds of one axis, m."""
+    with warnings.catch_warnings():  # crepes changes the filters of the whole process on import
+        from crepes import ConformalRegressor
+    regressor = ConformalRegressor().fit(residuals)
+    return np.asarray(regressor.predict_int(predicted, confidence=coverage - ROUNDING).T)

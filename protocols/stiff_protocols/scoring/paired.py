@@ -1,0 +1,227 @@
+"""Is A better than B on one data set? Tests on paired differences, error(A) - error(B).
+
+A negative difference means that A is better. The test sets of repeated splits overlap, and so do
+their training sets: J splits are not J independent measurements. The corrected t test takes that
+into account; the plain t test does not, and finds differences between equal models
+(tests/protocols/scoring/test_false_positives.py counts how often each does).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import special
+
+from stiff_protocols.contract.errors import ConfigError, DataError
+from stiff_protocols.contract.types import FloatArray, IntArray, frozen_array
+
+
+def ranked(values: ArrayLike) -> FloatArray:
+    """Return the ranks within each row: 1 is the smallest value, ties share their mean rank.
+
+    Args:
+        values: (..., m); a row that holds NaN has NaN ranks.
+    """
+    each = np.asarray(values, dtype=np.float64)
+    order = np.argsort(each, axis=-1)
+    ordered = np.take_along_axis(each, order, axis=-1)
+    begins = np.ones(each.shape, dtype=np.bool_)  # a run of ties, which may be of one alone
+    begins[..., 1:] = ordered[..., 1:] != ordered[..., :-1]
+    starts = np.flatnonzero(begins)
+    lengths = np.diff(starts, append=each.size)
+    of_runs = starts % each.shape[-1] + 0.5 * (lengths + 1)
+    ranks = np.empty_like(each)
+    np.put_along_axis(ranks, order, np.repeat(of_runs, lengths).reshape(each.shape), axis=-1)
+    ranks[np.isnan(each).any(axis=-1)] = np.nan
+    return ranks
+
+
+ROPE_M = 1e-5
+"""Region of practical equivalence, m: 0.01 mm, the repeatability of an optical tracker."""
+LEVEL = 0.05
+"""Probability of a false positive that a test allows."""
+MOST_EXACT = 50
+"""Up to so many differences the signed-rank test's p-value is counted: 2^50 signs are exact."""
+
+
+def check_share(name: str, value: float) -> None:
+    """See that a confidence, a level or a part of the samples lies between 0 and 1.
+
+    Raises:
+        ConfigError: it does not.
+    """
+    if not 0.0 < value < 1.0:
+        raise ConfigError(f"{name} is {value:g}, expected a number between 0 and 1")
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Probabilities (0..1, sum 1) of what the mean difference is.
+
+    Attributes:
+        a_better: that A is better by more than the region of practical equivalence.
+        equivalent: that the difference lies inside it.
+        b_better: that B is better by more than it.
+    """
+
+    a_better: float
+    equivalent: float
+    b_better: float
+
+
+@dataclass(frozen=True)
+class CorrectedT:
+    """Student t distribution of the mean difference of two models over repeated splits.
+
+    It is read in two ways: as the test of Nadeau and Bengio (2003, Inference for the generalization
+    error), and as the posterior of the Bayesian correlated t test (Corani and Benavoli 2015;
+    Benavoli et al. 2017, Time for a change), which has the same mean, scale and degrees of freedom.
+
+    Attributes:
+        mean: mean difference, error(A) - error(B), m.
+        scale: of the Student t, m; 0 where all differences are equal.
+        df: its degrees of freedom, the number of splits less one.
+        test_share: part of the samples (0..1) that each split tests on; it is the correlation that
+            the test assumes between the differences of two splits.
+    """
+
+    mean: float
+    scale: float
+    df: int
+    test_share: float
+
+    def interval(self, confidence: float = 1.0 - LEVEL) -> tuple[float, float]:
+        """Return the bounds of the mean difference, m.
+
+        Raises:
+            ConfigError: `confidence` does not lie between 0 and 1.
+        """
+        check_share("confidence", confidence)
+        half = self.scale * float(special.stdtrit(self.df, 0.5 + 0.5 * confidence))
+        return self.mean - half, self.mean + half
+
+    @property
+    def p_value(self) -> float:
+        """Two-sided p-value of "the mean difference is zero".
+
+        It is 0 where all differences are equal and not zero, be they only two: equal splits have no
+        spread to judge by. Models that ignore their training set, on splits that test the same
+        rows, are such a case. A verdict needs the interval over poses beside it.
+        """
+        if self.scale == 0.0:
+            return 1.0 if self.mean == 0.0 else 0.0
+        return 2.0 * float(special.stdtr(self.df, -abs(self.mean) / self.scale))
+
+    def probability_below(self, value: float) -> float:
+        """Return the probability that the mean difference is smaller than `value` [m]."""
+        if self.scale == 0.0:
+            return float(self.mean < value)
+        return float(special.stdtr(self.df, (value - self.mean) / self.scale))
+
+    def posterior(self, rope: float = ROPE_M) -> Posterior:
+        """Return the probabilities that A is better, that it makes no difference, that B is.
+
+        Args:
+            rope: largest difference that makes none in practice, m.
+
+        Raises:
+            ConfigError: `rope` is negative or no number.
+        """
+        if not rope >= 0.0:
+            raise ConfigError(f"rope is {rope:g} m, expected 0 or more")
+        a_better = self.probability_below(-rope)
+        mirrored = CorrectedT(-self.mean, self.scale, self.df, self.test_share)
+        b_better = mirrored.probability_below(-rope)  # not 1 - ...: a small one keeps its digits
+        return Posterior(a_better, max(0.0, 1.0 - a_better - b_better), b_better)
+
+
+def corrected_t(differences: ArrayLike, test_share: float) -> CorrectedT:
+    """Return the corrected t of the differences that repeated splits of one data set gave.
+
+    The variance of their mean is (1/J + n_test/n_train) s^2 for J splits (Nadeau and Bengio 2003,
+    equation 19 and below), with n_test/n_train = test_share / (1 - test_share).
+
+    Args:
+        differences: (J,) error(A) - error(B) of each split, m.
+        test_share: part of the samples (0..1) that each split tests on.
+
+    Raises:
+        DataError: there are fewer than two differences, or one is no finite number.
+        ConfigError: `test_share` does not lie between 0 and 1.
+    """
+    values = frozen_array(differences, "differences", (None,))  # (J,) m
+    check_share("test_share", test_share)
+    n_splits = len(values)
+    if n_splits < 2:
+        there = "there is 1" if n_splits else "there are none"
+        raise DataError(f"the corrected t test needs at least 2 splits, {there}")
+    if np.ptp(values) == 0.0:  # the mean of equal numbers may be off by its rounding
+        return CorrectedT(float(values[0]), 0.0, n_splits - 1, test_share)
+    factor = 1.0 / n_splits + test_share / (1.0 - test_share)
+    scale = math.sqrt(factor) * float(values.std(ddof=1))
+    return CorrectedT(float(values.mean()), scale, n_splits - 1, test_share)
+
+
+def wilcoxon_signed_rank(differences: ArrayLike) -> float:
+    """Return the two-sided p-value that the differences are symmetric about zero.
+
+    The differences must be independent: one a pose (`bootstrap.pose_differences`), never one a
+    row or one a split. As the fitted models are held fixed, it says nothing about other training
+    sets.
+
+    Args:
+        differences: (p,) mean difference of each pose, m; zeros are left out (Wilcoxon 1945), equal
+            sizes share their mean rank. Up to `MOST_EXACT` others the p-value is counted over all
+            signs that they could have, beyond it is the normal approximation.
+
+    Raises:
+        DataError: there is none, or one is no finite number.
+    """
+    values = frozen_array(differences, "differences", (None,))
+    if not len(values):
+        raise DataError("the signed-rank test needs at least 1 difference, there are none")
+    values = values[values != 0.0]
+    if not len(values):
+        return 1.0
+    if len(values) > MOST_EXACT:
+        from scipy import stats  # it takes longer to import than a leaderboard
+
+        return float(stats.wilcoxon(values, method="approx").pvalue)
+    return _counted_signed_rank(values, np.rint(2.0 * ranked(np.abs(values))).astype(int))
+
+
+def _counted_signed_rank(values: FloatArray, doubled_ranks: IntArray) -> float:
+    """Return the two-sided p-value over all 2^n signs; scipy counts without ties alone.
+
+    Args:
+        values: (n,) without zeros.
+        doubled_ranks: (n,) twice the mean ranks of their sizes, so that halves are whole.
+    """
+    total = int(doubled_ranks.sum())
+    ways = np.zeros(total + 1)  # how many choices of signs give each sum of positive ranks
+    ways[0] = 1.0
+    for rank in doubled_ranks:
+        ways[rank:] += ways[:-rank]
+    positive = int(doubled_ranks[values > 0.0].sum())
+    tail = ways[: min(positive, total - positive) + 1].sum()
+    return min(1.0, float(2.0 * tail / 2.0 ** len(values)))
+
+
+def holm(p_values: ArrayLike) -> FloatArray:
+    """Return the (m,) p-values after Holm's (1979) step-down correction for m comparisons.
+
+    statsmodels' function collects garbage in each call, which takes longer than all the rest of a
+    leaderboard; the tests compare with it.
+
+    Args:
+        p_values: (m,) 0..1.
+    """
+    values = np.asarray(p_values, dtype=np.float64)
+    order = np.argsort(values)
+    steps = np.arange(len(values), 0, -1) * values[order]
+    adjusted = np.empty_like(values)
+    adjusted[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
+    return adjusted

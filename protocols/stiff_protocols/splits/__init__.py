@@ -1,0 +1,1 @@
+"""Protocols: how data are divided into training and test."""

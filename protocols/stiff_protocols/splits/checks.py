@@ -1,0 +1,98 @@
+"""What a split must be before a model is fitted to it, whoever wrote the protocol."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from stiff_protocols.contract.types import Split
+
+
+def named(split: Split) -> str:
+    """Return condition and number of a split for people."""
+    return " | ".join(filter(None, (split.condition, f"split {split.index}")))
+
+
+def fault_of_rows(split: Split, n_samples: int) -> str:
+    """Return what is wrong with the row numbers of a split; "" for nothing.
+
+    Negative numbers would count rows from the end, and pass for rows that they are not.
+    """
+    parts = {"training": split.train, "validation": split.validation, "test": split.test}
+    for name, rows in parts.items():
+        array = np.asarray(rows)
+        if not isinstance(rows, np.ndarray) or array.ndim != 1 or array.dtype.kind not in "iu":
+            return f"has {name} rows that are no one-dimensional integer array"
+        if name != "validation" and not len(array):
+            return f"has no {name} rows"
+        if len(array) and (array.min() < 0 or array.max() >= n_samples):
+            return f"has {name} rows outside 0..{n_samples - 1}"
+        if len(np.unique(array)) < len(array):
+            return f"has {name} rows that occur twice"
+    return ""
+
+
+def leak_of(split: Split, *, selects_on_test: bool) -> str:
+    """Return how test rows of a split reach the training side; "" where they do not.
+
+    Args:
+        split: to be judged; its rows are row numbers.
+        selects_on_test: its protocol says that the validation rows are test rows.
+    """
+    learned = np.intersect1d(split.train, np.concatenate([split.validation, split.test]))
+    if len(learned):
+        return f"trains on {len(learned)} rows of its other parts"
+    chosen_on = np.intersect1d(split.validation, split.test)
+    if len(chosen_on) and not selects_on_test:
+        return (
+            f"has {len(chosen_on)} test rows that choose an epoch, and the protocol does not "
+            "declare selects_on_test"
+        )
+    return ""
+
+
+def fault_of_sensor_errors(split: Split) -> str:
+    """Return what is wrong with a split's sensor errors; "" for nothing."""
+    if split.wrench_error is None:
+        return ""
+    error = np.asarray(split.wrench_error)
+    if error.shape != (len(split.test), 6) or not np.isfinite(error).all():
+        return (
+            f"has sensor errors of shape {error.shape} for {len(split.test)} test rows, or some "
+            "that are not finite"
+        )
+    return ""
+
+
+def fault_of_numbers(splits: Iterable[Split]) -> str:
+    """Return which condition's splits are not numbered 0, 1, 2, ...; "" for none."""
+    indices: dict[str, list[int]] = {}
+    for split in splits:
+        indices.setdefault(split.condition, []).append(split.index)
+    return _fault_of_indices(indices)
+
+
+def _fault_of_indices(indices: Mapping[str, Sequence[int]]) -> str:
+    for condition, found in indices.items():
+        if sorted(found) != list(range(len(found))):
+            return f"condition {condition!r} has splits of index {found}"
+    return ""
+
+
+def first_fault(splits: Iterable[Split], n_samples: int, *, selects_on_test: bool) -> str:
+    """Return the first fault of a protocol's splits; "" where there is none.
+
+    The splits are looked at once, one by one.
+    """
+    indices: dict[str, list[int]] = {}
+    for split in splits:
+        fault = (
+            fault_of_rows(split, n_samples)
+            or leak_of(split, selects_on_test=selects_on_test)
+            or fault_of_sensor_errors(split)
+        )
+        if fault:
+            return f"{named(split)} {fault}"
+        indices.setdefault(split.condition, []).append(split.index)
+    return _fault_of_indices(indices) if indices else "made no split of these samples"

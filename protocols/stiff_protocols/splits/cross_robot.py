@@ -1,0 +1,54 @@
+"""`cross-robot`: does a network that was pre-trained for another robot serve this one?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from stiff_protocols.contract.types import Samples, Split
+from stiff_protocols.splits.generators import LazySplits
+from stiff_protocols.splits.random_splits import Fraction, Holdout
+
+OWN = "own source"
+"""Condition in which the source is the target's own, as under `holdout`; seeds are other ones."""
+
+
+class CrossRobot(Holdout):
+    """`holdout` twice on the same rows: with the target's own source, and with a foreign one.
+
+    A simulated source domain needs joint stiffnesses. As a rule a VJM identifies them on the
+    training part; here another robot's or specimen's VJM does, identified on all of its samples,
+    with its kinematics, poses and loads. Fine-tuning is on the training part either way.
+
+    Attributes:
+        source: data set of the other robot or specimen, as for --dataset; its @ is doubled where
+            this option stands in a word (cross-robot@source=kr10-twin@@specimen=3).
+        test_fraction: of all poses.
+        validation_fraction: of the training side's poses, chooses the epoch.
+    """
+
+    def __init__(
+        self,
+        *,
+        source: str = "kr10-twin@specimen=9",
+        test_fraction: Fraction = 0.2,
+        validation_fraction: Fraction = 0.2,
+    ) -> None:
+        """Store the options."""
+        super().__init__(test_fraction=test_fraction, validation_fraction=validation_fraction)
+        self.source = source
+
+    def source_datasets(self) -> Sequence[str]:
+        """Return the one foreign source."""
+        return (self.source,)
+
+    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
+        """Return `n_splits` (default 1) divisions, `holdout`'s of the same seed, under both."""
+        divisions = super().splits(samples, n_splits=n_splits, seed=seed)
+
+        def under_both() -> Iterator[Split]:
+            for division in divisions:
+                yield replace(division, condition=OWN)
+                yield replace(division, condition=f"source {self.source}", source=self.source)
+
+        return LazySplits(under_both, 2 * len(divisions))

@@ -1,0 +1,217 @@
+"""Protocols whose test part is unlike the training part on purpose: other poses, other loads.
+
+Random splits ask whether a model can fill gaps between poses that it knows. These ask what happens
+beyond them. Each condition has one division of the data; with ``--splits J`` each of J draws
+trains on a random part of the training side's poses, so that the spread over training sets shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Literal
+
+import numpy as np
+
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.types import FloatArray, IntArray, Samples, Split, TextArray
+from stiff_protocols.splits.generators import LazySplits, divided_inside
+from stiff_protocols.splits.random_splits import Fraction
+
+ALL_POSES = ", all training poses"
+"""Of a condition that was not repeated with a part of the training poses."""
+
+Division = tuple[str, IntArray, IntArray]
+"""Condition, training rows, test rows."""
+DECIMALS = 9  # of N, and of directions' components: what differs by less is one load
+_NEEDS_GROUPS = "it needs at least two groups of poses, such as joint-space and cartesian"
+
+
+def drawn(
+    samples: Samples,
+    divisions: Sequence[Division],
+    *,
+    n_splits: int | None,
+    train_fraction: float,
+    validation_fraction: float,
+    seed: int,
+) -> LazySplits:
+    """Return each division once, or `n_splits` times with a part of its training poses.
+
+    The two are different conditions: they train on different numbers of poses.
+    """
+    repeated = n_splits is not None and n_splits > 1
+
+    def divided() -> Iterator[Split]:
+        for index in range(n_splits or 1):
+            rng = np.random.default_rng([seed, index])
+            for condition, train, test in divisions:
+                if repeated:
+                    train = _part(samples, train, train_fraction, rng)
+                else:
+                    condition = f"{condition}{ALL_POSES}"
+                yield divided_inside(
+                    samples, index, train, test, validation_fraction, seed, condition
+                )
+
+    return LazySplits(divided, (n_splits or 1) * len(divisions))
+
+
+def _part(samples: Samples, rows: IntArray, fraction: float, rng: np.random.Generator) -> IntArray:
+    """Return the rows of a random part of their poses, at least one."""
+    poses = np.unique(samples.pose_id[rows])
+    kept = rng.permutation(poses)[: max(1, round(fraction * len(poses)))]
+    return rows[np.isin(samples.pose_id[rows], kept)]
+
+
+class SpaceTransfer:
+    """Train on one group of the measurement plan, test on the others, and the other way round.
+
+    Attributes:
+        train_fraction: of the training group's poses, drawn anew in each of several splits.
+        validation_fraction: of the training poses, chooses the epoch.
+    """
+
+    selects_on_test = False
+    pooled = False
+
+    def __init__(
+        self, *, train_fraction: Fraction = 0.8, validation_fraction: Fraction = 0.2
+    ) -> None:
+        """Store the options."""
+        self.train_fraction = train_fraction
+        self.validation_fraction = validation_fraction
+
+    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
+        """Return `n_splits` (default 1) draws for each group that is trained on.
+
+        Raises:
+            ConfigError: all samples are of one group, or the groups have the same poses.
+        """
+        return drawn(
+            samples,
+            list(self._divisions(samples)),
+            n_splits=n_splits,
+            train_fraction=self.train_fraction,
+            validation_fraction=self.validation_fraction,
+            seed=seed,
+        )
+
+    def _divisions(self, samples: Samples) -> Iterator[Division]:
+        groups = list(dict.fromkeys(samples.group.tolist()))
+        if len(groups) < 2:
+            raise ConfigError(
+                f"space-transfer: all samples are of group {groups[0]!r}; {_NEEDS_GROUPS}"
+            )
+        found = False
+        for group in groups:
+            others = " + ".join(other for other in groups if other != group)
+            inside = samples.group == group
+            # a pose that two groups share is left out of the training part
+            shared = np.isin(samples.pose_id, samples.pose_id[~inside])
+            train = np.flatnonzero(inside & ~shared)
+            if len(train):
+                found = True
+                yield f"{group} -> {others}", train, np.flatnonzero(~inside)
+        if not found:
+            raise ConfigError(
+                f"space-transfer: every pose stands in several of the groups {', '.join(groups)}; "
+                f"{_NEEDS_GROUPS}"
+            )
+
+
+class LoadExtrapolation:
+    """Train on light loads, test on heavy ones; train on some directions, test on others.
+
+    Attributes:
+        by: "size" of the force, "direction" of the force, or "both", one condition each.
+        test_fraction: of the samples: those with the heaviest forces, or with the directions
+            farthest along the line on which the directions differ most. More, where more share
+            the largest value.
+        train_fraction: of the training poses, drawn anew in each of several splits.
+        validation_fraction: of the training poses, chooses the epoch.
+    """
+
+    selects_on_test = False
+    pooled = False
+
+    def __init__(
+        self,
+        *,
+        by: Literal["size", "direction", "both"] = "both",
+        test_fraction: Fraction = 0.3,
+        train_fraction: Fraction = 0.8,
+        validation_fraction: Fraction = 0.2,
+    ) -> None:
+        """Store the options."""
+        self.by = by
+        self.test_fraction = test_fraction
+        self.train_fraction = train_fraction
+        self.validation_fraction = validation_fraction
+
+    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
+        """Return `n_splits` (default 1) draws for each condition.
+
+        A pose with loads on both sides keeps those of one side, which is drawn.
+
+        Raises:
+            ConfigError: the samples' loads do not differ.
+        """
+        force = samples.wrench[:, :3]
+        measures = {"light -> heavy loads": _size(force), "other directions": _along(force)}
+        if self.by != "both":
+            name = "light -> heavy loads" if self.by == "size" else "other directions"
+            measures = {name: measures[name]}
+        divisions = [
+            (condition, *self._divide(samples, condition, measure, seed))
+            for condition, measure in measures.items()
+        ]
+        return drawn(
+            samples,
+            divisions,
+            n_splits=n_splits,
+            train_fraction=self.train_fraction,
+            validation_fraction=self.validation_fraction,
+            seed=seed,
+        )
+
+    def _divide(
+        self, samples: Samples, condition: str, measure: FloatArray, seed: int
+    ) -> tuple[IntArray, IntArray]:
+        """Return the rows below and above the quantile, no pose on both sides."""
+        measure = measure.round(DECIMALS)
+        different = np.unique(measure)
+        if len(different) < 2:
+            raise ConfigError(
+                f"load-extrapolation: {condition}: the samples' loads do not differ (by=size and "
+                "by=direction ask for one condition alone)"
+            )
+        beyond = measure > min(np.quantile(measure, 1.0 - self.test_fraction), different[-2])
+        torn = np.intersect1d(samples.pose_id[beyond], samples.pose_id[~beyond])
+        tested = _drawn_half(torn, seed)
+        of_torn = np.isin(samples.pose_id, torn)
+        of_tested = np.isin(samples.pose_id, tested)
+        train = ~beyond & ~of_tested
+        test = beyond & (~of_torn | of_tested)
+        if not train.any() or not test.any():
+            raise ConfigError(f"load-extrapolation: {condition}: too few poses to part the loads")
+        return np.flatnonzero(train), np.flatnonzero(test)
+
+
+def _drawn_half(poses: TextArray, seed: int) -> TextArray:
+    return np.random.default_rng(seed).permutation(poses)[: (len(poses) + 1) // 2]
+
+
+def _size(force: FloatArray) -> FloatArray:
+    """Return the (n,) lengths of forces, N."""
+    return np.asarray(np.linalg.norm(force, axis=1))
+
+
+def _along(force: FloatArray) -> FloatArray:
+    """Return where (n, 3) forces point along the first principal axis of all directions."""
+    size = _size(force)[:, None]
+    directions = np.divide(force, size, out=np.zeros_like(force), where=size > 0.0)
+    centred = directions - directions.mean(axis=0)
+    _, _, axes = np.linalg.svd(centred, full_matrices=False)
+    # the sign of a principal axis is arbitrary: its largest component points upwards
+    axis = axes[0] * np.sign(axes[0][np.argmax(np.abs(axes[0]))])
+    return np.asarray(centred @ axis)

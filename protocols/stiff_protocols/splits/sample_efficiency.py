@@ -1,0 +1,87 @@
+"""`sample-efficiency`: how many measured poses does a model need?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.types import IntArray, Samples, Split, TextArray
+from stiff_protocols.splits.generators import LazySplits, divided_inside
+from stiff_protocols.splits.random_splits import Fraction
+
+PAPER_SIZES = "5,10,20,40,80,121"
+
+
+class SampleEfficiency:
+    """A learning curve over nested subsets of the training poses, tested on the same poses.
+
+    In each draw a fifth of the poses is the test part of every size, and the subset of a size
+    holds the smaller ones. What a model gets is what it costs: validation poses count.
+
+    Attributes:
+        sizes: numbers of measured poses, separated by commas; those that reach beyond the
+            training side become one with all of it.
+        test_fraction: of all poses, rounded down (30 of 151, as in the source paper).
+        validation_fraction: of a subset's poses, chooses the epoch.
+    """
+
+    selects_on_test = False
+    pooled = False
+
+    def __init__(
+        self,
+        *,
+        sizes: str = PAPER_SIZES,
+        test_fraction: Fraction = 0.2,
+        validation_fraction: Fraction = 0.2,
+    ) -> None:
+        """Store the options."""
+        self.sizes = sizes
+        self.test_fraction = test_fraction
+        self.validation_fraction = validation_fraction
+
+    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
+        """Return `n_splits` (default 1) draws of every size.
+
+        Raises:
+            ConfigError: `sizes` are no numbers, or there are too few poses.
+        """
+        poses = np.unique(samples.pose_id)
+        n_test = int(self.test_fraction * len(poses))
+        if n_test == 0 or len(poses) - n_test < 2:
+            raise ConfigError(
+                f"sample-efficiency: {len(poses)} poses cannot be divided with "
+                f"test_fraction {self.test_fraction:g}"
+            )
+        sizes = self._sizes(len(poses) - n_test)
+
+        def divided() -> Iterator[Split]:
+            for index in range(n_splits or 1):
+                order = np.random.default_rng([seed, index]).permutation(poses)
+                test = _rows(samples, order[:n_test])
+                for size in sizes:
+                    train = _rows(samples, order[n_test : n_test + size])
+                    yield divided_inside(
+                        samples, index, train, test, self.validation_fraction, seed, f"n = {size}"
+                    )
+
+        return LazySplits(divided, (n_splits or 1) * len(sizes))
+
+    def _sizes(self, available: int) -> list[int]:
+        """Return the numbers of poses, ascending."""
+        try:
+            asked = [int(word) for word in self.sizes.split(",")]
+        except ValueError:
+            asked = [0]
+        if min(asked) < 1:
+            raise ConfigError(
+                f"sample-efficiency.sizes={self.sizes!r}: valid are whole numbers from 1, "
+                "separated by commas"
+            )
+        return sorted({min(size, available) for size in asked})
+
+
+def _rows(samples: Samples, poses: TextArray) -> IntArray:
+    return np.flatnonzero(np.isin(samples.pose_id, poses))

@@ -1,0 +1,99 @@
+"""`sensor-noise`: what becomes of predictions when the force sensor errs?"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge
+
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.types import FloatArray, Samples, Split
+from stiff_protocols.splits.generators import LazySplits
+from stiff_protocols.splits.random_splits import Fraction, Holdout
+
+SENSOR = (0.04, 0.04, 0.04, 0.002, 0.002, 0.002)
+"""N and N m: the figures of the ATI Axia80-M8 in the source paper."""
+LEVELS = "0,1,5,20"
+
+NonNegative = Annotated[float, Ge(0.0)]
+
+
+class SensorNoise(Holdout):
+    """`holdout` whose test wrenches are read off a force sensor with noise and bias.
+
+    Models learn from clean wrenches and are asked with wrong ones; the deflections are those of
+    the true wrenches. A level is a multiple of the sensor's figures, 0.04 N and 0.002 N m, which
+    are taken as standard deviations of the noise, Gaussian and independent from sample to sample,
+    and of the bias, one draw a split. All levels of a split have the same draws, and so the same
+    fit and paired results. The errors are isotropic, so the sensor's frame does not matter; that
+    they act at the TCP and not at the flange is a simplification: there a force error would be a
+    torque error at the TCP too.
+
+    Attributes:
+        levels: multiples of the sensor's figures, separated by commas.
+        noise: factor on the noise; 0: bias alone.
+        bias: factor on the bias; 0: noise alone.
+        test_fraction: of all poses.
+        validation_fraction: of the training side's poses, chooses the epoch.
+    """
+
+    def __init__(
+        self,
+        *,
+        levels: str = LEVELS,
+        noise: NonNegative = 1.0,
+        bias: NonNegative = 1.0,
+        test_fraction: Fraction = 0.2,
+        validation_fraction: Fraction = 0.2,
+    ) -> None:
+        """Store the options."""
+        super().__init__(test_fraction=test_fraction, validation_fraction=validation_fraction)
+        self.levels = levels
+        self.noise = noise
+        self.bias = bias
+
+    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
+        """Return `n_splits` (default 1) divisions, `holdout`'s of the same seed, at every level.
+
+        Raises:
+            ConfigError: `levels` are no numbers from 0, or there are too few poses.
+        """
+        levels = self._levels()
+        divisions = super().splits(samples, n_splits=n_splits, seed=seed)
+
+        def at_all_levels() -> Iterator[Split]:
+            for one in divisions:
+                yield from self._at_levels(one, levels, seed)
+
+        return LazySplits(at_all_levels, len(divisions) * len(levels))
+
+    def _at_levels(self, split: Split, levels: Sequence[float], seed: int) -> Iterator[Split]:
+        rng = np.random.default_rng([seed, split.index])
+        noise = rng.standard_normal((len(split.test), len(SENSOR)))
+        bias = rng.standard_normal(len(SENSOR))
+        unit: FloatArray = (self.noise * noise + self.bias * bias) * SENSOR  # (n_test, 6)
+        for level in levels:
+            error = level * unit
+            yield replace(
+                split,
+                condition=f"noise x{str(level).removesuffix('.0')}",
+                # an error of nothing is none: the split is holdout's, and so is its hash
+                wrench_error=error if error.any() else None,
+            )
+
+    def _levels(self) -> list[float]:
+        """Return the multiples, ascending."""
+        try:
+            asked = {float(word) + 0.0 for word in self.levels.split(",")}  # -0.0 is 0.0
+        except ValueError:
+            asked = {-1.0}
+        if not all(math.isfinite(level) and level >= 0.0 for level in asked):
+            raise ConfigError(
+                f"sensor-noise.levels={self.levels!r}: valid are numbers from 0, separated by "
+                "commas"
+            )
+        return sorted(asked)

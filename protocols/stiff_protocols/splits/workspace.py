@@ -1,0 +1,99 @@
+"""`workspace-extrapolation`: does a model hold in a region of the workspace that it never saw?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge
+from sklearn.cluster import KMeans
+
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.forward_kinematics import tcp_position
+from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples, Split
+from stiff_protocols.splits.extrapolation import Division, drawn
+from stiff_protocols.splits.random_splits import Fraction
+
+STARTS, START_SEED = 50, 0  # of k-means; the best one counts
+DECIMALS = 6  # m: positions that differ by less than a micrometre are one
+
+
+class WorkspaceExtrapolation:
+    """Parts the poses by where the TCP is, and tests each region by models of the others.
+
+    The regions are the clusters that k-means finds in the TCP's positions, numbered along x of the
+    base frame; a condition is named after its region's mean position. They belong to the data set
+    and not to the seed, which draws the training and validation parts.
+
+    Attributes:
+        regions: how many.
+        train_fraction: of the other regions' poses, drawn anew in each of several splits.
+        validation_fraction: of the training poses, chooses the epoch.
+    """
+
+    selects_on_test = False
+    pooled = False
+
+    def __init__(
+        self,
+        *,
+        regions: Annotated[int, Ge(2)] = 4,
+        train_fraction: Fraction = 0.8,
+        validation_fraction: Fraction = 0.2,
+    ) -> None:
+        """Store the options."""
+        self.regions = regions
+        self.train_fraction = train_fraction
+        self.validation_fraction = validation_fraction
+        self._robot: Robot | None = None
+
+    def use_robot(self, robot: Robot) -> None:
+        """Remember whose TCP it is."""
+        self._robot = robot
+
+    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
+        """Return `n_splits` (default 1) draws for each region that is held out.
+
+        Raises:
+            ConfigError: the robot is not known, or there are fewer positions than regions.
+            DataError: the samples are of a robot with another number of joints.
+        """
+        if self._robot is None:
+            raise ConfigError(
+                "workspace-extrapolation: the robot is not known; call use_robot before splits"
+            )
+        return drawn(
+            samples,
+            list(self._divisions(samples, self._robot)),
+            n_splits=n_splits,
+            train_fraction=self.train_fraction,
+            validation_fraction=self.validation_fraction,
+            seed=seed,
+        )
+
+    def _divisions(self, samples: Samples, robot: Robot) -> Iterator[Division]:
+        poses, pose_of_row = np.unique(samples.pose_id, return_inverse=True)
+        position = _mean_of(tcp_position(robot, samples.q), pose_of_row, len(poses))
+        position = position.round(DECIMALS)
+        different = len(np.unique(position, axis=0))
+        if different < self.regions:
+            raise ConfigError(
+                f"workspace-extrapolation.regions={self.regions}: the {len(poses)} poses have "
+                f"{different} different TCP positions (valid: 2 to as many as there are)"
+            )
+        clusters = KMeans(self.regions, n_init=STARTS, random_state=START_SEED)
+        found = clusters.fit_predict(position)
+        centres = _mean_of(position, found, self.regions)  # (regions, 3) m
+        for number, region in enumerate(np.lexsort(centres.T[::-1]), start=1):
+            x, y, z = (round(1000.0 * value) for value in centres[region].tolist())
+            inside = (found == region)[pose_of_row]
+            condition = f"region {number} around ({x}, {y}, {z}) mm"
+            yield condition, np.flatnonzero(~inside), np.flatnonzero(inside)
+
+
+def _mean_of(values: FloatArray, part_of: IntArray, parts: int) -> FloatArray:
+    """Return the (parts, 3) means of the (n, 3) values of each part; `part_of` is (n,)."""
+    sums = np.zeros((parts, 3))
+    np.add.at(sums, part_of, values)
+    return sums / np.bincount(part_of, minlength=parts)[:, None]

@@ -1,0 +1,1 @@
+"""Options that are chosen on the training side."""

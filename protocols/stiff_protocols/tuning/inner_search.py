@@ -1,0 +1,367 @@
+"""A model whose options are chosen in its own fit, by cross-validation on the training side.
+
+Whoever tries ten settings and reports the best test error has tuned on the test part. Here the
+training side is divided once more by pose: every candidate is fitted to the inner training parts
+and scored on the inner test parts, and the best one is fitted anew. Nothing outside `fit`'s
+arguments is seen, so the outer test part stays untouched.
+See G. C. Cawley and N. L. C. Talbot, On over-fitting in model selection, JMLR 11, 2010.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Literal, Self
+
+import numpy as np
+from sklearn.base import BaseEstimator, clone
+
+from stiff_protocols.contract.errors import (
+    ConfigError,
+    ModelError,
+    NotFittedError,
+    StiffBenchWarning,
+)
+from stiff_protocols.contract.interfaces import (
+    ChecksParams,
+    ChecksRobot,
+    ChoosesEpoch,
+    KnowsWhatIsMissing,
+    PredictsInterval,
+    ReportsDiagnostics,
+    StatesRegime,
+    StiffnessModel,
+)
+from stiff_protocols.contract.search_space import Grid, Range, in_words
+from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples, Split
+from stiff_protocols.scoring.sanity import check_prediction
+from stiff_protocols.splits.generators import folds_by_pose
+from stiff_protocols.tuning.tpe import require_optuna, try_drawn
+
+
+def inner_error(
+    make: Callable[[], StiffnessModel],
+    rows: Samples,
+    parts: Sequence[Split],
+    *,
+    robot: Robot,
+    validates: bool,
+    seed: int,
+) -> float:
+    """Return the mean Euclidean error over the rows of all test parts, m.
+
+    Args:
+        make: returns a new model.
+        rows: the training side.
+        parts: of `rows`.
+        robot: that was measured.
+        validates: the parts' validation rows may choose the epoch; else they are training rows.
+        seed: of every fit.
+
+    Raises:
+        ModelError: what the model returns is no prediction; what a fit raises passes through.
+    """
+    distances = []
+    for part in parts:
+        model = make()
+        train, validation = rows.take(part.train), rows.take(part.validation)
+        test = rows.take(part.test)
+        with warnings.catch_warnings():  # those of the last fit are the ones to read
+            warnings.simplefilter("ignore")
+            if validates:
+                fit_to(model, train, validation, robot=robot, seed=seed)
+            else:
+                fit_to(model, together(train, validation), None, robot=robot, seed=seed)
+            predicted = np.asarray(model.predict(test.q, test.wrench))
+        check_prediction(predicted, len(test))
+        distances.append(np.linalg.norm(predicted - test.deflection, axis=1))
+    return float(np.concatenate(distances).mean())
+
+
+def fit_to(
+    model: StiffnessModel,
+    train: Samples,
+    validation: Samples | None,
+    *,
+    robot: Robot,
+    seed: int,
+) -> None:
+    """Fit; a model that chooses no epoch learns from the validation rows instead."""
+    if validation is not None and not (len(validation) and chooses_epoch(model)):
+        train, validation = together(train, validation), None
+    model.fit(train, robot=robot, validation=validation, seed=seed)
+
+
+def chooses_epoch(model: StiffnessModel) -> bool:
+    """Return whether a model that is given validation rows chooses its epoch by them."""
+    return model.chooses_epoch() if isinstance(model, ChoosesEpoch) else True
+
+
+def together(first: Samples, second: Samples) -> Samples:
+    """Return the rows of both."""
+    return Samples(
+        **{
+            item.name: np.concatenate([getattr(first, item.name), getattr(second, item.name)])
+            for item in fields(Samples)
+        }
+    )
+
+
+Search = Literal["grid", "optuna"]
+NOT_TUNED = "not tuned"
+
+
+MOST_CHECKED = 256
+"""So many combinations of a drawn search are checked before anything is computed."""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A candidate and how it did.
+
+    Attributes:
+        params: its options.
+        error: mean Euclidean error over the rows of all inner test parts, m; infinite where it
+            failed.
+        failure: why it failed; "" otherwise.
+    """
+
+    params: Mapping[str, Any]
+    error: float
+    failure: str = ""
+
+
+class InnerSearch(BaseEstimator):  # type: ignore[misc]
+    """A model with the best of several candidate options; it stands in the model's place.
+
+    Attributes:
+        model: what is copied, set up and fitted; it is left as it is.
+        grid: options and their candidates; where it is empty the model is fitted as it is.
+        search: "grid" tries every combination, "optuna" some that a tree-structured Parzen
+            estimator draws (Bergstra et al. 2011).
+        trials: how many are drawn.
+        folds: inner parts, by pose.
+        validation_fraction: of an inner training part's poses, chooses the epoch.
+        scores_: every candidate, in the order tried.
+        best_params_: the chosen options, the first of equally good ones.
+        model_: the fitted model with them.
+        diagnostics_: the model's, how many candidates were tried, and the best one's inner error.
+    """
+
+    def __init__(
+        self,
+        model: StiffnessModel,
+        grid: Grid,
+        *,
+        search: Search = "grid",
+        trials: int = 20,
+        folds: int = 3,
+        validation_fraction: float = 0.2,
+    ) -> None:
+        """Store the arguments."""
+        self.model = model
+        self.grid = grid
+        self.search = search
+        self.trials = trials
+        self.folds = folds
+        self.validation_fraction = validation_fraction
+
+    @property
+    def regime(self) -> str:
+        """Return how the model uses training labels, and whether nothing is chosen."""
+        _, first = next(self._candidates())
+        return ", ".join(filter(None, [_regime(first), "" if self.grid else NOT_TUNED]))
+
+    def check_params(self) -> None:
+        """Check every candidate before anything is computed; of a range, both ends.
+
+        Raises:
+            ConfigError: a candidate's options do not fit together, candidates are no one contest,
+                there is a range where every combination is to be tried, or a package is missing.
+        """
+        if self.grid and self.search == "optuna":
+            require_optuna()
+        for name, values in self.grid.items():
+            if isinstance(values, Range) and self.search == "grid":
+                raise ConfigError(
+                    f"{name} is a range, which search=grid cannot try "
+                    "(valid: a list of values, or search=optuna)"
+                )
+        regimes = set()
+        for params, model in self._candidates():
+            if isinstance(model, ChecksParams):
+                try:
+                    model.check_params()
+                except ConfigError as error:
+                    raise ConfigError(f"{in_words(params)}: {error}") from error
+            regimes.add(_regime(model))
+        if len(regimes) > 1:
+            raise ConfigError(
+                "candidates that use training labels differently are no one contest "
+                f"({', '.join(sorted(regime or 'the usual way' for regime in regimes))})"
+            )
+
+    def check_robot(self, robot: Robot) -> None:
+        """Check that every candidate can serve the robot.
+
+        Raises:
+            ConfigError: one cannot.
+        """
+        for _, model in self._candidates():
+            if isinstance(model, ChecksRobot):
+                model.check_robot(robot)
+
+    def chooses_epoch(self) -> bool:
+        """Return whether validation rows choose the epoch of any candidate."""
+        return any(chooses_epoch(model) for _, model in self._candidates())
+
+    def missing(self) -> str:
+        """Return what a candidate lacks on this machine; "" for nothing."""
+        said = (
+            model.missing()
+            for _, model in self._candidates()
+            if isinstance(model, KnowsWhatIsMissing)
+        )
+        return next(filter(None, said), "")
+
+    def fit(
+        self,
+        train: Samples,
+        *,
+        robot: Robot,
+        validation: Samples | None = None,
+        seed: int = 0,
+    ) -> Self:
+        """Choose the options on training and validation rows together, then fit the model.
+
+        Rows are divided by pose. Where validation rows are given, every inner training part gives
+        some of its own to a candidate that chooses an epoch; the last fit gets those given.
+
+        Args:
+            train: samples to learn from.
+            robot: that was measured.
+            validation: samples that may choose an epoch; None: none, and inside none either.
+            seed: of the divisions, of the search, and of every fit.
+
+        Raises:
+            ConfigError: there are too few poses for the inner parts.
+            ModelError: no candidate can be fitted, or the best one cannot be fitted anew.
+        """
+        self.best_params_: Mapping[str, Any] = {}
+        self.scores_: tuple[Tried, ...] = ()
+        report: dict[str, float] = {}
+        if self.grid:
+            self.scores_ = self._searched(train, robot, validation, seed)
+            best = min(self.scores_, key=lambda tried: tried.error)
+            if best.failure:
+                raise ModelError(f"every candidate failed; {in_words(best.params)}: {best.failure}")
+            self.best_params_ = best.params
+            report = {
+                "candidates": float(len(self.scores_)),
+                "inner error of the chosen [mm]": best.error * 1000.0,
+            }
+        self.model_ = self._with(self.best_params_)
+        fit_to(self.model_, train, validation, robot=robot, seed=seed)
+        own = self.model_.diagnostics_ if isinstance(self.model_, ReportsDiagnostics) else {}
+        self.diagnostics_: Mapping[str, float] = {**own, **report}
+        return self
+
+    def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the chosen model's (n, 3) deflection [m] for `q` [rad] and `wrench` [N, N m].
+
+        Raises:
+            NotFittedError: `fit` was not called.
+        """
+        return self._fitted().predict(q, wrench)
+
+    def _fitted(self) -> StiffnessModel:
+        if not hasattr(self, "model_"):
+            raise NotFittedError("InnerSearch: call fit before predict")
+        fitted: StiffnessModel = self.model_
+        return fitted
+
+    def _candidates(self) -> Iterator[tuple[Mapping[str, Any], StiffnessModel]]:
+        """Yield every combination of values (of a drawn search the first ones), unfitted.
+
+        A range's ends stand for it.
+        """
+        values = [
+            (values.low, values.high) if isinstance(values, Range) else values
+            for values in self.grid.values()
+        ]
+        combinations: Iterator[tuple[Any, ...]] = itertools.product(*values)
+        if self.search == "optuna":  # which draws a few of what may be millions
+            combinations = itertools.islice(combinations, MOST_CHECKED)
+        for combination in combinations:
+            params = dict(zip(self.grid, combination, strict=True))
+            yield params, self._with(params)
+
+    def _searched(
+        self, train: Samples, robot: Robot, validation: Samples | None, seed: int
+    ) -> tuple[Tried, ...]:
+        """Return every candidate's inner error; one that fails is left out, and that is said."""
+        rows = train if validation is None else together(train, validation)
+        parts = folds_by_pose(
+            rows,
+            n_folds=self.folds,
+            validation_fraction=self.validation_fraction,
+            seed=int(np.random.default_rng(seed).integers(2**31)),  # `seed` has all of 32 bits
+        )
+        found: dict[str, Tried] = {}  # a drawn candidate may come again
+
+        def tried(params: Mapping[str, Any]) -> Tried:
+            try:
+                error = inner_error(
+                    lambda: self._with(params),
+                    rows,
+                    parts,
+                    robot=robot,
+                    validates=validation is not None,
+                    seed=seed,
+                )
+            except Exception as raised:  # a plugin's, whatever it is: this candidate's alone
+                reason = f"{type(raised).__name__}: {raised}"
+                said = f"candidate {in_words(params)} left out: {reason}"
+                warnings.warn(said, StiffBenchWarning, stacklevel=1)
+                return Tried(params, math.inf, reason)
+            return Tried(params, error)
+
+        def error_of(params: Mapping[str, Any]) -> float:
+            words = in_words(params)
+            if words not in found:
+                found[words] = tried(params)
+            return found[words].error
+
+        if self.search == "grid":
+            for params, _ in self._candidates():
+                error_of(params)
+        else:
+            try_drawn(self.grid, error_of, trials=self.trials, seed=seed)
+        return tuple(found.values())
+
+    def _with(self, params: Mapping[str, Any]) -> StiffnessModel:
+        """Return an unfitted copy of the model with these options."""
+        made: StiffnessModel = clone(self.model).set_params(**params)
+        return made
+
+
+class InnerSearchWithIntervals(InnerSearch):
+    """The same for a model that gives intervals of its own."""
+
+    def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
+        """Return the chosen model's interval; see `PredictsInterval`.
+
+        Raises:
+            NotFittedError: `fit` was not called.
+        """
+        fitted = self._fitted()
+        if not isinstance(fitted, PredictsInterval):
+            raise ModelError(f"{type(fitted).__name__} gives no intervals")
+        return fitted.predict_interval(q, wrench, coverage)
+
+
+def _regime(model: StiffnessModel) -> str:
+    return model.regime if isinstance(model, StatesRegime) else ""

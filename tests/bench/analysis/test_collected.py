@@ -1,0 +1,164 @@
+"""Reading a folder of results: what contradicts the newest run never mixes with it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from made_results import MadeResults, damage, forget
+from stiff_bench.analysis.collected import Contest, collect, left_out_notes
+from stiff_bench.analysis.same_robot import dataset_of, family_of
+from stiff_bench.store.database import FILE, ResultStore
+from stiff_protocols.contract.errors import StoreError
+
+
+@pytest.fixture()
+def made(tmp_path: Path) -> MadeResults:
+    return MadeResults(tmp_path)
+
+
+def only(made: MadeResults) -> Contest:
+    (contest,) = collect(made.folder)
+    return contest
+
+
+def test_older_results_on_other_splits_are_left_out_and_said(made):
+    made.add("a", [1.0] * 5, run_id="1", splits_named="old-")
+    made.add("c", [1.0] * 5, run_id="1", splits_named="old-")
+    made.add("a", [2.0] * 3, run_id="2", splits_named="new-")
+    contest = only(made)
+    assert contest.slots == tuple((index, f"split-new-{index}") for index in range(3))
+    assert list(contest.competitors) == ["a"]
+    (note,) = left_out_notes([contest])
+    assert note == (
+        "twin | holdout: older results on other splits than those of the newest run (all of c) "
+        "are left out."
+    )
+
+
+def test_splits_that_an_older_run_finished_later_go_with_it(made):
+    """The second run has split 2 alone, which only the first shows to be of the old splits."""
+    made.add("a", [1.0] * 3, run_id="1", splits_named="old-")
+    *first, _ = made.add("b", [1.0] * 3, run_id="2", splits_named="old-")
+    for key in first:
+        forget(made.folder, key)
+    made.add("a", [2.0] * 2, run_id="3", splits_named="new-")
+    assert {slot[1] for slot in only(made).slots} == {"split-new-0", "split-new-1"}
+
+
+def test_an_older_run_of_the_newest_splits_keeps_what_it_has_more(made):
+    made.add("a", [1.0] * 3, run_id="1", splits_named="old-")
+    made.add("a", [1.0] * 5, run_id="2", splits_named="new-")
+    made.add("b", [1.0] * 3, run_id="3", splits_named="new-")
+    assert [slot[1] for slot in only(made).slots] == [f"split-new-{index}" for index in range(5)]
+
+
+def test_a_resumed_run_stands_for_what_it_found_computed(made):
+    """The second run was killed after two splits; the third did the rest."""
+    made.add("a", [9.0] * 5, run_id="1", splits_named="old-")
+    made.add_run("3", made.add("a", [1.0] * 5, run_id="3", splits_named="new-"))
+    made.add("a", [1.0] * 2, run_id="2", splits_named="new-")
+    contest = only(made)
+    assert [slot[1] for slot in contest.slots] == [f"split-new-{index}" for index in range(5)]
+    assert [one.run_id for one in contest.results("a")] == ["2", "2", "3", "3", "3"]
+    assert contest.newest_run == "3"
+
+
+def test_results_that_a_later_run_asked_for_again_are_the_newest(made):
+    """The data were divided anew, and then as before: all of that run was computed already."""
+    old = made.add("a", [1.0] * 3, run_id="1", splits_named="old-")
+    made.add("a", [2.0] * 3, run_id="2", splits_named="new-")
+    made.add_run("3", old)
+    contest = only(made)
+    assert {one.run_id for one in contest.results("a")} == {"1"} and contest.newest_run == "3"
+
+
+def test_a_cell_that_fails_when_it_is_computed_again_keeps_its_result(made):
+    made.add("a", [1.0, 1.0], run_id="1")
+    made.add_run("2", made.add("a", failed=[0], run_id="2"))
+    found = only(made).competitors["a"]
+    assert {slot[0] for slot in found.done} == {0, 1} and not found.reasons
+
+
+def test_damage_is_refused_with_what_to_do_about_it(made):
+    (key,) = made.add("a", [1.0])
+    damage(made.folder, key)
+    with pytest.raises(StoreError, match=rf"{FILE}: damaged: cell {key}: .*`bench run`"):
+        collect(made.folder)
+
+
+@pytest.mark.parametrize(("newest", "n_asked"), [(slice(0, 2), 2), (slice(2, 3), 5)])
+def test_the_newest_run_says_how_many_splits_were_asked_for(made, newest, n_asked):
+    keys = made.add("a", [1.0] * 3)
+    store = ResultStore(made.folder)
+    for index, key in enumerate(keys):
+        store.write_cell(replace(store.result(key), n_splits=2 if index < 2 else 5))
+    made.add_run("run-2", keys[newest])
+    assert only(made).competitors["a"].n_asked == n_asked
+
+
+def test_runs_of_the_same_splits_are_one_contest(made):
+    made.add("a", [1.0] * 5, run_id="1")
+    made.add("b", [1.0] * 3, run_id="2")
+    contest = only(made)
+    assert len(contest.slots) == 5 and contest.left_out == ()
+
+
+def test_older_results_of_a_name_with_other_options_are_left_out_and_said(made):
+    """A grid file was edited between two runs of `nested`."""
+    for error, run_id, neighbours in ((9.0, "1", "3"), (1.0, "2", "5")):
+        options = {"neighbours": neighbours}
+        made.add("nested", [error, error], run_id=run_id, options=options)
+    made.add("other", [2.0, 2.0], run_id="1")
+    contest = only(made)
+    assert {one.run_id for one in contest.results("nested")} == {"2"}
+    assert len(contest.results("other")) == 2
+    (note,) = left_out_notes([contest])
+    assert "older results of nested with other options (neighbours) are left out" in note
+
+
+def test_one_note_stands_for_all_contests_with_the_same_reason(made):
+    for condition in ("n = 5", "n = 10"):
+        for run_id in "12":
+            made.add("a", [1.0], run_id=run_id, options={"k": run_id}, condition=condition)
+    (note,) = left_out_notes(collect(made.folder))
+    assert note.startswith("2 contests: older results of a ")
+
+
+def test_a_model_that_fails_now_has_failed_whatever_it_did_before(made):
+    made.add("a", [1.0, 1.0], run_id="1")
+    made.add("a", [1.0], failed=[0], run_id="2", coverage=0.9)
+    found = only(made).competitors["a"]
+    assert [slot[0] for slot in found.done] == [1]
+    assert list(found.reasons.values()) == ["failed: it broke"]
+
+
+def test_an_older_failure_is_none(made):
+    made.add("a", failed=[0], run_id="1", coverage=0.9)
+    made.add("a", [1.0], run_id="2")
+    found = only(made).competitors["a"]
+    assert len(found.done) == 1 and not found.reasons
+
+
+@pytest.mark.parametrize("runs", ["12", "21"])
+def test_a_result_with_intervals_stands_before_one_without(made, runs):
+    for run_id, coverage in zip(runs, (None, 0.9), strict=True):
+        made.add("a", [1.0], run_id=run_id, coverage=coverage)
+    (result,) = only(made).results("a")
+    assert result.cell.coverage == 0.9
+
+
+@pytest.mark.parametrize("runs", ["12", "21"])
+def test_of_two_coverages_the_newest_counts(made, runs):
+    for run_id, coverage in zip(runs, (0.8, 0.9), strict=True):
+        made.add("a", [1.0], run_id=run_id, coverage=coverage)
+    (result,) = only(made).results("a")
+    assert result.run_id == "2"
+
+
+def test_a_mark_in_an_options_value_stays_doubled():
+    name = "p@source=a@@b=1@seed=1@specimen=2"
+    assert dataset_of(name) == "p@source=a@@b=1@specimen=2"
+    assert family_of(name) == "p@source=a@@b=1"

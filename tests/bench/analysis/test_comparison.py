@@ -1,0 +1,580 @@
+"""Two models compared: numbers by hand, verdicts that hold, a report that says what is known."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy import stats
+
+from compared_results import contest_in, fifths, made_data, spread, steady, store_results
+from stiff_bench.analysis.compare import CompareWords, compare_folder
+from stiff_bench.analysis.comparison import Estimate, Question, compare, decide
+from stiff_bench.analysis.comparison_text import render_report
+from stiff_bench.analysis.comparison_words import sentence
+from stiff_bench.cli.compare import compare as compare_command
+from stiff_bench.run.cell import compute_cell
+from stiff_bench.store.database import ResultStore, read_results
+from stiff_protocols.contract.errors import ConfigError, StoreError
+from stiff_protocols.contract.record import RunManifest
+from stiff_protocols.scoring.paired import Posterior
+
+A_SPLITS = (1.0e-4, 1.2e-4, 0.9e-4, 1.1e-4, 1.3e-4)
+B_SPLITS = (2.0e-4, 2.1e-4, 2.2e-4, 2.1e-4, 2.4e-4)
+PAIR = {"a": steady(*A_SPLITS), "b": steady(*B_SPLITS)}
+
+
+def compared(folder, a="a", b="b", **question):
+    contest, data = contest_in(folder)
+    return compare(contest, a, b, data, Question(**question))
+
+
+def report_on(folder, a="a", b="b", datasets=(), conditions=(), question=None):
+    return compare_folder(
+        CompareWords(
+            a=a,
+            b=b,
+            results=folder,
+            datasets=datasets,
+            protocols=(),
+            conditions=conditions,
+            question=question or Question(),
+            command="bench compare a b",
+        )
+    )
+
+
+def text_of(folder, fmt="github", **words):
+    return render_report(report_on(folder, **words), fmt)
+
+
+def test_over_splits_the_numbers_are_those_of_the_corrected_t_test_by_hand(tmp_path):
+    row = compared(store_results(tmp_path, PAIR)).row("x")
+    differences = np.subtract(A_SPLITS, B_SPLITS)
+    scale = math.sqrt((1 / 5 + 8 / 32) * differences.var(ddof=1))  # 8 rows tested, 32 trained on
+    half = scale * stats.t.ppf(0.975, 4)
+    assert row.difference == pytest.approx(differences.mean())
+    assert (row.mean_a, row.mean_b) == pytest.approx((1.1e-4, 2.16e-4))
+    assert (row.main.low, row.main.high) == pytest.approx(
+        (differences.mean() - half, differences.mean() + half)
+    )
+    p_alone = 2 * stats.t.cdf(differences.mean() / scale, 4)
+    assert row.main.p_value == pytest.approx(3 * p_alone)  # Holm: y and z are equal in A and B
+    a_better = stats.t.cdf((-1e-5 - differences.mean()) / scale, 4)
+    assert row.main.posterior.a_better == pytest.approx(a_better)
+
+
+def test_the_length_of_the_error_is_a_test_of_its_own(tmp_path):
+    found = compared(store_results(tmp_path, PAIR))
+    assert found.row("x").main.p_value == pytest.approx(3 * found.row("norm").main.p_value)
+
+
+def test_the_tested_share_of_the_data_corrects_however_few_rows_are_trained_on(tmp_path):
+    widths = [
+        row.main.high - row.main.low
+        for n_train in (32, 5)
+        for row in [compared(store_results(tmp_path / f"{n_train}", PAIR, n_train=n_train)).rows[0]]
+    ]
+    assert widths[1] == widths[0]
+    assert "8 rows tested and 5 trained on in a split" in text_of(tmp_path / "5")
+
+
+def test_a_number_of_training_rows_that_was_not_stored_is_not_named(tmp_path):
+    assert "8 rows tested in a split" in text_of(store_results(tmp_path, PAIR, n_train=0))
+
+
+def test_a_cell_stores_the_rows_of_its_training_side(tasks_of):
+    (fair,) = tasks_of(dataset="fanuc-r2000ic", protocol="holdout")
+    split = fair.split
+    assert compute_cell(fair, "r").n_train == len(split.train) + len(split.validation)
+    (papers,) = tasks_of(dataset="fanuc-r2000ic", protocol="paper-holdout")
+    assert compute_cell(papers, "r").n_train == len(papers.split.train)
+
+
+def test_changing_sides_mirrors_everything(tmp_path):
+    models = {"a": spread(1e-4, 4e-5, seed=1), "b": spread(1.5e-4, 4e-5, seed=2)}
+    folder = store_results(tmp_path, models)
+    there, back = (compared(folder, *pair).row("norm") for pair in (("a", "b"), ("b", "a")))
+    assert there.difference == -back.difference
+    assert (there.main.low, there.main.high) == pytest.approx((-back.main.high, -back.main.low))
+    assert there.main.posterior.a_better == pytest.approx(back.main.posterior.b_better)
+    assert {there.verdict, back.verdict} == {"a", "b"}
+
+
+def estimate(low, high, p_value, equivalent=0.0):
+    return Estimate(low, high, Posterior(0.0, equivalent, 1.0 - equivalent), p_value)
+
+
+def test_a_verdict_needs_the_test_and_every_interval():
+    better = estimate(-2e-5, -1e-5, 0.01)
+    assert decide([better], 0.95) == "a"
+    assert decide([estimate(1e-5, 2e-5, 0.01)], 0.95) == "b"
+    assert decide([better, estimate(-2e-5, 1e-6, 0.01)], 0.95) == "open"
+    assert decide([estimate(-2e-5, -1e-6, 0.06)], 0.95) == "open"
+    assert decide([estimate(-2e-5, -1e-6, 0.06)], 0.9) == "a"
+
+
+def test_no_difference_found_is_not_called_equivalent():
+    unclear = estimate(-1e-4, 1e-4, 0.9, equivalent=0.94)
+    assert decide([unclear], 0.95) == "open"
+    assert decide([estimate(-1e-6, 1e-6, 0.9, 0.96), unclear], 0.95) == "open"
+    # a difference that is certain but smaller than the tracker can see makes none
+    assert decide([estimate(-2e-6, -1e-6, 0.001, 0.99)], 0.95) == "equivalent"
+
+
+def test_the_sentence_for_equal_models_says_equivalent_and_for_noise_not_told_apart(tmp_path):
+    near = spread(1e-4, 2e-5)
+    folder = store_results(
+        tmp_path / "near", {"a": near, "b": lambda index, rows: near(index, rows) * 1.001}
+    )
+    assert "a and b are equivalent in practice on made (kfold, 5 splits)" in text_of(folder)
+    noise = {"a": spread(0.0, 1e-3, seed=1), "b": spread(0.0, 1e-3, seed=2)}
+    folder = store_results(tmp_path / "noise", noise)
+    said = sentence(report_on(folder))
+    assert said.startswith("a and b cannot be told apart on made (kfold, 5 splits): ")
+    assert "with 5 splits and 40 poses the widest interval of an unclear difference is" in said
+
+
+def test_the_widest_interval_of_the_sentence_is_named_and_stands_in_the_table(tmp_path):
+    draws = np.random.default_rng(0).normal(0.0, 1.0, (2, 40, 3))
+
+    def noisy(side):
+        return lambda _, rows: draws[side][rows] * [1e-4, 9e-4, 1e-4] + [2e-3, 0.0, 0.0]
+
+    folder = store_results(tmp_path, {"a": noisy(0), "b": noisy(1)})
+    row = compared(folder).row("y")
+    low, high = (1000 * bound for bound in (row.cautious.low, row.cautious.high))
+    said = sentence(report_on(folder))
+    assert f"is that of Y, {low:.3f} to {high:.3f} mm over {row.cautious_over}" in said
+    assert f" {low:+.4f} to {high:+.4f} |" in text_of(folder)
+
+
+def test_the_sentence_names_the_better_one_by_how_much_and_in_which_axes(tmp_path):
+    folder = store_results(tmp_path, PAIR)
+    for a, b in (("a", "b"), ("b", "a")):
+        said = sentence(report_on(folder, a, b))
+        assert said.startswith(
+            "a is better than b on made (kfold, 5 splits): its mean 3-D error is 0.106 mm smaller "
+        )
+        assert "by more than 0.01 mm with probability > 0.99" in said
+        assert "mm over splits; by" in said
+        assert "a is better in X (0.106 mm); in Y and Z they are equivalent" in said
+
+
+def test_one_split_and_pooled_protocols_are_judged_over_poses_and_say_what_is_not_in_it(tmp_path):
+    models = {"a": spread(1e-4, 2e-5, seed=1), "b": spread(1.5e-4, 2e-5, seed=2)}
+    alone = store_results(tmp_path / "1", models, tests=[np.arange(40)])
+    pooled = store_results(tmp_path / "2", models, tests=np.arange(40)[:, None], pooled=True)
+    for folder in (alone, pooled):
+        found = compared(folder)
+        assert not found.over_splits and found.n_poses == 40
+        assert found.row("norm").verdict == "a"
+        text = text_of(folder)
+        assert "the spread over training sets is not in them" in text
+        assert "corrected t" not in text
+    assert compared(alone).rows == compared(pooled).rows
+
+
+ONE_FIT = {"a": spread(1e-4, 2e-5, seed=1), "b": spread(1.5e-4, 2e-5, seed=2)}
+
+
+def test_a_verdict_from_one_split_is_of_these_fits_and_says_what_to_do(tmp_path):
+    folder = store_results(tmp_path, ONE_FIT, tests=[np.arange(40)])
+    for a, b, verdict in (("a", "b", "A better"), ("b", "a", "B better")):
+        said = sentence(report_on(folder, a, b))
+        assert said.startswith(
+            "On this one split the fitted a is better than the fitted b on made (kfold, 1 split): "
+        )
+        assert "the fitted a is better in X (" in said
+        assert said.endswith(
+            "one split says nothing about another training: use --splits 5 or more."
+        )
+        text = text_of(folder, a=a, b=b)
+        assert f"| {verdict} (these fits) |" in text and f"| {verdict} |" not in text
+        assert "| equivalent (these fits) |" in text  # Y and Z
+    lines = list(csv.DictReader(io.StringIO(text_of(folder, "csv"))))
+    found = json.loads(text_of(folder, "json"))
+    verdicts = {e["verdict"] for e in (*lines, *found["contests"][0]["errors"], *found["where"])}
+    assert verdicts <= {"A better (these fits)", "equivalent (these fits)", "not told apart"}
+
+
+def test_a_verdict_on_poses_scored_together_is_of_these_fits_too(tmp_path):
+    folder = store_results(tmp_path, ONE_FIT, tests=np.arange(40)[:, None], pooled=True)
+    said = sentence(report_on(folder))
+    assert said.startswith("With all splits scored together the fitted a is better than the fitted")
+    assert said.endswith(
+        "all fits share nearly one training set, which says nothing about another: use --protocol "
+        "repeated-holdout."
+    )
+
+
+def test_over_splits_no_verdict_is_of_fits_alone(tmp_path):
+    said = text_of(store_results(tmp_path, PAIR))
+    table = said[said.index("| mean error") : said.index("Where each is better")]
+    assert (
+        "A better" in table and "fit" not in table and "fitted" not in sentence(report_on(tmp_path))
+    )
+
+
+def test_verdicts_of_one_training_are_counted_apart(tmp_path):
+    store_results(tmp_path, PAIR, condition="n = 5")
+    store_results(tmp_path, ONE_FIT, condition="n = 10", tests=[np.arange(40)])
+    store_results(tmp_path, ONE_FIT, condition="n = 20", tests=[np.arange(40)])
+    assert sentence(report_on(tmp_path)) == (
+        "Of 1 contest over several splits a is better in 1 and b in 0; in 0 they are equivalent to "
+        "within 0.01 mm, in 0 they cannot be told apart. Of 2 contests with one split or all scored"
+        " together the fitted a is better in 2 and the fitted b in 0; in 0 they are equivalent to "
+        "within 0.01 mm, in 0 they cannot be told apart, which says nothing about another training."
+    )
+    assert text_of(tmp_path).count("A better (these fits)") == 2
+
+
+def test_counts_over_data_sets_say_if_they_are_of_fits_alone(tmp_path):
+    for specimen in range(2):
+        name = f"made@specimen={specimen}" if specimen else "made"
+        data = made_data(specimen)
+        store_results(tmp_path / "one", ONE_FIT, data=data, dataset=name, tests=[np.arange(40)])
+        store_results(tmp_path / "five", PAIR, data=data, dataset=name)
+    ((one,), (five,)) = (report_on(tmp_path / folder).across for folder in ("one", "five"))
+    assert one.of_fits and not five.of_fits
+    assert "| made, kfold, these fits " in text_of(tmp_path / "one")
+    assert "these fits" not in text_of(tmp_path / "five")
+
+
+def test_splits_that_differ_by_exactly_the_same_do_not_decide_alone(tmp_path):
+    """The corrected t test then gives p = 0, from two splits already."""
+    swing = np.random.default_rng(5).permutation(np.linspace(-1.4e-4, 1.4e-4, 40))
+
+    def b(_, rows):  # ignores its training set; no better than a at other poses
+        return np.column_stack([2.15e-4 + swing[rows], np.zeros((len(rows), 2))])
+
+    models = {"a": steady(2e-4, 2e-4), "b": b}
+    folder = store_results(tmp_path, models, tests=[np.arange(36)] * 2)
+    row = compared(folder).row("norm")
+    assert row.over_splits.p_value == 0.0 and row.over_splits.high < 0.0
+    assert row.verdict == "open"
+
+
+def test_equivalent_over_splits_and_not_over_poses_is_no_winner_that_poses_lack(tmp_path):
+    """Each split's mean difference is 0, but over the poses it scatters beyond the ROPE."""
+    sign = np.empty(40)
+    for rows in fifths(5):
+        sign[rows] = np.resize([1.0, -1.0], len(rows))
+
+    def b(_, rows):
+        return np.column_stack([2e-4 + 1e-4 * sign[rows], np.zeros((len(rows), 2))])
+
+    def a(_, rows):
+        return np.column_stack([np.full(len(rows), 2e-4), np.zeros((len(rows), 2))])
+
+    folder = store_results(tmp_path, {"a": a, "b": b})
+    row = compared(folder).row("norm")
+    assert decide([row.over_splits], 0.95) == "equivalent" and row.verdict == "open"
+    assert "not told apart |" in text_of(folder) and "(poses) |" not in text_of(folder)
+
+
+def test_the_notes_say_which_stiffbench_made_the_results_that_were_compared(tmp_path):
+    folder = store_results(tmp_path, PAIR | {"c": PAIR["a"]})
+    ResultStore(folder).write_manifest(
+        RunManifest(
+            run_id="run",
+            command="bench run",
+            started="2026-11-21T12:00:00Z",
+            status="finished",
+            environment={"stiffbench": "1.2.3", "commit": "0123456789"},
+            cells=(),
+        )
+    )
+    assert f"10 results of {folder}, made by stiffbench 1.2.3 at 01234567." in text_of(folder)
+
+
+def test_a_winner_on_the_poses_that_every_split_tests_needs_other_poses_too(tmp_path):
+    swing = np.random.default_rng(5).permutation(np.linspace(-1.4e-4, 1.4e-4, 40))
+
+    def b(index, rows):  # worse by 0.015 mm whatever it learns from, but better at many poses
+        x = 2.15e-4 + 1e-7 * index + swing[rows]
+        return np.column_stack([x, np.zeros((len(rows), 2))])
+
+    models = {"a": steady(*[2e-4] * 5), "b": b}
+    folder = store_results(tmp_path, models, tests=[np.arange(36)] * 5)
+    row = compared(folder).row("norm")
+    assert row.over_splits.p_value < 0.05 and row.over_splits.high < 0.0
+    assert row.over_poses.high > 0.0
+    assert row.verdict == "open" and row.cautious == row.over_poses
+    low, high = (1000 * bound for bound in (row.over_poses.low, row.over_poses.high))
+    assert f"(95 % interval {low:.3f} to {high:.3f} mm over poses)" in sentence(report_on(folder))
+    text = text_of(folder)
+    assert "not told apart (poses)" in text and "test the same rows" in text
+
+
+def test_splits_that_one_of_them_lacks_are_left_out_and_named(tmp_path):
+    folder = store_results(tmp_path, PAIR, failed={"a": [1, 3]})
+    found = compared(folder)
+    assert found.n_splits == 3
+    kept = [0, 2, 4]
+    assert found.row("x").mean_b == pytest.approx(np.mean([B_SPLITS[k] for k in kept]))
+    assert "a lacks 2 of 5 splits (failed: it broke); compared on the 3 that both have" in text_of(
+        folder
+    )
+
+
+def test_specimens_count_as_data_sets_and_splits_do_not(tmp_path):
+    for specimen in range(5):
+        name = f"made@specimen={specimen}" if specimen else "made"
+        store_results(tmp_path, PAIR, data=made_data(specimen), dataset=name)
+    (across,) = report_on(tmp_path).across
+    assert across.family == "made" and across.verdicts == ("a",) * 5
+    assert across.p_value == pytest.approx(2 * 0.5**5)  # of 5 data sets, not of 25 splits
+    assert across.mean_difference == pytest.approx(-1.06e-4)
+    four = report_on(tmp_path, datasets=tuple(f"made@specimen={k}" for k in range(4)))
+    assert len(four.comparisons) == 4 and four.across[0].p_value is None
+
+
+def test_a_word_with_a_default_spelled_out_is_one_data_set_and_its_key_all(tmp_path):
+    for specimen in range(2):
+        name = f"made@specimen={specimen}" if specimen else "made"
+        store_results(tmp_path, PAIR, data=made_data(specimen), dataset=name)
+    assert len(report_on(tmp_path, datasets=("made",)).comparisons) == 2
+    (only,) = report_on(tmp_path, datasets=("made@specimen=0",)).comparisons
+    assert only.name.dataset == "made"
+
+
+def test_many_contests_take_one_line_each_and_one_contest_takes_one_screen(tmp_path):
+    for size in (5, 10, 40):
+        store_results(tmp_path, PAIR, condition=f"n = {size}")
+    many = text_of(tmp_path).splitlines()
+    lines = [line.split("|")[1].strip() for line in many if line.startswith("| made")]
+    assert lines == [f"made, kfold, n = {size}" for size in (5, 10, 40)]
+    assert (
+        many[0]
+        == many[-1]
+        == (
+            "Of 3 contests a is better in 3 and b in 0; in 0 they are equivalent to within 0.01 "
+            "mm, in 0 they cannot be told apart."
+        )
+    )
+    one = text_of(tmp_path, conditions=("n = 10",)).splitlines()
+    assert len(one) <= 40
+    assert one[0] == one[-1] and one[0].startswith("a is better than b on made (kfold, n = 10")
+
+
+def test_what_must_stand_beside_the_names_stands_there(tmp_path):
+    folder = store_results(
+        tmp_path,
+        PAIR,
+        task="pose-error",
+        caveats=("made by hand.",),
+        selects_on_test=True,
+        warning="the test part picks the epoch.",
+        own={"a": {"regime": "target labels not trained on"}, "b": {"picked_on_test": True}},
+    )
+    text = text_of(folder)
+    assert "**A = a [target labels not trained on], B = b [epoch picked on test part]" in text
+    assert "made (measured pose-error, not stiffness)" in text
+    for note in (
+        "Not the same regime: a: target labels not trained on; b: measured deflections train it.",
+        "b alone picked its epoch on the test part.",
+        "the test part picks the epoch.",
+        "made by hand.",
+    ):
+        assert note in text
+
+
+def rewritten(folder, source, of=lambda result: result):
+    """Write the results of a folder, changed, into another one."""
+    store = ResultStore(folder)
+    store.write_data(made_data())
+    for result in read_results(source):
+        store.write_cell(of(result))
+    return folder
+
+
+def test_a_model_may_spell_out_the_defaults_that_its_results_were_made_with(tmp_path):
+    options = {"a": {"depth": 3}, "knn": {"neighbours": 5, "scale": 1e-3, "weights": "near"}}
+    options["knn@weights=far"] = options["knn"] | {"weights": "far"}
+    plain = store_results(tmp_path / "plain", {name: PAIR["a"] for name in options})
+    folder = rewritten(
+        tmp_path / "r",
+        plain,
+        lambda one: replace(one, cell=replace(one.cell, model_params=options[one.cell.model])),
+    )
+    for word, name in (
+        ("knn@neighbours=5", "knn"),
+        ("knn@scale=0.001@weights=near", "knn"),
+        ("knn@weights=far@neighbours=5", "knn@weights=far"),
+    ):
+        assert report_on(folder, b=word).b == name
+    for word in ("knn@neighbours=6", "knn@colour=red"):
+        with pytest.raises(ConfigError, match=f"no results of '{word}' in .*'knn', 'knn@weights"):
+            report_on(folder, b=word)
+    with pytest.raises(ConfigError, match="compare 'a' with another model than itself"):
+        report_on(folder, b="a@depth=3")
+
+
+def test_in_the_overview_marks_stand_beside_their_contest_alone(tmp_path):
+    store_results(tmp_path, PAIR, condition="n = 5")
+    regime = {"regime": "no source: target alone"}
+    store_results(tmp_path, PAIR, condition="n = 6", own={"a": regime})
+    store_results(tmp_path, PAIR, condition="n = 7", own={"a": regime, "b": regime})
+    text = text_of(tmp_path)
+    assert "**A = a, B = b | 3 contests" in text
+    rows = [line.split(" | ")[0].strip("| ") for line in text.splitlines() if "| made" in line]
+    assert rows == [
+        "made, kfold, n = 5",
+        "made, kfold, n = 6 [A: no source: target alone]",
+        "made, kfold, n = 7 [A and B: no source: target alone]",
+    ]
+    marks = [(c["mark_a"], c["mark_b"]) for c in json.loads(text_of(tmp_path, "json"))["contests"]]
+    assert marks == [("", ""), (regime["regime"], ""), (regime["regime"], regime["regime"])]
+
+
+def test_what_selects_on_the_test_part_is_marked_and_not_counted(tmp_path):
+    store_results(tmp_path, PAIR, condition="n = 5")
+    store_results(tmp_path, PAIR, condition="n = 6")
+    store_results(
+        *(tmp_path, PAIR),
+        condition="paper",
+        selects_on_test=True,
+        warning="beware.",
+        own={"b": {"picked_on_test": True}},
+    )
+    assert sentence(report_on(tmp_path)) == (
+        "Of 2 contests a is better in 2 and b in 0; in 0 they are equivalent to within 0.01 mm, in "
+        "0 they cannot be told apart. Not counted: 1 contest whose protocol lets models choose on "
+        "the test part."
+    )
+    mark = "[selects on the test part; B: epoch picked on test part]"
+    assert f"| made, kfold, paper {mark} " in text_of(tmp_path)
+    alone = sentence(report_on(tmp_path, conditions=("paper",)))
+    assert alone.endswith("; kfold lets models choose on the test part.")
+    lines = csv.DictReader(io.StringIO(text_of(tmp_path, "csv")))
+    assert {line["condition"] for line in lines if line["selects_on_test"] == "True"} == {"paper"}
+
+
+def test_contests_with_one_text_are_told_apart_by_what_differs_and_seeds_are_in_order(tmp_path):
+    plain = store_results(tmp_path / "plain", PAIR)
+    for seed in (10, 3):
+        rewritten(
+            tmp_path / "r",
+            plain,
+            lambda one, seed=seed: replace(one, cell=replace(one.cell, seed=seed)),
+        )
+    hashes = [made_data(number).sha256 for number in (1, 2)]
+    for number in (1, 2):
+        store_results(tmp_path / "r", PAIR, data=made_data(number), condition="n = 5")
+    store_results(tmp_path / "r", PAIR, condition="n = 6")
+    text = text_of(tmp_path / "r")
+    rows = [line.split(" | ")[0].strip("| ") for line in text.splitlines() if "| made" in line]
+    assert rows == [
+        "made, kfold, seed 3",
+        "made, kfold, seed 10",
+        *(f"made, kfold, n = 5, data {sha256[:8]}" for sha256 in sorted(hashes)),
+        "made, kfold, n = 6",
+    ]
+
+
+def test_splits_that_were_asked_for_and_never_run_are_counted(tmp_path):
+    plain = store_results(tmp_path / "plain", PAIR, tests=fifths(5)[:2])
+    assert "asked for" not in text_of(plain)  # older results do not know
+    for asked, noted in ((5, True), (2, False)):
+        folder = rewritten(
+            tmp_path / f"{asked}", plain, lambda one, n=asked: replace(one, n_splits=n)
+        )
+        assert ("2 of 5 splits asked for were run." in text_of(folder)) == noted
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "valid"),
+    [
+        ("--rope", "inf", "(valid: 0 or more)"),
+        ("--rope", "nan", "(valid: 0 or more)"),
+        ("--confidence", "nan", "(valid: between 0 and 1)"),
+        ("--seed", str(2**32), "0<=x<=4294967295"),
+    ],
+)
+def test_numbers_that_mean_nothing_are_refused(option, value, valid):
+    done = CliRunner().invoke(compare_command, ["a", "b", option, value])
+    assert done.exit_code == 2
+    assert f"Invalid value for '{option}': {value} is not" in done.output and valid in done.output
+
+
+def test_what_cannot_be_compared_is_one_clear_line(tmp_path):
+    folder = store_results(tmp_path / "r", PAIR)
+    store_results(folder, {"vjm@slopes=2": PAIR["a"]}, condition="elsewhere")
+    for words, message in (
+        ({"b": "a"}, "compare 'a' with another model than itself"),
+        ({"b": "vjm@slopes=3"}, "no results of 'vjm@slopes=3' in .*; there are .*'vjm@slopes=2'"),
+        ({"b": "aa"}, r"no results of 'aa' in .*; did you mean 'a'\? \(there are: a, b, vjm@slo"),
+        ({"b": "vjm"}, "no results of 'vjm' with its default options in .*'vjm@slopes=2'"),
+        (
+            {"b": "vjm@slopes=2"},
+            r"a and vjm@slopes=2 never met: a was run in \(made \| kfold\); vjm@slopes=2 was run "
+            r"in \(made \| kfold \| elsewhere\)",
+        ),
+        ({"datasets": ("mode",)}, "--dataset: .*'mode'; did you mean 'made'"),
+        (
+            {"conditions": ("else",)},
+            r"--condition: unknown condition 'else'; did .*\(valid: elsewhere\)$",
+        ),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            report_on(folder, **words)
+    with pytest.raises(StoreError, match="holds no results"):
+        report_on(tmp_path / "nothing")
+
+
+def test_a_model_that_failed_everywhere_is_said_to_have_failed(tmp_path):
+    folder = store_results(tmp_path, PAIR, failed={"b": range(5)})
+    with pytest.raises(ConfigError, match=r"b has no result \(failed: it broke\)"):
+        report_on(folder)
+
+
+def test_csv_and_json_hold_the_numbers_of_the_report_in_mm(tmp_path):
+    folder = store_results(tmp_path, PAIR)
+    row = compared(folder).row("norm")
+    lines = list(csv.DictReader(io.StringIO(text_of(folder, "csv"))))
+    (line,) = [
+        line
+        for line in lines
+        if (line["error"], line["method"], line["place"]) == ("norm", "over splits", "")
+    ]
+    assert float(line["difference_mm"]) == pytest.approx(1000 * row.difference, rel=1e-12)
+    assert float(line["high_mm"]) == pytest.approx(1000 * row.main.high, rel=1e-12)
+    assert line["verdict"] == "A better"
+    found = json.loads(text_of(folder, "json"))
+    errors = {(e["error"], e["method"]): e for e in found["contests"][0]["errors"]}
+    assert errors["norm", "over splits"]["low_mm"] == pytest.approx(1000 * row.main.low)
+    assert found["rope_mm"] == 0.01 and found["sentence"] == sentence(report_on(folder))
+
+
+def test_latex_and_html_hold_the_same_screen_and_escape_names(tmp_path):
+    models = {"a_1": PAIR["a"], "<b>": PAIR["b"]}
+    folder = store_results(tmp_path, models)
+    latex, page = (text_of(folder, fmt, a="a_1", b="<b>") for fmt in ("latex", "html"))
+    assert latex.count(r"\toprule") == 2 and r"a\_1 is better than" in latex
+    assert "a_1 is better" not in latex
+    assert "<p>a_1 is better than &lt;b&gt; on" in page and "<b>" not in page
+
+
+def test_a_report_is_the_same_every_time_and_its_seed_moves_the_pose_intervals(tmp_path):
+    models = {"a": spread(1e-4, 4e-5, seed=1), "b": spread(1.2e-4, 4e-5, seed=2)}
+    folder = store_results(tmp_path, models)
+    assert text_of(folder) == text_of(folder)
+    (first,), (other,) = (
+        report_on(folder, question=Question(seed=seed)).comparisons for seed in (0, 1)
+    )
+    assert first.row("norm").over_splits == other.row("norm").over_splits
+    assert first.row("norm").over_poses.low != other.row("norm").over_poses.low
+
+
+def test_the_command_takes_a_rope_in_mm(tmp_path):
+    folder = str(store_results(tmp_path, PAIR))
+    done = CliRunner().invoke(compare_command, ["a", "b", "--results", folder, "--rope", "0.2"])
+    assert done.exit_code == 0, done.output
+    assert "differ by less than 0.2 mm with probability > 0.99" in done.output

@@ -1,0 +1,141 @@
+"""What `bench run --plan` says before anything is computed."""
+
+from __future__ import annotations
+
+import csv
+import json
+import tracemalloc
+import weakref
+
+import pytest
+
+from run_requests import planned
+from stiff_bench.analysis.forecast import forecast, forecast_line, render_forecast
+from stiff_bench.plan.cells import cell_tasks
+from stiff_bench.store.database import ResultStore
+from stiff_protocols.contract.record import CellResult, Cost
+
+
+def plan_into(output, **changes):
+    words = {"models": ("zero", "vjm"), "splits": 3} | changes
+    return planned(output=output, **words)
+
+
+def store_some(plan, fit_s, *, of=lambda task: True, status="ok"):
+    """Store results of cells of a plan as if their fits had taken so long."""
+    tasks = filter(of, cell_tasks(plan))
+    cost = Cost(fit_s, 0.5, 0.0, 1.0, None) if status == "ok" else None
+    ResultStore(plan.output).write_cells(
+        CellResult(task.cell, task.shown, "r", status, cost=cost) for task in tasks
+    )
+
+
+def told(plan, *, jobs=1, rerun="missing"):
+    return forecast(cell_tasks(plan), plan.output, jobs=jobs, rerun=rerun)
+
+
+def test_without_stored_results_cells_are_counted_and_nothing_is_written(tmp_path):
+    found = told(plan_into(tmp_path / "new", datasets=("kr10-twin", "fanuc-r2000ic")))
+    assert [(part.model, part.n_cells, part.cell_s) for part in found.parts] == [
+        ("zero", 6, None),
+        ("vjm", 6, None),
+    ]
+    assert (found.n_cells, found.n_cached, found.n_unknown) == (12, 0, 12)
+    assert "12 to compute; time unknown: 12 cells" in forecast_line(found)
+    assert not (tmp_path / "new").exists()
+
+
+def test_stored_cells_are_cached_and_their_mean_is_the_time_of_the_others(tmp_path):
+    plan = plan_into(tmp_path)
+    for index, fit_s in enumerate((6.0, 8.0)):
+        of = {"of": lambda t, i=index: t.shown.model == "vjm" and t.cell.split_index == i}
+        store_some(plan, fit_s, **of)
+    store_some(plan, 100.0, of=lambda t: t.shown.model == "zero")
+    found = told(plan)
+    assert [(part.model, part.n_cached, part.seconds) for part in found.parts] == [
+        ("zero", 3, 0.0),
+        ("vjm", 2, 7.5),
+    ]
+    assert found.seconds == 7.5 and told(plan, jobs=2).seconds == 3.75
+    assert forecast_line(found).endswith("1 to compute; about 0:00:08 with 1 job")
+
+
+def test_models_without_a_stored_fit_are_said_beside_the_time_of_the_others(tmp_path):
+    store_some(plan_into(tmp_path, models=("zero",), splits=1, seed=1), 60.0)
+    found = told(plan_into(tmp_path))
+    assert found.n_unknown == 3
+    assert "about 0:03:02 with 1 job, and 3 cells" in forecast_line(found)
+    table = render_forecast(found, "github", "bench run --plan")
+    rows = {
+        cells[1].strip(): cells[-2].strip()
+        for cells in (r.split("|") for r in table.split("\n"))
+        if len(cells) > 3
+    }
+    assert (rows["zero"], rows["vjm"], rows["all"]) == ("0:03:02", "unknown", "unknown")
+
+
+@pytest.mark.parametrize(
+    ("rerun", "status", "n_cached"),
+    [
+        ("missing", "ok", 3),
+        ("missing", "failed", 3),
+        ("missing", "skipped", 0),
+        ("failed", "ok", 3),
+        ("failed", "failed", 0),
+        ("all", "ok", 0),
+    ],
+)
+def test_what_counts_as_cached_is_what_the_run_takes(tmp_path, rerun, status, n_cached):
+    plan = plan_into(tmp_path, models=("vjm",))
+    store_some(plan, 1.0, status=status)
+    assert told(plan, rerun=rerun).n_cached == n_cached
+
+
+@pytest.mark.parametrize(
+    "protocol",
+    ["holdout", "sensor-noise", "cross-robot", "sample-efficiency", "load-extrapolation"],
+)
+def test_splits_are_made_one_by_one(protocol):
+    made = [
+        weakref.ref(task.split)
+        for task in cell_tasks(planned(models=("zero",), protocols=(protocol,), splits=8))
+    ]
+    assert len(made) >= 8
+    assert sum(split() is not None for split in made) == 0
+
+
+def test_the_number_of_splits_of_each_condition_is_known_from_the_first_cell():
+    tasks = cell_tasks(planned(protocols=("sample-efficiency@sizes=5,10",), splits=4))
+    assert next(tasks).n_splits == 4
+
+
+def test_a_plan_of_ten_times_the_cells_takes_no_more_memory(tmp_path):
+    peaks = []
+    told(plan_into(tmp_path, models=("zero",), splits=1))  # what is imported and cached once
+    for splits in (3, 30):
+        tracemalloc.start()
+        told(plan_into(tmp_path, models=("zero",), splits=splits))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < peaks[0] + 50_000
+
+
+def test_a_cells_key_is_the_same_whatever_the_number_of_cells(tmp_path):
+    keys = [
+        {task.cell.key for task in cell_tasks(plan_into(tmp_path, splits=splits))}
+        for splits in (3, 5)
+    ]
+    assert len(keys[0]) == 6 and keys[0] < keys[1]
+
+
+def test_every_format_has_the_cells(tmp_path):
+    plan = plan_into(tmp_path)
+    store_some(plan, 60.0, of=lambda t: t.shown.model == "vjm" and t.cell.split_index == 0)
+    found = told(plan)
+    plain = json.loads(render_forecast(found, "json", "bench run --plan"))
+    assert plain["command"] == "bench run --plan"
+    assert (plain["cells"], plain["cached"], plain["unknown"]) == (6, 1, 3)
+    assert plain["seconds"] == pytest.approx(2 * 60.5)
+    zero, vjm = csv.DictReader(render_forecast(found, "csv", "bench run").splitlines())
+    assert (zero["model"], zero["n_cells"], zero["cell_s"]) == ("zero", "3", "")
+    assert (vjm["model"], vjm["n_cached"], float(vjm["cell_s"])) == ("vjm", "1", 60.5)

@@ -1,0 +1,683 @@
+"""The leaderboard: ranks by hand, nothing imputed, nothing compared that did not meet."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from made_results import N_POSES, TWINS, MadeResults, forget
+from stiff_bench.analysis.collected import chosen_contests, collect
+from stiff_bench.analysis.leaderboard import Leaderboard, build_leaderboard
+from stiff_bench.analysis.leaderboard_tables import render_leaderboard
+from stiff_bench.analysis.sort_key import sort_key
+from stiff_bench.store.database import ResultStore, read_manifests, read_results
+from stiff_protocols.contract.errors import ConfigError, StoreError
+from stiff_protocols.contract.record import Cost, ResultRecord
+from stiff_protocols.scoring.bootstrap import pose_errors, resampled_means
+from stiff_protocols.scoring.metrics import METRICS
+
+
+@pytest.fixture()
+def made(tmp_path: Path) -> MadeResults:
+    return MadeResults(tmp_path)
+
+
+def board_of(made: MadeResults, *models: str, metric="norm", axis=None, **narrowed) -> Leaderboard:
+    names = {"datasets": (), "protocols": ()} | narrowed
+    return build_leaderboard(
+        chosen_contests(collect(made.folder), **names),
+        models=models,
+        key=sort_key(metric, axis),
+        folder=made.folder,
+        asked={cell for run in read_manifests(made.folder) for cell in run.cells},
+    )
+
+
+def text_of(board: Leaderboard, fmt: str = "github") -> str:
+    return render_leaderboard(board, fmt, "bench leaderboard", ("from a test.",))
+
+
+def cells(board: Leaderboard, title: str) -> dict[str, list[str]]:
+    """Return the cells of the rows of the table whose title begins so."""
+    table = text_of(board).split(f"**{title}")[1]
+    lines = [line.strip("|").split("|") for line in table.splitlines() if line.startswith("|")]
+    return {name.strip(): [cell.strip() for cell in found] for name, *found in lines[2:]}
+
+
+def rewrite(made: MadeResults, keys: Sequence[str], **changes) -> None:
+    """Change fields of stored results."""
+    for result in list(read_results(made.folder)):
+        if result.cell.key in keys:
+            ResultStore(made.folder).write_cell(replace(result, **changes))
+
+
+def ranks(board: Leaderboard) -> dict[str, float]:
+    return {model.name: model.mean_rank for model in board.sections[0].ranked}
+
+
+def n_robots(board: Leaderboard) -> int:
+    return len(board.sections[0].analyses[0].robots)
+
+
+def add_three(made: MadeResults, **changes) -> None:
+    """Three models on three data sets: a wins twice, b once, c comes last, then second."""
+    for dataset, (a, b, c) in zip(TWINS, [(1, 2, 3), (1, 2, 3), (3, 1, 2)], strict=False):
+        for model, error in (("a", a), ("b", b), ("c", c)):
+            made.add(model, [error, error], dataset, **changes)
+
+
+def test_models_are_sorted_by_their_mean_rank(made):
+    add_three(made)
+    board = board_of(made)
+    assert ranks(board) == pytest.approx({"a": 5 / 3, "b": 5 / 3, "c": 8 / 3})
+    assert [model.won for model in board.sections[0].ranked] == [2, 1, 0]
+    assert "sorted by mean rank of norm [mm] (smaller is better)" in text_of(board)
+
+
+def test_ranks_are_computed_anew_among_the_models_that_are_shown(made):
+    add_three(made)
+    board = board_of(made, "a", "c")
+    assert ranks(board) == pytest.approx({"a": 4 / 3, "c": 5 / 3})
+    assert "| b" not in text_of(board)
+
+
+def test_a_key_stands_for_all_its_variants(made):
+    for model in ("net", "net@size=2", "network"):
+        made.add(model, [1.0])
+    assert set(ranks(board_of(made, "net"))) == {"net", "net@size=2"}
+
+
+def test_a_model_without_results_is_refused_by_name(made):
+    add_three(made)
+    with pytest.raises(ConfigError, match=r"'d'.*valid: a, b, c"):
+        board_of(made, "d")
+
+
+def test_a_model_that_lacks_a_contest_has_no_mean_rank_and_moves_nobody_elses(made):
+    add_three(made)
+    made.add("winner", [0.1, 0.1], TWINS[0])
+    board = board_of(made)
+    assert ranks(board) == pytest.approx({"a": 5 / 3, "b": 5 / 3, "c": 8 / 3})
+    (unranked,) = board.sections[0].unranked
+    assert unranked.name == "winner"
+    assert set(unranked.missing.values()) == {"not run"}
+    text = text_of(board)
+    assert "winner: no mean rank, 2 of 3 contests missing. not run: holdout (2 data sets)." in text
+    assert cells(board, "holdout")["winner"] == ["0.1000 (1/3)"]
+
+
+def test_a_failure_is_missing_with_its_reason_and_is_said_in_its_column(made):
+    add_three(made)
+    for dataset in TWINS[:3]:
+        made.add("broken", [0.1, 0.1], dataset, failed=[1] if dataset == TWINS[0] else [])
+    made.add("never", failed=[0, 1], dataset=TWINS[0])
+    board = board_of(made)
+    assert "FAILED in 1 of 2 splits: it broke: holdout (1 data set)" in text_of(board)
+    shown = cells(board, "holdout")
+    assert shown["broken"] == ["0.1000 ± 0.0000 (2/3) FAILED"]
+    assert shown["never"] == ["FAILED"]
+
+
+def test_of_fewer_splits_only_those_count_that_all_models_have(made):
+    made.add("a", [1.0, 5.0, 9.0])
+    made.add("b", [2.0, 2.0])
+    board = board_of(made)
+    (field,) = board.sections[0].fields
+    assert field.mean("a") == pytest.approx(3e-3)
+    assert "only the 2 of 3 splits count that all models have (b lacks 1)" in text_of(board)
+
+
+def test_a_model_whose_run_was_interrupted_takes_no_splits_from_the_others(made):
+    made.add("a", [1.0, 5.0, 9.0])
+    made.add("c", [2.0, 2.0, 2.0])
+    asked = made.add("b", [2.0, 2.0, 2.0])
+    made.add_run("run-1", asked)
+    forget(made.folder, asked[2])
+    board = board_of(made)
+    (field,) = board.sections[0].fields
+    assert field.mean("a") == pytest.approx(5e-3)
+    assert field.missing == {"b": "run not finished"}
+
+
+def test_models_that_share_no_split_are_refused_by_name(made):
+    made.add("a", [1.0])
+    first, _ = made.add("b", [2.0, 2.0])
+    forget(made.folder, first)
+    with pytest.raises(StoreError, match="a and b were run on different splits and share none"):
+        board_of(made)
+
+
+def test_a_model_that_was_run_on_older_splits_alone_is_not_ranked_and_that_is_said(made):
+    made.add("a", [1.0, 1.0], run_id="1", splits_named="old-")
+    made.add("b", [2.0, 2.0], run_id="2", splits_named="new-")
+    said = "older results on other splits than those of the newest run .all of a. are left out"
+    with pytest.raises(ConfigError, match=said):
+        board_of(made)
+    made.add("c", [3.0, 3.0], run_id="2", splits_named="new-")
+    board = board_of(made)
+    assert ranks(board) == {"b": 1.0, "c": 2.0}
+    assert "(all of a) are left out" in text_of(board)
+
+
+def test_of_data_that_changed_under_one_name_only_those_of_the_newest_run_count(made):
+    for version, run_id in ((1, "20260101T"), (0, "20270101T")):
+        made.add("a", [1.0 + version], version=version, run_id=run_id)
+        made.add("b", [1.5], version=version, run_id=run_id)
+    board = board_of(made)
+    assert ranks(board) == {"a": 1.0, "b": 2.0}
+    assert len(board.sections[0].fields) == 1
+    assert "twin stands for different data here" in text_of(board)
+
+
+def test_where_nothing_can_be_ranked_the_data_that_a_newer_run_replaced_are_named(made):
+    made.add("a", [1.0], version=1, run_id="20260101T")
+    made.add("b", [1.0], version=0, run_id="20270101T")
+    with pytest.raises(ConfigError, match=r"nothing to rank.*twin stands for different data here"):
+        board_of(made)
+
+
+def test_another_task_never_enters(made):
+    add_three(made)
+    made.add("a", [9.0, 9.0], "ur5-pose-error", task="pose-error", kind="measured")
+    made.add("b", [1.0, 1.0], "ur5-pose-error", task="pose-error", kind="measured")
+    board = board_of(made)
+    assert ranks(board)["a"] == pytest.approx(5 / 3)
+    assert "ur5-pose-error is left out: it is measured pose-error, not stiffness." in text_of(board)
+    with pytest.raises(ConfigError, match="nothing to rank"):
+        board_of(made, datasets=("ur5-pose-error",))
+
+
+def test_a_contest_with_one_model_alone_is_left_out_and_said(made):
+    add_three(made)
+    made.add("a", [1.0], "lonely")
+    board = board_of(made)
+    assert len(board.sections[0].fields) == 3
+    assert "lonely | holdout is left out: none of the other models was run there." in text_of(board)
+
+
+def test_protocols_that_select_on_the_test_part_are_ranked_apart_and_marked(made):
+    add_three(made)
+    for model, error in (("a", 2.0), ("b", 1.0)):
+        made.add(
+            model,
+            [error],
+            protocol="paper-holdout",
+            selects_on_test=True,
+            picked_on_test=model == "b",
+            warning="it is optimistic",
+        )
+    board = board_of(made)
+    fair, unfair = board.sections
+    assert ranks(board)["a"] == pytest.approx(5 / 3)
+    assert [(model.name, model.mean_rank) for model in unfair.ranked] == [("b", 1.0), ("a", 2.0)]
+    assert fair.marks["b"] == "" and unfair.marks["b"] == "epoch picked on test part"
+    text = text_of(board)
+    assert "b [epoch picked on test part]" in text
+    assert "not a fair comparison" in text and "it is optimistic" in text
+
+
+def test_the_regime_stands_beside_the_model(made):
+    made.add("a", [1.0], regime="unsupervised transfer")
+    made.add("b", [2.0])
+    assert "a [unsupervised transfer]" in text_of(board_of(made))
+
+
+def test_the_interval_of_one_contest_is_that_of_the_ranks_over_its_poses(made, rng):
+    errors = {
+        model: rng.gamma(2.0, scale, size=N_POSES)
+        for model, scale in zip("abc", (5, 6, 9), strict=True)
+    }
+    for model, error in errors.items():
+        made.add(model, [error], rows=np.arange(N_POSES))
+    poses = [f"P{pose:02d}" for pose in range(N_POSES)]
+    drawn = resampled_means([pose_errors(poses, errors[m][:, None] * 1e-3) for m in "abc"])
+    low, high = np.quantile(stats.rankdata(drawn, axis=1), [0.025, 0.975], axis=0)
+    ranked = {model.name: model for model in board_of(made).sections[0].ranked}
+    means = [errors[m].mean() for m in "abc"]
+    assert [ranked[m].mean_rank for m in "abc"] == stats.rankdata(means).tolist()
+    assert [ranked[m].low for m in "abc"] == pytest.approx(low)
+    assert [ranked[m].high for m in "abc"] == pytest.approx(high)
+    assert low[0] < high[0]  # else nothing was shown
+
+
+def test_the_interval_holds_the_mean_rank_also_where_draws_pull_it_to_the_middle(made, rng):
+    """A model that is ahead everywhere by a hair falls behind somewhere in nearly every draw."""
+    for dataset in TWINS:
+        errors = rng.gamma(2.0, 1.0, size=(6, N_POSES))
+        errors *= (1.0 / errors.mean(axis=1))[:, None]
+        errors[0] *= 0.999
+        for model, error in zip("abcdef", errors, strict=True):
+            made.add(model, [error], dataset, rows=np.arange(N_POSES))
+    board = board_of(made)
+    first, *_ = board.sections[0].ranked
+    assert (first.name, first.mean_rank, first.low) == ("a", 1.0, 1.0)
+    assert first.high > 2.0
+    assert "widened to hold the mean rank" in text_of(board)
+
+
+def test_contests_on_the_same_poses_are_drawn_together(made, rng):
+    """Two conditions with the same errors say no more than one of them."""
+    errors = {
+        model: rng.gamma(2.0, scale, size=N_POSES)
+        for model, scale in zip("ab", (5, 6), strict=True)
+    }
+    for condition in ("n = 5", "n = 10"):
+        for model, error in errors.items():
+            made.add(model, [error], rows=np.arange(N_POSES), condition=condition)
+    (first, _) = board_of(made).sections[0].ranked
+    assert (first.low, first.high) == (1.0, 2.0)  # independent draws would give 1.5 too
+
+
+def test_what_noise_can_explain_is_like_the_best_and_a_clear_difference_is_not(made, rng):
+    base = rng.gamma(9.0, 1.0, size=(3, 4))
+    noise = rng.normal(size=(3, 4))
+    for model, change in (("best", 0.0), ("like", noise - noise.mean() + 0.1), ("worse", 50.0)):
+        made.add(model, list(base + change))
+    board = board_of(made)
+    found = {model.name: model.like_best for model in board.sections[0].ranked}
+    assert found == {"best": 1, "like": 1, "worse": 0}
+    marks = {name: cell.split()[-1] for name, (cell,) in cells(board, "holdout").items()}
+    assert marks["like"] == "≈" and marks["best"] == "*" and marks["worse"] not in "≈*"
+
+
+def test_a_single_split_is_tested_over_its_poses(made, rng):
+    base = rng.gamma(9.0, 1.0, size=N_POSES)
+    for model, change in (("best", 0.0), ("like", rng.normal(size=N_POSES) + 0.1), ("worse", 9.0)):
+        made.add(model, [base + change], rows=np.arange(N_POSES))
+    found = {model.name: model.like_best for model in board_of(made).sections[0].ranked}
+    assert found == {"best": 1, "like": 1, "worse": 0}
+
+
+def test_five_specimens_are_five_data_sets_but_splits_and_seeds_are_none(made):
+    for number, dataset in enumerate((*TWINS[:4], f"{TWINS[0]}@seed=1")):
+        for model, error in (("a", 1.0), ("b", 2.0), ("c", 3.0)):
+            made.add(model, [error + number / 10] * 6, dataset)
+    board = board_of(made)
+    assert n_robots(board) == 4
+    assert "needs at least 5 data sets of different robots, here are 4" in text_of(board)
+    for model, error in (("a", 1.0), ("b", 2.0), ("c", 3.0)):
+        made.add(model, [error], TWINS[4])
+    board = board_of(made)
+    (section,) = board.sections
+    (analysis,) = section.analyses
+    assert [robot.specimen for robot in analysis.robots] == list("01234")
+    assert analysis.outcome.mean_ranks.tolist() == [1.0, 2.0, 3.0]
+    # Nemenyi: 2.343 sqrt(3 * 4 / (6 * 5)) = 1.48 (Demsar 2006, table 5)
+    assert analysis.outcome.critical_difference == pytest.approx(1.48, abs=0.01)
+    assert [model.within_cd for model in section.ranked] == [True, True, False]
+    text = text_of(board)
+    assert "{a, b}, {b, c}" in text and "5 x twin" in text
+    assert "less than the critical difference behind the best one" in text
+    # all five agree, so that Conover's test has no residual: 2 (1/2)^5 = 0.0625
+    assert cells(board, "Critical difference over robots")["holdout"][5] == "-"
+    assert "5 robots that agree have an exact two-sided p of 0.0625 for a pair" in text
+    assert "all robots are of one type (kr10_r1100_2, simulated)" in text
+
+
+def test_where_friedman_finds_nothing_all_are_like_the_best(made):
+    for number, dataset in enumerate(TWINS):
+        for place, model in enumerate("abc"):
+            made.add(model, [1.0 + (place + number) % 3], dataset)
+    board = board_of(made)
+    (section,) = board.sections
+    assert not section.analyses[0].differs
+    assert all(model.within_cd for model in section.ranked)
+    assert "all (Friedman)" in text_of(board)
+
+
+def test_several_protocols_are_analysed_each_and_together(made):
+    for dataset in TWINS:
+        for protocol, errors in (("holdout", (1, 2, 3)), ("kfold", (1, 3, 2))):
+            for model, error in zip("abc", errors, strict=True):
+                made.add(model, [error], dataset, protocol)
+    together, *each = board_of(made).sections[0].analyses
+    assert together.outcome.mean_ranks.tolist() == [1.0, 2.5, 2.5]
+    assert [analysis.protocol for analysis in each] == ["holdout", "kfold"]
+    assert together.text == "all protocols together"
+
+
+def test_a_column_is_mean_and_deviation_over_data_sets_and_its_conditions_are_in_order(made):
+    for dataset, error in zip(TWINS, (1.0, 2.0, 6.0), strict=False):
+        for condition in ("n = 10", "n = 5"):
+            made.add("a", [error], dataset, condition=condition)
+            made.add("b", [error + 1], dataset, condition=condition)
+    board = board_of(made)
+    assert [column.condition for column in board.sections[0].columns] == ["n = 5", "n = 10"]
+    value = board.sections[0].columns[0].values["a"]
+    assert (value.mean, value.std) == pytest.approx((3e-3, np.std([1, 2, 6], ddof=1) * 1e-3))
+    assert "3.0000 ± 2.6458 *" in text_of(board)
+    assert "n = 5 (3 data sets)" in text_of(board)
+
+
+def test_a_metric_with_axes_ranks_by_one_of_them_or_by_their_mean(made):
+    made.add("a", [3.0])
+    made.add("b", [1.0])
+    of_z, of_all, of_x = (board_of(made, metric="mae", axis=axis) for axis in ("z", None, "x"))
+    assert of_z.sections[0].fields[0].mean("a") == pytest.approx(3e-3)
+    assert of_all.sections[0].fields[0].mean("a") == pytest.approx(1e-3)
+    assert ranks(of_z) == {"b": 1.0, "a": 2.0} and ranks(of_x) == {"a": 1.5, "b": 1.5}
+    assert "mean rank of mae [mm], mean over x, y, z (smaller is better)" in text_of(of_all)
+
+
+def test_where_larger_is_better_the_largest_is_first_and_nothing_is_drawn(made):
+    made.add("a", [3.0, 3.0])
+    made.add("b", [1.0, 1.0])
+    board = board_of(made, metric="skill")
+    assert ranks(board) == {"b": 1.0, "a": 2.0}
+    assert np.isnan(board.sections[0].ranked[0].low)
+    text = text_of(board)
+    assert "larger is better" in text and "no intervals: skill is no mean over rows" in text
+
+
+def test_leave_one_out_is_scored_over_all_poses_together(made):
+    for model, errors in (("a", [1.0, 3.0]), ("b", [4.0, 4.0])):
+        made.add(model, errors, protocol="leave-one-out", pooled=True)
+    (field,) = board_of(made, metric="me", axis="z").sections[0].fields
+    assert field.scores["a"].tolist() == pytest.approx([3e-3])
+
+
+def test_a_metric_that_is_not_there_is_missing_not_zero(made):
+    made.add("a", [1.0])
+    made.add("b", [1.0])
+    board = board_of(made, metric="latency")
+    assert board.sections[0].fields[0].missing == {
+        "a": "no value of latency [ms]",
+        "b": "no value of latency [ms]",
+    }
+    assert "no mean ranks" in text_of(board)
+
+
+def test_several_data_sets_of_one_robot_count_once_in_the_analysis(made):
+    """Loads, sensors and seeds are other measurements of the same specimen."""
+    for dataset in TWINS:
+        key, _, option = dataset.partition("@")
+        for name in (dataset, f"{key}@torques=hook@{option}", f"omni@{option}@seed=1"):
+            for model, error in (("a", 1.0), ("b", 2.0), ("c", 1.6 if name == dataset else 3.0)):
+                made.add(model, [error], name)
+    board = board_of(made)
+    (analysis,) = board.sections[0].analyses
+    assert len(analysis.robots) == 5
+    assert analysis.outcome.mean_ranks.tolist() == [1.0, 2.0, 3.0]  # c's mean is 2.53 on each
+    assert analysis.outcome.critical_difference == pytest.approx(1.48, abs=0.01)
+    assert cells(board, "Critical difference over robots")["holdout"][0] == (
+        "5 specimens of omni and twin and twin@torques=hook"
+    )
+
+
+def test_data_without_a_specimen_are_of_one_robot_for_each_robot_name(made):
+    for dataset in ("one", "two", *TWINS[:2]):
+        for model, error in (("a", 1.0), ("b", 2.0), ("c", 3.0)):
+            made.add(model, [error], dataset)
+    assert n_robots(board_of(made)) == 3
+
+
+def test_equal_data_under_two_names_are_one_robot(made):
+    twin = "twin@specimen=1"
+    copied = sum(twin.encode()) - sum(b"copy")  # gives the copy the twin's numbers
+    for dataset, version in ((twin, 0), ("copy", copied), ("twin@torques=hook@specimen=1", 0)):
+        for model in "abc":
+            made.add(model, [1.0], dataset, version=version)
+    assert len({contest.name.data_sha256 for contest in collect(made.folder)}) == 2
+    assert n_robots(board_of(made)) == 1
+
+
+def test_a_protocols_table_shows_the_marks_of_that_protocol_alone(made):
+    for protocol, regime in (("cross-robot", "target alone"), ("holdout", "")):
+        made.add("a", [1.0], protocol=protocol, regime=regime)
+        made.add("b", [2.0], protocol=protocol)
+    board = board_of(made)
+    assert "a [target alone]" in cells(board, "Leaderboard")
+    assert "a [target alone]" in cells(board, "cross-robot")
+    assert "a" in cells(board, "holdout")
+    rows = list(csv.DictReader(io.StringIO(text_of(board, "csv"))))
+    marks = {row["protocol"]: row["mark"] for row in rows if row["model"] == "a"}
+    assert marks == {"": "target alone", "cross-robot": "target alone", "holdout": ""}
+
+
+def test_the_conditions_of_a_protocol_stand_in_one_table_for_each_robot_type(made):
+    for dataset in ("left", "right"):
+        for condition in ("n = 5", "n = 10"):
+            for model in "ab":
+                made.add(model, [1.0], dataset, condition=condition)
+    text = text_of(board_of(made))
+    assert text.count("**holdout on left") == text.count("**holdout on right") == 1
+
+
+def test_the_weight_of_each_protocol_in_the_mean_rank_is_said(made):
+    for condition in ("n = 5", "n = 10"):
+        for model in "ab":
+            made.add(model, [1.0], protocol="learning-curve", condition=condition)
+    for model in "ab":
+        made.add(model, [1.0])
+    assert "weighs as many as it has: holdout 1, learning-curve 2." in text_of(board_of(made))
+
+
+def test_a_model_without_the_metric_takes_no_splits_from_the_others(made):
+    for model in "ab":
+        made.add(model, [1.0, 1.0, 1.0])
+    (key,) = made.add("c", [1.0])
+    rewrite(made, [key], records=())
+    board = board_of(made)
+    (field,) = board.sections[0].fields
+    assert len(field.slots) == 3 and set(field.scores) == {"a", "b"}
+    assert field.missing["c"] == "no value of norm [mm]"
+    assert "splits count" not in text_of(board)
+
+
+def test_runs_that_were_all_interrupted_rank_nobody(made):
+    for model in "ab":
+        rewrite(made, made.add(model, [1.0, 1.0]), n_splits=5)
+    board = board_of(made)
+    reason = "2 of 5 splits asked for: run not finished"
+    assert board.sections[0].fields[0].missing == {"a": reason, "b": reason}
+    assert not board.sections[0].ranked
+    assert f"1 of 1 contest missing. {reason}: holdout (1 data set)." in text_of(board)
+
+
+@pytest.mark.parametrize(
+    ("done", "asked", "ranked", "n_slots"),
+    [
+        ((5, 5, 5), (5, 5, 5), "abc", 5),
+        ((2, 5, 5), (5, 5, 5), "bc", 5),  # a takes no split from the others
+        ((2, 2, 5), (2, 5, 5), "abc", 2),  # b has all that the others share
+        ((2, 3, 5), (5, 3, 5), "bc", 3),  # --splits 3 for b; a lacks one of those
+        ((8, 5, 5), (20, 5, 5), "abc", 5),  # asked for more later, and interrupted
+        ((2, 2, 5), (0, 5, 5), "abc", 2),  # a's number is not known
+    ],
+)
+def test_an_interrupted_run_takes_part_where_it_takes_no_split_from_the_finished(
+    made, done, asked, ranked, n_slots
+):
+    for model, n_done, n_asked in zip("abc", done, asked, strict=True):
+        rewrite(made, made.add(model, [1.0] * n_done), n_splits=n_asked)
+    (field,) = board_of(made).sections[0].fields
+    assert set(field.scores) == set(ranked) and len(field.slots) == n_slots
+
+
+def test_costs_are_ranked_without_a_test(made):
+    for dataset in TWINS:
+        for model, seconds in (("a", 1.0), ("b", 5.0), ("c", 9.0)):
+            record = ResultRecord("fit-time", *METRICS["fit-time"].axes, seconds, "s")
+            rewrite(made, made.add(model, [1.0, 1.0], dataset), records=(record,))
+    board = board_of(made, metric="fit-time")
+    assert ranks(board) == {"a": 1.0, "b": 2.0, "c": 3.0}
+    ranked = board.sections[0].ranked
+    assert {(model.like_best, model.within_cd) for model in ranked} == {(None, None)}
+    assert all(v.like_best is None for v in board.sections[0].columns[0].values.values())
+    text = text_of(board)
+    assert "costs: no test; the first fit of a run loads libraries" in text
+    assert "no critical-difference analysis: it does not apply to costs." in text
+    assert "\u2248" not in text
+
+
+def test_the_only_complete_model_is_said_to_lack_nothing(made):
+    made.add("a", [1.0], TWINS[0])
+    made.add("b", [1.0], TWINS[1])
+    for dataset in TWINS[:2]:
+        made.add("vjm", [1.0], dataset)
+    assert "vjm: no mean rank, it is the only model with all contests." in text_of(board_of(made))
+
+
+def test_a_table_shows_the_caveats_of_its_own_data_sets_alone(made):
+    for dataset, caveat in (("left", "left is odd"), ("right", "right is odd")):
+        for model in "ab":
+            made.add(model, [1.0], dataset, caveats=(caveat,))
+    first, left, right = text_of(board_of(made)).split("\n**")
+    assert "left is odd" in first and "right is odd" in first
+    assert "left is odd" in left and "right is odd" not in left
+    assert "right is odd" in right and "left is odd" not in right
+
+
+def test_several_seeds_are_said_and_named(made):
+    for dataset in TWINS[:2]:
+        for model, n_splits in (("a", 2), ("b", 3)):
+            made.add(model, [1.0] * n_splits, dataset)
+    for result in list(read_results(made.folder)):
+        other = replace(result, cell=replace(result.cell, seed=1))
+        ResultStore(made.folder).write_cell(other)
+    text = text_of(board_of(made))
+    assert "**Leaderboard, 4 contests: 2 x twin (simulated) under holdout, 2 seeds |" in text
+    assert "holdout (2 data sets, 2 seeds)" in text
+    for seed in (0, 1):
+        assert f"{TWINS[0]} | holdout | seed {seed}: only the 2 of 3 splits count" in text
+
+
+def test_what_all_splits_find_on_the_same_poses_needs_the_poses_too(made, rng):
+    """Three splits that test the same rows: the splits agree, a draw of the poses does not."""
+    tested = np.arange(N_POSES - 2)
+    base = rng.gamma(9.0, 1.0, size=len(tested))
+    change = rng.normal(size=len(tested))
+    for model, added in (("best", 0.0), ("like", change - change.mean() + 0.1), ("worse", 9.0)):
+        made.add(model, [base + added] * 3, rows=tested)
+    found = {model.name: model.like_best for model in board_of(made).sections[0].ranked}
+    assert found == {"best": 1, "like": 1, "worse": 0}
+
+
+def test_a_clear_difference_is_found_among_any_number_of_models(made, rng):
+    """Holm over 51 rivals asks for a rarer event than 2000 draws hold."""
+    base = rng.gamma(9.0, 1.0, size=(3, 4))
+    made.add("best", list(base))
+    for number in range(51):
+        made.add(f"worse-{number}", list(base + 50.0 + 0.01 * number))
+    found = [model.like_best for model in board_of(made).sections[0].ranked]
+    assert found == [1] + [0] * 51
+
+
+def test_of_two_versions_of_the_source_data_the_newest_counts(made):
+    for run_id, source, error in (("1", "old", 1.0), ("2", "new", 3.0)):
+        made.add("a", [error], protocol="cross-robot", run_id=run_id, source=source)
+        made.add("b", [2.0], protocol="cross-robot", run_id=run_id, source=source)
+    board = board_of(made)
+    assert ranks(board) == {"b": 1.0, "a": 2.0}
+    assert "different source data here (new, old)" in text_of(board)
+
+
+@pytest.mark.parametrize(
+    ("metric", "axis", "said"),
+    [
+        ("coverage", None, "its best value is the nominal one"),
+        ("width", None, "narrower intervals are better only at equal coverage"),
+        ("norm", "x", "metrics with axes are mae"),
+        ("maw", None, "did you mean 'mae'"),
+    ],
+)
+def test_what_cannot_sort_is_refused(metric, axis, said):
+    with pytest.raises(ConfigError, match=said):
+        sort_key(metric, axis)
+
+
+def test_csv_and_json_hold_every_score_with_the_reason_of_a_missing_one(made):
+    add_three(made)
+    made.add("d", [0.1, 0.1], TWINS[0])
+    board = board_of(made)
+    rows = list(csv.DictReader(io.StringIO(text_of(board, "csv"))))
+    scores = [row for row in rows if row["quantity"] == "norm [mm]"]
+    assert len(scores) == 12
+    of_a = [float(row["value"]) for row in scores if row["model"] == "a"]
+    assert of_a == pytest.approx([1.0, 1.0, 3.0])
+    assert [r["note"] for r in scores if r["model"] == "d"] == ["", "not run", "not run"]
+    (section,) = json.loads(text_of(board, "json"))["sections"]
+    assert section["ranked"][0]["mean_rank"] == pytest.approx(5 / 3)
+    assert section["contests"][1]["missing"] == {"d": "not run"}
+
+
+def test_latex_and_html_keep_the_marks(made):
+    add_three(made)
+    board = board_of(made)
+    assert r"\begin{table}" in text_of(board, "latex")
+    assert r"$\approx$ not distinguishable" in text_of(board, "latex")
+    assert "<table>" in text_of(board, "html")
+
+
+def test_the_command_prints_the_board_and_loads_neither_torch_nor_pinocchio(made):
+    add_three(made)
+    made.add_run("run-1", [])
+    script = (
+        "import sys; from stiff_bench.cli.compare import leaderboard\n"
+        "leaderboard(sys.argv[1:], standalone_mode=False)\n"
+        "print([name for name in ('torch', 'pinocchio', 'matplotlib') if name in sys.modules])"
+    )
+    words = ["--results", str(made.folder), "--model", "a", "--model", "b"]
+    done = subprocess.run(
+        [sys.executable, "-c", script, *words], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.startswith("**Leaderboard, 3 contests: 3 x twin (simulated) under holdout")
+    assert done.stdout.endswith("[]\n")
+    assert "12 results of " in done.stdout and "made by stiffbench 9.9 at 01234567." in done.stdout
+
+
+def priced(
+    made: MadeResults, model: str, fits_s: Sequence[float], memory: int | None = None
+) -> None:
+    """Say what a model's three splits cost."""
+    for key, fit_s in zip(made.add(model, [1.0, 1.0, 1.0]), fits_s, strict=True):
+        rewrite(made, [key], cost=Cost(fit_s, 0.1, 0.5 * fit_s, 12_345.6, memory))
+
+
+def test_costs_stand_beside_the_ranks_as_medians_with_their_range(made):
+    priced(made, "quick", [4e-5, 2e-5, 2e-4], memory=3 * 2**20)
+    priced(made, "slow", [90.0, 60.0, 70.0])
+    made.add("unknown", [1.0, 1.0, 1.0])
+    board = board_of(made)
+    rows = cells(board, "Costs, 6 cells | median (lowest to highest), not ranked")
+    assert rows["quick"] == ["40 us (20 to 200)", "12,300", "20 us (10 to 100)", "3.0", "3"]
+    assert rows["slow"] == ["70 s (60 to 90)", "12,300", "35 s (30 to 45)", "-", "3"]
+    assert "unknown" not in rows
+    assert "A pre-training from the cache costs nothing in fit time" in text_of(board)
+
+
+def test_a_board_whose_costs_nobody_knows_has_no_table_of_them(made):
+    add_three(made)
+    assert "**Costs" not in text_of(board_of(made))
+
+
+def test_csv_and_json_hold_the_costs(made):
+    priced(made, "quick", [4e-5, 2e-5, 2e-4])
+    priced(made, "slow", [90.0, 60.0, 70.0])
+    board = board_of(made)
+    lines = list(csv.DictReader(io.StringIO(text_of(board, "csv"))))
+    (fit,) = (x for x in lines if x["model"] == "slow" and x["quantity"] == "fit-time")
+    assert [float(fit[name]) for name in ("value", "low", "high")] == [70e3, 60e3, 90e3]
+    assert (fit["unit"], fit["note"]) == ("ms", "median, lowest and highest of 3 cells")
+    (section,) = json.loads(text_of(board, "json"))["sections"]
+    (slow,) = (model for model in section["costs"] if model["name"] == "slow")
+    assert slow["cells"] == 3
+    assert slow["costs"]["latency"] == {"median": 35e3, "low": 30e3, "high": 45e3, "unit": "ms"}
+    assert "memory" not in slow["costs"]
+
+
+def test_latex_and_html_hold_the_costs(made):
+    priced(made, "quick", [4e-5, 2e-5, 2e-4])
+    priced(made, "slow", [90.0, 60.0, 70.0])
+    for fmt in ("latex", "html"):
+        assert "40 us (20 to 200)" in text_of(board_of(made), fmt)

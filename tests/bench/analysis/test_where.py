@@ -1,0 +1,128 @@
+"""Where one model is better: places that were made to differ are found, noise is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from compared_results import N_POSES, contest_in, made_data, spread, store_results
+from stiff_bench.analysis.comparison import Question, paired_errors
+from stiff_bench.analysis.comparison_text import place_text
+from stiff_bench.analysis.where import FEWEST_POSES, factors, where_better
+from stiff_bench.store.samples import data_content, stored_data
+from stiff_protocols.contract.forward_kinematics import tcp_position
+from stiff_protocols.contract.types import BenchmarkData
+from stiff_protocols.scoring.paired import LEVEL
+
+ALL = [np.arange(N_POSES)]
+
+
+def found_in(folder, **models):
+    contest, data = contest_in(store_results(folder, models, tests=ALL))
+    return where_better(paired_errors(contest, "a", "b"), data, Question()), data
+
+
+def worse_where(mask, by=3e-4):
+    """Errors of about 0.1 mm, and larger ones at some rows."""
+    errors = 1e-4 + np.random.default_rng(1).normal(0.0, 1e-5, N_POSES) + by * mask
+
+    def of(_, rows):
+        return np.column_stack([errors[rows], np.zeros((len(rows), 2))])
+
+    return of
+
+
+def test_a_model_that_is_worse_under_heavy_loads_is_found_to_be_so_there_alone(tmp_path):
+    force = np.linalg.norm(made_data().samples.wrench[:, :3], axis=1)
+    heavy = force > np.quantile(force, 2 / 3)
+    found, _ = found_in(tmp_path, a=spread(1e-4, 1e-5, seed=2), b=worse_where(heavy))
+    light, middle, hard = [place for place in found.places if place.factor == "force"]
+    assert [place.verdict for place in (light, middle, hard)] == ["equivalent", "equivalent", "a"]
+    assert hard.low == pytest.approx(force[heavy].min())
+    assert hard.high == pytest.approx(force.max())
+    assert hard.difference == pytest.approx(-3e-4, rel=0.1)
+    assert hard.estimate.low < hard.difference < hard.estimate.high < -2e-4
+    assert (light.n_samples, middle.n_samples, hard.n_samples) == (14, 13, 13)
+    assert place_text(hard) == f"force {hard.low:.0f} to {hard.high:.0f} N"
+
+
+def test_of_each_kind_the_division_that_explains_most_is_shown(tmp_path):
+    data = made_data()
+    torque = np.abs(stored_data(data_content(data)).torque[:, 3])
+    high = data.samples.group == "far"
+    b = worse_where((torque > np.quantile(torque, 2 / 3)) + 1.0 * high)
+    found, stored = found_in(tmp_path, a=spread(1e-4, 1e-5, seed=2), b=b)
+    shown = {place.kind: place.factor for place in found.places}
+    assert shown["joint torque"] == f"torque on {stored.joint_names[3]}"
+    assert shown["pose region"] == "part of the plan"
+    assert [p.label for p in found.places if p.kind == "pose region"] == ["far", "near"]
+    # group, reach, height, force, six joints; the loads have no torque at the TCP to divide by
+    assert (found.n_factors, found.n_places) == (10, 2 + 9 * 3)
+
+
+def test_noise_is_not_sold_as_a_finding(tmp_path):
+    verdicts = []
+    for seed in range(3):
+        found, _ = found_in(
+            tmp_path / str(seed), a=spread(0.0, 1e-3, 2 * seed), b=spread(0.0, 1e-3, 2 * seed + 1)
+        )
+        verdicts += [place.verdict for place in found.places]
+        assert (found.a_better, found.b_better) == (0, 0)
+    assert set(verdicts) == {"open"}
+
+
+def test_p_values_are_corrected_for_all_places_that_were_looked_at(tmp_path):
+    found, _ = found_in(tmp_path, a=spread(1e-4, 1e-6), b=worse_where(np.ones(N_POSES)))
+    largest = 2 * 0.5**13  # A is better at each of 13 poses
+    assert min(place.estimate.p_value for place in found.places) > largest
+    assert found.a_better == found.n_places
+
+
+def test_a_part_counts_from_so_many_poses_on_that_something_could_be_found_there():
+    n_places = 30
+    smallest = 2 * 0.5**FEWEST_POSES  # A is better at each of them
+    assert n_places * smallest < LEVEL <= n_places * 2 * smallest
+
+
+@pytest.mark.parametrize(("n_tested", "n_places"), [(30, 0), (33, 9 * 3)])
+def test_a_division_needs_so_many_poses_in_every_part(tmp_path, n_tested, n_places):
+    models = {"a": spread(1e-4, 1e-5, 1), "b": spread(2e-4, 1e-5, 2)}
+    every = np.arange(N_POSES)
+    spared = every[(every >= N_POSES // 2) & (every < N_POSES - 10)]  # ten of a group are left
+    tests = [np.setdiff1d(every, spared[: N_POSES - n_tested])]
+    contest, data = contest_in(store_results(tmp_path, models, tests=tests))
+    found = where_better(paired_errors(contest, "a", "b"), data, Question())
+    assert found.n_places == n_places + (2 if n_tested == 33 else 0)
+
+
+def test_too_few_poses_give_no_place(tmp_path):
+    models = {"a": spread(1e-4, 1e-5, 1), "b": spread(2e-4, 1e-5, 2)}
+    folder = store_results(tmp_path, models, tests=[np.arange(8)])
+    contest, data = contest_in(folder)
+    found = where_better(paired_errors(contest, "a", "b"), data, Question())
+    assert (found.places, found.n_places) == ((), 0)
+
+
+def test_a_sample_that_several_splits_test_counts_once(tmp_path):
+    models = {"a": spread(1e-4, 1e-5, 1), "b": spread(2e-4, 1e-5, 2)}
+    once, thrice = (
+        store_results(tmp_path / str(times), models, tests=ALL * times) for times in (1, 3)
+    )
+    places = []
+    for folder in (once, thrice):
+        contest, data = contest_in(folder)
+        places.append(where_better(paired_errors(contest, "a", "b"), data, Question()).places)
+    assert [p.n_samples for p in places[0]] == [p.n_samples for p in places[1]]
+    assert [p.estimate.p_value for p in places[0]] == pytest.approx(
+        [p.estimate.p_value for p in places[1]]
+    )
+
+
+def test_stored_data_hold_where_the_tcp_is_and_units_of_the_torques():
+    data = made_data()
+    back = stored_data(data_content(data))
+    np.testing.assert_array_equal(back.tcp, tcp_position(data.robot, data.samples.q))
+    assert back.torque_units == ("Nm",) * 6
+    assert isinstance(data, BenchmarkData)
+    reach = next(factor for factor in factors(back) if factor.name.startswith("TCP reach"))
+    np.testing.assert_allclose(reach.values, np.linalg.norm(back.tcp[:, :2], axis=1))

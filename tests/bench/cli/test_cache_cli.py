@@ -1,0 +1,41 @@
+"""`bench cache` says what is kept, and empties it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from stiff_bench.cli.main import bench
+from stiff_datasets.twin.kr10_twin import Kr10Twin
+from stiff_models.transfer.mlp_pretrained import MlpPretrained
+
+pytestmark = pytest.mark.usefixtures("small_source")
+
+
+@pytest.fixture()
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def said(*words: str) -> str:
+    done = CliRunner().invoke(bench, ["cache", *words])
+    assert done.exit_code == 0, done.output
+    return done.output.strip()
+
+
+def test_info_counts_the_trainings_and_clear_deletes_them(folder):
+    assert said("info") == f"0 trainings, 0.0 MiB, in {folder}"
+    data = Kr10Twin().load()
+    train = data.samples.take(np.arange(60))
+    MlpPretrained(width=8, pretrain_steps=2, source_poses="data").fit(train, robot=data.robot)
+    assert said("info").startswith("1 training, 0.")
+    assert said("clear").startswith("deleted: 1 training, 0.")
+    assert said("info") == f"0 trainings, 0.0 MiB, in {folder}"
+
+
+def test_switched_off_it_says_so(monkeypatch):
+    monkeypatch.setenv("STIFFBENCH_CACHE", "off")
+    assert said("info") == "the cache is switched off (STIFFBENCH_CACHE=off)"
+    assert said("clear").startswith("nothing to delete: the cache is switched off")

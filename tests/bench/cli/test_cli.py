@@ -1,0 +1,353 @@
+"""The real command: what it prints, what it stores, how it refuses, and how it stops."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+import torch
+
+from command_line import assert_refused, bench, bench_here, started
+from stiff_bench.store.database import ResultStore, read_manifests, read_results, stored_statuses
+from stiff_protocols.scoring.metrics import METRICS
+
+SMALL = [
+    word
+    for key in ("mlp-pretrained", "ft-mlp")
+    for option in ("width=16", "pretrain_steps=20")
+    for word in ("--set", f"{key}.{option}")
+]
+GOOD_HEADER = (
+    "pose_id,load_id,group,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,"
+    "fx_N,fy_N,fz_N,tx_Nm,ty_Nm,tz_Nm,dx_mm,dy_mm,dz_mm\n"
+)
+
+
+def shipped(name: str) -> str:
+    from importlib.resources import files
+
+    return str(files("stiff_datasets") / name)
+
+
+def test_a_run_prints_one_table_and_stores_every_cell(tmp_path):
+    done = bench(
+        *["run", "--model", "vjm", "--model", "ft-mlp", "--splits", "2", *SMALL[4:]], cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    for part in (
+        "kr10-twin (simulated) | holdout, 2 splits, seed 0 | mm",
+        "| vjm ",
+        "| ft-mlp@pretrain_steps=20@width=16 ",
+        "X MAE",
+        "Z ME",
+        "| FT-MLP [published] ",
+        "source samples 1.064e+05",
+        "made by",
+    ):
+        assert part in done.stdout
+    assert "pre-train 0/20" in done.stderr and "bench: 4 ok; " in done.stderr
+    store = ResultStore(tmp_path / "results" / "runs")
+    (manifest,) = read_manifests(store.folder)
+    assert manifest.status == "finished" and len(manifest.cells) == 4
+    assert manifest.command.startswith("bench run --model vjm")
+    assert manifest.environment["numpy"] and manifest.peak_memory_bytes > 0
+    cells = [store.result(key) for key in manifest.cells]
+    assert {cell.cell.model for cell in cells} == {"vjm", "ft-mlp"}
+    assert all(cell.prediction is not None and cell.run_id == manifest.run_id for cell in cells)
+
+
+@pytest.mark.slow
+def test_the_same_command_gives_the_same_numbers(tmp_path):
+    words = ["run", "--model", "ft-mlp", *SMALL[4:], "--format", "csv", "--rerun", "all"]
+    first, again = (bench(*words, cwd=tmp_path).stdout for _ in range(2))
+    assert first and first == again
+
+
+def test_vjm_under_leave_one_out_gives_the_independent_figures_of_the_fanuc(tmp_path):
+    words = ["--dataset", "fanuc-r2000ic", "--protocol", "leave-one-out", "--format", "json"]
+    done = bench_here("run", "--model", "vjm", *words, cwd=tmp_path)
+    (table,) = json.loads(done.stdout)["tables"]
+    mae = [v["value"] for v in table["rows"][0]["values"] if v["metric"] == "mae"]
+    assert mae == pytest.approx([0.211, 0.161, 0.130], abs=0.002)
+    assert any("drill tip" in note for note in table["notes"])
+
+
+def test_ft_mlp_runs_on_the_fanuc_with_a_source_of_its_own(tmp_path):
+    done = bench_here(
+        "run", "--model", "ft-mlp", "--dataset", "fanuc-r2000ic", *SMALL[4:], cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    assert "fanuc-r2000ic (measured)" in done.stdout and "source samples 7.812e+04" in done.stdout
+
+
+def test_ones_own_file_and_robot_run_like_a_shipped_data_set(tmp_path):
+    files = ["--data", shipped("data/fanuc_r2000ic.csv")]
+    files += ["--urdf", shipped("robots/fanuc_r2000ic.urdf"), "--tcp", "0.0069,0.2453,0.3193"]
+    words = ["run", "--model", "vjm", "--protocol", "leave-one-out", "--format", "csv"]
+    own = bench_here(*words, *files, cwd=tmp_path)
+    shipped_run = bench_here(*words, "--dataset", "fanuc-r2000ic", cwd=tmp_path)
+    assert own.returncode == 0, own.stderr
+    values = [
+        [row["value"] for row in csv.DictReader(io.StringIO(done.stdout))]
+        for done in (own, shipped_run)
+    ]
+    assert len(values[0]) == 9 and values[0] == values[1]
+
+
+def test_paper_holdout_warns_and_marks_its_rows(tmp_path):
+    words = ["--model", "mlp", "--protocol", "paper-holdout", "--set", "mlp.epochs=5"]
+    done = bench_here("run", *words, cwd=tmp_path)
+    assert "warning: paper-holdout" in done.stderr
+    assert "| mlp@epochs=5 [epoch picked on test part] |" in done.stdout
+
+
+def test_a_plugin_file_runs_beside_ours(tmp_path, plugin_file):
+    path = plugin_file("mean-deflection")
+    words = ["--model", "mean-deflection", "--plugin", str(path)]
+    done = bench_here("run", *words, "--set", "mean-deflection.factor=2", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "| mean-deflection@factor=2.0 " in done.stdout
+    listed = bench_here("list", "models", "--plugin", str(path), cwd=tmp_path)
+    assert "mean of the training part" in listed.stdout
+
+
+@pytest.mark.parametrize("raised", ["ValueError('no luck')", "SystemError('bad')"])
+def test_a_model_that_raises_is_a_failed_row_and_the_others_finish(tmp_path, raised):
+    path = tmp_path / "bad.py"
+    path.write_text(
+        "from stiff_protocols.contract.plugin import ModelInfo\n"
+        "class Bad:\n"
+        "    def fit(self, train, *, robot, validation=None, seed=0):\n"
+        f"        raise {raised}\n"
+        "    def predict(self, q, wrench): ...\n"
+        "MODELS = [ModelInfo(key='bad', target=Bad, summary='s')]\n"
+    )
+    words = ["--model", "bad", "--model", "vjm", "--plugin", str(path)]
+    done = bench_here("run", *words, cwd=tmp_path)
+    assert done.returncode == 1
+    assert "bad [FAILED in 1 of 1 splits]" in done.stdout
+    assert raised.split("'")[1] in done.stdout and "| vjm  " in done.stdout
+    assert "1 ok, 1 failed (" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+PLUGIN_HEAD = "from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo\n"
+
+
+@pytest.mark.parametrize(
+    ("body", "words", "parts"),
+    [
+        (
+            "class A:\n    def __init__(self, *, needed): ...\n"
+            "MODELS = ModelInfo(key='a', target=A, summary='s')\n",
+            ["--model", "a"],
+            ["'a' needs --set a.needed=..."],
+        ),
+        (
+            "class A: ...\nMODELS = [ModelInfo(key='a', target=A, summary='s')]\n",
+            ["--model", "a"],
+            ["'a' has no fit and no predict method"],
+        ),
+        (
+            "class D:\n    def load(self): return None\n"
+            "DATASETS = [DatasetInfo(key='d', target=D, summary='s', kind='measured')]\n",
+            ["--model", "vjm", "--dataset", "d"],
+            ["'d': load returned NoneType, expected BenchmarkData"],
+        ),
+        (
+            "class P: ...\nPROTOCOLS = [ProtocolInfo(key='p', target=P, summary='s')]\n",
+            ["--model", "vjm", "--protocol", "p"],
+            ["'p' has no splits method"],
+        ),
+        ("raise SystemExit(0)\n", ["--model", "vjm"], ["plug.py", "SystemExit"]),
+    ],
+)
+def test_a_plugin_that_keeps_no_contract_is_refused_in_one_line(tmp_path, body, words, parts):
+    path = tmp_path / "plug.py"
+    path.write_text(PLUGIN_HEAD + body)
+    assert_refused(bench_here("run", "--plugin", str(path), *words, cwd=tmp_path), *parts)
+
+
+def test_a_file_named_like_a_key_is_refused(tmp_path):
+    (tmp_path / "vjm").write_text("")
+    words = ["--data", "vjm", "--urdf", shipped("robots/kr10_r1100_2.urdf")]
+    assert_refused(
+        bench_here("run", "--model", "vjm", *words, cwd=tmp_path), "--data vjm", "rename"
+    )
+
+
+def test_a_default_spelled_out_gives_the_same_numbers(tmp_path):
+    words = ["run", "--model", "mlp", "--set", "mlp.epochs=20", "--format", "csv"]
+    plain, spelled = (
+        bench_here(*words, *more, cwd=tmp_path).stdout
+        for more in ([], ["--set", "mlp.width=380", "--set", "mlp.device=cpu"])
+    )
+    assert plain and plain == spelled
+
+
+def test_without_an_epoch_to_choose_nothing_is_marked_as_picked_on_test(tmp_path):
+    words = ["--protocol", "paper-holdout", "--set", "mlp.epochs=5", "--set", "mlp.training=normal"]
+    done = bench_here("run", "--model", "mlp", *words, cwd=tmp_path)
+    assert "| mlp@epochs=5@training=normal |" in done.stdout and "[epoch picked" not in done.stdout
+
+
+def test_another_metric_is_another_table_of_the_same_stored_cell(tmp_path):
+    done = bench_here("run", "--model", "vjm", "--metric", "me", "--output", "out", cwd=tmp_path)
+    assert "X ME" in done.stdout and "X MAE" not in done.stdout
+    (stored,) = read_results(tmp_path / "out")
+    without_interval = {metric.key for metric in METRICS.values() if not metric.needs_interval}
+    assert {record.metric for record in stored.records} == without_interval
+
+
+def test_list_and_show_answer(tmp_path):
+    assert "ft-mlp" in bench_here("list", "models", cwd=tmp_path).stdout
+    assert "simulated" in bench_here("list", "datasets", cwd=tmp_path).stdout
+    assert "leave-one-out" in bench_here("list", "protocols", cwd=tmp_path).stdout
+    shown = bench_here("show", "ft-mlp", cwd=tmp_path).stdout
+    assert "ft-mlp.freeze" in shown and "layers:1,2" in shown and "\nversion: 1 (" in shown
+    assert "caveat" in bench_here("show", "fanuc-r2000ic", cwd=tmp_path).stdout
+
+
+def test_help_loads_nothing_heavy(tmp_path):
+    code = (
+        "import sys, stiff_bench.cli.main as cli\n"
+        "try: cli.main(['--help'])\n"
+        "except SystemExit: pass\n"
+        "heavy = ('torch', 'numpy', 'pinocchio', 'pandas', 'sklearn')\n"
+        "print([name for name in heavy if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip().endswith("[]")
+    assert "run" in done.stdout and "list" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        (["run"], ["--model", "zero, mean"]),
+        (["run", "--model", "ft-mpl"], ["unknown model 'ft-mpl'", "did you mean 'ft-mlp'"]),
+        (["run", "--model", "vjm", "--dataset", "kr10"], ["unknown dataset 'kr10'", "kr10-twin"]),
+        (
+            ["run", "--model", "vjm", "--protocol", "loo"],
+            ["unknown protocol 'loo'", "leave-one-out"],
+        ),
+        (["run", "--model", "vjm", "--metric", "rmsd"], ["unknown metric 'rmsd'", "'rmse'", "mae"]),
+        (["run", "--model", "vjm", "--splits", "0"], ["--splits", "0"]),
+        (["run", "--model", "vjm", "--splits", "two"], ["--splits", "two"]),
+        (["run", "--model", "vjm", "--seed", "-1"], ["--seed", "-1"]),
+        (["run", "--model", "vjm", "--format", "pdf"], ["--format", "pdf", "github"]),
+        (["run", "--model", "vjm", "--device", "tpu"], ["--device", "tpu", "cuda"]),
+        (["run", "--modle", "vjm"], ["--modle", "--model"]),
+        (["run", "--model", "vjm", "--set", "vjm.k=1"], ["vjm.k=1", "unknown vjm option 'k'"]),
+        (
+            ["run", "--model", "ft-mlp", "--set", "ft-mlp.freeze=layers:9"],
+            ["layers:9", "'9' is no layer", "1..4"],
+        ),
+        (
+            ["run", "--model", "ft-mlp", "--set", "ft-mlp.epochs=-3"],
+            ["ft-mlp.epochs=-3", "greater than or equal to 0"],
+        ),
+        (
+            ["run", "--model", "vjm", "--protocol", "leave-one-out", "--splits", "3"],
+            ["--splits 3", "one split a pose"],
+        ),
+        (
+            ["run", "--model", "vjm", "--set", "holdout.test_fraction=0.999"],
+            ["151 poses", "test_fraction"],
+        ),
+        (["run", "--model", "vjm", "--plugin", "absent.py"], ["absent.py", "no such file"]),
+        (["run", "--model", "vjm", "--data", "x.csv"], ["x.csv", "--urdf"]),
+        (["run", "--model", "vjm", "--tcp", "0,0,0"], ["--data"]),
+        (["list", "robots"], ["robots", "models"]),
+        (["show", "vmj"], ["unknown key 'vmj'", "did you mean 'vjm'"]),
+        (["rnu"], ["rnu", "run"]),
+        (
+            ["run", "--model", "ft-mlp", "--set", "ft-mlp.learning_rate=inf"],
+            ["learning_rate=inf", "not finite"],
+        ),
+        (
+            ["run", "--model", "mlp", "--set", "mlp.width=9", "--set", "mlp.width=8"],
+            ["mlp.width", "twice"],
+        ),
+    ],
+)
+def test_bad_words_are_refused_in_one_line(tmp_path, words, parts):
+    assert_refused(bench_here(*words, cwd=tmp_path), *parts)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        (None, ["my.csv", "cannot be read"]),
+        ("", ["my.csv", "empty"]),
+        ("a,b\n1,2\n", ["my.csv", "header", "missing pose_id", "unknown a, b"]),
+        (GOOD_HEADER + "P,1,a,0,0,0,0,0,0,nan,0,0,0,0,0,1,1,1\n", ["row 2", "fx_N"]),
+        (
+            GOOD_HEADER + "P,1,a,0,60,0,0,0,0,9,0,0,0,0,0,1,1,1\n",
+            ["q2_deg", "60", "-190..45", "A2"],
+        ),
+        (GOOD_HEADER + "P,1,a,0,0,0,0,0,0,9,0,0,0,0,0,1,99,1\n", ["dy_mm", "99", "mm within +-50"]),
+    ],
+)
+def test_a_bad_data_file_is_refused_in_one_line(tmp_path, text, parts):
+    if text is not None:
+        (tmp_path / "my.csv").write_text(text)
+    words = ["--data", "my.csv", "--urdf", shipped("robots/kr10_r1100_2.urdf")]
+    assert_refused(bench_here("run", "--model", "vjm", *words, cwd=tmp_path), *parts)
+    assert not (tmp_path / "results").exists()
+
+
+def test_bad_robot_files_and_tools_are_refused_in_one_line(tmp_path):
+    (tmp_path / "my.urdf").write_text("<robot")
+    base = ["run", "--model", "vjm", "--data", shipped("data/fanuc_r2000ic.csv"), "--urdf"]
+    assert_refused(bench_here(*base, "my.urdf", cwd=tmp_path), "my.urdf", "URDF")
+    assert_refused(bench_here(*base, "absent.urdf", cwd=tmp_path), "absent.urdf", "cannot read")
+    good = shipped("robots/fanuc_r2000ic.urdf")
+    assert_refused(bench_here(*base, good, "--tcp", "1,2", cwd=tmp_path), "--tcp", "'1,2'", "in m")
+    assert_refused(bench_here(*base, good, "--tcp", "80,0,60", cwd=tmp_path), "tcp", "in m")
+
+
+def test_an_output_folder_that_cannot_be_written_is_refused_before_the_work(tmp_path):
+    (tmp_path / "file").write_text("")
+    done = bench_here("run", "--model", "ft-mlp", "--output", "file/out", cwd=tmp_path)
+    assert_refused(done, "--output file/out", "cannot be made")
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has a GPU")
+def test_a_gpu_that_is_not_there_is_refused(tmp_path):
+    done = bench_here("run", "--model", "mlp", "--device", "cuda", cwd=tmp_path)
+    assert_refused(done, "'cuda'", "no CUDA device", "cpu")
+
+
+def test_debug_shows_the_traceback(tmp_path):
+    done = bench("run", "--model", "nothing", "--debug", cwd=tmp_path)
+    assert done.returncode != 0 and "Traceback" in done.stderr and "ConfigError" in done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_run_that_is_stopped_keeps_what_was_finished_and_blames_no_cell(tmp_path, number, status):
+    words = ["run", "--model", "vjm", "--model", "mlp", "--set", "mlp.epochs=1000000"]
+    with started(*words, "--output", "out", cwd=tmp_path) as process:
+        deadline = time.monotonic() + 120
+        while not stored_statuses(tmp_path / "out") and time.monotonic() < deadline:
+            time.sleep(0.1)
+        time.sleep(1.0)  # into the training of the second cell
+        process.send_signal(number)
+        stdout, stderr = process.communicate(timeout=60)
+    assert process.returncode == status
+    assert stdout == ""
+    assert stderr.strip().splitlines()[-1].startswith("bench: interrupted; ")
+    assert "Traceback" not in stderr
+    store = ResultStore(tmp_path / "out")
+    (manifest,) = read_manifests(store.folder)
+    assert manifest.status == "interrupted"
+    assert [*stored_statuses(tmp_path / "out")] == [manifest.cells[0]]
+    assert store.result(manifest.cells[0]).status == "ok"

@@ -1,0 +1,291 @@
+"""The `bench data` commands: what they write, what they print, how they refuse."""
+
+from __future__ import annotations
+
+import csv
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from command_line import assert_refused, bench_here, started
+from stiff_datasets.measured.measured import read_samples
+
+ROBOTS = files("stiff_datasets") / "robots"
+FANUC_CSV = str(files("stiff_datasets") / "data" / "fanuc_r2000ic.csv")
+POSE_ERRORS = Path(__file__).parents[4] / "shared" / "data" / "ur5_wam_jacobi"
+
+
+@pytest.fixture()
+def home(tmp_path):
+    return {"STIFFBENCH_HOME": str(tmp_path / "home")}
+
+
+def filled_in(plan: Path, kr10_chain) -> Path:
+    """The plan as a careful user would return it: deflections of the twin in its empty columns."""
+    from stiff_datasets.twin.constants import shipped_constants
+    from stiff_datasets.twin.twin import DigitalTwin
+
+    rows = list(csv.DictReader(plan.read_text().splitlines()))
+    q = np.deg2rad([[float(row[f"q{i}_deg"]) for i in range(1, 7)] for row in rows])
+    names = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")
+    wrench = np.array([[float(row[name]) for name in names] for row in rows])
+    twin = DigitalTwin(kr10_chain, shipped_constants("kr10_r1100_2").springs)
+    for row, moved in zip(rows, twin.readings(q, wrench) * 1000, strict=True):
+        row |= dict(zip(("dx_mm", "dy_mm", "dz_mm"), moved.round(5), strict=True))
+    path = plan.with_name("measured.csv")
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    return path
+
+
+@pytest.mark.slow
+def test_from_the_plan_to_the_leaderboard_with_ones_own_file(tmp_path, home, kr10, kr10_chain):
+    planned = bench_here("data", "plan", "--output", "plan.csv", cwd=tmp_path)
+    assert planned.returncode == 0, planned.stderr
+    assert "151 poses" in planned.stdout and "mean of 20 random" in planned.stdout
+    path = filled_in(tmp_path / "plan.csv", kr10_chain)
+    assert len(read_samples(path, kr10)) == 151
+    checked = bench_here("data", "validate", "measured.csv", cwd=tmp_path)
+    assert checked.returncode == 0, checked.stderr
+    assert checked.stdout.startswith("measured.csv: valid")
+    assert "kr10-r1100-2 was taken" in checked.stdout
+    words = ["run", "--model", "vjm", "--format", "csv"]
+    by_name = bench_here(*words, "--data", "measured.csv", "--robot", "kr10-r1100-2", cwd=tmp_path)
+    registered = bench_here(
+        "data", "register", "kr10-measured", "measured.csv", cwd=tmp_path, env=home
+    )
+    assert registered.returncode == 0, registered.stderr
+    by_key = bench_here(*words, "--dataset", "kr10-measured", cwd=tmp_path, env=home)
+    values = [
+        [row["value"] for row in csv.DictReader(done.stdout.splitlines()) if row["dataset"]]
+        for done in (by_name, by_key)
+    ]
+    assert len(values[0]) == 9 and values[0] == values[1]
+    listed = bench_here("list", "datasets", cwd=tmp_path, env=home).stdout
+    assert "no file registered" not in listed
+
+
+def test_a_chosen_plan_says_what_it_gains_over_chance(tmp_path):
+    words = ["data", "plan", "--poses", "40", "--candidates", "400", "--output", "plan.csv"]
+    done = bench_here(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "40 poses" in done.stdout and "chosen, d-optimal" in done.stdout
+    (line,) = (line for line in done.stdout.splitlines() if line.startswith("Measured once"))
+    assert float(line.split("as much as ")[1].split()[0]) > 1.3
+    assert_refused(bench_here(*words, cwd=tmp_path), "plan.csv: exists")
+
+
+def test_a_criterion_alone_asks_for_chosen_poses(tmp_path):
+    words = ["data", "plan", "--criterion", "condition", "--candidates", "200", "--output", "p.csv"]
+    done = bench_here(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "chosen, condition" in done.stdout
+
+
+def test_a_kr10_whose_joints_have_other_names_can_be_planned_for(tmp_path):
+    text = (ROBOTS / "kr10_r1100_2.urdf").read_text()
+    for i in range(1, 7):
+        text = text.replace(f'joint name="A{i}"', f'joint name="joint_{i}"')
+    (tmp_path / "mine.urdf").write_text(text)
+    words = ["data", "plan", "--urdf", "mine.urdf", "--tcp", "0.06,0,0.08", "--payload", "10"]
+    done = bench_here(
+        *words, "--poses", "20", "--candidates", "99", "--output", "p.csv", cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_stopped_simulation_leaves_nothing_behind(tmp_path):
+    words = ["data", "simulate", "--samples", "100000000", "--output", "s.csv"]
+    with started(*words, cwd=tmp_path) as running:
+        assert "simulate" in running.stderr.readline()
+        assert list(tmp_path.iterdir()) != []
+        running.terminate()
+        running.communicate(timeout=60)
+    assert running.returncode == 143
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_plan_of_ones_own_robot_needs_its_payload(tmp_path):
+    words = ["data", "plan", "--urdf", str(ROBOTS / "ur5.urdf"), "--tcp", "0,0.06,0.08"]
+    words += ["--candidates", "300", "--poses", "20", "--output", "plan.csv"]
+    assert_refused(bench_here(*words, cwd=tmp_path), "ur5", "--payload KG")
+    done = bench_here(*words, "--payload", "5", cwd=tmp_path)
+    assert done.returncode == 0 and (tmp_path / "plan.csv").is_file()
+    assert "bench data validate plan.csv --urdf" in done.stdout
+    assert "worst joint" not in done.stdout  # its error would be relative to nothing known
+
+
+def test_nothing_is_pretended_to_be_measured_on_a_kr10(tmp_path, home):
+    listed = bench_here("list", "datasets", cwd=tmp_path, env=home).stdout
+    (line,) = (line for line in listed.splitlines() if line.startswith("kr10-measured"))
+    assert "bench data register kr10-measured" in line
+    done = bench_here("run", "--model", "vjm", "--dataset", "kr10-measured", cwd=tmp_path, env=home)
+    assert_refused(done, "bench data register kr10-measured")
+
+
+def test_a_simulated_file_is_never_registered_as_a_measurement(tmp_path, home):
+    bench_here("data", "simulate", "--samples", "20", "--output", "s.csv", cwd=tmp_path)
+    done = bench_here("data", "register", "kr10-measured", "s.csv", cwd=tmp_path, env=home)
+    assert_refused(done, "s.csv: ", "'simulated'")
+
+
+def test_a_wrong_file_is_not_registered(tmp_path, home):
+    (tmp_path / "my.csv").write_text("a,b\n1,2\n")
+    done = bench_here("data", "register", "kr10-measured", "my.csv", cwd=tmp_path, env=home)
+    assert_refused(done, "my.csv: header")
+    assert not (tmp_path / "home").exists()
+
+
+def test_validate_lists_every_error_and_leaves_with_2(tmp_path):
+    text = Path(FANUC_CSV).read_text().replace("-0.686", "nan", 1)
+    (tmp_path / "my.csv").write_text(text.replace("-0.538", "99", 1))
+    done = bench_here("data", "validate", "my.csv", "--robot", "fanuc-r2000ic", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stdout.startswith("my.csv: NOT valid, 2 errors")
+    assert "row 2, column dx_mm: 'nan'" in done.stdout
+    assert "row 3, column dx_mm: '99'" in done.stdout
+
+
+def test_validate_names_a_wrench_with_its_sign_flipped(tmp_path):
+    rows = list(csv.reader(Path(FANUC_CSV).read_text().splitlines()))
+    for row in rows[1:]:
+        for i in (9, 10, 11):
+            row[i] = str(-float(row[i]))
+    with (tmp_path / "my.csv").open("w", newline="") as file:
+        csv.writer(file).writerows(rows)
+    done = bench_here("data", "validate", "my.csv", "--robot", "fanuc-r2000ic", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "sign" in done.stdout and "Warnings" in done.stdout
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_simulated_samples_validate_and_run(tmp_path, ending):
+    words = ["data", "simulate", "--twin", "ur5", "--samples", "200", "--output", f"s.{ending}"]
+    done = bench_here(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "200 SIMULATED samples" in done.stdout
+    robot = ["--robot", "ur5"]
+    checked = bench_here("data", "validate", f"s.{ending}", *robot, cwd=tmp_path)
+    assert checked.returncode == 0, checked.stdout
+    run = bench_here("run", "--model", "vjm", "--data", f"s.{ending}", *robot, cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert f"s.{ending} (user's file)" in run.stdout
+
+
+def test_a_file_that_is_there_is_not_simulated_over(tmp_path):
+    (tmp_path / "s.csv").write_text("a week of work")
+    done = bench_here("data", "simulate", "--samples", "10", "--output", "s.csv", cwd=tmp_path)
+    assert_refused(done, "s.csv: exists")
+    assert (tmp_path / "s.csv").read_text() == "a week of work"
+
+
+def test_a_robot_of_ones_own_is_simulated_from_urdf_and_constants(tmp_path):
+    constants = (files("stiff_datasets") / "twins" / "ur5.toml").read_text()
+    (tmp_path / "mine.toml").write_text(constants.replace('urdf = "ur5"', 'urdf = "mine.urdf"'))
+    (tmp_path / "mine.urdf").write_text((ROBOTS / "ur5.urdf").read_text())
+    words = ["data", "simulate", "--twin", "mine.toml", "--samples", "100", "--output", "s.csv"]
+    assert bench_here(*words, cwd=tmp_path).returncode == 0
+    words = ["run", "--model", "vjm", "--dataset", "robot-twin"]
+    done = bench_here(*words, "--set", "robot-twin.constants=mine.toml", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "robot-twin@constants=mine.toml (simulated)" in done.stdout
+
+
+def test_a_table_names_the_options_of_its_data(tmp_path):
+    words = ["run", "--model", "vjm", "--dataset", "kr10-twin", "--set", "kr10-twin.specimen=3"]
+    done = bench_here(*words, cwd=tmp_path)
+    assert done.stdout.startswith("**kr10-twin@specimen=3 (simulated) | holdout, 1 split")
+    rows = csv.DictReader(bench_here(*words, "--format", "csv", cwd=tmp_path).stdout.splitlines())
+    assert {row["dataset"] for row in rows} == {"kr10-twin@specimen=3", ""}
+
+
+def test_info_prints_card_facts_and_caveats_and_draws_a_picture(tmp_path):
+    done = bench_here("data", "info", "fanuc-r2000ic", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    for part in (
+        "drill tip",
+        "Copyright (c) 2026",
+        "sha256",
+        "43",
+        "results/info/fanuc-r2000ic.png",
+    ):
+        assert part in done.stdout
+    assert (tmp_path / "results/info/fanuc-r2000ic.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.slow
+def test_info_takes_a_data_sets_options(tmp_path):
+    shown = [
+        bench_here("data", "info", "kr10-twin", *words, cwd=tmp_path).stdout
+        for words in ([], ["--set", "kr10-twin.specimen=3"])
+    ]
+    hashes = [
+        next(line for line in text.splitlines() if "sha256" in line and "|" not in line)
+        for text in shown
+    ]
+    assert hashes[0] != hashes[1]
+    assert "options: specimen=3" in shown[1]
+    pictures = sorted(path.name for path in (tmp_path / "results/info").iterdir())
+    assert pictures == ["kr10-twin.png", "kr10-twin_specimen=3.png"]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not POSE_ERRORS.is_dir(), reason="no public files beside this checkout")
+def test_pose_errors_are_fetched_and_never_called_stiffness(tmp_path, home):
+    words = ["run", "--model", "mlp", "--set", "mlp.epochs=2", "--dataset", "ur5-pose-error"]
+    assert_refused(bench_here(*words, cwd=tmp_path, env=home), "bench data fetch ur5-pose-error")
+    fetched = bench_here(
+        "data", "fetch", "ur5-pose-error", "--from", str(POSE_ERRORS), cwd=tmp_path, env=home
+    )
+    assert fetched.returncode == 0, fetched.stderr
+    done = bench_here(*words, cwd=tmp_path, env=home)
+    assert done.returncode == 0, done.stderr
+    assert "ur5-pose-error (measured pose-error, not stiffness)" in done.stdout
+    assert "no stiffness data" in done.stdout
+    info = bench_here("data", "info", "ur5-pose-error", cwd=tmp_path, env=home)
+    assert info.returncode == 0, info.stderr
+    assert "grid (1000), random (20)" in info.stdout
+
+
+def test_a_folder_without_the_pose_errors_is_refused(tmp_path, home):
+    words = ["data", "fetch", "ur5-pose-error", "--from", str(tmp_path)]
+    done = bench_here(*words, cwd=tmp_path, env=home)
+    assert_refused(done, "3D_UR5_uncalibrated_grid_cleaned.csv")
+    assert not (tmp_path / "home").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        (
+            ["plan", "--robot", "kr11", "--output", "p.csv"],
+            ["robot 'kr11'", "kr10-r1100-2"],
+        ),
+        (["plan", "--robot", "ur5", "--urdf", "x", "--output", "p.csv"], ["--robot ur5", "one of"]),
+        (["plan", "--poses", "9", "--clearance", "5", "--output", "p.csv"], ["clearance", "5 m"]),
+        (["plan", "--payload", "-1", "--output", "p.csv"], ["payload_kg is -1"]),
+        (["plan", "--tcp", "0,0,0.3", "--output", "p.csv"], ["the paper's poses", "clearance"]),
+        (["plan", "--poses", "1", "--output", "p.csv"], ["n_poses is 1, expected 2"]),
+        (["plan", "--poses", "9", "--candidates", "3", "--output", "p.csv"], ["n_poses is 9", "3"]),
+        (["plan", "--output", "p.parquet"], ["p.parquet", ".csv"]),
+        (["plan", "--output", "absent/p.csv"], ["no folder absent"]),
+        (["plan"], ["Missing option '--output'"]),
+        (["simulate", "--twin", "ur6", "--output", "s.csv"], ["--twin 'ur6'", "kr10-r1100-2, ur5"]),
+        (["simulate", "--twin", "x.toml", "--output", "s.csv"], ["x.toml: cannot be read"]),
+        (["simulate", "--output", "s.xls"], ["s.xls", ".csv, .parquet"]),
+        (["simulate", "--specimen", "10", "--output", "s.csv"], ["--specimen", "0<=x<=9"]),
+        (["info", "kr10-twn"], ["unknown dataset 'kr10-twn'", "did you mean 'kr10-twin'"]),
+        (["info", "robot-twin"], ["robot-twin", "--set robot-twin.constants=..."]),
+        (["info", "kr10-twin", "--output", "/dev/null/x"], ["/dev/null/x: cannot be made"]),
+        (["info", "kr10-twin", "--set", "kr10-twin.specimen=11"], ["less than or equal to 9"]),
+        (["fetch", "fanuc-r2000ic"], ["ur5-pose-error"]),
+        (["register", "my-robot", "x.csv"], ["kr10-measured"]),
+    ],
+)
+def test_bad_words_are_refused_in_one_line(tmp_path, words, parts):
+    assert_refused(bench_here("data", *words, cwd=tmp_path), *parts)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,205 @@
+"""`bench fit`, `bench predict` and `bench export`: what they write, and how they refuse."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import click
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from command_line import bench_here
+from stiff_bench.cli import models as deploy_cli
+from stiff_bench.model_tools.saved import predict_file
+from stiff_datasets.measured.measured import write_samples
+from stiff_datasets.robots.robot import load_robot
+from stiff_models import load
+from stiff_models.physics.vjm import joint_deflection
+from stiff_protocols.contract.errors import ConfigError, DataError, ModelError, StoreError
+from stiff_protocols.contract.types import Samples
+
+JOINTS = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg"
+WRENCH = "fx_N,fy_N,fz_N,tx_Nm,ty_Nm,tz_Nm"
+HEADER = f"{JOINTS},{WRENCH}"
+ROW = "10,-60,70,0,40,0,50,10,-80,1,2,0"
+
+
+def run(command: click.Command, *words: object) -> str:
+    """What a command prints, warnings too; its error is raised."""
+    done = CliRunner().invoke(command, [str(word) for word in words])
+    if done.exception is not None:
+        raise done.exception
+    return done.output
+
+
+@pytest.fixture(scope="module")
+def vjm_file(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("models") / "vjm.stiff"
+    run(deploy_cli.fit, "--model", "vjm", "--dataset", "kr10-twin", "--output", path)
+    return path
+
+
+@pytest.fixture()
+def predict(vjm_file, tmp_path):
+    """A function that predicts the lines of a file with the VJM; returns output and text."""
+
+    def make(*lines: str, coverage: float | None = None) -> tuple[pd.DataFrame, str]:
+        poses, output = tmp_path / "poses.csv", tmp_path / "out.csv"
+        poses.write_text("\n".join(lines) + "\n")
+        words = ["--model", vjm_file, "--input", poses, "--output", output]
+        words += [] if coverage is None else ["--coverage", coverage]
+        text = run(deploy_cli.predict, *words)
+        return pd.read_csv(output, dtype={"pose_id": str}), text
+
+    return make
+
+
+@pytest.mark.slow
+def test_fit_predict_and_export_on_the_command_line(tmp_path):
+    words = ("--dataset", "kr10-twin", "--output", "vjm.stiff")
+    done = bench_here("fit", "--model", "vjm", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    for part in ("vjm.stiff: vjm", "all 151 samples of kr10-twin (simulated)", "seed 0",
+                 "No sample was held out", "stiffness A1 [Nm/rad]", "never measured"):  # fmt: skip
+        assert part in done.stdout
+    lines = (f"pose_id,load_id,group,{HEADER},dx_mm,dy_mm,dz_mm", f"P1,1,all,{ROW},,,")
+    (tmp_path / "plan.csv").write_text("\n".join(lines))  # as `bench data plan` writes it
+    words = ("--input", "plan.csv", "--output", "out.csv")
+    done = bench_here("predict", "--model", "vjm.stiff", *words, cwd=tmp_path)
+    assert done.stdout == "out.csv: 1 row predicted by vjm for robot kr10_r1100_2\n"
+    with (tmp_path / "out.csv").open() as file:
+        assert next(csv.reader(file)) == [
+            *"pose_id,load_id,group".split(","), *HEADER.split(","), "dx_mm", "dy_mm", "dz_mm",
+        ]  # fmt: skip
+    small = ("--set", "mlp.width=8", "--set", "mlp.layers=1", "--set", "mlp.epochs=3")
+    words = ("--dataset", "kr10-twin", "--output", "mlp.stiff")
+    done = bench_here("fit", "--model", "mlp", *small, *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "the last one was kept" in done.stdout
+    done = bench_here("export", "--model", "mlp.stiff", "--output", "net.onnx", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "float64" in done.stdout and (tmp_path / "net.onnx").stat().st_size > 0
+
+
+def test_a_model_file_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(DataError, match=r"none\.stiff: cannot be read"):
+        run(deploy_cli.export, "--model", tmp_path / "none.stiff", "--output", tmp_path / "a.onnx")
+
+
+def test_predictions_are_the_models_in_millimetres_beside_the_rows(predict, vjm_file):
+    table, text = predict(f"pose_id,{HEADER}", f"007,{ROW}", f"008,{ROW}")
+    assert "2 rows" in text
+    assert list(table.columns) == f"pose_id,{HEADER},dx_mm,dy_mm,dz_mm".split(",")
+    assert table["pose_id"].tolist() == ["007", "008"]
+    q = np.deg2rad([[10.0, -60, 70, 0, 40, 0]])
+    truth = load(vjm_file).predict(q, np.array([[50.0, 10, -80, 1, 2, 0]]))
+    ours = table[["dx_mm", "dy_mm", "dz_mm"]].to_numpy() / 1000
+    np.testing.assert_allclose(ours, np.tile(truth, (2, 1)), rtol=1e-9)
+
+
+def test_measured_deflections_are_not_read_and_not_taken_for_predictions(predict):
+    table, _ = predict(f"{HEADER},dx_mm,dy_mm,dz_mm", f"{ROW},99,,nonsense")
+    assert list(table.columns) == f"{HEADER},dx_mm,dy_mm,dz_mm".split(",")
+    assert (table[["dx_mm", "dy_mm", "dz_mm"]].abs() < 10).all(axis=None)
+
+
+def test_what_is_odd_is_predicted_with_a_warning(predict):
+    table, said = predict(HEADER, ROW, ROW.replace("10,", "200,", 1))
+    assert len(table) == 2
+    assert "1 row has a joint outside of its limits, the first: row 3, column q1_deg" in said
+
+
+@pytest.mark.parametrize(
+    ("lines", "parts"),
+    [
+        ([HEADER, ROW.replace("-80", "much")], ["row 2, column fz_N: 'much', expected a finite"]),
+        ([HEADER, ROW, ROW.replace("40", "", 1)], ["row 3, column q5_deg: ''"]),
+        ([HEADER, ROW.replace("-80", "-8e7")], ["column fz_N", "another unit"]),
+        ([HEADER.replace("fx_N", "fx"), ROW], ["missing fx_N", "unknown fx", "optional: pose_id"]),
+        ([HEADER], ["no data rows"]),
+        ([HEADER, ROW.replace("50", "a"), ROW.replace("50", "b")], ["and 1 more"]),
+    ],
+)
+def test_a_bad_value_is_named_with_file_row_and_column(lines, parts, predict):
+    with pytest.raises(DataError) as refused:
+        predict(*lines)
+    assert "poses.csv: " in str(refused.value)
+    for part in parts:
+        assert part in str(refused.value)
+
+
+def test_intervals_of_a_model_without_its_own_are_refused(predict):
+    with pytest.raises(ConfigError, match="vjm has no intervals of its own"):
+        predict(HEADER, ROW, coverage=0.9)
+
+
+def test_existing_files_are_never_written_over(vjm_file, tmp_path):
+    before = vjm_file.read_bytes()
+    with pytest.raises(StoreError, match="exists"):
+        run(deploy_cli.fit, "--model", "vjm", "--dataset", "kr10-twin", "--output", vjm_file)
+    with pytest.raises(StoreError, match="exists"):
+        run(deploy_cli.predict, "--model", vjm_file, "--input", vjm_file, "--output", vjm_file)
+    with pytest.raises(StoreError, match="exists"):
+        run(deploy_cli.export, "--model", vjm_file, "--output", vjm_file)
+    assert vjm_file.read_bytes() == before
+
+
+def test_a_folder_that_is_not_there_is_refused_before_the_fit(tmp_path):
+    with pytest.raises(StoreError, match="no folder"):
+        run(deploy_cli.fit, "--model", "vjm", "--dataset", "kr10-twin", "--output",
+            tmp_path / "none" / "vjm.stiff")  # fmt: skip
+
+
+@pytest.mark.parametrize("words", [[], ["--dataset", "kr10-twin", "--data", "my.csv"]])
+def test_a_fit_needs_one_set_of_data(words, tmp_path):
+    with pytest.raises(ConfigError, match="one of --dataset KEY and --data"):
+        run(deploy_cli.fit, "--model", "vjm", *words, "--output", tmp_path / "vjm.stiff")
+
+
+def test_a_plugins_model_is_refused_before_the_fit(plugin_file, tmp_path):
+    words = ["--model", "mine", "--plugin", plugin_file("mine"), "--dataset", "kr10-twin"]
+    with pytest.raises(ModelError, match="no model that stiffbench ships"):
+        run(deploy_cli.fit, *words, "--output", tmp_path / "mine.stiff")
+
+
+SLIDE = (
+    '<robot name="slide"><link name="a"/><link name="b"/><link name="c"/>'
+    '<joint name="rail" type="prismatic"><parent link="a"/><child link="b"/><axis xyz="1 0 0"/>'
+    '<limit lower="0" upper="2" effort="1" velocity="1"/></joint>'
+    '<joint name="turn" type="revolute"><parent link="b"/><child link="c"/><axis xyz="0 0 1"/>'
+    '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>'
+)
+
+
+def test_ones_own_robot_with_a_rail_from_a_measurement_to_predictions_in_parquet(tmp_path, rng):
+    urdf = tmp_path / "slide.urdf"
+    urdf.write_text(SLIDE)
+    robot = load_robot(urdf, tcp=(0.5, 0.0, 0.1))
+    q = rng.uniform([0, -3], [2, 3], size=(12, 2))
+    wrench = rng.normal(scale=50, size=(12, 6))
+    names = np.arange(12).astype(str)
+    deflection = joint_deflection(robot, np.array([1e-6, 1e-5]), q, wrench)
+    measured = Samples(q, wrench, deflection, names, names, names)
+    write_samples(tmp_path / "my.parquet", measured, robot)
+    run(deploy_cli.fit, "--model", "vjm", "--data", tmp_path / "my.parquet", "--urdf", urdf,
+        "--tcp", "0.5,0,0.1", "--output", tmp_path / "vjm.stiff")  # fmt: skip
+    run(deploy_cli.predict, "--model", tmp_path / "vjm.stiff", "--input", tmp_path / "my.parquet",
+        "--output", tmp_path / "out.parquet")  # fmt: skip
+    table = pd.read_parquet(tmp_path / "out.parquet")
+    assert list(table.columns)[3:5] == ["q1_mm", "q2_deg"]
+    np.testing.assert_allclose(table["q1_mm"], q[:, 0] * 1000, rtol=1e-12)
+    ours = table[["dx_mm", "dy_mm", "dz_mm"]].to_numpy() / 1000
+    np.testing.assert_allclose(ours, deflection, atol=1e-12)
+
+
+def test_whatever_a_crafted_model_raises_is_blamed_on_its_file(vjm_file, tmp_path, monkeypatch):
+    model = load(vjm_file)
+    model.joints_ = "no joints"
+    monkeypatch.setattr("stiff_bench.model_tools.saved.load", lambda path: model)
+    poses = tmp_path / "poses.csv"
+    poses.write_text(f"{HEADER}\n{ROW}\n")
+    with pytest.raises(DataError, match=r"vjm\.stiff: its model cannot predict: AttributeError"):
+        predict_file(vjm_file, poses, tmp_path / "out.csv", None)

@@ -1,0 +1,219 @@
+"""`bench figure`: one file where it was asked for, a caption, and clear refusals."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from figure_results import CURVE, compared, with_fields
+from made_results import MadeResults
+from stiff_bench.cli.figures import figure
+from stiff_bench.figures.figure import can_be_drawn
+from stiff_bench.paper.catalog import FIGURES
+from stiff_bench.paper.names import pretrained, unfrozen
+from stiff_bench.paper.results import PaperResults
+
+PAPER = {"dataset": "kr10-twin", "protocol": "paper-holdout", "selects_on_test": True}
+
+
+def run(*words: object):
+    return CliRunner().invoke(figure, [str(word) for word in words])
+
+
+def refusal(*words: object) -> str:
+    done = run(*words)
+    assert done.exit_code != 0
+    return str(done.exception)
+
+
+@pytest.fixture(scope="module")
+def paper(tmp_path_factory) -> PaperResults:
+    """The smallest results from which every figure of the paper can be drawn: read-only."""
+    made = MadeResults(tmp_path_factory.mktemp("paper") / "runs")
+    for name in ("vjm", "dt-cnn"):
+        made.add(name, [0.1, 0.2], **PAPER)
+    for layers in (("1",), ("1", "2")):
+        freeze = {"freeze": f"layers:{','.join(layers)}"}
+        made.add(unfrozen(layers), [0.1, 0.2], options=freeze, **PAPER)
+        with_fields(made, unfrozen(layers), curves={"fine-tuning": CURVE})
+    for depth in (3, 4, 5):
+        for width in (40, 380):
+            name = pretrained(layers=depth, width=width)
+            made.add(name, [0.1, 0.2], options={"layers": depth, "width": width}, **PAPER)
+            errors = {
+                f"source {part} {what} [mm]": depth / width
+                for part in ("test", "training")
+                for what in ("MAE", "STDE")
+            }
+            with_fields(made, name, diagnostics=errors, curves={"pre-training": CURVE})
+    return PaperResults.of(made.folder)
+
+
+@pytest.fixture()
+def changing(paper, tmp_path) -> MadeResults:
+    """A copy of them, to add to."""
+    return MadeResults(Path(shutil.copytree(paper.folder, tmp_path / "runs")))
+
+
+def test_a_figure_is_written_where_it_is_asked_for_and_its_caption_printed(tmp_path):
+    compared(tmp_path / "runs")
+    done = run("regression", "--results", tmp_path / "runs", "--output", tmp_path / "a.svg")
+    assert done.exit_code == 0, done.exception
+    assert "measured dx [mm]" in (tmp_path / "a.svg").read_text()
+    assert done.output.startswith(f"{tmp_path / 'a.svg'}: Measured against predicted.")
+    assert "seed 0" in done.output
+
+
+@pytest.mark.slow
+def test_without_an_output_the_file_is_named_after_the_figure(tmp_path, monkeypatch):
+    compared(tmp_path / "runs")
+    monkeypatch.chdir(tmp_path)
+    assert run("errors", "--results", "runs").exit_code == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"runs", "figure-errors.png"}
+
+
+def test_an_unknown_figure_is_refused_with_those_that_there_are():
+    assert "did you mean 'regression'" in refusal("regresion")
+
+
+def test_an_unknown_suffix_is_refused_before_anything_is_read(tmp_path):
+    assert "suffix '.jpg'" in refusal("4", "--output", tmp_path / "a.jpg")
+
+
+def test_missing_results_of_the_paper_name_the_command_that_makes_them(tmp_path):
+    for folder in (tmp_path / "nothing", tmp_path):
+        message = refusal("9", "--results", folder, "--output", tmp_path / "a.png")
+        assert "holds no results; `bench reproduce` makes them" in message
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_papers_figures_take_no_choice_of_models(tmp_path):
+    assert "--model gp" in refusal("9", "--model", "gp", "--output", tmp_path / "a.png")
+
+
+def test_a_figure_that_results_are_not_enough_for_leaves_no_file(tmp_path):
+    compared(tmp_path / "runs")
+    refusal("losses", "--results", tmp_path / "runs", "--output", tmp_path / "a.png")
+    assert {path.name for path in tmp_path.iterdir()} == {"runs"}
+
+
+@pytest.mark.slow
+def test_figure_4_needs_no_results(tmp_path):
+    done = run("4", "--output", tmp_path / "a.svg")
+    assert done.exit_code == 0, done.exception
+    text = (tmp_path / "a.svg").read_text()
+    assert "(paper 0.074)" in text and "(paper 0.062)" in text
+
+
+@pytest.mark.slow
+def test_all_of_the_papers_figures_can_be_drawn_from_its_study(paper):
+    prepared, _ = can_be_drawn(FIGURES, paper)
+    assert [one.name for one in prepared] == list(FIGURES)
+    for one in prepared:
+        one.draw().canvas.draw()
+        assert f"Figure {one.name}" in one.caption
+        assert "kr10-twin, simulated" in one.caption
+
+
+def test_missing_models_of_the_paper_are_named(tmp_path):
+    MadeResults(tmp_path).add("vjm", [0.1], **PAPER)
+    _, why = can_be_drawn(FIGURES, PaperResults.of(tmp_path))
+    assert "dt-cnn" in why["8"]
+    assert "ft-mlp" in why["9"]
+    assert all("bench reproduce" in why[name] for name in ("5", "5a", "5b", "5c", "6", "8", "9"))
+
+
+def test_figure_9_shows_both_models_with_the_published_errors(paper):
+    titles = [axes.get_title(loc="left") for axes in FIGURES["9"].prepare(paper).draw().axes]
+    assert "ft-mlp" in titles[0] and "(paper 0.045)" in titles[0] and "(paper 0.078)" in titles[0]
+
+
+def test_figure_5a_has_a_line_a_depth_and_the_papers_values_as_stars(paper):
+    (axes,) = FIGURES["5a"].prepare(paper).draw().axes
+    lines = {line.get_label(): line for line in axes.get_lines()}
+    np.testing.assert_allclose(
+        lines["3 hidden layers"].get_xydata(), [[40, 3 / 40], [380, 3 / 380]]
+    )
+    stars = {
+        tuple(line.get_xydata()[0])
+        for line in axes.get_lines()
+        if line.get_marker() == "*" and len(line.get_xdata())
+    }
+    assert stars == {(100.0, 0.2186), (100.0, 0.2090), (100.0, 0.2375), (380.0, 0.1199)}
+
+
+def test_results_are_refused_by_the_figure_that_reads_none(tmp_path):
+    message = refusal("4", "--results", tmp_path, "--output", tmp_path / "a.png")
+    assert f"--results {tmp_path}: figure 4 is fitted here" in message
+
+
+def caption_of(name: str, results: PaperResults) -> str:
+    return FIGURES[name].prepare(results).caption
+
+
+@pytest.mark.parametrize("name", ["5", "5a", "5b", "5c", "8"])
+def test_networks_that_pick_no_epoch_are_not_said_to(paper, name):
+    assert "epoch" not in caption_of(name, paper)
+
+
+def test_the_models_that_picked_an_epoch_are_named_in_the_papers_figures(tmp_path):
+    made = MadeResults(tmp_path)
+    made.add("vjm", [0.1], **PAPER)
+    made.add("ft-mlp", [0.1], picked_on_test=True, **PAPER)
+    caption = caption_of("9", PaperResults.of(tmp_path))
+    assert "seed 0. ft-mlp: epoch picked on test part." in caption
+
+
+def test_figure_8_says_that_no_target_label_trained_its_model(tmp_path):
+    MadeResults(tmp_path).add("dt-cnn", [0.1], regime="target labels not trained on", **PAPER)
+    caption = caption_of("8", PaperResults.of(tmp_path))
+    assert "dt-cnn: target labels not trained on." in caption
+
+
+@pytest.mark.parametrize("name", ["5", "5c"])
+def test_the_loss_that_is_shown_is_named(paper, name):
+    assert "Huber loss of standardised targets; the paper's is the mean square" in caption_of(
+        name, paper
+    )
+
+
+def test_one_failed_cell_leaves_its_network_out_of_figure_5_and_names_it(changing):
+    for activation in ("tanh", "sigmoid"):
+        changing.add(pretrained(activation=activation), [0.1], failed=[1], **PAPER)
+    depth, width = 5, 400
+    options = {"layers": depth, "width": width}
+    changing.add(pretrained(layers=depth, width=width), [0.1], failed=[1], options=options, **PAPER)
+    for name, lost in (("5a", "width=400"), ("5c", "activation=tanh"), ("5", "sigmoid")):
+        caption = caption_of(name, PaperResults.of(changing.folder))
+        assert "No numbers: " in caption and "it broke" in caption and lost in caption
+
+
+def test_figure_5_says_how_many_networks_and_splits_it_has(changing):
+    width = {"options": {"layers": 4, "width": 40}}
+    name = pretrained(layers=4, width=40)
+    changing.add(name, [0.1, 0.1, 0.1], **width, **PAPER)
+    errors = {f"source {part} MAE [mm]": 0.1 for part in ("test", "training")}
+    with_fields(changing, name, diagnostics=errors)
+    caption = caption_of("5a", PaperResults.of(changing.folder))
+    assert "2 to 3 splits a network, seed 0." in caption
+    assert "Not run: 51 of 57 networks" in caption
+
+
+def test_figure_6_names_the_strategies_that_it_cannot_show(changing):
+    changing.add(unfrozen(("2",)), [0.1], failed=[1], **PAPER)
+    caption = caption_of("6", PaperResults.of(changing.folder))
+    assert "No numbers: " in caption and "freeze=layers:2 on" in caption and "it broke" in caption
+    assert "Without a result under paper-holdout: ft-mlp@freeze=layers:3" in caption
+    assert "least of the stored points (every tenth epoch)" in caption
+
+
+def test_a_strategy_without_a_finite_loss_has_no_line_in_figure_6(changing):
+    for layers in (("1",), ("1", "2")):
+        nothing = {"fine-tuning": np.full((3, 3), np.nan)}
+        with_fields(changing, unfrozen(layers), curves=nothing)
+    left, _ = FIGURES["6"].prepare(PaperResults.of(changing.folder)).draw().axes
+    assert not left.get_lines()

@@ -1,0 +1,206 @@
+"""Names in strangers' results do no harm: in tables, reports and messages, as text or as paths."""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+import json
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+
+import pytest
+
+from command_line import assert_refused, bench_here
+from made_results import MadeResults
+from stiff_bench.console import one_line, printable
+from stiff_bench.tables.render import TextTable, csv_cells, markdown_text, render_texts
+
+SCRIPT = "<script>alert(1)</script>"
+HOSTILE = (
+    SCRIPT,
+    "<img src=x onerror=alert(1)>",
+    "../../etc/x",
+    "/etc/passwd",
+    "\x1b[31mred\x1b]0;title\x07",
+    "two\nlines\r\nand\u2028more",
+    "nul\0nul",
+    "a|b",
+    "50 & 60_% # $x$ ^{2} ~",
+    "\\input{/etc/passwd}",
+    "=cmd|' /C calc'!A0",
+    "[click](javascript:alert(1))",
+    "![](http://127.0.0.1:9/seen)",
+    "`code` ``more``",
+    "right\u202eto left",
+)
+TABLE = TextTable(
+    title=" ".join(HOSTILE),
+    header=["name", *HOSTILE],
+    rows=[[name, *HOSTILE] for name in HOSTILE],
+    notes=HOSTILE,
+)
+
+
+class Tags(HTMLParser):
+    """Notes which tags a page has, and its text."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: set[str] = set()
+        self.text = ""
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def tags(page: str) -> Tags:
+    found = Tags()
+    found.feed(page)
+    return found
+
+
+OURS = set("section h2 table thead tbody tr th td ul li code p".split())
+
+
+def assert_harmless(text: str, fmt: str) -> None:
+    """No control character, and nothing that the format would run, load or take for a row."""
+    assert all(sign.isprintable() or sign == "\n" for sign in text)
+    if fmt == "html":
+        assert tags(text).tags <= OURS
+    elif fmt == "github":
+        plain = re.sub(r"(`+)(?!`).*?(?<!`)\1(?!`)", "", text)  # code stands as it is
+        assert not re.search(r"(?<!\\)<[A-Za-z/!?]|\]\(", plain)
+    elif fmt == "latex":
+        commands = set(re.findall(r"(?<!\\)\\([A-Za-z]+)", text))
+        assert not commands & {"input", "write", "include", "def", "csname"}
+        assert not re.search(r"(?<!\\)[#%]|\^\^", text)
+    elif fmt == "csv":
+        for cell in itertools.chain.from_iterable(csv.reader(io.StringIO(text))):
+            assert not cell or cell[0] not in "=+@\t\r"
+            assert not cell.startswith("-") or float(cell) <= 0.0
+    else:
+        json.loads(text)
+
+
+@pytest.mark.parametrize("fmt", ["github", "latex", "html"])
+def test_a_table_of_hostile_texts_keeps_its_shape_and_runs_nothing(fmt):
+    text = render_texts([TABLE], fmt, f"bench run {' '.join(HOSTILE)}")
+    assert_harmless(text, fmt)
+    n = len(HOSTILE)
+    if fmt == "github":
+        rows = [line for line in text.splitlines() if line.startswith("| ")]
+        assert len(rows) == n + 1
+        assert {len(re.findall(r"(?<!\\)\|", row)) for row in rows} == {n + 2}
+        assert len(text.splitlines()) == 1 + 1 + n + 2 + 1 + n + 1
+    if fmt == "html":
+        assert text.count("<tr>") == n + 1 and text.count("<td") == n * (n + 1)
+        assert SCRIPT in tags(text).text
+    if fmt == "latex":
+        body = text.partition(r"\midrule")[2].partition(r"\bottomrule")[0]
+        rows = body.strip().splitlines()
+        assert len(rows) == n
+        assert {len(re.findall(r"(?<!\\)&", row)) for row in rows} == {n}
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="needs LaTeX")
+def test_latex_reads_no_file_that_a_name_asks_for(tmp_path):
+    text = render_texts([TABLE], "latex", "bench")
+    page = (
+        rf"\documentclass{{article}}\usepackage{{booktabs}}\begin{{document}}{text}\end{{document}}"
+    )
+    (tmp_path / "page.tex").write_text(page)
+    words = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "-recorder", "page.tex"]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True)
+    assert done.returncode == 0, done.stdout
+    assert "passwd" not in (tmp_path / "page.fls").read_text()
+
+
+def test_control_characters_are_shown_and_not_obeyed():
+    assert printable("a\x1b[31m\0\u202eü ±\n\t") == "a\\x1b[31m\\x00\\u202eü ±\n\t"
+    assert one_line("a\nb\r\nc\u2028d\x1be") == "a b c d\\x1be"
+    assert (
+        printable("M\udcffller") == "M\\udcffller"
+    )  # a byte of a file's name that is no character
+
+
+def test_markdown_texts_stay_what_they_were_where_nothing_is_to_escape():
+    for text in ("p < 0.001", "a <= b", "ME [mm]", "A -> B", "5 (of 10)"):
+        assert markdown_text(text) == text
+    assert markdown_text("<b>") == r"\<b>" and markdown_text("[a](b)") == r"[a]\(b)"
+
+
+def test_texts_that_a_spreadsheet_would_compute_are_quoted_and_numbers_are_not():
+    numbers = ["-0.5", "-1e-05", "+3", "-inf", "1", "", -0.5, None]
+    assert csv_cells(numbers) == numbers
+    texts = ["=1+1", "+cmd", "-2+3", "@SUM(A1)", "\t=1", "\r=1", "-"]
+    assert csv_cells(texts) == [f"'{text}" for text in texts]
+    assert csv_cells(["ft-mlp", "a=b"]) == ["ft-mlp", "a=b"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Results whose every name is hostile; each name is a model, some a data set and a protocol."""
+    made = MadeResults(tmp_path_factory.mktemp("hostile"))
+    keys = []
+    about = {"kind": HOSTILE[0], "caveats": HOSTILE, "warning": HOSTILE[1]}
+    for dataset, protocol in ((HOSTILE[0], HOSTILE[10]), (HOSTILE[10], HOSTILE[4])):
+        for number, model in enumerate(HOSTILE):
+            keys += made.add(
+                model,
+                [0.1 + 0.01 * number, 0.2],
+                dataset,
+                protocol,
+                condition=HOSTILE[9],
+                run_id="../../x",
+                **about,
+            )
+        keys += made.add("=broken", [], dataset, protocol, failed=[0], run_id=HOSTILE[5], **about)
+    made.add_run("run-1", keys)
+    return made.folder
+
+
+@pytest.mark.parametrize("fmt", ["github", "latex", "csv", "html", "json"])
+def test_a_leaderboard_of_hostile_results_is_harmless(fmt, folder, tmp_path):
+    done = bench_here("leaderboard", "--results", str(folder), "--format", fmt, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert_harmless(done.stdout, fmt)
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize("fmt", ["github", "latex", "csv", "html", "json"])
+def test_a_comparison_of_hostile_results_is_harmless(fmt, folder, tmp_path):
+    words = (HOSTILE[0], HOSTILE[10], "--results", str(folder), "--format", fmt)
+    for more in ((), ("--dataset", HOSTILE[0])):
+        done = bench_here("compare", *words, *more, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert_harmless(done.stdout, fmt)
+    assert not [*tmp_path.iterdir()]
+
+
+def test_a_hostile_word_on_the_command_line_is_refused_in_one_printable_line(tmp_path):
+    asked = [
+        words
+        for name in HOSTILE
+        if "\0" not in name  # no operating system hands it over
+        for words in (
+            ["run", "--model", name],
+            ["run", "--model", "vjm", "--dataset", name],
+            ["run", "--model", "vjm", "--protocol", name],
+            ["run", "--model", "vjm", "--robot", name, "--data", f"{name}.csv"],
+            ["run", "--model", "vjm", "--plugin", f"{name}.py"],
+            ["run", "--model", "mlp", "--set", f"mlp.width={name}"],
+            ["leaderboard", "--results", f"{name}.results"],
+            ["show", name],
+        )
+    ]
+    for words in asked:
+        done = bench_here(*words, cwd=tmp_path)
+        assert_refused(done)
+        assert one_line(done.stderr) == done.stderr.rstrip("\n"), words
+    assert not [*tmp_path.iterdir()]

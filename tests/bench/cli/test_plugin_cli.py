@@ -1,0 +1,210 @@
+"""`bench check` and `bench new model`: what they print, write and refuse."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from sklearn.base import BaseEstimator
+
+from command_line import bench_here
+from stiff_bench.model_tools.plugins import checklist, new_model
+from stiff_bench.plan.registry import build_registry
+from stiff_models.io.cache_folder import VARIABLE
+from stiff_protocols.contract.errors import ConfigError, StiffBenchError, StoreError
+from stiff_protocols.contract.plugin import ModelInfo
+
+BAD = """
+import numpy as np
+from sklearn.base import BaseEstimator
+from stiff_protocols.contract.plugin import ModelInfo
+
+class Bad(BaseEstimator):
+    def __init__(self, *, shape: int = 3):
+        self.shape = shape
+    def fit(self, train, *, robot, validation=None, seed=0):
+        self.mean_ = train.deflection.mean(axis=0)
+        return self
+    def predict(self, q, wrench):
+        return 1000 * np.tile(self.mean_, (len(q), 1))[:, : self.shape]
+
+MODELS = [ModelInfo(key="bad", target=Bad, summary="mm")]
+"""
+
+
+@pytest.mark.slow
+def test_a_new_model_passes_its_own_test_and_the_suite_and_can_be_run_as_it_stands(tmp_path):
+    made = bench_here("new", "model", "My-Spring", cwd=tmp_path)
+    assert made.returncode == 0, made.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["my_spring.py", "test_my_spring.py"]
+    head, first, *others = made.stdout.splitlines()
+    for part in ("my_spring.py", "test_my_spring.py", "key is my-spring"):
+        assert part in head
+    assert first == "  python -m pytest test_my_spring.py"
+    tested = subprocess.run(
+        [sys.executable, *first.split()[1:], "-W", "error", "-p", "no:cacheprovider"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert "2 passed" in tested.stdout, tested.stdout
+    for line in others:  # the commands, as they are printed
+        done = bench_here(*line.split()[1:], cwd=tmp_path)
+        assert done.returncode == 0, done.stderr + done.stdout
+        assert "my-spring" in done.stdout
+
+
+def test_a_generated_class_name_and_key_come_from_the_name(tmp_path):
+    registry = build_registry()
+    said = new_model("Gear2_model", tmp_path / "deep" / "folder", registry)
+    assert "gear2-model" in said
+    assert "class Gear2Model(BaseEstimator)" in (
+        tmp_path / "deep" / "folder" / "gear2_model.py"
+    ).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("2nd", "'2nd' is no name for a model"),
+        ("_x", "a letter first"),
+        ("my model", "'my model' is no name"),
+        ("../up", "is no name"),
+        ("class", "no Python keyword"),
+        ("federnüß", "is no name"),
+        ("vjm", "key 'vjm' is taken by stiffbench"),
+        ("FT-MLP", "key 'ft-mlp' is taken by stiffbench"),
+        ("numpy", "Python already has a module 'numpy'"),
+    ],
+)
+def test_a_name_that_cannot_serve_is_refused_and_nothing_is_written(tmp_path, name, message):
+    with pytest.raises(ConfigError, match=message):
+        new_model(name, tmp_path, build_registry())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_exists_is_left_as_it_is_and_no_other_is_written(tmp_path):
+    test = tmp_path / "test_spring.py"
+    test.write_text("mine")
+    with pytest.raises(StoreError, match=r"test_spring\.py: exists; nothing was written"):
+        new_model("spring", tmp_path, build_registry())
+    assert [path.name for path in tmp_path.iterdir()] == ["test_spring.py"]
+    assert test.read_text() == "mine"
+
+
+def test_when_the_second_file_cannot_be_put_in_place_the_first_is_taken_away(tmp_path, monkeypatch):
+    put = Path.replace
+
+    def refuse(self, target):
+        if not target.name.startswith("test_"):
+            raise OSError(28, "No space left on device")
+        return put(self, target)
+
+    monkeypatch.setattr(Path, "replace", refuse)
+    with pytest.raises(StoreError, match="No space left"):
+        new_model("spring", tmp_path, build_registry())
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture()
+def bad(tmp_path):
+    path = tmp_path / "bad.py"
+    path.write_text(BAD)
+    return path
+
+
+def test_a_bad_plugin_is_told_what_failed_why_and_how_to_mend_it_with_status_1(bad, tmp_path):
+    done = bench_here("check", "bad", "--plugin", str(bad), cwd=tmp_path)
+    assert done.returncode == 1, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[0] == "bad (default options) on fanuc-r2000ic (default options)"
+    assert "✓ fit returns the model" in lines
+    (metres,) = (i for i, line in enumerate(lines) if line.startswith("✗ predictions are in metr"))
+    assert "mm?" in lines[metres]
+    assert lines[metres + 1].startswith("    to mend it: ")
+    assert "3 failed" in lines[-1]
+    assert list(tmp_path.iterdir()) == [bad]
+
+
+def test_options_are_set_and_named(bad):
+    registry = build_registry([bad])
+    text, kept = checklist("bad", "fanuc-r2000ic", ["bad.shape=2"], registry)
+    assert not kept
+    assert text.startswith("bad (shape=2) on fanuc-r2000ic")
+    assert "shape (10, 2)" in text
+    with pytest.raises(ConfigError, match="unknown bad option 'size'"):
+        checklist("bad", "fanuc-r2000ic", ["bad.size=2"], registry)
+
+
+def test_a_lines_quick_options_are_used_unless_others_are_set(bad):
+    registry = build_registry([bad])
+    quick = ModelInfo(
+        key="quick", target=registry.models["bad"].load(), summary="", quick={"shape": 1}
+    )
+    registry.add([quick], "test")
+    assert "quick (shape=1)" in checklist("quick", "fanuc-r2000ic", (), registry)[0]
+    text, _ = checklist("quick", "fanuc-r2000ic", ["quick.shape=3"], registry)
+    assert "quick (shape=3)" in text
+
+
+class Listens(BaseEstimator):
+    """A model that says whether trainings are remembered while it is fitted."""
+
+    def fit(self, train, **_):
+        raise RuntimeError(f"cache {os.environ[VARIABLE]}")
+
+
+def test_a_check_trains_anew_and_leaves_the_cache_as_it_was(monkeypatch):
+    monkeypatch.setenv(VARIABLE, "somewhere")
+    registry = build_registry()
+    registry.add([ModelInfo(key="listens", target=Listens, summary="")], "test")
+    text, _ = checklist("listens", "fanuc-r2000ic", (), registry)
+    assert "raised RuntimeError: cache off" in text
+    assert os.environ[VARIABLE] == "somewhere"
+
+
+def test_a_shipped_model_a_data_set_and_a_protocol_pass():
+    registry = build_registry()
+    for key, first in (
+        ("vjm", "vjm (default options) on fanuc-r2000ic (default options)"),
+        ("fanuc-r2000ic", "fanuc-r2000ic (default options)"),
+        ("holdout", "holdout (default options) on fanuc-r2000ic (default options)"),
+    ):
+        text, kept = checklist(key, "fanuc-r2000ic", (), registry)
+        assert kept, text
+        assert text.splitlines()[0] == first
+
+
+def test_what_cannot_be_used_here_says_why(bad):
+    registry = build_registry([bad])
+    registry.add(
+        [ModelInfo(key="extra", target=dict, summary="", missing_because=f"{__name__}:why")], "test"
+    )
+    with pytest.raises(StiffBenchError, match="'extra' cannot be checked here: no weights"):
+        checklist("extra", "fanuc-r2000ic", (), registry)
+
+
+def why() -> str:
+    return "no weights"
+
+
+class NeedsFile(BaseEstimator):
+    """Can be used once an option names a file."""
+
+    def __init__(self, *, file: str = ""):
+        self.file = file
+
+    def missing(self):
+        return "" if self.file else "no file of weights"
+
+
+def test_what_a_model_misses_depends_on_its_options():
+    registry = build_registry()
+    registry.add([ModelInfo(key="needs-file", target=NeedsFile, summary="")], "test")
+    with pytest.raises(StiffBenchError, match="'needs-file' cannot be checked here: no file of"):
+        checklist("needs-file", "fanuc-r2000ic", (), registry)
+    text, _ = checklist("needs-file", "fanuc-r2000ic", ("needs-file.file=w.ckpt",), registry)
+    assert "needs-file (file=w.ckpt) on fanuc-r2000ic" in text

@@ -1,0 +1,85 @@
+"""Words of the command line: ``KEY@OPTION=VALUE``."""
+
+from __future__ import annotations
+
+import pytest
+
+from run_requests import planned
+from stiff_bench.plan.cells import cell_tasks
+from stiff_bench.plan.registry import build_registry
+from stiff_bench.plan.request import chosen_dataset
+from stiff_protocols.contract.errors import ConfigError
+
+
+def names(choices):
+    return [choice.name for choice in choices]
+
+
+def test_several_variants_of_one_key_meet_in_one_run():
+    made = planned(
+        models=("ft-mlp@freeze=full", "ft-mlp@freeze=layers:2,3@epochs=5", "ft-mlp"),
+        datasets=("kr10-twin", "kr10-twin@specimen=3"),
+        protocols=("kfold@folds=3",),
+    )
+    assert names(made.models) == [
+        "ft-mlp@freeze=full",
+        "ft-mlp@epochs=5@freeze=layers:2,3",
+        "ft-mlp",
+    ]
+    assert names(made.datasets) == ["kr10-twin", "kr10-twin@specimen=3"]
+    assert names(made.protocols) == ["kfold@folds=3"]
+    assert [model.params["freeze"] for model in made.models[:2]] == ["full", "layers:2,3"]
+
+
+def test_variants_are_cells_of_their_own_with_the_options_in_their_names():
+    plan = planned(models=("vjm", "knn@neighbours=3"), datasets=("kr10-twin@specimen=2",))
+    tasks = list(cell_tasks(plan))
+    assert [task.shown.model for task in tasks] == ["vjm", "knn@neighbours=3"]
+    assert {task.shown.dataset for task in tasks} == {"kr10-twin@specimen=2"}
+    assert len({task.cell.key for task in tasks}) == 2
+    assert len({task.cell.model_seed for task in tasks}) == 1
+
+
+def test_a_default_spelled_out_is_the_same_thing_and_stands_once():
+    made = planned(datasets=("kr10-twin", "kr10-twin@specimen=0"))
+    assert names(made.datasets) == ["kr10-twin"]
+
+
+def test_the_device_makes_no_other_model():
+    assert names(planned(models=("mlp@device=cpu", "mlp")).models) == ["mlp"]
+
+
+def test_set_reaches_every_variant_and_the_word_has_the_last_word():
+    made = planned(
+        models=("mlp", "mlp@width=8"), settings=("mlp.width=16", "mlp.epochs=3"), metrics=("mae",)
+    )
+    assert names(made.models) == ["mlp@epochs=3@width=16", "mlp@epochs=3@width=8"]
+
+
+def test_every_command_that_takes_a_data_set_takes_a_word():
+    assert chosen_dataset("kr10-twin@specimen=4", (), build_registry()).params == {"specimen": 4}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"models": ("vmj",)}, "unknown model 'vmj'; did you mean 'vjm'"),
+        ({"models": ("mlp@widht=8",)}, "--model 'mlp@widht=8': unknown mlp option 'widht'; did"),
+        (
+            {"protocols": ("cross-robot@source=kr10-twin@specimen=3",)},
+            "unknown cross-robot option 'specimen' (valid: source, test_fraction, validation_f",
+        ),
+        (
+            {"protocols": ("cross-robot@source=kr10-twin@specimen=3",)},
+            "an @ inside a value is doubled: @@",
+        ),
+        ({"models": ("mlp@width",)}, "--model 'mlp@width': expected KEY@OPTION=VALUE"),
+        ({"models": ("mlp@width=8@width=9",)}, "mlp.width is set twice"),
+        ({"datasets": ("kr10-twin@specimen=10",)}, "--dataset 'kr10-twin@specimen=10': '10' is no"),
+        ({"protocols": ("kfold@folds=1",)}, "--protocol 'kfold@folds=1': '1' is no valid folds"),
+    ],
+)
+def test_a_wrong_word_is_refused_with_what_is_valid(changes, message):
+    with pytest.raises(ConfigError) as refused:
+        planned(**changes)
+    assert message in str(refused.value)

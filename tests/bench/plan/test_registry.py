@@ -1,0 +1,188 @@
+"""The registry: ours, files, installed packages, families; what collides and what is broken."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from stiff_bench.plan.registry import Registry, build_registry
+from stiff_models.catalog import MODELS
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.plugin import ModelFamily, ModelInfo
+
+THIRD_PARTY = Path(__file__).parents[2] / "third_party"
+
+
+def test_the_shipped_entries_are_all_there_and_can_be_imported():
+    registry = build_registry()
+    assert list(registry.models) == [info.key for info in MODELS]
+    assert {"vjm", "mlp", "mlp-pretrained", "ft-mlp"} <= set(registry.models)
+    assert {"kr10-twin", "fanuc-r2000ic"} <= set(registry.datasets)
+    assert {"holdout", "paper-holdout", "leave-one-out"} <= set(registry.protocols)
+    for table in (registry.models, registry.datasets, registry.protocols):
+        usable = [info for info in table.values() if not info.missing()]
+        assert all(isinstance(info.load(), type) for info in usable)
+
+
+def test_a_plugin_file_adds_its_models(plugin_file):
+    registry = build_registry([plugin_file("mean-deflection")])
+    assert registry.models["mean-deflection"].load().__name__ == "MeanDeflection"
+
+
+def test_two_plugin_files_of_one_name_do_not_disturb_each_other(tmp_path, plugin_file):
+    one, other = (tmp_path / folder / "my_model.py" for folder in ("one", "other"))
+    for key, path in (("first", one), ("second", other)):
+        path.parent.mkdir()
+        plugin_file(key).rename(path)
+    registry = build_registry([one, other])
+    modules = {registry.models[key].load().__module__ for key in ("first", "second")}
+    assert len(modules) == 2 and modules <= set(sys.modules)
+
+
+def test_a_key_that_is_taken_is_refused_naming_both_owners(plugin_file):
+    with pytest.raises(ConfigError, match=r"my_model\.py: key 'vjm' is taken by stiffbench"):
+        build_registry([plugin_file("vjm")])
+
+
+def test_a_key_that_no_command_line_could_name_is_refused(plugin_file):
+    with pytest.raises(ConfigError, match=r"key 'Bad Key!' is no word \(valid: letters"):
+        build_registry([plugin_file("Bad Key!")])
+
+
+def test_the_word_for_every_model_is_no_key(plugin_file):
+    with pytest.raises(ConfigError, match="key 'all' stands for every model"):
+        build_registry([plugin_file("all")])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x = (", r"cannot be imported: SyntaxError"),
+        ("import not_there", r"ModuleNotFoundError: No module named 'not_there' .*bad\.py:1\)"),
+        ("\n1 / 0", r"ZeroDivisionError: division by zero .*bad\.py:2\)"),
+        ("raise SystemExit(3)", r"SystemExit: 3"),
+        ("x = 1", "defines nothing"),
+        ("MODELS = [3]", "3 is no ModelInfo"),
+    ],
+)
+def test_a_plugin_file_that_cannot_be_used_is_refused(tmp_path, text, message):
+    path = tmp_path / "bad.py"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=message):
+        build_registry([path])
+    with pytest.raises(ConfigError, match="no such file"):
+        build_registry([tmp_path / "absent.py"])
+
+
+def test_what_a_plugin_prints_on_import_does_not_get_between_the_tables(
+    tmp_path, plugin_file, capsys
+):
+    path = plugin_file("talks")
+    path.write_text("print('hello')\n" + path.read_text())
+    build_registry([path])
+    assert capsys.readouterr() == ("", "hello\n")
+
+
+def member(key: str) -> ModelInfo:
+    """What a family's function does."""
+    if not key[1:]:
+        raise ConfigError(f"{key!r} names nothing")
+    return ModelInfo(key=key, target=dict, summary="of a family")
+
+
+@pytest.fixture()
+def registry_with_family() -> Registry:
+    family = ModelFamily(
+        prefix="~", target=f"{__name__}:member", example="~a", summary="every letter"
+    )
+    registry = Registry(families=(family,))
+    registry.add([ModelInfo(key="vjm", target=dict, summary="springs")], "stiffbench")
+    return registry
+
+
+def test_a_key_of_a_family_is_resolved_by_its_beginning(registry_with_family):
+    registry = registry_with_family
+    assert registry.model("~abc").key == registry.find("~abc").key == "~abc"
+    with pytest.raises(ConfigError, match="'~' names nothing"):
+        registry.model("~")
+
+
+def test_an_unknown_key_is_told_the_families_too(registry_with_family):
+    for look_up in (registry_with_family.model, registry_with_family.find):
+        with pytest.raises(ConfigError, match=r"'vjn'; did you mean 'vjm'\? \(valid: vjm, ~\.\.\."):
+            look_up("vjn")
+
+
+def test_a_plugin_cannot_take_a_familys_keys(registry_with_family):
+    with pytest.raises(ConfigError, match="begins with '~', which stands for every letter"):
+        registry_with_family.add([ModelInfo(key="~x", target=dict, summary="")], "plugin")
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory) -> dict[str, str]:
+    """The example package, installed beside stiffbench."""
+    folder = tmp_path_factory.mktemp("third_party")
+    package = shutil.copytree(THIRD_PARTY, folder / "package")  # a build leaves files behind
+    site = folder / "site"
+    subprocess.run(
+        [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", site, package],
+        check=True,
+    )
+    others = os.environ.get("PYTHONPATH", "")
+    return {**os.environ, "PYTHONPATH": f"{site}{os.pathsep}{others}".rstrip(os.pathsep)}
+
+
+def bench_with(installed, folder, *words):
+    return subprocess.run(
+        [sys.executable, "-m", "stiff_bench.cli.main", *words],
+        env=installed,
+        cwd=folder,
+        capture_output=True,
+        text=True,
+    )
+
+
+@pytest.mark.slow
+def test_an_installed_package_brings_its_model_and_what_is_broken_in_it_is_said(
+    installed, tmp_path
+):
+    done = bench_with(installed, tmp_path, "run", "--model", "cartesian-spring", "--model", "vjm")
+    assert done.returncode == 0, done.stderr
+    assert "| cartesian-spring " in done.stdout and "| vjm " in done.stdout
+    raised, taken = (line for line in done.stderr.splitlines() if "plugin left out" in line)
+    assert "cartesian-spring (stiffbench.models: raises)" in raised and "'not_there'" in raised
+    assert "cartesian-spring (stiffbench.models: taken)" in taken and "key 'vjm'" in taken
+
+
+def test_a_good_line_beside_a_taken_one_is_there_and_passes_the_conformance_suite(
+    installed, tmp_path
+):
+    done = bench_with(
+        installed, tmp_path, "check", "force-spring", "--set", "force-spring.torques=false"
+    )
+    assert done.returncode == 0, done.stderr + done.stdout
+    assert done.stdout.startswith("force-spring (torques=False) on fanuc-r2000ic")
+
+
+@pytest.mark.parametrize("version", [0, -1, 1.0, "1", True, None])
+def test_a_version_is_a_positive_integer(version):
+    with pytest.raises(ConfigError, match=r"'m': version .* is no positive integer \(valid: 1, 2"):
+        ModelInfo(key="m", target=dict, summary="", version=version)
+
+
+def test_a_library_is_a_distributions_name():
+    with pytest.raises(ConfigError, match=r"'m': library None is no text"):
+        ModelInfo(key="m", target=dict, summary="", library=None)
+
+
+def test_a_model_whose_module_raises_when_it_is_used_is_a_config_error(tmp_path, monkeypatch):
+    (tmp_path / "raises_late.py").write_text("raise RuntimeError('no licence')\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    info = ModelInfo(key="late", target="raises_late:Late", summary="")
+    with pytest.raises(ConfigError, match=r"'late': cannot import .*RuntimeError: no licence"):
+        info.load()

@@ -1,0 +1,103 @@
+"""`bench report`: words in, a whole page or one error and no file."""
+
+from __future__ import annotations
+
+import pytest
+from click.testing import CliRunner
+
+from made_results import MadeResults
+from stiff_bench.cli.compare import report
+from stiff_bench.report import report as gather
+from stiff_bench.report.content import Block
+from stiff_protocols.contract.errors import ConfigError, StiffBenchError, StoreError
+
+
+@pytest.fixture(autouse=True)
+def no_figures(monkeypatch):
+    monkeypatch.setattr(gather, "picture_block", lambda *_: Block("Figures"))
+
+
+@pytest.fixture()
+def folder(tmp_path):
+    made = MadeResults(tmp_path / "runs")
+    made.add_run("run-1", [*made.add("vjm", [0.1, 0.2]), *made.add("mlp", [0.3, 0.1])])
+    return made.folder
+
+
+def run(*words):
+    return CliRunner().invoke(report, [str(word) for word in words])
+
+
+def test_the_page_is_written_and_said(folder, tmp_path):
+    page = tmp_path / "page.html"
+    done = run("--results", folder, "--output", page)
+    assert done.exit_code == 0
+    assert f"{page}: the page is written" in done.stderr
+    assert done.stdout == ""
+    assert page.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+def test_several_folders_are_parts_of_one_page_and_not_compared(folder, tmp_path):
+    other = MadeResults(tmp_path / "others")
+    other.add("gp", [0.1])
+    page = tmp_path / "page.html"
+    done = run("--results", folder, "--results", other.folder, "--output", page)
+    assert done.exit_code == 0
+    text = page.read_text(encoding="utf-8")
+    assert text.count("<h2") == 2
+    assert "are not compared with each other" in text
+
+
+def test_a_model_of_one_folder_is_missing_in_the_other_and_that_is_said(folder, tmp_path):
+    other = MadeResults(tmp_path / "others")
+    other.add("gp", [0.1])
+    other.add("vjm", [0.2])
+    page = tmp_path / "page.html"
+    words = ["--results", folder, "--results", other.folder, "--output", page]
+    done = run(*words, "--model", "gp", "--model", "vjm")
+    assert done.exit_code == 0, done.exception
+    text = page.read_text(encoding="utf-8")
+    assert text.count("No result of gp here.") == 1
+    done = run(*words, "--model", "gp")
+    assert done.exit_code == 0, done.exception
+    assert "Nothing that was asked for has results here." in page.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("words", "error", "said"),
+    [
+        (["--output", "page.pdf"], ConfigError, r"'\.pdf'.*\.html, \.htm"),
+        (["--output", "page.html", "--model", "nobody"], ConfigError, "nobody"),
+        (["--output", "page.html", "--dataset", "moon"], ConfigError, "moon"),
+        (["--output", "page.html", "--metric", "speed"], StiffBenchError, "speed"),
+        (["--output", "no/such/folder/page.html"], StoreError, "page.html: cannot be written"),
+    ],
+)
+def test_bad_words_are_refused_and_nothing_is_written(
+    folder, tmp_path, monkeypatch, words, error, said
+):
+    monkeypatch.chdir(tmp_path)
+    before = set(tmp_path.rglob("*"))
+    done = run("--results", folder, *words)
+    assert isinstance(done.exception, error)
+    with pytest.raises(error, match=said):
+        raise done.exception
+    assert {path for path in tmp_path.rglob("*") if path.suffix != ".lock"} <= before | {folder}
+
+
+def test_a_folder_that_is_named_twice_is_refused(folder, tmp_path):
+    done = run("--results", folder, "--results", f"{folder}/.", "--output", tmp_path / "p.html")
+    assert isinstance(done.exception, ConfigError)
+    assert "named twice" in str(done.exception)
+
+
+def test_a_folder_without_results_is_refused(tmp_path):
+    done = run("--results", tmp_path, "--output", tmp_path / "p.html")
+    assert isinstance(done.exception, StoreError)
+    assert "holds no results" in str(done.exception)
+
+
+def test_no_output_is_a_usage_error(folder):
+    done = run("--results", folder)
+    assert done.exit_code == 2
+    assert "--output" in done.stderr

@@ -1,0 +1,213 @@
+"""`cross-robot` in the engine: which source a cell has, what it says of it, what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from run_requests import planned
+from stiff_bench.plan.cells import NO_SOURCE, check_named, check_source
+from stiff_bench.plan.registry import build_registry
+from stiff_bench.plan.request import RunPlan, chosen_dataset
+from stiff_bench.run.cell import compute_cell
+from stiff_bench.run.execution import IN_THIS_PROCESS
+from stiff_bench.run.progress import LineDisplay
+from stiff_bench.run.runner import run_cells
+from stiff_bench.store.database import ResultStore, read_data
+from stiff_bench.store.names import split_word
+from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
+from stiff_datasets.twin.robot_twin import Ur5Twin
+from stiff_models.transfer.ft_mlp import FtMlp
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.types import BenchmarkData, Samples, Split
+from stiff_protocols.splits.cross_robot import OWN
+from stiff_protocols.splits.random_splits import Holdout
+
+pytestmark = pytest.mark.usefixtures("small_source")
+
+FROM_UR5 = "source ur5-twin"
+OPTIONS = {"width": 8, "pretrain_steps": 3, "epochs": 4}
+FT_MLP = "@".join(["ft-mlp", *(f"{name}={value}" for name, value in OPTIONS.items())])
+
+
+@pytest.fixture()
+def cross_tasks(tasks_of):
+    """A function that lists cells of the FANUC with the UR5 as the foreign source."""
+    return lambda *models: tasks_of(models, "fanuc-r2000ic", "cross-robot@source=ur5-twin", 2)
+
+
+def of_condition(tasks, condition):
+    return [task for task in tasks if task.cell.condition == condition]
+
+
+def test_both_conditions_share_rows_and_model_seed_and_are_stored_apart(cross_tasks):
+    tasks = cross_tasks(FT_MLP)
+    for own, foreign in zip(of_condition(tasks, OWN), of_condition(tasks, FROM_UR5), strict=True):
+        assert own.cell.split_sha256 == foreign.cell.split_sha256
+        assert own.cell.model_seed == foreign.cell.model_seed
+        assert own.cell.key != foreign.cell.key
+        assert own.source is None and own.cell.source_sha256 == ""
+        assert foreign.cell.source_sha256 == Ur5Twin().load().sha256 == foreign.source.sha256
+    assert len({task.cell.model_seed for task in tasks}) == 2  # one a split
+
+
+def test_with_its_own_source_a_cell_is_what_holdout_gives_for_the_same_seed(cross_tasks):
+    task = of_condition(cross_tasks(FT_MLP), OWN)[1]
+    result = compute_cell(task, "r")
+    assert result.status == "ok", result.failure
+    data = FanucR2000iC().load()
+    split = Holdout().splits(data.samples, n_splits=2, seed=0)[1]
+    train, validation, test = (
+        data.samples.take(rows) for rows in (split.train, split.validation, split.test)
+    )
+    model = FtMlp(**OPTIONS, device="cpu").fit(
+        train, robot=data.robot, validation=validation, seed=task.cell.model_seed
+    )
+    np.testing.assert_array_equal(result.prediction.predicted, model.predict(test.q, test.wrench))
+
+
+def test_with_the_foreign_source_a_cell_and_its_intervals_are_those_of_that_source(cross_tasks):
+    pretrained = "mlp-pretrained@width=8@pretrain_steps=3"
+    own, foreign, *_ = (
+        replace(task, cell=replace(task.cell, coverage=0.8)) for task in cross_tasks(pretrained)
+    )
+    samples = foreign.data.samples
+    other = replace(samples, deflection=samples.deflection * 2.0)  # every label of the target
+
+    def bounds(task):
+        result = compute_cell(task, "r")
+        assert result.status == "ok", result.failure
+        interval = result.prediction.interval
+        return result.prediction.predicted, (interval.lower + interval.upper) / 2.0
+
+    predicted, centre = bounds(foreign)
+    np.testing.assert_allclose(centre, predicted, atol=1e-15)  # the copy has the source too
+    relabelled = bounds(replace(foreign, data=replace(foreign.data, samples=other)))
+    np.testing.assert_array_equal(relabelled[0], predicted)
+    assert (bounds(own)[0] != predicted).any()
+
+
+def test_no_test_label_of_the_target_reaches_a_fine_tuned_network(cross_tasks):
+    task = of_condition(cross_tasks(FT_MLP), FROM_UR5)[0]
+    deflection = task.data.samples.deflection.copy()
+    deflection[task.split.test] += 7.0
+    samples = replace(task.data.samples, deflection=deflection)
+    spoiled = replace(task, data=replace(task.data, samples=samples))
+    first, second = (compute_cell(each, "r").prediction for each in (task, spoiled))
+    np.testing.assert_array_equal(first.predicted, second.predicted)
+    assert (first.measured != second.measured).all()
+
+
+def test_rows_say_what_the_source_means_for_them(cross_tasks):
+    said = {
+        (task.cell.model, task.cell.condition): task.shown.regime
+        for task in cross_tasks("vjm", "ft-mlp", "mlp-pretrained")
+    }
+    assert said["vjm", OWN] == said["ft-mlp", OWN] == said["ft-mlp", FROM_UR5] == ""
+    assert said["vjm", FROM_UR5] == NO_SOURCE
+    assert said["mlp-pretrained", OWN] == "target labels not trained on"
+    assert said["mlp-pretrained", FROM_UR5] == "target labels not used"
+
+
+def test_a_model_without_a_source_learns_the_same_under_both_conditions(cross_tasks):
+    own, foreign, *_ = (compute_cell(task, "r").prediction for task in cross_tasks("vjm")[:2])
+    np.testing.assert_array_equal(own.predicted, foreign.predicted)
+
+
+def test_caveats_of_both_data_sets_stand_beside_the_foreign_sources_numbers(cross_tasks):
+    own, foreign = (of_condition(cross_tasks("vjm"), c)[0].shown.caveats for c in (OWN, FROM_UR5))
+    assert not any("ur5-twin" in caveat for caveat in own)
+    assert any("ur5-twin" in caveat for caveat in foreign) and set(own) < set(foreign)
+
+
+def test_the_sources_samples_are_stored_beside_the_targets(cross_tasks, tmp_path):
+    plan = RunPlan((), (), (), (), None, 0, tmp_path, "bench run", None)
+    tasks = cross_tasks("vjm")
+    run_cells(tasks, plan.command, ResultStore(tmp_path), IN_THIS_PROCESS, LineDisplay())
+    for data in (tasks[0].data, Ur5Twin().load()):
+        assert len(read_data(tmp_path, data.sha256).samples) == len(data.samples)
+
+
+@pytest.mark.parametrize(
+    ("word", "part"),
+    [
+        ("kr10-twn", "unknown dataset 'kr10-twn'; did you mean 'kr10-twin'"),
+        ("kr10-twin@@specimn=3", "unknown kr10-twin option 'specimn'; did you mean 'specimen'"),
+        ("kr10-twin@@specimen=99", "'99' is no valid specimen"),
+    ],
+)
+def test_a_source_that_does_not_exist_is_refused_before_any_data_is_loaded(
+    word, part, tasks_of, monkeypatch
+):
+    monkeypatch.setattr("stiff_bench.plan.cells.loaded", lambda _: pytest.fail("loaded"))
+    with pytest.raises(ConfigError, match=f"--protocol cross-robot@source={word}: source .*{part}"):
+        tasks_of(("vjm",), "fanuc-r2000ic", f"cross-robot@source={word}")
+
+
+def test_a_source_that_is_the_target_itself_is_refused(tasks_of):
+    with pytest.raises(
+        ConfigError, match=r"'kr10-twin' holds 151 of the 151 samples of its target"
+    ):
+        tasks_of(("vjm",), "kr10-twin", "cross-robot@source=kr10-twin")
+    with pytest.raises(ConfigError, match="valid: samples of another robot or another specimen"):
+        tasks_of(("vjm",), "kr10-twin@specimen=9", "cross-robot")
+
+
+def test_a_source_that_holds_but_one_sample_of_the_target_is_refused():
+    target, ur5 = FanucR2000iC().load(), Ur5Twin().load()
+    rows = {
+        name: np.concatenate([getattr(ur5.samples, name), getattr(target.samples, name)[[17]]])
+        for name in ("q", "wrench", "deflection", "pose_id", "load_id", "group")
+    }
+    with pytest.raises(ConfigError, match="holds 1 of the 43 samples of its target 'fanuc'"):
+        check_source("mixed", BenchmarkData(Samples(**rows), ur5.robot), "fanuc", target)
+    check_source("ur5-twin", ur5, "fanuc", target)
+
+
+def test_a_source_with_other_joints_is_refused():
+    target, ur5 = FanucR2000iC().load(), Ur5Twin().load()
+    five = replace(
+        ur5.robot,
+        name="five",
+        **{
+            name: getattr(ur5.robot, name)[:5]
+            for name in ("joint_names", "joint_types", "placements", "axes", "lower", "upper")
+        },
+        masses=ur5.robot.masses[:5],
+        centres_of_mass=ur5.robot.centres_of_mass[:5],
+    )
+    fewer = BenchmarkData(replace(ur5.samples, q=ur5.samples.q[:, :5]), five)
+    with pytest.raises(ConfigError, match=r"'five' has 5 joints \(revolute\).*has 6 joints"):
+        check_source("mine", fewer, "fanuc", target)
+    slides = replace(ur5.robot, joint_types=("prismatic", *ur5.robot.joint_types[1:]))
+    with pytest.raises(ConfigError, match=r"has 6 joints \(prismatic, revolute, "):
+        check_source("mine", BenchmarkData(ur5.samples, slides), "fanuc", target)
+
+
+def test_a_plugins_split_must_not_name_a_source_that_its_protocol_did_not_announce():
+    rows = np.arange(2)
+    split = Split(0, rows, rows, rows, source="elsewhere")
+    with pytest.raises(ConfigError, match=r"'mine': a split's source is 'elsewhere'.*valid: here"):
+        check_named([split], ["here"], "mine")
+    check_named([replace(split, source="here"), replace(split, source="")], ["here"], "mine")
+
+
+def test_a_word_inside_a_word_doubles_the_mark_and_its_name_can_be_typed_again(tasks_of):
+    word = "cross-robot@source=kr10-twin@@specimen=3@@seed=1@test_fraction=0.3"
+    assert split_word(word) == (
+        "cross-robot",
+        ["source=kr10-twin@specimen=3@seed=1", "test_fraction=0.3"],
+    )
+    task = tasks_of(("vjm",), "fanuc-r2000ic", word)[1]
+    assert task.shown.protocol == word
+    assert task.cell.condition == "source kr10-twin@specimen=3@seed=1"
+    choice = chosen_dataset("kr10-twin@specimen=3@seed=1", (), build_registry())
+    assert task.cell.source_sha256 == choice.make().load().sha256
+
+
+def test_an_option_of_the_source_can_be_set_apart_from_the_word():
+    setting = "cross-robot.source=kr10-twin@specimen=3"
+    (choice,) = planned(protocols=("cross-robot",), settings=(setting,)).sources.values()
+    assert choice.name == "kr10-twin@specimen=3"

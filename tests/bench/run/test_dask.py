@@ -1,0 +1,311 @@
+"""Cells on a real Dask cluster on this machine: the same results, and what it loses is computed."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+
+import hostile_models
+import stiff_models
+from command_line import assert_refused, bench, started
+from stiff_bench.store.database import FILE, read_manifests, read_results, stored_statuses
+
+pytest.importorskip("distributed", reason="needs the extra 'cluster'")
+PLUGIN = str(Path(hostile_models.__file__))
+MODELS = [word for key in ("vjm", "knn", "gp", "mlp@epochs=20") for word in ("--model", key)]
+
+
+def free_port() -> int:
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])
+
+
+class Cluster:
+    """A scheduler and two workers, each a process of its own that can be killed."""
+
+    def __init__(self, stack: ExitStack, folder: Path, workers: int = 2):
+        self.port, self._stack, self._folder = free_port(), stack, folder
+        self.address = f"tcp://127.0.0.1:{self.port}"
+        self.start(workers)
+
+    def start(self, workers: int = 2) -> None:
+        self.scheduler = self._run("dask_scheduler", "--host", "127.0.0.1", "--port", self.port)
+        self.workers = [self.start_worker() for _ in range(workers)]
+
+    def start_worker(self, **options: Any) -> subprocess.Popen[bytes]:
+        words = (self.address, "--nthreads", 1, "--host", "127.0.0.1")
+        return self._run("dask_worker", *words, **options)
+
+    def _python(self, program: str) -> list[str]:
+        return [sys.executable, "-m", f"distributed.cli.{program}"]
+
+    def _run(self, program: str, *words: object, **options: Any) -> subprocess.Popen[bytes]:
+        command = subprocess.Popen(
+            [*self._python(program), *map(str, words), "--no-dashboard"],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            cwd=self._folder,
+            start_new_session=True,
+            **options,
+        )
+        self._stack.callback(command.wait)
+        self._stack.callback(kill_family, command.pid)
+        return command
+
+    def worker_processes(self) -> list[psutil.Process]:
+        """The processes that compute, below the nannies that start them again."""
+        return [
+            process
+            for nanny in self.workers
+            for process in psutil.Process(nanny.pid).children(recursive=True)
+            if "spawn_main" in " ".join(process.cmdline())
+        ]
+
+
+def kill_family(pid: int) -> None:
+    try:
+        family = [psutil.Process(pid), *psutil.Process(pid).children(recursive=True)]
+    except psutil.NoSuchProcess:
+        return
+    for process in family:
+        try:
+            process.kill()
+        except psutil.NoSuchProcess:
+            continue
+    psutil.wait_procs(family, timeout=20)
+
+
+@contextmanager
+def a_cluster(folder: Path) -> Iterator[Cluster]:
+    with ExitStack() as stack:
+        yield Cluster(stack, folder)
+
+
+def predictions(folder: Path) -> dict[tuple[str, int], bytes]:
+    found = {}
+    for one in read_results(folder):
+        assert one.status == "ok", one.failure
+        found[one.shown.model, one.cell.split_index] = one.prediction.predicted.tobytes()
+    return found
+
+
+def wait_until(true: Callable[[], object], seconds: float = 120.0) -> None:
+    end = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.1)
+
+
+def n_stored(folder: Path) -> int:
+    return len(stored_statuses(folder))
+
+
+@pytest.mark.slow
+def test_a_cluster_two_jobs_and_one_process_give_the_same_bits(tmp_path):
+    run = ["run", *MODELS, "--splits", "2"]
+    with a_cluster(tmp_path) as cluster:
+        for name, how in {
+            "serial": [],
+            "two jobs": ["--jobs", "2"],
+            "dask": ["--dask", cluster.address],
+            "local": ["--dask", "local:2"],
+        }.items():
+            done = bench(*run, *how, "--output", name, cwd=tmp_path)
+            assert done.returncode == 0, done.stderr
+            assert "bench: 8 ok; " in done.stderr
+    serial = predictions(tmp_path / "serial")
+    assert len(serial) == 8
+    for name in ("two jobs", "dask", "local"):
+        assert predictions(tmp_path / name) == serial
+    (manifest,) = read_manifests(tmp_path / "dask")
+    assert len(manifest.machines) == 2 and manifest.environment["dask"] == cluster.address
+    assert all(one["numpy"] == np.__version__ for one in manifest.machines.values())
+    assert [path.name for path in (tmp_path / "local").iterdir()] == [FILE]
+
+
+@pytest.mark.slow
+def test_a_worker_that_is_killed_costs_no_result(tmp_path):
+    run = ["run", "--plugin", PLUGIN, "--model", "Good@seconds=0.5", "--splits", "20"]
+    with (
+        a_cluster(tmp_path) as cluster,
+        started(*run, "--dask", cluster.address, "--output", "out", cwd=tmp_path) as command,
+    ):
+        for stored in (2, 8):
+            wait_until(lambda stored=stored: n_stored(tmp_path / "out") >= stored)
+            cluster.worker_processes()[0].kill()
+        _, said = command.communicate(timeout=200)
+    assert command.returncode == 0, said
+    assert "bench: 20 ok; " in said
+    assert len(predictions(tmp_path / "out")) == 20
+
+
+@pytest.mark.slow
+def test_a_cell_that_kills_every_worker_it_meets_costs_that_cell_alone(tmp_path):
+    models = ["--model", "KillsWorkers", "--model", "Good@seconds=0.2"]
+    run = ["run", "--plugin", PLUGIN, *models, "--splits", "3"]
+    with a_cluster(tmp_path) as cluster:
+        done = bench(*run, "--dask", cluster.address, "--output", "out", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "bench: 3 ok, 3 failed (killed its workers); " in done.stderr
+    results = list(read_results(tmp_path / "out"))
+    good = [one for one in results if one.cell.model == "Good"]
+    bad = [one for one in results if one.cell.model == "KillsWorkers"]
+    assert len(good) == len(bad) == 3 and all(one.status == "ok" for one in good)
+    assert all("workers ended while they computed it" in one.failure for one in bad)
+
+
+@pytest.mark.slow
+def test_a_run_waits_for_workers_and_ends_where_one_is_of_other_code(tmp_path):
+    stub = tmp_path / "older" / "stiff_models"
+    shutil.copytree(Path(stiff_models.__file__).parent, stub)
+    (stub / "vjm.py").write_text((stub / "vjm.py").read_text() + "# of another version\n")
+    run = ["run", "--model", "vjm", "--model", "knn", "--splits", "4"]
+    with ExitStack() as stack:
+        cluster = Cluster(stack, tmp_path, workers=0)
+        words = [*run, "--dask", cluster.address, "--output", "out"]
+        paths = f"{stub.parent}:{os.environ.get('PYTHONPATH', '')}"
+        with started(*words, cwd=tmp_path) as command:
+            time.sleep(3.0)
+            assert command.poll() is None
+            stranger = cluster.start_worker(env={**os.environ, "PYTHONPATH": paths})
+            _, said = command.communicate(timeout=100)
+        assert command.returncode == 2
+        assert "another version of stiffbench or of a library" in said
+        assert not n_stored(tmp_path / "out")
+        kill_family(stranger.pid)
+        cluster.start_worker()
+        done = bench(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "bench: 8 ok; " in done.stderr
+    manifests = read_manifests(tmp_path / "out")
+    assert [len(one.machines) for one in manifests] == [0, 1]
+
+
+@pytest.mark.slow
+def test_a_run_whose_scheduler_goes_ends_and_the_same_command_computes_the_rest(tmp_path):
+    run = ["run", "--plugin", PLUGIN, "--model", "Good@seconds=0.5", "--splits", "12"]
+    with a_cluster(tmp_path) as cluster:
+        words = [*run, "--dask", cluster.address, "--output", "out"]
+        with started(*words, cwd=tmp_path) as command:
+            wait_until(lambda: n_stored(tmp_path / "out") >= 3)
+            kill_family(cluster.scheduler.pid)
+            _, said = command.communicate(timeout=100)
+        assert command.returncode == 2
+        last = f"--dask {cluster.address}: the scheduler has gone; the same command goes on"
+        assert last in said.strip().splitlines()[-1]
+        stored = n_stored(tmp_path / "out")
+        cluster.start()
+        done = bench(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert f"bench: {12 - stored} ok, {stored} cached; " in done.stderr
+    assert len(predictions(tmp_path / "out")) == 12
+
+
+@pytest.mark.slow
+def test_an_interrupted_run_leaves_no_cell_running_on_the_cluster(tmp_path):
+    run = ["run", "--plugin", PLUGIN, "--model", "Hangs"]
+    with (
+        a_cluster(tmp_path) as cluster,
+        started(*run, "--dask", cluster.address, "--output", "out", cwd=tmp_path) as command,
+    ):
+        wait_until(lambda: cells_below(cluster))
+        command.send_signal(signal.SIGINT)
+        _, said = command.communicate(timeout=60)
+        assert command.returncode == 130 and "the same command again computes the rest" in said
+        wait_until(lambda: not cells_below(cluster), 30.0)
+
+
+def cells_below(cluster: Cluster) -> list[psutil.Process]:
+    """The processes of cells: leaders of a session, below the workers."""
+    return [
+        process
+        for worker in cluster.worker_processes()
+        for process in worker.children(recursive=True)
+        if os.getsid(process.pid) == process.pid
+    ]
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_does_not_answer_is_refused(tmp_path):
+    address = f"tcp://127.0.0.1:{free_port()}"
+    done = bench("run", "--model", "vjm", "--dask", address, "--output", "out", cwd=tmp_path)
+    assert_refused(done, f"--dask {address}: no scheduler answers there")
+
+
+IN_THE_PLACE_OF_SLURM = """
+import sys
+from types import ModuleType
+
+from dask_jobqueue import SLURMCluster as Slurm
+from distributed import LocalCluster
+
+
+class Here(LocalCluster):
+    def scale(self, jobs):
+        return super().scale(min(jobs, 2))
+
+
+sys.modules["dask_jobqueue"] = found = ModuleType("dask_jobqueue")
+
+
+def cluster_here(**settings):
+    with Slurm(**settings, scheduler_options={"dashboard_address": ":0"}) as real:
+        print(real.job_script())
+    return Here(n_workers=0, threads_per_worker=1, dashboard_address=":0")
+
+
+found.SLURMCluster = cluster_here
+"""
+
+
+@pytest.mark.slow
+def test_the_lines_of_the_docs_start_a_cluster_of_slurm_and_run_on_it(tmp_path):
+    page = (Path(__file__).parents[3] / "docs" / "running.md").read_text()
+    (lines,) = (
+        one for one in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "SLURM" in one
+    )
+    (tmp_path / "on_slurm.py").write_text(IN_THE_PLACE_OF_SLURM + lines)
+    done = subprocess.run(
+        [sys.executable, "on_slurm.py", "--model", "knn", "--splits", "2", "--output", "out"],
+        cwd=tmp_path,
+        env=os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"},
+        capture_output=True,
+        text=True,
+        timeout=200,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "bench: 2 ok; " in done.stderr
+    for line in (
+        "#SBATCH -p cpu",
+        "#SBATCH -A robotics",
+        "#SBATCH -t 08:00:00",
+        "#SBATCH --mem=8G",
+    ):
+        assert line in done.stdout.splitlines()
+    assert "-m distributed.cli.dask_worker tcp://" in done.stdout and "--nthreads 1" in done.stdout
+    (manifest,) = read_manifests(tmp_path / "out")
+    assert manifest.machines
+
+
+@pytest.mark.slow
+def test_limits_hold_beside_a_worker(tmp_path):
+    words = ["run", "--plugin", PLUGIN, "--model", "Hangs", "--model", "Eats", "--model", "knn"]
+    limits = ["--timeout", "8", "--memory", "500MiB", "--dask", "local:2", "--output", "out"]
+    done = bench(*words, *limits, cwd=tmp_path)
+    assert done.returncode == 1
+    assert "bench: 1 ok, 1 timed out, 1 out of memory; " in done.stderr

@@ -1,0 +1,326 @@
+"""Cells in processes of their own: whatever a model does there costs that cell alone."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+import hostile_models
+from command_line import assert_refused, bench, started
+from quick_models import KEYS
+from run_requests import planned
+from stiff_bench.cli.main import main
+from stiff_bench.plan.cells import cell_tasks
+from stiff_bench.plan.registry import build_registry
+from stiff_bench.run.cell import compute_cell
+from stiff_bench.run.isolate import Limits, LocalProcesses
+from stiff_bench.store.database import read_manifests, read_results
+from stiff_models.catalog import model_info
+
+PLUGIN = Path(hostile_models.__file__)
+SECONDS = 8
+EXPECTED = {
+    "Good": ("ok", "", ""),
+    "Raises": ("failed", "RuntimeError", "RuntimeError: no licence (/"),
+    "Hangs": ("failed", "timed out", f"took longer than --timeout {SECONDS} s"),
+    "Spins": ("failed", "timed out", f"took longer than --timeout {SECONDS} s"),
+    "Talks": ("failed", "timed out", f"took longer than --timeout {SECONDS} s"),
+    "Eats": ("failed", "out of memory", "more than --memory 500 MiB"),
+    "FeedsChildren": ("failed", "out of memory", "more than --memory 500 MiB"),
+    "Segfaults": ("failed", "SIGSEGV", "its process was ended by SIGSEGV after"),
+    "Aborts": ("failed", "SIGABRT", "its process was ended by SIGABRT after"),
+    "Exits": ("failed", "exit status 3", "without a result (exit status 3)"),
+    "ExitsWell": ("failed", "exit status 0", "without a result (exit status 0)"),
+    "Quits": ("failed", "SystemExit", "SystemExit: enough"),
+    "Interrupts": ("failed", "KeyboardInterrupt", "KeyboardInterrupt"),
+    "KillsItself": ("failed", "SIGKILL", "ended by SIGKILL after"),
+    "TellsLies": ("failed", "ModelError", "predict returned <U7 values, expected (31, 3)"),
+    "LeavesAChild": ("ok", "", ""),
+    "DetachesAChild": ("ok", "", ""),
+    "ClosesItsPipes": ("failed", "timed out", f"took longer than --timeout {SECONDS} s"),
+    "HoldsTheInterpreter": ("failed", "timed out", f"took longer than --timeout {SECONDS} s"),
+    "vjm": ("ok", "", ""),
+}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """The command with all of them, its results by model, and which processes are left."""
+    folder = tmp_path_factory.mktemp("run")
+    models = [word for key in EXPECTED for word in ("--model", key)]
+    limits = ["--timeout", str(SECONDS), "--memory", "500MiB", "--jobs", "4"]
+    done = bench("run", "--plugin", str(PLUGIN), *models, *limits, "--output", "out", cwd=folder)
+    left = [one for one in psutil.process_iter(["cwd"]) if one.info["cwd"] == str(folder)]
+    return done, {one.cell.model: one for one in read_results(folder / "out")}, left, folder
+
+
+class Seen:
+    """A display that keeps what it is told."""
+
+    def __init__(self):
+        self.started, self.steps = [], []
+
+    def start(self, task):
+        self.started.append(task)
+
+    def step(self, progress):
+        self.steps.append(progress)
+
+
+@pytest.fixture()
+def computed():
+    """A function that computes a plan's cells beside this process, and in it if that is asked."""
+
+    def compute(*models, jobs=1, limits=None, strangers=frozenset(), display=None, **plan):
+        registry = build_registry()
+        registry.add(hostile_models.MODELS, "a stranger's")
+        tasks = list(cell_tasks(planned(registry, models=models, **plan)))
+        executor = LocalProcesses(jobs, limits or Limits(), strangers)
+        return tasks, executor.results(iter(tasks), "r", display or Seen())
+
+    return compute
+
+
+def pids(results) -> list[float]:
+    return [result.diagnostics["pid"] for result in results]
+
+
+def test_models_of_ours_share_a_process_and_a_strangers_cell_has_its_own(computed):
+    assert len(set(pids(computed("SaysWhere", splits=3)[1]))) == 1
+    own = pids(computed("SaysWhere", splits=3, strangers={"SaysWhere"})[1])
+    assert len(set(own)) == 3 and not any(psutil.pid_exists(int(pid)) for pid in own)
+
+
+@pytest.mark.slow
+def test_a_process_gives_the_bits_of_this_one_whatever_it_computed_before(computed):
+    sets = ("kr10-twin", "fanuc-r2000ic")
+    words = ("vjm", "sklearn:linear_model.Ridge", "vjm+sklearn:ensemble.RandomForestRegressor")
+    tasks, results = computed(*words, "knn", splits=1, jobs=2, datasets=sets)
+    found = {result.cell.key: result for result in results}
+    assert len(found) == len(tasks) == 8
+    for task in tasks:
+        here, there = compute_cell(task, "r"), found[task.cell.key]
+        assert there.status == "ok", there.failure
+        assert there.prediction.predicted.tobytes() == here.prediction.predicted.tobytes()
+
+
+def test_a_choice_of_options_crosses_to_a_process(computed):
+    words = ("sklearn:linear_model.Ridge@alpha=2", "knn")
+    _, results = computed(*words, protocols=("nested",), splits=1)
+    assert [result.status for result in results] == ["ok", "ok"]
+
+
+@pytest.mark.slow
+def test_every_model_of_the_catalogue_runs_in_a_process(computed):
+    keys = [key for key in KEYS if not model_info(key).missing()]
+    quick = {key: model_info(key).quick.items() for key in keys}
+    settings = tuple(f"{key}.{name}={value}" for key in keys for name, value in quick[key])
+    _, results = computed(*keys, settings=settings, splits=1, jobs=2)
+    assert {one.cell.model: (one.status, one.failure) for one in results} == dict.fromkeys(
+        keys, ("ok", "")
+    )
+
+
+def test_what_a_cell_reports_is_shown_and_what_it_prints_is_not(computed, capfd):
+    seen = Seen()
+    (result,) = computed("Reports", splits=1, display=seen)[1]
+    assert result.status == "ok" and len(seen.started) == 1
+    assert [(one.phase, one.step, one.total) for one in seen.steps] == [("thinking", 3, 7)]
+    assert "past Python" not in "".join(capfd.readouterr())
+
+
+@pytest.mark.slow
+def test_memory_that_earlier_cells_left_is_not_held_against_a_cell(computed):
+    limits = Limits(memory_bytes=800 * 2**20)
+    results = list(computed("Keeps", splits=4, limits=limits)[1])
+    assert [result.status for result in results] == ["ok"] * 4
+    assert 1 < len(set(pids(results))) < 4
+
+
+def test_a_process_that_ends_between_two_cells_costs_none(computed):
+    _, results = computed("SaysWhere", splits=4)
+    found = [next(results)]
+    psutil.Process(int(pids(found)[0])).kill()
+    found += results
+    assert [result.status for result in found] == ["ok"] * 4
+
+
+def test_a_crash_costs_its_own_row_alone(tmp_path):
+    models = [word for key in ("Segfaults", "Raises", "knn") for word in ("--model", key)]
+    done = bench("run", "--plugin", str(PLUGIN), *models, "--output", "out", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "bench: 1 ok, 2 failed (1 SIGSEGV, 1 RuntimeError); " in done.stderr
+    assert "| knn " in done.stdout and "Segfaults: FAILED: its process was ended" in done.stdout
+    assert {one.cell.model: one.cause for one in read_results(tmp_path / "out")} == {
+        "Segfaults": "SIGSEGV",
+        "Raises": "RuntimeError",
+        "knn": "",
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("key", EXPECTED)
+def test_what_a_model_does_becomes_its_own_row(run, key):
+    _, results, _, _ = run
+    status, cause, reason = EXPECTED[key]
+    assert (results[key].status, results[key].cause) == (status, cause)
+    assert reason in results[key].failure
+
+
+@pytest.mark.slow
+def test_the_summary_counts_every_cause_and_the_exit_status_is_1(run):
+    done, _, left, _ = run
+    assert done.returncode == 1
+    last = done.stderr.strip().splitlines()[-1]
+    assert last.startswith("bench: 4 ok, 9 failed (")
+    assert "5 timed out, 2 out of memory; " in last
+    for cause in ("1 RuntimeError", "1 SIGSEGV", "1 exit status 3", "1 SIGKILL", "1 ModelError"):
+        assert cause in last
+    assert not left  # what a model started goes with it
+
+
+@pytest.mark.slow
+def test_a_failure_keeps_the_end_of_its_log(run):
+    done, results, _, _ = run
+    assert results["Raises"].log == ("about to raise",)
+    assert results["Hangs"].log[0] == "going to sleep"
+    for key, words in (("Hangs", "in fit"), ("Spins", "in fit"), ("Segfaults", "string_at")):
+        assert any(PLUGIN.name in line for line in results[key].log), key
+        assert any(words in line for line in results[key].log), key
+    assert not any("multiprocessing" in line for one in results.values() for line in one.log)
+    assert results["Good"].log == () and "    | about to raise" in done.stderr
+
+
+@pytest.mark.slow
+def test_the_table_shows_good_and_failed_models(run):
+    done, _, _, _ = run
+    assert "| Good " in done.stdout and "Segfaults: FAILED: its process was ended" in done.stdout
+
+
+@pytest.mark.slow
+def test_the_manifest_says_how_it_was_run(run):
+    *_, folder = run
+    (manifest,) = read_manifests(folder / "out")
+    assert {name: manifest.environment[name] for name in ("jobs", "isolated", "threads")} == {
+        "jobs": "4",
+        "isolated": "true",
+        "threads": "1",
+    }
+    assert manifest.status == "finished" and len(manifest.cells) == len(EXPECTED)
+
+
+@pytest.mark.slow
+def test_strangers_models_are_isolated_and_ours_are_not(tmp_path):
+    isolated = {}
+    for name, words in {
+        "ours": ["--model", "vjm"],
+        "a stranger's": ["--plugin", str(PLUGIN), "--model", "Good"],
+        "refused": ["--plugin", str(PLUGIN), "--model", "Good", "--no-isolate"],
+    }.items():
+        assert bench("run", *words, "--output", name, cwd=tmp_path).returncode == 0
+        (manifest,) = read_manifests(tmp_path / name)
+        isolated[name] = manifest.environment["isolated"]
+    assert isolated == {"ours": "false", "a stranger's": "true", "refused": "false"}
+
+
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        (["--no-isolate", "--jobs", "2"], ["--no-isolate: --jobs 2 needs a process"]),
+        (["--no-isolate", "--timeout", "3"], ["--no-isolate: --timeout needs a process"]),
+        (["--jobs", "2", "--dask", "local:2"], ["--jobs 2: the cluster of --dask says how many"]),
+        (["--memory", "much"], ["--memory 'much': no size (valid: 2GiB, 500MB, ...)"]),
+        (["--memory", "0"], ["--memory '0'"]),
+        (["--dask", "tcp:here"], ["--dask 'tcp:here': no cluster (valid: tcp://HOST:PORT, local"]),
+        (["--dask", "local:0"], ["--dask 'local:0': no cluster (valid: tcp://HOST:PORT, local:N)"]),
+    ],
+)
+def test_options_that_cannot_be_meant_are_refused(tmp_path, capfd, monkeypatch, words, parts):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("stiff_bench.cli.main.pin_threads", lambda _: None)
+    with pytest.raises(SystemExit) as left:
+        main(["run", "--model", "vjm", *words, "--output", "out"])
+    out, err = capfd.readouterr()
+    assert_refused(subprocess.CompletedProcess([], left.value.code, out, err), *parts)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_a_plugin_that_changes_during_a_run_gives_no_result_under_the_old_key(tmp_path):
+    plugin = tmp_path / "mine.py"
+    good = PLUGIN.read_text()
+    plugin.write_text(
+        good.replace("time.sleep(self.seconds)", f"open({str(plugin)!r}, 'a').write('# changed')")
+    )
+    words = ["run", "--plugin", str(plugin), "--model", "Good", "--splits", "2", "--output", "out"]
+    done = bench(*words, cwd=tmp_path)
+    first, second = sorted(read_results(tmp_path / "out"), key=lambda one: one.cell.split_index)
+    assert done.returncode == 1
+    assert (first.status, second.status, second.cause) == ("ok", "failed", "other code")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("key", "number"),
+    [
+        ("Spins", signal.SIGKILL),
+        ("HoldsTheInterpreter", signal.SIGKILL),
+        ("ClosesItsPipes", signal.SIGKILL),
+        ("HoldsTheInterpreter", signal.SIGTERM),
+    ],
+)
+def test_processes_end_with_the_run_that_is_killed(tmp_path, key, number):
+    words = ["run", "--plugin", str(PLUGIN), "--isolate", "--model", key, "--output", "out"]
+    with started(*words, cwd=tmp_path) as command:
+        family = wait_for_family(command.pid)
+        command.send_signal(number)
+        command.wait()
+        gone, alive = psutil.wait_procs(family, timeout=20)
+    assert len(gone) >= 2 and not alive
+
+
+def wait_for_family(pid: int) -> list[psutil.Process]:
+    """The server of a command and the process of its cell, once they run."""
+    for _ in range(600):
+        found = psutil.Process(pid).children(recursive=True)
+        if len(found) >= 3 and any(one.cpu_times().user > 0.5 for one in found[2:]):
+            return found
+        time.sleep(0.1)
+    raise AssertionError("no process was started")
+
+
+@pytest.mark.slow
+def test_a_model_that_kills_the_server_of_all_processes_costs_its_own_row_alone(tmp_path):
+    models = ["--model", "Good@seconds=2", "--model", "KillsTheServer", "--model", "knn"]
+    words = ["run", "--plugin", str(PLUGIN), *models, "--splits", "2", "--jobs", "3"]
+    done = bench(*words, "--timeout", "60", "--output", "out", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "bench: 4 ok, 2 failed (exit status 255, or its server was killed); " in done.stderr
+
+
+@pytest.mark.slow
+def test_a_module_beside_a_plugin_is_part_of_the_key(tmp_path):
+    helper, plugin = tmp_path / "helper.py", tmp_path / "mine.py"
+    begin = "import os, sys\nsys.path.insert(0, os.path.dirname(__file__))\nimport helper\n"
+    plugin.write_text(PLUGIN.read_text().replace("import ctypes\n", f"{begin}import ctypes\n"))
+    helper.write_text("factor = 1\n")
+    words = ["run", "--plugin", str(plugin), "--model", "Good", "--output", "out"]
+    said = [bench(*words, cwd=tmp_path).stderr for _ in range(2)]
+    helper.write_text("factor = 22\n")
+    said.append(bench(*words, cwd=tmp_path).stderr)
+    assert ["bench: 1 ok; " in text for text in said] == [True, False, True]
+
+
+@pytest.mark.slow
+def test_a_long_temporary_folder_is_no_obstacle(tmp_path):
+    deep = tmp_path / ("d" * 60) / ("e" * 60)
+    deep.mkdir(parents=True)
+    words = ["run", "--model", "knn", "--isolate", "--output", "out"]
+    done = bench(*words, cwd=tmp_path, env={**os.environ, "TMPDIR": str(deep)})
+    assert done.returncode == 0, done.stderr

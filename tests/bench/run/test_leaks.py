@@ -1,0 +1,284 @@
+"""What a model is given: never a test deflection, outside the one protocol that says so."""
+
+from __future__ import annotations
+
+import re
+import sys
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sealed_samples import Leak, computed_under_seal
+from stiff_bench.run.cell import compute_cell
+from stiff_bench.tables.render import render
+from stiff_bench.tables.table import SELECTION_MARK, build_tables
+from stiff_models.catalog import FAMILIES, MODELS, model_info
+from stiff_models.physics.vjm import identify_joints
+from stiff_models.transfer.source import source_design
+from stiff_protocols.catalog import PROTOCOLS
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.scoring.metrics import metric
+from stiff_protocols.splits.random_splits import PaperHoldout
+
+SEEN = []
+KEYS = [*(info.key for info in MODELS), *(family.example for family in FAMILIES)]
+FAIR = [info.key for info in PROTOCOLS if info.key != "paper-holdout"]
+SMALL_ENSEMBLE = {"width": 8, "pretrain_steps": 5, "epochs": 10, "members": 2}
+QUICKER = {"deep-ensemble": SMALL_ENSEMBLE}
+"""Options of a model that its quick options leave too slow for several fits."""
+
+
+class Witness:
+    """Remembers what it was given."""
+
+    def fit(self, train, *, robot, validation=None, seed=0):
+        SEEN.append((train, validation))
+        return self
+
+    def predict(self, q, wrench):
+        return np.zeros((len(q), 3))
+
+
+@pytest.fixture()
+def tasks(tasks_of):
+    return lambda model, protocol: tasks_of((model,), "fanuc-r2000ic", protocol)
+
+
+def given(task):
+    """Return the poses in the training, validation and test part of a cell."""
+    SEEN.clear()
+    result = compute_cell(
+        replace(task, model=replace(task.model, cls=Witness, params={}, context={})),
+        "r",
+    )
+    assert result.status == "ok", result.failure
+    ((train, validation),) = SEEN
+    test = task.data.samples.take(task.split.test)
+    return train, validation, test
+
+
+def rows(samples):
+    return {tuple(row) for row in samples.deflection.tolist()}
+
+
+@pytest.mark.parametrize("model", ["vjm", "mlp", "mlp-pretrained", "ft-mlp"])
+@pytest.mark.parametrize("protocol", ["holdout", "leave-one-out"])
+def test_no_fair_protocol_gives_a_model_a_test_deflection(model, protocol, tasks):
+    for task in tasks(model, protocol)[:5]:
+        train, validation, test = given(task)
+        learned = rows(train) | (rows(validation) if validation is not None else set())
+        assert not learned & rows(test)
+        assert len(learned) == 43 - len(test)  # and it gets all of the training side
+
+
+def test_models_that_choose_no_epoch_learn_from_the_whole_training_side(tasks):
+    train, validation, _ = given(tasks("vjm", "holdout")[0])
+    assert validation is None and len(train) == 34
+
+
+def test_models_that_choose_an_epoch_get_an_inner_validation_part(tasks):
+    train, validation, _ = given(tasks("ft-mlp", "holdout")[0])
+    assert len(validation) == 7 and len(train) == 27
+    assert not rows(train) & rows(validation)
+
+
+def test_under_the_papers_protocol_test_rows_choose_an_epoch_and_nothing_else(tasks):
+    train, validation, test = given(tasks("ft-mlp", "paper-holdout")[0])
+    assert rows(validation) == rows(test)
+    assert not rows(train) & rows(test)
+    train, validation, test = given(tasks("vjm", "paper-holdout")[0])
+    assert validation is None and not rows(train) & rows(test)
+
+
+def test_test_deflections_do_not_reach_the_source_domain(tasks):
+    """The springs and the design come from the training rows: change the others, nothing moves."""
+    task = tasks("ft-mlp", "holdout")[0]
+    samples, split = task.data.samples, task.split
+    deflection = samples.deflection.copy()
+    deflection[split.test] = 1e3
+    changed = replace(samples, deflection=deflection)
+    for part in (samples, changed):
+        train = part.take(split.train)
+        joints = identify_joints(task.data.robot, train)
+        design = source_design("auto", "auto", task.data.robot, train, 0)
+        if part is samples:
+            first = joints.compliance, design
+    np.testing.assert_array_equal(joints.compliance, first[0])
+    np.testing.assert_array_equal(design.wrench, first[1].wrench)
+    np.testing.assert_array_equal(design.q, first[1].q)
+
+
+def as_it_is_and_with_other_test_deflections(task, options, compute_spoiled):
+    """Compute a cell twice with these options of its model, and return both predictions."""
+    deflection = task.data.samples.deflection.copy()
+    deflection[task.split.test] += 7.0
+    model = replace(task.model, params=options)
+    choosing = getattr(model.make(), "chooses_epoch", lambda: task.chooses_epoch)()
+    task = replace(task, cell=replace(task.cell, coverage=0.8), model=model, chooses_epoch=choosing)
+    spoiled = replace(
+        task, data=replace(task.data, samples=replace(task.data.samples, deflection=deflection))
+    )
+    results = [compute_spoiled(spoiled), compute_cell(task, "r")]
+    assert [each.failure for each in results] == ["", ""]
+    second, first = (each.prediction for each in results)
+    assert (first.measured != second.measured).all()
+    return first, second
+
+
+def assert_the_same(first, second):
+    np.testing.assert_array_equal(first.predicted, second.predicted)
+    np.testing.assert_array_equal(first.interval.lower, second.interval.lower)
+    np.testing.assert_array_equal(first.interval.upper, second.interval.upper)
+    np.testing.assert_array_equal(first.reference, second.reference)
+
+
+@pytest.mark.usefixtures("small_source")
+@pytest.mark.parametrize("key", KEYS)
+def test_no_test_deflection_is_read_before_the_last_prediction_nor_changes_one(
+    key, tasks, monkeypatch, tmp_path
+):
+    """Identification, scalers, pre-training, intervals and the reference: all under the seal."""
+    monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path))  # empty: the seal guards what fills it
+    info = model_info(key)
+    if info.missing():
+        pytest.skip(info.missing())
+    options = {**info.quick, **QUICKER.get(key, {})}
+    task = tasks(key, "holdout")[0]
+    assert_the_same(*as_it_is_and_with_other_test_deflections(task, options, computed_under_seal))
+
+
+def test_an_ensemble_that_chooses_no_epoch_takes_nothing_from_the_papers_test_rows(tasks):
+    task = tasks("deep-ensemble", "paper-holdout")[0]
+    options = SMALL_ENSEMBLE | {"training": "normal"}
+    assert_the_same(*as_it_is_and_with_other_test_deflections(task, options, computed_under_seal))
+
+
+def test_an_ensembles_noise_is_not_that_of_the_papers_test_rows_that_choose_its_epoch(tasks):
+    task = tasks("deep-ensemble", "paper-holdout")[0]
+    first, second = as_it_is_and_with_other_test_deflections(
+        task, SMALL_ENSEMBLE, lambda spoiled: compute_cell(spoiled, "r")
+    )
+    widths = [np.max(each.interval.upper - each.interval.lower) for each in (first, second)]
+    assert max(widths) < 0.1  # m; the deflections are moved by 7 m
+
+
+@pytest.mark.parametrize("model", ["knn", "mlp@width=4@epochs=1"])
+@pytest.mark.parametrize("protocol", FAIR)
+def test_no_fair_protocol_lets_a_test_deflection_be_read_early(protocol, model, tasks_of):
+    found = {task.cell.condition: task for task in tasks_of((model,), protocol=protocol)}
+    for task in found.values():
+        result = computed_under_seal(task)
+        truth = task.data.samples.deflection[task.split.test]
+        np.testing.assert_array_equal(result.prediction.measured, truth)
+
+
+def test_the_papers_protocol_breaks_the_seal_for_models_that_choose_an_epoch_alone(tasks):
+    computed_under_seal(tasks("vjm", "paper-holdout")[0])
+    with pytest.raises(Leak, match=r"read before Mlp\.fit"):
+        computed_under_seal(tasks("mlp", "paper-holdout")[0])
+
+
+class Thief(Witness):
+    """A plugin that looks for the engine's data up the stack, and hides what goes wrong."""
+
+    at = "fit"
+
+    def fit(self, train, *, robot, validation=None, seed=0):
+        self.reach("fit")
+        return self
+
+    def predict(self, q, wrench):
+        self.reach("predict")
+        return np.full((len(q), 3), 1e-4)
+
+    def reach(self, stage):
+        frame = sys._getframe()
+        while self.at == stage and frame is not None:
+            task = frame.f_locals.get("task")
+            if task is not None:
+                with suppress(Exception):
+                    self.stolen = task.data.samples.deflection[task.split.test]
+            frame = frame.f_back
+
+
+class ThiefInPredict(Thief):
+    at = "predict"
+
+
+@pytest.mark.parametrize("thief", [Thief, ThiefInPredict])
+def test_a_plugin_that_reaches_for_the_engines_data_is_caught(thief, tasks):
+    task = tasks("vjm", "holdout")[0]
+    task = replace(task, model=replace(task.model, cls=thief, params={}, context={}))
+    assert compute_cell(task, "r").status == "ok"  # so it is the seal that catches it
+    with pytest.raises(Leak, match="read during fit or prediction"):
+        computed_under_seal(task)
+
+
+def all_rows(task):
+    return task.data.samples.take(np.arange(len(task.data.samples)))
+
+
+def peek(*_):
+    all_rows(sys._getframe(1).f_locals["task"])
+
+
+@pytest.mark.parametrize(
+    ("name", "leaky", "words"),
+    [
+        ("_training_side", lambda task, **_: (all_rows(task), None), r"read before Virtual.*\.fit"),
+        ("_training_side", lambda task, **_: (task.data.samples, None), "read during fit"),
+        ("check_prediction", peek, r"read before .*\.predict"),
+    ],
+    ids=["all rows are taken", "all data are handed over", "a look after the first prediction"],
+)
+def test_an_engine_that_leaks_is_caught(name, leaky, words, tasks, monkeypatch):
+    task = tasks("vjm", "holdout")[0]
+    monkeypatch.setattr(f"stiff_bench.run.cell.{name}", leaky)
+    with pytest.raises(Leak, match=words):
+        computed_under_seal(task)
+
+
+@pytest.mark.parametrize("protocol", [info.key for info in PROTOCOLS])
+def test_validation_rows_are_test_rows_if_and_only_if_the_protocol_says_so(protocol, tasks_of):
+    for task in tasks_of(protocol=protocol):
+        chosen_on_test = len(np.intersect1d(task.split.validation, task.split.test)) > 0
+        assert chosen_on_test == task.shown.selects_on_test == (protocol not in FAIR)
+
+
+def test_a_protocol_that_selects_on_test_and_does_not_say_so_is_refused(tasks, monkeypatch):
+    monkeypatch.setattr(PaperHoldout, "selects_on_test", False)
+    with pytest.raises(ConfigError, match="9 test rows that choose an epoch, and the protocol doe"):
+        tasks("vjm", "paper-holdout")
+
+
+ROWS_WITH_MARK = {
+    "github": r"^\| {name} \[{mark}\] +\|",
+    "latex": r"^ {name} \[{mark}\] +&",
+    "html": r"<tr><td>{name} \[{mark}\] *</td>",
+    "csv": r",{name},ours,{mark},",
+    "json": r'"model": "{name}",\s+"source": "ours",\s+"mark": "{mark}",',
+}
+
+
+@pytest.mark.parametrize("fmt", ROWS_WITH_MARK)
+@pytest.mark.parametrize("protocol", ["holdout", "paper-holdout"])
+def test_rows_that_were_selected_on_test_carry_the_mark_in_every_format(protocol, fmt, tasks_of):
+    results = [
+        compute_cell(
+            replace(task, model=replace(task.model, cls=Witness, params={}, context={})), "r"
+        )
+        for task in tasks_of(("vjm", "mlp"), "fanuc-r2000ic", protocol)
+    ]
+    text = render(build_tables(results, [metric("mae")]), fmt, "bench run")
+    marked = {
+        name: re.search(
+            ROWS_WITH_MARK[fmt].format(name=name, mark=SELECTION_MARK), text, re.MULTILINE
+        )
+        is not None
+        for name in ("vjm", "mlp")
+    }
+    selects = protocol == "paper-holdout"
+    assert marked == {"vjm": False, "mlp": selects}
+    assert ("picks the best epoch on the very samples it reports" in text) == selects

@@ -1,0 +1,245 @@
+"""`nested` through the engine: what it chooses from, what it is told, what it never sees."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from command_line import bench_here
+from run_requests import planned
+from stiff_bench.plan.cells import cell_tasks
+from stiff_bench.run.cell import compute_cell
+from stiff_bench.store.database import ResultStore
+from stiff_bench.tables.table import build_tables
+from stiff_models.catalog import MODELS
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.search_space import Range
+from stiff_protocols.scoring.metrics import metric
+from stiff_protocols.splits.random_splits import Holdout
+
+METRICS = (metric("mae"),)
+
+
+def tasks(*models, protocol="nested", splits=1, coverage=False, settings=()):
+    plan = planned(
+        models=models,
+        datasets=("fanuc-r2000ic",),
+        protocols=(protocol,),
+        metrics=("mae", "width") if coverage else ("mae",),
+        splits=splits,
+        settings=settings,
+        coverage=0.8 if coverage else None,
+    )
+    return list(cell_tasks(plan))
+
+
+def grids(found):
+    return {task.model.info.key: dict(task.model.grid) for task in found}
+
+
+@pytest.fixture()
+def grid_file(tmp_path, monkeypatch):
+    """A function that writes a grid file and returns the protocol's word for it."""
+    monkeypatch.chdir(tmp_path)
+
+    def write(text, *, search="grid"):
+        Path("my.toml").write_text(text, encoding="utf-8")
+        return f"nested@grid=my.toml@search={search}"
+
+    return write
+
+
+@pytest.mark.parametrize("key", ["knn", "vjm-gp"])  # split-conformal intervals, and its own
+def test_choice_prediction_and_intervals_do_not_change_with_the_test_deflections(key):
+    protocol = "nested@inner_folds=2"
+    fixed = "@restarts=0@ard=false" if key == "vjm-gp" else ""
+    (task,) = tasks(key + fixed, protocol=protocol, coverage=True)
+    samples = task.data.samples
+    deflection = samples.deflection.copy()
+    deflection[task.split.test] += 7.0
+    spoiled = replace(task.data, samples=replace(samples, deflection=deflection))
+    first, second = compute_cell(task, "r"), compute_cell(replace(task, data=spoiled), "r")
+    assert first.status == second.status == "ok", first.failure
+    assert (first.prediction.measured != second.prediction.measured).all()
+    assert first.chosen == second.chosen and first.chosen
+    assert first.diagnostics == second.diagnostics
+    for one in (first.prediction, second.prediction):
+        np.testing.assert_array_equal(one.predicted, first.prediction.predicted)
+        np.testing.assert_array_equal(one.interval.upper, first.prediction.interval.upper)
+    assert (first.calibration_samples > 0) == (key == "knn")
+
+
+def test_a_fit_sees_the_training_side_alone_and_calibration_poses_choose_nothing(monkeypatch):
+    seen = []
+    (task,) = tasks("knn", coverage=True)
+    fit = task.model.cls.fit
+
+    def watched(self, train, **rest):
+        seen.append(set(train.pose_id.tolist()))
+        return fit(self, train, **rest)
+
+    monkeypatch.setattr(task.model.cls, "fit", watched)
+    result = compute_cell(task, "r")
+    assert result.status == "ok", result.failure
+    samples, split = task.data.samples, task.split
+    side = set(samples.pose_id[np.concatenate([split.train, split.validation])].tolist())
+    assert not set().union(*seen) & set(samples.pose_id[split.test].tolist())
+    n_fits = 8 * 3 + 1  # eight candidates on three inner parts, and the chosen one
+    chosen, calibrated = seen[:n_fits], seen[n_fits:]
+    assert len(calibrated) == len(chosen) == n_fits and chosen[-1] == side
+    assert len(side - set().union(*calibrated)) == result.calibration_samples
+
+
+def test_an_epoch_is_chosen_inside_and_outside():
+    (task,) = tasks("mlp@width=4@epochs=3")
+    assert task.chooses_epoch and dict(task.model.grid) == {"learning_rate": (3e-4, 1e-3, 3e-3)}
+    result = compute_cell(task, "r")
+    assert result.status == "ok" and list(result.chosen) == ["learning_rate"], result.failure
+    assert float(result.chosen["learning_rate"]) in (3e-4, 1e-3, 3e-3)
+
+
+def test_the_divisions_are_holdouts():
+    (task,) = tasks("knn")
+    (split,) = Holdout().splits(task.data.samples, n_splits=1, seed=0)
+    assert task.split.sha256 == split.sha256
+
+
+def test_what_was_chosen_stands_under_the_table_and_comes_back_from_disk(tmp_path):
+    found = tasks("knn", "vjm", splits=3)
+    results = [compute_cell(task, "r") for task in found]
+    store = ResultStore(tmp_path)
+    for result in results:
+        store.write_cell(result)
+    back = [store.result(task.cell.key) for task in found]
+    assert [result.chosen for result in back] == [result.chosen for result in results]
+    (table,) = build_tables(back, METRICS)
+    assert [row.label for row in table.rows] == ["knn", "vjm [not tuned]"]
+    (note,) = [note for note in table.notes if "chosen on inner folds" in note]
+    counts = [int(count) for count in re.findall(r"weights=\w+ \((\d) of 3 splits\)", note)]
+    assert note.startswith("knn: ") and sum(counts) == 3
+
+
+def test_numbers_that_only_some_choices_report_are_means_over_those_splits():
+    results = [compute_cell(task, "r") for task in tasks("vjm", splits=3)]
+    results[1] = replace(results[1], diagnostics={**results[1].diagnostics, "extra": 8.0})
+    (table,) = build_tables(results, METRICS)
+    (note,) = [note for note in table.notes if note.startswith("vjm (means")]
+    assert note.endswith("extra 8 (in 1 of 3 splits).") and "rank 6, " in note
+
+
+def test_an_option_that_the_user_set_is_not_searched():
+    found = grids(tasks("knn@neighbours=2", "gp", settings=("gp.ard=false", "gp.kernel=rbf")))
+    assert found == {"knn": {"weights": ("uniform", "distance")}, "gp": {}}
+
+
+def test_every_named_grid_of_the_catalogue_fits_its_model():
+    names = {name for info in MODELS for name in info.grids}
+    assert names >= {"default", "freeze-single", "freeze-pairs", "rate", "physics"}
+    keys = [info.key for info in MODELS if not info.missing()]
+    for name in names:
+        found = grids(tasks(*keys, protocol=f"nested@grid={name}"))
+        expected = {info.key: set(info.grids.get(name, {})) for info in MODELS if info.key in keys}
+        assert {key: set(grid) for key, grid in found.items()} == expected
+
+
+def test_a_cells_key_follows_the_candidates_and_not_the_files_name_alone(grid_file):
+    keys = {
+        tasks("knn", protocol=grid_file(f"[knn]\nneighbours = {values}", search=search))[0].cell.key
+        for values, search in [
+            ("[1, 2]", "grid"),
+            ("[1, 3]", "grid"),
+            ("[1, 2]", "optuna"),
+            ("{low = 1, high = 2}", "optuna"),
+        ]
+    }
+    assert len(keys) == 4
+    assert tasks("knn")[0].cell.model_params["neighbours"] == ["1", "3", "5", "10"]
+
+
+def test_values_of_a_file_get_their_options_types(grid_file):
+    text = """
+    [ft-mlp]
+    freeze = ["full", "layers:1,2"]
+    epochs = ["none", 5]
+    learning_rate = {low = 1e-4, high = 1, log = true}
+    [knn]
+    neighbours = {low = 1, high = 9}
+    ["sklearn:ensemble.RandomForestRegressor"]
+    max_features = ["sqrt", 0.5]
+    bootstrap = [true, false]
+    """
+    forest = "sklearn:ensemble.RandomForestRegressor"
+    found = grids(tasks("ft-mlp", "knn", forest, protocol=grid_file(text, search="optuna")))
+    assert found == {
+        "ft-mlp": {
+            "freeze": ("full", "layers:1,2"),
+            "epochs": (None, 5),
+            "learning_rate": Range(1e-4, 1.0, log=True),
+        },
+        "knn": {"neighbours": Range(1, 9)},
+        forest: {"max_features": ("sqrt", 0.5), "bootstrap": (True, False)},
+    }
+    assert type(found["ft-mlp"]["learning_rate"].high) is float
+    assert found["knn"]["neighbours"].whole and not found["ft-mlp"]["learning_rate"].whole
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("[knn]\nneighbors = [1]", ["knn.neighbors: unknown knn option", "mean 'neighbours'"]),
+        (
+            "[knn]\nneighbours = [1, 0]",
+            ["'0' is no valid neighbours", "(valid: whole number >= 1)"],
+        ),
+        ("[knn]\nweights = ['near']", ["'near' is no valid weights", "uniform | distance"]),
+        ("[knn]\nneighbours = 3", ["knn.neighbours is 3 (valid: a list of values"]),
+        ("[knn]\nneighbours = []", ["knn.neighbours is [] (valid: a list of values"]),
+        ("[knn]\nneighbours = {low = 1, hi = 3}", ["knn.neighbours is {'low': 1, 'hi': 3} (valid"]),
+        ("[knn]\nneighbours = {low = 3, high = 3}", ["low 3 must lie below high 3"]),
+        ("[knn]\nneighbours = {low = 0, high = 3}", ["'0' is no valid neighbours"]),
+        ("[knn]\nneighbours = {low = 1, high = 3}", ["is a range, which search=grid cannot try"]),
+        ("[knn]\nneighbours = {low = 1, high = 3, log = 1}", ["'log': 1} (valid"]),
+        ("[knn]\nweights = {low = 'uniform', high = 'distance'}", ["(valid: a list of values, or"]),
+        ("[ft-mlp]\nl2sp_alpha = {low = 0, high = 1, log = true}", ["low 0 has no logarithm"]),
+        ("[ft-mlp]\nfreeze = ['full', 'layers:7']", ["freeze=layers:7: ", "'7' is no layer"]),
+        ("knn = 3", ["knn is 3 (valid: tables [MODEL] of options)"]),
+        ("[ft-mpl]\nfreeze = ['full']", ["has tables for ft-mpl, none for", "(ft-mlp, knn)"]),
+        ("", ["has tables for no model"]),
+        ("[knn", ["no TOML: "]),
+    ],
+)
+def test_a_wrong_file_is_refused_before_anything_is_loaded(text, parts, grid_file, monkeypatch):
+    monkeypatch.setattr("stiff_bench.plan.cells.loaded", lambda _: pytest.fail("data were loaded"))
+    with pytest.raises(ConfigError) as raised:
+        tasks("ft-mlp", "knn", protocol=grid_file(text))
+    message = str(raised.value)
+    assert message.startswith("nested.grid=my.toml: ") and "\n" not in message
+    for part in parts:
+        assert part in message
+
+
+@pytest.mark.parametrize(
+    ("grid", "message"),
+    [
+        ("none.toml", r"nested.grid=none.toml: cannot be read: No such file"),
+        ("freeze-pair", r"unknown grid of these models 'freeze-pair'; did you mean 'freeze-pairs'"),
+    ],
+)
+def test_a_grid_that_is_not_there_is_refused(grid, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ConfigError, match=message):
+        tasks("ft-mlp", protocol=f"nested@grid={grid}")
+
+
+def test_the_command_tunes_and_prints_what_it_chose(tmp_path):
+    done = bench_here(
+        *("run", "--model", "knn", "--dataset", "fanuc-r2000ic", "--protocol", "nested"),
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"knn: chosen on inner folds: neighbours=\d+, weights=\w+\.", done.stdout)
+    assert "candidates 8, inner error of the chosen [mm]" in done.stdout

@@ -1,0 +1,131 @@
+"""What a run's manifest says of where it came from."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import subprocess
+import sys
+from importlib.metadata import requires, version
+
+import pytest
+
+from stiff_bench.plan.registry import build_registry
+from stiff_bench.run import provenance
+from stiff_bench.run.provenance import environment
+
+ASK = """
+import json, sys
+{before}
+from stiff_bench.run.provenance import environment
+print(json.dumps([environment(), sorted(sys.modules)]))
+"""
+
+
+def asked(before: str = "", **variables: str):
+    """The facts of a fresh process, and its modules."""
+    done = subprocess.run(
+        [sys.executable, "-c", ASK.format(before=before)],
+        env=os.environ | variables,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    facts, modules = json.loads(done.stdout)
+    return facts, set(modules)
+
+
+@pytest.mark.slow
+def test_every_linear_algebra_library_is_named_with_version_and_threads():
+    facts, _ = asked("import numpy, scipy.linalg", OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
+    for library in facts["libraries"].split("; "):
+        assert re.search(r"^\w+ .*\(\S+\), threads 1$", library), library
+    two, _ = asked("import numpy", OMP_NUM_THREADS="2", OPENBLAS_NUM_THREADS="1")
+    assert facts["libraries"] != "" and two["threads"] == two["OMP_NUM_THREADS"] == "2"
+
+
+def test_torch_is_not_loaded_to_be_asked():
+    facts, modules = asked()
+    assert "torch" not in modules
+    assert facts["torch threads"] == facts["torch arithmetic"] == "not loaded"
+
+
+@pytest.mark.slow
+def test_torch_says_its_threads_and_how_it_multiplies_where_a_model_loaded_it():
+    facts, _ = asked("import torch, stiff_models.networks.arithmetic; torch.set_num_threads(2)")
+    assert facts["torch threads"] == "2"
+    said = facts["torch arithmetic"]
+    assert "deterministic off, bfloat16 o" in said
+    for part in ("capability", "float32 highest", "oneDNN", "medium is float32"):
+        assert part in said
+
+
+def test_every_dependency_is_named_with_its_version():
+    facts = environment()
+    needed = {re.split(r"[^\w.-]", line)[0] for line in requires("stiffbench") if ";" not in line}
+    assert {"numpy", "torch", "scikit-learn", "matplotlib"} <= needed <= facts.keys()
+    assert all(facts[name] == version(name) for name in needed)
+    assert facts["stiffbench"] == version("stiffbench")
+    assert "ruff" not in facts and "pytest" not in facts
+
+
+def test_an_optional_package_that_is_not_there_is_said_to_be_so(monkeypatch):
+    monkeypatch.setattr(provenance, "requires", lambda _: ['none-such>=1; extra == "tune"'])
+    assert environment()["none-such"] == "not installed"
+
+
+def test_variables_that_shape_numbers_are_there_and_others_are_not(monkeypatch):
+    for name in ("MKL_CBWR", "OPENBLAS_CORETYPE", "CUBLAS_WORKSPACE_CONFIG", "STIFFBENCH_CACHE"):
+        monkeypatch.setenv(name, f"value of {name}")
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
+    facts = environment()
+    assert facts["MKL_CBWR"] == "value of MKL_CBWR"
+    assert facts["OPENBLAS_CORETYPE"] == "value of OPENBLAS_CORETYPE"
+    assert "secret" not in str(facts)
+
+
+def test_hash_seed_and_locale_are_there():
+    seeded, _ = asked(PYTHONHASHSEED="1")
+    random, _ = asked(PYTHONHASHSEED="random", LC_ALL="C.UTF-8")
+    assert seeded["PYTHONHASHSEED"] == "1" and random["PYTHONHASHSEED"] == "random"
+    assert random["LC_ALL"] == "C.UTF-8" and random["locale"]
+
+
+def test_a_plugin_file_is_named_with_its_hash(plugin_file):
+    path = plugin_file("mine")
+    build_registry([path])
+    expected = hashlib.sha256(path.read_bytes()).hexdigest()
+    assert f"{path} sha256 {expected}" in environment()["plugins"]
+
+
+@pytest.mark.parametrize("dirty", [False, True])
+def test_commit_and_state_are_those_of_our_checkout(dirty, monkeypatch, tmp_path):
+    def git(*words: str) -> str:
+        about = ("-c", "user.name=n", "-c", "user.email=e@e", "-c", "commit.gpgsign=false")
+        command = ["git", "-C", str(tmp_path), *about, *words]
+        return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+    (tmp_path / "provenance.py").write_text("")
+    git("init")
+    git("add", ".")
+    git("commit", "-m", "first")
+    (tmp_path / "untracked").write_text("")
+    if dirty:
+        (tmp_path / "provenance.py").write_text("changed")
+    monkeypatch.setattr(provenance, "__file__", str(tmp_path / "provenance.py"))
+    facts = environment()
+    assert facts["commit"] == git("rev-parse", "HEAD")
+    assert facts["dirty"] == str(dirty).lower()
+
+
+def test_without_a_checkout_there_is_no_commit(monkeypatch, tmp_path):
+    monkeypatch.setattr(provenance, "__file__", str(tmp_path / "provenance.py"))
+    monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(tmp_path.parent))
+    facts = environment()
+    assert (facts["commit"], facts["dirty"]) == ("", "")
+
+
+def test_all_facts_are_text():
+    assert all(isinstance(value, str) for value in environment().values())

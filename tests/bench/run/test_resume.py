@@ -1,0 +1,263 @@
+"""A run that was stopped goes on where it was: nothing is lost, nothing is computed twice."""
+
+from __future__ import annotations
+
+import random
+import re
+import resource
+import signal
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import psutil
+import pytest
+
+import hostile_models
+from command_line import bench, started
+from made_results import change, damage, tear
+from run_requests import planned
+from stiff_bench.analysis.collected import collect
+from stiff_bench.cli.run import execute
+from stiff_bench.run.execution import IN_THIS_PROCESS
+from stiff_bench.store.database import (
+    FILE,
+    fault_of,
+    read_manifests,
+    read_results,
+    reading,
+    stored_statuses,
+)
+
+PLUGIN = Path(hostile_models.__file__)
+N_CELLS = 40
+SLOW_RUN = ["run", "--plugin", str(PLUGIN), "--model", "Good@seconds=0.05", "--splits", "40"]
+RERUN = {name: replace(IN_THIS_PROCESS, rerun=name) for name in ("missing", "failed", "all")}
+
+
+@pytest.fixture()
+def run(tmp_path, capsys):
+    """A function that runs zero and knn on three splits of the FANUC and returns what it said."""
+
+    def execute_it(rerun="missing", **changes):
+        plan = planned(
+            models=("zero", "knn"),
+            datasets=("fanuc-r2000ic",),
+            output=tmp_path,
+            **({"splits": 3} | changes),
+        )
+        status = execute(plan, "csv", RERUN[rerun])
+        out, err = capsys.readouterr()
+        return status, out, err
+
+    return execute_it
+
+
+def tally_of(said: str) -> str:
+    """The counts of the summary line."""
+    return re.findall(r"bench: (\d+ ok.*?);", said)[-1]
+
+
+def n_stored(folder: Path) -> int:
+    return len(stored_statuses(folder))
+
+
+def bytes_of_results(folder: Path) -> dict[str, bytes]:
+    """Every cell's prediction by key; each must be there once."""
+    results = list(read_results(folder))
+    found = {one.cell.key: one.prediction.predicted.tobytes() for one in results}
+    assert len(found) == len(results)
+    return found
+
+
+def test_the_same_command_again_computes_nothing_and_prints_the_same_table(run, tmp_path):
+    _, first, said = run()
+    assert tally_of(said) == "6 ok"
+    before = rows_of_cells(tmp_path)
+    status, again, said = run()
+    assert (status, tally_of(said)) == (0, "0 ok, 6 cached")
+    assert again == first
+    assert rows_of_cells(tmp_path) == before
+
+
+def rows_of_cells(folder: Path) -> list[tuple[object, ...]]:
+    with reading(folder) as db:
+        return db.execute("SELECT * FROM cell ORDER BY key").fetchall()
+
+
+def test_more_splits_compute_those_that_are_missing(run, tmp_path):
+    run(splits=2)
+    _, table, said = run(splits=5)
+    assert tally_of(said) == "6 ok, 4 cached"
+    (contest,) = collect(tmp_path)
+    assert {one.n_asked for one in contest.competitors.values()} == {5}
+    assert table == run(splits=5)[1]
+
+
+@pytest.mark.parametrize("change", [{"seed": 1}, {"settings": ("knn.neighbours=2",)}])
+def test_what_shapes_a_result_makes_it_another_one(run, change):
+    run()
+    _, _, said = run(**change)
+    assert tally_of(said) == ("6 ok" if "seed" in change else "3 ok, 3 cached")
+
+
+def test_a_damaged_row_is_named_and_computed_again(run, tmp_path):
+    _, table, _ = run()
+    whole = bytes_of_results(tmp_path)
+    key = sorted(whole)[2]
+    damage(tmp_path, key)
+    status, again, said = run()
+    assert (status, tally_of(said)) == (0, "1 ok, 5 cached")
+    assert key in said and "damaged" in said and "computed again" in said
+    assert again.count("\n") == table.count("\n")
+    assert bytes_of_results(tmp_path) == whole
+
+
+@pytest.mark.parametrize("table", ["run", "data", "value"])
+def test_a_torn_file_is_said_its_readable_rows_count_and_the_rest_is_computed_again(
+    run, tmp_path, table
+):
+    run()
+    whole = bytes_of_results(tmp_path)
+    tear(tmp_path, table)
+    status, _, said = run()
+    lost = 6 if table == "value" else 0  # the values of six cells share a page
+    assert (status, tally_of(said)) == (0, f"{lost} ok" + ("" if lost else ", 6 cached"))
+    assert f"warning: {tmp_path / FILE}: damaged" in said
+    assert bytes_of_results(tmp_path) == whole and fault_of(tmp_path) is None
+    assert (tmp_path / f"{FILE}.damaged").exists()
+
+
+def test_the_row_of_another_cell_under_this_key_does_not_count(run, tmp_path):
+    run()
+    first, second, *_ = sorted(stored_statuses(tmp_path))
+    change(tmp_path, "DELETE FROM cell WHERE key = ?", first)
+    change(tmp_path, "UPDATE cell SET key = ? WHERE key = ?", first, second)
+    _, _, said = run()
+    assert tally_of(said) == "2 ok, 4 cached" and first in said
+
+
+def test_rerun_all_computes_everything_and_gives_the_same_numbers(run, tmp_path):
+    run()
+    before = bytes_of_results(tmp_path)
+    _, _, said = run("all")
+    assert tally_of(said) == "6 ok"
+    assert bytes_of_results(tmp_path) == before
+
+
+@pytest.mark.slow
+def test_failures_stay_until_they_are_asked_for_again(tmp_path):
+    flag = tmp_path / "mended"
+    plugin = tmp_path / "mine.py"
+    plugin.write_text(
+        PLUGIN.read_text().replace(
+            "time.sleep(self.seconds)",
+            f"if not os.path.exists({str(flag)!r}): raise OSError('no licence today')",
+        )
+    )
+    words = ["run", "--plugin", str(plugin), "--model", "Good", "--model", "knn", "--splits", "2"]
+    words += ["--no-isolate", "--output", "out"]
+    first = bench(*words, cwd=tmp_path)
+    assert first.returncode == 1 and tally_of(first.stderr) == "2 ok, 2 failed (OSError)"
+    flag.touch()
+    second = bench(*words, cwd=tmp_path)
+    assert second.returncode == 1
+    assert tally_of(second.stderr) == "0 ok, 2 failed (OSError), 2 cached"
+    assert "2 of the failures are of earlier runs; --rerun failed computes them" in second.stderr
+    assert "Good: FAILED (2 of 2 splits): OSError: no licence today" in second.stdout
+    third = bench(*words, "--rerun", "failed", cwd=tmp_path)
+    assert third.returncode == 0 and tally_of(third.stderr) == "2 ok, 2 cached"
+    assert set(stored_statuses(tmp_path / "out").values()) == {"ok"}
+
+
+@pytest.mark.slow
+def test_a_disk_that_is_full_stops_the_run_and_what_was_stored_stays(tmp_path):
+    words = ["run", "--model", "knn", "--output", "out", "--splits"]
+    assert bench(*words, "1", cwd=tmp_path).returncode == 0
+    size = (tmp_path / "out" / FILE).stat().st_size
+
+    def small_files() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+
+    done = bench(*words, "40", cwd=tmp_path, preexec_fn=small_files)
+    assert done.returncode == 2
+    last = done.stderr.strip().splitlines()[-1]
+    assert last.startswith(f"bench: error: out/{FILE}: cannot be written: ")
+    assert "Traceback" not in done.stderr and n_stored(tmp_path / "out") >= 1
+    assert fault_of(tmp_path / "out") is None
+    n_there = n_stored(tmp_path / "out")
+    after = bench(*words, "40", cwd=tmp_path)
+    assert (
+        after.returncode == 0 and tally_of(after.stderr) == f"{40 - n_there} ok, {n_there} cached"
+    )
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory):
+    """What the slow run gives when nobody disturbs it."""
+    folder = tmp_path_factory.mktemp("reference")
+    assert bench(*SLOW_RUN, "--jobs", "2", "--output", "out", cwd=folder).returncode == 0
+    return bytes_of_results(folder / "out")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("number", "moment"),
+    [(signal.SIGINT, 0), (signal.SIGTERM, 1), (signal.SIGKILL, 0), (signal.SIGKILL, 1)],
+)
+def test_a_run_that_is_stopped_at_any_moment_goes_on_with_what_is_missing(
+    tmp_path, reference, number, moment
+):
+    words = [*SLOW_RUN, "--jobs", "2", "--output", "out"]
+    with started(*words, cwd=tmp_path) as command:
+        while not n_stored(tmp_path / "out"):
+            time.sleep(0.01)
+        time.sleep(random.Random(moment).uniform(0.0, 1.5))
+        command.send_signal(number)
+        command.communicate(timeout=60)
+    stored = n_stored(tmp_path / "out")
+    assert 0 < stored < N_CELLS
+    (manifest,) = read_manifests(tmp_path / "out")
+    assert manifest.status == ("running" if number == signal.SIGKILL else "interrupted")
+    done = bench(*words, cwd=tmp_path)
+    assert done.returncode == 0
+    assert tally_of(done.stderr) == f"{N_CELLS - stored} ok, {stored} cached"
+    assert bytes_of_results(tmp_path / "out") == reference
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [FILE]
+
+
+@pytest.mark.slow
+def test_a_cell_whose_process_is_killed_is_a_failure_of_that_cell_alone(tmp_path):
+    words = ["run", "--plugin", str(PLUGIN), "--model", "Good", "--model", "Hangs"]
+    with started(*words, "--splits", "2", "--output", "out", cwd=tmp_path) as command:
+        for split in range(2):
+            while n_stored(tmp_path / "out") < 2 * split + 1:
+                time.sleep(0.05)
+            time.sleep(1.0)
+            kill_a_cell(command.pid)
+        _, said = command.communicate(timeout=60)
+    assert command.returncode == 1 and tally_of(said) == "2 ok, 2 failed (SIGKILL)"
+
+
+def kill_a_cell(pid: int) -> None:
+    """Kill a process that the server of a run's processes has forked."""
+    (cell,) = [
+        cell
+        for server in psutil.Process(pid).children()
+        if "forkserver" in " ".join(server.cmdline())
+        for cell in server.children()
+    ]
+    cell.kill()
+
+
+@pytest.mark.slow
+def test_two_runs_in_one_folder_share_the_work_and_neither_harms_the_other(tmp_path, reference):
+    words = [*SLOW_RUN, "--output", "out"]
+    with started(*words, cwd=tmp_path) as one, started(*words, "--jobs", "2", cwd=tmp_path) as two:
+        said = [command.communicate(timeout=120)[1] for command in (one, two)]
+    assert one.returncode == two.returncode == 0
+    assert bytes_of_results(tmp_path / "out") == reference
+    computed = [int(tally_of(text).split()[0]) for text in said]
+    assert sum(computed) < 2 * N_CELLS  # what the other had finished was not computed again
+    assert len(list(read_manifests(tmp_path / "out"))) == 2

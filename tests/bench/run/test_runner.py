@@ -1,0 +1,314 @@
+"""One cell: intervals, units, models that cannot be used here, and shared seeds."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+import types
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sklearn.base import BaseEstimator
+
+from run_requests import planned
+from stiff_bench.plan.cells import cell_tasks
+from stiff_bench.plan.registry import build_registry
+from stiff_bench.run.cell import compute_cell
+from stiff_bench.store.database import ResultStore
+from stiff_models.physics.vjm import VirtualJointModel
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.plugin import ProtocolInfo
+from stiff_protocols.contract.types import Interval, Split
+from stiff_protocols.scoring.metrics import METRICS
+
+FITS = []
+
+
+class Scaled(BaseEstimator):
+    """Remembers the training rows and gives them back times a factor; elsewhere their mean."""
+
+    def __init__(self, factor: float = 1.0):
+        self.factor = factor
+
+    def fit(self, train, *, robot, validation=None, seed=0):
+        FITS.append((train, validation, seed))
+        self.train_ = train
+        return self
+
+    def predict(self, q, wrench):
+        known = (q[:, None, :] == self.train_.q).all(axis=2)
+        nearest = self.train_.deflection[known.argmax(axis=1)]
+        mean = self.train_.deflection.mean(axis=0)
+        return self.factor * np.where(known.any(axis=1)[:, None], nearest, mean)
+
+
+class Sure(Scaled):
+    """Says itself how sure it is."""
+
+    def predict_interval(self, q, wrench, coverage):
+        predicted = self.predict(q, wrench)
+        return Interval(predicted - coverage, predicted + coverage, coverage)
+
+
+@pytest.fixture()
+def task_of(tasks_of):
+    """A function that returns a cell of the FANUC with a model of the test's own."""
+
+    def make(cls, coverage=None, protocol="holdout", model="vjm", **params):
+        task = tasks_of((model,), "fanuc-r2000ic", protocol)[0]
+        choice = replace(task.model, cls=cls, params=params, context={})
+        return replace(task, model=choice, cell=replace(task.cell, coverage=coverage))
+
+    FITS.clear()
+    return make
+
+
+def values(result, metric):
+    return [record.value for record in result.records if record.metric == metric]
+
+
+def test_without_a_coverage_there_is_one_fit_and_no_interval(task_of):
+    result = compute_cell(task_of(Scaled), "r")
+    assert result.status == "ok" and result.prediction.interval is None and len(FITS) == 1
+    with_intervals = {metric.key for metric in METRICS.values() if metric.needs_interval}
+    assert {record.metric for record in result.records} == set(METRICS) - with_intervals
+
+
+def test_split_conformal_intervals_leave_the_point_metrics_alone(task_of):
+    plain = compute_cell(task_of(Scaled), "r")
+    result = compute_cell(task_of(Scaled, 0.9), "r")
+    assert result.status == "ok", result.failure
+    np.testing.assert_array_equal(result.prediction.predicted, plain.prediction.predicted)
+    assert values(result, "mae") == values(plain, "mae")
+    assert result.calibration_samples == 9  # of the 34 poses of the training side
+    assert sorted(len(train) for train, _, _ in FITS) == [25, 34, 34]
+    interval, measured = result.prediction.interval, result.prediction.measured
+    inside = (interval.lower <= measured) & (measured <= interval.upper)
+    assert values(result, "coverage") == list(inside.mean(axis=0))
+    assert values(result, "width") == list((interval.upper - interval.lower).mean(axis=0))
+
+
+def test_a_model_with_intervals_of_its_own_is_fitted_once(task_of):
+    result = compute_cell(task_of(Sure, 0.75), "r")
+    assert result.status == "ok" and result.calibration_samples == 0 and len(FITS) == 1
+    assert values(result, "width") == pytest.approx([1.5] * 3)
+    assert values(result, "coverage") == [1.0] * 3
+
+
+def test_rows_that_choose_an_epoch_are_given_to_both_fits_and_calibrate_nothing(task_of):
+    result = compute_cell(task_of(Scaled, 0.9, model="ft-mlp"), "r")
+    assert result.status == "ok", result.failure
+    (first, validation, _), (second, also, _) = FITS
+    assert len(first) == 27 and len(second) == 27 - result.calibration_samples == 18
+    np.testing.assert_array_equal(validation.deflection, also.deflection)
+    assert len(validation) == 7
+
+
+def test_a_training_side_too_small_for_the_coverage_keeps_the_point_metrics_and_says_why(task_of):
+    result = compute_cell(task_of(Scaled, 0.95), "r")
+    assert result.status == "ok" and len(FITS) == 1
+    assert result.prediction.interval is None and values(result, "mae")
+    assert not values(result, "coverage")
+    (warning,) = result.warnings
+    assert warning.startswith("no intervals: coverage 0.95 needs at least 19 calibration samples")
+    assert "half of the 34 training poses are 17" in warning
+
+
+def test_the_reference_is_a_vjm_identified_on_the_same_training_side(task_of):
+    task = task_of(Scaled)
+    result = compute_cell(task, "r")
+    ours = compute_cell(replace(task, model=task_of(VirtualJointModel).model), "r")
+    np.testing.assert_array_equal(result.prediction.reference, ours.prediction.predicted)
+    assert values(ours, "skill") == [0.0] and values(result, "skill")[0] < 0.0
+
+
+def test_costs_are_measured(task_of):
+    class Slow(Scaled):
+        def fit(self, train, *, robot, validation=None, seed=0):
+            time.sleep(0.03)
+            self.held = np.ones(5_000_000)  # 38 MiB: above 32, malloc reuses no memory it has
+            return super().fit(train, robot=robot, validation=validation, seed=seed)
+
+        def predict(self, q, wrench):
+            time.sleep(0.02 + 0.001 * len(q))
+            return super().predict(q, wrench)
+
+    cost = compute_cell(task_of(Slow), "r").cost
+    assert cost.fit_s > 0.03 and cost.predict_s > 0.028
+    assert 0.021 < cost.latency_s < cost.predict_s
+    assert 30 < cost.throughput_per_s < 1000
+    assert cost.memory_bytes is None or cost.memory_bytes > 25 * 2**20
+
+
+def test_an_interval_that_is_none_is_a_failure(task_of):
+    class Odd(Scaled):
+        def predict_interval(self, q, wrench, coverage):
+            return np.zeros((len(q), 2))
+
+    result = compute_cell(task_of(Odd, 0.9), "r")
+    assert result.status == "failed"
+    assert "predict_interval returned ndarray, expected Interval" in result.failure
+
+
+@pytest.mark.parametrize(("factor", "part"), [(1e3, "are these mm?"), (1e-3, "times smaller")])
+def test_a_model_a_thousand_times_off_fails_and_is_told_the_unit(task_of, factor, part):
+    result = compute_cell(task_of(Scaled, factor=factor), "r")
+    assert result.status == "failed" and part in result.failure and "wants m" in result.failure
+
+
+def test_a_model_that_cannot_be_used_here_is_skipped_with_the_reason(task_of, monkeypatch):
+    absent = types.SimpleNamespace(reason=lambda: "no weights here")
+    monkeypatch.setitem(sys.modules, "my_weights", absent)
+    task = task_of(Scaled)
+    info = replace(task.model.info, missing_because="my_weights:reason")
+    result = compute_cell(replace(task, model=replace(task.model, info=info)), "r")
+    assert result.status == "skipped" and result.failure == "no weights here"
+    assert result.records == () and not FITS
+
+
+def test_all_models_on_a_split_get_the_same_seed_and_splits_get_their_own(tasks_of):
+    tasks = tasks_of(("vjm", "ft-mlp"), "fanuc-r2000ic", splits=2)
+    seeds = {(task.cell.split_index, task.cell.model_seed) for task in tasks}
+    assert len(tasks) == 4 and len(seeds) == 2 and len({seed for _, seed in seeds}) == 2
+
+
+def plan(metrics, coverage, protocol="holdout", registry=None):
+    return planned(
+        registry,
+        datasets=("fanuc-r2000ic",),
+        protocols=(protocol,),
+        metrics=metrics,
+        coverage=coverage,
+    )
+
+
+def test_intervals_are_computed_only_for_a_metric_that_needs_them():
+    assert plan(("mae",), None).coverage is None
+    assert plan(("mae", "width"), None).coverage == 0.9
+    assert plan(("coverage",), 0.8).coverage == 0.8
+
+
+@pytest.mark.parametrize(
+    ("metrics", "coverage", "part"),
+    [
+        (("mae",), 0.8, "add --metric coverage"),
+        (("width",), 1.0, "between 0 and 1"),
+        (("width",), float("nan"), "between 0 and 1"),
+    ],
+)
+def test_a_coverage_that_means_nothing_is_refused(metrics, coverage, part):
+    with pytest.raises(ConfigError, match=part):
+        plan(metrics, coverage)
+
+
+class Prints(Scaled):
+    """Talks, from Python and past it."""
+
+    def predict(self, q, wrench):
+        print("from Python")
+        os.write(1, b"from C\n")
+        return super().predict(q, wrench)
+
+
+def test_what_a_model_prints_goes_to_standard_error(task_of, capfd):
+    assert compute_cell(task_of(Prints), "r").status == "ok"
+    said = capfd.readouterr()
+    assert said.out == ""
+    assert "from Python" in said.err and "from C" in said.err
+
+
+def test_an_option_that_is_infinite_can_be_stored(tasks_of, tmp_path):
+    key = "sklearn:linear_model.RANSACRegressor"  # stop_score=inf
+    task = tasks_of((key,), "fanuc-r2000ic")[0]
+    store = ResultStore(tmp_path)
+    store.write_cell(compute_cell(task, "r"))
+    assert store.result(task.cell.key).cell.model_params["stop_score"] == "inf"
+
+
+class Divided:
+    """A stranger's protocol."""
+
+    selects_on_test = pooled = False
+
+    def splits(self, samples, *, n_splits, seed):
+        yield Split(0, np.arange(30), np.empty(0, dtype=int), np.arange(30, 43))
+
+
+class Counting(Divided):
+    def splits(self, samples, *, n_splits, seed):
+        return [Split(0, np.arange(43), np.empty(0, dtype=int), np.arange(-8, 0))]
+
+
+class Raising(Divided):
+    def splits(self, samples, *, n_splits, seed):
+        raise KeyError("x")
+
+
+def tasks_under(cls):
+    registry = build_registry()
+    registry.protocols["theirs"] = ProtocolInfo(key="theirs", target=cls, summary="")
+    return list(cell_tasks(plan(("mae",), None, "theirs", registry)))
+
+
+def test_a_protocol_may_yield_its_splits():
+    (task,) = tasks_under(Divided)
+    assert compute_cell(task, "r").status == "ok"
+
+
+@pytest.mark.parametrize(
+    ("cls", "message"),
+    [
+        (Counting, "protocol 'theirs': split 0 has test rows outside 0..42"),
+        (Raising, "protocol 'theirs': KeyError: 'x'"),
+    ],
+)
+def test_a_protocol_that_leaks_by_negative_rows_or_raises_is_refused_by_name(cls, message):
+    with pytest.raises(ConfigError) as refused:
+        tasks_under(cls)
+    assert message in str(refused.value)
+
+
+def test_a_slow_model_is_not_asked_for_a_thousand_rows(task_of):
+    asked = []
+
+    class Slow(Scaled):
+        def predict(self, q, wrench):
+            asked.append(len(q))
+            time.sleep(0.005 * len(q))
+            return super().predict(q, wrench)
+
+    compute_cell(task_of(Slow), "r")
+    assert max(asked) < 100
+
+
+def test_a_model_whose_prediction_draws_gives_the_same_interval_however_often_it_is_timed(
+    task_of, monkeypatch
+):
+    class Drawing(Sure):
+        def fit(self, *args, **rest):
+            self.rng_ = np.random.default_rng(0)
+            return super().fit(*args, **rest)
+
+        def predict_interval(self, q, wrench, coverage):
+            middle = super().predict(q, wrench) + self.rng_.normal(size=(len(q), 3))
+            return Interval(middle - 1.0, middle + 1.0, coverage)
+
+        def predict(self, q, wrench):
+            self.rng_.normal()
+            return super().predict(q, wrench)
+
+    first = compute_cell(task_of(Drawing, 0.8), "r")
+    monkeypatch.setattr("stiff_bench.run.costs.MOST_SINGLE_PREDICTIONS", 3)
+    again = compute_cell(task_of(Drawing, 0.8), "r")
+    np.testing.assert_array_equal(first.prediction.interval.lower, again.prediction.interval.lower)
+
+
+def test_what_training_rows_cannot_teach_stands_beside_the_result(tasks_of):
+    task = tasks_of(("knn",), splits=1)[0]
+    samples = task.data.samples
+    one_pose = replace(samples, q=np.tile(samples.q[0], (len(samples), 1)))
+    result = compute_cell(replace(task, data=replace(task.data, samples=one_pose)), "run")
+    assert result.status == "ok"
+    assert any("training samples are of one pose" in said for said in result.warnings)

@@ -1,0 +1,552 @@
+"""Results on disk: whole or absent, checked, and at full precision."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import sqlite3
+import stat
+import subprocess
+import sys
+import time
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from made_results import MadeResults, change, damage, tear
+from stiff_bench.store.database import (
+    FILE,
+    DamagedFile,
+    ResultStore,
+    fault_of,
+    mean_seconds,
+    read_data,
+    read_manifests,
+    read_results,
+    stored_results,
+    stored_statuses,
+    writing,
+)
+from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
+from stiff_models.physics.kinematics import jacobian
+from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.record import CellResult, Cost
+from stiff_protocols.contract.types import Interval, Prediction
+from stored_cells import CELL, MANIFEST, SHOWN, VALUES, failure, result
+
+
+def only(folder: Path) -> CellResult:
+    (found,) = read_results(folder)
+    return found
+
+
+def many(folder: Path, n: int = 300) -> list[str]:
+    """A folder of so many cells that its file has some pages; their keys."""
+    store = ResultStore(folder)
+    cells = [replace(CELL, split_index=index) for index in range(n)]
+    store.write_cells(result(cell=cell, records=VALUES) for cell in cells)
+    store.write_manifest(MANIFEST)
+    return [cell.key for cell in cells]
+
+
+def test_a_cell_comes_back_as_it_was_written_to_the_last_bit(tmp_path):
+    curves = {"fit": np.array([[1.0, 0.1, math.nan], [2.0, 1 / 3, 0.4]])}
+    ResultStore(tmp_path).write_cell(result(curves=curves, chosen={"a": "1"}, log=("said",)))
+    back = only(tmp_path)
+    assert back.cell == CELL and back.records == result().records
+    assert back.shown == SHOWN and back.cost == result().cost
+    assert (back.warnings, back.chosen, back.log) == (("careful",), {"a": "1"}, ("said",))
+    np.testing.assert_array_equal(back.prediction.predicted, result().prediction.predicted)
+    np.testing.assert_array_equal(back.prediction.measured, result().prediction.measured)
+    np.testing.assert_array_equal(back.prediction.reference, result().prediction.reference)
+    np.testing.assert_array_equal(back.prediction.rows, [4])
+    np.testing.assert_array_equal(back.curves["fit"], curves["fit"])
+    assert math.isnan(back.diagnostics["k1"]) and back.diagnostics["k2"] == math.inf
+
+
+def test_what_is_read_cannot_be_changed_by_accident(tmp_path):
+    ResultStore(tmp_path).write_cell(result())
+    with pytest.raises(ValueError, match="read-only"):
+        only(tmp_path).prediction.predicted[0] = 0.0
+
+
+def test_intervals_come_back_to_the_last_bit(tmp_path):
+    numbers = np.array([[1 / 3, 2e-17, -0.1]])
+    interval = Interval(numbers - 1 / 7, numbers + 1 / 7, 0.9)
+    cell = replace(CELL, coverage=0.9)
+    prediction = Prediction(np.array([4]), numbers, numbers, interval)
+    ResultStore(tmp_path).write_cell(
+        result(cell=cell, prediction=prediction, calibration_samples=11)
+    )
+    back = only(tmp_path)
+    assert back.cell == cell and back.calibration_samples == 11
+    assert back.prediction.interval.coverage == 0.9
+    np.testing.assert_array_equal(back.prediction.interval.lower, interval.lower)
+    np.testing.assert_array_equal(back.prediction.interval.upper, interval.upper)
+
+
+def test_a_result_without_the_intervals_that_were_asked_for_is_read(tmp_path):
+    cell = replace(CELL, coverage=0.9)  # the training side was too small for them
+    ResultStore(tmp_path).write_cell(result(cell=cell))
+    assert only(tmp_path).prediction.interval is None
+
+
+def test_metrics_are_plain_rows_that_pandas_reads(tmp_path):
+    ResultStore(tmp_path).write_cell(result())
+    with closing(sqlite3.connect(tmp_path / FILE)) as db:
+        table = pd.read_sql("SELECT model, metric, axis, value, unit FROM metric", db)
+    assert table.to_dict("records") == [
+        {"model": "m@a=2", "metric": "mae", "axis": "x", "value": 1 / 3, "unit": "m"},
+        {"model": "m@a=2", "metric": "latency", "axis": "", "value": 1e-5, "unit": "s"},
+    ]
+
+
+def test_everything_is_in_the_one_file(tmp_path):
+    many(tmp_path)
+    ResultStore(tmp_path).write_data(FanucR2000iC().load())
+    assert [path.name for path in tmp_path.iterdir()] == [FILE]
+
+
+def test_a_file_of_another_format_is_refused_with_both_numbers(tmp_path):
+    ResultStore(tmp_path).write_cell(result())
+    change(tmp_path, "PRAGMA user_version = 9")
+    for attempt in (only, ResultStore):
+        with pytest.raises(StoreError, match="stored format 9, this stiffbench reads 4"):
+            attempt(tmp_path)
+
+
+@pytest.mark.parametrize("part", ["cells/0123.json", "packs/000001-ab.parquet"])
+def test_a_folder_of_the_old_format_is_refused_with_what_to_do(tmp_path, part):
+    (tmp_path / part).parent.mkdir()
+    (tmp_path / part).write_text("{}")
+    for attempt in (read_results, read_manifests, ResultStore):
+        with pytest.raises(StoreError, match=r"older stiffbench.*give a new folder"):
+            attempt(tmp_path)
+    assert not (tmp_path / FILE).exists()
+
+
+def test_a_folder_keeps_the_samples_of_its_results_with_the_joints_torques(tmp_path):
+    data = FanucR2000iC().load()
+    ResultStore(tmp_path).write_data(data)
+    back = read_data(tmp_path, data.sha256)
+    np.testing.assert_array_equal(back.samples.wrench, data.samples.wrench)
+    assert back.samples.pose_id.tolist() == data.samples.pose_id.tolist()
+    torque = np.einsum("nki,nk->ni", jacobian(data.robot, data.samples.q), data.samples.wrench)
+    np.testing.assert_allclose(back.torque, torque, atol=1e-9)
+    assert back.joint_names == data.robot.joint_names and back.robot == data.robot.name
+
+
+def test_samples_that_are_missing_or_damaged_are_said_to_be_and_written_anew(tmp_path):
+    data = FanucR2000iC().load()
+    store = ResultStore(tmp_path)
+    with pytest.raises(StoreError, match="holds no data set"):
+        read_data(tmp_path, data.sha256)
+    store.write_data(data)
+    for damage_to in ("content = x'00'", "content = 'no zip'", "content_sha256 = ''"):
+        change(tmp_path, f"UPDATE data SET {damage_to}")
+        with pytest.raises(DamagedFile, match=data.sha256):
+            read_data(tmp_path, data.sha256)
+        store.write_data(data)
+        assert len(read_data(tmp_path, data.sha256).samples) == 43
+
+
+def test_every_result_of_a_folder_is_read_in_the_order_of_keys_failures_too(tmp_path):
+    keys = many(tmp_path, 5)
+    ResultStore(tmp_path).write_cell(failure(cell=replace(CELL, split_index=9)))
+    found = read_results(tmp_path)
+    assert [one.cell.key for one in found] == sorted(one.cell.key for one in found)
+    assert {one.cell.key for one in found if one.status == "ok"} == {*keys}
+    assert [one.failure for one in found if one.status == "failed"] == ["it broke"]
+
+
+def test_some_cells_are_read_by_their_keys(tmp_path):
+    keys = many(tmp_path, 5)
+    found = stored_results(tmp_path, {keys[1], keys[3], "none"})
+    assert {one.cell.key for one in found} == {keys[1], keys[3]}
+    assert list(stored_results(tmp_path, set())) == []
+
+
+def test_a_folder_without_a_file_holds_nothing(tmp_path):
+    assert read_results(tmp_path) == read_manifests(tmp_path) == []
+    assert stored_statuses(tmp_path) == mean_seconds(tmp_path) == {}
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_whose_tables_are_still_to_be_made_holds_nothing(tmp_path):
+    """A run has made it and not ended its first transaction, or was killed there."""
+    (tmp_path / FILE).touch()
+    assert read_results(tmp_path) == read_manifests(tmp_path) == []
+    assert stored_statuses(tmp_path) == mean_seconds(tmp_path) == {}
+    with pytest.raises(StoreError, match="holds no data set"):
+        read_data(tmp_path, "00")
+    ResultStore(tmp_path).write_cell(result())
+    assert only(tmp_path).status == "ok"
+
+
+def test_times_are_means_of_a_models_fits(tmp_path):
+    store = ResultStore(tmp_path)
+    for index, fit_s in enumerate((1.0, 2.0)):
+        cost = Cost(fit_s, 0.5, 0.0, 1.0, None)
+        store.write_cell(result(cell=replace(CELL, split_index=index), cost=cost))
+    store.write_cell(failure(cell=replace(CELL, split_index=2)))
+    assert mean_seconds(tmp_path) == {"m@a=2": 2.0}
+
+
+def test_the_key_of_a_cell_without_intervals_is_what_it_was_before_there_were_any():
+    assert CELL.key == "8a49b67bbeadb3aae6d65663"
+    assert replace(CELL, coverage=0.9).key != CELL.key
+    assert replace(CELL, coverage=0.9).key != replace(CELL, coverage=0.8).key
+
+
+@pytest.mark.parametrize("column", ["run_id", "shown", "about", "failure", "prediction_arrays"])
+def test_a_changed_row_is_found_and_named(tmp_path, column):
+    first, second = many(tmp_path, 2)
+    change(tmp_path, f"UPDATE cell SET {column} = {column} || ' ' WHERE key = ?", second)
+    with pytest.raises(DamagedFile, match=second) as caught:
+        read_results(tmp_path)
+    assert caught.value.key == second
+    told: list[StoreError] = []
+    (left,) = stored_results(tmp_path, report=told.append)
+    assert left.cell.key == first and [error.key for error in told] == [second]
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "UPDATE value SET value = value + 1e-12",
+        "DELETE FROM value WHERE measure = 1",
+        "UPDATE measure SET axis = 'y' WHERE id = 1",
+        "UPDATE cell SET fit_s = fit_s + 1e-9",
+        "UPDATE cell SET prediction = x'00'",
+        "UPDATE cell SET key = '0123456789abcdef01234567'",
+        "UPDATE cell SET status = 'failed'",
+        "UPDATE cell SET about = 7",
+        "UPDATE cell SET model_key = x'ff'",
+        "UPDATE cell SET model_key = CAST(x'ff' AS TEXT)",
+        "UPDATE cell SET shown = CAST(x'7bff7d' AS TEXT)",
+    ],
+)
+def test_no_number_of_a_cell_can_change_unnoticed(tmp_path, statement):
+    ResultStore(tmp_path).write_cell(result())
+    change(tmp_path, statement)
+    with pytest.raises(DamagedFile, match="damaged: cell"):
+        read_results(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "statement",
+    ["cells = '[]'", "environment = '['", "command = 'other'", "started = CAST(x'ff' AS TEXT)"],
+)
+def test_a_changed_manifest_is_found_and_taken_out_by_the_next_run(tmp_path, statement):
+    store = ResultStore(tmp_path)
+    store.write_manifest(MANIFEST)
+    change(tmp_path, f"UPDATE run SET {statement}")
+    with pytest.raises(DamagedFile, match="run r"):
+        read_manifests(tmp_path)
+    told: list[StoreError] = []
+    store.repair(told.append)
+    assert len(told) == 1 and read_manifests(tmp_path) == []
+
+
+def test_text_that_no_file_can_hold_is_stored_with_a_question_mark(tmp_path):
+    """A file's name on a command line may hold bytes that are no character."""
+    store = ResultStore(tmp_path)
+    store.write_cell(failure(failure="M\xfcller \udcff.csv", log=("\udcfe",)))
+    store.write_manifest(replace(MANIFEST, command="\udcff", environment={"LC_x": "\udcfd"}))
+    assert (only(tmp_path).failure, only(tmp_path).log) == ("M\xfcller ?.csv", ("?",))
+    assert [(run.command, run.environment) for run in read_manifests(tmp_path)] == [
+        ("?", {"LC_x": "?"})
+    ]
+
+
+def test_a_write_that_fails_leaves_what_was_there(tmp_path):
+    store = ResultStore(tmp_path)
+    store.write_cell(result())
+
+    def breaks():
+        yield result(warnings=())
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        store.write_cells(breaks())
+    assert only(tmp_path).warnings == ("careful",)
+    assert [path.name for path in tmp_path.iterdir()] == [FILE]
+
+
+def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StoreError, match="cannot be made"):
+        ResultStore(tmp_path / "file" / "results")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root writes everywhere")
+def test_a_folder_that_cannot_be_written_is_read_and_refuses_results(tmp_path):
+    keys = many(tmp_path, 2)
+    tmp_path.chmod(stat.S_IRUSR | stat.S_IXUSR)
+    (tmp_path / FILE).chmod(stat.S_IRUSR)
+    try:
+        assert {one.cell.key for one in read_results(tmp_path)} == {*keys}
+        with pytest.raises(StoreError, match="cannot be written"):
+            ResultStore(tmp_path)
+    finally:
+        tmp_path.chmod(stat.S_IRWXU)
+
+
+def test_a_folder_that_is_read_stays_as_it_is(tmp_path):
+    many(tmp_path, 2)
+    before = (tmp_path / FILE).read_bytes(), (tmp_path / FILE).stat().st_mtime_ns
+    read_results(tmp_path)
+    read_manifests(tmp_path)
+    assert before == ((tmp_path / FILE).read_bytes(), (tmp_path / FILE).stat().st_mtime_ns)
+
+
+FULL_DISK = """
+import resource, sys
+from pathlib import Path
+from dataclasses import replace
+sys.path[:0] = {path!r}
+from stored_cells import CELL, result
+from stiff_bench.store.database import FILE, ResultStore
+from stiff_protocols.contract.errors import StoreError
+folder = Path(sys.argv[1])
+store = ResultStore(folder)
+size = (folder / FILE).stat().st_size + 200_000
+resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+for index in range(10_000):
+    try:
+        store.write_cell(result(cell=replace(CELL, split_index=index)))
+    except StoreError as error:
+        print(error)
+        break
+print(index)
+"""
+
+
+def test_on_a_full_disk_the_last_cell_is_refused_in_one_line_and_the_others_stay(tmp_path):
+    program = FULL_DISK.format(path=[str(Path(__file__).parents[2])])
+    words = [sys.executable, "-c", program, str(tmp_path)]
+    said, n_stored = subprocess.run(
+        words, capture_output=True, text=True, check=True
+    ).stdout.splitlines()
+    assert "cannot be written" in said and "disk" in said
+    assert len(read_results(tmp_path)) == int(n_stored) > 0
+    assert fault_of(tmp_path) is None
+
+
+def test_a_manifest_comes_back_as_it_was_written_and_its_last_state_counts(tmp_path):
+    store = ResultStore(tmp_path)
+    store.write_manifest(replace(MANIFEST, status="running"))
+    store.write_manifest(MANIFEST)
+    assert read_manifests(tmp_path) == [MANIFEST]
+
+
+def test_a_cells_key_does_not_depend_on_the_order_of_options():
+    assert replace(CELL, model_params={"b": 2.5, "a": 1}).key == CELL.key
+
+
+@pytest.mark.parametrize(
+    "change_to",
+    [
+        {"dataset": "x"},
+        {"dataset_params": {"seed": 1}},
+        {"data_sha256": "x"},
+        {"protocol": "x"},
+        {"protocol_params": {"f": 1}},
+        {"split_index": 1},
+        {"split_sha256": "x"},
+        {"seed": 1},
+    ],
+)
+def test_a_cells_key_and_seed_change_with_everything_that_can_change_its_result(change_to):
+    other = replace(CELL, **change_to)
+    assert other.key != CELL.key and other.model_seed != CELL.model_seed
+
+
+@pytest.mark.parametrize(
+    "change_to",
+    [
+        {"model": "x"},
+        {"model_params": {}},
+        {"model_version": "2"},
+        {"scoring_version": 2},
+        {"coverage": 0.9},
+        {"condition": "noise x5"},
+        {"source_sha256": "x"},
+        {"split_sha256": "rows and errors", "rows_sha256": CELL.split_sha256},
+    ],
+    ids=str,
+)
+def test_what_does_not_change_the_rows_has_a_key_of_its_own_and_shares_the_seed(change_to):
+    other = replace(CELL, **change_to)
+    assert other.key != CELL.key and other.model_seed == CELL.model_seed
+
+
+@pytest.mark.parametrize("status", ["failed", "skipped"])
+def test_a_failure_never_replaces_a_result_and_a_result_replaces_the_failure(tmp_path, status):
+    store = ResultStore(tmp_path)
+    store.write_cell(failure(status=status))
+    assert (only(tmp_path).status, store.result(CELL.key)) == (status, None)
+    store.write_cell(result())
+    store.write_cell(failure(status=status))
+    assert only(tmp_path).status == store.result(CELL.key).status == "ok"
+
+
+def test_the_newest_of_several_results_or_failures_stands(tmp_path):
+    store = ResultStore(tmp_path)
+    for write in (failure, result):
+        for run_id in ("r1", "r2"):
+            store.write_cell(write(run_id=run_id))
+        assert only(tmp_path).run_id == "r2"
+    assert only(tmp_path).records == result().records
+
+
+@pytest.mark.parametrize("table", ["cell", "value", "run", "data"])
+def test_of_a_torn_file_the_readable_rows_are_kept_and_the_others_named(tmp_path, table):
+    keys = many(tmp_path)
+    store = ResultStore(tmp_path)
+    data = FanucR2000iC().load()
+    store.write_data(data)
+    whole = (tmp_path / FILE).read_bytes()
+    tear(tmp_path, table)
+    torn = (tmp_path / FILE).read_bytes()
+    assert torn != whole and fault_of(tmp_path) is not None
+    told: list[StoreError] = []
+    store.repair(told.append)
+    kept = {one.cell.key: one for one in read_results(tmp_path)}
+    lost = {error.key for error in told if isinstance(error, DamagedFile)} - {""}
+    if table in ("cell", "value"):
+        assert len(kept) > len(keys) // 3
+    else:
+        assert len(kept) == len(keys)
+    assert lost | kept.keys() == {*keys} and not lost & kept.keys()
+    assert all(one.records == VALUES for one in kept.values())
+    assert fault_of(tmp_path) is None
+    assert (tmp_path / f"{FILE}.damaged").read_bytes() == torn
+    store.write_cells(result(cell=replace(CELL, split_index=i)) for i in range(len(keys)))
+    assert [one.cell.key for one in read_results(tmp_path)] == sorted(keys)
+
+
+@pytest.mark.parametrize("rubbish", [b"no database", b"SQLite format 3\x00" + b"\xff" * 500])
+def test_a_file_that_is_no_database_is_said_and_set_aside_by_the_next_run(tmp_path, rubbish):
+    (tmp_path / FILE).write_bytes(rubbish)
+    with pytest.raises(DamagedFile, match=FILE):
+        read_results(tmp_path)
+    store = ResultStore(tmp_path)
+    told: list[StoreError] = []
+    store.repair(told.append)
+    store.write_cell(result())
+    assert told and only(tmp_path).status == "ok"
+    assert (tmp_path / f"{FILE}.damaged").read_bytes() == rubbish
+
+
+def test_damaged_files_are_all_kept(tmp_path):
+    store = ResultStore(tmp_path)
+    for _ in range(3):
+        (tmp_path / FILE).write_bytes(b"rubbish")
+        store.repair(lambda _: None)
+    names = {f"{FILE}.damaged", f"{FILE}.damaged-2", f"{FILE}.damaged-3"}
+    assert {path.name for path in tmp_path.iterdir()} == {FILE} | names
+
+
+@pytest.mark.slow
+def test_one_bit_anywhere_in_the_file_is_found_or_changes_nothing(tmp_path):
+    """Every 97th byte: read as before, or damage that is said; never other numbers."""
+    made = MadeResults(tmp_path / "whole")
+    made.add_run("run-1", made.add("vjm", (0.1, 0.2, 0.3)))
+    before = {one.cell.key: (one.records, one.run_id) for one in read_results(made.folder)}
+    raw = (made.folder / FILE).read_bytes()
+    folder = tmp_path / "torn"
+    folder.mkdir()
+    for place in range(0, len(raw), 97):
+        torn = bytearray(raw)
+        torn[place] ^= 1 << (place % 8)
+        (folder / FILE).write_bytes(torn)
+        found = []
+        try:
+            found = list(stored_results(folder, report=lambda _: None))
+        except StoreError:
+            continue
+        assert all(before[one.cell.key] == (one.records, one.run_id) for one in found), place
+
+
+WRITER = """
+import sys
+from pathlib import Path
+from dataclasses import replace
+sys.path[:0] = {path!r}
+from stored_cells import CELL, result
+from stiff_bench.store.database import ResultStore
+store = ResultStore(Path(sys.argv[1]))
+for index in range(int(sys.argv[2]), int(sys.argv[3])):
+    store.write_cell(result(cell=replace(CELL, split_index=index)))
+    print(index, flush=True)
+"""
+
+
+def writer(folder: Path, first: int, last: int) -> subprocess.Popen[str]:
+    program = WRITER.format(path=[str(Path(__file__).parents[2])])
+    words = [sys.executable, "-c", program, str(folder), str(first), str(last)]
+    return subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+
+
+def test_two_writers_and_a_reader_of_one_folder_get_along(tmp_path):
+    ResultStore(tmp_path)
+    running = [writer(tmp_path, 0, 150), writer(tmp_path, 100, 250)]
+    while any(one.poll() is None for one in running):
+        read_results(tmp_path)
+    assert [one.wait() for one in running] == [0, 0]
+    for one in running:
+        one.stdout.close()
+    assert {one.cell.split_index for one in read_results(tmp_path)} == set(range(250))
+
+
+def test_a_writer_that_is_killed_at_any_moment_loses_nothing_that_it_had_stored(tmp_path):
+    rng = np.random.default_rng(0)
+    for number in range(4):
+        folder = tmp_path / str(number)
+        with writer(folder, 0, 100_000) as one:
+            one.stdout.readline()
+            time.sleep(rng.uniform(0.0, 0.1))
+            one.send_signal(signal.SIGKILL)
+            said = {0, *(int(line) for line in one.stdout.read().split("\n") if line)}
+        assert {found.cell.split_index for found in read_results(folder)} >= said - {max(said)}
+        assert fault_of(folder) is None
+
+
+def test_a_transaction_waits_for_the_disk_and_its_journal_is_taken_back(tmp_path, durable):
+    with writing(tmp_path) as db:
+        full, rollback = 2, "delete"
+        assert db.execute("PRAGMA synchronous").fetchone() == (full,)
+        assert db.execute("PRAGMA journal_mode").fetchone() == (rollback,)
+
+
+def test_readers_do_not_keep_a_writer_waiting(tmp_path):
+    many(tmp_path, 10)
+    for found in stored_results(tmp_path):
+        ResultStore(tmp_path).write_cell(replace(found, warnings=()))
+    assert {one.warnings for one in read_results(tmp_path)} == {()}
+
+
+def test_another_process_that_holds_the_file_too_long_is_said(tmp_path, monkeypatch):
+    ResultStore(tmp_path)
+    monkeypatch.setattr("stiff_bench.store.database.BUSY_S", 0.05)
+    with (
+        writing(tmp_path),
+        pytest.raises(StoreError, match=r"locked.*network file systems"),
+    ):
+        ResultStore(tmp_path).write_cell(result())
+
+
+def test_damaged_cells_are_taken_out_before_they_are_computed_again(tmp_path):
+    """Else a failure could not take the place of what cannot be read any more."""
+    keys = many(tmp_path, 2)
+    damage(tmp_path, keys[0])
+    store = ResultStore(tmp_path)
+    store.remove([keys[0]])
+    store.write_cell(failure(cell=replace(CELL, split_index=0)))
+    assert sorted(one.status for one in read_results(tmp_path)) == ["failed", "ok"]

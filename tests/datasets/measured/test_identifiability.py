@@ -1,0 +1,306 @@
+"""How well samples identify joints: against the VJM, finite differences, closed forms, chance."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from stiff_datasets.measured.identifiability import (
+    choose_by_condition,
+    choose_d_optimal,
+    identifiability,
+    regressor,
+)
+from stiff_datasets.planning.plan_gain import plan_gain
+from stiff_datasets.robots.robot import read_chain, shipped_chain, shipped_robot
+from stiff_models.physics.vjm import compliance_regressor
+from stiff_protocols.contract.errors import DataError
+
+FANUC_TCP = (0.0069, 0.2453, 0.3193)
+KR10_JOINTS = ("A1", "A2", "A3", "A4", "A5", "A6")
+L1, L2 = 0.7, 0.4  # m
+
+
+def random_samples(chain, n, rng, *, a5=None):
+    """Poses inside the limits and forces of 80 N."""
+    q = rng.uniform(chain.model.lowerPositionLimit, chain.model.upperPositionLimit, size=(n, 6))
+    if a5 is not None:
+        q[:, 4] = a5
+    force = rng.normal(size=(n, 3))
+    force *= 80.0 / np.linalg.norm(force, axis=1, keepdims=True)
+    return q, np.hstack([force, np.zeros((n, 3))])
+
+
+@pytest.fixture()
+def kr10_regressors(kr10_chain, rng):
+    return regressor(kr10_chain, *random_samples(kr10_chain, 60, rng))
+
+
+def planar_chain(tmp_path, kind="revolute"):
+    """Two links in the x-y plane, both axes along z."""
+    joint = (
+        f'<joint name="{{0}}" type="{kind}"><parent link="{{1}}"/><child link="{{2}}"/>'
+        '<origin xyz="{3} 0 0"/><axis xyz="0 0 1"/>'
+        '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint><link name="{2}"/>'
+    )
+    body = joint.format("a", "base", "l1", 0) + joint.format("b", "l1", "l2", L1)
+    path = tmp_path / f"{kind}.urdf"
+    path.write_text(f'<robot name="planar"><link name="base"/>{body}</robot>')
+    return read_chain(path, tcp=(L2, 0.0, 0.0))
+
+
+# ---- regressor -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "tcp"), [("kr10_r1100_2", (0.06, 0.0, 0.08)), ("fanuc_r2000ic", FANUC_TCP)]
+)
+def test_the_regressor_is_that_of_the_virtual_joint_model(name, tcp, rng):
+    q, wrench = rng.uniform(-2, 2, size=(50, 6)), rng.normal(size=(50, 6)) * 50
+    expected = compliance_regressor(shipped_robot(name, tcp=tcp), q, wrench)
+    np.testing.assert_allclose(
+        regressor(shipped_chain(name, tcp=tcp), q, wrench), expected, rtol=1e-9, atol=1e-11
+    )
+
+
+def test_the_regressor_agrees_with_finite_differences_of_the_tcp(kr10_chain, rng):
+    model, data = kr10_chain.model, kr10_chain.model.createData()
+
+    def tcp(q):
+        pin.forwardKinematics(model, data, q)
+        return data.oMi[6].act(kr10_chain.tcp)
+
+    q, wrench = random_samples(kr10_chain, 10, rng)
+    for angles, load, found in zip(q, wrench, regressor(kr10_chain, q, wrench), strict=True):
+        for joint, step in enumerate(1e-6 * np.eye(6)):
+            moved = (tcp(angles + step) - tcp(angles - step)) / 2e-6
+            np.testing.assert_allclose(found[:, joint], moved * (moved @ load[:3]), atol=1e-6)
+
+
+def test_a_planar_arms_regressor_has_its_closed_form(tmp_path):
+    q1, q2, (fx, fy) = 0.3, 0.8, (20.0, -50.0)
+    column_b = np.array([-L2 * np.sin(q1 + q2), L2 * np.cos(q1 + q2)])
+    column_a = column_b + np.array([-L1 * np.sin(q1), L1 * np.cos(q1)])
+    found = regressor(planar_chain(tmp_path), [[q1, q2]], [[fx, fy, 7.0, 1.0, 2.0, 0.0]])[0]
+    for joint, column in enumerate((column_a, column_b)):
+        np.testing.assert_allclose(found[:2, joint], column * (column @ (fx, fy)), atol=1e-12)
+    np.testing.assert_allclose(found[2], 0.0, atol=1e-12)
+
+
+def test_a_continuous_joint_has_one_angle_too(tmp_path, rng):
+    q, wrench = rng.uniform(-3, 3, size=(5, 2)), rng.normal(size=(5, 6))
+    np.testing.assert_allclose(
+        regressor(planar_chain(tmp_path, "continuous"), q, wrench),
+        regressor(planar_chain(tmp_path), q, wrench),
+        atol=1e-12,
+    )
+
+
+@pytest.mark.parametrize(
+    ("q", "wrench", "message"),
+    [
+        (np.zeros((3, 5)), np.zeros((3, 6)), r"q has shape \(3, 5\), expected nx6"),
+        (np.zeros((3, 6)), np.zeros((2, 6)), r"wrench has shape \(2, 6\), expected 3x6"),
+        (np.full((1, 6), np.nan), np.zeros((1, 6)), r"q\[0, 0\] is nan"),
+    ],
+)
+def test_arrays_of_another_shape_are_refused(kr10_chain, q, wrench, message):
+    with pytest.raises(DataError, match=message):
+        regressor(kr10_chain, q, wrench)
+
+
+# ---- identifiability -------------------------------------------------------------------------
+
+
+def test_one_joint_has_its_closed_form(tmp_path):
+    n, force, noise, compliance = 4, 50.0, 1e-5, 2e-5
+    across = np.tile([0.0, force, 0, 0, 0, 0], (n, 1))  # force across the stretched arm
+    first = regressor(planar_chain(tmp_path), np.zeros((n, 2)), across)[:, :, :1]
+    found = identifiability(first, ("a",), reference_compliance=compliance, deflection_noise=noise)
+    deflection = (L1 + L2) ** 2 * force * compliance
+    assert found.relative_standard_error[0] == pytest.approx(noise / deflection / np.sqrt(n))
+    assert found.log_det == pytest.approx(np.log(n * (deflection / noise) ** 2))
+    assert (found.rank, found.condition, found.unidentifiable) == (1, pytest.approx(1.0), ())
+
+
+def test_the_standard_error_is_the_scatter_of_least_squares(kr10_regressors, rng):
+    compliance = 1.0 / np.array([5.1e4, 6.3e4, 5.0e4, 2.3e3, 8.9e3, 1.4e3])
+    found = identifiability(
+        kr10_regressors, KR10_JOINTS, reference_compliance=compliance, deflection_noise=1e-5
+    )
+    matrix = kr10_regressors.reshape(-1, 6)
+    measured = (matrix @ compliance)[:, None] + rng.normal(scale=1e-5, size=(len(matrix), 4000))
+    identified = np.linalg.lstsq(matrix, measured, rcond=None)[0]
+    scatter = identified.std(axis=1) / compliance
+    np.testing.assert_allclose(found.relative_standard_error, scatter, rtol=0.05)
+
+
+def test_the_log_determinant_is_that_of_the_relative_compliances(kr10_regressors):
+    found = identifiability(
+        kr10_regressors, KR10_JOINTS, reference_compliance=3e-5, deflection_noise=2e-5
+    )
+    relative = kr10_regressors.reshape(-1, 6) * 3e-5 / 2e-5
+    assert found.log_det == pytest.approx(np.linalg.slogdet(relative.T @ relative)[1])
+    size = np.linalg.norm(relative, axis=0)
+    assert found.condition == pytest.approx(np.linalg.cond(relative / size))
+
+
+def test_plans_compare_alike_whatever_the_reference(kr10_regressors):
+    plans = kr10_regressors[:30], kr10_regressors[30:]
+    differences = []
+    for reference in (2e-5, np.geomspace(1e-6, 1e-2, 6)):
+        one, two = (
+            identifiability(plan, KR10_JOINTS, reference_compliance=reference) for plan in plans
+        )
+        differences.append(one.log_det - two.log_det)
+    assert differences[0] == pytest.approx(differences[1])
+    assert differences[0] != 0.0
+
+
+def test_measuring_a_plan_twice_divides_the_errors_by_root_two(kr10_regressors):
+    once = identifiability(kr10_regressors, KR10_JOINTS)
+    twice = identifiability(np.concatenate([kr10_regressors] * 2), KR10_JOINTS)
+    ratio = once.relative_standard_error / twice.relative_standard_error
+    np.testing.assert_allclose(ratio, np.sqrt(2.0))
+    assert twice.log_det - once.log_det == pytest.approx(6 * np.log(2.0))
+    assert twice.condition == pytest.approx(once.condition)
+
+
+@pytest.mark.parametrize("off_axis", [0.0, 1e-7, 5e-4])
+def test_a6_cannot_be_identified_with_the_tcp_next_to_its_axis(off_axis, rng):
+    chain = shipped_chain("kr10_r1100_2", tcp=(off_axis, 0.0, 0.08))
+    found = identifiability(regressor(chain, *random_samples(chain, 151, rng)), KR10_JOINTS)
+    assert found.unidentifiable == ("A6",)
+    assert found.rank == 5
+    assert (found.condition, found.log_det) == (np.inf, -np.inf)
+    assert np.isinf(found.relative_standard_error).tolist() == [False] * 5 + [True]
+
+
+def test_all_joints_can_be_identified_with_the_default_tcp(kr10_regressors):
+    found = identifiability(kr10_regressors, KR10_JOINTS)
+    assert (found.rank, found.unidentifiable) == (6, ())
+
+
+def test_a4_and_a6_cannot_be_told_apart_while_a5_is_straight(kr10_chain, rng):
+    samples = random_samples(kr10_chain, 151, rng, a5=0.0)
+    found = identifiability(regressor(kr10_chain, *samples), KR10_JOINTS)
+    assert found.unidentifiable == ("A4", "A6")
+    assert found.rank == 5
+
+
+def test_two_unknowns_need_two_directions(tmp_path):
+    stretched = regressor(planar_chain(tmp_path), np.zeros((5, 2)), np.eye(6)[[1] * 5] * 50)
+    assert identifiability(stretched, ("a", "b")).unidentifiable == ("a", "b")
+
+
+@pytest.mark.parametrize("n", [0, 7])
+def test_samples_without_a_load_identify_nothing(n):
+    found = identifiability(np.zeros((n, 3, 6)), KR10_JOINTS)
+    assert (found.rank, found.unidentifiable) == (0, KR10_JOINTS)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"reference_compliance": 0.0}, "reference_compliance is 0, expected .* above 0"),
+        ({"reference_compliance": np.ones(5)}, r"reference_compliance has shape \(5,\)"),
+        ({"deflection_noise": -1e-5}, "deflection_noise is -1e-05, expected m above 0"),
+        ({"deflection_noise": np.nan}, "deflection_noise is nan"),
+        ({"joint_names": ("A1",)}, "regressors has shape"),
+    ],
+)
+def test_values_that_cannot_be_are_refused(kr10_regressors, changes, message):
+    with pytest.raises(DataError, match=message):
+        identifiability(kr10_regressors, **({"joint_names": KR10_JOINTS} | changes))
+
+
+# ---- choice ----------------------------------------------------------------------------------
+
+
+def information(rows):
+    return np.einsum("nki,nkj->ij", rows, rows)
+
+
+def test_the_greedy_choice_is_that_of_brute_force_determinants(kr10_regressors):
+    candidates = kr10_regressors[:25]
+    size = np.sqrt((candidates**2).sum(axis=1).mean(axis=0))
+    scaled, chosen = candidates / size, []
+    for _ in range(8):
+        left = [i for i in range(25) if i not in chosen]
+        dets = [np.linalg.det(1e-6 * np.eye(6) + information(scaled[[*chosen, i]])) for i in left]
+        chosen.append(left[int(np.argmax(dets))])
+    assert choose_d_optimal(candidates, 8).tolist() == chosen
+
+
+def test_the_greedy_choice_comes_near_the_best_of_all_subsets(kr10_regressors):
+    def log_det(rows):
+        return np.linalg.slogdet(information(kr10_regressors[list(rows)]))[1]
+
+    best = max(log_det(rows) for rows in itertools.combinations(range(12), 4))
+    assert log_det(choose_d_optimal(kr10_regressors[:12], 4)) > best - 6 * np.log(1.2)
+
+
+def test_each_choice_by_condition_is_the_best_step(kr10_regressors):
+    candidates = kr10_regressors[:25]
+    chosen = choose_by_condition(candidates, 12).tolist()
+    assert chosen[:6] == choose_d_optimal(candidates, 6).tolist()
+    for k in range(6, 12):
+        left = [i for i in range(25) if i not in chosen[:k]]
+        conditions = [
+            identifiability(candidates[[*chosen[:k], i]], KR10_JOINTS).condition for i in left
+        ]
+        assert chosen[k] == left[int(np.argmin(conditions))]
+
+
+@pytest.mark.parametrize("choose", [choose_d_optimal, choose_by_condition])
+def test_units_of_a_column_do_not_change_the_choice(kr10_regressors, choose):
+    units = np.array([1.0, 180 / np.pi, 10.0, 0.1, 1.0, 7.0])
+    chosen = choose(kr10_regressors, 20)
+    assert choose(kr10_regressors * units, 20).tolist() == chosen.tolist()
+    assert len(set(chosen.tolist())) == 20
+
+
+@pytest.mark.parametrize("choose", [choose_d_optimal, choose_by_condition])
+@pytest.mark.parametrize("hidden", [0.0, 1e-9])
+def test_a_joint_that_nothing_excites_does_not_change_the_choice(kr10_regressors, choose, hidden):
+    without = kr10_regressors[:, :, :5]
+    with_sixth = np.concatenate([without, kr10_regressors[:, :, 5:] * hidden], axis=2)
+    assert choose(with_sixth, 15).tolist() == choose(without, 15).tolist()
+
+
+def test_all_candidates_may_be_chosen(kr10_regressors):
+    for choose in (choose_d_optimal, choose_by_condition):
+        assert sorted(choose(kr10_regressors, 60)) == list(range(60))
+
+
+# ---- gain ------------------------------------------------------------------------------------
+
+
+def test_a_plan_measured_twice_over_is_twice_as_efficient(kr10_regressors):
+    """Every random plan takes all 10 candidates, so the random plans are the plan itself."""
+    ten = kr10_regressors[:10]
+    same = plan_gain(ten, ten, KR10_JOINTS)
+    assert (same.efficiency, same.efficiency_over_best) == pytest.approx((1.0, 1.0))
+    louder = plan_gain(ten * np.sqrt(2.0), ten, KR10_JOINTS)
+    assert louder.efficiency == pytest.approx(2.0)
+    ratio = louder.random_best.worst_error / louder.plan.worst_error
+    assert ratio == pytest.approx(np.sqrt(2.0))
+
+
+def test_the_gain_leaves_out_joints_that_no_candidate_identifies(kr10_regressors):
+    candidates = kr10_regressors * np.array([1, 1, 1, 1, 1, 0.0])
+    gain = plan_gain(
+        candidates[:20], candidates, KR10_JOINTS, reference_compliance=np.full(6, 1e-4)
+    )
+    assert gain.joints == KR10_JOINTS[:5]
+    assert np.isfinite([gain.efficiency, gain.plan.condition, gain.plan.worst_error]).all()
+
+
+def test_a_gain_over_nothing_is_refused(kr10_regressors):
+    with pytest.raises(DataError, match="60 samples from 10 candidates"):
+        plan_gain(kr10_regressors, kr10_regressors[:10], KR10_JOINTS)
+    with pytest.raises(DataError, match="identify no joint"):
+        plan_gain(np.zeros((2, 3, 6)), np.zeros((5, 3, 6)), KR10_JOINTS)

@@ -1,0 +1,174 @@
+"""One's own CSV: what the reader accepts, and how it says what is wrong."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
+from stiff_datasets.measured.measured import read_samples
+from stiff_datasets.robots.robot import load_robot
+from stiff_protocols.contract.errors import DataError
+
+HEADER = (
+    "pose_id,load_id,group,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,"
+    "fx_N,fy_N,fz_N,tx_Nm,ty_Nm,tz_Nm,dx_mm,dy_mm,dz_mm"
+)
+GOOD = "P1,1,all,10,-60,70,0,40,0,50,10,-80,1,2,0,0.5,0.1,-0.9"
+
+
+def write(tmp_path, *lines):
+    path = tmp_path / "my.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def line(**changes):
+    return ",".join(
+        str(changes.get(name, value))
+        for name, value in zip(HEADER.split(","), GOOD.split(","), strict=True)
+    )
+
+
+def test_units_are_converted_once_on_the_way_in(tmp_path, kr10):
+    samples = read_samples(write(tmp_path, HEADER, GOOD), kr10)
+    np.testing.assert_allclose(np.rad2deg(samples.q[0]), [10, -60, 70, 0, 40, 0])
+    np.testing.assert_allclose(samples.wrench[0], [50, 10, -80, 1, 2, 0])
+    np.testing.assert_allclose(samples.deflection[0], [0.5e-3, 0.1e-3, -0.9e-3])
+    assert samples.pose_id.tolist() == ["P1"]
+
+
+def test_columns_may_stand_in_any_order_and_with_spaces(tmp_path, kr10):
+    names, values = HEADER.split(","), GOOD.split(",")
+    path = write(tmp_path, ", ".join(reversed(names)), ", ".join(reversed(values)))
+    assert read_samples(path, kr10).wrench[0, 2] == -80
+
+
+def test_the_shipped_measurement_is_in_the_schema():
+    path = files("stiff_datasets") / "data" / "fanuc_r2000ic.csv"
+    assert len(read_samples(path, FanucR2000iC().load().robot)) == 43
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ([""], "the file is empty"),
+        ([HEADER], "no data rows"),
+        ([HEADER.replace("dz_mm", "dz_m"), GOOD], "missing dz_mm; unknown dz_m"),
+        ([HEADER.replace(",", ";"), GOOD.replace(",", ";")], "separated by semicolons"),
+        (
+            [HEADER.replace(",", ";"), GOOD.replace(",", ";").replace(".", ",")],
+            r"separated by semicolons \(valid: commas, and points in numbers\)",
+        ),
+        ([HEADER.replace(",", "\t"), GOOD.replace(",", "\t")], "separated by tabs"),
+        ([HEADER + ",dx_mm", GOOD + ",1"], "unknown dx_mm.1"),
+        ([HEADER, GOOD, line(pose_id="P2", fx_N="abc")], r"row 3, column fx_N: 'abc'"),
+        ([HEADER, line(dy_mm="nan")], r"row 2, column dy_mm: .*expected a finite number"),
+        ([HEADER, line(dy_mm="")], r"row 2, column dy_mm: '', expected a finite number"),
+        ([HEADER, line(dy_mm="inf")], r"row 2, column dy_mm: 'inf'"),
+        ([HEADER, line(pose_id="")], r"row 2, column pose_id: '', expected a name"),
+        ([HEADER, GOOD, GOOD], r"row 3, column pose_id,load_id: 'P1,1'"),
+        (
+            [HEADER, line(q2_deg=60)],
+            r"column q2_deg: '60', expected -190..45, the limits of joint A2",
+        ),
+        ([HEADER, line(dx_mm=51)], r"column dx_mm: '51', expected mm within \+-50"),
+        (
+            [HEADER, line(dx_mm=5e-4, dy_mm=1e-4, dz_mm=-9e-4)],
+            r"no deflection exceeds 0.01 mm .*look like metres",
+        ),
+        (
+            [HEADER, GOOD, line(load_id=2, q1_deg=11)],
+            r"row 3, column q1_deg: '11', expected 10, as in row 2 of the same pose 'P1'",
+        ),
+        ([HEADER, GOOD + ",7,8"], "not a CSV table"),
+        ([HEADER, "", "", line(fx_N="abc")], "row 4, column fx_N: 'abc'"),
+    ],
+)
+def test_what_is_wrong_is_named_with_file_row_column_and_value(tmp_path, kr10, lines, message):
+    with pytest.raises(DataError, match=message) as caught:
+        read_samples(write(tmp_path, *lines), kr10)
+    assert "my.csv" in str(caught.value)
+
+
+def test_joint_angles_in_radians_are_refused(tmp_path, kr10):
+    radians = {f"q{i + 1}_deg": value for i, value in enumerate((0.2, -1, 1.2, 0, 0.7, 0))}
+    lines = [line(pose_id=f"P{i}", **radians) for i in range(6)]
+    with pytest.raises(DataError, match="these look like radians"):
+        read_samples(write(tmp_path, HEADER, *lines), kr10)
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path, kr10):
+    with pytest.raises(DataError, match=r"absent\.csv: cannot be read"):
+        read_samples(tmp_path / "absent.csv", kr10)
+    (tmp_path / "binary.csv").write_bytes(bytes(range(256)))
+    with pytest.raises(DataError, match=r"binary\.csv: not a CSV table"):
+        read_samples(tmp_path / "binary.csv", kr10)
+
+
+def test_a_prismatic_joints_column_is_in_millimetres(tmp_path):
+    path = tmp_path / "slide.urdf"
+    path.write_text(
+        '<robot name="slide"><link name="a"/><link name="b"/><joint name="j" type="prismatic">'
+        '<parent link="a"/><child link="b"/><axis xyz="1 0 0"/>'
+        '<limit lower="0" upper="2" effort="1" velocity="1"/></joint></robot>'
+    )
+    robot = load_robot(path)
+    header = "pose_id,load_id,group,q1_mm," + ",".join(HEADER.split(",")[9:])
+    row = "P1,1,all,1500," + ",".join(GOOD.split(",")[9:])
+    assert read_samples(write(tmp_path, header, row), robot).q.tolist() == [[1.5]]
+    with pytest.raises(DataError, match=r"column q1_mm: '2500', expected 0..2000"):
+        read_samples(write(tmp_path, header, row.replace("1500", "2500")), robot)
+
+
+def test_a_pose_may_be_called_na_and_blank_lines_are_skipped(tmp_path, kr10):
+    samples = read_samples(write(tmp_path, HEADER, "", line(pose_id="NA"), ""), kr10)
+    assert samples.pose_id.tolist() == ["NA"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"pose_id": "P" * 101},
+            r"row 2, column pose_id: 'P{60}\.\.\.', expected a name of at most",
+        ),
+        ({"dx_mm": "0." + "1" * 99}, "column dx_mm"),
+        ({"dx_mm": "1e999"}, "row 2, column dx_mm: '1e999', expected a finite number"),
+        ({"dx_mm": "0" * 30_000}, r"a line of \d+ characters"),
+    ],
+)
+def test_endless_names_and_numbers_are_refused_in_a_short_line(tmp_path, kr10, changes, message):
+    with pytest.raises(DataError, match=message) as refused:
+        read_samples(write(tmp_path, HEADER, line(**changes), line(load_id="2")), kr10)
+    assert len(str(refused.value)) < 400
+
+
+def test_infinite_angles_of_one_pose_are_refused_without_a_warning(tmp_path, kr10):
+    rows = [line(q1_deg="1e999"), line(q1_deg="1e999", load_id="2")]
+    with pytest.raises(DataError, match="row 2, column q1_deg: '1e999'"):
+        read_samples(write(tmp_path, HEADER, *rows), kr10)
+
+
+def repeated(value, n):
+    return pa.DictionaryArray.from_arrays(pa.array(np.zeros(n, dtype=np.int8)), [value])
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ({"pose_id": repeated("P1", 3_000_000)}, "3000000 rows in"),
+        ({f"c{i}": pa.array([1.0]) for i in range(101)}, "101 columns"),
+        ({"pose_id": pa.array([[["P1"]]])}, "missing load_id"),
+        ({name: repeated("1" * 100_000, 500) for name in HEADER.split(",")}, "a name of at most"),
+    ],
+)
+def test_a_parquet_file_that_would_fill_the_memory_is_refused(tmp_path, kr10, columns, message):
+    path = tmp_path / "my.parquet"
+    pq.write_table(pa.table(columns), path)
+    with pytest.raises(DataError, match=message):
+        read_samples(path, kr10)

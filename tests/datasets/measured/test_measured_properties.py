@@ -1,0 +1,287 @@
+"""Any file that is accepted comes back to the last bit; any single fault in it is named."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass, fields
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from stiff_datasets.measured.measured import check_file, read_samples, write_samples
+from stiff_datasets.measured.sample_files import (
+    DEFLECTION_COLUMNS,
+    WRENCH_COLUMNS,
+    all_columns,
+    sample_table,
+)
+from stiff_protocols.contract.errors import DataError, StoreError
+from stiff_protocols.contract.types import Robot, Samples
+
+few = settings(max_examples=40, deadline=None, derandomize=True, database=None)
+many = settings(few, max_examples=120)
+
+LIMIT = {"revolute": np.deg2rad(350.0), "prismatic": 3.0}
+NAMES = st.text(min_size=1, max_size=8).map(str.strip).filter(lambda name: name.isprintable())
+ODD_NAMES = st.sampled_from(["a,b", '"', '"a" b', "P 1", "NA", "nan", "été", "姿勢1", "'", "#"])
+FORMATS = st.sampled_from([repr, "{:.16e}".format, "{:+.17g}".format, "{:.30g}".format])
+
+
+@dataclass(frozen=True)
+class Table:
+    """A legal file before it is written: its robot and its cells as text."""
+
+    robot: Robot
+    cells: list[dict[str, str]]
+
+    def write(self, path, rows=None):
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, all_columns(self.robot))
+            writer.writeheader()
+            writer.writerows(self.cells if rows is None else rows)
+        return path
+
+
+@st.composite
+def robots(draw):
+    kinds = draw(st.lists(st.sampled_from(["revolute", "prismatic"]), min_size=1, max_size=7))
+    n = len(kinds)
+    limits = np.array([LIMIT[kind] for kind in kinds])
+    if draw(st.booleans()):
+        limits[[kind == "revolute" for kind in kinds]] = np.inf  # continuous joints
+    return Robot(
+        name="any",
+        joint_names=tuple(f"J{i}" for i in range(n)),
+        joint_types=tuple(kinds),
+        placements=np.tile(np.eye(4), (n, 1, 1)),
+        axes=np.tile([0.0, 0.0, 1.0], (n, 1)),
+        lower=-limits,
+        upper=limits,
+        masses=np.ones(n),
+        centres_of_mass=np.zeros((n, 3)),
+        tcp=np.zeros(3),
+    )
+
+
+@st.composite
+def tables(draw):
+    robot = draw(robots())
+    joints = [name for name in all_columns(robot) if name.startswith("q")]
+    largest = [350.0 if kind == "revolute" else 3000.0 for kind in robot.joint_types]
+    write = draw(FORMATS)
+    cells = []
+    for pose in draw(st.lists(NAMES.filter(bool) | ODD_NAMES, min_size=1, max_size=6, unique=True)):
+        q = {n: write(draw(st.floats(-top, top))) for n, top in zip(joints, largest, strict=True)}
+        loads = st.lists(NAMES.filter(bool) | ODD_NAMES, min_size=1, max_size=3, unique=True)
+        for load in draw(loads):
+            row = {"pose_id": pose, "load_id": load, "group": draw(ODD_NAMES), **q}
+            for name in WRENCH_COLUMNS:
+                row[name] = write(draw(st.floats(-1e6, 1e6)))
+            for name in DEFLECTION_COLUMNS:
+                row[name] = write(draw(st.floats(-50.0, 50.0)))
+            cells.append(row)
+    cells[0]["dx_mm"] = write(draw(st.floats(0.01, 50.0)))  # or it would look like metres
+    angles = [float(row[n]) for row in cells for n in joints if n.endswith("deg")]
+    assume(len(cells) < 5 or not angles or max(map(abs, angles)) > 6.3)  # or like radians
+    return Table(robot, cells)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("files")
+
+
+def assert_identical(found, wanted):
+    for field in fields(Samples):
+        have, want = getattr(found, field.name), getattr(wanted, field.name)
+        if want.dtype.kind == "f":
+            assert have.tobytes() == want.tobytes(), field.name  # minus zero too
+        else:
+            assert have.tolist() == want.tolist()
+
+
+@few
+@given(table=tables())
+def test_what_was_read_is_written_and_read_again_to_the_last_bit(folder, table):
+    samples = read_samples(table.write(folder / "my.csv"), table.robot)
+    assert samples.pose_id.tolist() == [row["pose_id"] for row in table.cells]
+    assert samples.wrench[:, 0].tolist() == [float(row["fx_N"]) for row in table.cells]
+    for name in ("again.csv", "again.parquet"):
+        write_samples(folder / name, samples, table.robot)
+        assert_identical(read_samples(folder / name, table.robot), samples)
+
+
+@few
+@given(
+    decimals=st.lists(st.decimals(-360, 360, places=10), min_size=1, max_size=50), data=st.data()
+)
+def test_numbers_of_up_to_ten_decimals_are_written_as_they_were_read(decimals, data):
+    robot = data.draw(robots().filter(lambda robot: robot.n_joints == 1))
+    read = np.array([float(number) for number in decimals])
+    unit = 180.0 / np.pi if robot.joint_types == ("revolute",) else 1000.0
+    n = len(read)
+    text = np.full(n, "1")
+    deflection = np.column_stack([read, read, read]) / 1000.0
+    samples = Samples(read[:, None] / unit, np.zeros((n, 6)), deflection, text, text, text)
+    table = sample_table(samples, robot)
+    assert table.iloc[:, 3].tolist() == read.tolist()
+    assert table["dz_mm"].tolist() == read.tolist()
+
+
+def test_other_si_numbers_are_written_as_the_nearest_and_are_exact_from_then_on(folder, rng, kr10):
+    n = 2000
+    pose, same = np.arange(n).astype(str), np.full(n, "1")
+    q = rng.uniform(np.maximum(kr10.lower, -2), np.minimum(kr10.upper, 2), size=(n, 6))
+    deflection = rng.uniform(-0.05, 0.05, size=(n, 3))
+    made = Samples(q, rng.normal(size=(n, 6)), deflection, pose, same, same)
+    write_samples(folder / "made.csv", made, kr10)
+    read = read_samples(folder / "made.csv", kr10)
+    assert read.wrench.tobytes() == made.wrench.tobytes()
+    for name in ("q", "deflection"):
+        np.testing.assert_array_max_ulp(getattr(read, name), getattr(made, name), maxulp=1)
+    write_samples(folder / "made.csv", read, kr10)
+    assert_identical(read_samples(folder / "made.csv", kr10), read)
+
+
+FAULTS = ["nan", "text", "empty", "angle", "load", "deflection", "name", "line", "duplicate"]
+
+
+@pytest.mark.slow
+@many
+@given(table=tables(), fault=st.sampled_from(FAULTS), data=st.data())
+def test_any_single_fault_is_refused_with_file_row_and_column(folder, table, fault, data):
+    rows = [dict(row) for row in table.cells]
+    at = data.draw(st.integers(0, len(rows) - 1))
+    joints = [i for i, top in enumerate(table.robot.upper) if np.isfinite(top)]
+    numeric = [name for name in all_columns(table.robot) if not name.endswith(("_id", "group"))]
+    column = data.draw(st.sampled_from(numeric))
+    if fault == "angle":
+        assume(joints)
+        i = data.draw(st.sampled_from(joints))
+        column = all_columns(table.robot)[3 + i]
+        rows[at][column] = data.draw(st.sampled_from(["350.01", "-351", "1e9"]))
+        if table.robot.joint_types[i] == "prismatic":
+            rows[at][column] = "3000.01"
+    elif fault == "load":
+        column = data.draw(st.sampled_from(WRENCH_COLUMNS))
+        rows[at][column] = "1000001"
+    elif fault == "deflection":
+        column = data.draw(st.sampled_from(DEFLECTION_COLUMNS))
+        rows[at][column] = "-50.001"
+    elif fault in ("name", "line"):
+        column = data.draw(st.sampled_from(["pose_id", "load_id", "group"]))
+        rows[at][column] = " " if fault == "name" else "a\tb"
+    elif fault == "duplicate":
+        column = "pose_id,load_id"
+        rows.append(dict(rows[at]))
+        at = len(rows) - 1
+    else:
+        wrong = {
+            "nan": ["nan", "inf", "-inf"],
+            "text": ["abc", "0x1", "1,5", "--1", "1 2", "1_0", "True"],
+        }
+        wrong |= {"empty": ["", "  "]}
+        rows[at][column] = data.draw(st.sampled_from(wrong[fault]))
+    path = table.write(folder / "faulty.csv", rows)
+    row = at + 2
+    assert (row, column) in {(p.row, p.column) for p in check_file(path, table.robot).problems}
+    with pytest.raises(DataError, match=r"faulty\.csv: ") as caught:
+        read_samples(path, table.robot)
+    assert len(str(caught.value).splitlines()) == 1
+    if len(check_file(path, table.robot).problems) == 1:
+        assert f"row {row}, column {column}: " in str(caught.value)
+
+
+@few
+@given(table=tables(), data=st.data())
+def test_a_missing_column_is_named(folder, table, data):
+    column = data.draw(st.sampled_from(all_columns(table.robot)))
+    path = table.write(folder / "whole.csv")
+    with path.open(newline="", encoding="utf-8") as file:
+        whole = list(csv.reader(file))
+    gone = whole[0].index(column)
+    with (folder / "less.csv").open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([row[:gone] + row[gone + 1 :] for row in whole])
+    with pytest.raises(DataError, match=rf"less\.csv: header: missing {column} \(valid: pose_id,"):
+        read_samples(folder / "less.csv", table.robot)
+
+
+@pytest.fixture()
+def table(kr10):
+    """Three good rows of a KR10."""
+    n = 3
+    q = np.deg2rad([[10.0, -60, 70, 0, 40, 0], [20, -50, 60, 0, 30, 0], [30, -40, 50, 0, 20, 5]])
+    wrench, deflection = np.full((n, 6), 5.0), np.full((n, 3), 1e-4)
+    pose, same = np.array(["P1", "P2", "P3"]), np.full(n, "1")
+    return sample_table(Samples(q, wrench, deflection, pose, same, same), kr10)
+
+
+def test_all_problems_are_collected_and_the_first_says_how_many_there_are(tmp_path, kr10, table):
+    table = table.astype(object)
+    table.loc[0, "fx_N"], table.loc[1, "q2_deg"], table.loc[1, "group"] = "abc", 50.0, ""
+    table.to_csv(tmp_path / "my.csv", index=False)
+    problems = check_file(tmp_path / "my.csv", kr10).problems
+    assert [(p.row, p.column) for p in problems] == [(2, "fx_N"), (3, "group"), (3, "q2_deg")]
+    message = r"row 2, column fx_N: 'abc', .* \(and 2 more; bench data validate lists them\)"
+    with pytest.raises(DataError, match=message):
+        read_samples(tmp_path / "my.csv", kr10)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64", "int64"])
+def test_numbers_of_a_parquet_file_are_taken_as_they_are(tmp_path, kr10, table, dtype):
+    table["fx_N"] = np.array([999999.0, 0.1, -3.0]).astype(dtype)
+    table["load_id"] = [1, 2, 3]
+    table.to_parquet(tmp_path / "my.parquet")
+    samples = read_samples(tmp_path / "my.parquet", kr10)
+    assert samples.wrench[:, 0].tolist() == table["fx_N"].astype(float).tolist()
+    assert samples.load_id.tolist() == ["1", "2", "3"]
+
+
+def test_rows_of_a_parquet_file_count_from_one(tmp_path, kr10, table):
+    table.loc[1, "fx_N"] = np.nan
+    table.to_parquet(tmp_path / "my.parquet")
+    with pytest.raises(DataError, match=r"my\.parquet: row 2, column fx_N: 'nan'"):
+        read_samples(tmp_path / "my.parquet", kr10)
+
+
+def test_a_parquet_file_that_is_none_is_refused(tmp_path, kr10):
+    (tmp_path / "my.parquet").write_text("pose_id")
+    with pytest.raises(DataError, match=r"my\.parquet: not a Parquet table"):
+        read_samples(tmp_path / "my.parquet", kr10)
+    with pytest.raises(DataError, match=r"absent\.parquet: cannot be read: No such file"):
+        read_samples(tmp_path / "absent.parquet", kr10)
+
+
+@pytest.mark.parametrize("name", ["", " P1", "P\n1", "P1\x85", "\ud800"])
+def test_names_that_would_not_come_back_are_not_written(tmp_path, kr10, table, name):
+    path = tmp_path / "my.csv"
+    table.to_csv(path, index=False)
+    before, samples = path.read_bytes(), read_samples(path, kr10)
+    names = np.array([name, "P2", "P3"])
+    odd = Samples(samples.q, samples.wrench, samples.deflection, names, names, names)
+    with pytest.raises(DataError, match=r"my\.csv: row 2, column pose_id: .* expected a name"):
+        write_samples(path, odd, kr10)
+    assert path.read_bytes() == before
+    assert [entry.name for entry in tmp_path.iterdir()] == ["my.csv"]
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path, kr10, table):
+    table.to_csv(tmp_path / "my.csv", index=False)
+    samples = read_samples(tmp_path / "my.csv", kr10)
+    with pytest.raises(StoreError, match=r"copy\.csv: cannot be written"):
+        write_samples(tmp_path / "absent" / "copy.csv", samples, kr10)
+
+
+def test_samples_of_another_robot_are_not_written(tmp_path, kr10, table):
+    samples = Samples(*(np.ones((1, n)) for n in (5, 6, 3)), *[np.array(["1"])] * 3)
+    with pytest.raises(DataError, match="samples have 5 joint angles"):
+        write_samples(tmp_path / "my.csv", samples, kr10)
+
+
+def test_the_table_is_in_the_units_of_files(table):
+    assert table.loc[0, "q2_deg"] == -60.0
+    assert table.loc[0, "dx_mm"] == 0.1
+    assert isinstance(table, pd.DataFrame)

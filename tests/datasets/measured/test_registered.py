@@ -1,0 +1,178 @@
+"""A user's own KR10 measurement: registered once, read whenever it is asked for."""
+
+from __future__ import annotations
+
+import tomllib
+from hashlib import sha256
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiff_datasets.measured.registered import Kr10Measured, missing, register, registry_file
+from stiff_protocols.contract.errors import ConfigError, DataError
+
+KEY = "kr10-measured"
+TCP = (0.06, 0.0, 0.08)
+HEADER = (
+    "pose_id,load_id,group,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,"
+    "fx_N,fy_N,fz_N,tx_Nm,ty_Nm,tz_Nm,dx_mm,dy_mm,dz_mm"
+)
+GOOD = "P1,1,all,10,-60,70,0,40,0,50,10,-80,1,2,0,0.5,0.1,-0.9"
+NOTHING = "no file registered: bench data register kr10-measured FILE.csv"
+
+
+@pytest.fixture(autouse=True)
+def home(monkeypatch, tmp_path):
+    monkeypatch.setenv("STIFFBENCH_HOME", str(tmp_path / "home"))
+    return tmp_path / "home"
+
+
+@pytest.fixture()
+def csv(tmp_path):
+    """Invented numbers in the schema."""
+    path = tmp_path / "my.csv"
+    path.write_text(f"{HEADER}\n{GOOD}\n")
+    return path
+
+
+def damaged(text):
+    registry_file().parent.mkdir(parents=True, exist_ok=True)
+    registry_file().write_bytes(text.encode("latin-1"))
+
+
+def test_nothing_is_there_until_a_user_registers_it(home):
+    assert missing(KEY) == NOTHING
+    with pytest.raises(DataError, match=NOTHING):
+        Kr10Measured().load()
+    assert not home.exists()
+
+
+def test_a_registered_file_is_read_with_the_shipped_robot_and_its_tcp(csv, kr10):
+    path = register(KEY, csv, None, TCP)
+    assert missing(KEY) == ""
+    data = Kr10Measured().load()
+    assert data.robot.name == kr10.name
+    np.testing.assert_array_equal(data.robot.tcp, kr10.tcp)
+    np.testing.assert_allclose(data.samples.deflection, [[0.5e-3, 0.1e-3, -0.9e-3]])
+    assert tomllib.loads(path.read_text()) == {
+        KEY: {
+            "csv": str(csv),
+            "urdf": "",
+            "tcp": list(TCP),
+            "sha256": sha256(csv.read_bytes()).hexdigest(),
+            "urdf_sha256": "",
+        }
+    }
+
+
+def test_a_urdf_of_ones_own_replaces_the_shipped_robot(csv, tmp_path):
+    urdf = tmp_path / "mine.urdf"
+    shipped = (files("stiff_datasets.robots") / "kr10_r1100_2.urdf").read_text()
+    urdf.write_text(shipped.replace('name="kr10_r1100_2"', 'name="mine"'))
+    register(KEY, csv, urdf, TCP)
+    assert Kr10Measured().load().robot.name == "mine"
+
+
+def test_relative_names_hold_from_any_folder(csv, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    register(KEY, Path("my.csv"), None, TCP)
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert len(Kr10Measured().load().samples) == 1
+
+
+def test_registering_keeps_other_tables_and_replaces_its_own(csv, tmp_path):
+    damaged('[other]\ncsv = "x.csv"\n\n[kr10-measured]\nurdf = "old.urdf"\n')
+    register(KEY, csv, None, TCP)
+    tables = tomllib.loads(registry_file().read_text())
+    assert tables["other"] == {"csv": "x.csv"}
+    assert tables[KEY]["urdf"] == ""
+    assert len(Kr10Measured().load().samples) == 1
+
+
+@pytest.mark.parametrize(
+    ("line", "urdf", "tcp", "message"),
+    [
+        (GOOD.replace("-60", "60"), None, TCP, r"row 2, column q2_deg: '60'"),
+        (GOOD.replace("0.5", "abc"), None, TCP, r"row 2, column dx_mm: 'abc'"),
+        (GOOD, None, (60.0, 0.0, 80.0), "no tool centre point"),
+        (GOOD, Path("absent.urdf"), TCP, r"absent\.urdf: cannot be read"),
+    ],
+)
+def test_what_cannot_be_read_is_not_registered(home, csv, line, urdf, tcp, message):
+    csv.write_text(f"{HEADER}\n{line}\n")
+    with pytest.raises(DataError, match=message):
+        register(KEY, csv, urdf, tcp)
+    assert not home.exists()
+    assert missing(KEY) == NOTHING
+
+
+def test_a_file_that_is_not_there_is_not_registered(home, tmp_path):
+    with pytest.raises(DataError, match=r"absent\.csv: cannot be read: No such file"):
+        register(KEY, tmp_path / "absent.csv", None, TCP)
+    assert not home.exists()
+
+
+def test_a_key_without_a_place_is_refused_with_the_valid_one(csv):
+    with pytest.raises(ConfigError, match=r"'kr10-mesured'; did you mean 'kr10-measured'"):
+        register("kr10-mesured", csv, None, TCP)
+
+
+def test_a_file_that_changed_since_must_be_registered_again(csv):
+    register(KEY, csv, None, TCP)
+    csv.write_text(csv.read_text().replace("0.5", "0.6"))
+    with pytest.raises(DataError, match=r"my\.csv: sha256 .* registered .*register it again"):
+        Kr10Measured().load()
+    register(KEY, csv, None, TCP)
+    assert Kr10Measured().load().samples.deflection[0, 0] == pytest.approx(0.6e-3)
+
+
+def test_a_file_that_is_gone_is_named(csv):
+    register(KEY, csv, None, TCP)
+    csv.unlink()
+    reason = r"my\.csv: the registered file is gone: bench data register kr10-measured"
+    with pytest.raises(DataError, match=reason):
+        Kr10Measured().load()
+    assert missing(KEY).endswith("FILE.csv")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[kr10-measured\n", "not TOML"),
+        ("caf\xe9 = 1\n", "not TOML"),
+        ("kr10-measured = 3\n", r"table \[kr10-measured\] is 3"),
+        ('[kr10-measured]\ncsv = "a.csv"\n', r"table \[kr10-measured\] is .* expected csv, urdf"),
+        (
+            '[kr10-measured]\ncsv = "a.csv"\nurdf = ""\ntcp = [0.0, 0.0]\nsha256 = "0"\n',
+            r"three lengths in m",
+        ),
+        (
+            '[kr10-measured]\ncsv = "a.csv"\ntcp = [0.0, 0.0, 0.0]\nsha256 = "0"\nurdf = 1\n',
+            r"urdf \(empty: the shipped robot\)",
+        ),
+        (
+            f'[kr10-measured]\ncsv = "a"\nurdf = ""\ntcp = [0, 0, {"9" * 400}]\nsha256 = "0"\n'
+            'urdf_sha256 = ""\n',
+            r"three lengths in m",
+        ),
+        (f"a = {'[' * 999}{']' * 999}\n", "not TOML: more than 16"),
+        (f"a = {'9' * 5000}\n", "not TOML: .*4300 digits"),
+    ],
+)
+def test_a_damaged_file_of_registrations_is_one_clear_error(text, message):
+    damaged(text)
+    with pytest.raises(DataError, match=message) as caught:
+        Kr10Measured().load()
+    assert str(registry_file()) in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert missing(KEY) == str(caught.value)
+
+
+def test_a_damaged_file_is_never_overwritten(csv):
+    damaged("[other\n")
+    with pytest.raises(DataError, match=r"not TOML.*mend or delete"):
+        register(KEY, csv, None, TCP)
+    assert registry_file().read_text() == "[other\n"

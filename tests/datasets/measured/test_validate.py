@@ -1,0 +1,336 @@
+"""What `validate` finds in real and simulated data with one planted problem, and without."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+
+from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
+from stiff_datasets.measured.frame_check import readings
+from stiff_datasets.measured.measured import write_samples
+from stiff_datasets.measured.sample_files import sample_table
+from stiff_datasets.measured.validate import render_report, validate
+from stiff_datasets.robots.robot import ChainModel, shipped_chain
+from stiff_datasets.robots.shipped import named_robot
+from stiff_datasets.twin.kr10_twin import Kr10Twin, Kr10TwinMultiload, Kr10TwinOmni
+from stiff_datasets.twin.robot_twin import Ur5Twin
+from stiff_models.physics.vjm import VirtualJointModel, joint_deflection
+from stiff_protocols.contract.types import BenchmarkData, Robot, Samples
+
+TOOL = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+
+
+@dataclass(frozen=True)
+class Measurement:
+    samples: Samples
+    robot: Robot
+    chain: ChainModel
+    path: Path
+
+    def report(self, chain: ChainModel | None = None, **changes):
+        samples = dataclasses.replace(self.samples, **changes)
+        write_samples(self.path, samples, self.robot)
+        return validate(self.path, self.robot, chain or self.chain, VirtualJointModel())
+
+    def table(self):
+        return sample_table(self.samples, self.robot)
+
+    def report_of(self, table):
+        table.to_csv(self.path, index=False)
+        return validate(self.path, self.robot, self.chain, VirtualJointModel())
+
+
+@functools.cache
+def measured(robot: str) -> tuple[BenchmarkData, ChainModel]:
+    if robot == "fanuc":
+        return FanucR2000iC().load(), named_robot("fanuc-r2000ic").chain()
+    data = Kr10Twin().load()
+    chain = shipped_chain("kr10_r1100_2", tcp=(0.0, 0.0, 0.0))
+    return data, dataclasses.replace(chain, tcp=data.robot.tcp)
+
+
+@pytest.fixture(params=["fanuc", "kr10"])
+def measurement(request, tmp_path):
+    data, chain = measured(request.param)
+    return Measurement(data.samples, data.robot, chain, tmp_path / "my.csv")
+
+
+def tool_rotations(measurement):
+    """The last joint's orientation (n, 3, 3) by the product of the joints' turns, no Pinocchio."""
+    robot, turn = measurement.robot, np.eye(3)
+    for placement, axis, q in zip(
+        robot.placements, robot.axes, measurement.samples.q.T, strict=True
+    ):
+        turn = turn @ placement[:3, :3] @ Rotation.from_rotvec(q[:, None] * axis).as_matrix()
+    return turn
+
+
+def turned(wrench, matrix):
+    """Force and torque (n, 6) turned by a matrix (3, 3) or by one a row (n, 3, 3)."""
+    return np.concatenate(
+        [(matrix @ part[..., None])[..., 0] for part in np.split(wrench, 2, 1)], 1
+    )
+
+
+def messages(findings):
+    return [finding.message for finding in findings]
+
+
+def only(findings, words):
+    """The one finding whose message has these words."""
+    (found,) = [finding for finding in findings if words in finding.message]
+    return found
+
+
+def test_good_data_give_no_error_and_no_warning(measurement):
+    report = measurement.report()
+    assert messages(report.errors) == messages(report.warnings) == []
+    assert render_report(report).splitlines()[0] == f"{measurement.path}: valid"
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_half_of_the_rows_of_good_data_raise_no_alarm_about_frames(measurement, seed):
+    rows = np.random.default_rng(seed).permutation(len(measurement.samples))
+    half = measurement.samples.take(rows[: len(rows) // 2])
+    report = dataclasses.replace(measurement, samples=half).report()
+    assert not any("frame" in message for message in messages(report.warnings))
+
+
+FRAMES = {
+    "with its sign flipped": -np.eye(3),
+    "with x and y swapped": np.eye(3)[[1, 0, 2]],
+    "with y and z swapped": np.eye(3)[[0, 2, 1]],
+    "with the sign of z flipped": np.diag([1.0, 1.0, -1.0]),
+    "turned by 180 deg about x (z down?)": np.diag([1.0, -1.0, -1.0]),
+    "turned by +90 deg about z": np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+}
+
+
+@pytest.mark.parametrize(("words", "matrix"), FRAMES.items())
+def test_a_wrench_in_another_frame_of_the_base_is_named(measurement, words, matrix):
+    misread = turned(measurement.samples.wrench, matrix.T)  # the words say how to undo it
+    found = only(measurement.report(wrench=misread).warnings, "wrong frame or sign?")
+    assert f"The data fit much better as the wrench {words}" in found.message
+
+
+def test_a_wrench_in_the_tool_frame_is_named(measurement):
+    in_tool = turned(measurement.samples.wrench, tool_rotations(measurement).transpose(0, 2, 1))
+    found = only(measurement.report(wrench=in_tool).warnings, "wrong frame or sign?")
+    assert "as the wrench expressed in the tool frame: residual" in found.message
+
+
+def test_a_wrench_in_a_turned_tool_frame_is_named(measurement):
+    to_tool = TOOL.T @ tool_rotations(measurement).transpose(0, 2, 1)
+    report = measurement.report(wrench=turned(measurement.samples.wrench, to_tool))
+    found = only(report.warnings, "wrong frame or sign?")
+    assert "expressed in the tool frame with x, y, z read from its columns y, z, x" in found.message
+
+
+def test_a_deflection_of_the_wrong_sign_is_named(measurement):
+    found = only(
+        measurement.report(deflection=-measurement.samples.deflection).warnings, "wrong frame"
+    )
+    assert "unloaded minus loaded" in found.message
+
+
+def test_without_torques_all_readings_are_distinct_and_with_torques_there_are_more(measurement):
+    found = readings(measurement.samples, measurement.chain)
+    # 48 in the base frame and 48 in the tool's; with torques also 48 + 1 about the flange, 24
+    # in a left-handed frame and one flipped torque
+    assert len(found) == (96 if not measurement.samples.wrench[:, 3:].any() else 170)
+    assert len({reading.wrench.tobytes() for reading in found}) == len(found)
+    assert not any(reading.same for reading in found)
+
+
+def test_readings_that_the_data_cannot_tell_apart_are_named(measurement):
+    wrench = measurement.samples.wrench.copy()
+    wrench[:, 3:] = 0.0
+    wrench[:, :2] = 0.0  # weights hung on the tool: z alone
+    compliance = np.full(6, 1e-5)
+    deflection = joint_deflection(measurement.robot, compliance, measurement.samples.q, wrench)
+    report = measurement.report(wrench=-wrench, deflection=deflection)
+    found = only(report.warnings, "wrong frame or sign?")
+    assert "the wrench with its sign flipped" in found.message
+    assert (
+        "these data cannot tell that from: the wrench with the sign of z flipped" in found.message
+    )
+    assert found.message.endswith(" more")
+
+
+def test_data_that_nothing_explains_are_said_to_be_so(measurement, rng):
+    shuffled = rng.permutation(measurement.samples.deflection)
+    shuffled *= rng.choice([-1.0, 1.0], size=shuffled.shape)
+    found = only(measurement.report(deflection=shuffled).warnings, "explain only")
+    assert "no other sign or frame" in found.message
+
+
+@pytest.mark.parametrize("factor", [10.0, -1.0])
+def test_single_gross_errors_are_listed_with_row_and_size(measurement, factor):
+    deflection = measurement.samples.deflection.copy()
+    size = np.linalg.norm(deflection, axis=1)
+    wrong = np.argsort(size)[len(size) // 2 :][[0, 3]]  # of usual size or more
+    deflection[wrong] *= factor
+    found = only(measurement.report(deflection=deflection).warnings, "far from what joint springs")
+    assert set(wrong + 2) <= set(found.rows)
+    assert len(found.rows) <= 3
+    assert all(f"row {row} by" in found.message for row in found.rows)
+
+
+def test_poses_copied_under_another_name_are_found(measurement):
+    table = measurement.table()
+    table.loc[len(table)] = table.loc[4]
+    table.loc[len(table) - 1, "pose_id"] = "again"
+    report, last = measurement.report_of(table), (len(table) + 1,)
+    assert only(report.warnings, "under another pose_id").rows == last
+    assert only(report.warnings, "the same joint angles and the same wrench").rows == last
+    assert only(report.warnings, "the same three deflections").rows == last
+
+
+def test_a_copied_deflection_is_found(measurement):
+    deflection = measurement.samples.deflection.copy()
+    deflection[20] = deflection[5]
+    found = only(measurement.report(deflection=deflection).warnings, "the same three deflections")
+    assert found.rows == (22,)
+
+
+@pytest.mark.parametrize("make", [Kr10Twin, Kr10TwinOmni, Kr10TwinMultiload, Ur5Twin])
+@pytest.mark.parametrize("specimen", [0, 4, 9])
+def test_clean_data_of_the_shipped_twins_raise_no_alarm(make, specimen, tmp_path):
+    data = make(specimen=specimen).load()
+    path = tmp_path / "clean.csv"
+    write_samples(path, data.samples, data.robot)
+    assert messages(validate(path, data.robot, None, VirtualJointModel()).warnings) == []
+
+
+def test_a_table_that_was_pasted_twice_is_found(measurement):
+    table = measurement.table()
+    twice = pd.concat([table, table.assign(load_id="2")])
+    found = only(measurement.report_of(twice).warnings, "the same three deflections")
+    assert found.rows == tuple(range(len(table) + 2, 2 * len(table) + 2))
+
+
+def test_equal_deflections_of_few_digits_are_no_copies(measurement):
+    deflection = np.round(measurement.samples.deflection, 3)  # a dial gauge of 1 mm
+    warnings = messages(measurement.report(deflection=deflection).warnings)
+    assert not any("copied" in message for message in warnings)
+
+
+@pytest.mark.parametrize(
+    ("row", "changes", "words"),
+    [
+        (3, {"fx_N": 5001.0}, "force above 5000 N"),
+        (4, {"dx_mm": 0.0, "dy_mm": 0.0, "dz_mm": 0.0}, "no deflection at all under a load"),
+        (5, dict.fromkeys(["fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm"], 0.0), "without a"),
+    ],
+)
+def test_legal_but_odd_rows_are_named(measurement, row, changes, words):
+    table = measurement.table()
+    for column, value in changes.items():
+        table.loc[row, column] = value
+    assert only(measurement.report_of(table).warnings, words).rows == (row + 2,)
+
+
+def test_forces_in_another_unit_are_noticed(measurement):
+    report = measurement.report(wrench=measurement.samples.wrench * 1e-4)
+    assert only(report.warnings, "every force is below 1 N")
+
+
+def test_a_file_without_any_load_is_said_to_be_so(measurement):
+    report = measurement.report(wrench=measurement.samples.wrench * 0.0)
+    assert only(report.warnings, "the reference model cannot be fitted: no joint spring")
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 29])
+def test_few_samples_are_said_to_be_few(measurement, n):
+    few = dataclasses.replace(measurement, samples=measurement.samples.take(np.arange(n)))
+    assert only(few.report().warnings, f"{n} samples; with fewer than 30")
+
+
+def test_repeats_that_differ_are_found(measurement, rng):
+    table = measurement.table().loc[np.repeat(np.arange(12), 4)].reset_index(drop=True)
+    table["load_id"] = [str(i) for i in range(len(table))]
+    deflections = ["dx_mm", "dy_mm", "dz_mm"]
+    table[deflections] += rng.normal(scale=0.01, size=(len(table), 3))
+    table["fx_N"] += rng.normal(scale=0.1, size=len(table))
+    assert "repeats: 12 loads" in only(measurement.report_of(table).facts, "repeats").message
+    table.loc[9, "dy_mm"] += 0.4  # of the third group
+    found = only(measurement.report_of(table).warnings, "repeats of a load differ")
+    assert found.rows == (10, 11, 12, 13)
+
+
+def test_joints_that_cannot_be_identified_are_named(tmp_path):
+    data = Kr10Twin().load()
+    chain = shipped_chain("kr10_r1100_2", tcp=(0.0, 0.0, 0.08))  # on the axis of A6
+    robot = dataclasses.replace(data.robot, tcp=chain.tcp)
+    report = Measurement(data.samples, robot, chain, tmp_path / "my.csv").report()
+    assert only(report.warnings, "the stiffness of joint A6 cannot be identified")
+    assert "rank 5 of 6" in only(report.facts, "identifiable").message
+
+
+def test_every_error_is_listed_and_nothing_else_is_looked_at(measurement):
+    table = measurement.table().astype(object)
+    table.loc[2, "fx_N"], table.loc[7, "dz_mm"], table.loc[9, "pose_id"] = "abc", 51.0, ""
+    report = measurement.report_of(table)
+    assert [(finding.level, finding.rows) for finding in report.errors] == [
+        ("error", (4,)),
+        ("error", (9,)),
+        ("error", (11,)),
+    ]
+    assert report.warnings == report.facts == ()
+    lines = render_report(report).splitlines()
+    assert lines[0] == f"{measurement.path}: NOT valid, 3 errors"
+    assert "  - row 4, column fx_N: 'abc', expected a finite number" in lines
+    assert lines[-1] == "Nothing else was looked at; mend the errors first."
+
+
+def test_a_plan_that_is_not_filled_in_has_one_error_a_column(measurement):
+    table = sample_table(measurement.samples, measurement.robot)
+    table[["dx_mm", "dy_mm", "dz_mm"]] = np.nan
+    table.to_csv(measurement.path, index=False)
+    report = validate(measurement.path, measurement.robot, None, VirtualJointModel())
+    n = len(table)
+    for name, found in zip(("dx_mm", "dy_mm", "dz_mm"), report.errors, strict=True):
+        assert found.message == f"column {name}: '', expected a finite number"
+        assert found.rows == tuple(range(2, n + 2))
+    text = render_report(report)
+    assert f"NOT valid, {3 * n} errors" in text and f"(rows 2-{n + 1})" in text
+
+
+def test_a_file_that_cannot_be_read_is_an_error_of_the_report(measurement):
+    report = validate(measurement.path, measurement.robot, None, VirtualJointModel())
+    assert messages(report.errors) == ["cannot be read: No such file or directory"]
+    assert render_report(report).startswith(f"{measurement.path}: NOT valid, 1 error\n")
+
+
+def test_the_report_is_aligned_and_no_wider_than_a_terminal(measurement):
+    wrench = measurement.samples.wrench.copy()
+    wrench[:40, 0] = 5001.0
+    report = measurement.report(wrench=wrench)
+    lines = render_report(report).splitlines()
+    n = len(report.warnings)
+    assert lines[0] == f"{measurement.path}: valid, {n} warning{'s' * (n > 1)}"
+    assert lines[1:3] == ["", "Warnings"]
+    assert max(map(len, lines[1:])) <= 100
+    assert "(rows 2-41)" in " ".join(" ".join(lines).split())
+    names, values = zip(*(fact.message.split(": ", 1) for fact in report.facts), strict=True)
+    width = max(map(len, names))
+    wanted = [f"  {name:<{width}} {value}" for name, value in zip(names, values, strict=True)]
+    assert lines[lines.index("Facts") + 1 :] == wanted
+
+
+def test_without_a_chain_frames_of_the_base_are_still_compared(measurement):
+    write_samples(
+        measurement.path,
+        dataclasses.replace(measurement.samples, wrench=-measurement.samples.wrench),
+        measurement.robot,
+    )
+    report = validate(measurement.path, measurement.robot, None, VirtualJointModel())
+    assert only(report.warnings, "with its sign flipped")
+    assert not any("identifiable" in message for message in messages(report.facts))

@@ -1,0 +1,364 @@
+"""Measurement plans: reachable, better than chance, and in the schema of measured data."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+
+from stiff_datasets.measured.identifiability import identifiability, regressor
+from stiff_datasets.measured.measured import read_samples
+from stiff_datasets.measured.sample_files import DEFLECTION_COLUMNS
+from stiff_datasets.planning.plan import (
+    MeasurementPlan,
+    candidate_plan,
+    check_plan_file,
+    chosen_plan,
+    paper_plan,
+    plan_table,
+    write_plan,
+)
+from stiff_datasets.planning.plan_gain import plan_gain
+from stiff_datasets.planning.reachable import (
+    LOWEST_HEIGHT,
+    arm_points,
+    base_distance,
+    lowest_height,
+)
+from stiff_datasets.robots.robot import (
+    load_robot,
+    read_chain,
+    robot_of,
+    shipped_chain,
+    shipped_robot,
+)
+from stiff_protocols.contract.errors import ConfigError, DataError, StoreError
+
+ROBOTS = {  # name: TCP m, payload kg, clearance m
+    "kr10_r1100_2": ((0.06, 0.0, 0.08), 10.0, 0.2),
+    "fanuc_r2000ic": ((0.0069, 0.2453, 0.3193), 165.0, 0.5),
+}
+CRITERIA = ("d-optimal", "condition")
+
+
+def plan_of(chain, n_poses, *, criterion="d-optimal", **options):
+    """A plan chosen from candidates of its own."""
+    return chosen_plan(chain, candidate_plan(chain, **options), n_poses, criterion=criterion)
+
+
+@pytest.fixture(scope="module", params=ROBOTS)
+def case(request):
+    """Robot, chain, and what its plans are made with."""
+    tcp, payload, clearance = ROBOTS[request.param]
+    options = {"candidates": 300, "seed": 4, "payload_kg": payload, "clearance": clearance}
+    return (
+        shipped_robot(request.param, tcp=tcp),
+        shipped_chain(request.param, tcp=tcp),
+        options,
+    )
+
+
+def joint_origins_and_tcp(robot, q):
+    """Forward kinematics of its own: (n_joints + 1, 3), m."""
+    pose, points = np.eye(4), []
+    for placement, axis, angle in zip(robot.placements, robot.axes, q, strict=True):
+        pose = pose @ placement
+        points.append(pose[:3, 3])
+        turn = np.eye(4)
+        turn[:3, :3] = Rotation.from_rotvec(axis * angle).as_matrix()
+        pose = pose @ turn
+    return np.array([*points, pose[:3, :3] @ robot.tcp + pose[:3, 3]])
+
+
+def between(start, end, n=150):
+    return start + np.linspace(0.0, 1.0, n)[:, None] * (end - start)
+
+
+def sampled_clearances(robot, q):
+    """Distance to the base column and height of points sampled on the arm from joint 3 on."""
+    points = joint_origins_and_tcp(robot, q)
+    arm = np.concatenate([between(*ends) for ends in itertools.pairwise(points[2:])])
+    column = between(np.zeros(3), points[1])
+    return np.linalg.norm(arm[:, None] - column, axis=2).min(), arm[:, 2].min()
+
+
+# ---- what a plan keeps -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("criterion", CRITERIA)
+def test_a_chosen_plan_keeps_limits_clearances_and_payload(case, criterion):
+    robot, chain, options = case
+    plan = plan_of(chain, 40, criterion=criterion, **options)
+    assert plan.q.shape == (40, 6)
+    assert (plan.q >= robot.lower).all() and (plan.q <= robot.upper).all()
+    for q in plan.q:
+        base, height = sampled_clearances(robot, q)
+        assert base >= options["clearance"]
+        assert height >= LOWEST_HEIGHT
+    force = np.linalg.norm(plan.wrench[:, :3], axis=1)
+    np.testing.assert_allclose(force, 0.8 * options["payload_kg"] * 9.81)
+    assert not plan.wrench[:, 3:].any()
+
+
+def test_clearances_are_those_of_points_sampled_on_the_arm(case, rng):
+    robot, _, _ = case
+    q = rng.uniform(np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi), size=(60, 6))
+    points = arm_points(robot, q)
+    sampled = np.array([sampled_clearances(robot, row) for row in q])
+    reach = 3.0  # m, longer than either robot; sampling is coarser than this over 150
+    np.testing.assert_allclose(base_distance(points), sampled[:, 0], atol=reach / 150)
+    assert (base_distance(points) <= sampled[:, 0] + 1e-12).all()
+    np.testing.assert_allclose(lowest_height(points), sampled[:, 1], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("elbow", "tcp", "expected"),
+    [
+        ((1.0, -1.0, 0.5), (1.0, 1.0, 0.5), 1.0),  # skew, nearest inside both
+        ((-1.0, 0.0, 0.5), (1.0, 0.0, 0.5), 0.0),  # through the column
+        ((0.3, 0.0, 0.2), (0.3, 0.0, 0.8), 0.3),  # parallel
+        ((0.3, 0.0, 1.4), (0.3, 0.0, 3.0), 0.5),  # parallel, above the column's top
+        ((0.0, 0.0, 1.5), (0.0, 0.0, 3.0), 0.5),  # in line with it
+        ((3.0, 4.0, 0.5), (3.0, 4.0, 0.5), 5.0),  # of no length
+    ],
+)
+def test_the_distance_to_a_column_of_one_metre_has_its_closed_form(elbow, tcp, expected):
+    points = np.array([[(0.0, 0.0, 0.3), (0.0, 0.0, 1.0), elbow, tcp]])
+    assert base_distance(points)[0] == pytest.approx(expected, abs=1e-12)
+
+
+def test_the_papers_poses_keep_the_default_clearances(kr10_chain):
+    points = arm_points(robot_of(kr10_chain), paper_plan(kr10_chain, 10.0, 0).q)
+    assert base_distance(points).min() == pytest.approx(0.2234, abs=1e-4)
+    assert lowest_height(points).min() == pytest.approx(0.2, abs=1e-4)
+
+
+# ---- what it gains ---------------------------------------------------------------------------
+
+
+def test_a_d_optimal_plan_tells_more_than_every_random_plan(case):
+    robot, chain, options = case
+    pool = candidate_plan(chain, **options)
+    plan = plan_of(chain, 30, **options)
+    gain = plan_gain(
+        regressor(chain, plan.q, plan.wrench),
+        regressor(chain, pool.q, pool.wrench),
+        robot.joint_names,
+    )
+    assert gain.n_random == 20
+    assert gain.efficiency > gain.efficiency_over_best > 1.2
+    assert gain.plan.worst_error < gain.random_best.worst_error
+
+
+def test_a_plan_by_condition_has_a_smaller_condition_number_than_any_other(case):
+    robot, chain, options = case
+    pool = candidate_plan(chain, **options)
+    by_condition, by_determinant = (
+        regressor(chain, plan.q, plan.wrench)
+        for plan in (plan_of(chain, 30, criterion=c, **options) for c in reversed(CRITERIA))
+    )
+    gain = plan_gain(by_condition, regressor(chain, pool.q, pool.wrench), robot.joint_names)
+    assert gain.plan.condition < gain.random_best.condition
+    assert gain.plan.condition < identifiability(by_determinant, robot.joint_names).condition
+
+
+@pytest.mark.parametrize("criterion", CRITERIA)
+def test_the_same_seed_gives_the_same_plan_and_another_seed_another(case, criterion):
+    _, chain, options = case
+    first, again, other = (
+        plan_of(chain, 12, criterion=criterion, **(options | {"seed": seed})) for seed in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(first.q, again.q)
+    np.testing.assert_array_equal(first.wrench, again.wrench)
+    assert first.pose_id.tolist() == again.pose_id.tolist()
+    assert not np.isin(first.q[:, 0], other.q[:, 0]).any()
+
+
+def test_the_first_rows_of_a_plan_are_the_smaller_plan(kr10_chain):
+    small, large = (
+        plan_of(kr10_chain, n, candidates=100, payload_kg=10.0, seed=0) for n in (10, 30)
+    )
+    np.testing.assert_array_equal(small.q, large.q[:10])
+    assert len(set(large.pose_id.tolist())) == 30
+
+
+def test_a_plan_serves_the_other_joints_where_the_tcp_is_on_a6s_axis():
+    chain = shipped_chain("kr10_r1100_2", tcp=(0.0, 0.0, 0.08))
+    for criterion in CRITERIA:
+        plan = plan_of(chain, 30, criterion=criterion, candidates=100, payload_kg=10.0, seed=0)
+        found = identifiability(
+            regressor(chain, plan.q, plan.wrench), ("A1", "A2", "A3", "A4", "A5", "A6")
+        )
+        assert found.unidentifiable == ("A6",)
+
+
+# ---- other robots ----------------------------------------------------------------------------
+
+
+def arm_urdf(tmp_path, kinds, names="abcdef"):
+    """An arm of 0.5 m links, alternating axes; the limits are -1..5 rad or m."""
+    body, parent = "", "base"
+    for i, kind in enumerate(kinds):
+        axis = "0 0 1" if i == 0 else "0 1 0" if i % 2 else "1 0 0"
+        body += (
+            f'<joint name="{names[i]}" type="{kind}"><parent link="{parent}"/>'
+            f'<child link="l{i}"/><origin xyz="0 0 0.5"/><axis xyz="{axis}"/>'
+            '<limit lower="-1" upper="5.5" effort="1" velocity="1"/></joint>'
+            f'<link name="l{i}"/>'
+        )
+        parent = f"l{i}"
+    path = tmp_path / "arm.urdf"
+    path.write_text(f'<robot name="arm"><link name="base"/>{body}</robot>')
+    return path
+
+
+def test_continuous_joints_are_drawn_within_half_a_turn(tmp_path):
+    path = arm_urdf(tmp_path, ["continuous"] * 4)
+    chain = read_chain(path, tcp=(0.1, 0.2, 0.3))
+    pool = candidate_plan(chain, 200, seed=0, payload_kg=5.0)
+    assert pool.q.shape == (200, 4)
+    assert np.abs(pool.q).max() <= np.pi
+    assert np.ptp(pool.q, axis=0).min() > 5.0
+    robot = load_robot(path, tcp=(0.1, 0.2, 0.3))
+    assert plan_table(pool, robot)["q1_deg"].abs().max() <= 180.0
+
+
+def test_a_joint_of_more_than_a_turn_is_drawn_about_the_middle_of_its_limits(tmp_path):
+    path = arm_urdf(tmp_path, ["revolute", "continuous", "revolute", "prismatic"])
+    q = candidate_plan(read_chain(path), 200, seed=0, payload_kg=5.0).q
+    middle = (5.5 - 1.0) / 2
+    assert (np.abs(q[:, 0] - middle) <= np.pi).all()
+    assert q[:, 3].max() > middle + np.pi  # a slide's metres are no angle
+    assert q[:, 3].min() >= -1.0 and q[:, 3].max() <= 5.5
+
+
+def test_a_slides_position_is_in_millimetres(tmp_path):
+    path = arm_urdf(tmp_path, ["revolute", "revolute", "prismatic"])
+    plan = candidate_plan(read_chain(path), 5, seed=0, payload_kg=5.0)
+    table = plan_table(plan, load_robot(path))
+    np.testing.assert_allclose(table["q3_mm"], plan.q[:, 2] * 1000, atol=1e-4)
+
+
+# ---- file ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("source", ["paper", *CRITERIA])
+def test_every_row_of_a_filled_in_plan_is_a_valid_sample(tmp_path, kr10, kr10_chain, source):
+    if source == "paper":
+        plan = paper_plan(kr10_chain, 10.0, 0)
+    else:
+        plan = plan_of(kr10_chain, 50, criterion=source, candidates=120, payload_kg=10.0, seed=0)
+    path = tmp_path / "plan.csv"
+    write_plan(path, plan, kr10)
+    with pytest.raises(DataError, match=r"row 2, column dx_mm: ''"):
+        read_samples(path, kr10)
+    filled = pd.read_csv(path, dtype={"load_id": str}).fillna(0.25)
+    filled.to_csv(path, index=False)
+    samples = read_samples(path, kr10)
+    np.testing.assert_allclose(samples.q, plan.q, atol=np.deg2rad(1e-4))
+    np.testing.assert_allclose(samples.wrench, plan.wrench, atol=1e-3)
+    for name in ("pose_id", "load_id", "group"):
+        assert getattr(samples, name).tolist() == getattr(plan, name).tolist()
+    np.testing.assert_allclose(samples.deflection, 0.25e-3)
+
+
+def test_the_papers_plan_has_its_61_and_90_poses(kr10_chain):
+    plan = paper_plan(kr10_chain, 10.0, 3)
+    groups, counts = np.unique(plan.group, return_counts=True)
+    assert dict(zip(groups.tolist(), counts.tolist(), strict=True)) == {
+        "joint-space": 61,
+        "cartesian": 90,
+    }
+    assert len(set(plan.pose_id.tolist())) == 151
+    np.testing.assert_allclose(np.linalg.norm(plan.wrench[:, :3], axis=1), 78.48)
+    np.testing.assert_array_equal(plan.wrench, paper_plan(kr10_chain, 10.0, 3).wrench)
+
+
+def test_angles_are_not_rounded_out_of_the_limits(kr10):
+    """0.785398163397448 rad, the upper limit of A2, is a hair less than 45 deg."""
+    q = np.stack([kr10.lower, kr10.upper])
+    ids = np.array(["1", "2"])
+    table = plan_table(MeasurementPlan(q, np.zeros((2, 6)), ids, ids, ids), kr10)
+    angles = table[[f"q{i}_deg" for i in range(1, 7)]].to_numpy()
+    assert (angles[0] >= np.rad2deg(kr10.lower)).all()
+    assert (angles[1] <= np.rad2deg(kr10.upper)).all()
+    np.testing.assert_allclose(np.deg2rad(angles), q, atol=np.deg2rad(1.1e-4))
+    np.testing.assert_array_equal(angles, angles.round(4))
+    assert table[list(DEFLECTION_COLUMNS)].isna().all(axis=None)
+
+
+def test_a_file_that_exists_is_not_overwritten(tmp_path, kr10, kr10_chain):
+    path = tmp_path / "plan.csv"
+    path.write_text("measured for a week")
+    plan = paper_plan(kr10_chain, 10.0, 0)
+    with pytest.raises(StoreError, match=r"plan\.csv: exists, and nothing is written over it"):
+        write_plan(path, plan, kr10)
+    assert path.read_text() == "measured for a week"
+    with pytest.raises(StoreError, match="cannot be written"):
+        write_plan(tmp_path / "absent" / "plan.csv", plan, kr10)
+    assert [file.name for file in tmp_path.iterdir()] == ["plan.csv"]
+
+
+def test_a_plan_of_another_robot_is_refused(kr10_chain, tmp_path):
+    robot = load_robot(arm_urdf(tmp_path, ["revolute"] * 3))
+    with pytest.raises(ConfigError, match="plan has 6 joint angles, robot 'arm' has 3 joints"):
+        plan_table(paper_plan(kr10_chain, 10.0, 0), robot)
+
+
+# ---- what is refused -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"n_poses": 101}, r"n_poses is 101, expected 2 \(for 6 joints\) to 100"),
+        ({"n_poses": 1}, r"n_poses is 1, expected 2 \(for 6 joints\) to 100"),
+        ({"candidates": 0}, "candidates is 0, expected a number above 0"),
+        ({"criterion": "doptimal"}, "unknown criterion 'doptimal'; did you mean 'd-optimal'"),
+        ({"criterion": "e"}, r"unknown criterion 'e' \(valid: condition, d-optimal\)"),
+        ({"payload_kg": 0.0}, "payload_kg is 0, expected a number above 0"),
+        ({"payload_kg": -1.0}, "payload_kg is -1"),
+        ({"payload_kg": np.nan}, "payload_kg is nan"),
+        ({"seed": -1}, "seed is -1, expected 0 or more"),
+        ({"clearance": -0.1}, "clearance is -0.1, expected m, 0 or more"),
+        ({"clearance": np.inf}, "clearance is inf"),
+        ({"clearance": 5.0}, "0 of 5000 random poses of kr10_r1100_2 keep a clearance of 5 m"),
+        ({"clearance": 0.9}, r"\d+ of 5000 .* expected 100 candidates: ask for a smaller"),
+    ],
+)
+def test_what_cannot_be_planned_is_refused(kr10_chain, changes, message):
+    arguments = {"n_poses": 10, "candidates": 100, "seed": 0, "payload_kg": 10.0} | changes
+    with pytest.raises(ConfigError, match=message):
+        plan_of(kr10_chain, **arguments)
+
+
+def test_a_robot_without_an_elbow_is_refused(tmp_path):
+    chain = read_chain(arm_urdf(tmp_path, ["revolute"] * 2))
+    with pytest.raises(ConfigError, match="arm has 2 joints; expected at least three"):
+        candidate_plan(chain, 10, seed=0, payload_kg=5.0)
+
+
+def test_the_papers_plan_is_for_its_own_robot(kr10_chain):
+    fanuc = shipped_chain("fanuc_r2000ic", tcp=ROBOTS["fanuc_r2000ic"][0])
+    with pytest.raises(ConfigError, match="is for kr10_r1100_2, not for fanuc_r2000ic"):
+        paper_plan(fanuc, 10.0, 0)
+    with pytest.raises(ConfigError, match="payload_kg is 0"):
+        paper_plan(kr10_chain, 0.0, 0)
+
+
+@pytest.mark.parametrize("tcp", [(0.0, 0.0, 0.3), (0.3, 0.0, 0.1)])
+def test_the_papers_plan_is_refused_where_a_long_tool_would_hit_base_or_ground(tcp):
+    chain = shipped_chain("kr10_r1100_2", tcp=tcp)
+    with pytest.raises(ConfigError, match=r"of the paper's poses \(.*\) do not keep a clearance"):
+        paper_plan(chain, 10.0, 0)
+
+
+def test_a_plan_file_is_checked_before_the_work(tmp_path):
+    with pytest.raises(ConfigError, match=r"valid ending of a plan: \.csv"):
+        check_plan_file(tmp_path / "plan.parquet")
+    with pytest.raises(StoreError, match="no folder"):
+        check_plan_file(tmp_path / "absent" / "plan.csv")
+    check_plan_file(tmp_path / "plan.csv")

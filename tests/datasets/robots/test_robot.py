@@ -1,0 +1,158 @@
+"""URDF -> Robot: the KR10's published check positions and torques, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from stiff_datasets.robots.robot import load_robot, read_chain
+from stiff_protocols.contract.errors import DataError
+
+JOINT = (
+    '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/><axis xyz="0 0 1"/>'
+    '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint><link name="{3}"/>'
+)
+
+
+def urdf(tmp_path, body):
+    path = tmp_path / "robot.urdf"
+    path.write_text(f'<robot name="r"><link name="base"/>{body}</robot>')
+    return path
+
+
+@pytest.mark.parametrize(
+    ("q_deg", "flange_mm"),
+    [((0, 0, 0, 0, 0, 0), (1190, 0, 425)), ((0, -90, 90, 0, 0, 0), (630, 0, 985))],
+)
+def test_the_kr10s_flange_stands_where_its_data_sheet_says(kr10_chain, q_deg, flange_mm):
+    model, data = kr10_chain.model, kr10_chain.model.createData()
+    pin.framesForwardKinematics(model, data, np.deg2rad(np.array(q_deg, dtype=float)))
+    flange = data.oMf[model.getFrameId("flange")]
+    np.testing.assert_allclose(flange.translation * 1000, flange_mm, atol=1e-9)
+    if q_deg == (0,) * 6:  # tool z along the base's x
+        np.testing.assert_allclose(flange.rotation[:, 2], [1, 0, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("q_deg", "torque"),
+    [((0, 0, 0, 0, 0, 0), (140.3, 32.2)), ((0, -90, 90, 0, 0, 0), (31.4, 32.2))],
+)
+def test_gravity_loads_a2_and_a3_as_published(kr10_chain, q_deg, torque):
+    model = kr10_chain.model
+    gravity = pin.computeGeneralizedGravity(
+        model, model.createData(), np.deg2rad(np.array(q_deg, dtype=float))
+    )
+    np.testing.assert_allclose(np.abs(gravity[1:3]), torque, atol=0.05)
+
+
+def test_the_kr10_has_its_data_sheets_limits_and_masses(kr10):
+    np.testing.assert_allclose(np.rad2deg(kr10.lower), [-170, -190, -120, -185, -120, -350])
+    np.testing.assert_allclose(np.rad2deg(kr10.upper), [170, 45, 156, 185, 120, 350])
+    np.testing.assert_allclose(kr10.masses, [8.416, 17.8369, 6.075, 5.1624, 1.6128, 0.734])
+    assert kr10.joint_names == ("A1", "A2", "A3", "A4", "A5", "A6")
+
+
+def test_the_default_tcp_is_80_mm_before_the_flange_and_60_mm_off_its_axis(kr10):
+    # last joint's frame at q = 0: x forward, so the off-axis 60 mm are across it
+    assert kr10.tcp[0] == pytest.approx(0.08)
+    assert np.hypot(*kr10.tcp[1:]) == pytest.approx(0.06)
+
+
+def test_continuous_joints_have_no_limits(tmp_path):
+    path = urdf(tmp_path, JOINT.format("a", "continuous", "base", "l1"))
+    robot = load_robot(path)
+    assert robot.joint_types == ("revolute",)
+    assert np.isinf(robot.lower).all() and np.isinf(robot.upper).all()
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("", "no moving joint"),
+        (
+            JOINT.format("a", "revolute", "base", "l1")
+            + JOINT.format("b", "revolute", "l1", "l2")
+            + JOINT.format("c", "revolute", "l1", "l3"),
+            "branches off",
+        ),
+        (
+            JOINT.format("a", "revolute", "base", "l1")
+            + '<joint name="x" type="fixed"><parent link="l1"/><child link="t1"/></joint>'
+            '<link name="t1"/>'
+            '<joint name="y" type="fixed"><parent link="l1"/><child link="t2"/></joint>'
+            '<link name="t2"/>',
+            r"last link is not unique \(t1, t2\)",
+        ),
+        (JOINT.format("a", "floating", "base", "l1"), "6 degrees of freedom"),
+        (
+            JOINT.format("a", "revolute", "base", "l1").replace('lower="-1"', 'lower="2"'),
+            r"joint 'a' has limits 2..1; expected lower below upper",
+        ),
+        (
+            JOINT.format("a", "revolute", "base", "l1")
+            + JOINT.format("b", "revolute", "l1", "l2").replace("<axis", '<mimic joint="a"/><axis'),
+            "mimic joint",
+        ),
+    ],
+)
+def test_what_is_no_serial_chain_is_refused(tmp_path, body, message):
+    with pytest.raises(DataError, match=message):
+        load_robot(urdf(tmp_path, body))
+
+
+def test_a_file_that_is_no_urdf_is_refused(tmp_path):
+    path = tmp_path / "x.urdf"
+    path.write_text("<notrobot/>")
+    with pytest.raises(DataError, match=r"x\.urdf: not a robot description"):
+        read_chain(path)
+    with pytest.raises(DataError, match="cannot read"):
+        read_chain(tmp_path / "absent.urdf")
+
+
+@pytest.mark.parametrize("tcp", [(80.0, 0.0, 60.0), (np.nan, 0.0, 0.0), (0.0, 0.0)])
+def test_a_tcp_in_millimetres_or_with_gaps_is_refused(tmp_path, tcp):
+    with pytest.raises(DataError, match="in m"):
+        load_robot(urdf(tmp_path, JOINT.format("a", "revolute", "base", "l1")), tcp=tcp)
+
+
+def joints(*pairs, origin="0 0 0"):
+    return "".join(
+        f'<joint name="J{i}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{origin}"/><axis xyz="0 0 1"/>'
+        f'<limit lower="-1" upper="1" effort="1" velocity="1"/></joint><link name="{child}{i}"/>'
+        for i, (parent, child) in enumerate(pairs)
+    )
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        (joints(("base", "A"), ("A", "B"), ("B", "A")), "link 'A' is the child of 2 joints"),
+        (joints(*((f"L{i}", f"L{i + 1}") for i in range(1001))), "more than 1000 joints"),
+        ("<a>" * 60 + "</a>" * 60, "more than 50 elements inside each other"),
+        ("<!--" + "x" * 2**24 + "-->", "larger than 16777216 bytes"),
+        (
+            JOINT.format("J", "revolute", "base", "A").replace("0 0 1", "1e308 0 1e308"),
+            "unit length",
+        ),
+    ],
+)
+def test_what_would_end_the_parsers_stack_or_the_memory_is_refused(tmp_path, body, message):
+    with pytest.raises(DataError, match=rf"robot\.urdf: .*{message}"):
+        load_robot(urdf(tmp_path, body))
+
+
+def test_what_pinocchio_takes_and_no_robot_has_is_refused_by_the_files_name(tmp_path):
+    body = JOINT.format("J", "revolute", "base", "A").replace(
+        "<axis", '<origin xyz="nan 0 0"/><axis'
+    )
+    with pytest.raises(DataError, match=r"robot\.urdf: "):
+        load_robot(urdf(tmp_path, body))
+
+
+def test_a_file_without_end_is_refused():
+    with pytest.raises(DataError, match=r"/dev/zero: larger than"):
+        load_robot(Path("/dev/zero"))

@@ -1,0 +1,107 @@
+"""The simulated KR10: what its data sets hold, and that each is what its name says."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+import numpy as np
+import pytest
+
+from stiff_datasets.planning.loads import TABLE_5
+from stiff_datasets.twin.constants import shipped_constants
+from stiff_datasets.twin.kr10_twin import CONSTANTS, Kr10Twin, Kr10TwinMultiload, Kr10TwinOmni
+
+PAYLOAD_N = 10.0 * 9.81
+KEYS = {
+    "kr10-twin": Kr10Twin,
+    "kr10-twin-omni": Kr10TwinOmni,
+    "kr10-twin-multiload": Kr10TwinMultiload,
+}
+
+
+@pytest.fixture(scope="module")
+def data():
+    return {key: make().load() for key, make in KEYS.items()}
+
+
+def off_the_table_5_line(wrench):
+    """Root mean square distance from the segments between its rows, N and N m."""
+    share = np.linspace(0, 4, 2001)
+    line = np.stack([np.interp(share, range(5), column) for column in TABLE_5.T], axis=1)
+    near = np.abs(wrench[:, None, :3] - line[:, :3]).sum(axis=2).argmin(axis=1)
+    off = wrench - line[near]
+    return np.sqrt((off[:, :3] ** 2).mean()), np.sqrt((off[:, 3:] ** 2).mean())
+
+
+@pytest.mark.parametrize(("key", "loads"), [(key, 5 if "multi" in key else 1) for key in KEYS])
+def test_it_holds_the_151_planned_poses_with_its_number_of_loads(data, key, loads):
+    samples = data[key].samples
+    assert len(samples) == 151 * loads and len(set(samples.pose_id)) == 151
+    assert (samples.group == "joint-space").sum() == 61 * loads
+    assert (samples.group == "cartesian").sum() == 90 * loads
+    assert set(samples.load_id) == {str(i + 1) for i in range(loads)}
+    for name in set(samples.pose_id):
+        assert (samples.q[samples.pose_id == name] == samples.q[samples.pose_id == name][0]).all()
+
+
+def test_loads_lie_along_table_5_in_force_and_torque(data):
+    force_off, torque_off = off_the_table_5_line(data["kr10-twin"].samples.wrench)
+    assert force_off < 7.0 and torque_off < 1.0  # scatter 5 N, 0.5 N m; the payload's limit
+    force_off, torque_off = off_the_table_5_line(data["kr10-twin-multiload"].samples.wrench)
+    assert force_off < 7.0 and torque_off < 1.0
+
+
+def test_omni_forces_point_everywhere(data):
+    force = data["kr10-twin-omni"].samples.wrench[:, :3]
+    direction = force / np.linalg.norm(force, axis=1, keepdims=True)
+    assert np.linalg.norm(direction.mean(axis=0)) < 0.2
+    assert np.linalg.svd(direction, compute_uv=False)[-1] ** 2 / 151 > 0.25  # of 1/3
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_no_force_exceeds_the_payload(data, key):
+    # the sensor's noise may read 0.2 N more
+    assert np.linalg.norm(data[key].samples.wrench[:, :3], axis=1).max() < PAYLOAD_N + 0.2
+
+
+@pytest.mark.parametrize("make", [Kr10TwinOmni, lambda: Kr10Twin(torques="hook")])
+def test_a_ropes_torque_is_at_right_angles_to_its_force(make):
+    wrench = make().load().samples.wrench
+    along = (wrench[:, :3] * wrench[:, 3:]).sum(axis=1) / np.linalg.norm(wrench[:, :3], axis=1)
+    assert np.abs(along).max() < 0.02  # sensor noise
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_specimens_and_seeds_differ_and_the_same_words_give_the_same_bytes(data, key):
+    variants = [KEYS[key](specimen=number) for number in range(10)] + [KEYS[key](seed=1)]
+    hashes = [variant.load().sha256 for variant in variants]
+    assert hashes[0] == data[key].sha256
+    assert len(set(hashes)) == 11
+
+
+def test_specimens_differ_by_manufacturing_scatter_not_more(data):
+    from stiff_datasets.twin.constants import specimen_springs
+
+    constants = shipped_constants(CONSTANTS)
+    nominal = np.array([spring.gear.slopes[0] for spring in constants.springs])
+    drawn = np.array(
+        [
+            [spring.gear.slopes[0] for spring in specimen_springs(constants, number)]
+            for number in range(1, 10)
+        ]
+    )
+    scatter = np.log(drawn / nominal).std()
+    assert constants.scatter.gear / 1.5 < scatter < constants.scatter.gear * 1.5
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_the_card_states_the_hash_of_the_default_data(data, key):
+    card = (files("stiff_datasets") / "data" / "kr10_twin.md").read_text(encoding="utf-8")
+    assert f"| `{key}` | `{data[key].sha256}` |" in card
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_deflections_have_the_size_that_the_paper_reports(data, key):
+    size_mm = np.linalg.norm(data[key].samples.deflection, axis=1) * 1000
+    assert 0.3 < np.median(size_mm) < 3.0
+    assert size_mm.max() < 10.0

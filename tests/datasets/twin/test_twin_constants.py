@@ -1,0 +1,131 @@
+"""The TOML file of a twin: what it gives, and how it says what is wrong."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+import numpy as np
+import pytest
+
+from stiff_datasets.robots.shipped import ROBOTS
+from stiff_datasets.twin.constants import (
+    CATALOGUE,
+    read_constants,
+    shipped_constants,
+    shipped_twins,
+)
+from stiff_datasets.twin.robot_twin import RobotTwin, Ur5Twin
+from stiff_protocols.contract.errors import DataError
+
+JOINT = """
+[[joint]]
+gear = 25
+structure_Nm_per_rad = 1e5
+tilting_ratio = 4.0
+lost_motion_arcmin = 1.0
+"""
+OWN_GEAR = "{slopes_Nm_per_rad = [1e6, 2e6, 2e6], breakpoints_Nm = [100, 300], rated_Nm = 900}"
+TOP = (
+    'name = "t"\nurdf = "ur5"\ntcp_m = [0.0, 0.06, 0.08]\npayload_kg = 5.0\nhook_m = [0, 0.05, 0]\n'
+)
+
+
+def write(tmp_path, text):
+    path = tmp_path / "my.toml"
+    path.write_text(text)
+    return path
+
+
+def test_constants_are_converted_to_springs_in_si_units(tmp_path):
+    constants = read_constants(write(tmp_path, TOP + 6 * JOINT))
+    assert len(constants.springs) == 6
+    spring = constants.springs[0]
+    assert spring.gear == CATALOGUE[25]
+    assert spring.structure == 1e5 and spring.tilting == (4 * 5e4, 4 * 5e4)
+    assert spring.lost_motion == pytest.approx(np.deg2rad(1 / 60))
+
+
+def test_a_gear_may_have_figures_of_its_own(tmp_path):
+    constants = read_constants(write(tmp_path, TOP + JOINT.replace("25", OWN_GEAR) + 5 * JOINT))
+    assert constants.springs[0].gear.slopes == (1e6, 2e6, 2e6)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("name = ", "not a TOML file"),
+        (6 * JOINT, "name: Field required"),
+        (TOP.replace("payload_kg", "payload") + JOINT, "payload: 5.0: Extra inputs"),
+        (TOP + JOINT.replace("25", "23"), r"joint.1.*gear size 23 \(valid: 14, 17, 20, 25, 32\)"),
+        (TOP + JOINT.replace("4.0", "9"), r"joint.1.tilting_ratio: 9: .*less than or equal to 8"),
+        (TOP + JOINT.replace("1e5", "-1"), r"joint.1.structure_Nm_per_rad: -1: .*greater than 0"),
+        (TOP + JOINT + JOINT + "colour = 1\n", r"joint.2.colour: 1: Extra inputs"),
+        (TOP.replace("5.0", "nan") + JOINT, r"payload_kg: nan: "),
+        (TOP.replace("[0, 0.05, 0]", "[0, 50, 0]") + JOINT, r"hook_m.2: 50: .*less than or equal"),
+        (TOP.replace("[0, 0.05, 0]", "[0, nan, 0]") + JOINT, r"hook_m.2: nan: "),
+        (TOP.replace('"t"', '"a/b"') + JOINT, r"name: 'a/b': .*pattern"),
+        (TOP + JOINT.replace("25", "true"), r"joint.1.gear"),
+        ('folder = "x"\n' + TOP + JOINT, "folder: 'x': Extra inputs"),
+        (
+            TOP + JOINT.replace("25", OWN_GEAR.replace("100, 300", "300, 100")),
+            r"joint.1.gear.*breakpoints_Nm 300, 100: the second must be larger",
+        ),
+    ],
+)
+def test_what_is_wrong_is_named_with_file_key_and_value(tmp_path, text, message):
+    with pytest.raises(DataError, match=rf"my\.toml: {message}"):
+        read_constants(write(tmp_path, text))
+
+
+def test_a_missing_joint_is_named_with_the_file(tmp_path):
+    constants = read_constants(write(tmp_path, TOP + 5 * JOINT))
+    with pytest.raises(DataError, match=r"my\.toml: 5 tables \[\[joint\]\] for the joints of ur5"):
+        constants.chain()
+
+
+@pytest.mark.parametrize("urdf", ["none.urdf", "", "/dev/zero", "\\u0000"])
+def test_a_urdf_that_cannot_be_read_is_named_with_the_file(tmp_path, urdf):
+    constants = read_constants(write(tmp_path, TOP.replace('"ur5"', f'"{urdf}"') + JOINT))
+    with pytest.raises(DataError, match=r"my\.toml: "):
+        constants.chain()
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(DataError, match=r"absent\.toml: cannot be read"):
+        read_constants(tmp_path / "absent.toml")
+
+
+def test_a_robot_is_simulated_from_its_urdf_beside_the_file_and_its_constants(tmp_path):
+    urdf = (files("stiff_datasets") / "robots" / "ur5.urdf").read_text()
+    (tmp_path / "mine.urdf").write_text(urdf.replace('robot name="ur5"', 'robot name="mine"'))
+    path = write(tmp_path, TOP.replace('"ur5"', '"mine.urdf"') + 6 * JOINT)
+    data = RobotTwin(constants=path, poses=20, loads_per_pose=2, seed=3).load()
+    assert data.robot.name == "mine" and len(data.samples) == 40
+    assert (
+        RobotTwin(constants=path, poses=20, loads_per_pose=2, seed=3).load().sha256 == data.sha256
+    )
+    lower, upper = data.robot.lower, data.robot.upper
+    assert (data.samples.q >= lower).all() and (data.samples.q <= upper).all()
+    assert np.linalg.norm(data.samples.deflection, axis=1).max() < 0.05
+
+
+def test_the_ur5_twins_card_states_the_hash_of_its_data():
+    card = (files("stiff_datasets") / "data" / "ur5_twin.md").read_text(encoding="utf-8")
+    assert f"`{Ur5Twin().load().sha256}`" in card
+
+
+def test_the_ur5_twin_holds_151_poses_and_ten_robots():
+    specimens = [Ur5Twin(specimen=number).load() for number in (0, 1, 9)]
+    assert all(len(set(data.samples.pose_id)) == 151 for data in specimens)
+    assert len({data.sha256 for data in specimens}) == 3
+
+
+@pytest.mark.parametrize("name", shipped_twins())
+def test_shipped_twins_have_the_tool_and_payload_of_the_shipped_robot(name):
+    constants, robot = shipped_constants(shipped_twins()[name]), ROBOTS[name]
+    assert (constants.urdf, constants.tcp_m, constants.payload_kg) == (
+        robot.urdf,
+        robot.tcp,
+        robot.payload_kg,
+    )
+    assert len(constants.joint) == constants.robot().n_joints

@@ -1,0 +1,117 @@
+"""What the instruments of a simulated experiment add."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stiff_datasets.planning.poses import Poses, paper_poses
+from stiff_datasets.twin.constants import Noise, shipped_constants, specimen_springs
+from stiff_datasets.twin.twin import (
+    DigitalTwin,
+    TwinExperiment,
+    recorded_deflection,
+    recorded_wrench,
+)
+
+CONSTANTS = shipped_constants("kr10_r1100_2")
+REPEATS = 10_000
+
+
+def at(q):
+    """Poses without a plan."""
+    names = np.array([f"P{i}" for i in range(len(q))])
+    return Poses(q=q, pose_id=names, group=np.full(len(q), "all"))
+
+
+def test_noise_has_the_data_sheets_size_over_10000_repeats(rng):
+    noise = Noise()
+    wrench = recorded_wrench(np.zeros((REPEATS, 6)), noise, rng)
+    np.testing.assert_allclose(wrench[:, :3].std(axis=0), 0.04, rtol=0.03)
+    np.testing.assert_allclose(wrench[:, 3:].std(axis=0), 0.002, rtol=0.03)
+    deflection = recorded_deflection(np.zeros((REPEATS, 3)), noise, rng)
+    # one reading with the load, one without, 0.01 mm each
+    np.testing.assert_allclose(deflection.std(axis=0), np.sqrt(2) * 1e-5, rtol=0.03)
+    for readings in (wrench, deflection):
+        assert np.abs(readings.mean(axis=0) / readings.std(axis=0)).max() < 0.04
+
+
+def test_repeated_readings_of_one_sample_scatter_by_the_noise_alone(kr10_chain):
+    # the same pose 10,000 times: what differs between reading and twin is the tracker
+    q = np.tile(paper_poses(kr10_chain).q[:1], (REPEATS, 1))
+    found = TwinExperiment(CONSTANTS, loads="omni", specimen=0, seed=3).samples(at(q))
+    exact = DigitalTwin(kr10_chain, CONSTANTS.springs).readings(found.q, found.wrench)
+    # the sensor's 0.04 N moves the twin by micrometres at most beside the tracker's 14
+    np.testing.assert_allclose((found.deflection - exact).std(axis=0), np.sqrt(2) * 1e-5, rtol=0.05)
+
+
+def test_another_block_has_other_loads_and_noise(kr10_chain):
+    experiment = TwinExperiment(CONSTANTS, loads="line", specimen=0, seed=0)
+    q = paper_poses(kr10_chain).q[:5]
+    first, again, other = (experiment.wrenches(q, block=block) for block in (0, 0, 1))
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).all()
+
+
+@pytest.mark.parametrize("loads", ["line", "line-hook", "omni"])
+def test_the_loads_of_an_experiment_do_not_depend_on_the_specimens_springs(kr10_chain, loads):
+    q = paper_poses(kr10_chain).q[:5]
+    soft = CONSTANTS.model_copy(
+        update={
+            "joint": tuple(
+                joint.model_copy(update={"structure_Nm_per_rad": joint.structure_Nm_per_rad / 2})
+                for joint in CONSTANTS.joint
+            )
+        }
+    )
+    wrenches = [
+        TwinExperiment(constants, loads=loads, specimen=0, seed=0).wrenches(q)
+        for constants in (CONSTANTS, soft)
+    ]
+    np.testing.assert_array_equal(*wrenches)
+
+
+def test_data_sets_that_share_a_seed_share_no_random_numbers():
+    poses = at(np.zeros((50, 6)))
+    variants = [
+        TwinExperiment(constants, loads="omni", specimen=specimen, seed=0, loads_per_pose=loads)
+        for constants, specimen, loads in (
+            (CONSTANTS, 0, 1),
+            (CONSTANTS, 1, 1),
+            (CONSTANTS, 0, 5),
+            (shipped_constants("ur5"), 0, 1),
+        )
+    ]
+    forces, noises = [], []
+    for variant in variants:
+        force = variant.wrenches(np.zeros((50, 6)))[:, :3]
+        forces.append(force / np.linalg.norm(force, axis=1, keepdims=True))
+        still = np.zeros((len(variant.logged_q(poses)), 3))
+        noises.append(variant.recorded(poses, np.zeros((len(still), 6)), still).deflection[:50])
+    for numbers in (forces, noises):
+        for i, one in enumerate(numbers):
+            for other in numbers[:i]:
+                assert np.abs(np.corrcoef(one.ravel(), other.ravel())[0, 1]) < 0.3
+
+
+def test_specimens_of_two_robots_are_drawn_apart():
+    factors = [
+        [
+            drawn.structure / nominal.structure
+            for drawn, nominal in zip(
+                specimen_springs(constants, 3), constants.springs, strict=True
+            )
+        ]
+        for constants in (CONSTANTS, shipped_constants("ur5"))
+    ]
+    assert not np.isclose(*factors).any()
+
+
+def test_one_rope_pulls_with_the_forces_of_the_line(kr10_chain):
+    q = paper_poses(kr10_chain).q
+    line, hook = (
+        TwinExperiment(CONSTANTS, loads=loads, specimen=0, seed=0).wrenches(q)
+        for loads in ("line", "line-hook")
+    )
+    np.testing.assert_array_equal(line[:, :3], hook[:, :3])
+    assert (line[:, 3:] != hook[:, 3:]).all()

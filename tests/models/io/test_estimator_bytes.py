@@ -1,0 +1,122 @@
+"""scikit-learn estimators as bytes, and crafted ones."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+
+import numpy as np
+import pytest
+import skops.io
+from sklearn.ensemble import (
+    GradientBoostingRegressor,
+    HistGradientBoostingRegressor,
+    RandomForestRegressor,
+)
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, Matern, WhiteKernel
+from sklearn.multioutput import MultiOutputRegressor
+from sklearn.neighbors import KNeighborsRegressor
+from sklearn.neural_network import MLPRegressor
+from sklearn.preprocessing import FunctionTransformer
+from sklearn.tree import DecisionTreeRegressor
+
+from stiff_models.io.estimator_bytes import estimator_from_bytes, estimator_to_bytes
+from stiff_protocols.contract.errors import DataError, ModelError
+
+REGRESSORS = [
+    RandomForestRegressor(n_estimators=3, random_state=0),
+    MultiOutputRegressor(GradientBoostingRegressor(n_estimators=3)),
+    MultiOutputRegressor(HistGradientBoostingRegressor(max_iter=3)),
+    GaussianProcessRegressor(RBF() + Matern() * 2.0 + WhiteKernel(), optimizer=None),
+    KNeighborsRegressor(algorithm="kd_tree"),
+    KNeighborsRegressor(algorithm="ball_tree"),
+    MLPRegressor(hidden_layer_sizes=(5,), n_iter_no_change=2, tol=10.0),
+]
+
+
+def data(rng):
+    inputs = rng.normal(size=(120, 4))
+    return inputs, inputs @ rng.normal(size=(4, 3))
+
+
+@pytest.mark.parametrize("regressor", REGRESSORS, ids=lambda each: type(each).__name__)
+def test_a_regressor_predicts_the_same_bits_after_a_round_trip(regressor, rng):
+    regressor.fit(*data(rng))
+    loaded = estimator_from_bytes(estimator_to_bytes(regressor))
+    new = rng.normal(size=(30, 4))
+    np.testing.assert_array_equal(loaded.predict(new), regressor.predict(new))
+
+
+def test_an_object_that_could_not_be_read_again_is_refused_when_it_is_saved():
+    with pytest.raises(ModelError, match="FunctionTransformer cannot be saved: it holds"):
+        estimator_to_bytes(FunctionTransformer(func=data))
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"no archive", skops.io.dumps([1, 2])], ids=["empty", "rubbish", "a list"]
+)
+def test_bytes_that_are_no_estimator_are_refused(content):
+    with pytest.raises(DataError):
+        estimator_from_bytes(content)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("left_child", 10**6), ("right_child", 0), ("left_child", -7), ("feature", 99)],
+)
+def test_a_decision_tree_that_points_outside_of_itself_is_refused(field, value, rng):
+    inputs, outputs = data(rng)
+    regressor = DecisionTreeRegressor().fit(inputs, outputs)
+    state = regressor.tree_.__getstate__()
+    state["nodes"][field][0] = value
+    regressor.tree_.__setstate__(state)
+    with pytest.raises(DataError, match="decision tree whose nodes point outside"):
+        estimator_from_bytes(estimator_to_bytes(regressor))
+
+
+def test_an_inner_tree_that_says_it_knows_more_features_than_its_ensemble_is_refused(rng):
+    """The ensemble alone checks the input; what is inside is handed rows of that width."""
+    inputs, outputs = data(rng)
+    regressor = GradientBoostingRegressor(n_estimators=2).fit(inputs, outputs[:, 0])
+    inner = regressor.estimators_[1, 0]
+    inner.n_features_in_ = 10**10
+    state = inner.tree_.__getstate__()
+    state["nodes"]["feature"][0] = 2 * 10**9
+    inner.tree_.__setstate__(state)
+    with pytest.raises(DataError, match="decision tree whose nodes point outside"):
+        estimator_from_bytes(estimator_to_bytes(regressor))
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("left", 10**6, "point outside"),
+        ("right", 0, "point outside"),
+        ("feature_idx", -1, "point outside"),
+        ("is_categorical", 1, "categories"),
+    ],
+)
+def test_a_boosted_tree_that_points_outside_of_itself_is_refused(field, value, message, rng):
+    inputs, outputs = data(rng)
+    regressor = HistGradientBoostingRegressor(max_iter=2).fit(inputs, outputs[:, 0])
+    regressor._predictors[1][0].nodes[field][0] = value
+    with pytest.raises(DataError, match=message):
+        estimator_from_bytes(estimator_to_bytes(regressor))
+
+
+def test_a_neighbour_tree_that_points_outside_of_itself_is_refused(rng):
+    regressor = KNeighborsRegressor(algorithm="kd_tree").fit(*data(rng))
+    state = list(regressor._tree.__getstate__())
+    state[1] = state[1] + 5  # the rows' numbers
+    regressor._tree.__setstate__(tuple(state))
+    with pytest.raises(DataError, match="neighbour tree"):
+        estimator_from_bytes(estimator_to_bytes(regressor))
+
+
+def test_an_archive_that_unpacks_to_more_than_it_takes_is_refused():
+    bomb = io.BytesIO()
+    with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("schema.json", bytes(2**20))
+    with pytest.raises(DataError, match=r"part of \d+ bytes unpacks to 1048576"):
+        estimator_from_bytes(bomb.getvalue())

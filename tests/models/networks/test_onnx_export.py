@@ -1,0 +1,116 @@
+"""Networks as ONNX files, run by onnxruntime."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from quick_models import KEYS, quick_model, twin_data
+from stiff_models.catalog import model_info
+from stiff_models.networks.mlp import Mlp
+from stiff_models.networks.onnx_export import export_onnx
+from stiff_models.physics.vjm import joint_deflection
+from stiff_models.transfer.compliance_net import ComplianceNet
+from stiff_models.transfer.dt_cnn import DtCnn
+from stiff_protocols.contract.errors import ConfigError, ModelError, NotFittedError
+from stiff_protocols.contract.types import Samples
+
+onnxruntime = pytest.importorskip("onnxruntime")
+pytest.importorskip("onnxscript")
+
+
+pytestmark = pytest.mark.xdist_group("onnx")  # an import of seconds, in one process
+ALIKE = ("mlp", "mlp-pretrained", "ft-mlp", "deep-ensemble", "compliance-net", "dt-cnn")
+"""Of whose graphs another test here has each part; an export takes seconds."""
+
+
+@pytest.mark.parametrize(
+    "key", [pytest.param(key, marks=[pytest.mark.slow] * (key in ALIKE)) for key in KEYS]
+)
+def test_onnxruntime_predicts_what_the_model_does(key, tmp_path, capfd):
+    model, samples = quick_model(key), twin_data().samples
+    path = tmp_path / "net.onnx"
+    try:
+        export_onnx(model, path)
+    except ConfigError as error:  # no network
+        assert "cannot be written as ONNX" in str(error)
+        assert not hasattr(model, "network_") and not path.exists()
+        return
+    assert capfd.readouterr() == ("", "")
+    session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
+    predicted = model.predict(samples.q, samples.wrench)
+    for n in (len(samples), 1):
+        (ours,) = session.run(["deflection"], {"q": samples.q[:n], "wrench": samples.wrench[:n]})
+        assert ours.shape == (n, 3) and ours.dtype == np.float64
+        assert np.abs(ours - predicted[:n]).max() <= 1e-6
+    meta = session.get_modelmeta().custom_metadata_map
+    assert meta["robot"] == model.robot_.name and "rad" in meta["units"]
+
+
+def test_the_literal_network_of_dt_cnn_pools_and_normalises_each_sample_in_its_graph(tmp_path):
+    samples = twin_data().samples.take(np.arange(0, 151, 4))
+    quick = dict(model_info("dt-cnn").quick) | {"preset": "udtl", "device": "cpu"}
+    model = DtCnn(**quick).fit(samples, robot=twin_data().robot)
+    export_onnx(model, tmp_path / "net.onnx")
+    session = onnxruntime.InferenceSession(tmp_path / "net.onnx")
+    (ours,) = session.run(None, {"q": samples.q, "wrench": samples.wrench})
+    assert np.abs(ours - model.predict(samples.q, samples.wrench)).max() <= 1e-8
+
+
+@pytest.mark.parametrize("family", [pytest.param(Mlp, marks=pytest.mark.slow), ComplianceNet])
+def test_a_robot_with_a_slide_and_raw_angles_is_exported_whole(family, tmp_path, rng):
+    kr10 = twin_data().robot
+    robot = replace(kr10, joint_types=("prismatic", *kr10.joint_types[1:]))
+    q, wrench = rng.uniform(-1.0, 1.0, size=(40, 6)), rng.normal(scale=50.0, size=(40, 6))
+    compliance = np.array([1e-6, 2e-6, 2e-6, 4e-6, 4e-6, 4e-6])  # m/N, then rad/(N m)
+    deflection = joint_deflection(robot, compliance, q, wrench)
+    names = np.arange(40).astype(str)
+    samples = Samples(q, wrench, deflection, names, names, names)
+    model = family(width=16, epochs=200, angle_encoding="raw", device="cpu")
+    model.fit(samples, robot=robot)
+    export_onnx(model, tmp_path / "net.onnx")
+    session = onnxruntime.InferenceSession(tmp_path / "net.onnx")
+    predicted = model.predict(q, wrench)
+    assert predicted.std() > 0.1 * deflection.std()
+    for n in (1, 40):
+        (ours,) = session.run(None, {"q": q[:n], "wrench": wrench[:n]})
+        assert ours.shape == (n, 3)
+        assert np.abs(ours - predicted[:n]).max() <= 1e-5 * np.abs(predicted).max()
+
+
+def test_a_model_without_a_network_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="cannot be written as ONNX: it is no network"):
+        export_onnx(quick_model("mean"), tmp_path / "net.onnx")
+
+
+def test_a_missing_package_is_named_with_the_extra_that_brings_it(tmp_path, monkeypatch):
+    model = quick_model("mlp")
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: None if name == "onnxscript" else find(name)
+    )
+    with pytest.raises(ConfigError, match=r"onnxscript.*stiffbench\[onnx\]"):
+        export_onnx(model, tmp_path / "net.onnx")
+
+
+def test_an_unfitted_network_is_refused(tmp_path):
+    with pytest.raises(NotFittedError):
+        export_onnx(Mlp(), tmp_path / "net.onnx")
+
+
+def test_a_module_that_leaves_a_part_out_is_refused_and_not_written(tmp_path, monkeypatch):
+    model = quick_model("mlp")
+    whole = model._torch_module()
+
+    class Half(torch.nn.Module):
+        def forward(self, q, wrench):
+            return whole(q, wrench) / 2
+
+    monkeypatch.setattr(type(model), "_torch_module", lambda self: Half())
+    with pytest.raises(ModelError, match="predicts something else"):
+        export_onnx(model, tmp_path / "net.onnx")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,83 @@
+"""The Jacobian and the parts of a prediction as torch modules, against the numpy ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from made_robots import random_chain
+from stiff_models.networks.features import Scaler, encode
+from stiff_models.networks.network import build_network
+from stiff_models.networks.torch_kinematics import TorchJacobian
+from stiff_models.networks.torch_parts import EncodedNetwork, JointSprings, MeanOf, SumOf
+from stiff_models.physics.kinematics import jacobian
+
+CHAINS = [
+    ("revolute",) * 6,
+    ("prismatic", "revolute", "prismatic", "revolute", "revolute"),
+    ("revolute",),
+    ("prismatic", "prismatic"),
+]
+
+
+@pytest.mark.parametrize("kinds", CHAINS)
+@pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-12), (torch.float32, 1e-6)])
+def test_the_torch_jacobian_is_the_numpy_one(kinds, dtype, tolerance, rng):
+    robot = random_chain(rng, kinds)
+    q = torch.tensor(rng.uniform(-3, 3, size=(200, robot.n_joints)), dtype=dtype)
+    truth = jacobian(robot, q.double().numpy())
+    ours = TorchJacobian(robot)(q)
+    assert ours.dtype == dtype
+    assert np.abs(ours.numpy() - truth).max() <= tolerance * np.abs(truth).max()
+
+
+def test_a_gradient_flows_through_the_jacobian(rng):
+    robot = random_chain(rng, CHAINS[1])
+    q = torch.tensor(rng.normal(size=(3, 5)), requires_grad=True)
+    assert torch.autograd.gradcheck(TorchJacobian(robot), (q,))
+
+
+def test_joint_springs_bend_as_the_virtual_work_of_the_wrench_says(rng):
+    robot = random_chain(rng, CHAINS[1])
+    q, wrench = rng.normal(size=(9, 5)), rng.normal(size=(9, 6))
+    compliance = rng.uniform(size=5)
+    for position, load, ours in zip(
+        q,
+        wrench,
+        JointSprings(robot, compliance)(torch.tensor(q), torch.tensor(wrench)).numpy(),
+        strict=True,
+    ):
+        matrix = jacobian(robot, position[None])[0]
+        truth = matrix[:3] @ np.diag(compliance) @ matrix.T @ load
+        np.testing.assert_allclose(ours, truth, rtol=1e-11)
+
+
+@pytest.mark.parametrize("encoding", ["sincos", "raw"])
+def test_an_encoded_network_sees_the_features_that_training_saw(encoding, rng):
+    robot = random_chain(rng, CHAINS[1])
+    q, wrench = rng.normal(size=(20, 5)), rng.normal(size=(20, 6))
+    features = encode(robot, q, wrench, encoding)
+    scalers = Scaler.of(features), Scaler(rng.normal(size=3), rng.uniform(1, 2, size=3))
+    network = build_network(features.shape[1], layers=1, width=8, activation="tanh", seed=0)
+    module = EncodedNetwork(
+        robot,
+        network,
+        angle_encoding=encoding,
+        input_scaler=scalers[0],
+        output_scaler=scalers[1],
+    )
+    with torch.no_grad():
+        inputs = torch.tensor(scalers[0].apply(features), dtype=torch.float32)
+        truth = scalers[1].undo(network(inputs).double().numpy())
+        ours = module(torch.tensor(q), torch.tensor(wrench)).numpy()
+    np.testing.assert_allclose(ours, truth, atol=1e-6)
+
+
+def test_sum_and_mean_of_parts(rng):
+    robot = random_chain(rng, CHAINS[0])
+    q, wrench = torch.tensor(rng.normal(size=(4, 6))), torch.tensor(rng.normal(size=(4, 6)))
+    parts = [JointSprings(robot, rng.uniform(size=6)) for _ in range(3)]
+    separate = torch.stack([part(q, wrench) for part in parts])
+    torch.testing.assert_close(SumOf(parts)(q, wrench), separate.sum(dim=0))
+    torch.testing.assert_close(MeanOf(parts)(q, wrench), separate.mean(dim=0))

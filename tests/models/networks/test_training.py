@@ -1,0 +1,176 @@
+"""The training loop and its optimizer."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+
+from stiff_models.networks.network import build_network, linear_layers
+from stiff_models.networks.optimizers import orthogonalised, whitening
+from stiff_models.networks.training import Rows, train_network
+from stiff_models.networks.training_plan import Trainable, TrainingPlan
+from stiff_protocols.contract.errors import ModelError
+from stiff_protocols.contract.progress import listening
+
+
+def network(seed=0, width=16):
+    return build_network(5, layers=3, width=width, activation="relu", seed=seed)
+
+
+def rows(n=64, seed=1):
+    generator = torch.Generator().manual_seed(seed)
+    inputs = torch.randn(n, 5, generator=generator)
+    return Rows(inputs, torch.stack([inputs[:, 0], inputs[:, 1] * inputs[:, 2], inputs[:, 3]], 1))
+
+
+def plan(**changes):
+    return TrainingPlan(
+        **({"steps": 40, "learning_rate": 1e-2, "loss": "mae", "optimizer": "adam"} | changes)
+    )
+
+
+def error(net, data):
+    with torch.no_grad():
+        return (net(data.inputs) - data.targets).abs().mean().item()
+
+
+@pytest.mark.parametrize("optimizer", ["adam", "sgd", "muon"])
+@pytest.mark.parametrize("loss", ["huber", "mse", "mae"])
+def test_training_lowers_the_error(optimizer, loss):
+    net, data = network(), rows()
+    before = error(net, data)
+    # the Huber loss is narrow, so its gradients are small
+    rate = {"adam": 1e-2, "muon": 0.02}.get(optimizer, 10.0 if loss == "huber" else 0.1)
+    chosen = plan(steps=100, optimizer=optimizer, loss=loss, learning_rate=rate)
+    train_network(net, data, chosen, seed=0, phase="t")
+    assert error(net, data) < 0.9 * before
+
+
+def test_parameters_that_do_not_move_stay_bit_identical():
+    net = network()
+    first = {name: value.clone() for name, value in net.state_dict().items()}
+    layer = linear_layers(net)[1]
+    train_network(
+        net,
+        rows(),
+        plan(),
+        seed=0,
+        phase="t",
+        trainable=Trainable({layer.weight: 1.0, layer.bias: 1.0}),
+    )
+    changed = {
+        name for name, value in net.state_dict().items() if not torch.equal(value, first[name])
+    }
+    assert changed == {"2.weight", "2.bias"}
+
+
+def test_a_frozen_first_part_is_passed_through_once_with_the_same_result():
+    # layer 2 alone moves; computed in full for comparison by giving layer 1 a rate of zero
+    cached, full = network(), network()
+    for net, extra in ((cached, {}), (full, {linear_layers(full)[0].weight: 0.0})):
+        layer = linear_layers(net)[1]
+        train_network(
+            net,
+            rows(),
+            plan(optimizer="sgd"),
+            seed=0,
+            phase="t",
+            trainable=Trainable({layer.weight: 1.0} | extra),
+        )
+    assert torch.allclose(linear_layers(cached)[1].weight, linear_layers(full)[1].weight, atol=1e-6)
+
+
+def test_the_best_step_on_the_validation_rows_is_kept():
+    net, data, held_out = network(width=64), rows(12), rows(200, seed=2)
+    curve = train_network(
+        net, data, plan(steps=300, keep_best=True), seed=0, phase="t", validation=held_out
+    )
+    assert error(net, held_out) == pytest.approx(curve.best_loss, rel=1e-5)
+    assert 0 < curve.best_step < 300
+    last = network(width=64)
+    train_network(last, data, plan(steps=300), seed=0, phase="t", validation=held_out)
+    assert curve.best_loss < error(last, held_out)
+
+
+def test_validation_rows_do_not_change_what_is_learned():
+    with_rows, without = network(), network()
+    kept_last = train_network(
+        with_rows, rows(), plan(), seed=0, phase="t", validation=rows(9, seed=5)
+    )
+    train_network(without, rows(), plan(), seed=0, phase="t")
+    assert math.isnan(kept_last.best_loss)
+    assert all(
+        torch.equal(a, b) for a, b in zip(with_rows.parameters(), without.parameters(), strict=True)
+    )
+
+
+def test_an_infinite_pull_returns_the_first_weights():
+    net, start = network(), network()
+    train_network(
+        net,
+        rows(),
+        plan(),
+        seed=0,
+        phase="t",
+        trainable=Trainable(dict.fromkeys(net.parameters(), 1.0), pull=1e30),
+    )
+    assert all(torch.equal(a, b) for a, b in zip(net.parameters(), start.parameters(), strict=True))
+
+
+def test_a_diverging_training_is_refused_with_its_learning_rate():
+    with pytest.raises(ModelError, match="learning rate of 1e\\+06 is too high"):
+        train_network(
+            network(),
+            rows(),
+            plan(optimizer="sgd", loss="mse", learning_rate=1e6),
+            seed=0,
+            phase="t",
+        )
+
+
+def test_the_same_seed_trains_the_same_network():
+    results = []
+    for _ in range(2):
+        net = network(seed=3)
+        train_network(net, rows(), plan(batch=16, schedule="linear"), seed=3, phase="t")
+        results.append(list(net.parameters()))
+    assert all(torch.equal(a, b) for a, b in zip(*results, strict=True))
+
+
+def test_progress_reports_phase_step_and_loss():
+    seen = []
+    with listening(seen.append):
+        train_network(network(), rows(), plan(), seed=0, phase="pre-train")
+    assert {report.phase for report in seen} == {"pre-train"}
+    assert seen[-1].step == seen[-1].total == 40
+    assert seen[-1].loss is not None
+
+
+def test_muon_directions_are_nearly_orthogonal():
+    matrix = torch.randn(48, 48, generator=torch.Generator().manual_seed(0))
+    before, after = (torch.linalg.svdvals(each) for each in (matrix, orthogonalised(matrix)))
+    assert after.max() < 1.3
+    assert after.median() > 0.65 > before.median() / before.max()
+
+
+def test_whitened_inputs_have_the_same_size_in_every_direction():
+    generator = torch.Generator().manual_seed(0)
+    inputs = torch.randn(4000, 12, generator=generator) @ torch.randn(12, 12, generator=generator)
+    white = inputs @ whitening(inputs).T
+    sizes = torch.linalg.eigvalsh(white.T @ white / len(white))
+    assert sizes.max() < 1.0  # the damping shrinks small directions, and none is enlarged
+    assert sizes.median() > 0.8
+
+
+def test_muon_moves_every_hidden_matrix_and_leaves_no_hook_behind():
+    net = network()
+    first = [layer.weight.clone() for layer in linear_layers(net)]
+    train_network(net, rows(), plan(steps=3, optimizer="muon"), seed=0, phase="t")
+    moved = [
+        not torch.equal(layer.weight, before)
+        for layer, before in zip(linear_layers(net), first, strict=True)
+    ]
+    assert all(moved)
+    assert not any(layer._forward_pre_hooks for layer in net)

@@ -1,0 +1,102 @@
+"""The fused deflection of joint springs against the product of Jacobians."""
+
+from __future__ import annotations
+
+import itertools
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from made_robots import random_chain
+from stiff_models.physics.joint_springs import compliance_matrix, deflections, joint_deflection
+from stiff_models.physics.kinematics import jacobian
+from stiff_models.physics.straight_line import CHUNK
+from stiff_protocols.contract.errors import DataError
+
+KINDS = [
+    ("revolute",) * 6,
+    ("prismatic", "revolute", "prismatic", "revolute", "revolute"),
+    ("revolute", "revolute", "prismatic"),
+    ("prismatic",),
+    ("prismatic", "prismatic"),
+    ("revolute",) * 7,
+]
+
+
+@pytest.fixture(params=KINDS, ids=lambda kinds: "".join(kind[0] for kind in kinds))
+def case(request, rng):
+    """Robot, compliances (one joint rigid where there are several), poses and wrenches."""
+    robot = random_chain(rng, request.param)
+    compliance = rng.uniform(0.1, 1.0, size=robot.n_joints)
+    compliance[1:2] = 0.0
+    return (
+        robot,
+        compliance,
+        rng.uniform(-3, 3, size=(60, robot.n_joints)),
+        rng.normal(size=(60, 6)),
+    )
+
+
+def matrices(robot, compliance, q):
+    rows = jacobian(robot, q)
+    return (rows[:, :3] * compliance) @ rows.transpose(0, 2, 1)
+
+
+def test_the_deflection_is_the_product_of_the_jacobians(case):
+    robot, compliance, q, wrench = case
+    truth = (matrices(robot, compliance, q) @ wrench[..., None])[..., 0]
+    found = joint_deflection(robot, compliance, q, wrench)
+    np.testing.assert_allclose(found, truth, rtol=0, atol=1e-13 * np.abs(truth).max())
+
+
+def test_the_compliance_matrix_is_the_product_of_the_jacobians(case):
+    robot, compliance, q, _ = case
+    truth = matrices(robot, compliance, q)
+    found = compliance_matrix(robot, compliance, q)
+    np.testing.assert_allclose(found, truth, rtol=0, atol=1e-13 * np.abs(truth).max())
+
+
+def test_a_stream_gives_what_its_chunks_give_and_waits_for_them(case):
+    robot, compliance, q, wrench = case
+    taken = []
+
+    def chunks():
+        for part in (slice(0, 7), slice(7, 40), slice(40, 60)):
+            taken.append(part)
+            yield q[part], wrench[part]
+
+    stream = deflections(robot, compliance, chunks())
+    assert not taken
+    found = [next(stream)]
+    assert len(taken) == 1
+    found.extend(stream)
+    whole = joint_deflection(robot, compliance, q, wrench)
+    np.testing.assert_array_equal(np.concatenate(found), whole)
+
+
+def test_memory_of_a_stream_does_not_grow_with_its_length(kr10, rng):
+    chunk = rng.normal(size=(CHUNK, 6)), rng.normal(size=(CHUNK, 6))
+
+    def peak(n_chunks):
+        tracemalloc.start()
+        for _ in deflections(kr10, np.ones(6), itertools.repeat(chunk, n_chunks)):
+            pass
+        _, found = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        return found
+
+    peak(2)  # the program is written now
+    assert peak(40) < 1.2 * peak(4)
+
+
+@pytest.mark.parametrize("function", [joint_deflection, compliance_matrix])
+def test_springs_of_another_number_than_the_joints_are_refused(function, kr10):
+    wrench = (np.zeros((2, 6)),) if function is joint_deflection else ()
+    with pytest.raises(DataError, match=r"compliance has shape \(5,\), expected \(6,\)"):
+        function(kr10, np.ones(5), np.zeros((2, 6)), *wrench)
+
+
+def test_wrenches_of_another_number_than_the_poses_are_refused(kr10):
+    with pytest.raises(DataError, match=r"wrench has shape \(3, 6\), expected \(2, 6\)"):
+        joint_deflection(kr10, np.ones(6), np.zeros((2, 6)), np.zeros((3, 6)))

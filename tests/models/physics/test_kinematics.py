@@ -1,0 +1,230 @@
+"""The batched Jacobian against Pinocchio, finite differences and the robot's own data sheet."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from stiff_datasets.robots.robot import load_robot
+from stiff_models.physics.kinematics import jacobian, kinematic_hessian, virtual_jacobian
+from stiff_models.physics.straight_line import CHUNK
+from stiff_protocols.contract.errors import DataError
+
+
+def pinocchio_jacobians(model, tcp, q):
+    """One Pinocchio call a sample: the independent truth."""
+    data = model.createData()
+    frame = model.addFrame(
+        pin.Frame(
+            "truth_tcp", model.njoints - 1, 0, pin.SE3(np.eye(3), tcp), pin.FrameType.OP_FRAME
+        )
+    )
+    data = model.createData()
+    out = np.empty((len(q), 6, model.nv))
+    for i, position in enumerate(q):
+        out[i] = pin.computeFrameJacobian(model, data, position, frame, pin.LOCAL_WORLD_ALIGNED)
+    return out
+
+
+def random_chain_urdf(rng, n_joints):
+    lines = ['<robot name="random_chain"><link name="l0"/>']
+    for i in range(n_joints):
+        kind = "prismatic" if rng.random() < 0.3 else "revolute"
+        axis = rng.normal(size=3)
+        xyz, rpy = rng.normal(size=3), rng.uniform(-3, 3, size=3)
+        text = [" ".join(map(repr, map(float, v))) for v in (xyz, rpy, axis / np.linalg.norm(axis))]
+        lines.append(
+            f'<joint name="j{i}" type="{kind}"><parent link="l{i}"/><child link="l{i + 1}"/>'
+            f'<origin xyz="{text[0]}" rpy="{text[1]}"/><axis xyz="{text[2]}"/>'
+            f'<limit lower="-3" upper="3" effort="1" velocity="1"/></joint><link name="l{i + 1}"/>'
+        )
+    return "".join(lines) + "</robot>"
+
+
+def assert_relatively_equal(ours, truth):
+    assert np.abs(ours - truth).max() <= 1e-12 * np.abs(truth).max()
+
+
+def test_jacobian_equals_pinocchio_on_1000_random_poses_of_the_kr10(kr10, kr10_chain, rng):
+    q = rng.uniform(kr10.lower, kr10.upper, size=(1000, 6))
+    truth = pinocchio_jacobians(kr10_chain.model.copy(), kr10_chain.tcp, q)
+    assert_relatively_equal(jacobian(kr10, q), truth)
+
+
+@pytest.mark.parametrize("n_joints", range(3, 9))
+def test_jacobian_equals_pinocchio_on_random_chains(n_joints, rng, tmp_path):
+    for trial in range(5):
+        urdf = tmp_path / f"chain_{trial}.urdf"
+        urdf.write_text(random_chain_urdf(rng, n_joints))
+        tcp = rng.normal(size=3)
+        robot = load_robot(urdf, tcp=tcp)
+        q = rng.uniform(-3, 3, size=(50, n_joints))
+        truth = pinocchio_jacobians(pin.buildModelFromUrdf(str(urdf)), robot.tcp, q)
+        assert_relatively_equal(jacobian(robot, q), truth)
+
+
+def test_random_chains_contain_both_kinds_of_joint(rng, tmp_path):
+    urdf = tmp_path / "chain.urdf"
+    urdf.write_text(random_chain_urdf(rng, 30))
+    assert set(load_robot(urdf).joint_types) == {"revolute", "prismatic"}
+
+
+def test_translational_rows_are_the_central_difference_of_the_tcp_position(kr10, kr10_chain, rng):
+    model, data = kr10_chain.model, kr10_chain.model.createData()
+
+    def position(q):
+        pin.forwardKinematics(model, data, q)
+        return data.oMi[6].act(kr10_chain.tcp)
+
+    step = 1e-6
+    for q in rng.uniform(kr10.lower, kr10.upper, size=(20, 6)):
+        difference = np.stack(
+            [(position(q + step * e) - position(q - step * e)) / (2 * step) for e in np.eye(6)],
+            axis=1,
+        )
+        np.testing.assert_allclose(jacobian(kr10, q[None])[0, :3], difference, atol=1e-8)
+
+
+def test_a_batch_of_several_chunks_equals_its_rows_one_at_a_time(kr10, rng):
+    q = rng.uniform(kr10.lower, kr10.upper, size=(CHUNK + 7, 6))
+    batch = jacobian(kr10, q)
+    for row in (0, CHUNK - 1, CHUNK, CHUNK + 6):
+        np.testing.assert_allclose(batch[row], jacobian(kr10, q[row : row + 1])[0], atol=1e-15)
+
+
+def test_planar_arm_has_the_textbook_jacobian(tmp_path):
+    urdf = tmp_path / "planar.urdf"
+    urdf.write_text(
+        '<robot name="planar"><link name="l0"/><link name="l1"/><link name="l2"/>'
+        '<joint name="a" type="continuous"><parent link="l0"/><child link="l1"/>'
+        '<axis xyz="0 0 1"/></joint>'
+        '<joint name="b" type="continuous"><parent link="l1"/><child link="l2"/>'
+        '<origin xyz="2 0 0"/><axis xyz="0 0 1"/></joint></robot>'
+    )
+    robot = load_robot(urdf, tcp=(1.0, 0.0, 0.0))
+    a, b = 0.3, 1.1
+    expected = [
+        [-2 * np.sin(a) - np.sin(a + b), -np.sin(a + b)],
+        [2 * np.cos(a) + np.cos(a + b), np.cos(a + b)],
+    ]
+    np.testing.assert_allclose(jacobian(robot, np.array([[a, b]]))[0, :2], expected, atol=1e-15)
+
+
+@pytest.mark.parametrize("function", [jacobian, virtual_jacobian])
+def test_no_pose_has_no_jacobian(function, kr10):
+    assert function(kr10, np.empty((0, 6))).shape == (
+        0,
+        *function(kr10, np.zeros((1, 6))).shape[1:],
+    )
+
+
+@pytest.mark.parametrize("function", [jacobian, virtual_jacobian])
+def test_wrong_number_of_joint_angles_is_refused(function, kr10):
+    with pytest.raises(DataError, match=r"\(2, 5\), expected \(n, 6\)"):
+        function(kr10, np.zeros((2, 5)))
+
+
+def made_chain(rng, tmp_path):
+    """A random chain with both kinds of joint."""
+    for trial in range(20):
+        urdf = tmp_path / f"mixed_{trial}.urdf"
+        urdf.write_text(random_chain_urdf(rng, 6))
+        robot = load_robot(urdf, tcp=(0.1, -0.2, 0.3))
+        if set(robot.joint_types) == {"revolute", "prismatic"}:
+            return robot
+    raise AssertionError("twenty chains of one kind")
+
+
+def test_kinematic_hessian_is_the_central_difference_of_the_jacobian(kr10, rng, tmp_path):
+    step = 1e-5
+    for robot in (kr10, made_chain(rng, tmp_path)):
+        q = rng.uniform(-1.5, 1.5, size=(20, robot.n_joints))
+        hessian = kinematic_hessian(jacobian(robot, q))
+        assert hessian.shape == (20, 6, robot.n_joints, robot.n_joints)
+        for j in range(robot.n_joints):
+            turn = step * np.eye(robot.n_joints)[j]
+            difference = (jacobian(robot, q + turn) - jacobian(robot, q - turn)) / (2 * step)
+            np.testing.assert_allclose(hessian[..., j], difference, atol=2e-9)
+
+
+def test_kinematic_hessian_equals_pinocchios_time_variation_of_the_jacobian(kr10, kr10_chain, rng):
+    model = kr10_chain.model.copy()
+    at_tcp = pin.SE3(np.eye(3), kr10_chain.tcp)
+    frame = model.addFrame(pin.Frame("truth_tcp", 6, 0, at_tcp, pin.FrameType.OP_FRAME))
+    data = model.createData()
+    q = rng.uniform(kr10.lower, kr10.upper, size=(20, 6))
+    for pose, hessian in zip(q, kinematic_hessian(jacobian(kr10, q)), strict=True):
+        for joint, velocity in enumerate(np.eye(6)):
+            pin.computeJointJacobiansTimeVariation(model, data, pose, velocity)
+            pin.updateFramePlacements(model, data)
+            truth = pin.getFrameJacobianTimeVariation(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+            np.testing.assert_allclose(hessian[..., joint], truth, atol=1e-12)
+
+
+def with_virtual_joints(robot):
+    """Pinocchio's model of the chain with three turns and three slides after every joint."""
+    model = pin.Model()
+    parent, zero = 0, pin.SE3.Identity()
+    own, virtual = [], []
+    for i, kind in enumerate(robot.joint_types):
+        aligned = joint_basis(robot.axes[i])
+        placement = pin.SE3(robot.placements[i]) * pin.SE3(aligned, np.zeros(3))
+        before = joint_basis(robot.axes[i - 1]) if i else np.eye(3)
+        placement = pin.SE3(before.T, np.zeros(3)) * placement
+        joint = pin.JointModelRZ() if kind == "revolute" else pin.JointModelPZ()
+        parent = model.addJoint(parent, joint, placement, f"own {i}")
+        own.append(model.joints[parent].idx_v)
+        columns = []
+        for k, spring in enumerate(
+            (
+                pin.JointModelRX(),
+                pin.JointModelRY(),
+                pin.JointModelRZ(),
+                pin.JointModelPX(),
+                pin.JointModelPY(),
+                pin.JointModelPZ(),
+            )
+        ):
+            parent = model.addJoint(parent, spring, zero, f"virtual {i} {k}")
+            columns.append(model.joints[parent].idx_v)
+        virtual.append(columns)
+    tcp = joint_basis(robot.axes[-1]).T @ robot.tcp
+    model.addFrame(pin.Frame("tcp", parent, 0, pin.SE3(np.eye(3), tcp), pin.FrameType.OP_FRAME))
+    return model, own, virtual
+
+
+def joint_basis(axis):
+    """Columns: x and y across the axis (the URDF frame's own where it can be), z along it."""
+    helper = np.eye(3)[np.argmin(np.abs(axis))]
+    x = np.cross(helper, axis) / np.linalg.norm(np.cross(helper, axis))
+    return np.column_stack([x, np.cross(axis, x), axis])
+
+
+def test_virtual_joints_move_the_tcp_as_pinocchios_model_with_42_joints(kr10, rng, tmp_path):
+    for robot in (kr10, made_chain(rng, tmp_path)):
+        model, own, virtual = with_virtual_joints(robot)
+        data = model.createData()
+        q = rng.uniform(-1.5, 1.5, size=(20, robot.n_joints))
+        found = virtual_jacobian(robot, q)
+        for pose, twists in zip(q, found, strict=True):
+            position = pin.neutral(model)
+            position[own] = pose
+            frame = model.getFrameId("tcp")
+            truth = pin.computeFrameJacobian(model, data, position, frame, pin.LOCAL_WORLD_ALIGNED)
+            assert_relatively_equal(twists, truth[:, virtual])
+
+
+def test_the_joints_own_virtual_joint_moves_the_tcp_as_the_joint(rng, tmp_path):
+    robot = made_chain(rng, tmp_path)
+    q = rng.uniform(-1.5, 1.5, size=(CHUNK + 3, robot.n_joints))
+    own = [2 if kind == "revolute" else 5 for kind in robot.joint_types]
+    found = virtual_jacobian(robot, q)[:, :, range(robot.n_joints), own]
+    np.testing.assert_allclose(found, jacobian(robot, q), atol=1e-15)
+
+
+def test_virtual_axes_are_those_of_the_urdf_frame_where_the_joints_axis_is_one_of_them(kr10, rng):
+    # at q = 0 the KR10's joint frames all lie like the base: every axis is one of the base's
+    turns = virtual_jacobian(kr10, np.zeros((1, 6)))[0, 3:, :, :3]  # (xyz, joint, axis)
+    np.testing.assert_allclose(np.sort(np.abs(turns), axis=0)[:2], 0.0, atol=1e-15)
+    np.testing.assert_allclose(np.abs(turns).sum(axis=2), 1.0, atol=1e-15)

@@ -1,0 +1,259 @@
+"""The multi-segment VJM: its law in closed form, what gravity does to it, real samples."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+
+from made_samples import samples_with
+from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
+from stiff_datasets.twin.kr10_twin import Kr10Twin
+from stiff_models.physics.kinematics import gravity_torque, jacobian
+from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm, segment_torques
+from stiff_models.physics.vjm import VirtualJointModel, joint_deflection
+from stiff_protocols.contract.errors import ConfigError, NotFittedError, StiffBenchWarning
+from stiff_protocols.contract.types import Robot
+from stiff_protocols.splits.random_splits import LeaveOneOut
+
+SOFT, STIFF = 1e-4, 4e-5  # rad/(N m): a gear below and above its breakpoint
+
+
+def arm(mass=0.0):
+    """One link of 1 m along x that turns about y (downwards), its mass at the tip."""
+    return Robot(
+        name="arm",
+        joint_names=("j1",),
+        joint_types=("revolute",),
+        placements=np.eye(4)[None],
+        axes=np.array([[0.0, 1.0, 0.0]]),
+        lower=np.array([-np.pi]),
+        upper=np.array([np.pi]),
+        masses=np.array([mass]),
+        centres_of_mass=np.array([[1.0, 0.0, 0.0]]),
+        tcp=np.array([1.0, 0.0, 0.0]),
+    )
+
+
+def down(forces):
+    """Samples of the level arm under forces downwards: the torque about y is the force."""
+    forces = np.asarray(forces, dtype=float)
+    wrench = np.zeros((len(forces), 6))
+    wrench[:, 2] = -forces
+    return np.zeros((len(forces), 1)), wrench
+
+
+def phi(torque, slopes, breakpoint):
+    size = np.abs(torque)
+    return np.sign(torque) * (
+        slopes[0] * np.minimum(size, breakpoint) + slopes[1] * np.maximum(size - breakpoint, 0.0)
+    )
+
+
+@pytest.fixture()
+def no_masses():
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "robot .* has no masses", StiffBenchWarning)
+        yield
+
+
+def test_one_joint_bends_by_the_closed_form_and_its_slopes_are_found():
+    torque = np.array([-30.0, -10.0, 2.0, 8.0, 10.0, 15.0, 40.0])
+    q, wrench = down(torque)
+    deflection = np.zeros((7, 3))
+    deflection[:, 2] = -phi(torque, (SOFT, STIFF), 10.0)  # 1 m from the joint
+    model = MultiSegmentVjm(breakpoints="given", given_breakpoints="10", gravity=False)
+    model.fit(samples_with(q, wrench, deflection), robot=arm())
+    np.testing.assert_allclose(model.slopes_, [[SOFT, STIFF]], rtol=1e-12)
+    assert model.diagnostics_["stiffness j1 segment 1 [Nm/rad]"] == pytest.approx(1 / SOFT)
+    assert model.diagnostics_["stiffness j1 segment 2 [Nm/rad]"] == pytest.approx(1 / STIFF)
+    assert model.diagnostics_["breakpoint j1 1 [Nm]"] == 10.0
+    assert model.diagnostics_["rank"] == 2.0
+    new = np.array([-100.0, 0.0, 5.0, 60.0])
+    expected = -phi(new, (SOFT, STIFF), 10.0)
+    np.testing.assert_allclose(model.predict(*down(new))[:, 2], expected, atol=1e-15)
+
+
+def test_the_parts_of_a_torque_are_odd_continuous_and_add_up_to_it():
+    breakpoints = np.array([[1.0, 3.0, 7.0]])
+    torque = np.linspace(-12.0, 12.0, 2401)[:, None]
+    parts = segment_torques(torque, breakpoints)
+    assert parts.shape == (2401, 1, 4)
+    np.testing.assert_allclose(parts.sum(axis=2), torque, atol=1e-14)
+    np.testing.assert_array_equal(segment_torques(-torque, breakpoints), -parts)
+    assert np.abs(np.diff(parts, axis=0)).max() <= 0.01 + 1e-12  # no jump: a step is 0.01 N m
+    np.testing.assert_allclose(
+        segment_torques(np.array([[5.0]]), breakpoints)[0, 0], [1.0, 2.0, 2.0, 0.0]
+    )
+
+
+def preloaded():
+    """An arm of 3 kg whose gear its weight (29 N m, level) takes past the breakpoint."""
+    robot, rng = arm(mass=3.0), np.random.default_rng(3)
+    q = rng.uniform(-1.5, 1.5, size=(80, 1))
+    wrench = np.zeros((80, 6))
+    wrench[:, :3] = rng.normal(size=(80, 3)) * 20.0
+    rows, weight = jacobian(robot, q), gravity_torque(robot, q)
+    load = np.einsum("nki,nk->ni", rows, wrench)
+    turn = phi(weight + load, (SOFT, STIFF), 12.0) - phi(weight, (SOFT, STIFF), 12.0)
+    return robot, samples_with(q, wrench, rows[:, :3, 0] * turn)
+
+
+def test_with_gravity_a_preloaded_gear_is_found_and_without_it_is_not():
+    robot, samples = preloaded()
+    fitted = [
+        MultiSegmentVjm(breakpoints="given", given_breakpoints="12", gravity=gravity).fit(
+            samples, robot=robot
+        )
+        for gravity in (True, False)
+    ]
+    np.testing.assert_allclose(fitted[0].slopes_, [[SOFT, STIFF]], rtol=1e-10)
+    assert fitted[1].slopes_[0, 0] < 0.8 * SOFT  # phi(J^T w) takes the preloaded slope for it
+    error = [
+        np.abs(m.predict(samples.q, samples.wrench) - samples.deflection).max() for m in fitted
+    ]
+    assert error[0] < 1e-15 and error[1] > 1e-4
+
+
+def test_equal_slopes_give_the_linear_models_springs(kr10, rng):
+    q = rng.uniform(-1.5, 1.5, size=(100, 6))
+    wrench = rng.normal(size=(100, 6)) * np.repeat([60.0, 5.0], 3)
+    compliance = 1 / np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])
+    samples = samples_with(q, wrench, joint_deflection(kr10, compliance, q, wrench))
+    linear = VirtualJointModel().fit(samples, robot=kr10)
+    for segments in (2, 3, 4):
+        model = MultiSegmentVjm(segments=segments).fit(samples, robot=kr10)
+        np.testing.assert_allclose(
+            model.slopes_, np.repeat(compliance[:, None], segments, axis=1), rtol=1e-9
+        )
+        np.testing.assert_allclose(
+            model.predict(q[:5], wrench[:5]), linear.predict(q[:5], wrench[:5]), rtol=1e-9
+        )
+
+
+def test_quantiles_are_those_of_the_training_torques_with_gravitys_share():
+    robot, samples = preloaded()
+    load = np.einsum("nki,nk->ni", jacobian(robot, samples.q), samples.wrench)
+    torque = load + gravity_torque(robot, samples.q)
+    for segments, shares in ((2, [0.25]), (3, [0.25, 0.625]), (4, [0.25, 0.5, 0.75])):
+        for gravity, used in ((True, torque), (False, load)):
+            model = MultiSegmentVjm(segments=segments, gravity=gravity).fit(samples, robot=robot)
+            expected = [np.quantile(np.abs(used), shares)]
+            np.testing.assert_allclose(model.breakpoints_, expected, rtol=1e-12)
+
+
+def test_the_search_comes_as_near_to_the_true_breakpoint_as_its_candidates():
+    robot, samples = preloaded()
+    model = MultiSegmentVjm(breakpoints="search").fit(samples, robot=robot)
+    load = np.einsum("nki,nk->ni", jacobian(robot, samples.q), samples.wrench)
+    torque = np.abs(load + gravity_torque(robot, samples.q))
+    below, above = (np.quantile(torque, (torque < 12.0).mean() + step) for step in (-0.05, 0.05))
+    assert below < model.breakpoints_[0, 0] < above
+
+
+@pytest.mark.parametrize("segments", [2, 4])
+def test_the_search_fits_the_training_samples_better_than_quantiles(segments):
+    data, residual = Kr10Twin().load(), {}
+    for breakpoints in ("quantile", "search"):
+        model = MultiSegmentVjm(breakpoints=breakpoints, segments=segments)
+        model.fit(data.samples, robot=data.robot)
+        error = model.predict(data.samples.q, data.samples.wrench) - data.samples.deflection
+        residual[breakpoints] = (error**2).sum()
+        assert (np.diff(model.breakpoints_, axis=1) > 0.0).all()
+    assert residual["search"] < residual["quantile"]
+
+
+def test_leave_one_out_on_the_fanuc_gives_the_independent_figures(no_masses):
+    data = FanucR2000iC().load()
+    errors = []
+    for split in LeaveOneOut().splits(data.samples, n_splits=None, seed=0):
+        train = data.samples.take(np.concatenate([split.train, split.validation]))
+        test = data.samples.take(split.test)
+        model = MultiSegmentVjm().fit(train, robot=data.robot)
+        errors.append(np.abs(model.predict(test.q, test.wrench) - test.deflection))
+    mae_mm = np.concatenate(errors).mean(axis=0) * 1000
+    np.testing.assert_allclose(mae_mm, [0.205, 0.150, 0.129], atol=0.001)
+
+
+def test_a_robot_without_masses_is_said_to_have_no_preload():
+    data = FanucR2000iC().load()
+    with pytest.warns(StiffBenchWarning, match=r"'fanuc.*' has no masses.*gravity preload 0"):
+        stated = MultiSegmentVjm().fit(data.samples, robot=data.robot)
+    unstated = MultiSegmentVjm(gravity=False).fit(data.samples, robot=data.robot)
+    np.testing.assert_array_equal(stated.slopes_, unstated.slopes_)
+
+
+def test_slopes_are_never_negative(kr10, rng):
+    q, wrench = rng.uniform(-1.0, 1.0, size=(20, 6)), rng.normal(size=(20, 6)) * 20.0
+    samples = samples_with(q, wrench, rng.normal(size=(20, 3)) * 1e-3)
+    assert (MultiSegmentVjm(segments=4).fit(samples, robot=kr10).slopes_ >= 0.0).all()
+
+
+def test_a_segment_that_no_training_torque_reaches_is_named():
+    q, wrench = down([1.0, 2.0, 3.0])
+    deflection = np.outer([1.0, 2.0, 3.0], [0.0, 0.0, -SOFT])
+    model = MultiSegmentVjm(breakpoints="given", given_breakpoints="5", gravity=False)
+    with pytest.warns(StiffBenchWarning, match=r"not identifiable.*: j1 segment 2 \(.*rank 1 of 2"):
+        model.fit(samples_with(q, wrench, deflection), robot=arm())
+    assert np.isnan(model.diagnostics_["stiffness j1 segment 2 [Nm/rad]"])
+
+
+@pytest.mark.parametrize(
+    ("text", "segments"),
+    [
+        ("", 2),
+        ("ten", 2),
+        ("10,20", 2),
+        ("20,10", 3),
+        ("10,10", 3),
+        ("0,10", 3),
+        ("-5", 2),
+        ("nan", 2),
+        ("10,inf", 3),
+        ("10;", 2),
+        ("10;10,20", 2),
+    ],
+)
+def test_given_breakpoints_that_are_none_are_refused(text, segments):
+    model = MultiSegmentVjm(breakpoints="given", given_breakpoints=text, segments=segments)
+    with pytest.raises(
+        ConfigError, match=rf"given_breakpoints.*(expected {segments - 1} positive|in N m)"
+    ):
+        model.check_params()
+
+
+def test_given_breakpoints_are_for_all_joints_or_one_list_a_joint(kr10, rng):
+    q, wrench = rng.uniform(-1.0, 1.0, size=(90, 6)), rng.normal(size=(90, 6)) * 20.0
+    samples = samples_with(q, wrench, rng.normal(size=(90, 3)) * 1e-3)
+    given = {
+        "1,2": [[1, 2]] * 6,
+        "1,2;3,4;5,6;1,2;1,2;1,3": [[1, 2], [3, 4], [5, 6], [1, 2], [1, 2], [1, 3]],
+    }
+    for text, expected in given.items():
+        model = MultiSegmentVjm(
+            breakpoints="given", given_breakpoints=text, segments=3, gravity=False
+        )
+        np.testing.assert_array_equal(model.fit(samples, robot=kr10).breakpoints_, expected)
+    two = MultiSegmentVjm(breakpoints="given", given_breakpoints="1;2")
+    with pytest.raises(ConfigError, match="holds 2 lists, expected 1 for all joints or 6"):
+        two.check_robot(kr10)
+
+
+def test_given_breakpoints_that_would_not_be_used_are_refused():
+    with pytest.raises(ConfigError, match="would not be used: breakpoints is 'quantile'"):
+        MultiSegmentVjm(given_breakpoints="10").check_params()
+
+
+def test_predict_before_fit_is_refused_and_options_survive_a_clone():
+    model = MultiSegmentVjm(segments=3, breakpoints="search", gravity=False)
+    assert clone(model).get_params() == model.get_params()
+    with pytest.raises(NotFittedError):
+        model.predict(np.zeros((1, 6)), np.zeros((1, 6)))
+
+
+def test_no_load_gives_no_deflection_whatever_the_preload():
+    robot, samples = preloaded()
+    model = MultiSegmentVjm().fit(samples, robot=robot)
+    assert not model.predict(samples.q, np.zeros((80, 6))).any()

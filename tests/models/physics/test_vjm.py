@@ -1,0 +1,144 @@
+"""The linear VJM: it finds what is there, says how sure it is, and names what it cannot see."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from made_samples import samples_with
+from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
+from stiff_datasets.robots.robot import shipped_robot
+from stiff_models.physics.vjm import (
+    VirtualJointModel,
+    compliance_regressor,
+    identify_joints,
+    joint_deflection,
+)
+from stiff_protocols.contract.errors import ModelError, NotFittedError, StiffBenchWarning
+from stiff_protocols.splits.random_splits import LeaveOneOut
+
+STIFFNESS = np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])  # the paper's Table 3
+
+
+def simulated(robot, rng, n=150, noise=0.0, stiffness=STIFFNESS):
+    q = rng.uniform(np.maximum(robot.lower, -2), np.minimum(robot.upper, 2), size=(n, 6))
+    wrench = rng.normal(size=(n, 6)) * np.repeat([60.0, 5.0], 3)
+    deflection = joint_deflection(robot, 1 / stiffness, q, wrench)
+    scatter = rng.normal(scale=noise, size=(n, 3)) if noise else 0.0
+    return samples_with(q, wrench, deflection + scatter)
+
+
+def test_it_recovers_known_stiffnesses_from_exact_samples(kr10, rng):
+    joints = identify_joints(kr10, simulated(kr10, rng))
+    np.testing.assert_allclose(joints.stiffness, STIFFNESS, rtol=1e-9)
+    assert joints.rank == 6 and joints.unidentifiable == ()
+
+
+def test_its_standard_errors_are_the_scatter_of_repeated_identifications(kr10, rng):
+    repeats = [identify_joints(kr10, simulated(kr10, rng, noise=2e-5)) for _ in range(200)]
+    found = np.array([joints.stiffness for joints in repeats])
+    stated = np.array([joints.standard_error for joints in repeats]).mean(axis=0)
+    np.testing.assert_allclose(stated, found.std(axis=0), rtol=0.25)
+
+
+def test_a6_cannot_be_identified_with_the_tcp_on_its_axis_and_is_named(rng):
+    robot = shipped_robot("kr10_r1100_2", tcp=(0.0, 0.0, 0.08))
+    samples = simulated(robot, rng)
+    with pytest.warns(StiffBenchWarning, match=r"not identifiable.*A6 \(regressor rank 5 of 6\)"):
+        model = VirtualJointModel().fit(samples, robot=robot)
+    assert model.joints_.unidentifiable == ("A6",)
+    assert np.isnan(model.joints_.stiffness[5]) and np.isnan(model.joints_.standard_error[5])
+    np.testing.assert_allclose(model.joints_.stiffness[:5], STIFFNESS[:5], rtol=1e-9)
+    np.testing.assert_allclose(
+        model.predict(samples.q, samples.wrench), samples.deflection, atol=1e-15
+    )
+
+
+def test_joints_that_only_act_together_are_both_named(kr10, rng):
+    samples = simulated(kr10, rng)
+    straight = samples.q.copy()
+    straight[:, 4] = 0.0  # A4 and A6 turn about one line
+    joints = identify_joints(kr10, replace(samples, q=straight))
+    assert joints.unidentifiable == ("A4", "A6")
+    assert np.isnan(joints.stiffness[[3, 5]]).all() and np.isfinite(joints.stiffness[:3]).all()
+
+
+def test_joints_that_cannot_be_told_apart_do_not_bias_the_others(kr10, rng):
+    samples = simulated(kr10, rng)
+    q = samples.q.copy()
+    q[:, 4] = 0.0
+    deflection = joint_deflection(kr10, 1 / STIFFNESS, q, samples.wrench)
+    straight = replace(samples, q=q, deflection=deflection)
+    joints = identify_joints(kr10, straight)
+    known = [0, 1, 2, 4]
+    np.testing.assert_allclose(joints.stiffness[known], STIFFNESS[known], rtol=1e-9)
+    again = joint_deflection(kr10, joints.compliance, q, samples.wrench)
+    np.testing.assert_allclose(again, deflection, atol=1e-15)
+
+
+def test_a_single_sample_gives_no_stiffness(kr10, rng):
+    joints = identify_joints(kr10, simulated(kr10, rng, n=1))
+    assert joints.rank == 3 and len(joints.unidentifiable) == 6
+    assert np.isnan(joints.stiffness).all()
+
+
+def test_zero_wrenches_are_refused(kr10, rng):
+    samples = simulated(kr10, rng)
+    with pytest.raises(ModelError, match="no wrench turns any joint"):
+        identify_joints(kr10, replace(samples, wrench=np.zeros((150, 6))))
+
+
+def test_a_stiffness_is_never_negative(kr10, rng):
+    samples = simulated(kr10, rng, noise=1e-3, n=10)
+    assert (identify_joints(kr10, samples).compliance >= 0).all()
+
+
+def test_predict_before_fit_is_refused(kr10):
+    with pytest.raises(NotFittedError, match="VirtualJointModel: call fit before predict"):
+        VirtualJointModel().predict(np.zeros((1, 6)), np.zeros((1, 6)))
+
+
+def test_leave_one_out_on_the_fanuc_gives_the_independent_figures():
+    data = FanucR2000iC().load()
+    errors = []
+    for split in LeaveOneOut().splits(data.samples, n_splits=None, seed=0):
+        train = data.samples.take(np.concatenate([split.train, split.validation]))
+        test = data.samples.take(split.test)
+        model = VirtualJointModel().fit(train, robot=data.robot)
+        errors.append(np.abs(model.predict(test.q, test.wrench) - test.deflection))
+    mae_mm = np.concatenate(errors).mean(axis=0) * 1000
+    np.testing.assert_allclose(mae_mm, [0.211, 0.161, 0.130], atol=0.002)
+
+
+def test_all_43_fanuc_samples_give_the_independent_stiffnesses():
+    data = FanucR2000iC().load()
+    found = identify_joints(data.robot, data.samples).stiffness
+    np.testing.assert_allclose(found, [8.6e5, 2.7e6, 2.0e6, 2.7e5, 4.2e5, 2.1e5], rtol=0.025)
+
+
+def test_it_warns_where_no_spring_explains_anything(kr10, rng):
+    samples = simulated(kr10, rng)
+    flipped = replace(samples, wrench=-samples.wrench)
+    with pytest.warns(StiffBenchWarning, match="no joint spring explains any of the deflections"):
+        VirtualJointModel().fit(flipped, robot=kr10)
+
+
+@pytest.mark.parametrize("congruence", [False, True])
+def test_it_reports_stiffness_standard_error_rank_and_condition_number(congruence, kr10, rng):
+    samples = simulated(kr10, rng, noise=2e-5)
+    model = VirtualJointModel(congruence=congruence).fit(samples, robot=kr10)
+    reported = model.diagnostics_
+    for i, name in enumerate(kr10.joint_names):
+        assert reported[f"stiffness {name} [Nm/rad]"] == pytest.approx(STIFFNESS[i], rel=0.1)
+        error = reported[f"standard error {name} [Nm/rad]"]
+        assert 0.0 < error < 0.05 * STIFFNESS[i]
+    assert reported["rank"] == 6.0 and 1.0 < reported["condition number"] < 100.0
+
+
+def test_its_compliances_are_the_least_squares_solution_of_the_plain_regressor(kr10, rng):
+    samples = simulated(kr10, rng, noise=2e-5)
+    regressor = compliance_regressor(kr10, samples.q, samples.wrench).reshape(-1, 6)
+    truth = np.linalg.lstsq(regressor, samples.deflection.reshape(-1), rcond=None)[0]
+    np.testing.assert_allclose(identify_joints(kr10, samples).compliance, truth, rtol=1e-9)

@@ -1,0 +1,125 @@
+"""Gaussian processes and their likelihood against scikit-learn's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, WhiteKernel
+
+from stiff_models.regressors.gaussian_process import (
+    Covariance,
+    GaussianProcess,
+    Search,
+    log_likelihood,
+)
+from stiff_models.regressors.gp import GaussianProcessModel
+from stiff_protocols.contract.errors import ModelError
+
+N_ROWS, N_FEATURES = 40, 5
+
+
+def rows_of(rng, n=N_ROWS):
+    inputs = rng.normal(size=(n, N_FEATURES))
+    return inputs, np.sin(inputs[:, 0]) + 0.5 * inputs[:, 1] + 0.1 * rng.normal(size=n)
+
+
+def covariance_of(kernel, rng, *, shared=False, noise=0.02):
+    lengths = 2.0 * np.exp(0.3 * rng.normal(size=1 if shared else N_FEATURES))
+    return Covariance(kernel, 1.3, lengths, noise, jitter=1e-10)
+
+
+def scikit_learns(covariance, inputs, outputs):
+    """The same process, its hyperparameters as they are."""
+    lengths = covariance.lengths if len(covariance.lengths) > 1 else covariance.lengths[0]
+    shape = RBF(lengths) if covariance.kernel == "rbf" else Matern(lengths, nu=2.5)
+    kernel = ConstantKernel(covariance.variance) * shape
+    if covariance.noise:
+        kernel += WhiteKernel(covariance.noise)
+    process = GaussianProcessRegressor(kernel, alpha=covariance.jitter, optimizer=None)
+    return process.fit(inputs, outputs)
+
+
+@pytest.mark.parametrize("kernel", ["matern", "rbf"])
+@pytest.mark.parametrize("shared", [True, False])
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_likelihood_gradient_and_predictions_are_scikit_learns(kernel, shared, noise, rng):
+    covariance = covariance_of(kernel, rng, shared=shared, noise=noise)
+    inputs, outputs = rows_of(rng)
+    truth = scikit_learns(covariance, inputs, outputs)
+    value, gradient = log_likelihood(covariance, inputs, outputs)
+    expected = truth.log_marginal_likelihood(covariance.theta, eval_gradient=True)
+    assert value == pytest.approx(expected[0], rel=1e-9)
+    np.testing.assert_allclose(gradient, expected[1], rtol=1e-6, atol=1e-6)
+    process, elsewhere = GaussianProcess.of(covariance, inputs, outputs), rows_of(rng, 700)[0]
+    mean, deviation = truth.predict(elsewhere, return_std=True)
+    np.testing.assert_allclose(process.mean(elsewhere), mean, atol=1e-8)
+    np.testing.assert_allclose(process.deviation(elsewhere), deviation, atol=1e-7)
+
+
+def test_the_gradient_with_a_trend_is_that_of_the_likelihood_at_its_likeliest_scale(rng):
+    inputs, outputs = rows_of(rng)
+    trend, start = np.cos(inputs[:, 0]), covariance_of("matern", rng)
+
+    def value(theta):
+        return log_likelihood(start.with_theta(theta), inputs, outputs, trend)[0]
+
+    step = 1e-5 * np.eye(len(start.theta))
+    slopes = [(value(start.theta + one) - value(start.theta - one)) / 2e-5 for one in step]
+    gradient = log_likelihood(start, inputs, outputs, trend)[1]
+    np.testing.assert_allclose(gradient, slopes, rtol=1e-5, atol=1e-5)
+    assert value(start.theta) > log_likelihood(start, inputs, outputs)[0]
+
+
+def test_a_large_covariance_is_the_same_block_by_block(rng):
+    covariance = covariance_of("matern", rng)
+    first, second = (covariance.scaled(rows_of(rng, n)[0]) for n in (500, 300))
+    blocks = [block.copy() for _, block in covariance.blocks(first, second)]
+    assert len(blocks) > 1
+    np.testing.assert_allclose(
+        np.vstack(blocks),
+        covariance.with_slope(np.vstack([first, second]))[0][:500, 500:],
+        atol=1e-12,
+    )
+
+
+def test_the_search_finds_what_scikit_learns_finds(rng):
+    inputs, outputs = rows_of(rng)
+    start = Covariance("rbf", 1.0, np.array([2.0]), 0.1, jitter=1e-10)
+    found = Search(restarts=1, rows=100, seed=3).likeliest(start, inputs, outputs)
+    kernel = ConstantKernel(1.0, (1e-3, 1e5)) * RBF(2.0, (1e-2, 1e4)) + WhiteKernel(
+        0.1, (1e-8, 10.0)
+    )
+    truth = GaussianProcessRegressor(kernel, n_restarts_optimizer=1, random_state=3)
+    truth.fit(inputs, outputs)
+    np.testing.assert_allclose(found.theta, truth.kernel_.theta, atol=1e-3)
+
+
+def test_the_search_looks_at_some_rows_and_the_process_learns_from_all(parts):
+    robot, train, _, _ = parts
+    few, again, other = (
+        GaussianProcessModel(restarts=0, ard=False, search_rows=30).fit(
+            train, robot=robot, seed=seed
+        )
+        for seed in (0, 0, 1)
+    )
+    whole = GaussianProcessModel(restarts=0, ard=False).fit(train, robot=robot)
+    assert {len(model.processes_[0].rows) for model in (few, whole)} == {len(train)}
+    thetas = [model.processes_[0].covariance.theta for model in (few, again, other, whole)]
+    np.testing.assert_array_equal(thetas[0], thetas[1])
+    assert not np.allclose(thetas[0], thetas[2])
+    assert not np.allclose(thetas[0], thetas[3])
+
+
+def test_rows_whose_covariance_has_no_factor_are_refused(rng):
+    inputs, outputs = rows_of(rng)
+    hopeless = Covariance("rbf", 1e5, np.array([1e4]), 0.0, jitter=0.0)
+    with pytest.raises(ModelError, match="process of 40 rows cannot be solved"):
+        GaussianProcess.of(hopeless, inputs, outputs)
+    assert log_likelihood(hopeless, inputs, outputs)[0] == -np.inf
+
+
+def test_no_rows_have_no_predictions(rng):
+    process = GaussianProcess.of(covariance_of("matern", rng), *rows_of(rng))
+    nothing = np.empty((0, N_FEATURES))
+    assert process.mean(nothing).shape == process.deviation(nothing).shape == (0,)

@@ -1,0 +1,172 @@
+"""Co-kriging, alone and as `mf-gp`."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+
+import numpy as np
+import pytest
+
+from stiff_datasets.twin.kr10_twin import Kr10Twin
+from stiff_models.physics.vjm import VirtualJointModel
+from stiff_models.regressors.gaussian_process import (
+    Covariance,
+    GaussianProcess,
+    Search,
+    log_likelihood,
+)
+from stiff_models.regressors.mf_gp import MultiFidelityGp, fit_co_kriging
+
+LINE = np.linspace(0.0, 1.0, 51)[:, None]
+CHEAP = np.linspace(0.0, 1.0, 11)[:, None]
+NUGGET = 1e-8
+DEAR = CHEAP[[0, 4, 6, 10]]  # 0, 0.4, 0.6, 1: nested
+
+
+def high(x):
+    """Forrester, Sobester and Keane 2007, Proc. R. Soc. A 463: 3251-3269, section 4."""
+    return ((6 * x - 2) ** 2 * np.sin(12 * x - 4))[:, 0]
+
+
+def low(x):
+    """Its low fidelity: 0.5 high + 10 (x - 0.5) - 5."""
+    return 0.5 * high(x) + (10 * (x - 0.5) - 5)[:, 0]
+
+
+def process(length):
+    """A squared exponential that a search starts from."""
+    return Covariance("rbf", 100.0, np.array([length]), noise=0.0, jitter=NUGGET)
+
+
+def co_kriging(low_start, delta_start, measured, restarts=0):
+    search = Search(restarts=restarts, rows=100, seed=3)
+    levels = process(low_start), process(delta_start)
+    return fit_co_kriging(*levels, (CHEAP, low(CHEAP)), (DEAR, measured), search)
+
+
+@pytest.fixture(scope="module")
+def data():
+    return Kr10Twin().load()
+
+
+def test_forresters_function_is_found_from_four_points_and_its_low_fidelity():
+    fitted = co_kriging(0.2, 1.0, high(DEAR))
+    found = Search(0, 100, 0).likeliest(process(0.2), DEAR, high(DEAR))
+    alone = GaussianProcess.of(found, DEAR, high(DEAR)).mean(LINE)
+    error = np.abs(fitted.mean(LINE) - high(LINE)).max()
+    assert fitted.rho == pytest.approx(2.0, abs=0.05)  # high = 2 low - 20 (x - 0.5) + 10
+    assert error < 0.5  # the function spans -6 to 16
+    assert error < 0.1 * np.abs(alone - high(LINE)).max()
+    np.testing.assert_allclose(fitted.mean(DEAR), high(DEAR), atol=1e-2)
+
+
+# at the better one the likelihood is flat up to rounding, which ends the line search
+@pytest.mark.filterwarnings("ignore:hyperparameters of a Gaussian process")
+def test_more_starts_of_the_search_never_find_a_lower_likelihood():
+    def likelihood(restarts):
+        # a start at a length scale that explains every point by itself
+        fitted = co_kriging(0.2, 0.01, high(DEAR), restarts)
+        trend = fitted.low.mean(DEAR)
+        return log_likelihood(fitted.delta.covariance, DEAR, high(DEAR), trend)[0]
+
+    assert likelihood(8) > likelihood(0) + 1.0
+
+
+def squared_exponential(first, second, length, variance):
+    return variance * np.exp(-0.5 * ((first - second.T) / length) ** 2)
+
+
+def joint_co_kriging(low_kernel, delta_kernel, rho, measured, *, nugget, constant_means=False):
+    """Mean and deviation of the high fidelity on LINE from both levels' joint covariance.
+
+    M. C. Kennedy and A. O'Hagan, Biometrika 87 (2000) 1-13, section 2: no recursion, one system of
+    the outputs of both levels. Kernels are (length scale, variance).
+
+    Args:
+        measured: the high fidelity at DEAR.
+        constant_means: each level has an unknown constant mean, by generalised least squares;
+            otherwise their means are zero, and so are ours.
+    """
+    inputs, outputs = np.vstack([CHEAP, DEAR]), np.concatenate([low(CHEAP), measured])
+    dear = np.repeat([0.0, 1.0], [len(CHEAP), len(DEAR)])
+    scale = np.where(dear, rho, 1.0)
+    below, delta = (
+        (squared_exponential(inputs, inputs, *k), squared_exponential(LINE, inputs, *k))
+        for k in (low_kernel, delta_kernel)
+    )
+    covariance = np.outer(scale, scale) * below[0] + np.outer(dear, dear) * delta[0]
+    weights = np.linalg.inv(covariance + nugget * np.eye(len(inputs)))
+    cross = rho * scale * below[1] + dear * delta[1]
+    means = np.zeros(2)
+    basis = np.stack([scale, dear], axis=1)
+    if constant_means:
+        means = np.linalg.solve(basis.T @ weights @ basis, basis.T @ weights @ outputs)
+    mean = means @ [rho, 1.0] + cross @ weights @ (outputs - basis @ means)
+    prior = rho**2 * low_kernel[1] + delta_kernel[1]
+    return mean, np.sqrt(prior - ((cross @ weights) * cross).sum(axis=1))
+
+
+def test_the_recursion_is_the_joint_process_of_both_levels():
+    waves = high(DEAR) + 3.0 * np.sin(20.0 * DEAR[:, 0])  # a delta that moves
+    fitted = co_kriging(0.2, 0.2, waves)
+    below, delta = (
+        (p.covariance.lengths[0], p.covariance.variance) for p in (fitted.low, fitted.delta)
+    )
+    mean, deviation = joint_co_kriging(below, delta, fitted.rho, waves, nugget=NUGGET)
+    np.testing.assert_allclose(fitted.mean(LINE), mean, atol=1e-6)
+    np.testing.assert_allclose(fitted.deviation(LINE) ** 2, deviation**2, atol=1e-6)
+    weights = np.linalg.inv(squared_exponential(DEAR, DEAR, *delta))
+    likeliest = (low(DEAR) @ weights @ waves) / (low(DEAR) @ weights @ low(DEAR))
+    assert fitted.rho == pytest.approx(likeliest, rel=1e-6)
+
+
+def test_smts_co_kriging_is_the_same_joint_process_with_constant_means():
+    """The one difference of the definitions: smt's levels have constant means, ours have none."""
+    applications = pytest.importorskip("smt.applications")
+    theta = np.array([[10.0], [2.0]])  # exp(-theta x^2) of inputs divided by X_scale
+    smt = applications.MFK(print_global=False, hyper_opt="NoOp", theta0=theta, corr="squar_exp")
+    smt.set_training_values(CHEAP, low(CHEAP)[:, None], name=0)
+    smt.set_training_values(DEAR, high(DEAR)[:, None])
+    with contextlib.redirect_stdout(io.StringIO()):
+        smt.train()
+    np.testing.assert_array_equal(smt.optimal_theta, theta)
+    kernels = [(smt.X_scale[0] / np.sqrt(2.0 * each), 1.0) for (each,) in theta]
+    rho = smt.optimal_par[1]["beta"][0, 0]
+    mean, _ = joint_co_kriging(*kernels, rho, high(DEAR), nugget=0.0, constant_means=True)
+    np.testing.assert_allclose(smt.predict_values(LINE)[:, 0], mean, atol=1e-9)
+
+
+def test_the_uncertainty_is_small_at_dear_points_and_grows_between_them():
+    waves = high(DEAR) + 3.0 * np.sin(20.0 * DEAR[:, 0])  # nothing of the low fidelity's
+    fitted = co_kriging(0.2, 0.2, waves)
+    between = fitted.deviation(np.array([[0.2], [0.8]]))
+    assert fitted.deviation(DEAR).max() < 0.1 * between.min()
+
+
+def test_its_simulated_samples_come_from_the_one_source_builder(data):
+    model = MultiFidelityGp(source_samples=16, restarts=0, ard=False, source_stiffness="nominal")
+    few = data.samples.take(np.arange(0, 150, 8))
+    soft = MultiFidelityGp(**model.get_params() | {"nominal_stiffness": ",".join(["1e3"] * 6)})
+    own, other = (m.fit(few, robot=data.robot).levels_[0].low for m in (model, soft))
+    assert len(own.rows) == 16 + len(few)
+    # the low fidelity is the softer robot's: what it predicts at the same rows is larger
+    rows = own.rows / np.sqrt(5.0) * own.covariance.lengths
+    assert np.abs(other.mean(rows)).max() > 5 * np.abs(own.mean(rows)).max()
+
+
+def test_co_kriging_beats_the_vjm_on_its_training_samples_and_leaves_numpys_seed_alone(data):
+    train = data.samples.take(np.arange(0, 150, 3))
+    state = np.random.get_state()[1].copy()  # noqa: NPY002
+    model = MultiFidelityGp(source_samples=40, ard=False).fit(train, robot=data.robot, seed=4)
+    np.testing.assert_array_equal(state, np.random.get_state()[1])  # noqa: NPY002
+    vjm = VirtualJointModel().fit(train, robot=data.robot)
+    errors = [
+        np.abs(m.predict(train.q, train.wrench) - train.deflection).mean() for m in (model, vjm)
+    ]
+    assert errors[0] < errors[1]
+    interval = model.predict_interval(train.q, train.wrench, 0.9)
+    np.testing.assert_allclose(
+        (interval.lower + interval.upper) / 2, model.predict(train.q, train.wrench), atol=1e-12
+    )
+    assert {"rho X", "noise Y [mm]"} <= set(model.diagnostics_)

@@ -1,0 +1,110 @@
+"""Physics plus learner: `vjm-gp`, `vjm-boosting`, `residual-mlp`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import torch
+
+from stiff_models.physics.vjm import VirtualJointModel, joint_deflection
+from stiff_models.regressors.baselines import ZeroModel
+from stiff_models.regressors.on_physics import OnPhysics, VjmBoosting, VjmGp
+from stiff_models.regressors.residual_mlp import ResidualMlp
+from stiff_protocols.contract.errors import ConfigError
+
+COMPLIANCE = 1.0 / np.array([5e5, 4e5, 3e5, 4e4, 4e4, 3e4])  # rad/(N m)
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class OnNothing(OnPhysics, ZeroModel):
+    """A learner that learns nothing."""
+
+
+def vjm_made(samples, robot):
+    return replace(
+        samples, deflection=joint_deflection(robot, COMPLIANCE, samples.q, samples.wrench)
+    )
+
+
+def test_a_learner_that_learns_nothing_leaves_the_physics(parts):
+    robot, train, _, test = parts
+    model, physics = (cls().fit(train, robot=robot) for cls in (OnNothing, VirtualJointModel))
+    np.testing.assert_array_equal(
+        model.predict(test.q, test.wrench), physics.predict(test.q, test.wrench)
+    )
+    assert model.diagnostics_ == physics.diagnostics_
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: VjmGp(restarts=0, ard=False),
+        lambda: VjmBoosting(trees=5),
+        lambda: ResidualMlp(layers=1, width=8, epochs=3, device="cpu"),
+    ],
+)
+def test_samples_of_a_vjm_give_the_vjm_back(make, parts):
+    robot, train, _, test = parts
+    model = make().fit(vjm_made(train, robot), robot=robot)
+    np.testing.assert_allclose(
+        model.predict(test.q, test.wrench), vjm_made(test, robot).deflection, atol=1e-9
+    )
+    stiffness = [v for k, v in model.diagnostics_.items() if k.startswith("stiffness ")]
+    np.testing.assert_allclose(stiffness, 1.0 / COMPLIANCE, rtol=1e-6)
+
+
+def test_the_learner_improves_the_fit_of_its_own_training_samples(parts):
+    robot, train, _, _ = parts
+    errors = [
+        np.abs(
+            model.fit(train, robot=robot).predict(train.q, train.wrench) - train.deflection
+        ).mean()
+        for model in (VirtualJointModel(), VjmBoosting(trees=50))
+    ]
+    assert errors[1] < 0.5 * errors[0]
+
+
+def test_the_interval_of_the_residual_lies_around_the_whole_prediction(parts):
+    robot, train, _, test = parts
+    model = VjmGp(restarts=0, ard=False).fit(train, robot=robot)
+    interval = model.predict_interval(test.q, test.wrench, 0.9)
+    np.testing.assert_allclose(
+        (interval.lower + interval.upper) / 2, model.predict(test.q, test.wrench), atol=1e-12
+    )
+
+
+def test_the_diagnostics_hold_the_physics_and_the_learners_and_none_of_an_earlier_fit(parts):
+    robot, train, _, _ = parts
+    model = VjmGp(restarts=0, ard=False).fit(train, robot=robot)
+    assert {"rank", "noise Z [mm]"} <= set(model.diagnostics_)
+    mlp = ResidualMlp(layers=1, width=4, epochs=1, device="cpu").fit(train, robot=robot)
+    mlp.diagnostics_["stale"] = 1.0
+    assert "stale" not in mlp.fit(train, robot=robot).diagnostics_
+
+
+def test_validation_rows_reach_the_residual_network_and_never_the_physics(parts):
+    robot, train, held_out, _ = parts
+    fits = [
+        ResidualMlp(layers=1, width=8, epochs=30, device="cpu").fit(
+            train, robot=robot, validation=rows, seed=3
+        )
+        for rows in (held_out, replace(held_out, deflection=-3 * held_out.deflection))
+    ]
+    np.testing.assert_array_equal(*(fit.physics_.joints_.compliance for fit in fits))
+    assert fits[0].history_.best_loss != fits[1].history_.best_loss
+
+
+def test_the_torch_form_of_the_residual_network_holds_its_physics(parts):
+    robot, train, _, test = parts
+    model = ResidualMlp(layers=1, width=8, epochs=5, device="cpu").fit(train, robot=robot)
+    # torch takes no read-only array
+    inputs = (torch.tensor(test.q), torch.tensor(test.wrench))
+    np.testing.assert_allclose(
+        model._torch_module().eval()(*inputs).detach().numpy(),
+        model.predict(test.q, test.wrench),
+        atol=1e-9,
+    )
+    with pytest.raises(ConfigError, match="vjm-full"):
+        model.set_params(physics="vjm-full")._torch_module()

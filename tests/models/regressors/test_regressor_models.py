@@ -1,0 +1,139 @@
+"""Reference rows and learners on encoded samples: `zero`, `mean`, `knn`, `gp`, `boosting`."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+from sklearn.exceptions import ConvergenceWarning
+
+from stiff_datasets.twin.kr10_twin import Kr10Twin
+from stiff_models.regressors.baselines import MeanModel, ZeroModel
+from stiff_models.regressors.gp import GaussianProcessModel
+from stiff_models.regressors.optional_packages import missing_package
+from stiff_models.regressors.regressor_model import BoostingModel, NearestNeighbours, told_as_ours
+from stiff_protocols.contract.errors import ModelError, NotFittedError, StiffBenchWarning
+from stiff_protocols.contract.types import Samples
+
+FAMILIES = [ZeroModel, MeanModel, NearestNeighbours, GaussianProcessModel, BoostingModel]
+
+
+@pytest.fixture(scope="module")
+def data():
+    return Kr10Twin().load()
+
+
+def smooth_samples(n, rng, noise=0.0):
+    """Samples whose deflection is a smooth function of one joint and one force."""
+    q, wrench = np.zeros((n, 6)), np.zeros((n, 6))
+    q[:, 1], wrench[:, 2] = rng.uniform(-1.0, 1.0, n), rng.uniform(-100.0, 100.0, n)
+    deflection = np.stack([np.sin(2 * q[:, 1]), wrench[:, 2] / 100, np.ones(n)], axis=1) * 1e-4
+    names = np.arange(n).astype(str)
+    return Samples(q, wrench, deflection + noise * rng.normal(size=(n, 3)), names, names, names)
+
+
+def test_zero_predicts_no_deflection_and_mean_the_training_mean(data):
+    train, test = data.samples.take(np.arange(40)), data.samples.take(np.arange(40, 60))
+    zero = ZeroModel().fit(train, robot=data.robot)
+    mean = MeanModel().fit(train, robot=data.robot)
+    np.testing.assert_array_equal(zero.predict(test.q, test.wrench), np.zeros((20, 3)))
+    np.testing.assert_array_equal(
+        mean.predict(test.q, test.wrench), np.tile(train.deflection.mean(axis=0), (20, 1))
+    )
+
+
+def test_one_neighbour_gives_a_training_row_back(data):
+    model = NearestNeighbours(neighbours=1).fit(data.samples, robot=data.robot)
+    np.testing.assert_allclose(
+        model.predict(data.samples.q, data.samples.wrench), data.samples.deflection, atol=1e-15
+    )
+
+
+def test_more_neighbours_than_samples_are_refused(data):
+    with pytest.raises(ModelError, match="neighbours 5: only 3 training samples"):
+        NearestNeighbours().fit(data.samples.take(np.arange(3)), robot=data.robot)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_predict_before_fit_is_refused_and_clones_are_unfitted(family, data):
+    with pytest.raises(NotFittedError):
+        family().predict(np.zeros((1, 6)), np.zeros((1, 6)))
+    assert not hasattr(clone(family()), "robot_")
+
+
+@pytest.mark.parametrize("kernel", ["matern", "rbf"])
+def test_a_gaussian_process_learns_a_smooth_function_of_1e_4_metres(kernel, kr10, rng):
+    train = smooth_samples(60, rng, noise=1e-7)
+    model = GaussianProcessModel(kernel=kernel, restarts=0).fit(train, robot=kr10)
+    test = smooth_samples(30, rng)
+    error = np.abs(model.predict(test.q, test.wrench) - test.deflection)
+    assert error.max() < 2e-6
+
+
+@pytest.mark.parametrize("ard", [True, False])
+def test_the_intervals_of_a_gaussian_process_cover_what_they_say(ard, kr10, rng):
+    train, test = (smooth_samples(n, rng, noise=1e-5) for n in (80, 600))
+    model = GaussianProcessModel(restarts=0, ard=ard).fit(train, robot=kr10)
+    interval = model.predict_interval(test.q, test.wrench, 0.8)
+    inside = (interval.lower <= test.deflection) & (test.deflection <= interval.upper)
+    # 600 rows: binomial standard deviation 0.016; the rest is the noise estimated from 80 rows
+    np.testing.assert_allclose(inside.mean(axis=0), 0.8, atol=0.12)
+    assert model.diagnostics_["noise X [mm]"] == pytest.approx(0.01, rel=0.3)
+
+
+def test_a_wider_coverage_widens_the_interval_around_the_prediction(kr10, rng):
+    train = smooth_samples(30, rng, noise=1e-5)
+    model = GaussianProcessModel(restarts=0, ard=False).fit(train, robot=kr10)
+    narrow, wide = (model.predict_interval(train.q, train.wrench, c) for c in (0.5, 0.95))
+    # quantiles of the standard normal at 0.975 and 0.75
+    ratio = (wide.upper - wide.lower) / (narrow.upper - narrow.lower)
+    np.testing.assert_allclose(ratio, 1.959964 / 0.674490, rtol=1e-5)
+    centre = (wide.upper + wide.lower) / 2
+    np.testing.assert_allclose(centre, model.predict(train.q, train.wrench), atol=1e-12)
+
+
+def test_an_interval_before_fit_is_refused():
+    with pytest.raises(NotFittedError):
+        GaussianProcessModel().predict_interval(np.zeros((1, 6)), np.zeros((1, 6)), 0.9)
+
+
+def test_boosting_splits_a_hundred_samples_further_than_scikit_learns_defaults(kr10, rng):
+    train = smooth_samples(120, rng)
+    errors = [
+        np.abs(
+            BoostingModel(trees=60, leaf_samples=leaf)
+            .fit(train, robot=kr10)
+            .predict(train.q, train.wrench)
+            - train.deflection
+        ).mean()
+        for leaf in (5, 20)
+    ]
+    assert errors[0] < 0.9 * errors[1]
+
+
+def test_a_regressor_that_does_not_converge_says_so_as_our_warning():
+    with pytest.warns(StiffBenchWarning, match="^lbfgs failed$"), told_as_ours():
+        warnings.warn("lbfgs  failed\n\nYou might scale", ConvergenceWarning, stacklevel=1)
+
+
+def test_a_regressors_warnings_about_the_samples_become_ours():
+    with pytest.warns(StiffBenchWarning, match="^y residual is constant$"), told_as_ours():
+        warnings.warn("y residual is constant", UserWarning, stacklevel=1)
+    said = "^the regressor's arithmetic: overflow$"
+    with pytest.warns(StiffBenchWarning, match=said), told_as_ours():
+        warnings.warn("overflow", RuntimeWarning, stacklevel=1)
+
+
+def test_what_a_regressor_says_of_its_code_stays_what_it_is():
+    with pytest.warns(FutureWarning, match="odd") as caught, told_as_ours():
+        warnings.warn("odd", FutureWarning, stacklevel=1)
+    assert caught[0].category is FutureWarning
+
+
+def test_a_missing_package_is_named_with_its_extra():
+    assert missing_package("numpy", "tabular") == ""
+    assert missing_package("no_such_package", "tabular") == (
+        "needs the package no_such_package: pip install 'stiffbench[tabular]'"
+    )

@@ -1,0 +1,148 @@
+"""The 1x1-convolution network: its shape, what pooling makes it blind to, its batch statistics."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+import torch
+
+from stiff_models.transfer.cnn import CellMaxPool, SampleNormalisation, adapt_statistics, build_cnn
+
+
+def network(n_inputs=12, pool="none", dropout=0.0, per_sample=False, seed=0):
+    """A network in evaluation mode whose batch statistics are not those of its first moment."""
+    net = build_cnn(n_inputs, pool=pool, dropout=dropout, per_sample=per_sample, seed=seed)
+    adapt_statistics(net, inputs(64, n_inputs, seed=9))
+    return net
+
+
+def inputs(n=20, n_inputs=12, seed=1):
+    return torch.randn(n, n_inputs, generator=torch.Generator().manual_seed(seed))
+
+
+def swapped(values, first, second):
+    order = list(range(values.shape[1]))
+    order[first], order[second] = order[second], order[first]
+    return values[:, order]
+
+
+@pytest.mark.parametrize("length", [4, 5, 6, 7, 8, 9, 13, 16])
+def test_cells_are_those_of_torchs_adaptive_pooling(length):
+    values = torch.randn(3, 5, length, generator=torch.Generator().manual_seed(0))
+    assert torch.equal(CellMaxPool(length)(values), torch.nn.AdaptiveMaxPool1d(4)(values))
+
+
+@pytest.mark.parametrize(("n_inputs", "pool", "hidden"), [(18, "none", 2304), (18, "udtl", 512)])
+def test_layers_are_those_of_udtl(n_inputs, pool, hidden):
+    net = network(n_inputs, pool=pool)
+    convolutions = [m for m in net.modules() if isinstance(m, torch.nn.Conv1d)]
+    assert [(m.in_channels, m.out_channels, m.kernel_size) for m in convolutions] == [
+        (1, 16, (1,)),
+        (16, 32, (1,)),
+        (32, 64, (1,)),
+        (64, 128, (1,)),
+    ]
+    linear = [(m.in_features, m.out_features) for m in net.modules() if hasattr(m, "in_features")]
+    assert linear == [(hidden, 256), (256, 256), (256, 3)]
+    assert len(net.norms()) == 4
+    assert net(inputs(7, n_inputs)).shape == (7, 3)
+    assert net.bottleneck(inputs(7, n_inputs)).shape == (7, 256)
+
+
+@pytest.mark.parametrize("n_inputs", [12, 18])
+@pytest.mark.parametrize("pair", [0, 1, 4])
+def test_the_pooled_network_cannot_tell_apart_the_features_of_a_pair(n_inputs, pair):
+    values = inputs(50, n_inputs)
+    other = swapped(values, 2 * pair, 2 * pair + 1)
+    net = network(n_inputs, pool="udtl")
+    assert not torch.equal(values, other)
+    assert torch.equal(net(values), net(other))  # exactly, q1 with q2 for example
+
+
+def test_the_pooled_network_tells_apart_features_of_different_pairs():
+    net, values = network(pool="udtl"), inputs(50)
+    assert (net(values) - net(swapped(values, 0, 11))).abs().max() > 1e-3
+
+
+@pytest.mark.parametrize("pair", range(6))
+def test_without_pooling_every_feature_has_its_place(pair):
+    net, values = network(pool="none"), inputs(50)
+    assert (net(values) - net(swapped(values, 2 * pair, 2 * pair + 1))).abs().max() > 1e-3
+
+
+def test_every_convolution_treats_all_features_alike():
+    # before Flatten a 1x1 network maps each feature by one and the same scalar function
+    net, values = network(), torch.full((1, 12), 0.3)
+    flat = list(net.body).index(next(m for m in net.body if isinstance(m, torch.nn.Flatten)))
+    channels = net.body[:flat](values)  # (1, 128, 12)
+    assert torch.allclose(channels, channels[:, :, :1].expand_as(channels), atol=1e-6)
+
+
+def test_samples_are_normalised_on_their_own():
+    values = torch.tensor([[1.0, 2.0, 3.0, 6.0], [5.0, 5.0, 5.0, 5.0]])
+    expected = np.array([[-2.0, -1.0, 0.0, 3.0], [0.0, 0.0, 0.0, 0.0]])
+    expected[0] /= np.sqrt(14 / 4)
+    np.testing.assert_allclose(SampleNormalisation()(values), expected, rtol=1e-6)
+    net = network(per_sample=True)
+    np.testing.assert_allclose(
+        net(inputs()).detach(), net(100.0 * inputs() + 7.0).detach(), atol=1e-4
+    )
+
+
+def test_dropout_acts_in_training_alone():
+    net = network(dropout=0.5)
+    assert torch.equal(net(inputs()), net(inputs()))
+    net.train()
+    assert not torch.equal(net(inputs()), net(inputs()))
+
+
+def test_weights_come_from_the_seed_and_torchs_random_state_stays():
+    before = torch.random.get_rng_state()
+    first, again, other = (
+        build_cnn(5, pool="none", dropout=0.0, per_sample=False, seed=s) for s in (1, 1, 2)
+    )
+    assert torch.equal(torch.random.get_rng_state(), before)
+    assert torch.equal(first.head.weight, again.head.weight)
+    assert not torch.equal(first.head.weight, other.head.weight)
+
+
+def test_adapted_statistics_are_those_of_the_inputs_and_nothing_else_changes():
+    net = build_cnn(6, pool="none", dropout=0.0, per_sample=False, seed=0)
+    before = copy.deepcopy(net.state_dict())
+    values = 3.0 + 2.0 * inputs(40, 6)
+    adapt_statistics(net, values)
+    # closed form for the first convolution: w x + b over rows and features
+    weight, bias = (before[f"body.1.{name}"].double().numpy() for name in ("weight", "bias"))
+    outputs = values.double().numpy().reshape(-1, 1) * weight[:, 0, 0] + bias  # (240, 16)
+    np.testing.assert_allclose(net.norms()[0].running_mean, outputs.mean(0), rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(net.norms()[0].running_var, outputs.var(0, ddof=1), rtol=1e-4)
+    changed = {
+        name for name, value in net.state_dict().items() if not torch.equal(value, before[name])
+    }
+    assert changed == {
+        f"body.{number}.{name}"
+        for number in (2, 5, 8, 11)
+        for name in ("running_mean", "running_var", "num_batches_tracked")
+    }
+    assert not any(module.training for module in net.modules())
+    assert {module.momentum for module in net.norms()} == {0.1}
+
+
+def test_the_adapted_network_normalises_its_inputs_as_training_would():
+    net, values = network(), inputs(30)
+    adapt_statistics(net, values)
+    n = 30 * 12  # evaluation divides by the variance with n - 1, training by the one with n
+    in_training = copy.deepcopy(net).train()
+    assert torch.allclose(net(values), in_training(values), atol=5.0 / n)
+
+
+def test_frozen_statistics_stay_in_training():
+    net = network()
+    net.freeze_statistics()
+    before = copy.deepcopy(net.state_dict())
+    net.train()
+    net(5.0 + inputs())
+    assert all(torch.equal(value, before[name]) for name, value in net.state_dict().items())
+    assert net.head.training

@@ -1,0 +1,90 @@
+"""`compliance-net`: physics that holds whatever the network has learned."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stiff_models.physics.kinematics import jacobian
+from stiff_models.physics.vjm import VirtualJointModel
+from stiff_models.transfer.compliance_net import ComplianceNet
+from stiff_protocols.contract.errors import NotFittedError
+
+SMALL = {"width": 16, "device": "cpu"}
+
+
+@pytest.fixture(scope="module")
+def fitted(parts):
+    robot, train, held_out, _ = parts
+    return ComplianceNet(**SMALL, epochs=100, learning_rate=3e-3).fit(
+        train, robot=robot, validation=held_out, seed=1
+    )
+
+
+def test_no_load_gives_exactly_no_deflection(fitted, parts):
+    test = parts[3]
+    assert not fitted.predict(test.q, np.zeros_like(test.wrench)).any()
+
+
+def test_before_fine_tuning_it_is_the_vjm(parts):
+    robot, train, held_out, test = parts
+    net = ComplianceNet(**SMALL, epochs=0).fit(train, robot=robot, validation=held_out)
+    vjm = VirtualJointModel().fit(train, robot=robot)
+    difference = net.predict(test.q, test.wrench) - vjm.predict(test.q, test.wrench)
+    assert np.abs(difference).max() < 1e-6 * np.abs(test.deflection).max()
+    np.testing.assert_allclose(
+        net.compliance(test.q, test.wrench),
+        np.broadcast_to(vjm.joints_.compliance, (len(test), 6)),
+        rtol=1e-6,
+    )
+
+
+def test_every_compliance_matrix_is_positive_semi_definite(fitted, parts):
+    test = parts[3]
+    move = jacobian(fitted.robot_, test.q)[:, :3]
+    compliance = fitted.compliance(test.q, test.wrench)
+    matrices = np.einsum("nij,nj,nkj->nik", move, compliance, move)
+    assert (np.linalg.eigvalsh(matrices) >= -1e-18).all()
+    assert np.ptp(compliance, axis=0).min() > 0.0  # it has learned something
+
+
+def test_its_prediction_is_the_equation_with_its_compliances(fitted, parts):
+    test = parts[3]
+    rows = jacobian(fitted.robot_, test.q)
+    torque = np.einsum("nki,nk->ni", rows, test.wrench)
+    bent = fitted.compliance(test.q, test.wrench) * torque
+    np.testing.assert_allclose(
+        fitted.predict(test.q, test.wrench),
+        np.einsum("nij,nj->ni", rows[:, :3], bent),
+        atol=1e-6 * np.abs(test.deflection).max(),
+    )
+
+
+def test_fine_tuning_fits_the_training_samples_better_than_the_vjm(fitted, parts):
+    robot, train, _, _ = parts
+    vjm = VirtualJointModel().fit(train, robot=robot)
+    own, its = (
+        np.abs(model.predict(train.q, train.wrench) - train.deflection).mean()
+        for model in (fitted, vjm)
+    )
+    assert own < 0.8 * its
+
+
+def test_pre_training_on_nominal_stiffnesses_moves_it_to_them(parts):
+    robot, train, held_out, test = parts
+    options = {"source_stiffness": "nominal", "source_wrenches": "data", "source_poses": "data"}
+    twice = ",".join(
+        str(0.5 / c) for c in VirtualJointModel().fit(train, robot=robot).joints_.compliance
+    )
+    model = ComplianceNet(
+        **SMALL, **options, nominal_stiffness=twice, pretrain_steps=150, epochs=0
+    ).fit(train, robot=robot, validation=held_out)
+    stiff = VirtualJointModel().fit(train, robot=robot).predict(test.q, test.wrench)
+    learned = model.predict(test.q, test.wrench)
+    # the reference is the source's own compliance, which is twice the identified one
+    np.testing.assert_allclose(learned, 2.0 * stiff, atol=0.05 * np.abs(stiff).max())
+
+
+def test_compliances_before_fit_are_refused():
+    with pytest.raises(NotFittedError):
+        ComplianceNet().compliance(np.zeros((1, 6)), np.zeros((1, 6)))

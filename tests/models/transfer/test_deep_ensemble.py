@@ -1,0 +1,67 @@
+"""`deep-ensemble`: the mean of its members, and intervals from their spread."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stiff_models.transfer.deep_ensemble import DeepEnsemble
+from stiff_models.transfer.ft_mlp import FtMlp
+from stiff_protocols.contract.errors import ModelError
+
+SMALL = {"width": 16, "pretrain_steps": 30, "epochs": 20, "device": "cpu"}
+
+
+@pytest.fixture(scope="module")
+def ensemble(parts):
+    robot, train, held_out, _ = parts
+    return DeepEnsemble(**SMALL, members=3).fit(train, robot=robot, validation=held_out, seed=4)
+
+
+def test_its_first_member_is_ft_mlp_with_the_same_seed_and_the_others_differ(ensemble, parts):
+    robot, train, held_out, test = parts
+    alone = FtMlp(**SMALL).fit(train, robot=robot, validation=held_out, seed=4)
+    first, second, third = (m.predict(test.q, test.wrench) for m in ensemble.members_)
+    np.testing.assert_array_equal(first, alone.predict(test.q, test.wrench))
+    assert (first != second).any() and (second != third).any()
+    np.testing.assert_allclose(
+        ensemble.predict(test.q, test.wrench), (first + second + third) / 3, atol=1e-12
+    )
+
+
+def test_intervals_contain_the_prediction_grow_with_coverage_and_with_disagreement(ensemble, parts):
+    test = parts[3]
+    middle = ensemble.predict(test.q, test.wrench)
+    wide, narrow = (ensemble.predict_interval(test.q, test.wrench, c) for c in (0.9, 0.5))
+    assert (wide.lower < narrow.lower).all() and (narrow.upper < wide.upper).all()
+    np.testing.assert_allclose((wide.lower + wide.upper) / 2, middle, atol=1e-12)
+    spread = np.std([m.predict(test.q, test.wrench) for m in ensemble.members_], axis=0)
+    width = wide.upper - wide.lower
+    expected = 2 * 1.6448536269514722 * np.sqrt(spread**2 + ensemble.noise_**2)  # 95 % quantile
+    np.testing.assert_allclose(width, expected)
+
+
+def test_its_noise_comes_from_training_poses_and_never_from_validation_labels(parts):
+    robot, train, held_out, _ = parts
+    wild = replace(held_out, deflection=held_out.deflection * 1000.0)
+    calm, same = (
+        DeepEnsemble(**SMALL, members=2, training="normal").fit(
+            train, robot=robot, validation=rows, seed=4
+        )
+        for rows in (held_out, wild)
+    )
+    np.testing.assert_array_equal(calm.noise_, same.noise_)
+    alone = FtMlp(**SMALL).fit(train, robot=robot, seed=4)
+    residual = np.sqrt(
+        ((alone.predict(train.q, train.wrench) - train.deflection) ** 2).mean(axis=0)
+    )
+    assert (calm.noise_ > residual * 0.8).all()  # held out, and not what the weights have fitted
+
+
+def test_samples_of_one_pose_cannot_give_it_intervals(parts):
+    robot, train, _, _ = parts
+    one = replace(train, pose_id=np.full(len(train), "p"))
+    with pytest.raises(ModelError, match="two poses"):
+        DeepEnsemble(**SMALL, members=2).fit(one, robot=robot)

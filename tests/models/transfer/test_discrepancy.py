@@ -1,0 +1,164 @@
+"""MK-MMD, JMMD and CORAL against sums written out in numpy and against public implementations."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+import torch
+
+from stiff_models.transfer.alignment import coral, jmmd, mk_mmd
+
+INDEX = torch.arange(15, dtype=torch.float64).reshape(3, 5)
+SOURCE, TARGET = torch.sin(1.0 + 1.7 * INDEX), torch.cos(0.4 + 0.9 * INDEX**1.1)
+MULTIPLES = torch.arange(1.0, 4.0, dtype=torch.float64)
+SOURCE_OUTPUTS = torch.sin(0.3 * SOURCE.sum(1, keepdim=True) * MULTIPLES)
+TARGET_OUTPUTS = torch.cos(0.2 * TARGET.sum(1, keepdim=True) * MULTIPLES)
+
+
+def joint(source, target):
+    """JMMD of features whose first two columns serve as outputs."""
+    return jmmd((source, source[:, :2]), (target, target[:, :2]))
+
+
+DISTANCES = [mk_mmd, joint, coral]
+
+
+def squares_by_hand(rows):
+    return {
+        (i, j): sum((a - b) ** 2 for a, b in zip(rows[i], rows[j], strict=True))
+        for i, j in itertools.product(range(len(rows)), repeat=2)
+    }
+
+
+def mean_square(rows):
+    return sum(squares_by_hand(rows).values()) / (len(rows) * (len(rows) - 1))
+
+
+def kernels_by_hand(rows, factors, bandwidth=None):
+    """Kernel values of all ordered pairs of rows, as a dict, pair by pair."""
+    bandwidth = mean_square(rows) if bandwidth is None else bandwidth
+    return {
+        pair: sum(np.exp(-square / (bandwidth * factor)) for factor in factors)
+        for pair, square in squares_by_hand(rows).items()
+    }
+
+
+def discrepancy_by_hand(kernels, n, m):
+    source, target = range(n), range(n, n + m)
+    within = sum(kernels[i, j] for i in source for j in source) / n**2
+    other = sum(kernels[i, j] for i in target for j in target) / m**2
+    return within + other - 2 * sum(kernels[i, j] for i in source for j in target) / (n * m)
+
+
+def test_mk_mmd_of_two_points_is_its_closed_form():
+    # one row a domain: the bandwidth is their squared distance, whatever it is
+    value = mk_mmd(torch.tensor([[1.0, 2.0]]), torch.tensor([[4.0, 6.0]]))
+    expected = 2 * (5 - np.exp([-4.0, -2.0, -1.0, -0.5, -0.25]).sum())
+    assert value.item() == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("n_target", [1, 2, 3])
+def test_mk_mmd_is_the_sum_over_all_pairs(n_target):
+    source, target = SOURCE, TARGET[:n_target]
+    rows = torch.cat([source, target]).tolist()
+    kernels = kernels_by_hand(rows, [1 / 4, 1 / 2, 1, 2, 4])
+    assert mk_mmd(source, target).item() == pytest.approx(
+        discrepancy_by_hand(kernels, 3, n_target), rel=1e-12
+    )
+
+
+def test_mk_mmd_agrees_with_public_implementations():
+    # skada 0.6.0, skada.deep.losses._maximum_mean_discrepancy with the kernel of five Gaussians
+    assert mk_mmd(SOURCE, TARGET).item() == pytest.approx(3.1061729937692517, rel=1e-12)
+    # UDTL, loss/DAN.py (commit 9a349e9), DAN(source, target)
+    assert mk_mmd(SOURCE, TARGET).item() == pytest.approx(3.1061729937692513, rel=1e-12)
+
+
+def test_jmmd_is_the_sum_over_all_pairs_of_products_of_kernels():
+    features = kernels_by_hand(torch.cat([SOURCE, TARGET]).tolist(), [1 / 4, 1 / 2, 1, 2, 4])
+    outputs = kernels_by_hand(torch.cat([SOURCE_OUTPUTS, TARGET_OUTPUTS]).tolist(), [1])
+    product = {pair: features[pair] * outputs[pair] for pair in features}
+    value = jmmd((SOURCE, SOURCE_OUTPUTS), (TARGET, TARGET_OUTPUTS)).item()
+    assert value == pytest.approx(discrepancy_by_hand(product, 3, 3), rel=1e-12)
+
+
+def test_jmmd_agrees_with_udtl():
+    # UDTL, loss/JAN.py (commit 9a349e9), JAN with fix_sigma_list=[None, None]
+    value = jmmd((SOURCE, SOURCE_OUTPUTS), (TARGET, TARGET_OUTPUTS)).item()
+    assert value == pytest.approx(5.0915652118071755, rel=1e-12)
+
+
+def test_jmmd_sees_that_features_and_outputs_belong_together():
+    # the same features and the same outputs, in another pairing: only a joint distance sees it
+    pairs = (SOURCE, SOURCE_OUTPUTS), (SOURCE, SOURCE_OUTPUTS[[1, 2, 0]])
+    assert jmmd(*pairs).item() > 0.1
+
+
+def test_coral_is_the_distance_of_numpys_covariances():
+    difference = np.cov(SOURCE.numpy().T) - np.cov(TARGET.numpy().T)
+    expected = (difference**2).sum() / (4 * 5**2)
+    assert coral(SOURCE, TARGET).item() == pytest.approx(expected, rel=1e-12)
+
+
+def test_coral_of_one_feature_is_its_closed_form():
+    # variances 2 and 8: (2 - 8)^2 / 4
+    values = coral(torch.tensor([[1.0], [3.0]]), torch.tensor([[0.0], [4.0]]))
+    assert values.item() == pytest.approx(9.0)
+
+
+def test_coral_agrees_with_skada():
+    # skada 0.6.0, skada.deep.losses.deepcoral_loss(SOURCE, TARGET)
+    assert coral(SOURCE, TARGET).item() == pytest.approx(0.06320981503793319, rel=1e-12)
+
+
+@pytest.mark.parametrize("distance", DISTANCES)
+def test_identical_samples_have_no_distance_and_others_a_positive_one(distance):
+    assert distance(SOURCE, SOURCE).item() == pytest.approx(0.0, abs=1e-12)
+    assert distance(SOURCE, SOURCE[[2, 0, 1]]).item() == pytest.approx(0.0, abs=1e-12)
+    assert distance(SOURCE, TARGET).item() > 0.01
+
+
+@pytest.mark.parametrize("distance", DISTANCES)
+def test_a_distance_is_the_same_both_ways(distance):
+    assert distance(SOURCE, TARGET).item() == pytest.approx(distance(TARGET, SOURCE).item())
+
+
+@pytest.mark.parametrize("distance", DISTANCES)
+def test_samples_of_different_length_are_compared(distance):
+    assert torch.isfinite(distance(torch.cat([SOURCE, TARGET]), TARGET[:2]))
+
+
+@pytest.mark.parametrize("distance", [mk_mmd, coral])
+def test_shifted_features_differ_in_mean_for_mmd_and_in_nothing_for_coral(distance):
+    shift = distance(SOURCE, SOURCE + 3.0).item()
+    assert shift == pytest.approx(0.0, abs=1e-12) if distance is coral else shift > 1.0
+
+
+@pytest.mark.parametrize("distance", DISTANCES)
+@pytest.mark.parametrize("same", [True, False])
+def test_gradients_are_finite_also_where_all_rows_are_the_same(distance, same):
+    source = torch.ones(4, 6) if same else torch.randn(4, 6)
+    source.requires_grad_()
+    distance(source, torch.ones(3, 6)).backward()
+    assert torch.isfinite(source.grad).all()
+
+
+def test_the_gradient_of_coral_is_that_of_finite_differences():
+    assert torch.autograd.gradcheck(coral, (SOURCE.clone().requires_grad_(), TARGET))
+
+
+def test_the_gradient_of_mk_mmd_holds_the_bandwidth_fixed():
+    source = SOURCE.clone().requires_grad_()
+    mk_mmd(source, TARGET).backward()
+    rows = torch.cat([SOURCE, TARGET]).tolist()
+    bandwidth = mean_square(rows)
+
+    def value(step):
+        moved = [list(row) for row in rows]
+        moved[1][2] += step
+        return discrepancy_by_hand(kernels_by_hand(moved, [1 / 4, 1 / 2, 1, 2, 4], bandwidth), 3, 3)
+
+    slope = (value(1e-6) - value(-1e-6)) / 2e-6
+    assert source.grad[1, 2].item() == pytest.approx(slope, rel=1e-6)

@@ -1,0 +1,213 @@
+"""`dt-cnn` as a model: its presets, what it learns from in each regime, and that it learns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from stiff_models.transfer.cnn import CellMaxPool, SampleNormalisation
+from stiff_models.transfer.dt_cnn import FAST, DtCnn, udtl_plan
+from stiff_models.transfer.ft_mlp import GENTLE
+from stiff_models.transfer.source_model import NO_TARGET_LABELS
+from stiff_protocols.contract.errors import NotFittedError
+from stiff_protocols.contract.types import Samples
+
+SMALL = {"device": "cpu", "source_poses": "sobol", "pretrain_steps": 8}
+
+
+@pytest.fixture(autouse=True)
+def short_training(small_source, monkeypatch):
+    monkeypatch.setenv("STIFFBENCH_CACHE", "off")
+    monkeypatch.setattr("stiff_models.transfer.dt_cnn.FAST", replace(FAST, batch=32))
+    monkeypatch.setattr("stiff_models.transfer.dt_cnn.GENTLE", replace(GENTLE, steps=12))
+
+
+def fit(parts, train=None, validation=False, seed=5, **options):
+    robot, own, held_out, _ = parts
+    return DtCnn(**(SMALL | options)).fit(
+        own if train is None else train,
+        robot=robot,
+        validation=held_out if validation else None,
+        seed=seed,
+    )
+
+
+def predictions(model, parts):
+    test = parts[3]
+    return model.predict(test.q, test.wrench)
+
+
+def with_other_labels(samples):
+    return Samples(
+        samples.q,
+        samples.wrench,
+        2.0 * samples.deflection[::-1],
+        samples.pose_id,
+        samples.load_id,
+        samples.group,
+    )
+
+
+def elsewhere(samples):
+    """The same labels at other inputs inside the same joint ranges."""
+    return Samples(
+        samples.q[::-1],
+        0.5 * samples.wrench,
+        samples.deflection,
+        samples.pose_id,
+        samples.load_id,
+        samples.group,
+    )
+
+
+def kinds(network):
+    return {type(module) for module in network.modules()}
+
+
+def changed(first, second):
+    """Names of the weights and buffers in which two fitted models differ."""
+    other = second.network_.state_dict()
+    return {k for k, v in first.network_.state_dict().items() if not torch.equal(v, other[k])}
+
+
+def test_our_preset_is_unpooled_without_dropout_on_standardised_features(parts):
+    network = fit(parts, pretrain_steps=0).network_
+    assert not kinds(network) & {CellMaxPool, torch.nn.MaxPool1d, SampleNormalisation}
+    assert {m.p for m in network.modules() if isinstance(m, torch.nn.Dropout)} == {0.0}
+
+
+def test_the_udtl_preset_is_the_literal_network(parts):
+    model = fit(parts, pretrain_steps=0, preset="udtl")
+    assert {CellMaxPool, torch.nn.MaxPool1d, SampleNormalisation} <= kinds(model.network_)
+    assert {m.p for m in model.network_.modules() if isinstance(m, torch.nn.Dropout)} == {0.5}
+    assert not model.input_scaler_.mean.any() and (model.input_scaler_.scale == 1.0).all()
+    unpooled = fit(parts, pretrain_steps=0, preset="udtl", pool="none")
+    assert not kinds(unpooled.network_) & {CellMaxPool, torch.nn.MaxPool1d}
+
+
+@pytest.mark.parametrize(("preset", "blind"), [("udtl", True), ("ours", False)])
+def test_only_the_udtl_preset_cannot_tell_joint_1_from_joint_2(parts, preset, blind):
+    model, test = fit(parts, preset=preset, alignment="none"), parts[3]
+    swapped = model.predict(test.q[:, [1, 0, 2, 3, 4, 5]], test.wrench)
+    # a sample's mean is summed in another order, so the last bits of its normalisation may differ
+    assert np.allclose(swapped, predictions(model, parts), rtol=0.0, atol=1e-8) == blind
+
+
+def test_udtls_recipe_is_udtls():
+    plan = udtl_plan(74_480)
+    assert plan.steps == 300 * 1164 and plan.batch == 64
+    assert (plan.learning_rate, plan.weight_decay) == (1e-3, 1e-5)
+    assert (plan.optimizer, plan.schedule) == ("adam", "steps")
+    assert (FAST.loss, FAST.schedule) == ("huber", "linear")
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"alignment": "dann"}, {"preset": "udtl", "supervision": "fine-tune"}]
+)
+def test_the_same_seed_gives_the_same_predictions_and_another_seed_others(parts, options):
+    state = torch.random.get_rng_state()
+    first, again, other = (
+        predictions(fit(parts, seed=seed, **options), parts) for seed in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert first.shape == (len(parts[3]), 3) and first.dtype == np.float64
+    assert np.abs(first - other).max() > 0
+    assert torch.equal(torch.random.get_rng_state(), state)
+
+
+@pytest.mark.parametrize("alignment", ["mk-mmd", "jmmd", "coral", "dann", "rsd", "dare-gram"])
+def test_every_alignment_trains_to_another_network_than_none(parts, alignment):
+    plain = fit(parts, alignment="none")
+    aligned = fit(parts, alignment=alignment, alignment_weight=10.0)
+    assert "body.1.weight" in changed(plain, aligned)
+    assert np.isfinite(predictions(aligned, parts)).all()
+
+
+def test_without_alignment_no_target_input_takes_part(parts):
+    model = fit(parts, alignment="none", pretrain_steps=0)
+    rows = model._measured_rows(parts[2])  # any rows will do as a source
+    weights = []
+    for scale in (1.0, 100.0):
+        again = fit(parts, alignment="none", pretrain_steps=0)
+        again.pretrain_steps = 6
+        again._transfer(rows, scale * model._inputs(parts[1].q, parts[1].wrench), seed=0)
+        weights.append(again)
+    assert changed(*weights) == set()
+    assert changed(weights[0], model) != set()
+
+
+def test_adabn_changes_only_the_batch_statistics(parts):
+    differing = changed(fit(parts, alignment="none"), fit(parts, alignment="adabn"))
+    assert differing == {
+        f"body.{number}.{name}"
+        for number in (2, 5, 8, 11)
+        for name in ("running_mean", "running_var", "num_batches_tracked")
+    }
+
+
+@pytest.mark.parametrize("alignment", ["mk-mmd", "adabn"])
+def test_unsupervised_labels_of_the_target_change_nothing_but_the_source(parts, alignment):
+    train = parts[1]
+    options = {"alignment": alignment, "source_stiffness": "nominal"}
+    model = fit(parts, **options)
+    np.testing.assert_array_equal(
+        predictions(fit(parts, with_other_labels(train), **options), parts),
+        predictions(model, parts),
+    )
+    identified = {"alignment": alignment}  # the labels make the source's stiffnesses
+    moved = predictions(fit(parts, with_other_labels(train), **identified), parts)
+    assert np.abs(moved - predictions(fit(parts, **identified), parts)).max() > 0
+
+
+def test_unsupervised_inputs_of_the_target_do_act(parts):
+    train = parts[1]
+    options = {"source_stiffness": "nominal", "source_wrenches": "paper"}
+    model, moved = (fit(parts, rows, **options) for rows in (train, elsewhere(train)))
+    np.testing.assert_array_equal(model.input_scaler_.mean, moved.input_scaler_.mean)
+    assert "body.1.weight" in changed(model, moved)
+
+
+def test_unsupervised_validation_rows_change_nothing(parts):
+    np.testing.assert_array_equal(
+        predictions(fit(parts, validation=True), parts), predictions(fit(parts), parts)
+    )
+
+
+def test_fine_tuning_learns_every_weight_and_keeps_the_batch_statistics(parts):
+    tuned, source = fit(parts, supervision="fine-tune"), fit(parts)
+    assert changed(tuned, source) == {name for name, _ in tuned.network_.named_parameters()}
+    train = parts[1]
+    errors = [
+        np.abs(model.predict(train.q, train.wrench) - train.deflection).mean()
+        for model in (tuned, source)
+    ]
+    assert errors[0] < 0.9 * errors[1]
+
+
+def test_validation_rows_choose_the_epoch_of_fine_tuning(parts):
+    model = fit(parts, supervision="fine-tune", validation=True)
+    held_out = model._measured_rows(parts[2])
+    with torch.no_grad():
+        error = (model.network_(held_out.inputs) - held_out.targets).abs().mean().item()
+    assert error == pytest.approx(model.fine_tuning_.best_loss, rel=1e-5)
+    assert fit(parts, supervision="fine-tune").fine_tuning_.best_step == 12
+
+
+@pytest.mark.parametrize(("supervision", "used"), [("none", False), ("fine-tune", True)])
+def test_a_result_says_whether_target_labels_trained_it(parts, supervision, used):
+    model = fit(parts, supervision=supervision)
+    assert model.regime == ("" if used else NO_TARGET_LABELS)
+    assert model.chooses_epoch() is used
+
+
+def test_training_lowers_the_error_on_the_source(parts):
+    untrained, trained = (fit(parts, pretrain_steps=steps, alignment="none") for steps in (0, 150))
+    assert trained.source_errors_[:3].mean() < 0.5 * untrained.source_errors_[:3].mean()
+
+
+def test_predict_before_fit_is_refused():
+    with pytest.raises(NotFittedError):
+        DtCnn().predict(np.zeros((1, 6)), np.zeros((1, 6)))

@@ -1,0 +1,205 @@
+"""A source domain of another robot: its VJM, its kinematics, its poses; then the target's."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+
+from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
+from stiff_datasets.twin.kr10_twin import Kr10Twin
+from stiff_datasets.twin.robot_twin import Ur5Twin
+from stiff_models import load
+from stiff_models.catalog import MODELS, model_info
+from stiff_models.physics.kinematics import jacobian
+from stiff_models.physics.vjm import VirtualJointModel
+from stiff_models.regressors import mf_gp
+from stiff_models.regressors.mf_gp import MultiFidelityGp
+from stiff_models.transfer.compliance_net import ComplianceNet
+from stiff_models.transfer.deep_ensemble import DeepEnsemble
+from stiff_models.transfer.ft_mlp import FtMlp
+from stiff_models.transfer.mlp_pretrained import MlpPretrained
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.interfaces import LearnsFromSource
+from stiff_protocols.contract.types import BenchmarkData
+from stiff_protocols.scoring.conformal import SplitConformal
+
+pytestmark = pytest.mark.usefixtures("small_source")
+
+TINY = {"width": 8, "pretrain_steps": 3, "device": "cpu"}
+TAKE_A_SOURCE = ("mlp-pretrained", "ft-mlp", "dt-cnn", "compliance-net", "deep-ensemble", "mf-gp")
+
+
+@pytest.fixture(scope="module")
+def target() -> BenchmarkData:
+    return FanucR2000iC().load()
+
+
+@pytest.fixture(scope="module")
+def ur5() -> BenchmarkData:
+    return Ur5Twin().load()
+
+
+def fitted(model, target, source, **fit):
+    model.use_source(source)
+    return model.fit(target.samples, robot=target.robot, **fit)
+
+
+def predicted(model, data):
+    return model.predict(data.samples.q, data.samples.wrench)
+
+
+def vjm_of(data):
+    return VirtualJointModel().fit(data.samples, robot=data.robot)
+
+
+def test_every_family_with_a_source_domain_takes_another_robots_and_no_other_does():
+    usable = [info for info in MODELS if not info.missing()]
+    takers = [info.key for info in usable if issubclass(info.load(), LearnsFromSource)]
+    assert sorted(takers) == sorted(TAKE_A_SOURCE)
+
+
+@pytest.mark.parametrize(
+    ("key", "module"),
+    [
+        ("mlp-pretrained", "mlp_pretrained"),
+        ("ft-mlp", "mlp_pretrained"),
+        ("compliance-net", "mlp_pretrained"),
+        ("dt-cnn", "dt_cnn"),
+    ],
+)
+def test_simulated_deflections_are_those_of_the_source_robots_vjm(
+    key, module, target, ur5, monkeypatch
+):
+    domains = []
+
+    def divided_before_witnesses(domain, seed):
+        domains.append(domain)
+        few = domain.take(np.arange(0, len(domain), 100))
+        return few, few
+
+    owner = importlib.import_module(f"stiff_models.transfer.{module}")
+    monkeypatch.setattr(owner, "divided", divided_before_witnesses)
+    options = {"pretrain_steps": 0} | ({} if key == "dt-cnn" else {"width": 8})
+    model = fitted(model_info(key).load()(**options, device="cpu"), target, ur5)
+    (domain,) = domains
+    q, wrench, own = domain.q[::50], domain.wrench[::50], ur5.samples
+    assert (q >= own.q.min(axis=0)).all() and (q <= own.q.max(axis=0)).all()
+    stiffness = vjm_of(ur5).joints_.stiffness
+    rows = jacobian(ur5.robot, q)
+    joint = np.einsum("nij,ni->nj", rows, wrench) / stiffness  # rad
+    expected = np.einsum("nij,nj->ni", rows[:, :3], joint)
+    np.testing.assert_allclose(domain.deflection[::50], expected, rtol=1e-9, atol=1e-15)
+    assert model.robot_ is target.robot
+
+
+def test_a_pretrained_network_of_another_robot_does_not_see_the_targets_labels(target, ur5):
+    other = replace(target.samples, deflection=target.samples.deflection[::-1] * 3.0)
+    first, second = (
+        predicted(fitted(MlpPretrained(**TINY), data, ur5), target)
+        for data in (target, BenchmarkData(other, target.robot))
+    )
+    np.testing.assert_array_equal(first, second)
+    own = predicted(fitted(MlpPretrained(**TINY), target, None), target)
+    assert (own != first).any()
+
+
+def test_fine_tuning_begins_with_the_other_robots_network_and_learns_the_targets_labels(
+    target, ur5
+):
+    before = predicted(fitted(MlpPretrained(**TINY), target, ur5), target)
+    untouched = predicted(fitted(FtMlp(**TINY, epochs=0), target, ur5), target)
+    tuned = predicted(fitted(FtMlp(**TINY, freeze="full", epochs=30), target, ur5), target)
+    np.testing.assert_array_equal(untouched, before)
+    left = [np.abs(each - target.samples.deflection).mean() for each in (before, tuned)]
+    assert left[1] < left[0]
+
+
+def test_the_models_own_source_is_back_when_none_is_given(target, ur5):
+    plain = predicted(MlpPretrained(**TINY).fit(target.samples, robot=target.robot), target)
+    again = fitted(fitted(MlpPretrained(**TINY), target, ur5), target, None)
+    np.testing.assert_array_equal(predicted(again, target), plain)
+
+
+def test_a_compliance_network_begins_with_the_other_robots_springs_in_the_targets_kinematics(
+    target, ur5
+):
+    model = fitted(ComplianceNet(width=8, epochs=0, device="cpu"), target, ur5)
+    springs = vjm_of(ur5).joints_
+    assert np.isfinite(springs.stiffness).all()
+    rows = jacobian(target.robot, target.samples.q)
+    joint = np.einsum("nij,ni->nj", rows, target.samples.wrench) * springs.compliance
+    expected = np.einsum("nij,nj->ni", rows[:, :3], joint)
+    np.testing.assert_allclose(predicted(model, target), expected, rtol=1e-4, atol=1e-9)
+
+
+def test_co_kriging_has_the_other_robots_vjm_as_its_low_fidelity(target, ur5, monkeypatch):
+    cheap = []
+
+    def witnessed(low, high, cheap_rows, rows, search):
+        cheap.append(cheap_rows[1])
+        return real(low, high, cheap_rows, rows, search)
+
+    real = mf_gp.fit_co_kriging
+    monkeypatch.setattr(mf_gp, "fit_co_kriging", witnessed)
+    model = fitted(MultiFidelityGp(source_samples=4, ard=False), target, ur5)
+    at_measured = model.output_scaler_.undo(np.stack(cheap, axis=1))[4:]
+    np.testing.assert_allclose(at_measured, predicted(vjm_of(ur5), target), atol=1e-15)
+
+
+def test_every_member_of_an_ensemble_has_the_same_foreign_source(target, ur5):
+    options = TINY | {"epochs": 2}
+    ensemble = fitted(DeepEnsemble(**options, members=2), target, ur5, seed=4)
+    alone = fitted(FtMlp(**options), target, ur5, seed=4)
+    np.testing.assert_array_equal(predicted(ensemble.members_[0], target), predicted(alone, target))
+    own = fitted(DeepEnsemble(**options, members=2), target, None, seed=4)
+    for foreign, other in zip(ensemble.members_, own.members_, strict=True):
+        assert (foreign.source_errors_ != other.source_errors_).any()
+
+
+@pytest.mark.parametrize("key", TAKE_A_SOURCE)
+def test_a_copy_keeps_the_source_and_a_new_model_has_none(key, ur5):
+    model = model_info(key).load()()
+    model.use_source(ur5)
+    copy = clone(clone(model))
+    assert copy is not model and copy._source is ur5
+    assert copy.get_params() == model.get_params() and "_source" not in copy.get_params()
+    assert type(model)()._source is None
+
+
+def test_split_conformal_intervals_come_from_a_copy_with_the_same_source(target, ur5):
+    model = MlpPretrained(**TINY)
+    model.use_source(ur5)
+    conformal = SplitConformal(model).fit(target.samples, robot=target.robot, seed=2)
+    # no label of the target trains it, so that the copy is the model of all rows
+    expected = predicted(fitted(MlpPretrained(**TINY), target, ur5, seed=2), target)
+    np.testing.assert_array_equal(predicted(conformal, target), expected)
+
+
+def test_a_saved_model_needs_its_source_no_more(target, ur5, tmp_path):
+    model = fitted(FtMlp(**TINY, epochs=2), target, ur5)
+    model.save(tmp_path / "m")
+    again = load(tmp_path / "m")
+    np.testing.assert_array_equal(predicted(again, target), predicted(model, target))
+    assert again.robot_.name == target.robot.name and again._source is None
+
+
+def test_options_of_the_source_are_checked_against_the_robot_of_the_source(target):
+    model = MlpPretrained(**TINY, source_stiffness="nominal")
+    with pytest.raises(
+        ConfigError, match=f"no stiffnesses are known for robot '{target.robot.name}'"
+    ):
+        model.check_robot(target.robot)
+    model.use_source(Kr10Twin().load())
+    model.check_robot(target.robot)
+
+
+def test_a_regime_says_when_the_targets_labels_identified_nothing(ur5):
+    model = MlpPretrained()
+    assert model.regime == "target labels not trained on"
+    model.use_source(ur5)
+    assert model.regime == "target labels not used"
+    assert FtMlp().regime == ""

@@ -1,0 +1,123 @@
+"""The conformance suite passes what keeps the contract and names the one thing that does not."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from broken_models import BROKEN, BROKEN_CHOOSERS, CannotFit, Noisy, Springs, reader
+from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
+from stiff_protocols.conformance.suite import check_model
+from stiff_protocols.contract.errors import DataError, NotSavable
+from stiff_protocols.contract.types import BenchmarkData
+
+
+@pytest.fixture(scope="module")
+def data() -> BenchmarkData:
+    return FanucR2000iC().load()
+
+
+def failures(cls, data, *, uses_validation=False):
+    checks = check_model(cls, data, uses_validation=uses_validation, load=reader(cls))
+    return [check for check in checks if check.status == "failed"]
+
+
+def test_a_model_that_keeps_the_contract_passes_every_question(data):
+    checks = check_model(Springs, data, uses_validation=False, load=reader(Springs))
+    assert {check.name: check.reason for check in checks if check.status != "passed"} == {}
+
+
+@pytest.mark.parametrize(
+    ("cls", "name", "reason", "uses_validation"),
+    [(*row, False) for row in BROKEN] + [(*row, True) for row in BROKEN_CHOOSERS],
+    ids=[row[0].__name__ for row in BROKEN + BROKEN_CHOOSERS],
+)
+def test_a_model_that_breaks_one_rule_fails_that_question_and_is_told_how_to_mend_it(
+    cls, name, reason, uses_validation, data
+):
+    failed = failures(cls, data, uses_validation=uses_validation)
+    if cls is Noisy:  # fits cannot be told apart from predictions that are not repeatable
+        by_chance = ("the same", "save", "a row's")
+        failed = [check for check in failed if not check.name.startswith(by_chance)]
+    assert len(failed) == 1, failed
+    assert failed[0].name.startswith(name)
+    assert re.search(reason, failed[0].reason), failed[0].reason
+    assert failed[0].advice
+
+
+def test_when_fit_fails_the_questions_that_need_it_are_not_applicable(data):
+    checks = check_model(CannotFit, data, uses_validation=False)
+    by_status = {check.status: [] for check in checks}
+    for check in checks:
+        by_status[check.status].append(check)
+    assert len(by_status["failed"]) == 1
+    assert {check.reason for check in by_status["not applicable"]} == {"fit failed"}
+    assert len(by_status["not applicable"]) > 10
+
+
+def test_a_constructor_that_raises_is_one_failure(data):
+    def refuse():
+        raise SystemExit("no display")
+
+    (failed,) = failures(refuse, data)
+    assert failed.name == "the constructor takes keywords and only stores them"
+    assert "raised SystemExit: no display" in failed.reason
+
+
+def test_what_a_learner_predicts_without_load_is_said_and_no_failure(data):
+    class Offset(Springs):
+        def predict(self, q, wrench):
+            return super().predict(q, wrench) + 1e-4
+
+    checks = {check.name: check for check in check_model(Offset, data, uses_validation=False)}
+    answer = checks["no load, no deflection"]
+    assert (answer.status, answer.reason) == (
+        "not applicable",
+        "predicts up to 0.1 mm without load",
+    )
+
+
+def test_a_model_that_learns_nothing_from_rows_is_told_apart_from_one_that_forgets_them(data):
+    class Nominal(Springs):
+        def fit(self, train, **options):
+            super().fit(train, **options)
+            self.compliance_ = np.full((6, 3), 1e-6)
+            return self
+
+    checks = {check.name: check for check in check_model(Nominal, data, uses_validation=False)}
+    answer = checks["a fit learns from its own rows"]
+    assert (answer.status, answer.reason) == (
+        "not applicable",
+        "predicts the same whatever rows it is fitted to",
+    )
+
+
+def test_a_model_that_says_it_cannot_be_saved_is_not_asked_to(data):
+    class Licensed(Springs):
+        def save(self, path):
+            raise NotSavable("its weights are not ours")
+
+    checks = {c.name: c for c in check_model(Licensed, data, uses_validation=False, load=print)}
+    answer = checks["save and load give the same numbers"]
+    assert (answer.status, answer.reason) == ("not applicable", "its weights are not ours")
+
+
+def test_too_few_samples_are_refused(data):
+    few = BenchmarkData(data.samples.take(np.arange(9)), data.robot)
+    with pytest.raises(DataError, match="9 samples are too few"):
+        check_model(Springs, few, uses_validation=False)
+
+
+@pytest.mark.parametrize(("uses_validation", "n_fits"), [(False, 4), (True, 5)])
+def test_a_model_is_fitted_a_few_times_when_nothing_is_wrong(uses_validation, n_fits, data):
+    class Counts(Springs):
+        fits = 0
+
+        def fit(self, train, **options):
+            Counts.fits += 1
+            return super().fit(train, **options)
+
+    assert not failures(Counts, data, uses_validation=uses_validation)
+    assert Counts.fits == n_fits

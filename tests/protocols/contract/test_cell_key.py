@@ -1,0 +1,136 @@
+"""A cell's key and seed: the same wherever and however they are asked for, and changed by all."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import locale
+import os
+import subprocess
+import sys
+from dataclasses import fields, replace
+from pathlib import Path
+
+import pytest
+
+from stiff_protocols.contract.record import Cell
+
+CELL = Cell(
+    model="ft-mlp",
+    model_params={"freeze": "layers:1,2", "width": 380, "learning_rate": 1e-3, "ü": None},
+    dataset="kr10-twin",
+    dataset_params={"specimen": 3, "seed": 0},
+    data_sha256="11",
+    protocol="sample-efficiency",
+    protocol_params={"sizes": [10, 20], "folds": 5},
+    split_index=2,
+    split_sha256="22",
+    seed=7,
+    coverage=0.9,
+    condition="n = 10",
+    rows_sha256="33",
+    source_sha256="44",
+)
+PROGRAM = """
+import json, locale, sys
+sys.path[:0] = json.loads(sys.argv[2])
+if sys.argv[1]:
+    locale.setlocale(locale.LC_ALL, sys.argv[1])
+from protocols.contract.test_cell_key import CELL
+print(CELL.key, CELL.model_seed)
+"""
+LOCALES = ("C", "C.UTF-8", "de_DE.UTF-8", "tr_TR.UTF-8")
+
+
+def asked_elsewhere(said_locale: str = "", **environment: str) -> str:
+    here = str(Path(__file__).parents[2])
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, said_locale, json.dumps([here])],
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+HERE = f"{CELL.key} {CELL.model_seed}"
+
+
+@pytest.mark.parametrize("hashing", ["1", pytest.param("0", marks=pytest.mark.slow)])
+def test_the_key_is_the_same_in_a_process_that_hashes_otherwise(hashing):
+    assert asked_elsewhere(PYTHONHASHSEED=hashing) == HERE
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LOCALES)
+def test_the_key_is_the_same_in_every_locale(name):
+    before = locale.setlocale(locale.LC_ALL)
+    try:
+        locale.setlocale(locale.LC_ALL, name)
+    except locale.Error:
+        pytest.skip(f"no locale {name} on this machine")
+    finally:
+        locale.setlocale(locale.LC_ALL, before)
+    assert asked_elsewhere(name, LC_ALL=name) == HERE
+
+
+@pytest.mark.parametrize("name", ["model_params", "dataset_params", "protocol_params"])
+def test_the_key_does_not_depend_on_the_order_of_options(name):
+    options = getattr(CELL, name)
+    for order in itertools.permutations(options):
+        other = replace(CELL, **{name: {key: options[key] for key in order}})
+        assert (other.key, other.model_seed) == (CELL.key, CELL.model_seed)
+
+
+def test_the_order_within_an_options_list_is_part_of_the_key():
+    assert replace(CELL, protocol_params={"sizes": [20, 10], "folds": 5}).key != CELL.key
+
+
+def test_the_key_does_not_depend_on_the_keys_asked_for_before():
+    """Nothing is counted: the second cell of a process is who it would be as the first."""
+    twins = [replace(CELL, split_index=index) for index in (0, 1, 2)]
+    assert [twin.key for twin in reversed(twins)] == [
+        replace(CELL, split_index=index).key for index in (2, 1, 0)
+    ]
+
+
+CHANGED = {
+    str: lambda value: f"{value}x",
+    int: lambda value: value + 1,
+    float: lambda value: value / 2,
+    dict: lambda value: value | {"another": 1},
+}
+
+
+@pytest.mark.parametrize("name", [item.name for item in fields(Cell)])
+def test_every_field_of_a_cell_changes_its_key(name):
+    """A field that comes to be later is tested here too, whatever it is called."""
+    value = getattr(CELL, name)
+    change = CHANGED[type(value)]
+    assert replace(CELL, **{name: change(value)}).key != CELL.key
+
+
+@pytest.mark.parametrize("name", ["model_params", "dataset_params", "protocol_params"])
+def test_every_option_and_its_type_changes_the_key(name):
+    options = getattr(CELL, name)
+    for option in options:
+        others = [options | {option: other} for other in ("other", 2.5, False)]
+        others.append({key: value for key, value in options.items() if key != option})
+        keys = {replace(CELL, **{name: other}).key for other in (options, *others)}
+        assert len(keys) == 5
+    assert replace(CELL, model_params={"a": 1}).key != replace(CELL, model_params={"a": "1"}).key
+
+
+def test_two_thousand_cells_have_as_many_keys():
+    keys = {
+        replace(CELL, split_index=split, seed=seed).key
+        for split, seed in itertools.product(range(100), range(20))
+    }
+    assert len(keys) == 2000
+
+
+def test_models_of_one_split_share_their_random_numbers_and_splits_do_not():
+    seeds = {replace(CELL, model=model).model_seed for model in ("vjm", "mlp", "gp")}
+    assert seeds == {CELL.model_seed}
+    assert len({replace(CELL, seed=seed).model_seed for seed in range(100)}) == 100

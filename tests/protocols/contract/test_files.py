@@ -1,0 +1,44 @@
+"""Files that are there whole or not at all."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.files import make_folder, written_whole
+
+
+def test_a_file_appears_whole_with_the_modes_of_the_umask(tmp_path):
+    path = tmp_path / "a.csv"
+    with written_whole(path) as temporary:
+        temporary.write_text("new")
+        assert not path.exists() and temporary.suffix == ".csv"
+    assert path.read_text() == "new"
+    mask = os.umask(0)
+    os.umask(mask)
+    assert path.stat().st_mode & 0o777 == 0o666 & ~mask
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("stop", [ValueError, KeyboardInterrupt, SystemExit])
+def test_the_old_file_stands_after_whatever_stops_the_new_one(tmp_path, stop):
+    path = tmp_path / "a.csv"
+    path.write_text("old")
+    with pytest.raises(stop), written_whole(path) as temporary:
+        temporary.write_text("half")
+        raise stop
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_cannot_be_written_is_named(tmp_path):
+    with (
+        pytest.raises(StoreError, match=r"absent/a\.csv: cannot be written: No such file"),
+        written_whole(tmp_path / "absent" / "a.csv"),
+    ):
+        pass
+    (tmp_path / "file").touch()
+    with pytest.raises(StoreError, match="file/folder: cannot be made: Not a directory"):
+        make_folder(tmp_path / "file" / "folder")

@@ -1,0 +1,62 @@
+"""The frozen values: shapes are checked, arrays cannot be written, hashes tell data apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.types import BenchmarkData, Samples
+
+
+def make(**changes) -> Samples:
+    fields = {
+        "q": np.zeros((2, 6)),
+        "wrench": np.ones((2, 6)),
+        "deflection": np.ones((2, 3)),
+        "pose_id": np.array(["a", "b"]),
+        "load_id": np.array(["1", "1"]),
+        "group": np.array(["g", "g"]),
+    }
+    return Samples(**(fields | changes))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"wrench": np.ones((2, 3))}, r"wrench has shape \(2, 3\), expected 2x6"),
+        ({"deflection": np.ones((3, 3))}, r"deflection has shape \(3, 3\), expected 2x3"),
+        ({"q": np.full((2, 6), np.nan)}, r"q\[0, 0\] is nan"),
+        ({"pose_id": np.array(["a"])}, r"pose_id has shape \(1,\)"),
+    ],
+)
+def test_wrong_shapes_and_values_are_refused_by_name(changes, message):
+    with pytest.raises(DataError, match=message):
+        make(**changes)
+
+
+def test_samples_cannot_be_written_and_do_not_share_memory_with_their_origin():
+    q = np.zeros((2, 6))
+    samples = make(q=q)
+    q[0, 0] = 1.0
+    assert samples.q[0, 0] == 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        samples.deflection[0, 0] = 1.0
+
+
+def test_take_keeps_the_rows_together():
+    taken = make(deflection=np.arange(6.0).reshape(2, 3)).take(np.array([1]))
+    assert taken.pose_id.tolist() == ["b"]
+    assert taken.deflection.tolist() == [[3.0, 4.0, 5.0]]
+
+
+def test_the_hash_of_data_changes_with_any_number_name_or_robot(kr10):
+    base = BenchmarkData(make(), kr10).sha256
+    assert BenchmarkData(make(), kr10).sha256 == base
+    others = [make(deflection=np.ones((2, 3)) * (1 + 1e-15)), make(group=np.array(["g", "h"]))]
+    assert all(BenchmarkData(other, kr10).sha256 != base for other in others)
+
+
+def test_samples_of_another_number_of_joints_do_not_fit_a_robot(kr10):
+    with pytest.raises(DataError, match="samples have 5 joint angles, robot 'kr10_r1100_2' has 6"):
+        BenchmarkData(make(q=np.zeros((2, 5))), kr10)

@@ -1,0 +1,118 @@
+"""What turns predictions into a cell's numbers, against numbers that were kept.
+
+Metrics, split-conformal intervals, the sensor's errors and the choice of options stand in a cell's
+identity by `SCORING_VERSION` alone. Whoever raises it puts the new numbers here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pytest
+
+from quick_models import twin_data
+from stiff_models.physics.vjm import VirtualJointModel
+from stiff_models.regressors.regressor_model import NearestNeighbours
+from stiff_protocols.contract.record import Cost
+from stiff_protocols.contract.types import FloatArray, Interval, Prediction
+from stiff_protocols.scoring.conformal import SplitConformal
+from stiff_protocols.scoring.metrics import METRICS
+from stiff_protocols.splits.sensor_noise import SensorNoise
+from stiff_protocols.tuning.inner_search import InnerSearch
+
+METRIC_VALUES: Mapping[str, Sequence[float]] = {
+    "mae": [0.00011880259353580688, 0.00015228417838456803, 0.0001394967372659964],
+    "stde": [6.427224645438381e-05, 6.011869487665291e-05, 4.999257880985712e-05],
+    "me": [0.00019824096131596983, 0.00019354074633413433, 0.00019779251773362682],
+    "rmse": [0.0001350739719380725, 0.00016372149663356687, 0.00014818433670235937],
+    "median": [0.00011997885633501751, 0.00017652137178280345, 0.00017361706747608433],
+    "p95": [0.00019610946174249355, 0.00019333615082199493, 0.00019478783120824408],
+    "r2": [0.8675591751202568, 0.944864220256577, 0.9563231810497546],
+    "norm": [0.0002550438116119271],
+    "norm-p95": [0.0003051393774577846],
+    "relative": [0.2267622414772854],
+    "skill": [0.3560456890154393],
+    "coverage": [0.8181818181818182, 0.6363636363636364, 0.6363636363636364],
+    "width": [0.0004113502298488508, 0.00039971738621249765, 0.0003382288197887183],
+    "fit-time": [2.0],
+    "latency": [0.001],
+    "throughput": [4000.0],
+    "memory": [1048576.0],
+}
+LOWER = (
+    (0.00015021778696547777, 9.179567317553592e-05, -0.00039804538729664796),
+    (-0.00026860409429703614, 6.352209964985149e-05, -0.000728530353723056),
+)
+UPPER = (
+    (0.0004975062585696002, 0.0004201315251556382, -1.808507405178932e-05),
+    (7.868437730708622e-05, 0.0003918579516299538, -0.0003485700404781974),
+)
+INNER_ERRORS = (  # of 1, 3, 5, 10 neighbours, each with both weights
+    *(0.0007473542361375937, 0.0007473542361375937, 0.0006861733620310041),
+    *(0.000662958742899467, 0.0007120318753939955, 0.0006844317329567924),
+    *(0.000807120554118508, 0.0007660552226871872),
+)
+SENSOR_ERROR = (  # N and N m, on the first test row, five times the sensor's figures
+    *(-0.13978165735332795, -0.43786634838199306, 0.12948428421883906),
+    *(-0.008780359701813905, -0.0006506901631388385, -0.011727853954186537),
+)
+SEED = 5
+
+
+def without_pattern(size: float, step: float) -> FloatArray:
+    """Return (11, 3) fixed numbers up to a size, m."""
+    return np.asarray(size * np.sin(step * np.arange(33.0) ** 2).reshape(11, 3))
+
+
+def agree(now: object, kept: object) -> None:
+    same = np.shape(now) == np.shape(kept) and np.allclose(now, kept, rtol=1e-9, atol=1e-12)
+    if not same:
+        changed = f"numbers of the scoring changed: raise SCORING_VERSION\n{kept}\nbecame\n{now}"
+        pytest.fail(changed, pytrace=False)
+
+
+@pytest.mark.parametrize("key", METRICS)
+def test_a_metric_of_fixed_predictions(key: str) -> None:
+    measured = without_pattern(1e-3, 0.7)
+    predicted = measured + without_pattern(2e-4, 0.9)
+    half = np.abs(without_pattern(3e-4, 0.4))
+    prediction = Prediction(
+        rows=np.arange(11),
+        predicted=predicted,
+        measured=measured,
+        interval=Interval(predicted - half, predicted + half, coverage=0.8),
+        reference=measured + without_pattern(3e-4, 1.3),
+    )
+    cost = Cost(2.0, 0.25, 0.001, 4000.0, 2**20)
+    assert key in METRIC_VALUES, f"a new metric: put its value here, {METRICS[key]}"
+    agree([*METRICS[key].values(prediction, cost).values()], METRIC_VALUES[key])
+
+
+def test_split_conformal_intervals() -> None:
+    data = twin_data()
+    train, asked = data.samples.take(np.arange(60)), data.samples.take(np.array([100, 101]))
+    model = SplitConformal(VirtualJointModel(), coverage=0.8)
+    model.fit(train, robot=data.robot, seed=SEED)
+    agree(len(model.residuals_), 15)
+    interval = model.predict_interval(asked.q, asked.wrench, 0.8)
+    agree(interval.lower, LOWER)
+    agree(interval.upper, UPPER)
+
+
+def test_the_choice_of_an_inner_search() -> None:
+    data = twin_data()
+    grid = {"neighbours": (1, 3, 5, 10), "weights": ("uniform", "distance")}
+    search = InnerSearch(NearestNeighbours(), grid, folds=3)
+    search.fit(data.samples.take(np.arange(60)), robot=data.robot, seed=SEED)
+    agree([tried.error for tried in search.scores_], INNER_ERRORS)
+    agree(search.best_params_["neighbours"], 3)
+    assert search.best_params_["weights"] == "distance"
+
+
+def test_the_errors_of_the_sensor() -> None:
+    samples = twin_data().samples.take(np.arange(60))
+    _, split = SensorNoise(levels="1,5").splits(samples, n_splits=1, seed=SEED)
+    agree(split.test[:3], [19, 21, 23])
+    assert split.wrench_error is not None
+    agree(split.wrench_error[0], SENSOR_ERROR)

@@ -1,0 +1,113 @@
+"""The metrics against numbers worked out by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sklearn.metrics import r2_score
+
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.record import Cost
+from stiff_protocols.contract.types import Interval, Prediction
+from stiff_protocols.scoring.metrics import METRICS, metric
+
+
+@pytest.fixture()
+def prediction() -> Prediction:
+    # errors x: -1, 3; y: 2, 2; z: 0, -4 -> absolute 1, 3; 2, 2; 0, 4
+    measured = np.array([[1.0, 0.0, 5.0], [0.0, 1.0, 4.0]])
+    predicted = np.array([[0.0, 2.0, 5.0], [3.0, 3.0, 0.0]])
+    return Prediction(np.array([0, 1]), predicted, measured)
+
+
+def by_axis(key, prediction):
+    return list(metric(key).values(prediction).values())
+
+
+def whole(key, prediction):
+    return metric(key).values(prediction)[""]
+
+
+def test_mae_is_the_mean_absolute_error_of_each_axis(prediction):
+    assert metric("mae").values(prediction) == {"x": 2.0, "y": 2.0, "z": 2.0}
+
+
+def test_stde_is_the_population_deviation_of_the_absolute_error(prediction):
+    # of the signed errors it would be 2, 0, 2; with n - 1 it would be sqrt(2), 0, sqrt(8)
+    assert by_axis("stde", prediction) == [1.0, 0.0, 2.0]
+
+
+def test_me_is_the_largest_absolute_error(prediction):
+    assert by_axis("me", prediction) == [3.0, 2.0, 4.0]
+
+
+def test_rmse_median_and_p95_are_of_the_absolute_errors(prediction):
+    assert by_axis("rmse", prediction) == pytest.approx([5**0.5, 2.0, 8**0.5])
+    assert by_axis("median", prediction) == [2.0, 2.0, 2.0]
+    assert by_axis("p95", prediction) == pytest.approx([2.9, 2.0, 3.8])
+
+
+def test_r2_agrees_with_scikit_learn_and_is_absent_where_nothing_varies(rng):
+    measured = rng.normal(size=(20, 3))
+    measured[:, 1] = 3.0
+    predicted = measured + rng.normal(size=(20, 3))
+    found = metric("r2").values(Prediction(np.arange(20), predicted, measured))
+    assert set(found) == {"x", "z"}
+    for axis, column in (("x", 0), ("z", 2)):
+        assert found[axis] == pytest.approx(r2_score(measured[:, column], predicted[:, column]))
+
+
+def test_norm_is_the_mean_length_of_the_error_vector(prediction):
+    first, second = 5**0.5, 29**0.5  # of (-1, 2, 0) and (3, 2, -4)
+    assert whole("norm", prediction) == pytest.approx((first + second) / 2)
+    assert whole("norm-p95", prediction) == pytest.approx(first + 0.95 * (second - first))
+
+
+def test_relative_is_a_ratio_of_means_and_absent_without_any_deflection(prediction):
+    errors, sizes = 5**0.5 + 29**0.5, 26**0.5 + 17**0.5
+    assert whole("relative", prediction) == pytest.approx(errors / sizes)
+    still = Prediction(prediction.rows, prediction.predicted, np.zeros((2, 3)))
+    assert metric("relative").values(still) == {}
+
+
+def test_skill_compares_the_norm_with_the_references_and_is_absent_without_one(prediction):
+    assert metric("skill").values(prediction) == {}
+    twice = prediction.measured + 2.0 * (prediction.predicted - prediction.measured)
+    assert whole("skill", replace(prediction, reference=twice)) == pytest.approx(0.5)
+    assert whole("skill", replace(prediction, reference=prediction.predicted)) == 0.0
+
+
+def test_coverage_and_width_are_of_each_axis_and_the_bounds_are_inside(prediction):
+    # measured x: 1, 0; y: 0, 1; z: 5, 4
+    lower = np.array([[1.0, 1.0, 0.0], [-1.0, 2.0, 0.0]])
+    upper = np.array([[2.0, 2.0, 4.0], [3.0, 5.0, 4.0]])
+    judged = replace(prediction, interval=Interval(lower, upper, 0.9))
+    assert by_axis("coverage", judged) == [1.0, 0.0, 0.5]
+    assert by_axis("width", judged) == [2.5, 2.0, 4.0]
+
+
+@pytest.mark.parametrize("key", ["coverage", "width"])
+def test_a_metric_of_intervals_has_no_value_without_them(prediction, key):
+    assert metric(key).needs_interval and metric(key).values(prediction) == {}
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("fit-time", 1.5), ("latency", 1e-5), ("throughput", 2e5), ("memory", 4096)],
+)
+def test_costs_are_read_off_and_absent_where_they_are_not_known(prediction, key, value):
+    cost = Cost(1.5, 0.1, 1e-5, 2e5, 4096)
+    assert metric(key).values(prediction, cost) == {"": value}
+    assert metric(key).values(prediction) == {}
+    assert metric("memory").values(prediction, replace(cost, memory_bytes=None)) == {}
+
+
+def test_an_unknown_metric_is_refused_with_the_nearest_one():
+    with pytest.raises(ConfigError, match="unknown metric 'stda'; did you mean 'stde'"):
+        metric("stda")
+
+
+def test_every_metric_is_registered_under_its_own_key():
+    assert all(key == entry.key for key, entry in METRICS.items())

@@ -1,0 +1,193 @@
+"""Paired tests on one data set: against closed forms, another library, and what they refuse."""
+
+from __future__ import annotations
+
+import math
+
+import baycomp
+import numpy as np
+import pytest
+from scipy import stats
+from statsmodels.stats.multitest import multipletests
+
+from stiff_protocols.contract.errors import ConfigError, DataError
+from stiff_protocols.scoring.paired import (
+    ROPE_M,
+    CorrectedT,
+    Posterior,
+    corrected_t,
+    holm,
+    wilcoxon_signed_rank,
+)
+
+MM = 1e-3
+
+
+def below_with_4_degrees(t):
+    """Distribution function of Student's t for 4 degrees of freedom, in closed form."""
+    u = t / math.sqrt(1 + t**2 / 4)
+    return 0.5 + 0.375 * u * (1 - u**2 / 12)
+
+
+def test_the_corrected_t_is_the_one_computed_by_hand():
+    """Five splits, variance 2.5, n_test/n_train 1/4: scale^2 = (1/5 + 1/4) 2.5 = 1.125."""
+    result = corrected_t(np.array([1.0, 2.0, 3.0, 4.0, 5.0]) * MM, 0.2)
+    assert result.mean == pytest.approx(3 * MM)
+    assert result.scale == pytest.approx(math.sqrt(1.125) * MM)
+    assert result.df == 4
+    assert result.p_value == pytest.approx(2 * (1 - below_with_4_degrees(3 / math.sqrt(1.125))))
+    assert result.probability_below(2 * MM) == pytest.approx(
+        below_with_4_degrees(-1 / math.sqrt(1.125))
+    )
+
+
+def test_without_overlap_of_the_splits_it_is_the_plain_t_test(rng):
+    differences = rng.normal(0.3, 1.0, 12)
+    result, plain = corrected_t(differences, 1e-12), stats.ttest_1samp(differences, 0.0)
+    assert result.p_value == pytest.approx(plain.pvalue)
+    interval = plain.confidence_interval(0.9)
+    assert result.interval(0.9) == pytest.approx((interval.low, interval.high))
+
+
+def test_zero_lies_on_the_bound_of_the_interval_whose_confidence_is_the_p_values_complement(rng):
+    result = corrected_t(rng.normal(1.0, 1.0, 15), 0.2)
+    low, high = result.interval(1.0 - result.p_value)
+    assert low == pytest.approx(0.0, abs=1e-12)
+    assert high == pytest.approx(2 * result.mean)
+
+
+@pytest.mark.parametrize(("folds", "runs"), [(5, 1), (5, 3), (10, 10)])
+@pytest.mark.parametrize("shift", [-2e-5, 0.0, 1e-5])
+def test_the_posterior_is_that_of_baycomp(rng, folds, runs, shift):
+    error_a, error_b = rng.normal(3e-4, 2e-5, (2, folds * runs))
+    error_a += shift
+    wanted = baycomp.CorrelatedTTest.probs(error_b, error_a, rope=ROPE_M, runs=runs)
+    posterior = corrected_t(error_a - error_b, 1 / folds).posterior()
+    assert (posterior.a_better, posterior.equivalent, posterior.b_better) == pytest.approx(wanted)
+
+
+def test_exchanging_the_models_exchanges_the_posterior(rng):
+    differences = rng.normal(1e-5, 2e-5, 10)
+    one, other = (corrected_t(sign * differences, 0.2) for sign in (1, -1))
+    assert one.p_value == other.p_value
+    assert one.posterior().a_better == other.posterior().b_better
+    assert one.posterior().equivalent == pytest.approx(other.posterior().equivalent)
+
+
+@pytest.mark.parametrize(
+    ("difference", "p_value", "posterior"),
+    [
+        (0.0, 1.0, Posterior(0.0, 1.0, 0.0)),
+        (ROPE_M / 3, 0.0, Posterior(0.0, 1.0, 0.0)),
+        (0.1 * MM, 0.0, Posterior(0.0, 0.0, 1.0)),  # the mean of seven is not exactly that
+        (-0.1 * MM, 0.0, Posterior(1.0, 0.0, 0.0)),
+    ],
+)
+def test_equal_differences_leave_no_doubt(difference, p_value, posterior):
+    result = corrected_t([difference] * 7, 0.2)
+    assert result.scale == 0.0
+    assert result.p_value == p_value
+    assert result.posterior() == posterior
+    assert result.interval() == (difference, difference)
+
+
+def test_a_small_probability_keeps_its_digits():
+    """1 - (1 - 1e-20) would be 0."""
+    far = CorrectedT(mean=-1.0, scale=1e-6, df=14, test_share=0.2)
+    assert 0.0 < far.posterior().b_better < 1e-50
+    assert far.posterior().a_better == 1.0
+
+
+@pytest.mark.parametrize(
+    ("differences", "message"),
+    [
+        ([], "at least 2 splits, there are none"),
+        ([1.0], "the corrected t test needs at least 2 splits, there is 1"),
+        ([1.0, np.nan], r"differences\[1\] is nan"),
+        ([[1.0, 2.0]], "shape"),
+    ],
+)
+def test_differences_that_cannot_be_tested_are_refused(differences, message):
+    with pytest.raises(DataError, match=message):
+        corrected_t(differences, 0.2)
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0, -0.2, np.nan])
+def test_a_share_outside_0_and_1_is_refused_with_its_name(share):
+    with pytest.raises(ConfigError, match="test_share is"):
+        corrected_t([1.0, 2.0], share)
+    with pytest.raises(ConfigError, match="confidence is"):
+        corrected_t([1.0, 2.0], 0.2).interval(share)
+
+
+@pytest.mark.parametrize("rope", [-1e-5, np.nan])
+def test_a_rope_below_zero_is_refused(rope):
+    with pytest.raises(ConfigError, match="rope is"):
+        corrected_t([1.0, 2.0], 0.2).posterior(rope)
+
+
+def test_the_signed_rank_test_counts_the_sign_patterns():
+    """Of the 2^6 equally likely patterns, only all + and all - are as extreme."""
+    assert wilcoxon_signed_rank(np.array([1, 2, 3, 4, 5, 6]) * MM) == pytest.approx(2 / 2**6)
+    # a negative difference of rank 1: rank sums 0 and 1, on both sides
+    assert wilcoxon_signed_rank(np.array([-1, 2, 3, 4, 5, 6]) * MM) == pytest.approx(4 / 2**6)
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 12, 15, 30, 50])
+def test_without_ties_the_signed_rank_test_is_scipys_exact_one(rng, n):
+    differences = rng.normal(0.4, 1.0, n)
+    wanted = stats.wilcoxon(differences, method="exact").pvalue
+    assert wilcoxon_signed_rank(differences) == pytest.approx(wanted, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "differences",
+    [
+        [1, 1, 1, 1, 1],
+        [1, -1, 2, 2, 3],
+        [2, 2, -1, 0, 3, 3, 3, 0],
+        [-1, 1, -2, 2, 3, 4, 4, 5, 5, -5],
+    ],
+)
+def test_with_ties_and_zeros_the_signed_rank_test_counts_all_signs(differences):
+    ways = stats.PermutationMethod(n_resamples=2**12)  # more than there are: it counts
+    others = [value for value in differences if value]
+    wanted = stats.wilcoxon(others, method=ways).pvalue
+    assert wilcoxon_signed_rank(differences) == pytest.approx(wanted)
+
+
+def test_five_equal_differences_are_no_finding():
+    assert wilcoxon_signed_rank([1.0] * 5) == 2 / 2**5  # the normal approximation says 0.025
+
+
+def test_beyond_fifty_differences_the_signed_rank_test_is_close_to_the_count(rng):
+    differences = rng.normal(0.2, 1.0, 51)
+    wanted = stats.wilcoxon(differences, method="exact").pvalue
+    assert wilcoxon_signed_rank(differences) == pytest.approx(wanted, rel=0.05)
+
+
+def test_differences_of_zero_say_nothing_to_the_signed_rank_test():
+    assert wilcoxon_signed_rank(np.zeros(30)) == 1.0
+    some = wilcoxon_signed_rank(np.array([1, 2, 3, 4, 5, 6]) * MM)
+    assert wilcoxon_signed_rank(np.array([1, 2, 0, 3, 4, 5, 6, 0]) * MM) == pytest.approx(some)
+
+
+def test_ties_are_no_reason_to_warn():
+    few, many = [1.0, 1.0, -1.0, 1.0], [1.0] * 40 + [-1.0] * 40 + [0.0] * 3
+    assert wilcoxon_signed_rank(few) == pytest.approx(10 / 16)
+    assert wilcoxon_signed_rank(many) == pytest.approx(1.0)
+
+
+def test_the_signed_rank_test_refuses_no_differences():
+    with pytest.raises(DataError, match="at least 1 difference"):
+        wilcoxon_signed_rank([])
+
+
+def test_holm_multiplies_the_smallest_by_the_number_of_comparisons_and_keeps_the_order():
+    np.testing.assert_allclose(holm([0.01, 0.04, 0.03, 0.5]), [0.04, 0.09, 0.09, 0.5])
+    np.testing.assert_allclose(holm([0.9, 0.8]), [1.0, 1.0])
+
+
+def test_holm_agrees_with_statsmodels(rng):
+    p_values = rng.uniform(size=30) ** 4
+    np.testing.assert_allclose(holm(p_values), multipletests(p_values, method="holm")[1])

@@ -1,0 +1,195 @@
+"""Ranks over data sets: against Demsar's worked example, textbook formulas, and axioms."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from stiff_protocols.contract.errors import DataError
+from stiff_protocols.scoring.paired import LEVEL, holm, ranked
+from stiff_protocols.scoring.ranks import compare_over_datasets, critical_difference, why_not
+
+DEMSAR_TABLE_6 = """
+0.763 0.768 0.771 0.798
+0.599 0.591 0.590 0.569
+0.954 0.971 0.968 0.967
+0.628 0.661 0.654 0.657
+0.882 0.888 0.886 0.898
+0.936 0.931 0.916 0.931
+0.661 0.668 0.609 0.685
+0.583 0.583 0.563 0.625
+0.775 0.838 0.866 0.875
+1.000 1.000 1.000 1.000
+0.940 0.962 0.965 0.962
+0.619 0.666 0.614 0.669
+0.972 0.981 0.9751 0.975
+0.957 0.978 0.946 0.970
+"""  # area under the curve: larger is better; the 0.9751 is printed as 0.975, but ranked before it
+
+
+def scores(rng, n_datasets=9, n_models=5, apart=0.6):
+    return rng.normal(size=(n_datasets, n_models)) + apart * np.arange(n_models)
+
+
+def test_demsars_example_gives_his_mean_ranks_and_critical_difference():
+    areas = np.array(DEMSAR_TABLE_6.split(), dtype=float).reshape(14, 4)
+    result = compare_over_datasets(-areas)
+    np.testing.assert_allclose(result.mean_ranks, [3.143, 2.000, 2.893, 1.964], atol=5e-4)
+    assert result.critical_difference == pytest.approx(1.25, abs=0.005)
+    assert result.groups == [(3, 1, 2, 0)]  # "not powerful enough" at 0.05
+    assert result.friedman_p < LEVEL
+
+
+@pytest.mark.parametrize(
+    ("n_models", "q"), [(3, 2.343), (4, 2.569), (5, 2.728), (7, 2.949), (10, 3.164)]
+)
+def test_the_critical_difference_has_the_q_of_demsars_table_5(n_models, q):
+    wanted = q * np.sqrt(n_models * (n_models + 1) / (6 * 8))
+    assert critical_difference(8, n_models) == pytest.approx(wanted, rel=3e-4)
+
+
+def test_friedman_without_ties_is_the_textbook_statistic(rng):
+    result = compare_over_datasets(scores(rng))
+    n, k = 9, 5
+    chi2 = 12 * n / (k * (k + 1)) * ((result.mean_ranks**2).sum() - k * (k + 1) ** 2 / 4)
+    assert result.friedman_p == pytest.approx(stats.chi2.sf(chi2, k - 1))
+
+
+def test_conover_is_the_textbook_statistic_with_holms_correction(rng):
+    """|R_i - R_j| / sqrt(2 (n A - sum R^2) / ((n-1)(k-1))), Conover 1999, section 5.8."""
+    values = np.round(scores(rng), 1)
+    values[0, :2] = values[0, 2]  # a tie
+    n, k = values.shape
+    ranks = np.array([stats.rankdata(row) for row in values])
+    sums = ranks.sum(axis=0)
+    scale = np.sqrt(2 * (n * (ranks**2).sum() - (sums**2).sum()) / ((n - 1) * (k - 1)))
+    pairs = list(combinations(range(k), 2))
+    wanted = holm(
+        [2 * stats.t.sf(abs(sums[i] - sums[j]) / scale, (n - 1) * (k - 1)) for i, j in pairs]
+    )
+    result = compare_over_datasets(values)
+    np.testing.assert_allclose([result.conover[i, j] for i, j in pairs], wanted)
+    np.testing.assert_array_equal(result.conover, result.conover.T)
+
+
+@pytest.mark.parametrize("n_models", [3, 10, 40])
+def test_critical_differences_and_p_values_are_those_of_scipy_and_scikit_posthocs(rng, n_models):
+    scikit_posthocs = pytest.importorskip("scikit_posthocs")
+    values = np.round(scores(rng, n_models=n_models, apart=0.1), 1)
+    ranks = stats.rankdata(values, axis=1)
+    result = compare_over_datasets(values)
+    np.testing.assert_allclose(
+        result.nemenyi, scikit_posthocs.posthoc_nemenyi_friedman(ranks), atol=1e-12
+    )
+    np.testing.assert_allclose(
+        result.conover, scikit_posthocs.posthoc_conover_friedman(ranks, p_adjust="holm"), rtol=1e-9
+    )
+    assert result.friedman_p == pytest.approx(stats.friedmanchisquare(*ranks.T).pvalue, rel=1e-9)
+    spread = np.sqrt(n_models * (n_models + 1) / (12 * len(values)))
+    quantile = stats.studentized_range.ppf(1.0 - LEVEL, n_models, np.inf)
+    assert result.critical_difference == pytest.approx(quantile * spread, rel=1e-9)
+
+
+@pytest.mark.parametrize("shape", [(6,), (50, 7), (1, 1)])
+def test_ranks_are_scipys_with_ties_and_missing_values(rng, shape):
+    values = rng.integers(0, 4, shape).astype(float)
+    np.testing.assert_array_equal(ranked(values), stats.rankdata(values, axis=-1))
+    values[..., 0] = np.nan
+    assert np.isnan(ranked(values)).all()
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.5, 1.0, 3.0])
+def test_the_groups_hold_exactly_the_pairs_that_nemenyi_cannot_tell_apart(rng, apart):
+    for _ in range(2):
+        result = compare_over_datasets(scores(rng, n_models=6, apart=apart))
+        alike = {
+            frozenset(pair) for pair in combinations(range(6), 2) if result.nemenyi[pair] >= LEVEL
+        }
+        grouped = {frozenset(pair) for group in result.groups for pair in combinations(group, 2)}
+        assert alike == grouped
+        assert not any(set(a) <= set(b) for a in result.groups for b in result.groups if a != b)
+        for group in result.groups:
+            assert list(result.mean_ranks[list(group)]) == sorted(result.mean_ranks[list(group)])
+
+
+def test_models_far_apart_are_in_no_group(rng):
+    values = scores(rng, n_datasets=40, n_models=3, apart=9.0)
+    values[0, :2] = values[0, 1::-1]  # full agreement would leave Conover's test no residual
+    result = compare_over_datasets(values)
+    assert result.groups == []
+    assert result.nemenyi[0, 2] < 1e-6 and result.conover[0, 1] < 1e-6
+
+
+def test_neighbours_may_be_alike_where_the_ends_are_not():
+    """Mean ranks 1.25, 1.75 and 3 of eight: the critical difference is 1.17."""
+    values = np.tile([1.0, 2.0, 3.0], (8, 1))
+    values[:2, :2] = values[:2, 1::-1]
+    result = compare_over_datasets(values)
+    np.testing.assert_array_equal(result.mean_ranks, [1.25, 1.75, 3.0])
+    assert result.groups == [(0, 1)]
+    more = compare_over_datasets(np.tile([1.0, 2.0, 3.0], (6, 1)))  # 1.35
+    assert more.groups == [(0, 1), (1, 2)]
+
+
+def test_models_that_tie_everywhere_are_equal_without_a_warning():
+    result = compare_over_datasets(np.ones((6, 4)))
+    np.testing.assert_array_equal(result.mean_ranks, 2.5)
+    assert result.friedman_p == 1.0
+    np.testing.assert_array_equal(result.nemenyi, 1.0)
+    assert result.conover is None
+    assert result.groups == [(0, 1, 2, 3)]
+
+
+def test_two_models_that_tie_beside_others_are_equal_without_a_warning(rng):
+    values = scores(rng, n_models=3)
+    result = compare_over_datasets(np.column_stack([values, values[:, 0]]))
+    assert result.mean_ranks[0] == result.mean_ranks[3]
+    assert result.nemenyi[0, 3] == pytest.approx(1.0)
+    assert result.conover[0, 3] == pytest.approx(1.0)
+
+
+def test_data_sets_that_agree_on_every_rank_leave_conover_no_verdict():
+    values = np.tile([1.0, 1.0, 2.0, 3.0], (7, 1))
+    result = compare_over_datasets(values)
+    assert result.conover is None
+    values[0, 2:] = 3.0, 2.0
+    assert compare_over_datasets(values).conover is not None
+    assert 0.0 < result.nemenyi[0, 3] < LEVEL
+
+
+@pytest.mark.parametrize(
+    ("n_datasets", "n_models", "reason"),
+    [
+        (5, 3, ""),
+        (12, 9, ""),
+        (
+            2,
+            9,
+            "needs at least 5 data sets of different robots, here are 2: splits of one data "
+            "set, and several data sets of one robot, do not count",
+        ),
+        (
+            1,
+            2,
+            "needs at least 5 data sets of different robots, here is 1: splits of one data "
+            "set, and several data sets of one robot, do not count",
+        ),
+        (5, 2, "needs at least 3 models, here are 2"),
+    ],
+)
+def test_the_reason_why_there_is_no_analysis_is_one_line(n_datasets, n_models, reason):
+    assert why_not(n_datasets, n_models) == reason
+
+
+def test_too_few_data_sets_and_missing_scores_are_refused(rng):
+    with pytest.raises(DataError, match=r"critical-difference analysis needs at least 5 data sets"):
+        compare_over_datasets(scores(rng, n_datasets=4))
+    with pytest.raises(DataError, match=r"analysis needs at least 3 models, here are 2"):
+        compare_over_datasets(scores(rng, n_models=2))
+    values = scores(rng)
+    values[3, 1] = np.nan
+    with pytest.raises(DataError, match=r"scores\[3, 1\] is nan"):
+        compare_over_datasets(values)

@@ -1,0 +1,145 @@
+"""A force sensor that errs at test time, and nowhere else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from made_samples import samples_with
+from stiff_bench.run.cell import compute_cell
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.types import Samples
+from stiff_protocols.splits.random_splits import Holdout
+from stiff_protocols.splits.sensor_noise import SensorNoise
+
+FIGURES = np.repeat([0.04, 0.002], 3)  # N, N m: facts of the ATI Axia80-M8 in the source paper
+FITS = []
+
+
+class Witness:
+    """Remembers what it was fitted with and predicts from the wrench it is told."""
+
+    def fit(self, train, *, robot, validation=None, seed=0):
+        FITS.append((train.wrench.tobytes(), validation.wrench.tobytes(), seed))
+        return self
+
+    def predict(self, q, wrench):
+        return 1e-6 * wrench[:, :3]
+
+
+@pytest.fixture(scope="module")
+def many() -> Samples:
+    n = 20_000
+    return samples_with(np.zeros((n, 6)), np.ones((n, 6)), np.zeros((n, 3)))
+
+
+def errors(samples, n_splits=1, **options):
+    """Condition -> error of the first split."""
+    splits = SensorNoise(**options).splits(samples, n_splits=n_splits, seed=0)
+    return {split.condition: split.wrench_error for split in splits if split.index == 0}
+
+
+def test_every_level_tests_holdouts_divisions_of_the_same_seed(many):
+    few = many.take(np.arange(50))
+    splits = SensorNoise().splits(few, n_splits=2, seed=3)
+    plain = Holdout().splits(few, n_splits=2, seed=3)
+    assert [(s.index, s.condition) for s in splits] == [
+        (index, f"noise x{level}") for index in (0, 1) for level in (0, 1, 5, 20)
+    ]
+    for split in splits:
+        assert split.rows_sha256 == plain[split.index].sha256
+
+
+def test_without_error_a_split_is_holdouts_and_with_one_its_hash_is_another(many):
+    splits = SensorNoise().splits(many.take(np.arange(50)), n_splits=1, seed=3)
+    assert splits[0].wrench_error is None and splits[0].sha256 == splits[0].rows_sha256
+    assert len({split.sha256 for split in splits}) == 4
+    assert len({split.rows_sha256 for split in splits}) == 1
+
+
+def test_noise_has_the_sensors_figures_as_its_standard_deviation_at_level_one(many):
+    noise = errors(many, bias=0.0)["noise x1"]
+    assert noise.shape == (4000, 6)
+    np.testing.assert_allclose(noise.std(axis=0), FIGURES, rtol=0.05)
+    np.testing.assert_allclose(noise.mean(axis=0), np.zeros(6), atol=4 / np.sqrt(4000) * 0.04)
+    neighbours = np.corrcoef(noise[:-1, 0], noise[1:, 0])[0, 1]
+    assert abs(neighbours) < 4 / np.sqrt(4000)  # independent from sample to sample
+
+
+def test_bias_is_one_draw_a_split_with_the_same_standard_deviation(many):
+    few = many.take(np.arange(20))
+    splits = SensorNoise(levels="1", noise=0.0).splits(few, n_splits=400, seed=0)
+    for split in splits:
+        np.testing.assert_array_equal(split.wrench_error, split.wrench_error[:1].repeat(4, axis=0))
+    biases = np.stack([split.wrench_error[0] for split in splits])
+    np.testing.assert_allclose(biases.std(axis=0), FIGURES, rtol=0.15)
+
+
+def test_levels_are_paired_multiples_of_the_same_draws(many):
+    found = errors(many, levels="20,0.5,1,1")
+    assert list(found) == ["noise x0.5", "noise x1", "noise x20"]
+    np.testing.assert_allclose(found["noise x20"], 20.0 * found["noise x1"])
+    np.testing.assert_allclose(found["noise x0.5"], 0.5 * found["noise x1"])
+    np.testing.assert_allclose(
+        found["noise x1"],
+        errors(many, noise=0.0)["noise x1"] + errors(many, bias=0.0)["noise x1"],
+    )
+
+
+def test_the_same_seed_gives_the_same_errors_and_splits_and_seeds_their_own(many):
+    few = many.take(np.arange(30))
+    drawn = [
+        {s.wrench_error.tobytes() for s in SensorNoise(levels="1").splits(few, n_splits=2, seed=k)}
+        for k in (7, 7, 8)
+    ]
+    assert drawn[0] == drawn[1] and not drawn[0] & drawn[2] and len(drawn[0]) == 2
+
+
+@pytest.mark.parametrize("levels", ["loud", "1,,5", "", "-1", "0,inf", "nan"])
+def test_levels_that_are_no_numbers_from_0_are_refused_by_name(levels, many):
+    with pytest.raises(ConfigError) as refused:
+        SensorNoise(levels=levels).splits(many, n_splits=1, seed=0)
+    assert str(refused.value) == (
+        f"sensor-noise.levels={levels!r}: valid are numbers from 0, separated by commas"
+    )
+
+
+def test_a_level_of_minus_zero_is_zero(many):
+    assert errors(many, levels="-0.0") == {"noise x0": None}
+
+
+def test_too_few_poses_are_refused(many):
+    with pytest.raises(ConfigError, match="1 samples of 1 poses cannot be divided"):
+        SensorNoise().splits(many.take(np.array([0])), n_splits=1, seed=0)
+
+
+def test_without_noise_predictions_are_those_of_holdout_and_with_it_they_move(tasks_of):
+    (plain,) = tasks_of(("vjm",), "fanuc-r2000ic", "holdout")
+    levels = tasks_of(("vjm",), "fanuc-r2000ic", "sensor-noise")
+    truth = compute_cell(plain, "r").prediction
+    found = [compute_cell(task, "r").prediction for task in levels]
+    np.testing.assert_array_equal(found[0].predicted, truth.predicted)
+    moved = [np.abs(each.predicted - truth.predicted).max() for each in found]
+    assert moved[1] > 0.0
+    np.testing.assert_allclose(moved, moved[1] * np.array([0, 1, 5, 20]))  # the VJM is linear
+    for each in found:
+        np.testing.assert_array_equal(each.measured, truth.measured)
+        np.testing.assert_array_equal(each.reference, each.predicted)  # it too is told the errors
+
+
+def test_fits_are_the_same_at_every_level_and_know_no_error(tasks_of):
+    FITS.clear()
+    tasks = tasks_of(("vjm",), "fanuc-r2000ic", "sensor-noise")
+    model = replace(tasks[0].model, cls=Witness, params={}, context={})
+    results = [compute_cell(replace(task, model=model, chooses_epoch=True), "r") for task in tasks]
+    assert [result.failure for result in results] == [""] * 4
+    split, samples = tasks[0].split, tasks[0].data.samples
+    ((train, validation, _),) = set(FITS)
+    assert len(FITS) == 4
+    assert train == samples.wrench[split.train].tobytes()
+    assert validation == samples.wrench[split.validation].tobytes()
+    for task, result in zip(tasks, results, strict=True):
+        told = task.split.test_wrench(samples)
+        np.testing.assert_array_equal(result.prediction.predicted, 1e-6 * told[:, :3])

@@ -1,0 +1,215 @@
+"""Divisions: what is kept apart stays apart."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sklearn.model_selection import GroupShuffleSplit
+
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.types import Samples, Split
+from stiff_protocols.splits.checks import first_fault
+from stiff_protocols.splits.generators import LazySplits, inner_validation
+from stiff_protocols.splits.random_splits import (
+    Holdout,
+    KFold,
+    LeaveOneOut,
+    PaperHoldout,
+    RepeatedHoldout,
+)
+from stiff_protocols.splits.sample_efficiency import SampleEfficiency
+
+
+def samples_with(n_poses: int, loads: int) -> Samples:
+    n = n_poses * loads
+    return Samples(
+        q=np.zeros((n, 6)),
+        wrench=np.zeros((n, 6)),
+        deflection=np.zeros((n, 3)),
+        pose_id=np.repeat([f"p{i}" for i in range(n_poses)], loads),
+        load_id=np.tile([f"l{i}" for i in range(loads)], n_poses),
+        group=np.full(n, "all"),
+    )
+
+
+BY_POSE = [Holdout(), RepeatedHoldout(), KFold(), LeaveOneOut()]
+
+
+@pytest.mark.parametrize("protocol", BY_POSE)
+def test_no_pose_stands_on_two_sides_of_a_split(protocol):
+    samples = samples_with(20, 5)
+    for split in protocol.splits(samples, n_splits=None, seed=3):
+        parts = [set(samples.pose_id[rows]) for rows in (split.train, split.validation, split.test)]
+        assert all(parts)
+        assert sum(map(len, parts)) == len(set.union(*parts)) == 20
+
+
+@pytest.mark.parametrize("protocol", BY_POSE)
+def test_every_row_stands_in_exactly_one_part(protocol):
+    for split in protocol.splits(samples_with(20, 2), n_splits=None, seed=0):
+        rows = np.concatenate([split.train, split.validation, split.test])
+        np.testing.assert_array_equal(np.sort(rows), np.arange(40))
+
+
+def test_holdout_tests_a_fifth_of_the_poses_and_validates_on_a_fifth_of_the_rest():
+    (split,) = Holdout().splits(samples_with(150, 1), n_splits=1, seed=0)
+    assert [len(split.train), len(split.validation), len(split.test)] == [96, 24, 30]
+
+
+def test_leave_one_out_tests_every_pose_once_in_the_order_of_the_data():
+    splits = LeaveOneOut().splits(samples_with(12, 1), n_splits=None, seed=0)
+    assert [int(split.test[0]) for split in splits] == list(range(12))
+
+
+def test_paper_holdout_validates_on_its_test_rows_and_says_so():
+    protocol = PaperHoldout()
+    (split,) = protocol.splits(samples_with(151, 1), n_splits=None, seed=0)
+    assert protocol.selects_on_test
+    np.testing.assert_array_equal(split.validation, split.test)
+    assert not set(split.train) & set(split.test)
+    assert len(split.test) == 31
+
+
+@pytest.mark.parametrize("protocol", [Holdout(), RepeatedHoldout(), KFold(folds=3), PaperHoldout()])
+def test_the_same_seed_gives_the_same_splits_and_another_seed_others(protocol):
+    samples = samples_with(50, 1)
+    first, again = (protocol.splits(samples, n_splits=3, seed=7) for _ in range(2))
+    other = protocol.splits(samples, n_splits=3, seed=8)
+    assert [s.sha256 for s in first] == [s.sha256 for s in again]
+    assert not {s.sha256 for s in first} & {s.sha256 for s in other}
+    assert len({s.sha256 for s in first}) == 3
+
+
+def test_a_number_of_splits_is_refused_where_the_poses_give_it():
+    with pytest.raises(ConfigError, match="one split a pose"):
+        LeaveOneOut().splits(samples_with(10, 1), n_splits=2, seed=0)
+
+
+@pytest.mark.parametrize("protocol", [*BY_POSE, PaperHoldout()])
+def test_too_few_poses_are_refused_with_their_number(protocol):
+    with pytest.raises(ConfigError, match="cannot be divided"):
+        protocol.splits(samples_with(1, 1), n_splits=None, seed=0)
+
+
+def test_repeated_holdout_begins_with_holdouts_splits_and_has_fifteen_unless_told_otherwise():
+    samples = samples_with(30, 2)
+    repeated = RepeatedHoldout().splits(samples, n_splits=None, seed=4)
+    plain = Holdout().splits(samples, n_splits=3, seed=4)
+    assert [s.sha256 for s in repeated[:3]] == [s.sha256 for s in plain]
+    assert [s.index for s in repeated] == list(range(15))
+    for protocol, asked, given in (
+        (RepeatedHoldout(), 2, 2),
+        (RepeatedHoldout(repetitions=7), None, 7),
+    ):
+        assert len(protocol.splits(samples, n_splits=asked, seed=4)) == given
+
+
+def test_kfold_tests_every_pose_once_in_folds_of_about_one_size():
+    samples = samples_with(23, 2)
+    splits = KFold().splits(samples, n_splits=None, seed=0)
+    tested = np.concatenate([split.test for split in splits])
+    np.testing.assert_array_equal(np.sort(tested), np.arange(46))
+    assert sorted(len(split.test) // 2 for split in splits) == [4, 4, 5, 5, 5]
+    assert len(KFold(folds=3).splits(samples, n_splits=None, seed=0)) == 3
+
+
+def test_kfold_with_other_folds_is_another_protocol_so_splits_must_be_its_folds():
+    samples = samples_with(10, 1)
+    assert len(KFold(folds=3).splits(samples, n_splits=3, seed=0)) == 3
+    with pytest.raises(ConfigError, match=r"--splits 4: kfold has 3 splits.*kfold@folds=4"):
+        KFold(folds=3).splits(samples, n_splits=4, seed=0)
+
+
+def test_fewer_poses_than_folds_are_refused_with_their_number():
+    with pytest.raises(ConfigError, match="8 samples of 4 poses cannot be divided"):
+        KFold().splits(samples_with(4, 2), n_splits=5, seed=0)
+
+
+def test_splits_that_differ_in_sensor_errors_alone_have_other_hashes_and_the_same_rows():
+    samples = samples_with(10, 1)
+    (split,) = Holdout().splits(samples, n_splits=1, seed=0)
+    error = np.full((len(split.test), 6), 0.5)
+    noisy, again = (replace(split, wrench_error=error.copy()) for _ in range(2))
+    assert noisy.sha256 == again.sha256 != split.sha256 == split.rows_sha256
+    assert noisy.rows_sha256 == split.rows_sha256
+    np.testing.assert_array_equal(noisy.test_wrench(samples), samples.wrench[split.test] + 0.5)
+    np.testing.assert_array_equal(split.test_wrench(samples), samples.wrench[split.test])
+
+
+def split_of(**changes):
+    rows = {"train": np.arange(6), "validation": np.arange(6, 8), "test": np.arange(8, 10)}
+    return Split(0, **(rows | changes))
+
+
+@pytest.mark.parametrize(
+    ("splits", "message"),
+    [
+        ([], "made no split"),
+        ([split_of(test=np.array([-1, -2]))], r"split 0 has test rows outside 0\.\.9"),
+        ([split_of(test=np.array([9, 10]))], r"test rows outside 0\.\.9"),
+        ([split_of(test=np.array([], dtype=int))], "split 0 has no test rows"),
+        ([split_of(train=np.array([], dtype=int))], "has no training rows"),
+        ([split_of(train=[0, 1])], "training rows that are no one-dimensional integer array"),
+        ([split_of(train=np.array([0.0, 1.0]))], "no one-dimensional integer array"),
+        ([split_of(train=np.array([1, 1]))], "training rows that occur twice"),
+        ([split_of(train=np.arange(9))], "trains on 3 rows of its other parts"),
+        ([split_of(validation=np.arange(8, 10))], "has 2 test rows that choose an epoch"),
+        ([split_of(wrench_error=np.zeros((3, 6)))], r"sensor errors of shape \(3, 6\) for 2"),
+        ([split_of(), split_of()], r"condition '' has splits of index \[0, 0\]"),
+        ([split_of(condition="a"), replace(split_of(), index=1)], "condition '' has splits of"),
+    ],
+)
+def test_a_split_that_cannot_be_used_or_leaks_is_found(splits, message):
+    assert re.search(message, first_fault(splits, 10, selects_on_test=False))
+
+
+def test_splits_that_keep_the_rules_have_no_fault_and_selecting_on_test_can_be_declared():
+    assert first_fault([split_of(), replace(split_of(), index=1)], 10, selects_on_test=False) == ""
+    selecting = split_of(validation=np.arange(8, 10))
+    assert first_fault([selecting], 10, selects_on_test=True) == ""
+
+
+def test_the_inner_part_is_that_of_scikit_learns_splitter():
+    samples = samples_with(23, 3)
+    train = np.random.default_rng(0).permutation(69)[:50]
+    for seed, fraction in ((0, 0.2), (5, 0.5), (2**32 - 1, 0.07)):
+        found = inner_validation(samples, train, fraction, seed)
+        theirs = GroupShuffleSplit(n_splits=1, test_size=fraction, random_state=seed)
+        ((fit, validate),) = theirs.split(train, groups=samples.pose_id[train])
+        np.testing.assert_array_equal(found.train, np.sort(train[fit]))
+        np.testing.assert_array_equal(found.validation, np.sort(train[validate]))
+
+
+def test_a_fraction_that_leaves_no_pose_to_fit_to_is_refused():
+    with pytest.raises(ConfigError, match=r"validation_fraction: 0\.99"):
+        inner_validation(samples_with(3, 2), np.arange(6), 0.99, 0)
+
+
+def test_lazy_splits_are_computed_when_they_are_looked_at_and_are_the_same_every_time():
+    made = []
+
+    def make():
+        for index in range(4):
+            made.append(index)
+            yield replace(split_of(), index=index)
+
+    splits = LazySplits(make, 4)
+    assert made == [0]  # whether the data can be divided
+    assert len(splits) == 4 and made == [0]
+    assert splits[1].index == 1 and made == [0, 0, 1]
+    assert splits[-1].index == 3
+    assert [split.index for split in splits[1:3]] == [1, 2]
+    assert [[split.index for split in splits] for _ in range(2)] == [[0, 1, 2, 3]] * 2
+    with pytest.raises(IndexError):
+        splits[4]
+
+
+@pytest.mark.parametrize(
+    "protocol", [Holdout(), KFold(), LeaveOneOut(), PaperHoldout(), SampleEfficiency(sizes="5,9")]
+)
+def test_protocols_say_how_many_splits_they_make(protocol):
+    splits = protocol.splits(samples_with(20, 2), n_splits=None, seed=0)
+    assert isinstance(splits, LazySplits) and len(splits) == len(list(splits))

@@ -1,0 +1,143 @@
+"""Regions of the workspace that are held out."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from made_samples import samples_with
+from stiff_protocols.contract.errors import ConfigError, DataError
+from stiff_protocols.contract.forward_kinematics import tcp_position
+from stiff_protocols.contract.types import Robot, Samples
+from stiff_protocols.splits.extrapolation import ALL_POSES
+from stiff_protocols.splits.workspace import WorkspaceExtrapolation
+
+CORNERS = np.array([[0.3, 0.4, 0.1], [0.3, -0.4, 0.1], [0.9, 0.4, 0.5], [0.9, -0.4, 0.5]])  # m
+EXPECTED = [
+    "region 1 around (300, -400, 100) mm",
+    "region 2 around (300, 400, 100) mm",
+    "region 3 around (900, -400, 500) mm",
+    "region 4 around (900, 400, 500) mm",
+]
+
+
+@pytest.fixture(scope="module")
+def portal() -> Robot:
+    """Three slides along x, y and z: the TCP is where the joints say."""
+    return Robot(
+        name="portal",
+        joint_names=("x", "y", "z"),
+        joint_types=("prismatic",) * 3,
+        placements=np.tile(np.eye(4), (3, 1, 1)),
+        axes=np.eye(3),
+        lower=np.full(3, -2.0),
+        upper=np.full(3, 2.0),
+        masses=np.ones(3),
+        centres_of_mass=np.zeros((3, 3)),
+        tcp=np.zeros(3),
+    )
+
+
+def around_corners(n_each, loads=1) -> Samples:
+    """Poses within 5 cm around each corner, in any order; the corner is their mean."""
+    rng = np.random.default_rng(1)
+    offsets = rng.uniform(-0.05, 0.05, (n_each // 2, 3))
+    around = np.vstack([offsets, -offsets])
+    position = rng.permutation((CORNERS[:, None] + around).reshape(-1, 3))
+    q = np.repeat(position, loads, axis=0)
+    samples = samples_with(q, np.zeros((len(q), 6)), np.zeros((len(q), 3)))
+    return replace(samples, pose_id=np.repeat(np.arange(len(position)).astype(str), loads))
+
+
+def divided(robot, samples, n_splits=None, seed=0, **options):
+    protocol = WorkspaceExtrapolation(**options)
+    protocol.use_robot(robot)
+    return protocol.splits(samples, n_splits=n_splits, seed=seed)
+
+
+def learned(split):
+    return np.r_[split.train, split.validation]
+
+
+def test_each_region_is_held_out_once_and_named_after_its_mean_position_in_mm(portal):
+    samples = around_corners(10)
+    splits = divided(portal, samples)
+    assert [split.condition for split in splits] == [f"{one}{ALL_POSES}" for one in EXPECTED]
+    for split in splits:
+        words = re.search(r"\((.*)\) mm", split.condition).group(1)
+        centre = np.array([float(word) / 1000.0 for word in words.split(",")])
+        distance = np.linalg.norm(samples.q - centre, axis=1)
+        np.testing.assert_array_equal(split.test, np.flatnonzero(distance < 0.1))
+        assert len(split.test) == 10 and len(split.validation) == 6
+        np.testing.assert_array_equal(
+            np.sort(np.r_[learned(split), split.test]), np.arange(len(samples))
+        )
+
+
+def test_no_pose_stands_on_two_sides(portal):
+    samples = around_corners(10, loads=3)
+    for split in divided(portal, samples, n_splits=2):
+        parts = [set(samples.pose_id[rows]) for rows in (split.train, split.validation, split.test)]
+        assert all(parts) and sum(map(len, parts)) == len(set.union(*parts))
+
+
+def test_regions_are_of_the_tcp_and_not_of_the_joint_angles(kr10, parts):
+    _, train, _, _ = parts
+    position = tcp_position(kr10, train.q)
+    splits = divided(kr10, train, regions=2)
+    assert len(splits) == 2
+    ours = [position[split.test].mean(axis=0) for split in splits]
+    for row, where in enumerate(position):  # what k-means converges to: the nearest mean
+        nearest = int(np.argmin([np.linalg.norm(where - centre) for centre in ours]))
+        assert row in splits[nearest].test
+
+
+def test_regions_are_the_same_for_every_seed_and_the_draws_are_not(portal):
+    samples = around_corners(10)
+    first, again, other = (divided(portal, samples, n_splits=2, seed=seed) for seed in (1, 1, 2))
+    assert [s.sha256 for s in first] == [s.sha256 for s in again]
+    assert not {s.sha256 for s in first} & {s.sha256 for s in other}
+    assert [(s.index, s.condition) for s in first] == [(i, c) for i in (0, 1) for c in EXPECTED]
+    for one, two in zip(first, other, strict=True):
+        np.testing.assert_array_equal(one.test, two.test)
+
+
+def test_several_draws_learn_from_parts_of_the_other_regions(portal):
+    splits = divided(portal, around_corners(10), n_splits=2, train_fraction=0.5)
+    one, two = (split for split in splits if split.condition == EXPECTED[0])
+    assert len(learned(one)) == len(learned(two)) == 15
+    assert set(learned(one)) != set(learned(two))
+
+
+def test_fewer_positions_than_regions_are_refused_with_their_numbers(portal):
+    samples = around_corners(2, loads=2)
+    same = replace(samples, q=np.tile(CORNERS[0] + 1e-9 * np.arange(16)[:, None], (1, 1)))
+    with pytest.raises(ConfigError) as refused:
+        divided(portal, same)
+    assert str(refused.value) == (
+        "workspace-extrapolation.regions=4: the 8 poses have 1 different TCP positions "
+        "(valid: 2 to as many as there are)"
+    )
+    with pytest.raises(ConfigError, match="regions=9: the 8 poses have 8 different TCP positions"):
+        divided(portal, samples, regions=9)
+    assert len(divided(portal, samples, regions=8)) == 8
+
+
+def test_without_a_robot_it_is_refused():
+    with pytest.raises(ConfigError, match="the robot is not known; call use_robot before splits"):
+        WorkspaceExtrapolation().splits(around_corners(4), n_splits=None, seed=0)
+
+
+def test_samples_of_a_robot_with_other_joints_are_refused(kr10):
+    with pytest.raises(DataError, match=r"\(16, 3\), expected \(n, 6\)"):
+        divided(kr10, around_corners(4))
+
+
+def test_the_runner_tells_the_protocol_which_robot_was_measured(tasks_of):
+    tasks = tasks_of(protocol="workspace-extrapolation")
+    assert [task.cell.condition for task in tasks] == [task.split.condition for task in tasks]
+    assert len({task.cell.key for task in tasks}) == 4
+    assert {task.n_splits for task in tasks} == {1}

@@ -1,0 +1,266 @@
+"""Options chosen in the fit: what inner fits are given, what is chosen, what is refused."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+from sklearn.base import BaseEstimator, clone
+
+from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
+from stiff_models.regressors.regressor_model import NearestNeighbours
+from stiff_models.transfer.dt_cnn import DtCnn
+from stiff_models.transfer.ft_mlp import FtMlp
+from stiff_protocols.conformance.suite import check_model
+from stiff_protocols.contract.errors import (
+    ConfigError,
+    ModelError,
+    NotFittedError,
+    StiffBenchWarning,
+)
+from stiff_protocols.contract.search_space import Range
+from stiff_protocols.contract.types import Samples
+from stiff_protocols.tuning.inner_search import InnerSearch
+
+FITS = []
+BEST = 3.0
+
+
+class Shifted(BaseEstimator):
+    """Predicts the mean of its rows plus |level - 3| mm; remembers what it was given."""
+
+    def __init__(self, level=0.0, epochs=True, other="a"):
+        self.level = level
+        self.epochs = epochs
+        self.other = other
+
+    def chooses_epoch(self):
+        return self.epochs
+
+    def fit(self, train, *, robot, validation=None, seed=0):
+        if self.level < 0:
+            raise ValueError(f"level {self.level:g} is negative")
+        FITS.append((self.get_params(), train, validation, seed))
+        self.mean_ = train.deflection.mean(axis=0)
+        self.diagnostics_ = {"level": self.level}
+        return self
+
+    def predict(self, q, wrench):
+        return np.tile(self.mean_ + 1e-3 * abs(self.level - BEST), (len(q), 1))
+
+
+@pytest.fixture(autouse=True)
+def no_fits():
+    FITS.clear()
+
+
+@pytest.fixture()
+def samples(rng):
+    """A function that makes samples of numbered poses, two rows each, of small deflections."""
+
+    def make(first, n_poses):
+        pose = np.repeat(np.arange(first, first + n_poses), 2)
+        names = pose.astype(str)
+        q = np.repeat(pose[:, None].astype(float), 6, axis=1)
+        deflection = rng.normal(scale=1e-5, size=(len(pose), 3))
+        return Samples(q, np.zeros((len(pose), 6)), deflection, names, names, names)
+
+    return make
+
+
+def poses(samples):
+    return set(samples.pose_id.tolist()) if samples is not None else set()
+
+
+def chosen(search, train, validation=None, seed=4):
+    return search.fit(train, robot=None, validation=validation, seed=seed).best_params_
+
+
+def test_the_obviously_better_candidate_is_chosen_and_fitted_to_all_of_the_training_side(samples):
+    train = samples(0, 12)
+    search = InnerSearch(Shifted(), {"level": (0.0, 1.0, 3.0, 7.0)})
+    assert chosen(search, train) == {"level": 3.0}
+    (*_, (params, last, validation, seed)) = FITS
+    assert params["level"] == 3.0 and last is train and validation is None and seed == 4
+    np.testing.assert_allclose(search.predict(train.q, train.wrench)[0], train.deflection.mean(0))
+    errors = [tried.error for tried in search.scores_]
+    np.testing.assert_allclose(errors, [3e-3 * 3**0.5, 2e-3 * 3**0.5, 0, 4e-3 * 3**0.5], atol=4e-5)
+    assert search.diagnostics_["level"] == 3.0 and search.diagnostics_["candidates"] == 4.0
+    assert search.diagnostics_["inner error of the chosen [mm]"] == 1e3 * min(errors)
+
+
+def test_every_pose_is_scored_once_by_fits_that_did_not_see_it(samples):
+    train, validation = samples(0, 12), samples(12, 3)
+    chosen(InnerSearch(Shifted(), {"level": (0.0, 1.0)}, folds=4), train, validation)
+    everything = poses(train) | poses(validation)
+    *inner, (_, last, last_validation, _) = FITS
+    assert last is train and last_validation is validation
+    assert len(inner) == 2 * 4
+    for four in (inner[:4], inner[4:]):  # a candidate after the other
+        unseen = [everything - poses(fit) - poses(chooses) for _, fit, chooses, _ in four]
+        assert set.union(*unseen) == everything and sum(map(len, unseen)) == 15
+    for _, fit, chooses, _ in inner:
+        assert poses(fit) and poses(chooses) and not poses(fit) & poses(chooses)
+        assert poses(fit) | poses(chooses) < everything
+
+
+def test_a_candidate_that_knows_its_own_rows_by_heart_gains_nothing_by_it(samples):
+    """One neighbour is never wrong at rows it has seen; at others, in noise, a mean is better."""
+    search = InnerSearch(NearestNeighbours(), {"neighbours": (1, 12)})
+    robot = FanucR2000iC().load().robot
+    assert search.fit(samples(0, 20), robot=robot).best_params_ == {"neighbours": 12}
+
+
+def test_a_candidate_that_chooses_no_epoch_learns_from_the_validation_rows(samples):
+    train, validation = samples(0, 12), samples(12, 3)
+    search = InnerSearch(Shifted(level=3.0), {"epochs": (True, False), "level": (3.0,)})
+    chosen(search, train, validation)
+    sizes = {(params["epochs"], len(fit), len(poses(chooses))) for params, fit, chooses, _ in FITS}
+    assert sizes >= {(True, 16, 2), (False, 20, 0)}  # 10 of 15 poses with two rows
+    search.set_params(grid={"epochs": (False,)})
+    chosen(search, train, validation)
+    _, last, nothing, _ = FITS[-1]
+    assert nothing is None and poses(last) == poses(train) | poses(validation)
+
+
+def test_without_validation_rows_no_fit_gets_any(samples):
+    chosen(InnerSearch(Shifted(), {"level": (0.0, 1.0)}), samples(0, 12))
+    assert all(validation is None for _, _, validation, _ in FITS)
+    assert sorted({len(fit) for _, fit, _, _ in FITS}) == [16, 24]
+
+
+def test_the_first_of_equally_good_candidates_is_chosen(samples):
+    grid = {"other": ("b", "a"), "level": (7.0, 5.0, 1.0)}  # the last two are as far from 3
+    assert chosen(InnerSearch(Shifted(), grid), samples(0, 12)) == {"other": "b", "level": 5.0}
+
+
+def test_the_same_seed_divides_and_chooses_alike(samples):
+    train = samples(0, 15)
+    scores = [
+        InnerSearch(Shifted(), {"level": (2.9, 3.0)}).fit(train, robot=None, seed=seed).scores_
+        for seed in (1, 1, 2)
+    ]
+    assert scores[0] == scores[1] != scores[2]
+
+
+def test_the_largest_seed_that_a_cell_can_have_is_taken(samples):
+    chosen(InnerSearch(Shifted(), {"level": (1.0, 2.0)}), samples(0, 12), seed=2**32 - 1)
+
+
+def test_a_candidate_that_fails_is_left_out_and_that_is_said(samples):
+    search = InnerSearch(Shifted(), {"level": (-1.0, 5.0)})
+    with pytest.warns(StiffBenchWarning, match="level=-1.0 left out: ValueError: level -1 is neg"):
+        assert chosen(search, samples(0, 12)) == {"level": 5.0}
+    assert [tried.failure != "" for tried in search.scores_] == [True, False]
+
+
+def test_a_candidate_whose_predictions_are_none_is_left_out(samples):
+    search = InnerSearch(Shifted(), {"level": (np.inf, 5.0)})
+    with pytest.warns(StiffBenchWarning, match="level=inf left out: .*not finite"):
+        assert chosen(search, samples(0, 12)) == {"level": 5.0}
+
+
+def test_when_every_candidate_fails_so_does_the_fit_with_the_firsts_reason(samples):
+    search = InnerSearch(Shifted(), {"level": (-1.0, -2.0)})
+    with (
+        pytest.warns(StiffBenchWarning),
+        pytest.raises(ModelError, match=r"every candidate failed; level=-1\.0: ValueError: le"),
+    ):
+        chosen(search, samples(0, 12))
+
+
+def test_with_nothing_to_choose_the_model_is_fitted_once_and_marked(samples):
+    search = InnerSearch(Shifted(level=7.0), {})
+    assert chosen(search, samples(0, 12)) == {} and len(FITS) == 1
+    assert search.regime == "not tuned" and InnerSearch(Shifted(), {"level": (1.0,)}).regime == ""
+    assert search.diagnostics_ == {"level": 7.0}
+
+
+def test_too_few_poses_for_the_folds_are_refused(samples):
+    with pytest.raises(ConfigError, match="4 samples of 2 poses"):
+        chosen(InnerSearch(Shifted(), {"level": (1.0,)}), samples(0, 2))
+
+
+def test_a_drawn_search_comes_near_the_best_value_and_repeats_itself(samples):
+    train = samples(0, 12)
+    grid = {"level": Range(0.0, 10.0), "other": ("a", "b")}
+    search = InnerSearch(Shifted(), grid, search="optuna", trials=30, folds=2)
+    first = chosen(search, train)
+    assert abs(first["level"] - BEST) < 0.5  # a draw at random: 1 of 10 comes as near
+    assert chosen(clone(search), train) == first
+    assert chosen(clone(search), train, seed=5) != first
+    tried = [each.params["level"] for each in search.scores_]
+    late = np.abs(np.array(tried[-10:]) - BEST)
+    assert late.mean() < np.abs(np.array(tried[:10]) - BEST).mean()  # it learned where to look
+    assert all(float(f"{level:.3g}") == level for level in tried)
+
+
+def test_a_range_of_whole_numbers_draws_whole_numbers_and_each_candidate_is_fitted_once(samples):
+    search = InnerSearch(Shifted(), {"level": Range(1, 4)}, search="optuna", trials=12, folds=2)
+    assert chosen(search, samples(0, 12)) == {"level": 3}
+    levels = [tried.params["level"] for tried in search.scores_]
+    assert len(levels) == len(set(levels)) <= 4 and {type(level) for level in levels} == {int}
+    assert len(FITS) == 2 * len(levels) + 1
+
+
+def test_a_range_on_a_logarithmic_scale_stays_within_its_ends(samples):
+    grid = {"level": Range(1e-4, 1e-2, log=True)}
+    search = InnerSearch(Shifted(), grid, search="optuna", trials=12, folds=2)
+    chosen(search, samples(0, 12))
+    levels = np.array([tried.params["level"] for tried in search.scores_])
+    assert 1e-4 <= levels.min() < 1e-3 < levels.max() <= 1e-2
+
+
+def test_a_drawn_candidate_that_fails_is_left_out(samples):
+    grid = {"level": (-1.0, 5.0)}
+    search = InnerSearch(Shifted(), grid, search="optuna", trials=6, folds=2)
+    with pytest.warns(StiffBenchWarning, match="left out"):
+        assert chosen(search, samples(0, 12)) == {"level": 5.0}
+
+
+def test_a_range_cannot_be_tried_through():
+    with pytest.raises(ConfigError, match="level is a range, which search=grid cannot try"):
+        InnerSearch(Shifted(), {"level": Range(0.0, 1.0)}).check_params()
+
+
+def test_candidates_that_do_not_fit_together_are_refused_before_any_fit():
+    search = InnerSearch(FtMlp(device="cpu"), {"freeze": ("full", "layers:9")})
+    with pytest.raises(ConfigError, match=r"^freeze=layers:9: .*'9' is no layer"):
+        search.check_params()
+
+
+def test_candidates_of_two_regimes_are_no_one_contest():
+    search = InnerSearch(DtCnn(device="cpu"), {"supervision": ("none", "fine-tune")})
+    with pytest.raises(ConfigError, match=r"no one contest.*target labels not trained on"):
+        search.check_params()
+    assert search.chooses_epoch()  # one of them does
+
+
+def test_without_optuna_the_error_says_how_to_get_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "optuna", None)
+    with pytest.raises(
+        ConfigError, match=r"needs the package optuna: pip install 'stiffbench\[tun"
+    ):
+        InnerSearch(Shifted(), {"level": (1.0,)}, search="optuna").check_params()
+    InnerSearch(Shifted(), {"level": (1.0,)}).check_params()
+    InnerSearch(Shifted(), {}, search="optuna").check_params()  # there is nothing to search
+
+
+def test_predicting_before_the_fit_is_refused():
+    with pytest.raises(NotFittedError, match="call fit before predict"):
+        InnerSearch(Shifted(), {}).predict(np.zeros((1, 6)), np.zeros((1, 6)))
+
+
+def test_it_keeps_the_contract_of_models_but_for_what_it_is_there_for():
+    """It takes its model by place, and a model that chooses no epoch learns from all rows."""
+
+    def make():
+        return InnerSearch(NearestNeighbours(), {"neighbours": (1, 3)})
+
+    checks = check_model(make, FanucR2000iC().load(), uses_validation=False)
+    assert {check.name for check in checks if check.status == "failed"} == {
+        "the constructor takes keywords and only stores them",
+        "validation rows are not learned from",
+    }
+    assert sum(check.status == "passed" for check in checks) > 10
