@@ -1,17 +1,12 @@
-"""A comparison -> text: github, latex (booktabs), csv, html or json. Here SI becomes mm."""
+"""A comparison as tables, between its sentence above and beneath. Here SI becomes mm."""
 
 from __future__ import annotations
 
-import csv
-import html
-import io
-import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 from stiff_bench.analysis.compare import Across, Report
-from stiff_bench.analysis.comparison import NORM, Comparison, Estimate, Row, Verdict, decide
+from stiff_bench.analysis.comparison import NORM, Estimate, Row, Verdict, decide
 from stiff_bench.analysis.comparison_words import (
     SELECTS_ON_TEST,
     chance_text,
@@ -22,11 +17,11 @@ from stiff_bench.analysis.comparison_words import (
     sentence,
 )
 from stiff_bench.analysis.where import Place
-from stiff_bench.console import one_line
 from stiff_bench.store.names import label_parts
-from stiff_bench.tables.render import TextTable, csv_cells, latex_text, markdown_text, render_texts
-from stiff_bench.tables.table import mark_of
-from stiff_bench.tables.units import MM, PRINTED, marked, percent
+from stiff_bench.tables.metric_table import mark_of
+from stiff_bench.tables.render import render
+from stiff_bench.tables.table import Cell, Column, Name, Quantity, Table
+from stiff_bench.tables.units import MM, PRINTED, percent
 from stiff_protocols.contract.plugin import kind_label
 
 VERDICTS: dict[Verdict, str] = {
@@ -58,158 +53,62 @@ def place_text(place: Place) -> str:
     return f"{place.factor} {low} to {high} {unit}"
 
 
-_CONTEST = (
-    *("dataset", "protocol", "condition", "seed", "splits"),
-    *("data_sha256", "source_sha256", "selects_on_test", "mark_a", "mark_b"),
-)
-_VALUES = (
-    *("mean_a_mm", "mean_b_mm", "difference_mm", "low_mm", "high_mm", "p_value"),
-    *("p_a_better", "p_equivalent", "p_b_better", "verdict"),
-)
-
-
-def as_csv(report: Report) -> str:
-    """Return one line a contest, error and method or place, at full precision."""
-    out = io.StringIO()
-    writer = csv.DictWriter(
-        out,
-        ["a", "b", *_CONTEST, "error", "method", "place", *_VALUES],
-        restval="",
-        lineterminator="\n",
-    )
-    writer.writeheader()
-
-    def write(row: dict[str, Any]) -> None:
-        writer.writerow(dict(zip(row, csv_cells(row.values()), strict=True)))
-
-    names = {"a": report.a, "b": report.b}
-    for one in report.comparisons:
-        about = names | _about(one)
-        for row in one.rows:
-            for method, estimate in _methods(row):
-                values = _plain_values(row, estimate)
-                write(about | {"error": row.error, "method": method} | values)
-    for place in report.where.places if report.where is not None else ():
-        about = names | _about(report.comparisons[0]) | {"error": NORM, "method": "over poses"}
-        write(about | {"place": place_text(place)} | _plain_values(place, place.estimate))
-    return out.getvalue().rstrip("\n")
-
-
-def _about(one: Comparison) -> dict[str, Any]:
-    name = one.name
-    return dict(
-        zip(
-            _CONTEST,
-            (
-                *(name.dataset, name.protocol, name.condition, name.seed, one.n_splits),
-                *(name.data_sha256, name.source_sha256, one.selects_on_test),
-                *(mark_of(one.a), mark_of(one.b)),
-            ),
-            strict=True,
-        )
-    )
-
-
-def _methods(row: Row) -> list[tuple[str, Estimate]]:
-    over_splits = [] if row.over_splits is None else [("over splits", row.over_splits)]
-    return [*over_splits, ("over poses", row.over_poses)]
-
-
-def _plain_values(row: Row | Place, estimate: Estimate) -> dict[str, Any]:
-    posterior = estimate.posterior
-    of_fits = isinstance(row, Place) or row.over_splits is None
-    lengths = (row.mean_a, row.mean_b, row.difference, estimate.low, estimate.high)
-    return dict(
-        zip(
-            _VALUES,
-            (
-                *(MM * length for length in lengths),
-                estimate.p_value,
-                posterior.a_better,
-                posterior.equivalent,
-                posterior.b_better,
-                verdict_text(row.verdict, of_fits=of_fits),
-            ),
-            strict=True,
-        )
-    )
-
-
-def as_json(report: Report) -> str:
-    """Return everything as JSON, lengths in mm."""
-    return json.dumps(_plain(report), indent=2)
-
-
-def _plain(report: Report) -> dict[str, Any]:
-    return {
-        "command": report.command,
-        "a": report.a,
-        "b": report.b,
-        "rope_mm": MM * report.question.rope,
-        "confidence": report.question.confidence,
-        "sentence": sentence(report),
-        "contests": [_plain_contest(one) for one in report.comparisons],
-        "over_datasets": [_plain_across(one) for one in report.across],
-        "where": [
-            {"kind": place.kind, "place": place_text(place), "poses": place.n_poses}
-            | _plain_values(place, place.estimate)
-            for place in (report.where.places if report.where is not None else ())
-        ],
-        "notes": notes(report),
-    }
-
-
-def _plain_contest(one: Comparison) -> dict[str, Any]:
-    return _about(one) | {
-        "task": one.a.task,
-        "n_train": one.sizes.n_train,
-        "n_test": one.sizes.n_test,
-        "n_poses": one.n_poses,
-        "errors": [
-            {"error": row.error, "method": method} | _plain_values(row, estimate)
-            for row in one.rows
-            for method, estimate in _methods(row)
-        ],
-    }
-
-
-def _plain_across(one: Across) -> dict[str, Any]:
-    return {
-        "family": one.family,
-        "protocol": one.protocol,
-        "condition": one.condition,
-        "seed": one.seed,
-        "selects_on_test": one.selects_on_test,
-        "verdicts": [verdict_text(verdict, of_fits=one.of_fits) for verdict in one.verdicts],
-        "mean_difference_mm": MM * one.mean_difference,
-        "p_value": one.p_value,
-    }
-
-
 def render_report(report: Report, fmt: str) -> str:
     """Return the report as text of the given format: the sentence, the tables, the sentence."""
-    if fmt == "json":
-        return as_json(report)
-    if fmt == "csv":
-        return as_csv(report)
-    said = _said(one_line(sentence(report)), fmt)
-    return "\n\n".join([said, render_texts(_tables(report), fmt, report.command), said])
+    about: dict[str, object] = {"a": report.a, "b": report.b}
+    asked = {"rope_mm": MM * report.question.rope, "confidence": report.question.confidence}
+    tables = [replace(one, about=about | {"table": name}) for name, one in _tables(report).items()]
+    return render(tables, fmt, report.command, text=sentence(report), about=about | asked)
 
 
-def _said(text: str, fmt: str) -> str:
-    """Return a sentence as a paragraph of the format."""
-    if fmt == "html":
-        return f"<p>{html.escape(text)}</p>"
-    return latex_text(text) if fmt == "latex" else markdown_text(text)
-
-
-def _tables(report: Report) -> list[TextTable]:
+def _tables(report: Report) -> dict[str, Table]:
+    """Return name -> table; the last one that people see has the notes."""
+    places = report.where.places if report.where is not None else ()
     if len(report.comparisons) > 1:
-        tables = [_contests(report), *([_over_datasets(report.across)] if report.across else [])]
+        first, second = {"contests": _contests(report)}, {"over datasets": _over_datasets(report)}
+        tables = first | (second if report.across else {})
     else:
-        places = report.where.places if report.where is not None else ()
-        tables = [_errors(report), *([_places(report, places)] if places else [])]
-    return [*tables[:-1], replace(tables[-1], notes=notes(report))]
+        first, second = {"errors": _errors(report)}, {"where": _places(report, places)}
+        tables = first | (second if places else {})
+    *_, last = tables
+    noted = {last: replace(tables[last], notes=notes(report))}
+    return tables | noted | {"estimates": _estimates(report)}
+
+
+def _estimates(report: Report) -> Table:
+    """Return what each method says of each error in each contest."""
+    texts = (
+        *("dataset", "protocol", "condition", "seed", "splits", "data_sha256", "source_sha256"),
+        *("selects_on_test", "mark_a", "mark_b", "task", "n_train", "n_test", "n_poses"),
+        *("error", "method", "verdict"),
+    )
+    rows: list[list[Cell]] = []
+    for one in report.comparisons:
+        name, sizes = one.name, one.sizes
+        about: list[Cell] = [
+            *(name.dataset, name.protocol, name.condition, name.seed, one.n_splits),
+            *(name.data_sha256, name.source_sha256, one.selects_on_test),
+            *(mark_of(one.a), mark_of(one.b), one.a.task),
+            *(sizes.n_train, sizes.n_test, one.n_poses),
+        ]
+        for row in one.rows:
+            verdict = verdict_text(row.verdict, of_fits=row.over_splits is None)
+            over = [("over splits", row.over_splits), ("over poses", row.over_poses)]
+            rows += [
+                [*about, row.error, method, verdict, *_numbers(row, found), *_chances(found)]
+                for method, found in over
+                if found is not None
+            ]
+    return Table(
+        title="Estimates by each method | mean error, mm",
+        columns=[
+            *(Column(text, "text") for text in texts),
+            *(*_number_columns(report), *_CHANCES),
+        ],
+        rows=rows,
+        unit=_UNIT,
+        detail=True,
+    )
 
 
 def _title(report: Report) -> str:
@@ -226,48 +125,76 @@ def _title(report: Report) -> str:
     )
 
 
-def _number_heads(report: Report) -> list[str]:
+_UNIT, _LENGTH, _DIFFERENCE = PRINTED["m"][0], ".4f", "+.4f"
+
+
+def _p_text(found: Quantity) -> str:
+    return (
+        "-" if found.value is None else "< 0.001" if found.value < 0.001 else f"{found.value:.3f}"
+    )
+
+
+def _of_value(text: Callable[[float], str]) -> Callable[[Quantity], str]:
+    return lambda found: "-" if found.value is None else text(found.value)
+
+
+def _number_columns(report: Report) -> list[Column]:
     level = percent(report.question.confidence)
-    return ["A", "B", "A - B", f"{level} interval", "p"]
-
-
-def _chance_heads() -> list[str]:
-    return ["P(A better)", "P(equivalent)", "P(B better)"]
-
-
-def _errors(report: Report) -> TextTable:
-    (found,) = report.comparisons
-    header = ["mean error", *_number_heads(report), *_chance_heads()]
-    second = ["interval over poses"] if found.over_splits else []
-    rows = [
-        [
-            error_label(row.error),
-            *_numbers(row, row.main),
-            *_chances(row.main),
-            *([_interval(row.over_poses)] if found.over_splits else []),
-            _verdict(row, report),
-        ]
-        for row in found.rows
+    return [
+        Column("A", unit=_UNIT, format=_LENGTH),
+        Column("B", unit=_UNIT, format=_LENGTH),
+        Column("A - B", unit=_UNIT, format=_DIFFERENCE),
+        Column(f"{level} interval", unit=_UNIT, format=_DIFFERENCE),
+        Column("p", format=_p_text),
     ]
-    return TextTable(_title(report), [*header, *second, "verdict"], rows, ())
 
 
-def _contests(report: Report) -> TextTable:
-    header = ["contest", "splits", *_number_heads(report), *_chance_heads(), "verdict"]
-    called = label_parts(one.name for one in report.comparisons)
-    rows = []
-    for one in report.comparisons:
-        row = one.row(NORM)
-        rows.append(
+_CHANCES = [
+    Column(f"P({outcome})", format=_of_value(chance_text))
+    for outcome in ("A better", "equivalent", "B better")
+]
+
+
+def _errors(report: Report) -> Table:
+    (found,) = report.comparisons
+    over_poses = Column("interval over poses", unit=_UNIT, format=_DIFFERENCE)
+    return Table(
+        _title(report),
+        [
+            *(Column("mean error", "text"), *_number_columns(report), *_CHANCES),
+            *([over_poses] if found.over_splits else []),
+            Column("verdict", "text"),
+        ],
+        [
             [
-                marked(_joined(*called[one.name]), contest_marks(one)),
-                str(one.n_splits),
-                *_numbers(row, row.main),
-                *_chances(row.main),
+                *(error_label(row.error), *_numbers(row, row.main), *_chances(row.main)),
+                *([_interval(row.over_poses)] if found.over_splits else []),
                 _verdict(row, report),
             ]
-        )
-    return TextTable(_title(report), header, rows, ())
+            for row in found.rows
+        ],
+        unit=_UNIT,
+    )
+
+
+def _contests(report: Report) -> Table:
+    called = label_parts(one.name for one in report.comparisons)
+    rows = [(one, one.row(NORM)) for one in report.comparisons]
+    return Table(
+        _title(report),
+        [
+            *(Column("contest", "text"), Column("splits")),
+            *(*_number_columns(report), *_CHANCES, Column("verdict", "text")),
+        ],
+        [
+            [
+                *(Name(_joined(*called[one.name]), contest_marks(one)), one.n_splits),
+                *(*_numbers(row, row.main), *_chances(row.main), _verdict(row, report)),
+            ]
+            for one, row in rows
+        ],
+        unit=_UNIT,
+    )
 
 
 def _joined(*parts: str) -> str:
@@ -283,65 +210,66 @@ def _verdict(row: Row, report: Report) -> str:
     return f"{text} (poses)" if of_splits in ("a", "b") else text
 
 
-def _over_datasets(across: Sequence[Across]) -> TextTable:
-    header = ["over data sets of one robot type", "data sets", *VERDICTS.values()]
-    rows = [
+def _over_datasets(report: Report) -> Table:
+    return Table(
+        "Over data sets | mean 3-D error, mm",
         [
-            _across_text(one, across),
-            str(len(one.verdicts)),
-            *(str(one.verdicts.count(verdict)) for verdict in VERDICTS),
-            f"{MM * one.mean_difference:+.4f}",
-            "-" if one.p_value is None else _p(one.p_value),
-        ]
-        for one in across
-    ]
-    header += ["mean A - B", "p over data sets"]
-    return TextTable("Over data sets | mean 3-D error, mm", header, rows, ())
+            Column("over data sets of one robot type", "text"),
+            *(Column(name) for name in ("data sets", *VERDICTS.values())),
+            Column("mean A - B", unit=_UNIT, format=_DIFFERENCE),
+            Column("p over data sets", format=_p_text),
+        ],
+        [
+            [
+                *(_across_name(one, report.across), len(one.verdicts)),
+                *(one.verdicts.count(verdict) for verdict in VERDICTS),
+                *(MM * one.mean_difference, one.p_value),
+            ]
+            for one in report.across
+        ],
+        unit=_UNIT,
+    )
 
 
-def _across_text(one: Across, among: Sequence[Across]) -> str:
+def _across_name(one: Across, among: Sequence[Across]) -> Name:
     alike = [(other.family, other.protocol, other.condition) for other in among]
     repeated = alike.count((one.family, one.protocol, one.condition)) > 1
     seed = f"seed {one.seed}" if repeated else ""
     fits = "these fits" if one.of_fits else ""
     text = _joined(one.family, one.protocol, one.condition, seed, fits)
-    return marked(text, SELECTS_ON_TEST if one.selects_on_test else "")
+    return Name(text, SELECTS_ON_TEST if one.selects_on_test else "")
 
 
-def _places(report: Report, places: Sequence[Place]) -> TextTable:
-    rows = [
+def _places(report: Report, places: Sequence[Place]) -> Table:
+    return Table(
+        "Where each is better | mean 3-D error, mm",
         [
-            place_text(place),
-            str(place.n_samples),
-            str(place.n_poses),
-            *_numbers(place, place.estimate),
-            verdict_text(place.verdict, of_fits=True),
-        ]
-        for place in places
-    ]
-    header = ["where", "samples", "poses", *_number_heads(report), "verdict"]
-    return TextTable("Where each is better | mean 3-D error, mm", header, rows, ())
+            *(Column("where", "text"), Column("kind", "text", hidden=True)),
+            *(Column("samples"), Column("poses"), *_number_columns(report)),
+            *(replace(column, hidden=True) for column in _CHANCES),
+            Column("verdict", "text"),
+        ],
+        [
+            [
+                *(place_text(place), place.kind, place.n_samples, place.n_poses),
+                *(*_numbers(place, place.estimate), *_chances(place.estimate)),
+                verdict_text(place.verdict, of_fits=True),
+            ]
+            for place in places
+        ],
+        unit=_UNIT,
+    )
 
 
-def _numbers(row: Row | Place, estimate: Estimate) -> list[str]:
-    return [
-        f"{MM * row.mean_a:.4f}",
-        f"{MM * row.mean_b:.4f}",
-        f"{MM * row.difference:+.4f}",
-        _interval(estimate),
-        _p(estimate.p_value),
-    ]
+def _numbers(row: Row | Place, estimate: Estimate) -> list[Cell]:
+    lengths = (row.mean_a, row.mean_b, row.difference)
+    return [*(MM * length for length in lengths), _interval(estimate), estimate.p_value]
 
 
-def _chances(estimate: Estimate) -> list[str]:
+def _chances(estimate: Estimate) -> list[Cell]:
     posterior = estimate.posterior
-    chances = (posterior.a_better, posterior.equivalent, posterior.b_better)
-    return [chance_text(chance) for chance in chances]
+    return [posterior.a_better, posterior.equivalent, posterior.b_better]
 
 
-def _interval(estimate: Estimate) -> str:
-    return f"{MM * estimate.low:+.4f} to {MM * estimate.high:+.4f}"
-
-
-def _p(p_value: float) -> str:
-    return "< 0.001" if p_value < 0.001 else f"{p_value:.3f}"
+def _interval(estimate: Estimate) -> Quantity:
+    return Quantity(low=MM * estimate.low, high=MM * estimate.high)

@@ -9,7 +9,7 @@ from stiff_bench.analysis.compare import Report
 from stiff_bench.analysis.comparison import NORM, Comparison, Row
 from stiff_bench.analysis.where import FEWEST_POSES, Where
 from stiff_bench.store.names import labels
-from stiff_bench.tables.table import mark_of
+from stiff_bench.tables.metric_table import mark_of
 from stiff_bench.tables.units import MM, counted, marked, percent
 from stiff_protocols.contract.record import Presentation
 from stiff_protocols.contract.types import AXES

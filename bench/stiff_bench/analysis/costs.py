@@ -3,69 +3,44 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 
 from stiff_bench.analysis.leaderboard import Section
-from stiff_bench.tables.render import TextTable
-from stiff_bench.tables.units import counted, marked
+from stiff_bench.tables.table import Column, Name, Quantity, Table
+from stiff_bench.tables.units import PRINTED, counted
+from stiff_protocols.contract.record import Cost
 from stiff_protocols.scoring.metrics import METRICS
 
-COSTS = ("fit-time", "throughput", "latency", "memory")
-"""Metrics of the table's columns."""
 
-_HEADINGS = ("fit time", "predictions a second", "latency of one", "memory [MiB]")
-
-
-@dataclass(frozen=True)
-class Spread:
-    """A cost over several cells, in its metric's unit.
-
-    Attributes:
-        median, low, high: of the cells that know it; low and high are its range.
-    """
-
-    median: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True)
-class ModelCost:
-    """What a model cost.
-
-    Attributes:
-        name, mark: of it, and what must stand beside it.
-        n_cells: how many cells count.
-        costs: metric -> its values; one that no cell knows is not there.
-    """
-
-    name: str
-    mark: str
-    n_cells: int
-    costs: Mapping[str, Spread]
-
-
-def model_costs(section: Section) -> list[ModelCost]:
+def cost_table(section: Section) -> Table:
     """Return the costs of the models in the ranks' order; one without any is not there."""
-    found = (_cost(section, name, mark) for name, mark in section.marks.items())
-    return [model for model in found if model.costs]
-
-
-def cost_table(section: Section) -> TextTable:
-    """Return the costs as a table of text."""
-    models = model_costs(section)
-    n_cells = sum(model.n_cells for model in models)
-    return TextTable(
-        title=f"Costs, {counted(n_cells, 'cell')} | median (lowest to highest), not ranked",
-        header=("model", *_HEADINGS, "cells"),
+    found = {
+        name: Name(name, mark)
+        for name, mark in section.marks.items()
+        if any(_known(key, _costs(section, name)) for key in _HEADINGS)
+    }
+    costs = {name: _costs(section, name) for name in found}
+    return Table(
+        title=(
+            f"Costs, {counted(sum(map(len, costs.values())), 'cell')} | median (lowest to "
+            "highest), not ranked"
+        ),
+        columns=[
+            Column("model", "text"),
+            *(
+                Column(
+                    heading,
+                    unit=PRINTED[METRICS[key].unit][0],
+                    format=written,
+                    about={"metric": key},
+                )
+                for key, (heading, written) in _HEADINGS.items()
+            ),
+            Column("cells"),
+        ],
         rows=[
-            [
-                marked(model.name, model.mark),
-                *(_text(key, model.costs.get(key)) for key in COSTS),
-                str(model.n_cells),
-            ]
-            for model in models
+            [name, *(_spread(key, costs[model]) for key in _HEADINGS), len(costs[model])]
+            for model, name in found.items()
         ],
         notes=(
             "wall times and memory of the machines that computed the cells, over all data sets and "
@@ -73,48 +48,50 @@ def cost_table(section: Section) -> TextTable:
             "A pre-training from the cache costs nothing in fit time, and the first fit of a run "
             "loads libraries.",
         ),
+        about={"table": "costs", "selects_on_test": section.selects_on_test},
     )
 
 
-def _cost(section: Section, name: str, mark: str) -> ModelCost:
-    costs = [
+def _costs(section: Section, model: str) -> list[Cost]:
+    return [
         result.cost
         for field in section.fields
-        if name in field.scores
-        for result in field.results(name)
+        if model in field.scores
+        for result in field.results(model)
         if result.cost is not None
     ]
-    values: dict[str, list[float]] = {}
-    for key in COSTS:
-        of_cost = METRICS[key].of_cost
-        known = [of_cost(cost) for cost in costs] if of_cost is not None else []
-        values[key] = [value for value in known if value is not None]
-    spreads = {key: _spread(each) for key, each in values.items() if each}
-    return ModelCost(name, mark, len(costs), spreads)
 
 
-def _spread(values: Sequence[float]) -> Spread:
-    return Spread(statistics.median(values), min(values), max(values))
+def _known(key: str, costs: Sequence[Cost]) -> list[float]:
+    """Return a cost of the cells that know it, in its metric's unit."""
+    of_cost = METRICS[key].of_cost
+    values = [of_cost(cost) for cost in costs] if of_cost is not None else []
+    return [value for value in values if value is not None]
 
 
-def _text(key: str, spread: Spread | None) -> str:
-    if spread is None:
-        return "-"
-    unit, factor = "", 1.0
-    if METRICS[key].unit == "s":
-        unit, factor = _time_unit(spread.median)
-    number = _mebibytes if METRICS[key].unit == "B" else _three_digits
-    median, low, high = (number(v * factor) for v in (spread.median, spread.low, spread.high))
+def _spread(key: str, costs: Sequence[Cost]) -> Quantity | None:
+    """Return median and range, as printed."""
+    values = _known(key, costs)
+    if not values:
+        return None
+    _, factor = PRINTED[METRICS[key].unit]
+    median, low, high = statistics.median(values), min(values), max(values)
+    return Quantity(median * factor, low=low * factor, high=high * factor)
+
+
+def _range(found: Quantity, unit: str, number: Callable[[float], str]) -> str:
+    """Return "2 ms (1 to 3)", or "2 ms" where all are alike."""
+    median, low, high = (number(value or 0.0) for value in (found.value, found.low, found.high))
     shown = f"{median} {unit}".rstrip()
     return shown if low == high else f"{shown} ({low} to {high})"
 
 
-def _time_unit(seconds: float) -> tuple[str, float]:
-    """Return the unit that a time is printed in, and how many of it a second has."""
-    for unit, factor in (("us", 1e6), ("ms", 1e3)):
-        if seconds * factor < 999.5:
-            return unit, factor
-    return "s", 1.0
+def _time(found: Quantity) -> str:
+    """Return a time [ms] in the unit that suits its size."""
+    units = (("us", 1e3), ("ms", 1.0), ("s", 1e-3))
+    median = found.value or 0.0
+    unit, factor = next((one for one in units if median * one[1] < 999.5), units[-1])
+    return _range(found, unit, lambda value: _three_digits(value * factor))
 
 
 def _three_digits(value: float) -> str:
@@ -122,5 +99,10 @@ def _three_digits(value: float) -> str:
     return f"{float(f'{value:.3g}'):,.15g}"
 
 
-def _mebibytes(size: float) -> str:
-    return f"{size * 2.0**-20:.1f}"
+_HEADINGS: dict[str, tuple[str, Callable[[Quantity], str]]] = {
+    "fit-time": ("fit time", _time),
+    "throughput": ("predictions a second", lambda found: _range(found, "", _three_digits)),
+    "latency": ("latency of one", _time),
+    "memory": ("memory [MiB]", lambda found: _range(found, "", lambda size: f"{size:.1f}")),
+}
+"""Metric of a column -> its heading, and how its quantities are written."""

@@ -5,19 +5,16 @@ Nothing is computed or written. Times are means of the stored fits of the same m
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
 
 from stiff_bench.plan.cells import CellTask
 from stiff_bench.run.execution import COUNTING, Rerun
 from stiff_bench.store.database import mean_seconds, stored_statuses
-from stiff_bench.tables.render import TextTable, csv_cells, render_texts
+from stiff_bench.tables.table import Column, Quantity, Table
 from stiff_bench.tables.units import counted
 
 
@@ -107,37 +104,27 @@ def forecast(tasks: Iterable[CellTask], output: Path, *, jobs: int, rerun: Rerun
     return Forecast(tuple(parts), jobs)
 
 
-def render_forecast(found: Forecast, fmt: str, command: str) -> str:
-    """Return a forecast as "github", "latex" or "html"; as "csv" or "json" with all its parts."""
-    if fmt == "json":
-        sums = {"cells": found.n_cells, "cached": found.n_cached, "unknown": found.n_unknown}
-        content = {"command": command, **sums, "seconds": found.seconds, **asdict(found)}
-        return json.dumps(content, indent=2)
-    if fmt == "csv":
-        out = io.StringIO()
-        writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(item.name for item in fields(Part))
-        writer.writerows(csv_cells(asdict(part).values()) for part in found.parts)
-        return out.getvalue().rstrip("\n")
-    return render_texts([_table(found)], fmt, command)
-
-
-def _table(found: Forecast) -> TextTable:
-    """Return the numbers of cells by model."""
+def forecast_table(found: Forecast) -> Table:
+    """Return the numbers of cells by model, and of all together."""
     known = None if found.n_unknown else found.seconds * found.jobs
     total = ("all", found.n_cells, found.n_cached, known)
     rows = [(part.model, part.n_cells, part.n_cached, part.seconds) for part in found.parts]
-    return TextTable(
+    return Table(
         title="What the run would compute",
-        header=("model", "cells", "cached", "to compute", "time"),
+        columns=[
+            Column("model", "text"),
+            *(Column(name) for name in ("cells", "cached", "to compute")),
+            Column("time", unit="s", format=lambda time: _clock(time.value)),
+        ],
         rows=[
-            [name, str(n), str(cached), str(n - cached), _clock(seconds)]
-            for name, n, cached, seconds in [*rows, total]
+            [*(name, n, cached, n - cached), Quantity(status="unknown") if s is None else s]
+            for name, n, cached, s in [*rows, total]
         ],
         notes=(
             "times in h:min:s, one cell after another, are means of the model's stored fits; a "
             "pre-training that the cache held is not in them",
         ),
+        about={"jobs": found.jobs},
     )
 
 

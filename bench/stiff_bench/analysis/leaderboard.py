@@ -29,7 +29,7 @@ from stiff_bench.analysis.same_robot import dataset_of, family_of
 from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.analysis.standing import Field, Standing, Standings, complete_models, field_of
 from stiff_bench.store.names import ContestName, grouped, labels, natural_key
-from stiff_bench.tables.table import mark_of
+from stiff_bench.tables.metric_table import mark_of
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.plugin import STIFFNESS, kind_label
 from stiff_protocols.contract.record import Presentation

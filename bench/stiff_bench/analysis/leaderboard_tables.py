@@ -1,24 +1,20 @@
-"""A leaderboard -> tables of text. Here SI becomes mm and per cent."""
+"""A leaderboard as tables. Here SI becomes mm and per cent."""
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
-from itertools import compress
-from typing import Any
+from itertools import combinations, compress
 
 import numpy as np
 
-from stiff_bench.analysis.costs import ModelCost, cost_table, model_costs
+from stiff_bench.analysis.costs import cost_table
 from stiff_bench.analysis.critical_difference import RankAnalysis
 from stiff_bench.analysis.leaderboard import (
-    Column,
-    ColumnValue,
+    Column as ScoreColumn,
+)
+from stiff_bench.analysis.leaderboard import (
     Leaderboard,
     RankedModel,
     Section,
@@ -26,17 +22,135 @@ from stiff_bench.analysis.leaderboard import (
 )
 from stiff_bench.analysis.same_robot import dataset_of, of_families, of_robots
 from stiff_bench.analysis.sort_key import SortKey
-from stiff_bench.analysis.standing import Field
 from stiff_bench.store.names import grouped, labels
-from stiff_bench.tables.render import TextTable, csv_cells, render_texts, value_text
-from stiff_bench.tables.table import SELECTION_MARK, Value
-from stiff_bench.tables.units import PRINTED, counted, marked, percent
+from stiff_bench.tables.metric_table import SELECTION_MARK, number_format
+from stiff_bench.tables.render import render
+from stiff_bench.tables.table import Cell, Column, Name, Quantity, Table
+from stiff_bench.tables.units import PRINTED, counted, percent
 from stiff_protocols.scoring.bootstrap import RANK_RESAMPLES
-from stiff_protocols.scoring.metrics import METRICS
 from stiff_protocols.scoring.paired import LEVEL
 
+BEST, LIKE_BEST = "*", "≈"
+NAMED_BLOCKS = 4
+"""Conditions that a note on missing results names; the tables by protocol show the others."""
 
-def analyses_table(section: Section, key: SortKey) -> TextTable:
+
+def render_leaderboard(
+    board: Leaderboard, fmt: str, command: str, provenance: Sequence[str]
+) -> str:
+    """Return the tables as text of the given format.
+
+    Args:
+        board: the numbers.
+        fmt: "github", "latex", "csv", "html" or "json".
+        command: that makes them.
+        provenance: lines on where the results come from.
+    """
+    tables = [
+        table for section in board.sections for table in section_tables(section, board, provenance)
+    ]
+    about = {"sort_key": board.key.text, "direction": board.key.metric.direction}
+    return render(tables, fmt, command, about=about)
+
+
+def section_tables(section: Section, board: Leaderboard, provenance: Sequence[str]) -> list[Table]:
+    """Return ranks, scores by protocol, critical differences and costs of one section.
+
+    Details follow: each model's score in each contest, and the pairs of each analysis.
+    """
+    tables = [_ranks(section, board, provenance), *_by_protocol(section, board.key)]
+    found = [analysis for analysis in section.analyses if analysis.outcome is not None]
+    if found:
+        tables.append(analyses_table(section, board.key))
+    costs = cost_table(section)
+    tables += [costs] if costs.rows else []
+    tables.append(_scores(section, board.key))
+    return [*tables, _mean_ranks(section, found), _pairs(section, found)] if found else tables
+
+
+def _about(section: Section, table: str) -> dict[str, object]:
+    return {"table": table, "selects_on_test": section.selects_on_test}
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def _scores(section: Section, key: SortKey) -> Table:
+    """Return each model's score in each contest, or why it has none."""
+    texts = ("dataset", "data_sha256", "source_sha256", "protocol", "condition", "seed", "splits")
+    unit, factor = PRINTED[key.metric.unit]
+    rows: list[list[Cell]] = []
+    for field in section.fields:
+        name = field.name
+        place = (
+            *(name.dataset, name.data_sha256, name.source_sha256, name.protocol, name.condition),
+            *(name.seed, len(field.slots), field.left_out),
+        )
+        for model in section.marks:
+            score = (
+                field.mean(model) * factor
+                if model in field.scores
+                else Quantity(status=field.missing[model])
+            )
+            rows.append([Name(model, section.mark_under(name.protocol, model)), *place, score])
+    return Table(
+        title=f"Scores in each contest | {key.text}",
+        columns=[
+            *(Column(text, "text") for text in ("model", *texts, "splits left out")),
+            Column(key.text, unit=unit, format=number_format(key.metric)),
+        ],
+        rows=rows,
+        about=_about(section, "scores"),
+        detail=True,
+    )
+
+
+def _mean_ranks(section: Section, found: Sequence[RankAnalysis]) -> Table:
+    """Return each model's mean rank over the robots of each analysis."""
+    return Table(
+        title="Mean ranks over robots",
+        columns=[
+            *(Column(text, "text") for text in ("model", "protocol", "condition", "robots")),
+            Column("mean rank over robots", format=".2f"),
+        ],
+        rows=[
+            [model, one.protocol, one.condition, robots, float(rank)]
+            for one in found
+            if one.outcome is not None
+            for robots in [", ".join(robot.text for robot in one.robots)]
+            for model, rank in zip(one.models, one.outcome.mean_ranks, strict=True)
+        ],
+        about=_about(section, "mean ranks over robots"),
+        detail=True,
+    )
+
+
+def _pairs(section: Section, found: Sequence[RankAnalysis]) -> Table:
+    """Return the p-values of each pair of models of each analysis."""
+    rows: list[list[Cell]] = []
+    for one in found:
+        outcome = one.outcome
+        if outcome is None:
+            continue
+        for i, j in combinations(range(len(one.models)), 2):
+            conover = None if outcome.conover is None else float(outcome.conover[i, j])
+            nemenyi = float(outcome.nemenyi[i, j])
+            models = (one.models[i], one.models[j])
+            rows.append([*models, one.protocol, one.condition, nemenyi, conover])
+    return Table(
+        title="Pairs over robots",
+        columns=[
+            *(Column(text, "text") for text in ("model", "other", "protocol", "condition")),
+            *(Column(text, format=".2g") for text in ("Nemenyi p", "Conover p")),
+        ],
+        rows=rows,
+        about=_about(section, "pairs over robots"),
+        detail=True,
+    )
+
+
+def analyses_table(section: Section, key: SortKey) -> Table:
     """Return a row for each analysis of a section that has an outcome."""
     found = [analysis for analysis in section.analyses if analysis.outcome is not None]
     types = {robot.type for analysis in found for robot in analysis.robots}
@@ -64,264 +178,77 @@ def analyses_table(section: Section, key: SortKey) -> TextTable:
             f"by it would be certain of every difference; {min(agreeing)} robots that agree have "
             f"an exact two-sided p of {2.0 * 0.5 ** min(agreeing):.3g} for a pair."
         )
-    return TextTable(
+    return Table(
         title=f"Critical difference over robots | {key.text}",
-        header=(
-            "protocol, condition",
-            "robots",
-            "models",
-            "Friedman p",
-            "CD",
-            "pairs: Nemenyi",
-            "pairs: Conover",
-            "groups, best first",
-        ),
+        columns=[
+            Column("protocol, condition", "text"),
+            Column("robots", "text"),
+            Column("models"),
+            Column("Friedman p", format=".2g"),
+            Column("CD", format=".2f"),
+            *(Column(f"pairs: {test}", format=_of) for test in ("Nemenyi", "Conover")),
+            Column("groups, best first", "text"),
+        ],
         rows=[_analysis_cells(analysis) for analysis in found],
         notes=[*notes, *section.caveats],
+        about=_about(section, "critical difference"),
     )
+
+
+def _of(pairs: Quantity) -> str:
+    return " of ".join(map(str, pairs.share or ()))
 
 
 def _robots_agree(analysis: RankAnalysis) -> bool:
     return analysis.differs and analysis.outcome is not None and analysis.outcome.conover is None
 
 
-def _analysis_cells(analysis: RankAnalysis) -> list[str]:
+def _analysis_cells(analysis: RankAnalysis) -> list[Cell]:
     outcome = analysis.outcome
     assert outcome is not None
     upper = np.triu_indices(len(analysis.models), k=1)
     told = [
-        "-"
+        None
         if p is None or not analysis.differs
-        else f"{(p[upper] < LEVEL).sum()} of {len(p[upper])}"
+        else Quantity(share=(int((p[upper] < LEVEL).sum()), len(p[upper])))
         for p in (outcome.nemenyi, outcome.conover)
     ]
     groups = [f"{{{', '.join(analysis.models[i] for i in group)}}}" for group in outcome.groups]
     return [
         analysis.text,
         of_robots(analysis.families),
-        str(len(analysis.models)),
-        f"{outcome.friedman_p:.2g}",
-        f"{outcome.critical_difference:.2f}",
+        len(analysis.models),
+        outcome.friedman_p,
+        outcome.critical_difference,
         *told,
         (", ".join(groups) or "none") if analysis.differs else "all (Friedman)",
     ]
 
 
-_CSV_HEADER = (
-    *("selects_on_test", "model", "mark", "dataset", "data_sha256", "protocol", "condition"),
-    *("seed", "splits", "quantity", "value", "low", "high", "unit", "note"),
-)
-
-
-def as_csv(board: Leaderboard) -> str:
-    """Return a line for each mean rank, each model's score in each contest, and each cost.
-
-    A missing score is a line without a value, with the reason.
-    """
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(_CSV_HEADER)
-    for section in board.sections:
-        for rows in (_csv_ranks(section, board), _csv_scores(section, board), _csv_costs(section)):
-            writer.writerows(map(csv_cells, rows))
-    return out.getvalue().rstrip("\n")
-
-
-def _csv_ranks(section: Section, board: Leaderboard) -> Iterator[list[object]]:
-    quantity = f"mean rank of {board.key.text}"
-    for model in section.ranked:
-        about = [section.selects_on_test, model.name, model.mark, *[""] * 6, quantity]
-        yield [*about, *_numbers(model.mean_rank, model.low, model.high), "", ""]
-    for missing in section.unranked:
-        about = [section.selects_on_test, missing.name, missing.mark, *[""] * 6, quantity]
-        note = f"{len(missing.missing)} of {len(section.fields)} contests missing"
-        yield [*about, "", "", "", "", note]
-
-
-def _csv_scores(section: Section, board: Leaderboard) -> Iterator[list[object]]:
-    unit, factor = PRINTED[board.key.metric.unit]
-    for field in section.fields:
-        name = field.name
-        place = [name.dataset, name.data_sha256, name.protocol, name.condition, name.seed]
-        for model in section.marks:
-            mark = section.mark_under(name.protocol, model)
-            about = [section.selects_on_test, model, mark, *place, len(field.slots), board.key.text]
-            if model in field.scores:
-                yield [*about, repr(field.mean(model) * factor), "", "", unit, field.left_out]
-            else:
-                yield [*about, "", "", "", unit, field.missing[model]]
-
-
-def _csv_costs(section: Section) -> Iterator[list[object]]:
-    for model in model_costs(section):
-        note = f"median, lowest and highest of {counted(model.n_cells, 'cell')}"
-        for key, spread in model.costs.items():
-            unit, factor = PRINTED[METRICS[key].unit]
-            about = [section.selects_on_test, model.name, model.mark, *[""] * 6, key]
-            values = (spread.median * factor, spread.low * factor, spread.high * factor)
-            yield [*about, *_numbers(*values), unit, note]
-
-
-def _numbers(*values: float) -> list[str]:
-    return ["" if math.isnan(value) else repr(value) for value in values]
-
-
-def as_json(board: Leaderboard, command: str, provenance: Sequence[str]) -> str:
-    """Return everything that the tables show and every score behind them."""
-    content = {
-        "command": command,
-        "provenance": list(provenance),
-        "sort_key": board.key.text,
-        "direction": board.key.metric.direction,
-        "notes": list(board.notes),
-        "sections": [_section(section, board) for section in board.sections],
-    }
-    return json.dumps(_without_nan(content), indent=2, allow_nan=False)
-
-
-def _section(section: Section, board: Leaderboard) -> dict[str, Any]:
-    unit, factor = PRINTED[board.key.metric.unit]
-    return {
-        "selects_on_test": section.selects_on_test,
-        "caveats": list(section.caveats),
-        "ranked": [asdict(model) for model in section.ranked],
-        "unranked": [
-            {"name": model.name, "mark": model.mark, "missing": len(model.missing)}
-            for model in section.unranked
-        ],
-        "contests": [_contest(field, section, factor) for field in section.fields],
-        "columns": [
-            {
-                "family": column.family,
-                "protocol": column.protocol,
-                "condition": column.condition,
-                "datasets": list(column.datasets),
-                "seeds": list(column.seeds),
-                "unit": unit,
-                "values": {model: _scaled(v, factor) for model, v in column.values.items()},
-            }
-            for column in section.columns
-        ],
-        "analyses": [_analysis(analysis) for analysis in section.analyses],
-        "costs": [_cost(model) for model in model_costs(section)],
-    }
-
-
-def _cost(model: ModelCost) -> dict[str, Any]:
-    costs = {}
-    for key, spread in model.costs.items():
-        unit, factor = PRINTED[METRICS[key].unit]
-        scaled = {name: value * factor for name, value in asdict(spread).items()}
-        costs[key] = {**scaled, "unit": unit}
-    return {"name": model.name, "mark": model.mark, "cells": model.n_cells, "costs": costs}
-
-
-def _contest(field: Field, section: Section, factor: float) -> dict[str, Any]:
-    shown = [model for model in section.marks if model in field.missing]
-    return {
-        **asdict(field.name),
-        "splits": len(field.slots),
-        "splits_left_out": field.left_out,
-        "scores": {model: field.mean(model) * factor for model in field.scores},
-        "missing": {model: field.missing[model] for model in shown},
-    }
-
-
-def _scaled(value: ColumnValue, factor: float) -> dict[str, Any]:
-    return {**asdict(value), "mean": value.mean * factor, "std": value.std * factor}
-
-
-def _analysis(analysis: RankAnalysis) -> dict[str, Any]:
-    found = {
-        "protocol": analysis.protocol,
-        "condition": analysis.condition,
-        "robots": [robot.text for robot in analysis.robots],
-        "models": list(analysis.models),
-        "why_none": analysis.why_none,
-    }
-    outcome = analysis.outcome
-    if outcome is None:
-        return found
-    return found | {
-        "mean_ranks": outcome.mean_ranks.tolist(),
-        "friedman_p": outcome.friedman_p,
-        "critical_difference": outcome.critical_difference,
-        "nemenyi": outcome.nemenyi.tolist(),
-        "conover": None if outcome.conover is None else outcome.conover.tolist(),
-        "groups": [[analysis.models[i] for i in group] for group in outcome.groups],
-    }
-
-
-def _without_nan(value: Any) -> Any:
-    """Return the content with null for NaN, which JSON has not."""
-    if isinstance(value, dict):
-        return {key: _without_nan(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_without_nan(item) for item in value]
-    return None if isinstance(value, float) and math.isnan(value) else value
-
-
-BEST, LIKE_BEST = "*", "≈"
-NAMED_BLOCKS = 4
-"""Conditions that a note on missing results names; the tables by protocol show the others."""
-
-
-def render_leaderboard(
-    board: Leaderboard, fmt: str, command: str, provenance: Sequence[str]
-) -> str:
-    """Return the tables as text of the given format.
-
-    Args:
-        board: the numbers.
-        fmt: "github", "latex", "csv", "html" or "json".
-        command: that makes them.
-        provenance: lines on where the results come from.
-    """
-    if fmt == "csv":
-        return as_csv(board)
-    if fmt == "json":
-        return as_json(board, command, provenance)
-    tables = [
-        table for section in board.sections for table in section_tables(section, board, provenance)
-    ]
-    return render_texts(tables, fmt, command)
-
-
-def section_tables(
-    section: Section, board: Leaderboard, provenance: Sequence[str]
-) -> list[TextTable]:
-    """Return ranks, scores by protocol, critical differences and costs of one section."""
-    tables = [_ranks(section, board, provenance), *_by_protocol(section, board.key)]
-    if any(analysis.outcome for analysis in section.analyses):
-        tables.append(analyses_table(section, board.key))
-    costs = cost_table(section)
-    return [*tables, costs] if costs.rows else tables
-
-
-def _ranks(section: Section, board: Leaderboard, provenance: Sequence[str]) -> TextTable:
+def _ranks(section: Section, board: Leaderboard, provenance: Sequence[str]) -> Table:
     n_contests = len(section.fields)
     better = "larger" if board.key.sign < 0.0 else "smaller"
     apart = f" | {SELECTION_MARK}s: not a fair comparison" if section.selects_on_test else ""
-    return TextTable(
+    columns = [
+        Column("model", "text"),
+        Column("place"),
+        Column("mean rank", format=".2f", about={"metric": board.key.text}),
+        Column(f"{percent(1.0 - LEVEL)} interval", format=".2f", about={"metric": board.key.text}),
+        *(Column("won"), Column("like the best")),
+        *(Column("within CD of the best", "text"), Column("contests")),
+    ]
+    return Table(
         title=(
             f"Leaderboard, {counted(n_contests, 'contest')}: {_scope(section)}{apart} | sorted by "
             f"mean rank of {board.key.text} ({better} is better)"
         ),
-        header=(
-            "model",
-            "place",
-            "mean rank",
-            f"{percent(1.0 - LEVEL)} interval",
-            "won",
-            "like the best",
-            "within CD of the best",
-            "contests",
-        ),
+        columns=columns,
         rows=[
             *(_ranked_cells(place, m, n_contests) for place, m in enumerate(section.ranked, 1)),
             *(_unranked_cells(model, n_contests) for model in section.unranked),
         ],
         notes=(*_rank_notes(section, board.key), *section.caveats, *board.notes, *provenance),
+        about=_about(section, "ranks"),
     )
 
 
@@ -337,23 +264,23 @@ def _seeds(number: int) -> list[str]:
     return [counted(number, "seed")] if number > 1 else []
 
 
-def _ranked_cells(place: int, model: RankedModel, n_contests: int) -> list[str]:
-    known = np.isfinite(model.low)
+def _ranked_cells(place: int, model: RankedModel, n_contests: int) -> list[Cell]:
+    interval = Quantity(low=model.low, high=model.high) if np.isfinite(model.low) else None
     return [
-        marked(model.name, model.mark),
-        str(place),
-        f"{model.mean_rank:.2f}",
-        f"{model.low:.2f} to {model.high:.2f}" if known else "-",
-        str(model.won),
-        "-" if model.like_best is None else f"{model.like_best}/{n_contests}",
+        Name(model.name, model.mark),
+        place,
+        model.mean_rank,
+        interval,
+        model.won,
+        None if model.like_best is None else Quantity(share=(model.like_best, n_contests)),
         {True: "yes", False: "no", None: "-"}[model.within_cd],
-        f"{n_contests}/{n_contests}",
+        Quantity(share=(n_contests, n_contests)),
     ]
 
 
-def _unranked_cells(model: UnrankedModel, n_contests: int) -> list[str]:
-    done = f"{n_contests - len(model.missing)}/{n_contests}"
-    return [marked(model.name, model.mark), *["-"] * 6, done]
+def _unranked_cells(model: UnrankedModel, n_contests: int) -> list[Cell]:
+    done = Quantity(share=(n_contests - len(model.missing), n_contests))
+    return [Name(model.name, model.mark), *[None] * 6, done]
 
 
 def _rank_notes(section: Section, key: SortKey) -> Iterator[str]:
@@ -450,7 +377,7 @@ def _no_analysis_notes(analyses: Sequence[RankAnalysis]) -> Iterator[str]:
         yield f"no critical-difference analysis{named}: it {reason}."
 
 
-def _by_protocol(section: Section, key: SortKey) -> Iterator[TextTable]:
+def _by_protocol(section: Section, key: SortKey) -> Iterator[Table]:
     """Yield a table for each robot type and protocol; its columns are the conditions."""
     for (family, protocol), found in grouped(
         section.columns, lambda column: (column.family, column.protocol)
@@ -460,17 +387,35 @@ def _by_protocol(section: Section, key: SortKey) -> Iterator[TextTable]:
         spread = ", mean ± standard deviation over data sets" if several else ""
         apart = f" | {SELECTION_MARK}s" if section.selects_on_test else ""
         models = [m for m in section.marks if any(m in column.values for column in found)]
-        yield TextTable(
+        unit, _ = PRINTED[key.metric.unit]
+        columns = [
+            Column(
+                _heading(column, several),
+                unit=unit,
+                format=number_format(key.metric),
+                about={
+                    "metric": key.text,
+                    "protocol": protocol,
+                    "condition": column.condition,
+                    "datasets": " ".join(column.datasets),
+                    "seeds": " ".join(map(str, column.seeds)),
+                },
+            )
+            for column in found
+        ]
+        yield Table(
             title=f"{protocol} on {of_families(datasets)}{apart} | {key.text}{spread}",
-            header=("model", *(_heading(column, several) for column in found)),
+            columns=[Column("model", "text"), *columns],
             rows=[
                 [
-                    marked(model, section.mark_under(protocol, model)),
-                    *(_column_text(column, model, key) for column in found),
+                    Name(model, section.mark_under(protocol, model)),
+                    *(_score(column, model, key) for column in found),
                 ]
                 for model in models
             ],
             notes=(_marks_note(key, several), *section.caveats_of(family, protocol)),
+            unit=unit,
+            about=_about(section, "scores by protocol"),
         )
 
 
@@ -485,26 +430,24 @@ def _marks_note(key: SortKey, several: bool) -> str:
     return "; ".join(compress(parts, shown)) + "."
 
 
-def _heading(column: Column, several: bool) -> str:
+def _heading(column: ScoreColumn, several: bool) -> str:
     name = column.condition or column.protocol
     datasets = [counted(len(column.datasets), "data set")] if several else []
     about = ", ".join([*datasets, *_seeds(len(column.seeds))])
     return f"{name} ({about})" if about else name
 
 
-def _column_text(column: Column, model: str, key: SortKey) -> str:
+def _score(column: ScoreColumn, model: str, key: SortKey) -> Quantity | None:
+    """Return a model's score over the data sets of a column; some of them alone are no mean."""
     value = column.values.get(model)
     if value is None:
-        return "-"
+        return None
+    _, factor = PRINTED[key.metric.unit]
+    mean, std = _known(value.mean * factor), _known(value.std * factor)
     if not value.n_datasets:
-        return value.failed or "-"
+        return Quantity(status=value.failed)
     if value.n_datasets < len(column.datasets):
-        some = f"({value.n_datasets}/{len(column.datasets)})"
-        return " ".join(filter(None, (_number(value, key), some, value.failed)))
+        share = (value.n_datasets, len(column.datasets))
+        return Quantity(mean, std, share=share, status=value.failed)
     mark = BEST if value.best else LIKE_BEST if value.like_best else ""
-    return " ".join(filter(None, (_number(value, key), mark)))
-
-
-def _number(value: ColumnValue, key: SortKey) -> str:
-    unit, factor = PRINTED[key.metric.unit]
-    return value_text(Value(value.mean * factor, value.std * factor, unit))
+    return Quantity(mean, std, mark=mark)

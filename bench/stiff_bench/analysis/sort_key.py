@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stiff_bench.tables.table import pooled_prediction
+from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_bench.tables.units import PRINTED
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.record import CellResult

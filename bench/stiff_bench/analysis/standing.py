@@ -18,7 +18,7 @@ from stiff_bench.store.database import read_data
 from stiff_bench.store.names import ContestName
 from stiff_bench.store.newest import Slot
 from stiff_bench.store.samples import StoredData
-from stiff_bench.tables.table import pooled_prediction
+from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray, IntArray, TextArray

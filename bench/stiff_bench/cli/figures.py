@@ -180,7 +180,7 @@ def reproduce(
         words["jobs"] = usable_cores()
     taken = begin_execution(words)
 
-    from stiff_bench.analysis.forecast import forecast_line, render_forecast
+    from stiff_bench.analysis.forecast import forecast_line, forecast_table
     from stiff_bench.cli.run import say_old_failures
     from stiff_bench.paper.pages import write_leaderboard, write_paper
     from stiff_bench.paper.reproduce import Study, forecast_of, run_study
@@ -188,6 +188,7 @@ def reproduce(
     from stiff_bench.plan.registry import usable_registry
     from stiff_bench.run.runner import tally
     from stiff_bench.store.database import ResultStore
+    from stiff_bench.tables.render import render
     from stiff_models.catalog import MODELS
 
     keys = [info.key for info in MODELS]
@@ -197,7 +198,7 @@ def reproduce(
     execution = execution_of(taken, study.plans[0], registry)
     if taken["plan"]:
         foreseen = forecast_of(study, execution)
-        print_text(render_forecast(foreseen, "github", command))
+        print_text(render([forecast_table(foreseen)], "github", command))
         say(forecast_line(foreseen))
         return 0
     write = write_leaderboard if what == "leaderboard" else write_paper

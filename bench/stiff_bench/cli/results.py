@@ -13,23 +13,27 @@ from stiff_bench.console import print_text, say
 
 if TYPE_CHECKING:
     from stiff_bench.store.merging import Disagreement, Merged
-    from stiff_bench.tables.render import TextTable
+    from stiff_bench.tables.table import Table
 
 
-def difference_table(found: Sequence[Disagreement]) -> TextTable:
+def difference_table(found: Sequence[Disagreement]) -> Table:
     """Return a row for each folder and each thing of which folders say different things."""
     from stiff_bench.store.names import SHORT
-    from stiff_bench.tables.render import TextTable
+    from stiff_bench.tables.table import Column, Table
 
-    return TextTable(
+    texts = ("differs", "folder", "has")
+    return Table(
         title="What the folders have under one name",
-        header=("differs", "folder", "has", "cells", "newest run", "stiffbench"),
+        columns=[
+            *(Column(name, "text") for name in texts),
+            *(Column("cells"), Column("newest run", "text"), Column("stiffbench", "text")),
+        ],
         rows=[
             [
                 f"{one.kind}: {_name(one)}",
                 str(folder),
                 claim.value if " " in claim.value else claim.value[:SHORT],
-                str(claim.n_cells),
+                claim.n_cells,
                 claim.run_id,
                 one.versions[folder],
             ]
@@ -92,9 +96,9 @@ def merge(folders: tuple[Path, ...], output: Path, allow: tuple[str, ...]) -> in
 
 
 def _print(found: Sequence[Disagreement]) -> None:
-    from stiff_bench.tables.render import render_texts
+    from stiff_bench.tables.render import render
 
-    print_text(render_texts([difference_table(found)], "github", command_line()))
+    print_text(render([difference_table(found)], "github", command_line()))
 
 
 def _summed_up(merged: Merged, output: Path) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from stiff_bench.analysis.forecast import forecast, forecast_line, render_forecast
+from stiff_bench.analysis.forecast import forecast, forecast_line, forecast_table
 from stiff_bench.console import print_text, say
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.request import RunPlan
@@ -13,8 +13,8 @@ from stiff_bench.run.execution import IN_THIS_PROCESS, Execution
 from stiff_bench.run.progress import display
 from stiff_bench.run.runner import Finished, run_cells, tally
 from stiff_bench.store.database import ResultStore
+from stiff_bench.tables.metric_table import build_tables
 from stiff_bench.tables.render import render
-from stiff_bench.tables.table import build_tables
 
 
 def execute(plan: RunPlan, fmt: str, execution: Execution = IN_THIS_PROCESS) -> int:
@@ -48,7 +48,7 @@ def show_plan(plan: RunPlan, fmt: str, execution: Execution) -> int:
     """
     jobs = execution.executor.at_once
     found = forecast(cell_tasks(plan), plan.output, jobs=jobs, rerun=execution.rerun)
-    print_text(render_forecast(found, fmt, plan.command))
+    print_text(render([forecast_table(found)], fmt, plan.command))
     say(forecast_line(found))
     return 0
 

@@ -20,7 +20,7 @@ from stiff_bench.analysis.collected import (
 from stiff_bench.analysis.leaderboard import of_newest_data, presentation
 from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import Slot
-from stiff_bench.tables.table import mark_of
+from stiff_bench.tables.metric_table import mark_of
 from stiff_bench.tables.units import counted
 from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError

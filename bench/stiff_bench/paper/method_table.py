@@ -23,8 +23,8 @@ from stiff_bench.paper.table import (
     mean_reduction,
     reduction,
 )
+from stiff_bench.tables.metric_table import mark_of
 from stiff_bench.tables.published import claimed_reductions, published_rows
-from stiff_bench.tables.table import mark_of
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.types import AXES
 from stiff_protocols.scoring.metrics import metric

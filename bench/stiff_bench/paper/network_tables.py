@@ -29,8 +29,8 @@ from stiff_bench.paper.results import (
 )
 from stiff_bench.paper.study import DATASET, DEPTH_WIDTH, DEPTHS, PAPER_PROTOCOL, SEED
 from stiff_bench.paper.table import PAPER_DATA, Entry, Group, Labels, PaperTable, Part
+from stiff_bench.tables.metric_table import mark_of
 from stiff_bench.tables.published import published_lines
-from stiff_bench.tables.table import mark_of
 from stiff_bench.tables.units import MM
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult

@@ -4,49 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
-Tone = Literal["", "better", "worse"]
-Kind = Literal["number", "text", "long"]
-"""Of a column: sorted by numbers, or texts; long ones need room."""
-
-
-@dataclass(frozen=True)
-class Cell:
-    """A cell of a table.
-
-    Attributes:
-        text: as shown.
-        order: what the column is sorted by: a number's digits, or a text; "" stands last.
-        tone: which colour it has; the text says the same without it.
-    """
-
-    text: str
-    order: str
-    tone: Tone = ""
-
-
-@dataclass(frozen=True)
-class PageTable:
-    """A table of the page.
-
-    Attributes:
-        caption: above it.
-        header: of each column.
-        kinds: of each column.
-        rows: cells, one a column; the first one names the row.
-        notes: beneath it.
-        command: that prints the same; "" for none.
-        widget: it can be sorted and filtered where scripts run.
-    """
-
-    caption: str
-    header: tuple[str, ...]
-    kinds: tuple[Kind, ...]
-    rows: tuple[tuple[Cell, ...], ...]
-    notes: tuple[str, ...] = ()
-    command: str = ""
-    widget: bool = True
+from stiff_bench.tables.table import Table
 
 
 @dataclass(frozen=True)
@@ -86,14 +45,16 @@ class Block:
         texts: paragraphs.
         tables, pictures, folds: beneath them.
         notes: what must be read with them.
+        command: that prints the same as the tables; "" for none.
     """
 
     heading: str
     texts: Sequence[str] = ()
-    tables: Sequence[PageTable] = ()
+    tables: Sequence[Table] = ()
     pictures: Sequence[Picture] = ()
     folds: Sequence[Fold] = ()
     notes: Sequence[str] = ()
+    command: str = ""
 
 
 @dataclass(frozen=True)

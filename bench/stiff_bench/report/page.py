@@ -8,13 +8,14 @@ import subprocess
 import sys
 import tarfile
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from stiff_bench.console import printable
 from stiff_bench.report.content import Page, Picture
 from stiff_bench.store.names import OPTION_MARK
+from stiff_bench.tables.table import Cell, Column, Quantity, Table, natural_order
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.files import written_whole
 
@@ -137,6 +138,61 @@ if __name__ == "__main__":
 
 
 _HERE = Path(__file__).parent
+MOST_ROWS = 2000
+"""So many rows of a table are embedded; the page says where there are more."""
+_LONG = 40  # characters of a text that needs room
+
+
+class PageCell(NamedTuple):
+    """A cell of the page: text, what its column is sorted by ("" stands last), CSS class."""
+
+    text: str
+    order: str
+    style: str
+
+
+class PageTable(NamedTuple):
+    """A table as the page's template reads it: the CSS class of a column, rows, notes."""
+
+    styles: list[str]
+    rows: list[list[PageCell]]
+    notes: list[str]
+    can_be_sorted: bool
+
+
+def page_table(table: Table) -> PageTable:
+    """Return a table's cells with their typed order, cut to `MOST_ROWS`."""
+    rows = table.rows[:MOST_ROWS]
+    notes = [*table.notes]
+    if len(rows) < len(table.rows):
+        notes.append(
+            f"The first {len(rows)} of {len(table.rows)} rows are shown; name fewer models, data "
+            "sets or protocols for the others."
+        )
+    styles = [
+        _style(column, [row[number] for row in rows]) for number, column in enumerate(table.columns)
+    ]
+    cells = [
+        [_page_cell(*each) for each in zip(table.columns, row, styles, strict=True)] for row in rows
+    ]
+    can_be_sorted = len(rows) > 1 and not any(column.by_sign for column in table.columns)
+    return PageTable(styles, cells, notes, can_be_sorted)
+
+
+def _style(column: Column, cells: Sequence[Cell]) -> str:
+    if column.kind == "number":
+        return "number"
+    return "long" if any(len(column.text(cell)) > _LONG for cell in cells) else "text"
+
+
+def _page_cell(column: Column, cell: Cell, style: str) -> PageCell:
+    text = column.text(cell)
+    if style != "number":
+        return PageCell(text, natural_order(text), "" if style == "long" else style)
+    number = cell.order if isinstance(cell, Quantity) else cell
+    order = f"{number:.12g}" if isinstance(number, int | float) else ""
+    tone = " worse" if order.startswith("-") else " better" if order not in ("", "0") else ""
+    return PageCell(text, order, style + tone * column.by_sign)
 
 
 def render_page(page: Page) -> str:
@@ -158,7 +214,7 @@ def render_page(page: Page) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"source": _source, "breakable": _breakable}
+    environment.filters |= {"source": _source, "breakable": _breakable, "laid_out": page_table}
     return environment.get_template("page.html.jinja").render(
         page=page,
         policy=_policy(scripts, style),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 
@@ -20,13 +20,12 @@ from stiff_bench.analysis.comparison import (
 )
 from stiff_bench.analysis.comparison_text import VERDICTS
 from stiff_bench.analysis.leaderboard import Section, presentation
-from stiff_bench.report.content import Block, Cell, Kind, PageTable, Tone
+from stiff_bench.report.content import Block
 from stiff_bench.report.runs import shell_words
-from stiff_bench.report.scores import page_table
 from stiff_bench.store.names import ContestName, grouped
 from stiff_bench.store.newest import Slot
 from stiff_bench.store.samples import StoredData
-from stiff_bench.tables.render import TextTable
+from stiff_bench.tables.table import Cell, Column, Name, Quantity, Table
 from stiff_bench.tables.units import MM, counted, marked, percent
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray
@@ -195,8 +194,9 @@ def pair_block(
             "Mean length of the 3-D error, each pair of models in each contest (a data set under a "
             "protocol and condition), on the splits that both have."
         ],
-        [_matrix(pairs, models, shown), _list(pairs, section, command)],
+        [_matrix(pairs, models, shown), _list(pairs, section)],
         notes=[*_notes(section, question, asked, compared, n_left_out), *section.caveats],
+        command=command,
     )
 
 
@@ -222,61 +222,68 @@ def _named(section: Section, model: str) -> str:
     return marked(model, section.marks[model])
 
 
-def _matrix(pairs: Sequence[Pair], models: Sequence[str], shown: Sequence[str]) -> PageTable:
+def _matrix(pairs: Sequence[Pair], models: Sequence[str], shown: Sequence[str]) -> Table:
     counts: dict[tuple[str, str], Counter[Verdict]] = {}
     for pair in pairs:
         other_way = _MIRRORED.get(pair.verdict, pair.verdict)
         counts.setdefault((pair.a, pair.b), Counter())[pair.verdict] += 1
         counts.setdefault((pair.b, pair.a), Counter())[other_way] += 1
     n_most = max(count.total() for count in counts.values())
-    rows: list[tuple[Cell, ...]] = []
-    for number, (row, name) in enumerate(zip(models, shown, strict=True), 1):
-        cells = (
-            _matrix_cell(counts.get((row, column)), n_most, row == column) for column in models
-        )
-        rows.append((Cell(f"{number} {name}", f"{number:06d}"), *cells))
-    kinds: list[Kind] = ["number"] * len(models)
-    return PageTable(
-        caption="Pairwise: contests in which the row is better, and in which it is worse",
-        header=("model", *(str(number) for number in range(1, len(models) + 1))),
-        kinds=("text", *kinds),
-        rows=tuple(rows),
-        notes=(
+    numbers = [str(number) for number in range(1, len(models) + 1)]
+    return Table(
+        "Pairwise: contests in which the row is better, and in which it is worse",
+        [
+            Column("model", "text"),
+            *(Column(number, format=lambda found: found.mark, by_sign=True) for number in numbers),
+        ],
+        [
+            [
+                f"{number} {name}",
+                *(
+                    "" if row == column else _won_and_lost(counts.get((row, column)), n_most)
+                    for column in models
+                ),
+            ]
+            for number, row, name in zip(numbers, models, shown, strict=True)
+        ],
+        (
             "Columns have the rows' numbers. 5 : 1 means that the row is better in 5 contests and "
             f"the column in 1; in the others of {n_most}, or of as many as stand beside it, they "
             "are equivalent or cannot be told apart.",
         ),
-        widget=False,
     )
 
 
-def _matrix_cell(count: Counter[Verdict] | None, n_most: int, is_diagonal: bool) -> Cell:
+def _won_and_lost(count: Counter[Verdict] | None, n_most: int) -> Quantity | None:
+    """Return by how many more contests the row is better than the column, and both numbers."""
     if count is None:
-        return Cell("" if is_diagonal else "-", "")
+        return None
     won, lost = count["a"], count["b"]
-    tone: Tone = "better" if won > lost else "worse" if lost > won else ""
     fewer = f" of {count.total()}" if count.total() < n_most else ""
-    return Cell(f"{won} : {lost}{fewer}", str(won - lost), tone)
+    return Quantity(won - lost, mark=f"{won} : {lost}{fewer}")
 
 
-def _list(pairs: Sequence[Pair], section: Section, command: str) -> PageTable:
-    rows = [
+def _list(pairs: Sequence[Pair], section: Section) -> Table:
+    rows: list[list[Cell]] = [
         [
-            *(marked(name, section.mark_under(protocol, name)) for name in (a, b)),
-            protocol,
-            str(len(found)),
-            *(str(sum(one.verdict == verdict for one in found)) for verdict in VERDICTS),
-            f"{MM * np.mean([one.difference for one in found]):+.4f}",
+            *(Name(name, section.mark_under(protocol, name)) for name in (a, b)),
+            *(protocol, len(found)),
+            *(sum(one.verdict == verdict for one in found) for verdict in VERDICTS),
+            float(MM * np.mean([one.difference for one in found])),
         ]
         for (a, b, protocol), found in grouped(
             pairs, lambda pair: (pair.a, pair.b, pair.name.protocol)
         ).items()
     ]
-    header = ("A", "B", "protocol", "contests", *VERDICTS.values(), "mean A - B [mm]")
-    table = TextTable("Pairs by protocol: number of contests with each verdict", header, rows, ())
-    made = page_table(table, command=command)
-    return replace(
-        made, notes=(*made.notes, "The command beneath shows one pair, contest by contest.")
+    return Table(
+        "Pairs by protocol: number of contests with each verdict",
+        [
+            *(Column(name, "text") for name in ("A", "B", "protocol")),
+            *(Column(name) for name in ("contests", *VERDICTS.values())),
+            Column("mean A - B", unit="mm", format="+.4f"),
+        ],
+        rows,
+        ("The command beneath shows one pair, contest by contest.",),
     )
 
 

@@ -29,7 +29,7 @@ from stiff_bench.report.pictures import picture_block
 from stiff_bench.report.runs import Choice, failure_block, run_block
 from stiff_bench.report.scores import board_block, data_block, score_block
 from stiff_bench.store.database import read_data
-from stiff_bench.tables.table import SELECTION_MARK
+from stiff_bench.tables.metric_table import SELECTION_MARK
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import ConfigError, StoreError, unknown_name
 from stiff_protocols.contract.files import written_whole

@@ -12,12 +12,11 @@ from pathlib import Path
 from stiff_bench.analysis.collected import Contest, asked_for, contest_name_of
 from stiff_bench.analysis.stored_leaderboard import StoredResults
 from stiff_bench.report.content import Block, Fold
-from stiff_bench.report.scores import page_table
 from stiff_bench.store.database import stored_results
 from stiff_bench.store.names import ContestName, grouped
 from stiff_bench.store.newest import Runs, Slot, slot_of
 from stiff_bench.store.versions import NO_MANIFEST
-from stiff_bench.tables.render import TextTable
+from stiff_bench.tables.table import Cell, Column, Table
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.record import CellResult, RunManifest
 
@@ -86,24 +85,27 @@ def run_block(
     counts = _counts(contests)
     newest = sorted(runs, key=lambda run: run.run_id, reverse=True)
     known = {run.run_id for run in runs}
-    rows = [_row(run, counts[run.run_id]) for run in newest[:MOST_RUNS]]
+    rows: list[list[Cell]] = [_row(run, counts[run.run_id]) for run in newest[:MOST_RUNS]]
     lost = sum(count for run_id, count in counts.items() if run_id not in known)
     if lost:
-        rows.append([NO_MANIFEST, *["-"] * 4, str(lost), *["-"] * 6])
+        rows.append([NO_MANIFEST, *[None] * 4, lost, *[None] * 6])
     notes = [*provenance]
     if len(runs) > MOST_RUNS:
         notes.append(f"The newest {MOST_RUNS} of {len(runs)} runs are shown.")
     if any(run.environment.get("dirty") == "true" for run in runs):
         notes.append("A commit with + had uncommitted changes: its results cannot be made again.")
-    header = (
-        *("run", "started (UTC)", "state", "wall time [s]", "cells asked for", "results shown"),
-        *("stiffbench", "commit", "Python", "processor", "cores", "GPU"),
-    )
+    columns = [
+        *(Column(name, "text") for name in ("run", "started (UTC)", "state")),
+        Column("wall time", unit="s", format=".0f"),
+        *(Column("cells asked for"), Column("results shown")),
+        *(Column(name, "text") for name in ("stiffbench", "commit", "Python", "processor")),
+        *(Column("cores"), Column("GPU", "text")),
+    ]
     commands = "\n".join(dict.fromkeys(run.command for run in newest[:MOST_RUNS]))
     folds = [Fold("Commands that made these results, newest first", commands)] if runs else []
     return Block(
         "Provenance",
-        tables=[page_table(TextTable("Runs", header, rows, notes))],
+        tables=[Table("Runs", columns, rows, notes)],
         folds=[*folds, *_environments(newest)],
     )
 
@@ -118,17 +120,18 @@ def _counts(contests: Iterable[Contest]) -> Counter[str]:
     )
 
 
-def _row(run: RunManifest, n_results: int) -> list[str]:
+def _row(run: RunManifest, n_results: int) -> list[Cell]:
     about = run.environment
     changed = "+" if about.get("dirty") == "true" else ""
     machines = f" and {counted(len(run.machines), 'other machine')}" if run.machines else ""
+    cores = about.get("cores", "")
     return [
-        *(run.run_id, run.started, run.status),
-        f"{run.wall_s:.0f}" if run.wall_s else "-",
-        *(str(len(run.cells)), str(n_results), about.get("stiffbench", "") or "-"),
-        f"{about.get('commit', '')[:12]}{changed}" or "-",
-        *(about.get("python", "") or "-", f"{about.get('processor', '') or '-'}{machines}"),
-        *(about.get("cores", "") or "-", about.get("gpu", "") or "-"),
+        *(run.run_id, run.started, run.status, run.wall_s or None),
+        *(len(run.cells), n_results, about.get("stiffbench") or None),
+        f"{about.get('commit', '')[:12]}{changed}" or None,
+        *(about.get("python") or None, f"{about.get('processor', '') or '-'}{machines}"),
+        int(cores) if cores.isdecimal() else cores or None,
+        about.get("gpu") or None,
     ]
 
 
@@ -191,13 +194,13 @@ def failure_block(
     folds = [_fold(one) for one in logs[:MOST_LOGS]]
     if len(logs) > MOST_LOGS:
         notes.append(f"The first {MOST_LOGS} of {len(logs)} log ends are shown.")
-    table = TextTable(
+    table = Table(
         f"{counted(len(found), 'cell')} without a result",
-        header,
+        [Column(name, "text") for name in header],
         [_failure_row(members) for members in shown],
         notes,
     )
-    return Block(heading, tables=[page_table(table)], folds=folds)
+    return Block(heading, tables=[table], folds=folds)
 
 
 def _reasons(contests: Sequence[Contest], models: Sequence[str]) -> dict[Place, str]:

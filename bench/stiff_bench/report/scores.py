@@ -2,102 +2,26 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
-from itertools import islice
 
 from stiff_bench.analysis.collected import Competitor, Contest, asked_for
 from stiff_bench.analysis.leaderboard import Leaderboard, Section, caveats_of, presentation
 from stiff_bench.analysis.leaderboard_tables import section_tables
-from stiff_bench.report.content import Block, Cell, Fold, Kind, PageTable
+from stiff_bench.report.content import Block, Fold
+from stiff_bench.report.page import MOST_ROWS
 from stiff_bench.store.names import ContestName, labels, natural_key
 from stiff_bench.tables.fit_notes import model_notes
-from stiff_bench.tables.render import TextTable, value_text
-from stiff_bench.tables.table import Row, build_tables, mark_of
-from stiff_bench.tables.units import PRINTED, counted, marked
+from stiff_bench.tables.metric_table import mark_of, metric_cells, metric_columns, metric_values
+from stiff_bench.tables.table import Cell, Column, Name, Quantity, Table
+from stiff_bench.tables.units import counted
 from stiff_protocols.contract.plugin import kind_label
 from stiff_protocols.scoring.metrics import METRICS, Metric
-
-MOST_ROWS = 2000
-"""So many rows of a table are embedded; the page says where there are more."""
-_NUMBER = re.compile(
-    r"[<>]?\s*([+-]?\d[\d,]*(?:\.\d+)?(?:e[+-]?\d+)?)(?:\s(us|ms|s)\b)?"
-    r"(?=$|/\d|\s(?:±|\*|≈|to\b|of\b|MiB\b|\(|:))"
-)
-"""How a cell begins that is sorted by a number; a date, a commit and a version are none."""
-_MISSING = re.compile(r"-?|FAILED.*|SKIPPED.*", re.DOTALL)
-_SECONDS = {"us": 1e-6, "ms": 1e-3, "s": 1.0, None: 1.0}
-_DIGITS = re.compile(r"\d+")
-_LONGEST_ORDER = 60  # characters of a text that it is sorted by
-_LONG = 40  # characters of a text that needs room
-
-
-def page_table(table: TextTable, *, command: str = "", widget: bool = True) -> PageTable:
-    """Return a table of texts as one of the page, cut to `MOST_ROWS`."""
-    rows = [*islice(table.rows, MOST_ROWS)]
-    columns = [[row[column] for row in rows] for column in range(len(table.header))]
-    kinds = tuple(_kind(column) if number else "text" for number, column in enumerate(columns))
-    notes = [*table.notes]
-    if len(rows) < len(table.rows):
-        notes.append(
-            f"The first {len(rows)} of {len(table.rows)} rows are shown; name fewer models, data "
-            "sets or protocols for the others."
-        )
-    return PageTable(
-        caption=table.title,
-        header=tuple(table.header),
-        kinds=kinds,
-        rows=tuple(
-            tuple(_cell(text, kind) for text, kind in zip(row, kinds, strict=True)) for row in rows
-        ),
-        notes=tuple(notes),
-        command=command,
-        widget=widget,
-    )
-
-
-def number_in(text: str) -> float | None:
-    """Return the number that a text begins with, times in s; None where it begins with none.
-
-    >>> number_in("1.5 ms (1.2 to 2)"), number_in("12,300"), number_in("< 0.001"), number_in("-")
-    (0.0015, 12300.0, 0.001, None)
-    """
-    found = _NUMBER.match(text)
-    if found is None:
-        return None
-    return float(found[1].replace(",", "")) * _SECONDS[found[2]]
-
-
-def natural_order(text: str) -> str:
-    """Return a text that sorts as people count: "n = 5" stands before "n = 10".
-
-    >>> sorted(["n = 10", "n = 5"], key=natural_order)
-    ['n = 5', 'n = 10']
-    """
-    return _DIGITS.sub(lambda found: found[0].zfill(6), text.lower())[:_LONGEST_ORDER]
-
-
-def _kind(texts: Sequence[str]) -> Kind:
-    present = [text for text in texts if not _MISSING.fullmatch(text)]
-    if present and all(number_in(text) is not None for text in present):
-        return "number"
-    return "long" if any(len(text) > _LONG for text in present) else "text"
-
-
-def _cell(text: str, kind: Kind) -> Cell:
-    if kind != "number":
-        return Cell(text, natural_order(text))
-    number = number_in(text)
-    return Cell(text, "" if number is None else f"{number:.12g}")
 
 
 def board_block(section: Section, board: Leaderboard, *, heading: str, command: str) -> Block:
     """Return ranks, scores by protocol, critical differences and costs of one section."""
-    first, *others = section_tables(section, board, ())
-    return Block(
-        heading,
-        tables=[page_table(first, command=command), *(page_table(text) for text in others)],
-    )
+    tables = [table for table in section_tables(section, board, ()) if not table.detail]
+    return Block(heading, tables=tables, command=command)
 
 
 MOST_NOTES = 200
@@ -114,7 +38,7 @@ def score_block(contests: Sequence[Contest], models: Sequence[str], metric: str)
         metric: that is ranked by; it stands first.
     """
     metrics = [METRICS[key] for key in dict.fromkeys((metric, *_ALWAYS))]
-    lines: list[list[str]] = []
+    lines: list[list[Cell]] = []
     notes: dict[str, list[str]] = {}
     n_all = 0
     called = labels(contest.name for contest in contests)
@@ -152,7 +76,8 @@ def data_block(contests: Sequence[Contest]) -> Block:
         )
     ]
     header = ("data set", "kind", "sha256 of its numbers", "what must be read with it")
-    return Block("Data sets", tables=[page_table(TextTable("Data sets", header, rows, ()))])
+    table = Table("Data sets", [Column(name, "text") for name in header], rows)
+    return Block("Data sets", tables=[table])
 
 
 def _order(contest: Contest) -> tuple[object, ...]:
@@ -166,48 +91,39 @@ def _rest(name: ContestName) -> tuple[int, str, str]:
 
 def _line(
     contest: Contest, competitor: Competitor, metrics: Sequence[Metric]
-) -> tuple[list[str], list[str]]:
+) -> tuple[list[Cell], list[str]]:
     """Return the cells of a model in a contest, and what its fits reported."""
     shown, name = competitor.shown, contest.name
     results = contest.results(competitor.name)
     n_asked = max(competitor.n_asked, len(competitor.done) + len(competitor.reasons))
-    about = [
-        marked(shown.model, mark_of(shown)),
-        *(name.dataset, name.protocol, name.condition or "-", str(name.seed)),
-        f"{len(results)}/{n_asked}",
+    values = metric_values(results, metrics) if results else {}
+    cells: list[Cell] = [
+        Name(shown.model, mark_of(shown)),
+        *(name.dataset, name.protocol, name.condition or "-", name.seed),
+        Quantity(share=(len(results), n_asked)),
+        *(cell for metric in metrics for cell in metric_cells(values, [metric])),
     ]
-    if not results:
-        return [*about, *["-" for metric in metrics for _ in metric.axes]], []
-    (table,) = build_tables(results, metrics)
-    return [*about, *_values(table.rows[0], metrics)], model_notes(results)
+    return cells, model_notes(results) if results else []
 
 
-def _values(row: Row, metrics: Sequence[Metric]) -> list[str]:
-    return [
-        value_text(row.values.get((metric.key, axis))) for metric in metrics for axis in metric.axes
-    ]
-
-
-def _table(lines: Sequence[list[str]], n_all: int, metrics: Sequence[Metric]) -> PageTable:
-    headings = [_heading(metric, axis) for metric in metrics for axis in metric.axes]
-    header = ("model", "data set", "protocol", "condition", "seed", "splits", *headings)
+def _table(lines: Sequence[list[Cell]], n_all: int, metrics: Sequence[Metric]) -> Table:
+    texts = ("model", "data set", "protocol", "condition")
     notes = ["splits: with a result, of those that were asked for."]
     if len(lines) < n_all:
         notes.append(
             f"The first {len(lines)} of {n_all} rows are shown; --dataset, --protocol and --model "
             "name fewer; `bench leaderboard --format csv` prints all."
         )
-    return page_table(TextTable("Scores", header, lines, notes))
-
-
-def _heading(metric: Metric, axis: str) -> str:
-    unit, _ = PRINTED[metric.unit]
-    words = [
-        axis.upper() if len(metric.axes) > 1 else "",
-        metric.label,
-        f"[{unit}]" if unit else "",
-    ]
-    return " ".join(filter(None, words))
+    return Table(
+        "Scores",
+        [
+            *(Column(name, "text") for name in texts),
+            *(Column("seed"), Column("splits")),
+            *(column for metric in metrics for column in metric_columns([metric])),
+        ],
+        lines,
+        notes,
+    )
 
 
 def _fit_notes(notes: Mapping[str, Sequence[str]]) -> list[Fold]:

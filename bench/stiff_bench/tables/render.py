@@ -1,4 +1,7 @@
-"""Tables -> text: github, latex (booktabs), csv, html or json."""
+"""Tables -> text: github, latex (booktabs, siunitx), csv, html or json; for every command.
+
+Each text of a table may be hostile: it stays within its cell, and no format runs it.
+"""
 
 from __future__ import annotations
 
@@ -8,94 +11,62 @@ import io
 import json
 import math
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import groupby
 from typing import Any
 
 from tabulate import tabulate
 
 from stiff_bench.console import one_line
-from stiff_bench.tables.published import NOTE
-from stiff_bench.tables.table import Row, Table, Value
-from stiff_bench.tables.units import PRINTED
-from stiff_protocols.contract.types import AXES
-from stiff_protocols.scoring.metrics import WHOLE, Metric
-
-_CSV_ABOUT_TABLE = ("dataset", "kind", "protocol", "condition", "splits", "seed")
-_CSV_ABOUT_ROW = ("model", "source", "mark", "note")
-DECIMALS = {"mm": 4, "%": 1, "": 3, "ms": 3, "MiB": 1, "1/s": 0}
-"""Of mm: as in the source paper's Table 10."""
+from stiff_bench.tables.table import VALUE_FIELDS, Cell, Column, Quantity, Table
 
 
-@dataclass(frozen=True)
-class TextTable:
-    """A table whose cells are ready to print.
+def render(
+    tables: Sequence[Table],
+    fmt: str,
+    command: str,
+    *,
+    text: str = "",
+    about: Mapping[str, object] | None = None,
+) -> str:
+    """Return tables as text.
 
-    Attributes:
-        title: above it.
-        header: of each column.
-        rows: cells, one a column; the first column stands left, the others right.
-        notes: beneath it.
+    Args:
+        tables: in this order; csv and json have all, the others leave out details.
+        fmt: "github", "latex", "csv", "html" or "json".
+        command: that makes them.
+        text: a paragraph above and, as it is what matters, again beneath; csv leaves it out.
+        about: facts on all tables, for json.
     """
-
-    title: str
-    header: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    notes: Sequence[str]
-
-
-def render(tables: Sequence[Table], fmt: str, command: str) -> str:
-    """Return the tables as text of the given format, with the command that makes them."""
     if fmt == "csv":
         return _csv(tables)
     if fmt == "json":
-        return json.dumps(
-            {"command": command, "tables": [_plain(table) for table in tables]}, indent=2
-        )
-    texts = [
-        TextTable(
-            table.title, _header(table), [_cells(table, row) for row in table.rows], table.notes
-        )
-        for table in tables
-    ]
-    return render_texts(texts, fmt, command)
+        facts = {"command": command, **({"text": text} if text else {}), **(about or {})}
+        return _json_text({**facts, "tables": [_plain(table) for table in tables]})
+    one, paragraph = {
+        "github": (_github, markdown_text),
+        "latex": (_latex, latex_text),
+        "html": (_html, lambda words: f"<p>{_html_text(words)}</p>"),
+    }[fmt]
+    said = [paragraph(one_line(text))] if text else []
+    parts = [one(table.shown(), one_line(command)) for table in tables if not table.detail]
+    head = [LATEX_NEEDS] if fmt == "latex" else []
+    return "\n\n".join([*head, *said, *parts, *said])
 
 
-def render_texts(tables: Sequence[TextTable], fmt: str, command: str) -> str:
-    """Return the tables as "github", "latex" or "html", with the command that makes them."""
-    parts = {"github": _github, "latex": _latex, "html": _html}[fmt]
-    return "\n\n".join(parts(_in_one_line(table), one_line(command)) for table in tables)
+def plain_text(table: Table, *, widths: Sequence[int | None] | None = None) -> str:
+    """Return headings and cells in columns for a terminal, without title and notes.
 
-
-def _in_one_line(table: TextTable) -> TextTable:
-    """Return the table with each of its texts in one line: another would be another row."""
-    return replace(
-        table,
-        title=one_line(table.title),
-        header=[one_line(cell) for cell in table.header],
-        rows=[[one_line(cell) for cell in row] for row in table.rows],
-        notes=[one_line(note) for note in table.notes],
+    Args:
+        table: to print; all its columns stand left.
+        widths: of columns that are broken into lines, characters.
+    """
+    return tabulate(
+        table.texts(),
+        headers=[table.heading(column) for column in table.columns],
+        maxcolwidths=widths,
+        disable_numparse=True,
     )
-
-
-def _header(table: Table) -> list[str]:
-    return ["model", *(f"{axis.upper()} {_heading(m)}".strip() for m, axis in _columns(table))]
-
-
-def _columns(table: Table) -> list[tuple[Metric, str]]:
-    """Return the columns: all metrics of an axis stand together, those without axes come last."""
-    return [(m, axis) for axis in (*AXES, *WHOLE) for m in table.metrics if axis in m.axes]
-
-
-def _heading(metric: Metric) -> str:
-    """Return the label; the title names the unit of the others."""
-    unit, _ = PRINTED[metric.unit]
-    return metric.label if unit in ("mm", "") else f"{metric.label} [{unit}]"
-
-
-def _cells(table: Table, row: Row) -> list[str]:
-    values = [row.values.get((metric.key, axis)) for metric, axis in _columns(table)]
-    return [row.label, *(value_text(value) for value in values)]
 
 
 _MARKDOWN_SIGNS = re.compile(r"<(?=[A-Za-z/!?])|(?<=\])\(")
@@ -108,7 +79,7 @@ def markdown_text(text: str) -> str:
 
 def _markdown_cell(text: str) -> str:
     """Escape what would begin a new cell, too."""
-    return markdown_text(text).replace("|", r"\|")
+    return markdown_text(one_line(text)).replace("|", r"\|")
 
 
 def markdown_code(text: str) -> str:
@@ -117,50 +88,31 @@ def markdown_code(text: str) -> str:
     return f"`{text}`" if longest == 0 else f"{'`' * (longest + 1)} {text} {'`' * (longest + 1)}"
 
 
-def value_text(value: Value | None) -> str:
-    """Return a value for people, a dash where there is none."""
-    if value is None:
-        return "-"
-    decimals = DECIMALS[value.unit]
-    text = f"{value.mean:.{decimals}f}"
-    return text if math.isnan(value.std) else f"{text} ± {value.std:.{decimals}f}"
-
-
-def _body(table: TextTable, fmt: str) -> str:
-    rows = [list(table.header), *table.rows]
-    if fmt == "github":
-        rows = [[_markdown_cell(cell) for cell in row] for row in rows]
-    align = ["left", *["right"] * (len(table.header) - 1)]
-    return tabulate(rows[1:], headers=rows[0], tablefmt=fmt, colalign=align, disable_numparse=True)
-
-
-def _github(table: TextTable, command: str) -> str:
-    notes = [*map(markdown_text, table.notes), f"made by: {markdown_code(command)}"]
-    listed = [f"- {note}" for note in notes]
-    return "\n".join([f"**{markdown_text(table.title)}**", "", _body(table, "github"), "", *listed])
-
-
-def _latex(table: TextTable, command: str) -> str:
-    """Return a table environment; the notes are printed beneath, not hidden in comments."""
-    body = _body(table, "latex_booktabs")
-    for sign, written in _LATEX_SIGNS.items():
-        body = body.replace(sign, written)
-    body = _BRACKET_AT_START.sub(r"\1{}[", body)
-    notes = (*table.notes, f"made by: {command}")
-    return "\n".join(
-        [
-            r"\begin{table}",
-            r"\centering",
-            rf"\caption{{{latex_text(table.title)}}}",
-            body,
-            *(rf"\par\footnotesize {latex_text(note)}" for note in notes),
-            r"\end{table}",
-        ]
+def _github(table: Table, command: str) -> str:
+    header = [": ".join(filter(None, (c.group, table.heading(c)))) for c in table.columns]
+    body = tabulate(
+        [[_markdown_cell(cell) for cell in row] for row in table.texts()],
+        headers=[_markdown_cell(cell) for cell in header],
+        tablefmt="github",
+        colalign=["left", *["right"] * (len(header) - 1)],
+        disable_numparse=True,
     )
+    notes = [*(markdown_text(one_line(note)) for note in table.notes)]
+    listed = [f"- {note}" for note in (*notes, f"made by: {markdown_code(command)}")]
+    return "\n".join([f"**{markdown_text(one_line(table.title))}**", "", body, "", *listed])
 
 
-_BRACKET_AT_START = re.compile(r"^(\s*)\[", re.MULTILINE)
-"""After the end of a row, LaTeX would take it for the row's options."""
+LATEX_NEEDS = (
+    r"% needs \usepackage{booktabs} \usepackage{graphicx} \usepackage{siunitx}; on a page of two "
+    "columns, table* is easier to read"
+)
+_SIUNITX = (
+    "group-digits=none, separate-uncertainty=true, retain-zero-uncertainty=true, "
+    "table-align-uncertainty=false"
+)
+_NO_WIDER_THAN_THE_LINE = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{"
+_SIDE_BY_SIDE = 6
+"""More columns of numbers in groups than these would be too small to read."""
 _LATEX_SIGNS = {"±": r"$\pm$", "≈": r"$\approx$"}
 _LATEX_ESCAPES = str.maketrans(
     {character: rf"\{character}" for character in "&%$#_{}"}
@@ -171,98 +123,248 @@ _LATEX_ESCAPES = str.maketrans(
 
 
 def latex_text(text: str) -> str:
-    """Escape what LaTeX would read as commands."""
-    return text.translate(_LATEX_ESCAPES)
+    """Escape what LaTeX would read as commands; what stands between backticks is code."""
+    escaped = one_line(text).translate(_LATEX_ESCAPES)
+    escaped = re.sub(r"10\\textasciicircum\{\}(\d+)", r"$10^{\1}$", escaped)
+    return re.sub(r"`([^`]+)`", r"\\texttt{\1}", escaped)
 
 
-def _html(table: TextTable, command: str) -> str:
-    notes = "".join(f"<li>{html.escape(note)}</li>" for note in table.notes)
+def _latex(table: Table, command: str) -> str:
+    """Return a table environment; the notes are printed beneath, not hidden in comments."""
+    groups = [[*of_group] for _, of_group in groupby(range(len(table.columns)), _group_of(table))]
+    groups = [one for one in groups if table.columns[one[0]].group]
+    names = {tuple(table.columns[number].name for number in one) for one in groups}
+    stacked = len(names) == 1 and sum(map(len, groups)) > _SIDE_BY_SIDE
+    body = _stacked(table, groups) if stacked else _side_by_side(table, groups)
+    return "\n".join(
+        [
+            r"\begin{table}",
+            r"\centering",
+            rf"\caption{{{latex_text(table.title)}}}",
+            r"\small",
+            r"\setlength{\tabcolsep}{4pt}",
+            rf"\sisetup{{{_SIUNITX}}}",
+            _NO_WIDER_THAN_THE_LINE,
+            *body,
+            r"\bottomrule",
+            r"\end{tabular}}",
+            r"\par\medskip\raggedright\footnotesize",
+            *(rf"{latex_text(note)}\par" for note in table.notes),
+            rf"made by: \texttt{{{latex_text(command)}}}\par",
+            r"\end{table}",
+        ]
+    )
+
+
+def _group_of(table: Table) -> Any:
+    return lambda number: table.columns[number].group
+
+
+def _side_by_side(table: Table, groups: Sequence[Sequence[int]]) -> Iterator[str]:
+    """Yield the lines of a table whose groups stand beside each other."""
+    numbers = range(len(table.columns))
+    kinds = [_column_type(table, [number]) for number in numbers]
+    yield _begin(kinds)
+    if groups:
+        labels = [""] * groups[0][0]
+        spans = [
+            rf"\multicolumn{{{len(one)}}}{{c}}{{{latex_text(table.columns[one[0]].group)}}}"
+            for one in groups
+        ]
+        yield _line([*labels, *spans])
+        yield "".join(rf"\cmidrule(lr){{{one[0] + 1}-{one[-1] + 1}}}" for one in groups)
+    headings = [latex_text(table.heading(column)) for column in table.columns]
+    yield _line(
+        f"{{{text}}}" if kind != "l" else text for text, kind in zip(headings, kinds, strict=True)
+    )
+    yield r"\midrule"
+    for row in table.rows:
+        yield _line(_latex_cell(table.columns[n], row[n], kinds[n]) for n in numbers)
+
+
+def _stacked(table: Table, groups: Sequence[Sequence[int]]) -> Iterator[str]:
+    """Yield the lines of a table that has a line a group in each row."""
+    n_texts = groups[0][0]
+    kinds = [_column_type(table, together) for together in zip(*groups, strict=True)]
+    yield _begin([*["l"] * (n_texts + 1), *kinds])
+    headings = [latex_text(table.heading(column)) for column in table.columns]
+    numbers = [f"{{{headings[number]}}}" for number in groups[0]]
+    yield _line([*headings[:n_texts], "numbers", *numbers])
+    for count, row in enumerate(table.rows):
+        yield r"\addlinespace" if count else r"\midrule"
+        labels = [_latex_cell(table.columns[n], row[n], "l") for n in range(n_texts)]
+        for one in groups:
+            cells = (
+                _latex_cell(table.columns[number], row[number], kind)
+                for number, kind in zip(one, kinds, strict=True)
+            )
+            yield _line([*labels, latex_text(table.columns[one[0]].group), *cells])
+            labels = [""] * n_texts
+
+
+def _begin(kinds: Sequence[str]) -> str:
+    return f"\\begin{{tabular}}{{{' '.join(kinds)}}}\n\\toprule"
+
+
+def _line(cells: Iterable[str]) -> str:
+    r"""Return a row; what follows `\\` is no option of it, though it begins with a bracket."""
+    joined = " & ".join(cells)
+    return rf"{'{}' if joined.startswith('[') else ''}{joined} \\"
+
+
+def _column_type(table: Table, numbers: Sequence[int]) -> str:
+    """Return "l" for texts, "S" with room for the digits of plain numbers, "r" for all else."""
+    columns = [table.columns[number] for number in numbers]
+    if any(column.kind == "text" for column in columns) or 0 in numbers:
+        return "l"
+    cells = [
+        (column, row[number])
+        for row in table.rows
+        for number, column in zip(numbers, columns, strict=True)
+    ]
+    if not all(cell is None or _is_plain(column, cell) for column, cell in cells):
+        return "r"
+    shown = [(column, cell) for column, cell in cells if _is_finite(cell)]
+    parts = [str(column.text(cell)).partition(" ± ") for column, cell in shown]
+    whole = max((len(_whole(number)) for number, _, _ in parts), default=1)
+    decimals = max((len(_decimals(number)) for number, _, _ in parts), default=0)
+    spreads = [len(_whole(spread)) + decimals for _, _, spread in parts if spread]
+    sign = "-" if any(number.startswith("-") for number, _, _ in parts) else ""
+    point = f".{decimals}" if decimals else ""
+    return f"S[table-format={sign}{whole}{point}{f'({max(spreads)})' if spreads else ''}]"
+
+
+def _is_plain(column: Column, cell: Cell) -> bool:
+    """Whether siunitx can align it: a number, or a number with its deviation."""
+    if isinstance(cell, int):
+        return True
+    if callable(column.format) or "+" in column.format:
+        return False
+    if not isinstance(cell, Quantity):
+        return isinstance(cell, float)
+    mark = cell.mark if column.marks_shown else ""
+    more = (cell.low, cell.high, cell.share, mark or None, cell.status or None)
+    return cell.value is not None and more == (None,) * len(more)
+
+
+def _is_finite(cell: Cell) -> bool:
+    if isinstance(cell, Quantity):
+        return cell.value is not None and math.isfinite(cell.value)
+    return isinstance(cell, int | float) and math.isfinite(cell)
+
+
+def _whole(number: str) -> str:
+    return number.lstrip("-").partition(".")[0]
+
+
+def _decimals(number: str) -> str:
+    return number.partition(".")[2]
+
+
+def _latex_cell(column: Column, cell: Cell, kind: str) -> str:
+    if not kind.startswith("S"):
+        return latex_text(column.text(cell))
+    if cell is None:
+        return "{--}"
+    text = column.text(cell)
+    return text.replace("±", "+-") if _is_finite(cell) else f"{{{latex_text(text)}}}"
+
+
+def _html_text(text: str) -> str:
+    """Escape a text; what stands between backticks is code."""
+    escaped = re.sub(r"10\^(\d+)", r"10<sup>\1</sup>", html.escape(one_line(text)))
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escaped)
+
+
+_NUMBER_STYLE = ' style="text-align: right; padding: 0 0.5em"'
+
+
+def _html(table: Table, command: str) -> str:
+    """Return a section; the names of groups stand in a row above those of their columns."""
+    headings = [
+        f'<th scope="col">{_html_text(table.heading(column))}</th>' for column in table.columns
+    ]
+    over = []
+    for name, columns in groupby(table.columns, lambda column: column.group):
+        tag, scope = ("th", ' scope="colgroup"') if name else ("td", "")
+        over.append(f'<{tag}{scope} colspan="{len([*columns])}">{_html_text(name)}</{tag}>')
+    rows = [
+        "".join(
+            f"<td{_NUMBER_STYLE if column.kind == 'number' else ''}>{_html_text(text)}</td>"
+            if number
+            else f'<th scope="row">{_html_text(text)}</th>'
+            for number, (column, text) in enumerate(zip(table.columns, texts, strict=True))
+        )
+        for texts in table.texts()
+    ]
+    notes = "".join(f"<li>{_html_text(note)}</li>" for note in table.notes)
+    above = [f"<tr>{''.join(over)}</tr>"] if any(column.group for column in table.columns) else []
     return "\n".join(
         [
             "<section>",
-            f"<h2>{html.escape(table.title)}</h2>",
-            _body(table, "html"),
+            f"<h2>{_html_text(table.title)}</h2>",
+            "<table>",
+            "<thead>",
+            *above,
+            f"<tr>{''.join(headings)}</tr>",
+            "</thead>",
+            "<tbody>",
+            *(f"<tr>{cells}</tr>" for cells in rows),
+            "</tbody>",
+            "</table>",
             f"<ul>{notes}<li>made by: <code>{html.escape(command)}</code></li></ul>",
             "</section>",
         ]
     )
 
 
-def _csv(tables: Sequence[Table]) -> str:
-    """Return one line a row and metric and axis, at full precision.
-
-    A published row has the paper's own data, protocol and split, so ours are left blank there.
-    """
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([*_CSV_ABOUT_TABLE, *_CSV_ABOUT_ROW, "axis", "metric", "unit", "value", "std"])
-    for table in tables:
-        ours = [
-            table.dataset,
-            table.kind,
-            table.protocol,
-            table.condition,
-            table.n_splits,
-            table.seed,
-        ]
-        for row in table.rows:
-            about = ours if row.source == "ours" else [""] * len(_CSV_ABOUT_TABLE)
-            note = " ".join(table.notes) if row.source == "ours" else NOTE
-            for metric, axis in _columns(table):
-                value = row.values.get((metric.key, axis))
-                about_value = [row.name, row.source, row.mark, note, axis, metric.key]
-                writer.writerow(csv_cells([*about, *about_value, *_csv_numbers(value)]))
-    return out.getvalue().rstrip("\n")
-
-
 _FORMULA = re.compile(r"[=+\-@\t\r](?![\d.]+(e[+-]?\d+)?$|inf$)")
 """How a text begins that a spreadsheet would compute; no number does."""
 
 
-def csv_cells(values: Iterable[object]) -> list[object]:
-    """Return the cells of a CSV row; a quote before a text says that it is no formula."""
-    return [
-        f"'{value}" if isinstance(value, str) and _FORMULA.match(value) else value
-        for value in values
+def csv_cell(value: object) -> object:
+    """Return the cell of a CSV row; a quote before a text says that it is no formula."""
+    if isinstance(value, float):
+        return repr(value)
+    return f"'{value}" if isinstance(value, str) and _FORMULA.match(value) else value
+
+
+def _csv(tables: Sequence[Table]) -> str:
+    """Return a line a number, at full precision: facts, texts of the row, `VALUE_FIELDS`."""
+    lines = [line for table in tables for line in table.lines()]
+    about = dict.fromkeys(name for line in lines for name in line if name not in VALUE_FIELDS)
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    names = [*about, *VALUE_FIELDS]
+    writer.writerow(map(csv_cell, names))
+    writer.writerows([csv_cell(line.get(name, "")) for name in names] for line in lines)
+    return out.getvalue().rstrip("\n")
+
+
+def _plain(table: Table) -> dict[str, object]:
+    rows = [
+        {**texts, **({"values": [*map(_known, values)]} if values else {})}
+        for texts, values in table.records()
     ]
+    return {"title": table.title, **table.about, "notes": list(table.notes), "rows": rows}
 
 
-def _csv_numbers(value: Value | None) -> list[str]:
-    """Return unit, mean and deviation; blank where there is none."""
-    if value is None:
-        return ["", "", ""]
-    std = "" if math.isnan(value.std) else repr(value.std)
-    return [value.unit, repr(value.mean), std]
+def _known(value: Mapping[str, object]) -> dict[str, object]:
+    """Return a number without what it has not, such as an interval."""
+    optional = {*VALUE_FIELDS} - {"column", "value", "unit"}
+    return {k: v for k, v in value.items() if k not in optional or v not in (None, "")}
 
 
-def _plain(table: Table) -> dict[str, Any]:
-    return {
-        "title": table.title,
-        "dataset": table.dataset,
-        "kind": table.kind,
-        "protocol": table.protocol,
-        "condition": table.condition,
-        "splits": table.n_splits,
-        "pooled": table.pooled,
-        "seed": table.seed,
-        "nominal_coverage": table.coverage,
-        "notes": list(table.notes),
-        "rows": [
-            {
-                "model": row.name,
-                "source": row.source,
-                "mark": row.mark,
-                "values": [
-                    {
-                        "axis": axis,
-                        "metric": metric,
-                        "unit": value.unit,
-                        "value": value.mean,
-                        "std": None if math.isnan(value.std) else value.std,
-                    }
-                    for (metric, axis), value in row.values.items()
-                ],
-            }
-            for row in table.rows
-        ],
-    }
+def _json_text(content: object) -> str:
+    return json.dumps(_strict(content), indent=2, allow_nan=False)
+
+
+def _strict(value: Any) -> Any:
+    """Return the content without what JSON has no number for: NaN is null, infinity a text."""
+    if isinstance(value, dict):
+        return {key: _strict(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_strict(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else str(value)
+    return value

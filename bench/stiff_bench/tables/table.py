@@ -1,266 +1,231 @@
-"""Results -> paper-style tables. Here SI becomes mm and per cent.
+"""The table that every command prints and every page shows: typed values until the last step.
 
-A table holds one data set under one protocol; rows are models, columns axes x metrics. Rows of
-different data or of different splits never meet in one table.
+What makes a `Table` computes; `render` prints it as text, the report as part of a page. Neither
+reads a number back out of a text.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
 
-import numpy as np
+from stiff_bench.tables.units import marked
 
-from stiff_bench.tables.fit_notes import model_notes, size_notes
-from stiff_bench.tables.published import MARK, NOTE, published_rows
-from stiff_bench.tables.units import PRINTED, counted, marked, percent
-from stiff_protocols.contract.errors import StoreError
-from stiff_protocols.contract.plugin import kind_label
-from stiff_protocols.contract.record import CellResult, Presentation
-from stiff_protocols.contract.types import Interval, Prediction
-from stiff_protocols.scoring.metrics import Metric
-
-SELECTION_MARK = "epoch picked on test part"
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 @dataclass(frozen=True)
-class Value:
-    """A metric on an axis: its mean over the splits and their standard deviation.
+class Name:
+    """A name with what must stand beside it, such as that its epoch was picked on the test part."""
+
+    text: str
+    mark: str = ""
+
+    def __str__(self) -> str:
+        """Return the name with its mark, for people."""
+        return marked(self.text, self.mark)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number of a table, in its column's unit, or why there is none.
 
     Attributes:
-        mean, std: in `unit`; the deviation is NaN where there is one split, or one value over
-            all splits together.
-        unit: as printed, one of `PRINTED`.
+        value: None: there is an interval, a share or a status alone.
+        spread: standard deviation; None: not known.
+        low, high: interval or range; None: there is none.
+        n: of how many splits or specimens it is the mean; csv and json alone say it.
+        share: of how many the number is of, such as 3 of 5 data sets.
+        mark: stands behind it, such as "*".
+        status: stands in its place or behind it, such as "FAILED".
     """
 
-    mean: float
-    std: float
-    unit: str
+    value: float | None = None
+    spread: float | None = None
+    low: float | None = None
+    high: float | None = None
+    n: int | None = None
+    share: tuple[int, int] | None = None
+    mark: str = ""
+    status: str = ""
+
+    @property
+    def order(self) -> float | None:
+        """What it is sorted by: value, else low end, else the first number of the share."""
+        if self.value is not None or self.low is not None:
+            return self.value if self.value is not None else self.low
+        return None if self.share is None else float(self.share[0])
+
+
+Cell = str | int | float | Name | Quantity | None
+"""A float is a quantity with a value alone; None prints as a dash."""
+NumberFormat = str | Callable[[Quantity], str]
+"""Of one number, as `format` reads it; or what writes a whole quantity, its unit too."""
+Kind = Literal["number", "text"]
 
 
 @dataclass(frozen=True)
-class Row:
-    """A line of a table.
+class Column:
+    """A column of a table.
 
     Attributes:
-        name: model with its options, or published method.
-        source: "ours" or "published".
-        mark: what must stand beside the name; "" for nothing.
-        values: (metric key, axis) -> value; a missing one prints as a dash.
+        name: above it.
+        kind: "number", or "text" that describes its row.
+        unit: of its numbers, as printed; "" for none.
+        format: of its numbers.
+        group: above the names of several columns.
+        about: facts on it for csv and json, such as metric and axis.
+        hidden: csv and json alone hold it, because the title says it to people.
+        marks_shown: False: csv and json alone have the marks of its cells, as a note says them.
+        by_sign: the page colours its cells: above zero is better, below is worse.
     """
 
     name: str
-    source: str
-    mark: str
-    values: Mapping[tuple[str, str], Value]
+    kind: Kind = "number"
+    unit: str = ""
+    format: NumberFormat = ""
+    group: str = ""
+    about: Mapping[str, object] = field(default_factory=dict)
+    hidden: bool = False
+    marks_shown: bool = True
+    by_sign: bool = False
 
-    @property
-    def label(self) -> str:
-        """Name with its mark."""
-        return marked(self.name, self.mark)
+    def text(self, cell: Cell) -> str:
+        """Return one of its cells for people, a dash where there is none."""
+        if cell is None:
+            return "-"
+        if isinstance(cell, float):
+            cell = Quantity(cell)
+        if not isinstance(cell, Quantity):
+            return str(cell)
+        if callable(self.format):
+            return cell.status or "-" if cell.order is None else self.format(cell)
+        mark = cell.mark if self.marks_shown else ""
+        return " ".join(filter(None, (number_text(cell, self.format), cell.status, mark))) or "-"
+
+
+def number_text(quantity: Quantity, spec: str) -> str:
+    """Return value, spread, interval and share, each number as `format` writes it by `spec`."""
+    parts = []
+    if quantity.value is not None:
+        parts.append(f"{quantity.value:{spec}}")
+    if quantity.spread is not None:
+        parts.append(f"± {quantity.spread:{spec}}")
+    if quantity.low is not None and quantity.high is not None:
+        interval = f"{quantity.low:{spec}} to {quantity.high:{spec}}"
+        parts.append(f"({interval})" if parts else interval)
+    if quantity.share is not None:
+        share = "/".join(map(str, quantity.share))
+        parts.append(f"({share})" if parts else share)
+    return " ".join(parts)
+
+
+VALUE_FIELDS = (
+    *("column", "value", "spread", "low", "high", "n", "part", "whole"),
+    *("unit", "mark", "status"),
+)
+"""Of each number, in csv and json."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """One data set under one protocol.
+    """Rows of typed cells.
 
     Attributes:
-        dataset, protocol: names.
-        kind: "simulated" or "measured", with another task's name.
-        condition: which of the protocol's; "" where it has but one.
-        n_splits, pooled: how many splits, and whether they are scored together.
-        seed: of the run.
-        metrics: the columns of each axis.
-        coverage: nominal coverage of the intervals; None: there are none.
-        rows: models, then published methods.
-        notes: what must be read with it.
+        title: above it.
+        columns: from left to right; those of text first.
+        rows: cells, one a column.
+        notes: beneath it.
+        unit: that the title names; the names of columns with another one say it.
+        about: facts for csv and json, such as data set, protocol and seed.
+        detail: csv and json alone hold it: too long for people.
     """
 
-    dataset: str
-    kind: str
-    protocol: str
-    condition: str
-    n_splits: int
-    pooled: bool
-    seed: int
-    metrics: tuple[Metric, ...]
-    coverage: float | None
-    rows: tuple[Row, ...]
-    notes: tuple[str, ...]
+    title: str
+    columns: Sequence[Column]
+    rows: Sequence[Sequence[Cell]]
+    notes: Sequence[str] = ()
+    unit: str = ""
+    about: Mapping[str, object] = field(default_factory=dict)
+    detail: bool = False
 
-    @property
-    def title(self) -> str:
-        """Data set, protocol, splits, seed, unit and nominal coverage in one line."""
-        splits = counted(self.n_splits, "split")
-        spread = ""
-        if self.pooled:
-            spread = " over the predictions of all splits"
-        elif self.n_splits > 1:
-            spread = ", mean ± standard deviation over splits"
-        units = dict.fromkeys(PRINTED[metric.unit][0] for metric in self.metrics)
-        unit = " and ".join(filter(None, units))
-        protocol = " | ".join(filter(None, (self.protocol, self.condition)))
-        intervals = "" if self.coverage is None else f" | {percent(self.coverage)} intervals"
-        return (
-            f"{self.dataset} ({self.kind}) | {protocol}, {splits}, seed {self.seed} | "
-            f"{unit}{spread}{intervals}"
+    def heading(self, column: Column) -> str:
+        """Return a column's name, with its unit where neither title nor cells say it."""
+        named = column.unit in ("", self.unit) or callable(column.format)
+        return column.name if named else f"{column.name} [{column.unit}]"
+
+    def shown(self) -> Table:
+        """Return the table without its hidden columns: what people see."""
+        seen = [number for number, one in enumerate(self.columns) if not one.hidden]
+        return Table(
+            self.title,
+            [self.columns[number] for number in seen],
+            [[row[number] for number in seen] for row in self.rows],
+            self.notes,
+            self.unit,
         )
 
+    def texts(self) -> list[list[str]]:
+        """Return each row's cells for people."""
+        return [
+            [column.text(cell) for column, cell in zip(self.columns, row, strict=True)]
+            for row in self.rows
+        ]
 
-def build_tables(results: Sequence[CellResult], metrics: Sequence[Metric]) -> list[Table]:
-    """Return a table for each data set, protocol and condition, in the results' order.
+    def records(self) -> Iterator[tuple[dict[str, object], list[dict[str, object]]]]:
+        """Yield each row: its texts by name of column, and its numbers (see `VALUE_FIELDS`)."""
+        for row in self.rows:
+            texts: dict[str, object] = {}
+            values = []
+            for column, cell in zip(self.columns, row, strict=True):
+                if column.kind == "number":
+                    values.append({**column.about, **_value(column, cell)})
+                elif isinstance(cell, Name):
+                    texts |= {column.name: cell.text, f"{column.name} mark": cell.mark}
+                else:
+                    texts[column.name] = cell
+            yield texts, values
 
-    Raises:
-        StoreError: rows of different data or splits would meet in one table.
+    def lines(self) -> Iterator[dict[str, object]]:
+        """Yield a line for each number: the table's facts, the row's texts, and the number."""
+        for texts, values in self.records():
+            for value in values or [{}]:
+                yield {**self.about, **texts, **value}
+
+    def frame(self) -> DataFrame:
+        """Return the lines of the csv as a pandas DataFrame.
+
+        Pandas is imported here alone: that takes half a second, and a leaderboard of a million
+        stored values is to be printed within three.
+        """
+        from pandas import DataFrame
+
+        return DataFrame(list(self.lines()))
+
+
+def _value(column: Column, cell: Cell) -> dict[str, object]:
+    """Return a number field by field; None where it has none."""
+    if isinstance(cell, int | float):
+        found = Quantity(cell)
+    else:
+        found = cell if isinstance(cell, Quantity) else Quantity(status=str(cell or ""))
+    part, whole = found.share or (None, None)
+    numbers = (found.value, found.spread, found.low, found.high, found.n, part, whole)
+    texts = (column.unit, found.mark, found.status)
+    return dict(zip(VALUE_FIELDS, (column.name, *numbers, *texts), strict=True))
+
+
+_DIGITS = re.compile(r"\d+")
+_LONGEST_ORDER = 60  # characters of a text that it is sorted by
+
+
+def natural_order(text: str) -> str:
+    """Return a text that sorts as people count: "n = 5" stands before "n = 10".
+
+    >>> sorted(["n = 10", "n = 5"], key=natural_order)
+    ['n = 5', 'n = 10']
     """
-    groups: dict[tuple[str, str, str], list[CellResult]] = {}
-    for result in results:
-        shown = result.shown
-        task = (shown.dataset, shown.protocol, result.cell.condition)
-        groups.setdefault(task, []).append(result)
-    return [_table(group, tuple(metrics)) for group in groups.values()]
-
-
-def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
-    cell, shown = group[0].cell, group[0].shown
-    by_model: dict[str, list[CellResult]] = {}
-    for result in group:
-        by_model.setdefault(result.shown.model, []).append(result)
-    refuse_mixed(by_model)
-    rows = [_model_row(results, metrics) for results in by_model.values()]
-    notes = [*shown.caveats, *size_notes(group)]
-    if shown.selects_on_test:
-        notes.append(shown.warning)
-    for results in by_model.values():
-        notes += model_notes(results)
-    if shown.published and not cell.condition:
-        published = _published_rows(shown.published, metrics)
-        rows += published
-        notes += [f"[{MARK}]: {NOTE}."] if published else []
-    return Table(
-        dataset=shown.dataset,
-        kind=kind_label(shown.kind, shown.task),
-        protocol=shown.protocol,
-        condition=cell.condition,
-        n_splits=len({result.cell.split_index for result in group}),
-        pooled=shown.pooled,
-        seed=cell.seed,
-        metrics=metrics,
-        coverage=cell.coverage,
-        rows=tuple(rows),
-        notes=tuple(notes),
-    )
-
-
-def refuse_mixed(by_model: Mapping[str, Sequence[CellResult]]) -> None:
-    """See that every model's results are of the same data, source, splits and coverage.
-
-    Raises:
-        StoreError: they are not.
-    """
-    identities = {
-        tuple(
-            (
-                result.cell.data_sha256,
-                result.cell.source_sha256,
-                result.cell.split_sha256,
-                result.cell.coverage,
-            )
-            for result in results
-        )
-        for results in by_model.values()
-    }
-    if len(identities) > 1:
-        raise StoreError(
-            "rows of different data, different sources, different splits or different coverage "
-            "cannot stand in one table"
-        )
-
-
-def _model_row(results: Sequence[CellResult], metrics: Sequence[Metric]) -> Row:
-    shown = results[0].shown
-    failed = sum(result.status == "failed" for result in results)
-    if failed:
-        return Row(shown.model, "ours", f"FAILED in {failed} of {len(results)} splits", {})
-    if any(result.status == "skipped" for result in results):
-        return Row(shown.model, "ours", "SKIPPED", {})
-    values = _pooled_values(results, metrics) if shown.pooled else _split_values(results, metrics)
-    return Row(shown.model, "ours", mark_of(shown), values)
-
-
-def mark_of(shown: Presentation) -> str:
-    """Return what must stand beside the model's name; "" for nothing."""
-    return ", ".join(filter(None, [shown.regime, SELECTION_MARK if shown.picked_on_test else ""]))
-
-
-def _split_values(
-    results: Sequence[CellResult], metrics: Sequence[Metric]
-) -> dict[tuple[str, str], Value]:
-    """Return mean and deviation of each value over the splits; none where a split lacks it."""
-    of_splits: dict[tuple[str, str], list[float]] = {}
-    for result in results:
-        for record in result.records:
-            of_splits.setdefault((record.metric, record.axis), []).append(record.value)
-    return {
-        (metric.key, axis): _value(metric, found)
-        for metric in metrics
-        for axis in metric.axes
-        if len(found := of_splits.get((metric.key, axis), [])) == len(results)
-    }
-
-
-def _value(metric: Metric, values: Sequence[float]) -> Value:
-    unit, factor = PRINTED[metric.unit]
-    std = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
-    return Value(float(np.mean(values)) * factor, std * factor, unit)
-
-
-def _pooled_values(
-    results: Sequence[CellResult], metrics: Sequence[Metric]
-) -> dict[tuple[str, str], Value]:
-    """Return the values over the predictions of all splits; costs are means over the splits."""
-    together = pooled_prediction(results)
-    of_costs = _split_values(results, [metric for metric in metrics if metric.of_cost is not None])
-    return of_costs | {
-        (metric.key, axis): _value(metric, [value])
-        for metric in metrics
-        for axis, value in metric.values(together).items()
-    }
-
-
-def pooled_prediction(results: Sequence[CellResult]) -> Prediction:
-    """Return the predictions of several splits as one."""
-    parts = [result.prediction for result in results if result.prediction is not None]
-    intervals = [part.interval for part in parts if part.interval is not None]
-    references = [part.reference for part in parts if part.reference is not None]
-    return Prediction(
-        np.concatenate([part.rows for part in parts]),
-        np.concatenate([part.predicted for part in parts]),
-        np.concatenate([part.measured for part in parts]),
-        _together(intervals) if len(intervals) == len(parts) else None,
-        np.concatenate(references) if len(references) == len(parts) else None,
-    )
-
-
-def _together(intervals: Sequence[Interval]) -> Interval:
-    return Interval(
-        np.concatenate([interval.lower for interval in intervals]),
-        np.concatenate([interval.upper for interval in intervals]),
-        intervals[0].coverage,
-    )
-
-
-def _published_rows(table: str, metrics: Sequence[Metric]) -> list[Row]:
-    """Return the rows of a published table; none where it has none of these metrics."""
-    keys = {metric.key for metric in metrics}
-    return [
-        Row(
-            row.method,
-            "published",
-            MARK,
-            {key: Value(value, math.nan, "mm") for key, value in row.values_mm.items()},
-        )
-        for row in published_rows(table)
-        if keys & {key for key, _ in row.values_mm}
-    ]
+    return _DIGITS.sub(lambda found: found[0].zfill(6), text.lower())[:_LONGEST_ORDER]

@@ -200,7 +200,8 @@ def test_a_verdict_from_one_split_is_of_these_fits_and_says_what_to_do(tmp_path)
         assert "| equivalent (these fits) |" in text  # Y and Z
     lines = list(csv.DictReader(io.StringIO(text_of(folder, "csv"))))
     found = json.loads(text_of(folder, "json"))
-    verdicts = {e["verdict"] for e in (*lines, *found["contests"][0]["errors"], *found["where"])}
+    rows = (row for table in found["tables"] for row in table["rows"])
+    verdicts = {row["verdict"] for row in (*lines, *rows)}
     assert verdicts <= {"A better (these fits)", "equivalent (these fits)", "not told apart"}
 
 
@@ -430,7 +431,9 @@ def test_in_the_overview_marks_stand_beside_their_contest_alone(tmp_path):
         "made, kfold, n = 6 [A: no source: target alone]",
         "made, kfold, n = 7 [A and B: no source: target alone]",
     ]
-    marks = [(c["mark_a"], c["mark_b"]) for c in json.loads(text_of(tmp_path, "json"))["contests"]]
+    *_, estimates = json.loads(text_of(tmp_path, "json"))["tables"]
+    named = {row["condition"]: (row["mark_a"], row["mark_b"]) for row in estimates["rows"]}
+    marks = [*named.values()]
     assert marks == [("", ""), (regime["regime"], ""), (regime["regime"], regime["regime"])]
 
 
@@ -539,18 +542,20 @@ def test_csv_and_json_hold_the_numbers_of_the_report_in_mm(tmp_path):
     folder = store_results(tmp_path, PAIR)
     row = compared(folder).row("norm")
     lines = list(csv.DictReader(io.StringIO(text_of(folder, "csv"))))
-    (line,) = [
-        line
+    values = {
+        line["column"]: line
         for line in lines
-        if (line["error"], line["method"], line["place"]) == ("norm", "over splits", "")
-    ]
-    assert float(line["difference_mm"]) == pytest.approx(1000 * row.difference, rel=1e-12)
-    assert float(line["high_mm"]) == pytest.approx(1000 * row.main.high, rel=1e-12)
-    assert line["verdict"] == "A better"
+        if (line["error"], line["method"]) == ("norm", "over splits")
+    }
+    assert float(values["A - B"]["value"]) == pytest.approx(1000 * row.difference, rel=1e-12)
+    high = float(values["95 % interval"]["high"])
+    assert high == pytest.approx(1000 * row.main.high, rel=1e-12)
+    assert values["A - B"]["verdict"] == "A better" and values["A - B"]["unit"] == "mm"
     found = json.loads(text_of(folder, "json"))
-    errors = {(e["error"], e["method"]): e for e in found["contests"][0]["errors"]}
-    assert errors["norm", "over splits"]["low_mm"] == pytest.approx(1000 * row.main.low)
-    assert found["rope_mm"] == 0.01 and found["sentence"] == sentence(report_on(folder))
+    *_, estimates = found["tables"]
+    errors = {(one["error"], one["method"]): one["values"] for one in estimates["rows"]}
+    assert errors["norm", "over splits"][3]["low"] == pytest.approx(1000 * row.main.low)
+    assert found["rope_mm"] == 0.01 and found["text"] == sentence(report_on(folder))
 
 
 def test_latex_and_html_hold_the_same_screen_and_escape_names(tmp_path):

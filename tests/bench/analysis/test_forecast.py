@@ -10,9 +10,10 @@ import weakref
 import pytest
 
 from run_requests import planned
-from stiff_bench.analysis.forecast import forecast, forecast_line, render_forecast
+from stiff_bench.analysis.forecast import forecast, forecast_line, forecast_table
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.store.database import ResultStore
+from stiff_bench.tables.render import render
 from stiff_protocols.contract.record import CellResult, Cost
 
 
@@ -65,7 +66,7 @@ def test_models_without_a_stored_fit_are_said_beside_the_time_of_the_others(tmp_
     found = told(plan_into(tmp_path))
     assert found.n_unknown == 3
     assert "about 0:03:02 with 1 job, and 3 cells" in forecast_line(found)
-    table = render_forecast(found, "github", "bench run --plan")
+    table = render([forecast_table(found)], "github", "bench run --plan")
     rows = {
         cells[1].strip(): cells[-2].strip()
         for cells in (r.split("|") for r in table.split("\n"))
@@ -132,10 +133,13 @@ def test_every_format_has_the_cells(tmp_path):
     plan = plan_into(tmp_path)
     store_some(plan, 60.0, of=lambda t: t.shown.model == "vjm" and t.cell.split_index == 0)
     found = told(plan)
-    plain = json.loads(render_forecast(found, "json", "bench run --plan"))
+    plain = json.loads(render([forecast_table(found)], "json", "bench run --plan"))
     assert plain["command"] == "bench run --plan"
-    assert (plain["cells"], plain["cached"], plain["unknown"]) == (6, 1, 3)
-    assert plain["seconds"] == pytest.approx(2 * 60.5)
-    zero, vjm = csv.DictReader(render_forecast(found, "csv", "bench run").splitlines())
-    assert (zero["model"], zero["n_cells"], zero["cell_s"]) == ("zero", "3", "")
-    assert (vjm["model"], vjm["n_cached"], float(vjm["cell_s"])) == ("vjm", "1", 60.5)
+    (table,) = plain["tables"]
+    *_, last = table["rows"]
+    assert [value["value"] for value in last["values"]] == [6, 1, 5, None]
+    lines = csv.DictReader(render([forecast_table(found)], "csv", "bench run").splitlines())
+    values = {(line["model"], line["column"]): line for line in lines}
+    assert values["zero", "cells"]["value"] == "3" and values["vjm", "cached"]["value"] == "1"
+    assert values["zero", "time"]["status"] == "unknown"
+    assert float(values["vjm", "time"]["value"]) == pytest.approx(2 * 60.5)

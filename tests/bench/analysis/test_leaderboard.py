@@ -440,7 +440,7 @@ def test_a_protocols_table_shows_the_marks_of_that_protocol_alone(made):
     assert "a [target alone]" in cells(board, "cross-robot")
     assert "a" in cells(board, "holdout")
     rows = list(csv.DictReader(io.StringIO(text_of(board, "csv"))))
-    marks = {row["protocol"]: row["mark"] for row in rows if row["model"] == "a"}
+    marks = {row["protocol"]: row["model mark"] for row in rows if row["model"] == "a"}
     assert marks == {"": "target alone", "cross-robot": "target alone", "holdout": ""}
 
 
@@ -601,14 +601,14 @@ def test_csv_and_json_hold_every_score_with_the_reason_of_a_missing_one(made):
     made.add("d", [0.1, 0.1], TWINS[0])
     board = board_of(made)
     rows = list(csv.DictReader(io.StringIO(text_of(board, "csv"))))
-    scores = [row for row in rows if row["quantity"] == "norm [mm]"]
+    scores = [row for row in rows if row["table"] == "scores"]
     assert len(scores) == 12
     of_a = [float(row["value"]) for row in scores if row["model"] == "a"]
     assert of_a == pytest.approx([1.0, 1.0, 3.0])
-    assert [r["note"] for r in scores if r["model"] == "d"] == ["", "not run", "not run"]
-    (section,) = json.loads(text_of(board, "json"))["sections"]
-    assert section["ranked"][0]["mean_rank"] == pytest.approx(5 / 3)
-    assert section["contests"][1]["missing"] == {"d": "not run"}
+    assert [r["status"] for r in scores if r["model"] == "d"] == ["", "not run", "not run"]
+    ranks, *_ = json.loads(text_of(board, "json"))["tables"]
+    values = {value["column"]: value for value in ranks["rows"][0]["values"]}
+    assert values["mean rank"]["value"] == pytest.approx(5 / 3)
 
 
 def test_latex_and_html_keep_the_marks(made):
@@ -666,14 +666,15 @@ def test_csv_and_json_hold_the_costs(made):
     priced(made, "slow", [90.0, 60.0, 70.0])
     board = board_of(made)
     lines = list(csv.DictReader(io.StringIO(text_of(board, "csv"))))
-    (fit,) = (x for x in lines if x["model"] == "slow" and x["quantity"] == "fit-time")
+    (fit,) = (x for x in lines if x["model"] == "slow" and x["column"] == "fit time")
     assert [float(fit[name]) for name in ("value", "low", "high")] == [70e3, 60e3, 90e3]
-    assert (fit["unit"], fit["note"]) == ("ms", "median, lowest and highest of 3 cells")
-    (section,) = json.loads(text_of(board, "json"))["sections"]
-    (slow,) = (model for model in section["costs"] if model["name"] == "slow")
-    assert slow["cells"] == 3
-    assert slow["costs"]["latency"] == {"median": 35e3, "low": 30e3, "high": 45e3, "unit": "ms"}
-    assert "memory" not in slow["costs"]
+    assert fit["unit"] == "ms"
+    (costs,) = (t for t in json.loads(text_of(board, "json"))["tables"] if t["table"] == "costs")
+    (slow,) = (row["values"] for row in costs["rows"] if row["model"] == "slow")
+    latency, memory, cells = slow[2:]
+    assert cells["value"] == 3
+    assert [latency[name] for name in ("value", "low", "high")] == [35e3, 30e3, 45e3]
+    assert (memory["metric"], memory["value"]) == ("memory", None)
 
 
 def test_latex_and_html_hold_the_costs(made):

@@ -16,7 +16,8 @@ import pytest
 from command_line import assert_refused, bench_here
 from made_results import MadeResults
 from stiff_bench.console import one_line, printable
-from stiff_bench.tables.render import TextTable, csv_cells, markdown_text, render_texts
+from stiff_bench.tables.render import LATEX_NEEDS, csv_cell, markdown_text, render
+from stiff_bench.tables.table import Column, Name, Quantity, Table
 
 SCRIPT = "<script>alert(1)</script>"
 HOSTILE = (
@@ -36,11 +37,23 @@ HOSTILE = (
     "`code` ``more``",
     "right\u202eto left",
 )
-TABLE = TextTable(
+TABLE = Table(
     title=" ".join(HOSTILE),
-    header=["name", *HOSTILE],
-    rows=[[name, *HOSTILE] for name in HOSTILE],
+    columns=[
+        Column("name", "text"),
+        *(Column(name, "text") for name in HOSTILE[::2]),
+        *(Column(name, unit=name, about={name: name}) for name in HOSTILE[1::2]),
+    ],
+    rows=[
+        [
+            Name(name, name),
+            *HOSTILE[::2],
+            *(Quantity(mark=other, status=other) for other in HOSTILE[1::2]),
+        ]
+        for name in HOSTILE
+    ],
     notes=HOSTILE,
+    about={HOSTILE[0]: HOSTILE[10]},
 )
 
 
@@ -77,6 +90,7 @@ def assert_harmless(text: str, fmt: str) -> None:
         plain = re.sub(r"(`+)(?!`).*?(?<!`)\1(?!`)", "", text)  # code stands as it is
         assert not re.search(r"(?<!\\)<[A-Za-z/!?]|\]\(", plain)
     elif fmt == "latex":
+        text = text.removeprefix(LATEX_NEEDS)
         commands = set(re.findall(r"(?<!\\)\\([A-Za-z]+)", text))
         assert not commands & {"input", "write", "include", "def", "csname"}
         assert not re.search(r"(?<!\\)[#%]|\^\^", text)
@@ -88,9 +102,9 @@ def assert_harmless(text: str, fmt: str) -> None:
         json.loads(text)
 
 
-@pytest.mark.parametrize("fmt", ["github", "latex", "html"])
+@pytest.mark.parametrize("fmt", ["github", "latex", "csv", "html", "json"])
 def test_a_table_of_hostile_texts_keeps_its_shape_and_runs_nothing(fmt):
-    text = render_texts([TABLE], fmt, f"bench run {' '.join(HOSTILE)}")
+    text = printable(render([TABLE], fmt, f"bench run {' '.join(HOSTILE)}"))  # as print_text does
     assert_harmless(text, fmt)
     n = len(HOSTILE)
     if fmt == "github":
@@ -99,7 +113,7 @@ def test_a_table_of_hostile_texts_keeps_its_shape_and_runs_nothing(fmt):
         assert {len(re.findall(r"(?<!\\)\|", row)) for row in rows} == {n + 2}
         assert len(text.splitlines()) == 1 + 1 + n + 2 + 1 + n + 1
     if fmt == "html":
-        assert text.count("<tr>") == n + 1 and text.count("<td") == n * (n + 1)
+        assert text.count("<tr>") == n + 1 and text.count("<td") == n * n
         assert SCRIPT in tags(text).text
     if fmt == "latex":
         body = text.partition(r"\midrule")[2].partition(r"\bottomrule")[0]
@@ -110,9 +124,10 @@ def test_a_table_of_hostile_texts_keeps_its_shape_and_runs_nothing(fmt):
 
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="needs LaTeX")
 def test_latex_reads_no_file_that_a_name_asks_for(tmp_path):
-    text = render_texts([TABLE], "latex", "bench")
+    text = render([TABLE], "latex", "bench")
     page = (
-        rf"\documentclass{{article}}\usepackage{{booktabs}}\begin{{document}}{text}\end{{document}}"
+        r"\documentclass{article}\usepackage{booktabs}\usepackage{graphicx}\usepackage{siunitx}"
+        rf"\begin{{document}}{text}\end{{document}}"
     )
     (tmp_path / "page.tex").write_text(page)
     words = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "-recorder", "page.tex"]
@@ -137,10 +152,10 @@ def test_markdown_texts_stay_what_they_were_where_nothing_is_to_escape():
 
 def test_texts_that_a_spreadsheet_would_compute_are_quoted_and_numbers_are_not():
     numbers = ["-0.5", "-1e-05", "+3", "-inf", "1", "", -0.5, None]
-    assert csv_cells(numbers) == numbers
-    texts = ["=1+1", "+cmd", "-2+3", "@SUM(A1)", "\t=1", "\r=1", "-"]
-    assert csv_cells(texts) == [f"'{text}" for text in texts]
-    assert csv_cells(["ft-mlp", "a=b"]) == ["ft-mlp", "a=b"]
+    assert [csv_cell(number) for number in numbers] == [*numbers[:-2], "-0.5", None]
+    for text in ("=1+1", "+cmd", "-2+3", "@SUM(A1)", "\t=1", "\r=1", "-"):
+        assert csv_cell(text) == f"'{text}"
+    assert csv_cell("ft-mlp") == "ft-mlp" and csv_cell("a=b") == "a=b"
 
 
 @pytest.fixture(scope="module")

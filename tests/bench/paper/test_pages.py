@@ -59,6 +59,6 @@ def test_a_leaderboard_comes_with_its_numbers_figures_and_what_was_shortened(tmp
     files = [*write_leaderboard(tmp_path, "bench reproduce leaderboard", 39)]
     page = (tmp_path / "leaderboard.md").read_text()
     assert "| gp " in page and "`pretrain_steps=300`" in page
-    assert "quantity,value" in (tmp_path / "leaderboard.csv").read_text()
+    assert ",column,value," in (tmp_path / "leaderboard.csv").read_text()
     for picture in re.findall(r"!\[.*?\]\((.*?)\)", page):
         assert tmp_path / picture in files

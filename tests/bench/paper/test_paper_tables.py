@@ -361,24 +361,25 @@ def test_csv_has_a_line_a_number_at_full_precision_with_what_it_is_of():
     lines = list(csv.DictReader(io.StringIO(render_paper_table(SMALL, "csv", "bench"))))
     assert len(lines) == 8
     ours = lines[2]
-    assert float(ours["value"]) == 1 / 3 and float(ours["std"]) == 1 / 7
-    about = {name: text for name, text in ours.items() if name not in ("value", "std")}
+    assert float(ours["value"]) == 1 / 3 and float(ours["spread"]) == 1 / 7
+    about = {name: text for name, text in ours.items() if text and name not in ("value", "spread")}
     assert about == {
         **{"table": "99", "axis": "X", "thing": "one", "group": "ours", "column": "MAE"},
         **{"source": "ours", "data": "twin (simulated)", "protocol": "holdout", "seed": "7"},
         **{"n": "5", "mark": "a mark", "unit": "mm"},
     }
     assert float(lines[3]["value"]) == -2 / 3  # no quote before it
-    assert (lines[5]["value"], lines[5]["n"]) == ("", "0")
+    assert (lines[6]["value"], lines[6]["n"]) == ("", "")
 
 
 def test_json_has_the_same_numbers_and_null_where_there_is_none():
     table = json.loads(render_paper_table(SMALL, "json", "bench table 99"))
-    (part,) = table["parts"]
-    assert table["table"] == 99 and part["rows"][0]["labels"] == {"axis": "X", "thing": "one"}
+    (part,) = table["tables"]
+    first = part["rows"][0]
+    assert part["table"] == 99 and (first["axis"], first["thing"]) == ("X", "one")
     mae, stde = part["rows"][0]["values"][2:]
-    assert (mae["value"], mae["std"], mae["n"]) == (1 / 3, 1 / 7, 5)
-    assert stde["std"] is None
+    assert (mae["value"], mae["spread"], mae["n"]) == (1 / 3, 1 / 7, 5)
+    assert "spread" not in stde
     assert part["rows"][1]["values"][3]["value"] is None
 
 
@@ -400,8 +401,7 @@ class Cells(HTMLParser):
 def test_html_has_a_header_of_two_rows_whose_columns_match_the_cells():
     page = Cells()
     page.feed(text := render_paper_table(SMALL, "html", "bench table 99"))
-    # the first row of the header holds the row headings of both
-    assert page.widths == [6, 4, 6, 6]
+    assert page.widths == [6, 6, 6, 6]
     assert '<th scope="row">X</th>' in text and "0.33333 ± 0.14286" in text
     assert "see <code>this</code>" in text
 
@@ -438,7 +438,7 @@ def test_hostile_notes_stay_text_in_every_format():
     assert not page.tags & {"script", "img", "a"}
     assert r"\input" not in render_paper_table(table, "latex", HOSTILE)
     assert r"\<script>" in render_paper_table(table, "github", "bench")
-    assert json.loads(render_paper_table(table, "json", HOSTILE))["parts"][0]["notes"] == [HOSTILE]
+    assert json.loads(render_paper_table(table, "json", HOSTILE))["tables"][0]["notes"] == [HOSTILE]
 
 
 @pytest.mark.slow

@@ -44,7 +44,7 @@ def blocks_of(folder, **choice):
 
 
 def texts(table):
-    return [[cell.text for cell in row] for row in table.rows]
+    return table.texts()
 
 
 def test_every_model_stands_in_ranks_pairs_and_scores(results):
@@ -56,9 +56,9 @@ def test_every_model_stands_in_ranks_pairs_and_scores(results):
     assert len(pairs.rows) == 3
     (scores,) = blocks["Scores in each contest"].tables
     assert len(scores.rows) == 6
-    assert scores.header[:7] == (
+    assert [scores.heading(column) for column in scores.columns[:7]] == [
         *("model", "data set", "protocol", "condition", "seed", "splits", "norm [mm]"),
-    )
+    ]
     assert texts(scores)[2][5:7] == ["2/2", "0.1500 ± 0.0707"]
 
 
@@ -116,7 +116,7 @@ def test_a_failure_that_a_newer_run_repeats_counts_once(results, change):
     said = f"{n_places} cell{'s' * (n_places > 1)}"
     assert f"; {said} failed, 0 cells skipped." in blocks["Read this first"].texts[0]
     (table,) = blocks["Failures and skipped cells"].tables
-    assert table.caption == f"{said} without a result"
+    assert table.title == f"{said} without a result"
     assert len(table.rows) == n_places
 
 
@@ -169,7 +169,7 @@ def test_choices_narrow_everything_and_stand_in_the_commands(results):
         results.folder, models=("vjm", "mlp"), datasets=(TWINS[1],), metric="mae", axis="z"
     )
     assert len(blocks["Scores in each contest"].tables[0].rows) == 2
-    ranks = blocks["Leaderboard"].tables[0]
+    ranks = blocks["Leaderboard"]
     assert ranks.command == (
         f"bench leaderboard --results {results.folder} --model vjm --model mlp --dataset "
         f"{TWINS[1]} --metric mae --axis z"

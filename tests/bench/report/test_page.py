@@ -10,8 +10,9 @@ from html.parser import HTMLParser
 
 import pytest
 
-from stiff_bench.report.content import Block, Cell, Fold, Page, PageTable, Part, Picture
+from stiff_bench.report.content import Block, Fold, Page, Part, Picture
 from stiff_bench.report.page import render_page
+from stiff_bench.tables.table import Column, Name, Quantity, Table
 
 HOSTILE = (
     "</script><script>hacked()</script><img src=http://evil.example onerror=hacked()>'\"&{{7*7}}"
@@ -49,16 +50,14 @@ class Reader(HTMLParser):
 
 
 def made_page(text: str) -> Page:
-    table = PageTable(
+    table = Table(
         text,
-        (text, "x"),
-        ("text", "number"),
-        ((Cell(text, text), Cell("1", "1", "better")), (Cell("b", "b"), Cell("-", ""))),
-        (text,),
-        text,
+        [Column(text, "text"), Column("x", unit=text, format=".1f"), Column("y", by_sign=True)],
+        [[Name(text, text), Quantity(1.0, mark=text), 1], ["b", None, -1]],
+        [text],
     )
     picture = Picture(text, text, text, "image/svg+xml", f"<svg>{text}</svg>".encode(), text)
-    block = Block(text, [text], [table], [picture], [Fold(text, text)], [text])
+    block = Block(text, [text], [table], [picture], [Fold(text, text)], [text], text)
     return Page(text, "1.0", [Part(text, [block]), Part("other", [Block("plain")])])
 
 
@@ -86,7 +85,7 @@ def test_templates_in_texts_are_not_filled(hostile):
 
 def test_a_name_may_break_before_an_option_and_stays_harmless():
     page = render_page(made_page("ft-mlp@steps=3@x=<b>\u202e"))
-    assert r"ft-mlp<wbr>@steps=3<wbr>@x=&lt;b&gt;\u202e</th>" in page
+    assert r"ft-mlp<wbr>@steps=3<wbr>@x=&lt;b&gt;\u202e [ft-mlp" in page
     assert "<b>" not in page
 
 

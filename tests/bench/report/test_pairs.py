@@ -11,6 +11,7 @@ import pytest
 from compared_results import contest_in, fifths, spread, steady, store_results
 from stiff_bench.analysis.comparison import NORM, Question, compare
 from stiff_bench.report import pairs as pair_tables
+from stiff_bench.report.page import page_table
 from stiff_bench.report.pairs import compared_pairs, n_pairs
 
 MODELS = {
@@ -75,6 +76,6 @@ def test_pairs_mirror_each_other_in_the_matrix(tmp_path):
     pairs = list(compared_pairs(contest, ["good", "bad"], data, Question()))
     two = [*pairs, *(replace(pair, verdict="open") for pair in pairs)]
     table = pair_tables._matrix(two, ["good", "bad"], ["good", "bad"])
-    cells = [[cell.text for cell in row] for row in table.rows]
-    assert cells == [["1 good", "", "1 : 0"], ["2 bad", "0 : 1", ""]]
-    assert (table.rows[0][2].tone, table.rows[1][1].tone) == ("better", "worse")
+    assert table.texts() == [["1 good", "", "1 : 0"], ["2 bad", "0 : 1", ""]]
+    rows = page_table(table).rows
+    assert (rows[0][2].style, rows[1][1].style) == ("number better", "number worse")

@@ -1,61 +1,52 @@
-"""What a column of the page is sorted by."""
+"""What a column of the page is sorted by: typed values, never their texts."""
 
 from __future__ import annotations
 
 import pytest
 
-from stiff_bench.report.scores import MOST_ROWS, natural_order, number_in, page_table
-from stiff_bench.tables.render import TextTable
+from stiff_bench.report.page import MOST_ROWS, page_table
+from stiff_bench.tables.table import Cell, Column, Quantity, Table, natural_order
+
+
+def orders(*cells: Cell, **about: str) -> list[str]:
+    """What the cells of a column of numbers are sorted by."""
+    table = Table("t", [Column("x", **about)], [[cell] for cell in cells])
+    return [row[0].order for row in page_table(table).rows]
 
 
 @pytest.mark.parametrize(
-    ("text", "number"),
+    ("cell", "order"),
     [
-        ("0.1035 ± 0.0130 *", 0.1035),
-        ("-0.5", -0.5),
-        ("72/72", 72.0),
-        ("10 of 45", 10.0),
-        ("1.00 to 2.50", 1.0),
-        ("1.9e-08", 1.9e-8),
-        ("< 0.001", 0.001),
-        ("12,300 (1 to 2)", 12300.0),
-        ("568 us (101 to 992)", 568e-6),
-        ("2 s", 2.0),
-        ("5 : 1 of 9", 5.0),
+        (Quantity(0.1035, 0.013, mark="*"), "0.1035"),
+        (-0.5, "-0.5"),
+        (12_300, "12300"),
+        (Quantity(share=(72, 73)), "72"),
+        (Quantity(low=1.0, high=2.5), "1"),
+        (Quantity(0.5, share=(2, 5), status="FAILED"), "0.5"),
     ],
 )
-def test_a_cell_is_sorted_by_the_number_that_it_begins_with(text, number):
-    assert number_in(text) == pytest.approx(number)
+def test_a_cell_is_sorted_by_its_value_its_low_end_or_the_first_number_of_its_share(cell, order):
+    assert orders(cell) == [order]
 
 
-@pytest.mark.parametrize(
-    "text", ["2026-11-22T03:50:07", "7adefb5b", "3.11.7", "5 specimens of x", "kr10", "-", ""]
-)
-def test_dates_commits_and_versions_are_no_numbers(text):
-    assert number_in(text) is None
+def test_a_missing_value_has_no_order_so_that_it_stands_last():
+    assert orders(2.0, None, Quantity(status="FAILED"), "") == ["2", "", "", ""]
 
 
-def test_a_column_of_numbers_and_missing_ones_is_numeric_and_the_missing_have_no_order():
-    table = page_table(
-        TextTable("t", ("model", "mean"), [["b", "2.0 *"], ["a", "-"], ["c", "FAILED"]], ())
-    )
-    assert table.kinds == ("text", "number")
-    assert [row[1].order for row in table.rows] == ["2", "", ""]
+def test_a_number_is_sorted_by_its_value_however_it_is_printed():
+    assert orders(2e-4, 0.1, format=lambda found: "< 0.001") == ["0.0002", "0.1"]
 
 
-def test_a_column_with_one_text_among_numbers_is_sorted_as_text():
-    table = page_table(TextTable("t", ("model", "x"), [["b", "2"], ["a", "two"]], ()))
-    assert table.kinds[1] == "text"
-
-
-def test_numbers_in_texts_sort_as_people_count():
-    assert natural_order("n = 5") < natural_order("n = 10")
+def test_a_column_of_texts_is_sorted_as_people_count_though_it_begins_with_numbers():
+    table = page_table(Table("t", [Column("x", "text")], [["n = 10"], ["n = 5"]]))
+    assert table.styles == ["text"]
+    assert table.rows[1][0].order < table.rows[0][0].order
     assert natural_order("B") > natural_order("a")
 
 
 def test_a_long_table_is_cut_and_says_so():
-    rows = [[f"m{number}", "1"] for number in range(MOST_ROWS + 7)]
-    table = page_table(TextTable("t", ("model", "x"), rows, ["kept"]))
+    rows = [[f"m{number}", 1] for number in range(MOST_ROWS + 7)]
+    table = page_table(Table("t", [Column("model", "text"), Column("x")], rows, ["kept"]))
     assert len(table.rows) == MOST_ROWS
     assert table.notes[0] == "kept"
     assert f"first {MOST_ROWS} of {MOST_ROWS + 7} rows" in table.notes[1]

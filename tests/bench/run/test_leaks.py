@@ -12,8 +12,8 @@ import pytest
 
 from sealed_samples import Leak, computed_under_seal
 from stiff_bench.run.cell import compute_cell
+from stiff_bench.tables.metric_table import SELECTION_MARK, build_tables
 from stiff_bench.tables.render import render
-from stiff_bench.tables.table import SELECTION_MARK, build_tables
 from stiff_models.catalog import FAMILIES, MODELS, model_info
 from stiff_models.physics.vjm import identify_joints
 from stiff_models.transfer.source import source_design
@@ -255,10 +255,10 @@ def test_a_protocol_that_selects_on_test_and_does_not_say_so_is_refused(tasks, m
 
 ROWS_WITH_MARK = {
     "github": r"^\| {name} \[{mark}\] +\|",
-    "latex": r"^ {name} \[{mark}\] +&",
-    "html": r"<tr><td>{name} \[{mark}\] *</td>",
-    "csv": r",{name},ours,{mark},",
-    "json": r'"model": "{name}",\s+"source": "ours",\s+"mark": "{mark}",',
+    "latex": r"^{name} \[{mark}\] +&",
+    "html": r'<tr><th scope="row">{name} \[{mark}\]</th>',
+    "csv": r"^{name},{mark},",
+    "json": r'"model": "{name}",\s+"model mark": "{mark}",',
 }
 
 

@@ -14,7 +14,7 @@ from run_requests import planned
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.run.cell import compute_cell
 from stiff_bench.store.database import ResultStore
-from stiff_bench.tables.table import build_tables
+from stiff_bench.tables.metric_table import build_tables
 from stiff_models.catalog import MODELS
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.search_space import Range
@@ -117,7 +117,7 @@ def test_what_was_chosen_stands_under_the_table_and_comes_back_from_disk(tmp_pat
     back = [store.result(task.cell.key) for task in found]
     assert [result.chosen for result in back] == [result.chosen for result in results]
     (table,) = build_tables(back, METRICS)
-    assert [row.label for row in table.rows] == ["knn", "vjm [not tuned]"]
+    assert [str(row[0]) for row in table.rows] == ["knn", "vjm [not tuned]"]
     (note,) = [note for note in table.notes if "chosen on inner folds" in note]
     counts = [int(count) for count in re.findall(r"weights=\w+ \((\d) of 3 splits\)", note)]
     assert note.startswith("knn: ") and sum(counts) == 3

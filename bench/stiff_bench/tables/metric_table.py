@@ -1,0 +1,255 @@
+"""Results -> paper-style tables. Here SI becomes mm and per cent.
+
+A table holds one data set under one protocol; rows are models, columns axes x metrics. Rows of
+different data or of different splits never meet in one table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from stiff_bench.tables.fit_notes import model_notes, size_notes
+from stiff_bench.tables.published import MARK, NOTE, published_rows
+from stiff_bench.tables.table import Cell, Column, Name, Quantity, Table
+from stiff_bench.tables.units import PRINTED, counted, percent
+from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.plugin import kind_label
+from stiff_protocols.contract.record import CellResult, Presentation
+from stiff_protocols.contract.types import AXES, Interval, Prediction
+from stiff_protocols.scoring.metrics import WHOLE, Metric
+
+SELECTION_MARK = "epoch picked on test part"
+DECIMALS = {"mm": 4, "%": 1, "": 3, "ms": 3, "MiB": 1, "1/s": 0}
+"""Of mm: as in the source paper's Table 10."""
+Values = Mapping[tuple[str, str], Quantity]
+"""(metric key, axis) -> mean over the splits and their standard deviation, as printed; no
+deviation where there is one split, or one value over all splits together."""
+
+
+def build_tables(results: Sequence[CellResult], metrics: Sequence[Metric]) -> list[Table]:
+    """Return a table for each data set, protocol and condition, in the results' order.
+
+    Raises:
+        StoreError: rows of different data or splits would meet in one table.
+    """
+    groups: dict[tuple[str, str, str], list[CellResult]] = {}
+    for result in results:
+        shown = result.shown
+        task = (shown.dataset, shown.protocol, result.cell.condition)
+        groups.setdefault(task, []).append(result)
+    return [_table(group, tuple(metrics)) for group in groups.values()]
+
+
+def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
+    cell, shown = group[0].cell, group[0].shown
+    by_model: dict[str, list[CellResult]] = {}
+    for result in group:
+        by_model.setdefault(result.shown.model, []).append(result)
+    refuse_mixed(by_model)
+    notes = [*shown.caveats, *size_notes(group)]
+    if shown.selects_on_test:
+        notes.append(shown.warning)
+    for results in by_model.values():
+        notes += model_notes(results)
+    published = [] if cell.condition else _published(shown.published, metrics)
+    notes += [f"[{MARK}]: {NOTE}."] if published else []
+    kind, n_splits = kind_label(shown.kind, shown.task), len({r.cell.split_index for r in group})
+    facts: dict[str, Cell] = {
+        **{"dataset": shown.dataset, "kind": kind},
+        **{"protocol": shown.protocol, "condition": cell.condition},
+        **{"splits": n_splits, "seed": cell.seed, "source": "ours", "note": " ".join(notes)},
+    }
+    of_others = {**dict.fromkeys(facts, None), "source": MARK, "note": NOTE}
+    rows: list[tuple[Name, dict[str, Cell], Values]] = [
+        *((name, facts, values) for name, values in _of_models(by_model, metrics)),
+        *((name, of_others, values) for name, values in published),
+    ]
+    return Table(
+        title=_title(group[0], f"{shown.dataset} ({kind})", n_splits, metrics),
+        columns=[
+            Column("model", "text"),
+            *(Column(name, "text", hidden=True) for name in facts),
+            *metric_columns(metrics),
+        ],
+        rows=[
+            [name, *about.values(), *metric_cells(values, metrics)] for name, about, values in rows
+        ],
+        notes=notes,
+        unit=PRINTED["m"][0],
+        about={} if cell.coverage is None else {"nominal_coverage": cell.coverage},
+    )
+
+
+def _title(first: CellResult, data: str, n_splits: int, metrics: Sequence[Metric]) -> str:
+    """Return data set, protocol, splits, seed, unit and nominal coverage in one line."""
+    cell, shown = first.cell, first.shown
+    spread = ""
+    if shown.pooled:
+        spread = " over the predictions of all splits"
+    elif n_splits > 1:
+        spread = ", mean ± standard deviation over splits"
+    units = dict.fromkeys(PRINTED[metric.unit][0] for metric in metrics)
+    unit = " and ".join(filter(None, units))
+    protocol = " | ".join(filter(None, (shown.protocol, cell.condition)))
+    intervals = "" if cell.coverage is None else f" | {percent(cell.coverage)} intervals"
+    return (
+        f"{data} | {protocol}, {counted(n_splits, 'split')}, seed {cell.seed} | "
+        f"{unit}{spread}{intervals}"
+    )
+
+
+def metric_columns(metrics: Sequence[Metric]) -> list[Column]:
+    """Return the columns: all metrics of an axis stand together, those without axes come last."""
+    return [
+        Column(
+            f"{axis.upper()} {metric.label}".strip(),
+            unit=PRINTED[metric.unit][0],
+            format=number_format(metric),
+            about={"axis": axis, "metric": metric.key},
+        )
+        for metric, axis in _places(metrics)
+    ]
+
+
+def metric_cells(values: Values, metrics: Sequence[Metric]) -> list[Cell]:
+    """Return the values of a row in the order of `metric_columns`."""
+    return [values.get((metric.key, axis)) for metric, axis in _places(metrics)]
+
+
+def _places(metrics: Sequence[Metric]) -> list[tuple[Metric, str]]:
+    return [(m, axis) for axis in (*AXES, *WHOLE) for m in metrics if axis in m.axes]
+
+
+def number_format(metric: Metric) -> str:
+    """Return how its values are written, as printed."""
+    return f".{DECIMALS[PRINTED[metric.unit][0]]}f"
+
+
+def refuse_mixed(by_model: Mapping[str, Sequence[CellResult]]) -> None:
+    """See that every model's results are of the same data, source, splits and coverage.
+
+    Raises:
+        StoreError: they are not.
+    """
+    identities = {
+        tuple(
+            (
+                result.cell.data_sha256,
+                result.cell.source_sha256,
+                result.cell.split_sha256,
+                result.cell.coverage,
+            )
+            for result in results
+        )
+        for results in by_model.values()
+    }
+    if len(identities) > 1:
+        raise StoreError(
+            "rows of different data, different sources, different splits or different coverage "
+            "cannot stand in one table"
+        )
+
+
+def _of_models(
+    by_model: Mapping[str, Sequence[CellResult]], metrics: Sequence[Metric]
+) -> list[tuple[Name, Values]]:
+    """Return each model with its values; a failed or skipped cell leaves none."""
+    found: list[tuple[Name, Values]] = []
+    for model, results in by_model.items():
+        failed = sum(result.status == "failed" for result in results)
+        if failed:
+            found.append((Name(model, f"FAILED in {failed} of {len(results)} splits"), {}))
+        elif any(result.status == "skipped" for result in results):
+            found.append((Name(model, "SKIPPED"), {}))
+        else:
+            mark = mark_of(results[0].shown)
+            found.append((Name(model, mark), metric_values(results, metrics)))
+    return found
+
+
+def metric_values(results: Sequence[CellResult], metrics: Sequence[Metric]) -> Values:
+    """Return a model's values over its splits, or over their predictions together.
+
+    Args:
+        results: of one model, data set and protocol; none has failed.
+        metrics: asked for.
+    """
+    pooled = results[0].shown.pooled
+    return _pooled_values(results, metrics) if pooled else _split_values(results, metrics)
+
+
+def mark_of(shown: Presentation) -> str:
+    """Return what must stand beside the model's name; "" for nothing."""
+    return ", ".join(filter(None, [shown.regime, SELECTION_MARK if shown.picked_on_test else ""]))
+
+
+def _split_values(
+    results: Sequence[CellResult], metrics: Sequence[Metric]
+) -> dict[tuple[str, str], Quantity]:
+    """Return mean and deviation of each value over the splits; none where a split lacks it."""
+    of_splits: dict[tuple[str, str], list[float]] = {}
+    for result in results:
+        for record in result.records:
+            of_splits.setdefault((record.metric, record.axis), []).append(record.value)
+    return {
+        (metric.key, axis): _value(metric, found)
+        for metric in metrics
+        for axis in metric.axes
+        if len(found := of_splits.get((metric.key, axis), [])) == len(results)
+    }
+
+
+def _value(metric: Metric, values: Sequence[float]) -> Quantity:
+    _, factor = PRINTED[metric.unit]
+    std = float(np.std(values, ddof=1)) * factor if len(values) > 1 else None
+    return Quantity(float(np.mean(values)) * factor, std, n=len(values))
+
+
+def _pooled_values(
+    results: Sequence[CellResult], metrics: Sequence[Metric]
+) -> dict[tuple[str, str], Quantity]:
+    """Return the values over the predictions of all splits; costs are means over the splits."""
+    together = pooled_prediction(results)
+    of_costs = _split_values(results, [metric for metric in metrics if metric.of_cost is not None])
+    return of_costs | {
+        (metric.key, axis): _value(metric, [value])
+        for metric in metrics
+        for axis, value in metric.values(together).items()
+    }
+
+
+def pooled_prediction(results: Sequence[CellResult]) -> Prediction:
+    """Return the predictions of several splits as one."""
+    parts = [result.prediction for result in results if result.prediction is not None]
+    intervals = [part.interval for part in parts if part.interval is not None]
+    references = [part.reference for part in parts if part.reference is not None]
+    return Prediction(
+        np.concatenate([part.rows for part in parts]),
+        np.concatenate([part.predicted for part in parts]),
+        np.concatenate([part.measured for part in parts]),
+        _together(intervals) if len(intervals) == len(parts) else None,
+        np.concatenate(references) if len(references) == len(parts) else None,
+    )
+
+
+def _together(intervals: Sequence[Interval]) -> Interval:
+    return Interval(
+        np.concatenate([interval.lower for interval in intervals]),
+        np.concatenate([interval.upper for interval in intervals]),
+        intervals[0].coverage,
+    )
+
+
+def _published(table: str, metrics: Sequence[Metric]) -> list[tuple[Name, Values]]:
+    """Return the rows of a published table, "" for none, that have one of these metrics."""
+    keys = {metric.key for metric in metrics}
+    return [
+        (
+            Name(row.method, MARK),
+            {place: Quantity(value) for place, value in row.values_mm.items()},
+        )
+        for row in (published_rows(table) if table else ())
+        if keys & {key for key, _ in row.values_mm}
+    ]
