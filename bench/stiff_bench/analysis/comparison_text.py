@@ -19,7 +19,7 @@ from stiff_bench.analysis.comparison_words import (
 from stiff_bench.analysis.where import Place
 from stiff_bench.store.names import label_parts
 from stiff_bench.tables.metric_table import mark_of
-from stiff_bench.tables.render import render
+from stiff_bench.tables.render import DETAILED, render
 from stiff_bench.tables.table import Cell, Column, Name, Quantity, Table
 from stiff_bench.tables.units import MM, PRINTED, percent
 from stiff_protocols.contract.plugin import kind_label
@@ -57,12 +57,15 @@ def render_report(report: Report, fmt: str) -> str:
     """Return the report as text of the given format: the sentence, the tables, the sentence."""
     about: dict[str, object] = {"a": report.a, "b": report.b}
     asked = {"rope_mm": MM * report.question.rope, "confidence": report.question.confidence}
-    tables = [replace(one, about=about | {"table": name}) for name, one in _tables(report).items()]
+    named = _tables(report)
+    if fmt in DETAILED:
+        named["estimates"] = _estimates(report)
+    tables = [replace(one, about=about | {"table": name}) for name, one in named.items()]
     return render(tables, fmt, report.command, text=sentence(report), about=about | asked)
 
 
 def _tables(report: Report) -> dict[str, Table]:
-    """Return name -> table; the last one that people see has the notes."""
+    """Return name -> table; the last one has the notes."""
     places = report.where.places if report.where is not None else ()
     if len(report.comparisons) > 1:
         first, second = {"contests": _contests(report)}, {"over datasets": _over_datasets(report)}
@@ -72,7 +75,7 @@ def _tables(report: Report) -> dict[str, Table]:
         tables = first | (second if places else {})
     *_, last = tables
     noted = {last: replace(tables[last], notes=notes(report))}
-    return tables | noted | {"estimates": _estimates(report)}
+    return tables | noted
 
 
 def _estimates(report: Report) -> Table:
@@ -107,7 +110,6 @@ def _estimates(report: Report) -> Table:
         ],
         rows=rows,
         unit=_UNIT,
-        detail=True,
     )
 
 

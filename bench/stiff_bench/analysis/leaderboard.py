@@ -60,7 +60,7 @@ class ColumnValue:
 
 
 @dataclass(frozen=True)
-class Column:
+class ScoreColumn:
     """One protocol and condition on the data sets of one robot type.
 
     Attributes:
@@ -79,13 +79,13 @@ class Column:
     values: Mapping[str, ColumnValue]
 
 
-def columns(fields: Sequence[Field], standings: Standings) -> Iterator[Column]:
+def columns(fields: Sequence[Field], standings: Standings) -> Iterator[ScoreColumn]:
     """Yield a column for each robot type, protocol and condition, in the fields' order."""
     for (family, protocol, condition), members in grouped(fields, _place).items():
         datasets = tuple(dict.fromkeys(_dataset(field) for field in members))
         values = dict(_values(members, standings))
         seeds = tuple(sorted({field.name.seed for field in members}))
-        yield Column(family, protocol, condition, datasets, seeds, values)
+        yield ScoreColumn(family, protocol, condition, datasets, seeds, values)
 
 
 def _place(field: Field) -> tuple[str, str, str]:
@@ -308,7 +308,7 @@ class Section:
     fields: tuple[Field, ...]
     ranked: tuple[RankedModel, ...]
     unranked: tuple[UnrankedModel, ...]
-    columns: tuple[Column, ...]
+    columns: tuple[ScoreColumn, ...]
     analyses: tuple[RankAnalysis, ...]
 
     @property

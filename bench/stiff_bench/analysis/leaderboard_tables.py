@@ -12,11 +12,9 @@ import numpy as np
 from stiff_bench.analysis.costs import cost_table
 from stiff_bench.analysis.critical_difference import RankAnalysis
 from stiff_bench.analysis.leaderboard import (
-    Column as ScoreColumn,
-)
-from stiff_bench.analysis.leaderboard import (
     Leaderboard,
     RankedModel,
+    ScoreColumn,
     Section,
     UnrankedModel,
 )
@@ -24,7 +22,7 @@ from stiff_bench.analysis.same_robot import dataset_of, of_families, of_robots
 from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.store.names import grouped, labels
 from stiff_bench.tables.metric_table import SELECTION_MARK, number_format
-from stiff_bench.tables.render import render
+from stiff_bench.tables.render import DETAILED, render
 from stiff_bench.tables.table import Cell, Column, Name, Quantity, Table
 from stiff_bench.tables.units import PRINTED, counted, percent
 from stiff_protocols.scoring.bootstrap import RANK_RESAMPLES
@@ -46,26 +44,30 @@ def render_leaderboard(
         command: that makes them.
         provenance: lines on where the results come from.
     """
-    tables = [
-        table for section in board.sections for table in section_tables(section, board, provenance)
-    ]
+    tables = []
+    for section in board.sections:
+        tables += section_tables(section, board, provenance)
+        tables += section_details(section, board.key) if fmt in DETAILED else []
     about = {"sort_key": board.key.text, "direction": board.key.metric.direction}
     return render(tables, fmt, command, about=about)
 
 
 def section_tables(section: Section, board: Leaderboard, provenance: Sequence[str]) -> list[Table]:
-    """Return ranks, scores by protocol, critical differences and costs of one section.
-
-    Details follow: each model's score in each contest, and the pairs of each analysis.
-    """
+    """Return ranks, scores by protocol, critical differences and costs of one section."""
     tables = [_ranks(section, board, provenance), *_by_protocol(section, board.key)]
-    found = [analysis for analysis in section.analyses if analysis.outcome is not None]
-    if found:
+    if any(analysis.outcome for analysis in section.analyses):
         tables.append(analyses_table(section, board.key))
     costs = cost_table(section)
-    tables += [costs] if costs.rows else []
-    tables.append(_scores(section, board.key))
-    return [*tables, _mean_ranks(section, found), _pairs(section, found)] if found else tables
+    return [*tables, costs] if costs.rows else tables
+
+
+def section_details(section: Section, key: SortKey) -> list[Table]:
+    """Return each model's score in each contest, and ranks and pairs of each analysis."""
+    found = [analysis for analysis in section.analyses if analysis.outcome is not None]
+    return [
+        _scores(section, key),
+        *([_mean_ranks(section, found), _pairs(section, found)] if found else []),
+    ]
 
 
 def _about(section: Section, table: str) -> dict[str, object]:
@@ -102,7 +104,6 @@ def _scores(section: Section, key: SortKey) -> Table:
         ],
         rows=rows,
         about=_about(section, "scores"),
-        detail=True,
     )
 
 
@@ -122,7 +123,6 @@ def _mean_ranks(section: Section, found: Sequence[RankAnalysis]) -> Table:
             for model, rank in zip(one.models, one.outcome.mean_ranks, strict=True)
         ],
         about=_about(section, "mean ranks over robots"),
-        detail=True,
     )
 
 
@@ -146,7 +146,6 @@ def _pairs(section: Section, found: Sequence[RankAnalysis]) -> Table:
         ],
         rows=rows,
         about=_about(section, "pairs over robots"),
-        detail=True,
     )
 
 

@@ -5,11 +5,11 @@ What needs numpy or pydantic is imported where it is used: a list of keys answer
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from tabulate import tabulate
-
+from stiff_bench.tables.render import plain_text
+from stiff_bench.tables.table import Cell, Column, Table
 from stiff_protocols.contract.plugin import (
     DatasetInfo,
     ModelFamily,
@@ -28,7 +28,8 @@ def overview(infos: Iterable[PluginInfo], families: Iterable[ModelFamily] = ()) 
 
     A line holds key, for data sets the kind, and what it is.
     """
-    rows, headers = [], ["key", "what it is"]
+    rows: list[list[Cell]] = []
+    headers = ["key", "what it is"]
     for info in infos:
         why = info.missing()
         summary = f"{info.summary} [{why}]" if why else info.summary
@@ -38,7 +39,13 @@ def overview(infos: Iterable[PluginInfo], families: Iterable[ModelFamily] = ()) 
         else:
             rows.append([info.key, summary])
     rows += [[family.example, family.summary] for family in families]
-    return tabulate(rows, headers=headers)
+    return _plain(headers, rows)
+
+
+def _plain(
+    headers: Sequence[str], rows: Sequence[Sequence[Cell]], widths: Sequence[int | None] = ()
+) -> str:
+    return plain_text(Table("", [Column(name, "text") for name in headers], rows), widths=widths)
 
 
 def metrics_overview() -> str:
@@ -47,7 +54,7 @@ def metrics_overview() -> str:
     from stiff_protocols.contract.types import AXES
     from stiff_protocols.scoring.metrics import METRICS
 
-    rows = [
+    rows: list[list[Cell]] = [
         [
             item.key,
             PRINTED[item.unit][0],
@@ -57,7 +64,7 @@ def metrics_overview() -> str:
         ]
         for item in METRICS.values()
     ]
-    return tabulate(rows, headers=["key", "unit", "best", "values", "what it is"])
+    return _plain(["key", "unit", "best", "values", "what it is"], rows)
 
 
 def describe(info: PluginInfo) -> str:
@@ -87,12 +94,8 @@ def describe(info: PluginInfo) -> str:
         [f"{info.key}.{option.name}", option.type_text, _default(option), option.description]
         for option in options
     ]
-    table = tabulate(
-        rows,
-        headers=["--set", "valid", "default", "what it does"],
-        maxcolwidths=[None, 40, None, 60],
-        disable_numparse=True,
-    )
+    headers = ("--set", "valid", "default", "what it does")
+    table = _plain(headers, rows, widths=(None, 40, None, 60))
     return "\n".join([*parts, "", table])
 
 

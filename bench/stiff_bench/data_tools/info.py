@@ -11,6 +11,8 @@ from tabulate import tabulate
 
 from stiff_bench.data_tools.picture import DEFLECTION
 from stiff_bench.store.samples import load_torque
+from stiff_bench.tables.render import plain_text
+from stiff_bench.tables.table import Cell, Column, Quantity, Table
 from stiff_models.physics.kinematics import gravity_torque
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.plugin import STIFFNESS, DatasetInfo
@@ -253,75 +255,87 @@ def _magnitudes(found: DatasetFacts) -> str:
             for axis, size in zip(AXES, found.deflection_axes, strict=True)
         ),
     ]
-    rows = [
-        [name, *(_number(factor * v) for v in (size.least, size.median, size.mean, size.most)), u]
-        for name, size, factor, u in lines
+    sizes = (Column(name, format=_number) for name in ("least", "median", "mean", "most"))
+    rows: list[list[Cell]] = [
+        [name, *(factor * v for v in (size.least, size.median, size.mean, size.most)), unit]
+        for name, size, factor, unit in lines
     ]
-    headers = ["over the samples", "least", "median", "mean", "most", "unit"]
-    align = ("left", "right", "right", "right", "right", "left")
-    return tabulate(rows, headers=headers, colalign=align, disable_numparse=True)
+    columns = [Column("over the samples", "text"), *sizes, Column("unit", "text")]
+    return plain_text(Table("", columns, rows))
 
 
 def _spreads(found: DatasetFacts) -> str:
-    lines = [
-        ("force directions", found.force_directions),
-        ("forces about their mean", found.forces_about_mean),
-        ("torque directions", found.torque_directions),
-    ]
-    rows = [
+    lines = {
+        "force directions": found.force_directions,
+        "forces about their mean": found.forces_about_mean,
+        "torque directions": found.torque_directions,
+    }
+    rows: list[list[Cell]] = [
         [
             name,
             spread.text,
-            " / ".join(f"{share:.2f}" for share in spread.shares) if spread.dimensions else "-",
-            "-" if spread.resultant is None or not spread.dimensions else f"{spread.resultant:.2f}",
+            " / ".join(f"{share:.2f}" for share in spread.shares) if spread.dimensions else None,
+            f"{spread.resultant:.2f}"
+            if spread.resultant is not None and spread.dimensions
+            else "-",
         ]
-        for name, spread in lines
+        for name, spread in lines.items()
     ]
-    headers = ["the loads", "lie", "principal shares", "mean"]
-    table = tabulate(rows, headers=headers, disable_numparse=True)
-    return (
-        f"{table}\nRule: an axis counts from a share of {COUNTING_SHARE:g} of the squared length; "
+    headers = ("the loads", "lie", "principal shares", "mean")
+    rule = (
+        f"Rule: an axis counts from a share of {COUNTING_SHARE:g} of the squared length; "
         f"directions lie on one side\nwhen their mean is at least {ONE_SIDED:g} long "
         "(1: one direction, 0.5: half a sphere, 0: the whole sphere)."
     )
+    return plain_text(Table("", [Column(name, "text") for name in headers], rows, [rule]))
 
 
 def _joint_table(joints: tuple[JointFacts, ...]) -> str:
-    rows = []
+    rows: list[list[Cell]] = []
     for joint in joints:
         factor, unit, torque_unit = _FILE_UNITS[joint.kind]
+        weights = joint.gravity_torque
         rows.append(
             [
-                joint.name,
-                _range(joint.position, factor),
-                _limits(joint.limits, factor),
-                unit,
+                *(joint.name, _range(joint.position, factor), _limits(joint.limits, factor), unit),
                 _range(joint.load_torque),
-                "-" if joint.gravity_torque is None else _range(joint.gravity_torque),
-                torque_unit,
+                *(None if weights is None else _range(weights), torque_unit),
             ]
         )
-    headers = ["joint", "positions", "limits", "unit", "load torque", "gravity torque", "unit"]
-    align = ("left", "right", "right", "left", "right", "right", "left")
-    table = tabulate(rows, headers=headers, colalign=align, disable_numparse=True)
-    note = "Torques are what the load (J^T w) and the weight of the links exert on a joint."
+    columns = [
+        Column("joint", "text"),
+        *(Column("positions", format=_ends), Column("limits", format=_whole_ends)),
+        Column("unit", "text"),
+        *(Column("load torque", format=_ends), Column("gravity torque", format=_ends)),
+        Column("unit", "text"),
+    ]
+    notes = ["Torques are what the load (J^T w) and the weight of the links exert on a joint."]
     if joints[0].gravity_torque is None:
-        note += "\nThe robot has no masses, hence no gravity torques."
-    return f"{table}\n{note}"
+        notes.append("The robot has no masses, hence no gravity torques.")
+    return plain_text(Table("", columns, rows, notes))
 
 
-def _range(interval: Interval, factor: float = 1.0, decimals: int = 1) -> str:
-    ends = (factor * interval.low, factor * interval.high)
+def _range(interval: Interval, factor: float = 1.0) -> Quantity:
+    return Quantity(low=factor * interval.low, high=factor * interval.high)
+
+
+def _limits(interval: Interval, factor: float) -> Quantity:
+    if np.isinf([interval.low, interval.high]).all():
+        return Quantity(status="none")
+    return _range(interval, factor)
+
+
+def _ends(interval: Quantity, decimals: int = 1) -> str:
+    ends = (interval.low or 0.0, interval.high or 0.0)
     return " .. ".join(f"{round(end, decimals) + 0.0:.{decimals}f}" for end in ends)  # no -0.0
 
 
-def _limits(interval: Interval, factor: float) -> str:
-    if np.isinf([interval.low, interval.high]).all():
-        return "none"
-    return _range(interval, factor, decimals=0)
+def _whole_ends(interval: Quantity) -> str:
+    return _ends(interval, decimals=0)
 
 
-def _number(value: float) -> str:
+def _number(found: Quantity) -> str:
+    value = found.value or 0.0
     return f"{value:.3f}" if value < 10.0 else f"{value:.1f}"
 
 

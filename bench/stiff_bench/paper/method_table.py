@@ -14,7 +14,6 @@ from stiff_bench.paper.results import PaperResults, SharedSplits, provenance, sh
 from stiff_bench.paper.study import DATASET, FAIR_PROTOCOL, PAPER_PROTOCOL, SEED
 from stiff_bench.paper.table import (
     PAPER_DATA,
-    Entry,
     Group,
     Labels,
     PaperTable,
@@ -23,8 +22,9 @@ from stiff_bench.paper.table import (
     mean_reduction,
     reduction,
 )
-from stiff_bench.tables.metric_table import mark_of
+from stiff_bench.tables.metric_table import mark_of, mean_over
 from stiff_bench.tables.published import claimed_reductions, published_rows
+from stiff_bench.tables.table import Quantity
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.types import AXES
 from stiff_protocols.scoring.metrics import metric
@@ -133,13 +133,13 @@ def _group(protocol: str, columns: Labels, decimals: int) -> Group:
 
 def _errors(ours: Mapping[str, OurErrors], notes: tuple[str, ...]) -> Part:
     entries = {
-        (row, "published", method.method): Entry(method.values_mm[place])
+        (row, "published", method.method): Quantity(method.values_mm[place], n=1)
         for method in published_rows("table_10")
         for row, place in ROWS.items()
     }
     for protocol, errors in ours.items():
         for (row, method), (values, mark) in errors.items():
-            entries[row, _label(protocol), method] = Entry.of(values, mark)
+            entries[row, _label(protocol), method] = mean_over(values, mark)
     return Part(
         caption="VJM, FT-MLP and DT-CNN: errors on 20 % of the poses",
         unit="mm",
@@ -158,10 +158,10 @@ def _reductions(ours: Mapping[str, OurErrors], notes: tuple[str, ...]) -> Part:
     """Return by how much FT-MLP errs less than the VJM: as claimed, as published, and ours."""
     claimed, methods = claimed_reductions(), published_rows("table_10")
     old, new = (next(one.values_mm for one in methods if one.method == name) for name in (OLD, NEW))
-    entries = dict[tuple[Labels, str, str], Entry]()
+    entries = dict[tuple[Labels, str, str], Quantity]()
     for row, place in ROWS.items():
-        entries[row, "published", CLAIMED] = Entry(claimed[place])
-        entries[row, "published", RECOMPUTED] = Entry(reduction(old[place], new[place]))
+        entries[row, "published", CLAIMED] = Quantity(claimed[place], n=1)
+        entries[row, "published", RECOMPUTED] = Quantity(reduction(old[place], new[place]), n=1)
         for protocol, errors in ours.items():
             for column, method in REDUCED.items():
                 found = _reduction(errors.get((row, OLD)), errors.get((row, method)))
@@ -181,7 +181,7 @@ def _reductions(ours: Mapping[str, OurErrors], notes: tuple[str, ...]) -> Part:
     )
 
 
-def _reduction(was: _OfSplits | None, now: _OfSplits | None) -> Entry | None:
+def _reduction(was: _OfSplits | None, now: _OfSplits | None) -> Quantity | None:
     if was is None or now is None:
         return None
     return mean_reduction(was.values, now.values, now.mark)

@@ -28,9 +28,10 @@ from stiff_bench.paper.results import (
     shared_splits,
 )
 from stiff_bench.paper.study import DATASET, DEPTH_WIDTH, DEPTHS, PAPER_PROTOCOL, SEED
-from stiff_bench.paper.table import PAPER_DATA, Entry, Group, Labels, PaperTable, Part
-from stiff_bench.tables.metric_table import mark_of
+from stiff_bench.paper.table import PAPER_DATA, Group, Labels, PaperTable, Part
+from stiff_bench.tables.metric_table import mark_of, mean_over
 from stiff_bench.tables.published import published_lines
+from stiff_bench.tables.table import Quantity
 from stiff_bench.tables.units import MM
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
@@ -166,14 +167,14 @@ def model_table(outline: Outline, results: PaperResults) -> PaperTable:
         StoreError: the folder has none of the models, or no numbers of any.
     """
     shared = shared_splits(results, outline.models, PAPER_PROTOCOL)
-    groups, entries = list[Group](), dict[tuple[Labels, str, str], Entry]()
+    groups, entries = list[Group](), dict[tuple[Labels, str, str], Quantity]()
     values, unread = _errors_of(shared, outline.errors)
     if outline.published:
         groups.append(
             Group(PUBLISHED, "published", outline.columns, PUBLISHED_DECIMALS, PAPER_DATA)
         )
         entries |= {
-            (row, PUBLISHED, column): Entry(value)
+            (row, PUBLISHED, column): Quantity(value, n=1)
             for row, values in outline.published.items()
             for column, value in values.items()
         }
@@ -222,9 +223,9 @@ def _errors_of(shared: SharedSplits, errors: Errors) -> tuple[dict[str, list[Val
 
 def _our_entries(
     variants: Variants, shared: SharedSplits, values: Mapping[str, Sequence[Values]]
-) -> dict[tuple[Labels, str, str], Entry]:
+) -> dict[tuple[Labels, str, str], Quantity]:
     return {
-        (row, variants.label, column): Entry.of(
+        (row, variants.label, column): mean_over(
             [of_split[column] for of_split in values[model]],
             mark_of(shared.results[model][0].shown),
         )
@@ -341,7 +342,7 @@ def _sizes(part: Part) -> Iterator[str]:
     ]
 
     def of(group: str, error: str) -> FloatArray:
-        return np.array([part.entries[row, group, f"{side} {error}"].mean for row, side in places])
+        return np.array([part.entries[row, group, f"{side} {error}"].value for row, side in places])
 
     if places:
         yield (

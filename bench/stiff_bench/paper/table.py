@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
-import numpy as np
-
+from stiff_bench.tables.metric_table import mean_over
 from stiff_bench.tables.render import render
 from stiff_bench.tables.table import Column, Quantity, Table
 from stiff_bench.tables.units import MM
@@ -40,41 +38,18 @@ def reduction(old: float, new: float) -> float:
     return 100.0 * (1.0 - new / old)
 
 
-def mean_reduction(old: Sequence[float], new: Sequence[float], mark: str = "") -> Entry | None:
+def mean_reduction(old: Sequence[float], new: Sequence[float], mark: str = "") -> Quantity | None:
     """Return the reduction split by split, as mean and deviation; None where `old` is 0."""
     if not all(old):
         return None
     each = [reduction(before, after) for before, after in zip(old, new, strict=True)]
-    return Entry.of(each, mark)
+    return mean_over(each, mark)
 
 
 Labels = tuple[str, ...]
 """Of a row: one under each row heading."""
 PAPER_DATA: Final = "KR10 (measured)"
 Unit = Literal["mm", "10^3 Nm/rad", "%"]
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A number of a table.
-
-    Attributes:
-        mean: in the unit of its part; over `n` splits or specimens.
-        std: their sample standard deviation; NaN where there is one.
-        n: how many; 1 for what the paper prints.
-        mark: what must go with it, such as that the epoch was picked on the test part.
-    """
-
-    mean: float
-    std: float = math.nan
-    n: int = 1
-    mark: str = ""
-
-    @classmethod
-    def of(cls, values: Sequence[float], mark: str = "") -> Entry:
-        """Return mean and deviation of one value a split or specimen."""
-        std = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
-        return cls(float(np.mean(values)), std, len(values), mark)
 
 
 @dataclass(frozen=True)
@@ -119,7 +94,7 @@ class Part:
     row_headings: Labels
     rows: tuple[Labels, ...]
     groups: tuple[Group, ...]
-    entries: Mapping[tuple[Labels, str, str], Entry]
+    entries: Mapping[tuple[Labels, str, str], Quantity]
     notes: tuple[str, ...]
 
     @property
@@ -127,7 +102,7 @@ class Part:
         """Every column that holds numbers, from left to right."""
         return [(group, column) for group in self.groups for column in group.columns]
 
-    def entry(self, row: Labels, group: Group, column: str) -> Entry | None:
+    def entry(self, row: Labels, group: Group, column: str) -> Quantity | None:
         """Return a number, or None where there is none."""
         return self.entries.get((row, group.label, column))
 
@@ -172,10 +147,7 @@ def _typed(table: PaperTable, part: Part) -> Table:
             *(Column(heading, "text") for heading in part.row_headings),
             *(_column(part, group, column) for group, column in part.columns),
         ],
-        rows=[
-            [*row, *(_quantity(part.entry(row, *place)) for place in part.columns)]
-            for row in part.rows
-        ],
+        rows=[[*row, *(part.entry(row, *place) for place in part.columns)] for row in part.rows],
         notes=part.notes,
         unit=part.unit,
         about={"table": table.number},
@@ -192,10 +164,3 @@ def _column(part: Part, group: Group, name: str) -> Column:
         about=about | {"protocol": group.protocol, "seed": group.seed},
         marks_shown=False,
     )
-
-
-def _quantity(entry: Entry | None) -> Quantity | None:
-    if entry is None:
-        return None
-    spread = None if math.isnan(entry.std) else entry.std
-    return Quantity(entry.mean, spread, n=entry.n, mark=entry.mark)

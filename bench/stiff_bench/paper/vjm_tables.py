@@ -9,10 +9,12 @@ import numpy as np
 
 from stiff_bench.paper.names import VJM
 from stiff_bench.paper.study import DATASET
-from stiff_bench.paper.table import PAPER_DATA, Entry, Group, Labels, PaperTable, Part, Unit
+from stiff_bench.paper.table import PAPER_DATA, Group, Labels, PaperTable, Part, Unit
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.request import chosen_dataset, loaded
+from stiff_bench.tables.metric_table import mean_over
 from stiff_bench.tables.published import published_rows, published_stiffness
+from stiff_bench.tables.table import Quantity
 from stiff_bench.tables.units import MM
 from stiff_datasets.twin.calibrate import VjmFigures
 from stiff_protocols.contract.types import AXES, BenchmarkData
@@ -127,12 +129,16 @@ def _table(
             *(_SPECIMENS_LABEL, "ours", columns, decimals), f"{DATASET}@specimen=0..4 (simulated)"
         ),
     )
-    entries = dict[tuple[Labels, str, str], Entry]()
+    entries = dict[tuple[Labels, str, str], Quantity]()
     for (row, column), value in published.items():
-        of_specimens = [ours(one, (row, column)) for one in figures]
+        each = [ours(one, (row, column)) for one in figures]
         for group, entry in zip(
             groups,
-            (Entry(value), Entry.of(of_specimens[:1], _MARK), Entry.of(of_specimens, _MARK)),
+            (
+                Quantity(value, n=1),
+                mean_over(each[:1], _MARK),
+                mean_over(each, _MARK),
+            ),
             strict=True,
         ):
             entries[row, group.label, column] = entry

@@ -20,8 +20,7 @@ from stiff_protocols.scoring.metrics import METRICS, Metric
 
 def board_block(section: Section, board: Leaderboard, *, heading: str, command: str) -> Block:
     """Return ranks, scores by protocol, critical differences and costs of one section."""
-    tables = [table for table in section_tables(section, board, ()) if not table.detail]
-    return Block(heading, tables=tables, command=command)
+    return Block(heading, tables=section_tables(section, board, ()), command=command)
 
 
 MOST_NOTES = 200

@@ -203,8 +203,13 @@ def _split_values(
 
 def _value(metric: Metric, values: Sequence[float]) -> Quantity:
     _, factor = PRINTED[metric.unit]
-    std = float(np.std(values, ddof=1)) * factor if len(values) > 1 else None
-    return Quantity(float(np.mean(values)) * factor, std, n=len(values))
+    return mean_over([value * factor for value in values])
+
+
+def mean_over(values: Sequence[float], mark: str = "") -> Quantity:
+    """Return mean and sample deviation over splits or specimens; one alone has no deviation."""
+    spread = float(np.std(values, ddof=1)) if len(values) > 1 else None
+    return Quantity(float(np.mean(values)), spread, n=len(values), mark=mark)
 
 
 def _pooled_values(

@@ -20,6 +20,9 @@ from tabulate import tabulate
 from stiff_bench.console import one_line
 from stiff_bench.tables.table import VALUE_FIELDS, Cell, Column, Quantity, Table
 
+DETAILED = ("csv", "json")
+"""Formats that get tables which are too long for people, too."""
+
 
 def render(
     tables: Sequence[Table],
@@ -32,7 +35,7 @@ def render(
     """Return tables as text.
 
     Args:
-        tables: in this order; csv and json have all, the others leave out details.
+        tables: in this order.
         fmt: "github", "latex", "csv", "html" or "json".
         command: that makes them.
         text: a paragraph above and, as it is what matters, again beneath; csv leaves it out.
@@ -49,24 +52,26 @@ def render(
         "html": (_html, lambda words: f"<p>{_html_text(words)}</p>"),
     }[fmt]
     said = [paragraph(one_line(text))] if text else []
-    parts = [one(table.shown(), one_line(command)) for table in tables if not table.detail]
+    parts = [one(table.shown(), one_line(command)) for table in tables]
     head = [LATEX_NEEDS] if fmt == "latex" else []
     return "\n\n".join([*head, *said, *parts, *said])
 
 
-def plain_text(table: Table, *, widths: Sequence[int | None] | None = None) -> str:
-    """Return headings and cells in columns for a terminal, without title and notes.
+def plain_text(table: Table, *, widths: Sequence[int | None] = ()) -> str:
+    """Return headings and cells in columns for a terminal, without the title; then the notes.
 
     Args:
-        table: to print; all its columns stand left.
+        table: to print; texts stand left, numbers right.
         widths: of columns that are broken into lines, characters.
     """
-    return tabulate(
+    body = tabulate(
         table.texts(),
         headers=[table.heading(column) for column in table.columns],
-        maxcolwidths=widths,
+        maxcolwidths=[*widths] or None,
+        colalign=["right" if column.kind == "number" else "left" for column in table.columns],
         disable_numparse=True,
     )
+    return "\n".join([body, *table.notes])
 
 
 _MARKDOWN_SIGNS = re.compile(r"<(?=[A-Za-z/!?])|(?<=\])\(")

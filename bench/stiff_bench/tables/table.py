@@ -141,7 +141,6 @@ class Table:
         notes: beneath it.
         unit: that the title names; the names of columns with another one say it.
         about: facts for csv and json, such as data set, protocol and seed.
-        detail: csv and json alone hold it: too long for people.
     """
 
     title: str
@@ -150,7 +149,6 @@ class Table:
     notes: Sequence[str] = ()
     unit: str = ""
     about: Mapping[str, object] = field(default_factory=dict)
-    detail: bool = False
 
     def heading(self, column: Column) -> str:
         """Return a column's name, with its unit where neither title nor cells say it."""

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from stiff_protocols.scoring.metrics import Unit
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from stiff_protocols.scoring.metrics import Unit
 
 PRINTED: dict[Unit, tuple[str, float]] = {
     "m": ("mm", 1000.0),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import math
 import re
 import shutil
 import statistics
@@ -30,7 +29,8 @@ from stiff_bench.paper.names import (
 )
 from stiff_bench.paper.network_tables import FINE_TUNING, PRETRAINING
 from stiff_bench.paper.results import PaperResults
-from stiff_bench.paper.table import Entry, Group, PaperTable, Part, render_paper_table
+from stiff_bench.paper.table import Group, PaperTable, Part, render_paper_table
+from stiff_bench.tables.table import Quantity
 from stiff_models.transfer import mlp_pretrained
 from stiff_models.transfer.ft_mlp import FINE_TUNING as FT_PLANS
 from stiff_protocols.contract.errors import ConfigError, StoreError
@@ -52,11 +52,11 @@ SMALL = PaperTable(
             rows=(ROW, MISSING),
             groups=(PUBLISHED, OF_OURS),
             entries={
-                (ROW, "published", "MAE"): Entry(0.1234),
-                (ROW, "published", "STDE"): Entry(0.5),
-                (ROW, "ours", "MAE"): Entry(1 / 3, 1 / 7, 5, "a mark"),
-                (ROW, "ours", "STDE"): Entry(-2 / 3),
-                (MISSING, "published", "MAE"): Entry(12.5),
+                (ROW, "published", "MAE"): Quantity(0.1234),
+                (ROW, "published", "STDE"): Quantity(0.5),
+                (ROW, "ours", "MAE"): Quantity(1 / 3, 1 / 7, n=5, mark="a mark"),
+                (ROW, "ours", "STDE"): Quantity(-2 / 3),
+                (MISSING, "published", "MAE"): Quantity(12.5),
             },
             notes=("see `this`",),
         ),
@@ -121,10 +121,10 @@ def test_table_6_has_the_errors_on_the_source_that_the_networks_report(runs):
     runs.of(pretrained(layers=3, width=100), [0.1, 0.3])
     (part,) = build(6, runs.read).parts
     assert [row for (row,) in part.rows] == ["2", "3", "4", "5", "6"]
-    assert values(part, "published", ("3",))["test MAE"].mean == 0.2186
+    assert values(part, "published", ("3",))["test MAE"].value == 0.2186
     ours = values(part, OURS, ("3",))
-    assert [ours[column].mean for column in ours] == pytest.approx([0.2, 0.4, 0.6, 0.8])
-    assert ours["test STDE"].std == pytest.approx(statistics.stdev([0.4, 1.2]))
+    assert [ours[column].value for column in ours] == pytest.approx([0.2, 0.4, 0.6, 0.8])
+    assert ours["test STDE"].spread == pytest.approx(statistics.stdev([0.4, 1.2]))
     assert ours["train MAE"].n == 2
     assert set(values(part, OURS, ("2",)).values()) == {None}
     assert "1,234 steps" in notes(build(6, runs.read))
@@ -134,8 +134,8 @@ def test_networks_stopped_early_have_columns_of_their_own(runs):
     runs.of(pretrained(activation="tanh"), [0.1])
     runs.of(pretrained(activation="tanh", stopped_early=True), [0.4])
     (part,) = build(7, runs.read).parts
-    assert values(part, OURS, ("tanh",))["train MAE"].mean == pytest.approx(0.1)
-    assert values(part, EARLY, ("tanh",))["train MAE"].mean == pytest.approx(0.4)
+    assert values(part, OURS, ("tanh",))["train MAE"].value == pytest.approx(0.1)
+    assert values(part, EARLY, ("tanh",))["train MAE"].value == pytest.approx(0.4)
     assert "relu (ours, stopped early)" in notes(build(7, runs.read))
 
 
@@ -165,15 +165,15 @@ def test_table_9_takes_all_axes_and_samples_together(runs):
     (part,) = (table := build(9, runs.read)).parts
     best = values(part, OURS, ("optimized (best epoch)",))
     errors = [0.3, 0.0, 0.0]  # of four samples each
-    assert best["validation MAE"].mean == pytest.approx(statistics.mean(errors))
-    assert best["validation STDE"].mean == pytest.approx(statistics.pstdev(errors))
-    assert best["train MAE"].mean == pytest.approx(0.03)
+    assert best["validation MAE"].value == pytest.approx(statistics.mean(errors))
+    assert best["validation STDE"].value == pytest.approx(statistics.pstdev(errors))
+    assert best["train MAE"].value == pytest.approx(0.03)
     assert best["train MAE"].mark == "epoch picked on test part"
     last = values(part, OURS, ("normal (last epoch)",))
-    assert last["validation MAE"].mean == pytest.approx(0.3) and last["train MAE"].mark == ""
+    assert last["validation MAE"].value == pytest.approx(0.3) and last["train MAE"].mark == ""
     assert f"picks the best epoch on the test part ({FT_MLP})" in notes(table)
     published = values(part, "published", ("normal (last epoch)",))
-    assert published["validation MAE"].mean == 0.1997
+    assert published["validation MAE"].value == 0.1997
 
 
 def test_table_10_has_both_protocols_and_reductions_split_by_split(runs):
@@ -183,19 +183,19 @@ def test_table_10_has_both_protocols_and_reductions_split_by_split(runs):
     runs.of(FT_MLP, [0.3], FAIR)
     errors, reductions = build(10, runs.read).parts
     row = ("Z", "MAE")
-    assert values(errors, "published", row)["DT-CNN"].mean == 0.0628
-    assert values(errors, OURS, row)["FT-MLP"].mean == pytest.approx(0.075)
+    assert values(errors, "published", row)["DT-CNN"].value == 0.0628
+    assert values(errors, OURS, row)["FT-MLP"].value == pytest.approx(0.075)
     assert values(errors, OURS, row)["DT-CNN"] is None
-    assert values(errors, FAIRLY, row)["VJM"].mean == pytest.approx(0.2)
+    assert values(errors, FAIRLY, row)["VJM"].value == pytest.approx(0.2)
     published = values(reductions, "published", row)
-    assert published["claimed"].mean == 24.9
-    assert published["from Table 10"].mean == pytest.approx(24.87, abs=0.01)
+    assert published["claimed"].value == 24.9
+    assert published["from Table 10"].value == pytest.approx(24.87, abs=0.01)
     ours, own_source = values(reductions, OURS, row).values()
     assert own_source is None
-    assert ours.mean == pytest.approx(62.5)  # 50 and 75 %; that of the means would be 70
-    assert ours.std == pytest.approx(statistics.stdev([50, 75])) and ours.n == 2
+    assert ours.value == pytest.approx(62.5)  # 50 and 75 %; that of the means would be 70
+    assert ours.spread == pytest.approx(statistics.stdev([50, 75])) and ours.n == 2
     fairly, _ = values(reductions, FAIRLY, row).values()
-    assert fairly.mean == pytest.approx(-50)
+    assert fairly.value == pytest.approx(-50)
     undefined, _ = values(reductions, OURS, ("X", "MAE")).values()
     assert undefined is None  # the VJM has no error there
 
@@ -209,10 +209,10 @@ def test_table_10_has_ft_mlp_from_a_source_of_its_own_beside_it_in_ours_alone(ru
     row = ("Z", "MAE")
     ours = values(errors, OURS, row)
     assert list(ours) == ["VJM", "FT-MLP", "FT-MLP, own source", "DT-CNN"]
-    assert ours["FT-MLP, own source"].mean == pytest.approx(0.1625)
+    assert ours["FT-MLP, own source"].value == pytest.approx(0.1625)
     reduced = values(reductions, OURS, row)
-    assert reduced["FT-MLP against VJM"].mean == pytest.approx(62.5)
-    assert reduced["FT-MLP, own source against VJM"].mean == pytest.approx(50)  # 75 and 25 %
+    assert reduced["FT-MLP against VJM"].value == pytest.approx(62.5)
+    assert reduced["FT-MLP, own source against VJM"].value == pytest.approx(50)  # 75 and 25 %
 
 
 def test_the_discrepancies_of_table_10_stand_beneath_the_reductions(runs):
@@ -226,7 +226,7 @@ def test_only_splits_that_all_models_have_count_and_a_note_says_how_many_do_not(
     runs.of(FT_MLP, [0.4])
     errors, _ = (table := build(10, runs.read)).parts
     vjm = values(errors, OURS, ("Z", "MAE"))["VJM"]
-    assert (vjm.mean, vjm.n) == (pytest.approx(0.1), 1)
+    assert (vjm.value, vjm.n) == (pytest.approx(0.1), 1)
     assert "Left out: 2 splits of paper-holdout" in notes(table)
 
 
@@ -276,7 +276,7 @@ def test_one_result_of_an_older_version_is_a_row_of_dashes_and_the_others_are_sh
     (part,) = (table := build(9, runs.read)).parts
     assert set(values(part, OURS, ("normal (last epoch)",)).values()) == {None}
     best = values(part, OURS, ("optimized (best epoch)",))
-    assert best["train MAE"].mean == pytest.approx(0.03)
+    assert best["train MAE"].value == pytest.approx(0.03)
     assert f"No numbers: {FT_MLP_LAST_EPOCH} on kr10-twin" in notes(table)
     assert "an older stiffbench made it" in notes(table)
 
@@ -300,15 +300,15 @@ def test_the_vjm_of_the_twin_is_near_the_papers_tables_2_and_3_that_it_was_calib
     for axis in "XYZ":
         published = values(errors, "published", (axis,))
         ours = values(errors, "ours, kr10-twin", (axis,))
-        assert ours["MAE"].mean == pytest.approx(published["MAE"].mean, rel=0.2)
-        assert math.isnan(ours["MAE"].std) and ours["MAE"].n == 1
+        assert ours["MAE"].value == pytest.approx(published["MAE"].value, rel=0.2)
+        assert ours["MAE"].spread is None and ours["MAE"].n == 1
         of_all = values(errors, "ours, specimens 0 to 4", (axis,))
-        assert of_all["MAE"].n == 5 and 0.0 < of_all["MAE"].std < 0.05
+        assert of_all["MAE"].n == 5 and 0.0 < of_all["MAE"].spread < 0.05
     for joint in ("A1", "A2", "A3", "A4", "A5", "A6"):
-        published = values(stiffness, "published", (joint,))["stiffness"].mean
-        ours = values(stiffness, "ours, kr10-twin", (joint,))["stiffness"].mean
+        published = values(stiffness, "published", (joint,))["stiffness"].value
+        ours = values(stiffness, "ours, kr10-twin", (joint,))["stiffness"].value
         assert ours == pytest.approx(published, rel=0.15)
-    assert values(stiffness, "published", ("A4",))["stiffness"].mean == 2.27
+    assert values(stiffness, "published", ("A4",))["stiffness"].value == 2.27
     assert stiffness.unit == "10^3 Nm/rad"
     assert "calibrated against" in " ".join(errors.notes) and "a fit, not a test" in errors.notes[1]
 

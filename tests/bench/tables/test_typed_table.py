@@ -1,0 +1,138 @@
+"""The one table: cells keep their types, and every format holds all of them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import subprocess
+import sys
+
+import pytest
+
+from stiff_bench.tables.render import plain_text, render
+from stiff_bench.tables.table import VALUE_FIELDS, Column, Name, Quantity, Table
+
+SMALL = Table(
+    "small | mm",
+    [
+        Column("model", "text"),
+        Column("seed", "text", hidden=True),
+        Column("error", unit="mm", format=".2f", about={"axis": "x"}),
+        Column("share", unit="%", format=".0f"),
+        Column("n"),
+    ],
+    [
+        [Name("a", "a mark"), 7, Quantity(1 / 3, 1 / 7, n=3), Quantity(low=1.0, high=2.0), 5],
+        ["b", None, Quantity(status="FAILED"), None, None],
+        ["c", 8, Quantity(0.5, share=(3, 5), mark="*"), Quantity(share=(1, 2)), 1_000],
+    ],
+    ["a note"],
+    unit="mm",
+    about={"dataset": "twin"},
+)
+
+
+def lines(*tables: Table) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(render(tables, "csv", "bench"))))
+
+
+def test_people_read_value_spread_interval_share_status_and_mark_and_a_dash_for_nothing():
+    assert SMALL.shown().texts() == [
+        ["a [a mark]", "0.33 ± 0.14", "1 to 2", "5"],
+        ["b", "FAILED", "-", "-"],
+        ["c", "0.50 (3/5) *", "1/2", "1000"],
+    ]
+
+
+def test_a_heading_names_the_unit_that_the_title_does_not():
+    shown = SMALL.shown()
+    assert [shown.heading(column) for column in shown.columns] == [
+        *("model", "error", "share [%]", "n")
+    ]
+
+
+def test_csv_has_a_line_a_number_at_full_precision_with_all_that_it_is_of():
+    found = lines(SMALL)
+    assert len(found) == 9
+    first = found[0]
+    assert {name: first[name] for name in ("dataset", "model", "model mark", "seed", "axis")} == {
+        **{"dataset": "twin", "model": "a", "model mark": "a mark", "seed": "7", "axis": "x"}
+    }
+    assert (float(first["value"]), float(first["spread"])) == (1 / 3, 1 / 7)
+    assert (first["column"], first["unit"], first["n"]) == ("error", "mm", "3")
+    assert (found[1]["low"], found[1]["high"], found[1]["value"]) == ("1.0", "2.0", "")
+    assert (found[3]["value"], found[3]["status"]) == ("", "FAILED")
+    assert (found[6]["part"], found[6]["whole"], found[6]["mark"]) == ("3", "5", "*")
+
+
+def test_tables_with_other_columns_stand_in_one_csv():
+    other = Table("other", [Column("place", "text"), Column("y")], [["here", 1]])
+    *_, last = lines(SMALL, other)
+    assert (last["place"], last["column"], last["value"], last["model"]) == ("here", "y", "1", "")
+    assert list(last)[-len(VALUE_FIELDS) :] == [*VALUE_FIELDS]
+
+
+def test_a_table_of_texts_alone_has_a_line_a_row_in_csv():
+    table = Table("t", [Column("what", "text"), Column("where", "text")], [["x", "y"]])
+    (line,) = lines(table)
+    assert (line["what"], line["where"], line["value"]) == ("x", "y", "")
+
+
+def test_json_has_the_values_of_csv_and_says_nothing_of_what_is_not_there():
+    content = json.loads(render([SMALL], "json", "bench x", text="said", about={"key": 1}))
+    assert (content["command"], content["text"], content["key"]) == ("bench x", "said", 1)
+    (table,) = content["tables"]
+    assert table["notes"] == ["a note"] and table["dataset"] == "twin"
+    first, second, _ = table["rows"]
+    assert first["values"][0] == {
+        **{"axis": "x", "column": "error", "value": 1 / 3, "spread": 1 / 7, "n": 3, "unit": "mm"}
+    }
+    assert second["values"][0]["status"] == "FAILED" and second["values"][0]["value"] is None
+
+
+def test_json_is_strict_where_a_number_is_none_of_json():
+    table = Table("t", [Column("x")], [[math.nan], [math.inf]])
+    rows = json.loads(render([table], "json", "bench"))["tables"][0]["rows"]
+    assert [row["values"][0]["value"] for row in rows] == [None, "inf"]
+
+
+def test_latex_aligns_plain_numbers_and_leaves_others_as_texts():
+    text = render([SMALL], "latex", "bench")
+    assert r"\begin{tabular}{l r r S[table-format=4]}" in text
+    plain = Table(
+        "t", [Column("m", "text"), Column("x", format=".1f")], [["a", -12.5], ["b", None]]
+    )
+    assert "S[table-format=-2.1]" in render([plain], "latex", "bench")
+    assert r"b & {--} \\" in render([plain], "latex", "bench")
+
+
+@pytest.mark.parametrize("fmt", ["github", "latex", "html"])
+def test_a_paragraph_stands_above_and_beneath_the_tables(fmt):
+    text = render([SMALL], fmt, "bench", text="what matters")
+    assert text.count("what matters") == 2
+
+
+def test_a_terminal_gets_columns_and_notes():
+    assert plain_text(SMALL.shown()).splitlines()[2].split() == [
+        *("a", "[a", "mark]", "0.33", "±", "0.14", "1", "to", "2", "5")
+    ]
+
+
+def test_a_frame_has_the_lines_of_the_csv():
+    frame = SMALL.frame()
+    errors = frame[frame.column == "error"].set_index("model")
+    assert errors.value["a"] == 1 / 3 and math.isnan(errors.value["b"])
+    assert len(frame) == len(lines(SMALL))
+
+
+def test_a_table_is_printed_without_pandas_and_numpy():
+    script = (
+        "import sys; from stiff_bench.tables.render import render\n"
+        "from stiff_bench.tables.table import Column, Table\n"
+        "render([Table('t', [Column('x')], [[1.0]])], 'latex', 'bench')\n"
+        "print([name for name in ('numpy', 'pandas') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stdout == "[]\n", done.stderr
