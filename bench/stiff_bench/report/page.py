@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from stiff_bench.console import printable
 from stiff_bench.report.content import Page, Picture
 from stiff_bench.store.names import OPTION_MARK
-from stiff_bench.tables.table import Cell, Column, Quantity, Table, natural_order
+from stiff_bench.tables.table import Cell, Column, Table, natural_order, quantity
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.files import written_whole
 
@@ -189,8 +189,8 @@ def _page_cell(column: Column, cell: Cell, style: str) -> PageCell:
     text = column.text(cell)
     if style != "number":
         return PageCell(text, natural_order(text), "" if style == "long" else style)
-    number = cell.order if isinstance(cell, Quantity) else cell
-    order = f"{number:.12g}" if isinstance(number, int | float) else ""
+    found = quantity(cell)
+    order = "" if found is None or found.order is None else f"{found.order:.12g}"
     tone = " worse" if order.startswith("-") else " better" if order not in ("", "0") else ""
     return PageCell(text, order, style + tone * column.by_sign)
 

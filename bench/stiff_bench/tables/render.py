@@ -13,12 +13,12 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
-from typing import Any
+from typing import Any, TypeGuard
 
 from tabulate import tabulate
 
 from stiff_bench.console import one_line
-from stiff_bench.tables.table import VALUE_FIELDS, Cell, Column, Quantity, Table
+from stiff_bench.tables.table import VALUE_FIELDS, Cell, Column, Quantity, Table, quantity
 
 DETAILED = ("csv", "json")
 """Formats that get tables which are too long for people, too."""
@@ -223,56 +223,50 @@ def _column_type(table: Table, numbers: Sequence[int]) -> str:
     if any(column.kind == "text" for column in columns) or 0 in numbers:
         return "l"
     cells = [
-        (column, row[number])
+        (column, quantity(row[number]), row[number])
         for row in table.rows
         for number, column in zip(numbers, columns, strict=True)
     ]
-    if not all(cell is None or _is_plain(column, cell) for column, cell in cells):
+    if not all(cell is None or _is_plain(column, found) for column, found, cell in cells):
         return "r"
-    shown = [(column, cell) for column, cell in cells if _is_finite(cell)]
-    parts = [str(column.text(cell)).partition(" ± ") for column, cell in shown]
-    whole = max((len(_whole(number)) for number, _, _ in parts), default=1)
-    decimals = max((len(_decimals(number)) for number, _, _ in parts), default=0)
-    spreads = [len(_whole(spread)) + decimals for _, _, spread in parts if spread]
-    sign = "-" if any(number.startswith("-") for number, _, _ in parts) else ""
-    point = f".{decimals}" if decimals else ""
-    return f"S[table-format={sign}{whole}{point}{f'({max(spreads)})' if spreads else ''}]"
+    shown = [(found, column) for column, found, _ in cells if _is_finite(found)]
+    values = [_digits(found.value, column) for found, column in shown]
+    spreads = [_digits(found.spread, column) for found, column in shown if found.spread is not None]
+    whole = max((whole for whole, _ in values), default=1)
+    decimals = max((decimals for _, decimals in values), default=0)
+    sign = "-" if any((found.value or 0.0) < 0.0 for found, _ in shown) else ""
+    spread = f"({max(whole for whole, _ in spreads) + decimals})" if spreads else ""
+    return f"S[table-format={sign}{whole}{f'.{decimals}' if decimals else ''}{spread}]"
 
 
-def _is_plain(column: Column, cell: Cell) -> bool:
+def _is_plain(column: Column, found: Quantity | None) -> TypeGuard[Quantity]:
     """Whether siunitx can align it: a number, or a number with its deviation."""
-    if isinstance(cell, int):
-        return True
-    if callable(column.format) or "+" in column.format:
+    if found is None or callable(column.format) or "+" in column.format:
         return False
-    if not isinstance(cell, Quantity):
-        return isinstance(cell, float)
-    mark = cell.mark if column.marks_shown else ""
-    more = (cell.low, cell.high, cell.share, mark or None, cell.status or None)
-    return cell.value is not None and more == (None,) * len(more)
+    mark = column.marks_shown and found.mark
+    return found.value is not None and not any(
+        (found.low is not None, found.share, mark, found.status)
+    )
 
 
-def _is_finite(cell: Cell) -> bool:
-    if isinstance(cell, Quantity):
-        return cell.value is not None and math.isfinite(cell.value)
-    return isinstance(cell, int | float) and math.isfinite(cell)
+def _is_finite(found: Quantity | None) -> TypeGuard[Quantity]:
+    return found is not None and found.value is not None and math.isfinite(found.value)
 
 
-def _whole(number: str) -> str:
-    return number.lstrip("-").partition(".")[0]
-
-
-def _decimals(number: str) -> str:
-    return number.partition(".")[2]
+def _digits(value: float | None, column: Column) -> tuple[int, int]:
+    """Return how many digits of a number are printed before the point, and how many after."""
+    whole, _, decimals = f"{abs(value or 0.0):{column.format}}".partition(".")
+    return len(whole), len(decimals)
 
 
 def _latex_cell(column: Column, cell: Cell, kind: str) -> str:
     if not kind.startswith("S"):
         return latex_text(column.text(cell))
-    if cell is None:
-        return "{--}"
-    text = column.text(cell)
-    return text.replace("±", "+-") if _is_finite(cell) else f"{{{latex_text(text)}}}"
+    found = quantity(cell)
+    if not _is_finite(found):
+        return "{--}" if found is None else f"{{{latex_text(column.text(cell))}}}"
+    number = f"{found.value:{column.format}}"
+    return number if found.spread is None else f"{number} +- {found.spread:{column.format}}"
 
 
 def _html_text(text: str) -> str:

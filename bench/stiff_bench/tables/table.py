@@ -62,8 +62,17 @@ class Quantity:
 
 Cell = str | int | float | Name | Quantity | None
 """A float is a quantity with a value alone; None prints as a dash."""
+
+
+def quantity(cell: Cell) -> Quantity | None:
+    """Return a cell's number, or why there is none; None where the cell is a text or empty."""
+    if isinstance(cell, int | float):
+        return Quantity(cell)
+    return cell if isinstance(cell, Quantity) else None
+
+
 NumberFormat = str | Callable[[Quantity], str]
-"""Of one number, as `format` reads it; or what writes a whole quantity, its unit too."""
+"""Of a number, as `format` reads it; or what writes a whole quantity, its unit too."""
 Kind = Literal["number", "text"]
 
 
@@ -95,16 +104,13 @@ class Column:
 
     def text(self, cell: Cell) -> str:
         """Return one of its cells for people, a dash where there is none."""
-        if cell is None:
-            return "-"
-        if isinstance(cell, float):
-            cell = Quantity(cell)
-        if not isinstance(cell, Quantity):
-            return str(cell)
+        found = quantity(cell)
+        if found is None:
+            return "-" if cell is None else str(cell)
         if callable(self.format):
-            return cell.status or "-" if cell.order is None else self.format(cell)
-        mark = cell.mark if self.marks_shown else ""
-        return " ".join(filter(None, (number_text(cell, self.format), cell.status, mark))) or "-"
+            return found.status or "-" if found.order is None else self.format(found)
+        mark = found.mark if self.marks_shown else ""
+        return " ".join(filter(None, (number_text(found, self.format), found.status, mark))) or "-"
 
 
 def number_text(quantity: Quantity, spec: str) -> str:
@@ -206,10 +212,7 @@ class Table:
 
 def _value(column: Column, cell: Cell) -> dict[str, object]:
     """Return a number field by field; None where it has none."""
-    if isinstance(cell, int | float):
-        found = Quantity(cell)
-    else:
-        found = cell if isinstance(cell, Quantity) else Quantity(status=str(cell or ""))
+    found = quantity(cell) or Quantity(status=str(cell or ""))
     part, whole = found.share or (None, None)
     numbers = (found.value, found.spread, found.low, found.high, found.n, part, whole)
     texts = (column.unit, found.mark, found.status)
