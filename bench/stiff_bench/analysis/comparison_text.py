@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from stiff_bench.analysis.compare import Across, Report
@@ -68,14 +68,13 @@ def _tables(report: Report) -> dict[str, Table]:
     """Return name -> table; the last one has the notes."""
     places = report.where.places if report.where is not None else ()
     if len(report.comparisons) > 1:
-        first, second = {"contests": _contests(report)}, {"over datasets": _over_datasets(report)}
-        tables = first | (second if report.across else {})
+        tables = {"contests": _contests(report)}
+        tables |= {"over datasets": _over_datasets(report)} if report.across else {}
     else:
-        first, second = {"errors": _errors(report)}, {"where": _places(report, places)}
-        tables = first | (second if places else {})
+        tables = {"errors": _errors(report)}
+        tables |= {"where": _places(report, places)} if places else {}
     *_, last = tables
-    noted = {last: replace(tables[last], notes=notes(report))}
-    return tables | noted
+    return tables | {last: replace(tables[last], notes=notes(report))}
 
 
 def _estimates(report: Report) -> Table:
@@ -131,13 +130,8 @@ _UNIT, _LENGTH, _DIFFERENCE = PRINTED["m"][0], ".4f", "+.4f"
 
 
 def _p_text(found: Quantity) -> str:
-    return (
-        "-" if found.value is None else "< 0.001" if found.value < 0.001 else f"{found.value:.3f}"
-    )
-
-
-def _of_value(text: Callable[[float], str]) -> Callable[[Quantity], str]:
-    return lambda found: "-" if found.value is None else text(found.value)
+    p_value = found.value or 0.0
+    return "< 0.001" if p_value < 0.001 else f"{p_value:.3f}"
 
 
 def _number_columns(report: Report) -> list[Column]:
@@ -152,7 +146,7 @@ def _number_columns(report: Report) -> list[Column]:
 
 
 _CHANCES = [
-    Column(f"P({outcome})", format=_of_value(chance_text))
+    Column(f"P({outcome})", format=lambda found: chance_text(found.value or 0.0))
     for outcome in ("A better", "equivalent", "B better")
 ]
 

@@ -255,7 +255,7 @@ def _is_finite(found: Quantity | None) -> TypeGuard[Quantity]:
 
 def _digits(value: float | None, column: Column) -> tuple[int, int]:
     """Return how many digits of a number are printed before the point, and how many after."""
-    whole, _, decimals = f"{abs(value or 0.0):{column.format}}".partition(".")
+    whole, _, decimals = f"{abs(0 if value is None else value):{column.format}}".partition(".")
     return len(whole), len(decimals)
 
 
