@@ -625,7 +625,7 @@ def test_the_command_prints_the_board_and_loads_neither_torch_nor_pinocchio(made
     script = (
         "import sys; from stiff_bench.cli.compare import leaderboard\n"
         "leaderboard(sys.argv[1:], standalone_mode=False)\n"
-        "print([name for name in ('torch', 'pinocchio', 'matplotlib') if name in sys.modules])"
+        "print([name for name in ('torch', 'pinocchio', 'matplotlib', 'pandas') if name in sys.modules])"
     )
     words = ["--results", str(made.folder), "--model", "a", "--model", "b"]
     done = subprocess.run(
