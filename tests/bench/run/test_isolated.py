@@ -88,7 +88,9 @@ def computed():
 
 
 def pids(results) -> list[float]:
-    return [result.diagnostics["pid"] for result in results]
+    found = list(results)
+    assert not [result.failure for result in found if result.status != "ok"]
+    return [result.diagnostics["pid"] for result in found]
 
 
 def test_models_of_ours_share_a_process_and_a_strangers_cell_has_its_own(computed):
