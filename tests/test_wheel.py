@@ -53,7 +53,7 @@ def test_the_wheel_holds_every_module_and_data_file_and_nothing_else(wheel):
         "stiff_datasets/twins/kr10_r1100_2.toml",
         "stiff_published/table_10.csv",
         "stiff_bench/py.typed",
-        "stiff_bench/templates/model.py.txt",
+        "stiff_bench/model_tools/templates/model.py.txt",
         "stiff_models/py.typed",
     ):
         assert needed in names
