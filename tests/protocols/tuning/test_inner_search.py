@@ -237,14 +237,16 @@ def test_candidates_of_two_regimes_are_no_one_contest():
     assert search.chooses_epoch()  # one of them does
 
 
-def test_without_optuna_the_error_says_how_to_get_it(monkeypatch):
+@pytest.mark.parametrize("search", ["grid", "optuna"])
+def test_without_optuna_the_error_says_how_to_get_it(search, samples, monkeypatch):
     monkeypatch.setitem(sys.modules, "optuna", None)
-    with pytest.raises(
-        ConfigError, match=r"needs the package optuna: pip install 'stiffbench\[tun"
-    ):
-        InnerSearch(Shifted(), {"level": (1.0,)}, search="optuna").check_params()
-    InnerSearch(Shifted(), {"level": (1.0,)}).check_params()
-    InnerSearch(Shifted(), {}, search="optuna").check_params()  # there is nothing to search
+    tuned = InnerSearch(Shifted(), {"level": (1.0,)}, search=search)
+    wanted = r"needs the package optuna: pip install 'stiffbench\[tun"
+    with pytest.raises(ConfigError, match=wanted):
+        tuned.check_params()
+    with pytest.raises(ConfigError, match=wanted):
+        chosen(tuned, samples(0, 12))
+    InnerSearch(Shifted(), {}, search=search).check_params()  # there is nothing to search
 
 
 def test_predicting_before_the_fit_is_refused():
