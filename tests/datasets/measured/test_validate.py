@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from stiff_datasets.measured.sample_files import sample_table
 from stiff_datasets.measured.validate import render_report, validate
 from stiff_datasets.robots.robot import ChainModel, shipped_chain
 from stiff_datasets.robots.shipped import named_robot
+from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.kr10_twin import Kr10Twin, Kr10TwinMultiload, Kr10TwinOmni
 from stiff_datasets.twin.robot_twin import Ur5Twin
 from stiff_models.physics.vjm import VirtualJointModel, joint_deflection
@@ -34,17 +36,16 @@ class Measurement:
     chain: ChainModel
     path: Path
 
-    def report(self, chain: ChainModel | None = None, **changes):
-        samples = dataclasses.replace(self.samples, **changes)
-        write_samples(self.path, samples, self.robot)
-        return validate(self.path, self.robot, chain or self.chain, VirtualJointModel())
+    def report(self, **changes):
+        write_samples(self.path, dataclasses.replace(self.samples, **changes), self.robot)
+        return validate(self.path, self.chain, VirtualJointModel())
 
     def table(self):
         return sample_table(self.samples, self.robot)
 
     def report_of(self, table):
         table.to_csv(self.path, index=False)
-        return validate(self.path, self.robot, self.chain, VirtualJointModel())
+        return validate(self.path, self.chain, VirtualJointModel())
 
 
 @functools.cache
@@ -52,8 +53,7 @@ def measured(robot: str) -> tuple[BenchmarkData, ChainModel]:
     if robot == "fanuc":
         return FanucR2000iC().load(), named_robot("fanuc-r2000ic").chain()
     data = Kr10Twin().load()
-    chain = shipped_chain("kr10_r1100_2", tcp=(0.0, 0.0, 0.0))
-    return data, dataclasses.replace(chain, tcp=data.robot.tcp)
+    return data, shipped_constants("kr10_r1100_2").chain()
 
 
 @pytest.fixture(params=["fanuc", "kr10"])
@@ -141,7 +141,7 @@ def test_a_deflection_of_the_wrong_sign_is_named(measurement):
 
 
 def test_without_torques_all_readings_are_distinct_and_with_torques_there_are_more(measurement):
-    found = readings(measurement.samples, measurement.chain)
+    found = readings(measurement.samples, measurement.robot)
     # 48 in the base frame and 48 in the tool's; with torques also 48 + 1 about the flange, 24
     # in a left-handed frame and one flipped torque
     assert len(found) == (96 if not measurement.samples.wrench[:, 3:].any() else 170)
@@ -200,13 +200,15 @@ def test_a_copied_deflection_is_found(measurement):
     assert found.rows == (22,)
 
 
-@pytest.mark.parametrize("make", [Kr10Twin, Kr10TwinOmni, Kr10TwinMultiload, Ur5Twin])
-@pytest.mark.parametrize("specimen", [0, 4, 9])
+@pytest.mark.parametrize(
+    ("make", "specimen"),
+    [*itertools.product([Kr10Twin, Kr10TwinOmni, Ur5Twin], [0, 4, 9]), (Kr10TwinMultiload, 0)],
+)
 def test_clean_data_of_the_shipped_twins_raise_no_alarm(make, specimen, tmp_path):
     data = make(specimen=specimen).load()
-    path = tmp_path / "clean.csv"
-    write_samples(path, data.samples, data.robot)
-    assert messages(validate(path, data.robot, None, VirtualJointModel()).warnings) == []
+    chain = shipped_constants("ur5" if make is Ur5Twin else "kr10_r1100_2").chain()
+    report = Measurement(data.samples, data.robot, chain, tmp_path / "clean.csv").report()
+    assert messages(report.warnings) == []
 
 
 def test_a_table_that_was_pasted_twice_is_found(measurement):
@@ -294,7 +296,7 @@ def test_a_plan_that_is_not_filled_in_has_one_error_a_column(measurement):
     table = sample_table(measurement.samples, measurement.robot)
     table[["dx_mm", "dy_mm", "dz_mm"]] = np.nan
     table.to_csv(measurement.path, index=False)
-    report = validate(measurement.path, measurement.robot, None, VirtualJointModel())
+    report = validate(measurement.path, measurement.chain, VirtualJointModel())
     n = len(table)
     for name, found in zip(("dx_mm", "dy_mm", "dz_mm"), report.errors, strict=True):
         assert found.message == f"column {name}: '', expected a finite number"
@@ -304,7 +306,7 @@ def test_a_plan_that_is_not_filled_in_has_one_error_a_column(measurement):
 
 
 def test_a_file_that_cannot_be_read_is_an_error_of_the_report(measurement):
-    report = validate(measurement.path, measurement.robot, None, VirtualJointModel())
+    report = validate(measurement.path, measurement.chain, VirtualJointModel())
     assert messages(report.errors) == ["cannot be read: No such file or directory"]
     assert render_report(report).startswith(f"{measurement.path}: NOT valid, 1 error\n")
 
@@ -323,14 +325,3 @@ def test_the_report_is_aligned_and_no_wider_than_a_terminal(measurement):
     width = max(map(len, names))
     wanted = [f"  {name:<{width}} {value}" for name, value in zip(names, values, strict=True)]
     assert lines[lines.index("Facts") + 1 :] == wanted
-
-
-def test_without_a_chain_frames_of_the_base_are_still_compared(measurement):
-    write_samples(
-        measurement.path,
-        dataclasses.replace(measurement.samples, wrench=-measurement.samples.wrench),
-        measurement.robot,
-    )
-    report = validate(measurement.path, measurement.robot, None, VirtualJointModel())
-    assert only(report.warnings, "with its sign flipped")
-    assert not any("identifiable" in message for message in messages(report.facts))

@@ -24,7 +24,6 @@ from stiff_datasets.planning.plan import (
 from stiff_datasets.planning.plan_gain import plan_gain
 from stiff_datasets.planning.reachable import (
     LOWEST_HEIGHT,
-    arm_points,
     base_distance,
     lowest_height,
 )
@@ -36,6 +35,7 @@ from stiff_datasets.robots.robot import (
     shipped_robot,
 )
 from stiff_protocols.contract.errors import ConfigError, DataError, StoreError
+from stiff_protocols.contract.forward_kinematics import forward_kinematics
 
 ROBOTS = {  # name: TCP m, payload kg, clearance m
     "kr10_r1100_2": ((0.06, 0.0, 0.08), 10.0, 0.2),
@@ -106,7 +106,7 @@ def test_a_chosen_plan_keeps_limits_clearances_and_payload(case, criterion):
 def test_clearances_are_those_of_points_sampled_on_the_arm(case, rng):
     robot, _, _ = case
     q = rng.uniform(np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi), size=(60, 6))
-    points = arm_points(robot, q)
+    points = forward_kinematics(robot, q).points
     sampled = np.array([sampled_clearances(robot, row) for row in q])
     reach = 3.0  # m, longer than either robot; sampling is coarser than this over 150
     np.testing.assert_allclose(base_distance(points), sampled[:, 0], atol=reach / 150)
@@ -131,7 +131,8 @@ def test_the_distance_to_a_column_of_one_metre_has_its_closed_form(elbow, tcp, e
 
 
 def test_the_papers_poses_keep_the_default_clearances(kr10_chain):
-    points = arm_points(robot_of(kr10_chain), paper_plan(kr10_chain, 10.0, 0).q)
+    q = paper_plan(kr10_chain, 10.0, 0).q
+    points = forward_kinematics(robot_of(kr10_chain), q).points
     assert base_distance(points).min() == pytest.approx(0.2234, abs=1e-4)
     assert lowest_height(points).min() == pytest.approx(0.2, abs=1e-4)
 
