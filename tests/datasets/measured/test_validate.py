@@ -120,24 +120,20 @@ def test_a_wrench_in_another_frame_of_the_base_is_named(measurement, words, matr
     assert f"The data fit much better as the wrench {words}" in found.message
 
 
-def test_a_wrench_in_the_tool_frame_is_named(measurement):
-    in_tool = turned(measurement.samples.wrench, tool_rotations(measurement).transpose(0, 2, 1))
-    found = only(measurement.report(wrench=in_tool).warnings, "wrong frame or sign?")
-    assert "as the wrench expressed in the tool frame: residual" in found.message
-
-
-def test_a_wrench_in_a_turned_tool_frame_is_named(measurement):
-    to_tool = TOOL.T @ tool_rotations(measurement).transpose(0, 2, 1)
+@pytest.mark.parametrize(
+    ("words", "matrix"),
+    [(": residual", np.eye(3)), (" with x, y, z read from its columns y, z, x", TOOL)],
+)
+def test_a_wrench_in_the_tool_frame_is_named(measurement, words, matrix):
+    to_tool = matrix.T @ tool_rotations(measurement).transpose(0, 2, 1)
     report = measurement.report(wrench=turned(measurement.samples.wrench, to_tool))
     found = only(report.warnings, "wrong frame or sign?")
-    assert "expressed in the tool frame with x, y, z read from its columns y, z, x" in found.message
+    assert f"as the wrench expressed in the tool frame{words}" in found.message
 
 
 def test_a_deflection_of_the_wrong_sign_is_named(measurement):
-    found = only(
-        measurement.report(deflection=-measurement.samples.deflection).warnings, "wrong frame"
-    )
-    assert "unloaded minus loaded" in found.message
+    report = measurement.report(deflection=-measurement.samples.deflection)
+    assert "unloaded minus loaded" in only(report.warnings, "wrong frame").message
 
 
 def test_without_torques_all_readings_are_distinct_and_with_torques_there_are_more(measurement):
@@ -183,21 +179,19 @@ def test_single_gross_errors_are_listed_with_row_and_size(measurement, factor):
     assert all(f"row {row} by" in found.message for row in found.rows)
 
 
-def test_poses_copied_under_another_name_are_found(measurement):
-    table = measurement.table()
-    table.loc[len(table)] = table.loc[4]
-    table.loc[len(table) - 1, "pose_id"] = "again"
-    report, last = measurement.report_of(table), (len(table) + 1,)
-    assert only(report.warnings, "under another pose_id").rows == last
-    assert only(report.warnings, "the same joint angles and the same wrench").rows == last
-    assert only(report.warnings, "the same three deflections").rows == last
-
-
-def test_a_copied_deflection_is_found(measurement):
+def test_copies_of_a_row_of_its_deflection_or_of_the_whole_table_are_found(measurement):
+    table, copied = measurement.table(), "the same three deflections"
+    n = len(table)
+    again = pd.concat([table, table.loc[[4]].assign(pose_id="again")])
+    report = measurement.report_of(again)
+    for words in ("under another pose_id", "the same joint angles and the same wrench", copied):
+        assert only(report.warnings, words).rows == (n + 2,)
+    twice = pd.concat([table, table.assign(load_id="2")])
+    rows = tuple(range(n + 2, 2 * n + 2))
+    assert only(measurement.report_of(twice).warnings, copied).rows == rows
     deflection = measurement.samples.deflection.copy()
     deflection[20] = deflection[5]
-    found = only(measurement.report(deflection=deflection).warnings, "the same three deflections")
-    assert found.rows == (22,)
+    assert only(measurement.report(deflection=deflection).warnings, copied).rows == (22,)
 
 
 @pytest.mark.parametrize(
@@ -209,13 +203,6 @@ def test_clean_data_of_the_shipped_twins_raise_no_alarm(make, specimen, tmp_path
     chain = shipped_constants("ur5" if make is Ur5Twin else "kr10_r1100_2").chain()
     report = Measurement(data.samples, data.robot, chain, tmp_path / "clean.csv").report()
     assert messages(report.warnings) == []
-
-
-def test_a_table_that_was_pasted_twice_is_found(measurement):
-    table = measurement.table()
-    twice = pd.concat([table, table.assign(load_id="2")])
-    found = only(measurement.report_of(twice).warnings, "the same three deflections")
-    assert found.rows == tuple(range(len(table) + 2, 2 * len(table) + 2))
 
 
 def test_equal_deflections_of_few_digits_are_no_copies(measurement):
@@ -239,14 +226,15 @@ def test_legal_but_odd_rows_are_named(measurement, row, changes, words):
     assert only(measurement.report_of(table).warnings, words).rows == (row + 2,)
 
 
-def test_forces_in_another_unit_are_noticed(measurement):
-    report = measurement.report(wrench=measurement.samples.wrench * 1e-4)
-    assert only(report.warnings, "every force is below 1 N")
-
-
-def test_a_file_without_any_load_is_said_to_be_so(measurement):
-    report = measurement.report(wrench=measurement.samples.wrench * 0.0)
-    assert only(report.warnings, "the reference model cannot be fitted: no joint spring")
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (1e-4, "every force is below 1 N"),
+        (0.0, "the reference model cannot be fitted: no joint spring"),
+    ],
+)
+def test_forces_in_another_unit_and_no_forces_are_noticed(measurement, factor, words):
+    assert only(measurement.report(wrench=measurement.samples.wrench * factor).warnings, words)
 
 
 @pytest.mark.parametrize("n", [1, 2, 5, 29])
