@@ -38,7 +38,7 @@ from stiff_protocols.contract.interfaces import (
 from stiff_protocols.contract.search_space import Grid, Range, in_words
 from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples, Split
 from stiff_protocols.scoring.sanity import check_prediction
-from stiff_protocols.splits.generators import folds_by_pose
+from stiff_protocols.splits.random_splits import KFold
 from stiff_protocols.tuning.candidates import Search, require_optuna, try_candidates
 
 
@@ -301,10 +301,9 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
     ) -> tuple[Tried, ...]:
         """Return every candidate's inner error; one that fails is left out, and that is said."""
         rows = train if validation is None else together(train, validation)
-        parts = folds_by_pose(
+        parts = KFold(folds=self.folds, validation_fraction=self.validation_fraction).splits(
             rows,
-            n_folds=self.folds,
-            validation_fraction=self.validation_fraction,
+            n_splits=None,
             seed=int(np.random.default_rng(seed).integers(2**31)),  # `seed` has all of 32 bits
         )
         found: dict[str, Tried] = {}  # a drawn candidate may come again
