@@ -105,45 +105,31 @@ class ReturnsNothing(Springs):
         super().fit(train, **options)
 
 
-class WrongShape(Springs):
+def predicting(name, change):
+    """A model whose predictions are what `change` makes of the (n, 3) right ones."""
+
     def predict(self, q, wrench):
-        return super().predict(q, wrench)[:, :2]
+        return change(Springs.predict(self, q, wrench))
+
+    return type(name, (Springs,), {"predict": predict})
 
 
-class NotANumber(Springs):
-    def predict(self, q, wrench):
-        return super().predict(q, wrench) * np.nan
-
-
-class Whole(Springs):
-    def predict(self, q, wrench):
-        return np.zeros_like(super().predict(q, wrench), dtype=int)
-
-
-class Millimetres(Springs):
-    def predict(self, q, wrench):
-        return 1e3 * super().predict(q, wrench)
-
-
-class Kilometres(Springs):
-    def predict(self, q, wrench):
-        return 1e-3 * super().predict(q, wrench)
+WrongShape = predicting("WrongShape", lambda found: found[:, :2])
+NotANumber = predicting("NotANumber", lambda found: found * np.nan)
+Whole = predicting("Whole", lambda found: np.zeros_like(found, dtype=int))
+Millimetres = predicting("Millimetres", lambda found: 1e3 * found)
+Kilometres = predicting("Kilometres", lambda found: 1e-3 * found)
+CountsRows = predicting(
+    "CountsRows", lambda found: found * (1.0 + 0.01 * np.arange(len(found))[:, None])
+)
+Noisy = predicting(
+    "Noisy", lambda found: found + np.random.default_rng().normal(scale=1e-9, size=found.shape)
+)
 
 
 class LooksAtTheBatch(Springs):
     def predict(self, q, wrench):
         return super().predict(q, wrench - wrench.mean(axis=0))
-
-
-class CountsRows(Springs):
-    def predict(self, q, wrench):
-        return super().predict(q, wrench) * (1.0 + 0.01 * np.arange(len(q))[:, None])
-
-
-class Noisy(Springs):
-    def predict(self, q, wrench):
-        noise = np.random.default_rng().normal(scale=1e-9, size=(len(q), 3))
-        return super().predict(q, wrench) + noise
 
 
 class WritesIntoWrench(Springs):
