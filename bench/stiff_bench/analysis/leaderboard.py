@@ -371,7 +371,7 @@ class Leaderboard:
             for section in self.sections
             for one in section.fields
             for model in one.scores
-            for result in one.results(model)
+            for result in one.results[model]
         )
 
 

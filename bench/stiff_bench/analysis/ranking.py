@@ -37,6 +37,7 @@ class ScoredContest:
     Attributes:
         contest: the stored results.
         slots: the splits that all who take part have; no other counts.
+        results: model that takes part -> its results on these splits, in order.
         scores: model -> (J,) its value on each of these splits, in the metric's unit; one value
             where the protocol scores all splits together.
         missing: model -> why it has no score.
@@ -44,6 +45,7 @@ class ScoredContest:
 
     contest: Contest
     slots: tuple[Slot, ...]
+    results: Mapping[str, Sequence[CellResult]]
     scores: Mapping[str, FloatArray]
     missing: Mapping[str, str]
 
@@ -55,10 +57,6 @@ class ScoredContest:
     def mean(self, model: str) -> float:
         """Return a model's mean over the splits, in the metric's unit."""
         return float(self.scores[model].mean())
-
-    def results(self, model: str) -> list[CellResult]:
-        """Return a model's results on the splits that count."""
-        return self.contest.results(model, self.slots)
 
     def failed(self, model: str) -> str:
         """Return "FAILED" or "SKIPPED" where a model was run and gave no result; else ""."""
@@ -101,27 +99,28 @@ def scored_contest(
     Raises:
         StoreError: two models have no split in common.
     """
-    whole = {
-        model: key.of_splits(contest.results(model))
+    results: dict[str, Sequence[CellResult]] = {
+        model: contest.results(model)
         for model in models
         if model in contest.competitors and not contest.competitors[model].reasons
     }
+    scores = {model: key.of_splits(of_model) for model, of_model in results.items()}
     missing = {
-        model: reason for model in models if (reason := _why_missing(contest, model, whole, key))
+        model: reason for model in models if (reason := _why_missing(contest, model, scores, key))
     }
     missing |= _unfinished(contest, [model for model in models if model not in missing], asked)
     present = [model for model in models if model not in missing]
     slots = tuple(contest.shared_slots(present)) if present else ()
     if present and not slots:
         _refuse(contest, present)
-    found = {
-        model: whole[model]
-        if len(slots) == len(contest.competitors[model].done)
-        else key.of_splits(contest.results(model, slots))
-        for model in present
-    }
-    scores = {model: values for model, values in found.items() if values is not None}
-    return ScoredContest(contest, slots, scores, missing)
+    for model in present:
+        if len(results[model]) > len(slots):
+            results[model] = contest.results(model, slots)
+            scores[model] = key.of_splits(results[model])
+    known = {model: values for model in present if (values := scores[model]) is not None}
+    return ScoredContest(
+        contest, slots, {model: results[model] for model in present}, known, missing
+    )
 
 
 def complete_models(contests: Sequence[ScoredContest]) -> tuple[str, ...]:
@@ -233,7 +232,7 @@ class Ranking:
         return [self._errors_of(model, poses, pose_of_row) for model in self.models]
 
     def _errors_of(self, model: str, poses: TextArray, pose_of_row: IntArray) -> PoseErrors:
-        found = pooled_prediction(self.scored.results(model))
+        found = pooled_prediction(self.scored.results[model])
         pose, errors = pose_of_row[found.rows], self.key.of_rows(found)
         totals = np.bincount(pose, weights=errors, minlength=len(poses)).astype(np.float64)
         return PoseErrors(poses, totals[:, None], np.bincount(pose, minlength=len(poses)))
@@ -286,7 +285,7 @@ class Ranking:
             totals = np.column_stack([one.totals for one in errors])  # (p, m)
             of_poses = _less(totals, best, others)[tested] / counts[tested, None]
             drawn = _less(means[np.isfinite(means[:, 0])], best, others)
-        sizes = split_sizes(self.scored.results(self.models[0]), len(self.data.samples))
+        sizes = split_sizes(self.scored.results[self.models[0]], len(self.data.samples))
         return PairedDifferences(
             of_splits=_less(of_splits, best, others) if len(of_splits) > 1 else None,
             test_share=sizes.test_share,
