@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from stiff_bench.analysis.collected import Competitor, Contest, split_sizes
 from stiff_bench.analysis.sort_key import SortKey
-from stiff_bench.analysis.verdict import PairedDifferences, Question, decide_pairs
+from stiff_bench.analysis.verdict import Question, SharedErrors, decide_pairs
 from stiff_bench.store.database import read_data
 from stiff_bench.store.names import ContestName
 from stiff_bench.store.newest import Slot
@@ -266,37 +266,24 @@ class Ranking:
         others = [index for index in range(len(self.models)) if index != best]
         rope = ROPE_M if self.key.metric.unit == "m" else 0.0
         question = Question(rope=rope, seed=self.seed)
-        decisions = decide_pairs(self._differences(best, others), question, correct=True)
+        pairs = [(best, other) for other in others]
+        decisions = decide_pairs(self._shared_errors, pairs, question, correct=True)
         if decisions is None:
             return None
         like = np.ones(len(self.models), dtype=np.bool_)
         like[others] = [decision.verdict != "a" for decision in decisions]
         return like
 
-    def _differences(self, best: int, others: Sequence[int]) -> PairedDifferences:
-        """Return what is known of the best less each of the others."""
-        of_splits = np.column_stack([self.scored.scores[model] for model in self.models])  # (J, m)
-        of_splits *= self.key.sign
-        errors, means = self._pose_errors, self.drawn_means
-        of_poses = drawn = None
-        if errors is not None and means is not None:
-            counts = errors[0].counts
-            tested = counts > 0
-            totals = np.column_stack([one.totals for one in errors])  # (p, m)
-            of_poses = _less(totals, best, others)[tested] / counts[tested, None]
-            drawn = _less(means[np.isfinite(means[:, 0])], best, others)
+    @property
+    def _shared_errors(self) -> SharedErrors:
+        scores = np.column_stack([self.scored.scores[model] for model in self.models])  # (J, m)
         sizes = split_sizes(self.scored.results[self.models[0]], len(self.data.samples))
-        return PairedDifferences(
-            of_splits=_less(of_splits, best, others) if len(of_splits) > 1 else None,
+        return SharedErrors(
+            of_splits=self.key.sign * scores if len(scores) > 1 else None,
             test_share=sizes.test_share,
-            of_poses=of_poses,
-            drawn=drawn,
+            of_poses=self._pose_errors,
+            drawn=self.drawn_means,
         )
-
-
-def _less(values: FloatArray, best: int, others: Sequence[int]) -> FloatArray:
-    """Return one column of values less each of the others."""
-    return np.asarray(values[:, [best]] - values[:, others])
 
 
 class Rankings:

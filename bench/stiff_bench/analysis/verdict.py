@@ -214,47 +214,56 @@ def rank_difference(outcome: OverDatasets, a: int, b: int) -> TestResult:
 
 
 @dataclass(frozen=True, eq=False)
-class PairedDifferences:
-    """Errors of k pairs of models that were tested on the same rows, A less B, in SI units.
+class SharedErrors:
+    """Errors of m models that were tested on the same rows, in SI units; smaller is better.
 
     Attributes:
-        of_splits: (J, k) on each split; None where there is one, or all are scored together.
+        of_splits: (J, m) on each split; None where there is one, or all are scored together.
         test_share: part of the data set (0..1) that a split tests on.
-        of_poses: (p, k) mean over the rows of each tested pose; None where the value is no mean
-            over rows.
-        drawn: (B, k) on draws of the poses; None likewise.
+        of_poses: of each model, in one column; None where the value is no mean over rows.
+        drawn: (B, m) on draws of the poses, NaN where a draw holds no tested pose; None likewise.
     """
 
     of_splits: FloatArray | None
     test_share: float
-    of_poses: FloatArray | None
+    of_poses: Sequence[PoseErrors] | None
     drawn: FloatArray | None
 
 
 def decide_pairs(
-    pairs: PairedDifferences, question: Question, *, correct: bool
+    errors: SharedErrors, pairs: Sequence[tuple[int, int]], question: Question, *, correct: bool
 ) -> list[Decision] | None:
-    """Return the k verdicts; None where no test applies: one value, and no poses behind it.
+    """Return the verdicts on k pairs; None where no test applies: one value, no poses behind it.
 
     A winner needs the corrected t over splits, or Wilcoxon's test over poses where there are no
     splits, and that the draws of the poses agree.
 
     Args:
-        pairs: what is known of them.
+        errors: of the models.
+        pairs: columns of A and of B.
         question: what is asked of each.
         correct: whether the p-values are corrected for the other pairs (Holm). The draws are not:
             among many models Holm would ask for rarer events than they hold.
     """
+    a, b = [one for one, _ in pairs], [other for _, other in pairs]
     results: list[list[Estimate]] = []
-    if pairs.of_splits is not None:
-        results.append(estimates_over_splits(pairs.of_splits, pairs.test_share, question))
+    if errors.of_splits is not None:
+        differences = errors.of_splits[:, a] - errors.of_splits[:, b]  # (J, k)
+        results.append(estimates_over_splits(differences, errors.test_share, question))
         p_values = [estimate.p_value for estimate in results[0]]
-    elif pairs.of_poses is not None:
-        p_values = [wilcoxon_signed_rank(column) for column in pairs.of_poses.T]
+    elif errors.of_poses is not None:
+        p_values = [_signed_rank(errors.of_poses[i], errors.of_poses[j]) for i, j in pairs]
     else:
         return None
-    if pairs.drawn is not None:
-        results.append(estimates_over_draws(pairs.drawn, p_values, question))
+    if errors.drawn is not None:
+        drawn = errors.drawn[np.isfinite(errors.drawn[:, 0])]  # a tested pose is in it
+        results.append(estimates_over_draws(drawn[:, a] - drawn[:, b], p_values, question))
     if correct:
         results[0] = corrected(results[0])
     return [decide(of_pair, question.confidence) for of_pair in zip(*results, strict=True)]
+
+
+def _signed_rank(a: PoseErrors, b: PoseErrors) -> float:
+    """Return the p-value of Wilcoxon's test over the poses that were tested."""
+    tested = a.counts > 0
+    return wilcoxon_signed_rank((a.totals - b.totals)[tested, 0] / a.counts[tested])

@@ -13,7 +13,7 @@ import numpy as np
 from stiff_bench.analysis.collected import Contest, split_sizes
 from stiff_bench.analysis.comparison_text import VERDICTS
 from stiff_bench.analysis.leaderboard import Section, presentation
-from stiff_bench.analysis.verdict import PairedDifferences, Question, Verdict, decide_pairs
+from stiff_bench.analysis.verdict import Question, SharedErrors, Verdict, decide_pairs
 from stiff_bench.report.content import Block, Cell, Kind, PageTable, Tone
 from stiff_bench.report.runs import shell_words
 from stiff_bench.report.scores import page_table
@@ -26,7 +26,6 @@ from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.bootstrap import (
     PoseErrors,
-    pose_differences,
     pose_errors,
     resampled_means,
 )
@@ -98,26 +97,22 @@ def _of_slots(
     if len(errors[names[0]].of_poses.poses) < 2:
         return
     by_split = len(slots) > 1 and not presentation(contest).pooled
-    each = [(errors[a], errors[b]) for a, b in pairs]
-    drawn = resampled_means([one.of_poses for one in errors.values()], seed=question.seed)
-    column = {name: number for number, name in enumerate(names)}
-    a, b = ([column[pair[side]] for pair in pairs] for side in (0, 1))
-    of_splits = np.column_stack([one.of_splits - other.of_splits for one, other in each])
-    differences = PairedDifferences(
-        of_splits=of_splits if by_split else None,
+    of_poses = [one.of_poses for one in errors.values()]
+    shared = SharedErrors(
+        of_splits=np.column_stack([e.of_splits for e in errors.values()]) if by_split else None,
         test_share=split_sizes(contest.results(names[0], slots), len(data.samples)).test_share,
-        of_poses=np.column_stack(
-            [pose_differences(one.of_poses, other.of_poses) for one, other in each]
-        ),
-        drawn=drawn[:, a] - drawn[:, b],
+        of_poses=of_poses,
+        drawn=resampled_means(of_poses, seed=question.seed),
     )
-    decisions = decide_pairs(differences, question, correct=False) or []
-    for number, (pair, decision) in enumerate(zip(pairs, decisions, strict=True)):
-        one, other = each[number]
+    columns = [(names.index(a), names.index(b)) for a, b in pairs]
+    decisions = decide_pairs(shared, columns, question, correct=False) or []
+    for (a, b), decision in zip(pairs, decisions, strict=True):
         yield Pair(
-            *(contest.name, *pair),
+            name=contest.name,
+            a=a,
+            b=b,
             n_splits=len(slots),
-            difference=_difference(one, other, by_split),
+            difference=_difference(errors[a], errors[b], by_split),
             p_value=decision.p_value,
             verdict=decision.verdict,
             of_fits=not by_split,

@@ -14,8 +14,8 @@ import pytest
 from scipy import stats
 
 from stiff_bench.analysis.verdict import (
-    PairedDifferences,
     Question,
+    SharedErrors,
     decide,
     decide_pairs,
     estimates_over_poses,
@@ -23,9 +23,7 @@ from stiff_bench.analysis.verdict import (
 )
 from stiff_protocols.contract.types import Samples
 from stiff_protocols.scoring.bootstrap import (
-    PoseErrors,
     bootstrap_difference,
-    pose_differences,
     pose_errors,
     resampled_means,
 )
@@ -193,16 +191,16 @@ def verdicts_of_compare(a, b, rows):
 def verdicts_of_leaderboard(a, b, rows):
     """Return the same by the rule of leaderboard and report, each data set a pair of its own."""
     poses = rows.ravel().astype(str)
-    of_a, of_b = (pose_errors(poses, one.reshape(len(one), -1).T) for one in (a, b))
-    columns = np.hsplit(of_a.totals, len(a)) + np.hsplit(of_b.totals, len(b))
-    drawn = resampled_means([PoseErrors(of_a.poses, one, of_a.counts) for one in columns])
-    pairs = PairedDifferences(
-        of_splits=(a - b).mean(axis=2).T,
+    of_poses = [pose_errors(poses, one.reshape(-1, 1)) for one in (*a, *b)]
+    errors = SharedErrors(
+        of_splits=np.concatenate([a, b]).mean(axis=2).T,
         test_share=rows.shape[1] / N_POSES,
-        of_poses=pose_differences(of_a, of_b),
-        drawn=drawn[:, : len(a)] - drawn[:, len(a) :],
+        of_poses=of_poses,
+        drawn=resampled_means(of_poses),
     )
-    return [decision.verdict for decision in decide_pairs(pairs, Question(), correct=False)]
+    pairs = [(column, len(a) + column) for column in range(len(a))]
+    decisions = decide_pairs(errors, pairs, Question(), correct=False)
+    return [decision.verdict for decision in decisions]
 
 
 @pytest.mark.slow
