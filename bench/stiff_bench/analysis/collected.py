@@ -142,8 +142,10 @@ class Contest:
 
     def shared_slots(self, competitors: Iterable[str]) -> list[Slot]:
         """Return the splits on which all of these models have a result, in order."""
-        each = [self.competitors[name].done for name in competitors]
-        return [slot for slot in self.slots if all(slot in done for done in each)]
+        shared = set(self.slots).intersection(
+            *(self.competitors[name].done for name in competitors)
+        )
+        return sorted(shared)
 
 
 def collect(folder: Path) -> list[Contest]:

@@ -164,6 +164,8 @@ def _why_unfinished(contest: Contest, competitor: Competitor, asked: Set[str]) -
 
 def _asked_for_more(contest: Contest, competitor: Competitor, asked: Set[str]) -> bool:
     """Say whether a model was to be run on more of the others' splits and was not."""
+    if len(competitor.done) == len(contest.slots):
+        return False
     own = {result.cell.coverage: result.cell for result in competitor.done.values()}
     return any(
         replace(cell, split_index=slot[0], split_sha256=slot[1], rows_sha256=rows_sha256).key
