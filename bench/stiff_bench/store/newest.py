@@ -113,6 +113,8 @@ def _of_options(
     options: Mapping[str, Any], results: Sequence[CellResult]
 ) -> tuple[list[CellResult], list[str]]:
     same = [result for result in results if result.cell.model_params == options]
+    if len(same) == len(results):
+        return same, []
     differing = sorted(
         {
             option
