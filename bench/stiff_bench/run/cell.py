@@ -65,10 +65,7 @@ def compute_cell(task: CellTask, run_id: str) -> CellResult:
                 result = _fit_predict_score(task, run_id)
         except StiffBenchError as error:
             result = failed(task, run_id, type(error).__name__, short(str(error)))
-        except (
-            Exception,
-            SystemExit,
-        ) as error:  # whatever a plugin raises is that cell's failure alone
+        except (Exception, SystemExit) as error:  # a plugin's costs that cell alone
             where = traceback.extract_tb(error.__traceback__)[-1]
             reason = f"{short(said_by(error))} ({where.filename}:{where.lineno})"
             result = failed(task, run_id, type(error).__name__, reason)

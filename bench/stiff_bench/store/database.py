@@ -22,7 +22,7 @@ import os
 import shutil
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import fields
 from functools import cache
 from itertools import chain, count
@@ -247,8 +247,6 @@ def stored_results(
         StoreError: the folder is none of ours, the file is damaged as a whole, or a row is and
             nobody asked for a report.
     """
-    if not has_results(folder):
-        return
     tell = report or _raise
     asked = sorted(keys or ())
     last = 0
@@ -279,8 +277,6 @@ def stored_statuses(folder: Path) -> dict[str, str]:
     Raises:
         StoreError: the folder is none of ours, or its file is damaged.
     """
-    if not has_results(folder):
-        return {}
     with reading(folder) as db:
         return dict(_fetched(db, "SELECT key, status FROM cell"))
 
@@ -291,8 +287,6 @@ def mean_seconds(folder: Path) -> dict[str, float]:
     Raises:
         StoreError: the folder is none of ours, or its file is damaged.
     """
-    if not has_results(folder):
-        return {}
     query = "SELECT model, avg(fit_s + predict_s) FROM cell WHERE status = 'ok' GROUP BY model"
     with reading(folder) as db:
         return {model: seconds for model, seconds in _fetched(db, query) if seconds is not None}
@@ -311,8 +305,6 @@ def readable_manifests(
     folder: Path, report: Callable[[DamagedFile], None]
 ) -> Iterator[RunManifest]:
     """Yield the manifests of a folder that are whole; `report` is told of the others."""
-    if not has_results(folder):
-        return
     with reading(folder) as db:
         rows = _fetched(db, f"SELECT sha256, {', '.join(_RUN)} FROM run ORDER BY run_id")
     for row in rows:
@@ -328,11 +320,9 @@ def read_data(folder: Path, sha256: str) -> StoredData:
     Raises:
         StoreError: there is none, or it is damaged.
     """
-    row = None
-    if has_results(folder):
-        query = "SELECT content, content_sha256 FROM data WHERE sha256 = ?"
-        with reading(folder) as db:
-            row = db.execute(query, (sha256,)).fetchone()
+    query = "SELECT content, content_sha256 FROM data WHERE sha256 = ?"
+    with reading(folder) as db:
+        row = db.execute(query, (sha256,)).fetchone()
     if row is None:
         raise StoreError(f"{folder / FILE}: holds no data set {sha256!r}")
     try:
@@ -345,21 +335,21 @@ def read_data(folder: Path, sha256: str) -> StoredData:
 
 @contextmanager
 def reading(folder: Path) -> Iterator[sqlite3.Connection]:
-    """Give a connection that reads a folder's file, which must be there.
+    """Give a connection that reads a folder's file; empty tables where there are none yet.
 
     Raises:
         StoreError: the file is damaged, of another format, or cannot be read.
     """
     path = folder / FILE
-    with _said(path, "read"):
-        db = sqlite3.connect(_uri(path), uri=True, timeout=BUSY_S, isolation_level=None)
-        with closing(db):
-            db.execute("BEGIN")  # all that the block reads is of one moment
+    with _said(path, "read"), ExitStack() as stack:
+        if has_results(folder):
+            db = sqlite3.connect(_uri(path), uri=True, timeout=BUSY_S, isolation_level=None)
+            stack.enter_context(closing(db)).execute("BEGIN")  # what is read is of one moment
             if _has_tables(db):
                 _check_format(path, db)
                 yield db
                 return
-        with closing(sqlite3.connect(":memory:")) as db:  # a run is about to make the tables
+        with closing(sqlite3.connect(":memory:")) as db:
             _make_tables(db)
             yield db
 
