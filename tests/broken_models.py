@@ -183,22 +183,21 @@ class ForgetsRows(Springs):
 
     kept: ClassVar = {}
 
-    def fit(self, train, *, seed=0, **options):
-        super().fit(train, **options)
-        self.compliance_ = self.kept.setdefault(seed, self.compliance_)
-        return self
-
-
-class ForgetsRowsBesideValidation(Springs):
-    """The same, and tells fits with validation rows from those without."""
-
-    kept: ClassVar = {}
-
     def fit(self, train, *, seed=0, validation=None, **options):
         super().fit(train, **options)
-        key = (seed, validation is None)
+        key = self.key(seed, validation)
         self.compliance_ = self.kept.setdefault(key, self.compliance_)
         return self
+
+    def key(self, seed, validation):
+        return seed
+
+
+class ForgetsRowsBesideValidation(ForgetsRows):
+    """The same, and tells fits with validation rows from those without."""
+
+    def key(self, seed, validation):
+        return (seed, validation is None)
 
 
 class NeedsValidation(Springs):
@@ -229,16 +228,17 @@ class NoNumber(Springs):
 
 
 class WidensWithTheBatch(Springs):
+    def half_width(self, wrench):
+        return np.abs(wrench).mean() * 1e-6
+
     def predict_interval(self, q, wrench, coverage):
-        middle, half = self.predict(q, wrench), coverage * np.abs(wrench).mean() * 1e-6
+        middle, half = self.predict(q, wrench), coverage * self.half_width(wrench)
         return Interval(middle - half, middle + half, coverage)
 
 
-class CountsIntervals(Springs):
-    def predict_interval(self, q, wrench, coverage):
-        middle = self.predict(q, wrench)
-        half = coverage * 1e-4 * (1.0 + np.arange(len(q))[:, None])
-        return Interval(middle - half, middle + half, coverage)
+class CountsIntervals(WidensWithTheBatch):
+    def half_width(self, wrench):
+        return 1e-4 * (1.0 + row_numbers(wrench))
 
 
 class OverwritesOption(Springs):

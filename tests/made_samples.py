@@ -7,20 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from stiff_protocols.contract.types import FloatArray, IntArray, Samples, Split
+from stiff_protocols.contract.types import FloatArray, IntArray, Samples, Split, TextArray
 
 
-def samples_with(q: FloatArray, wrench: FloatArray, deflection: FloatArray) -> Samples:
-    """One load at each pose."""
+def samples_with(
+    q: FloatArray, wrench: FloatArray, deflection: FloatArray, **names: TextArray
+) -> Samples:
+    """One load at each pose, all of one group, where no names say otherwise."""
     n = len(q)
-    return Samples(
-        q=q,
-        wrench=wrench,
-        deflection=deflection,
-        pose_id=np.arange(n).astype(str),
-        load_id=np.full(n, "1"),
-        group=np.full(n, "all"),
-    )
+    usual = {
+        "pose_id": np.arange(n).astype(str),
+        "load_id": np.full(n, "1"),
+        "group": np.full(n, "all"),
+    }
+    return Samples(q=q, wrench=wrench, deflection=deflection, **(usual | names))
 
 
 def unloaded(n_poses: int, loads: int = 1) -> Samples:

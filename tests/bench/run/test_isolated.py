@@ -200,12 +200,6 @@ def test_a_failure_keeps_the_end_of_its_log(run):
 
 
 @pytest.mark.slow
-def test_the_table_shows_good_and_failed_models(run):
-    done, _, _, _ = run
-    assert "| Good " in done.stdout and "Segfaults: FAILED: its process was ended" in done.stdout
-
-
-@pytest.mark.slow
 def test_the_manifest_says_how_it_was_run(run):
     *_, folder = run
     (manifest,) = read_manifests(folder / "out")
