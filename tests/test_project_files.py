@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -10,7 +11,8 @@ import pytest
 yaml = pytest.importorskip("yaml")  # comes with mkdocs
 
 TOP = Path(__file__).parents[1]
-PROJECT = tomllib.loads((TOP / "pyproject.toml").read_text("utf-8"))["project"]
+SETTINGS = tomllib.loads((TOP / "pyproject.toml").read_text("utf-8"))
+PROJECT = SETTINGS["project"]
 FORMS = sorted((TOP / ".github" / "ISSUE_TEMPLATE").glob("[!c]*.yml"))
 
 
@@ -55,3 +57,20 @@ def test_an_issue_form_asks_questions_that_must_be_answered(form):
     assert len({item["id"] for item in questions}) == len(questions)
     assert all(item["attributes"]["label"] for item in questions)
     assert any(item.get("validations", {}).get("required") for item in questions)
+
+
+def test_the_engines_rooms_are_described_in_the_order_of_their_imports():
+    page = (TOP / "bench" / "README.md").read_text("utf-8")
+    lines = [line for line in page.splitlines() if line.startswith("| `")]
+    described = [re.findall(r"`(\w+)/`", line.split("|")[1]) for line in lines]
+    contracts = SETTINGS["tool"]["importlinter"]["contracts"]
+    (layers,) = (one["layers"] for one in contracts if one.get("containers") == ["stiff_bench"])
+    rooms = [sorted(layer.split(" | ")) for layer in layers if layer != "console"]
+    assert [sorted(names) for names in described] == rooms
+
+
+@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "bench/README.md", "docs/performance.md"])
+def test_every_python_file_that_a_page_names_is_there(page):
+    named = set(re.findall(r"`(?:[\w/]*/)?(\w+\.py)`", (TOP / page).read_text("utf-8")))
+    there = {path.name for path in TOP.glob("*/**/*.py")}
+    assert named - there == set() != named
