@@ -17,7 +17,7 @@ from stiff_protocols.conformance.suite import check_model
 PAGE = (Path(__file__).parents[1] / "docs" / "add_a_model.md").read_text(encoding="utf-8")
 BLOCKS = dict(
     zip(
-        ("my-mean", "bagged-ridge"),
+        ("mean-deflection", "bagged-ridge"),
         re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL),
         strict=True,
     )
