@@ -238,7 +238,7 @@ class WidensWithTheBatch(Springs):
 
 class CountsIntervals(WidensWithTheBatch):
     def half_width(self, wrench):
-        return 1e-4 * (1.0 + row_numbers(wrench))
+        return 1e-4 * (1.0 + np.arange(len(wrench))[:, None])
 
 
 class OverwritesOption(Springs):

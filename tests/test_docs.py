@@ -16,7 +16,7 @@ from stiff_protocols.conformance.suite import check_model
 
 PAGE = (Path(__file__).parents[1] / "docs" / "add_a_model.md").read_text(encoding="utf-8")
 PYTHON = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-BLOCKS = dict(zip(("my-mean", "bagged-ridge"), PYTHON, strict=True))
+BLOCKS = dict(zip(("mean-deflection", "bagged-ridge"), PYTHON, strict=True))
 
 
 @pytest.mark.parametrize("key", BLOCKS)

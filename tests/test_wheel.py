@@ -37,7 +37,9 @@ def wheel(tmp_path_factory) -> Path:
 
 def test_the_wheel_holds_every_module_and_data_file_and_nothing_else(wheel):
     with zipfile.ZipFile(wheel) as archive:
-        names = {name for name in archive.namelist() if ".dist-info/" not in name}
+        listed = archive.namelist()
+    names = {name for name in listed if ".dist-info/" not in name}
+    assert any(name.endswith(".dist-info/licenses/LICENSE") for name in listed)
     sources = {
         f"{package.name if package.name != 'published' else 'stiff_published'}/"
         f"{file.relative_to(package).as_posix()}"

@@ -20,6 +20,7 @@ from stiff_bench.analysis.verdict import decide, rank_difference
 from stiff_bench.store.names import ContestName, grouped
 from stiff_bench.tables.picture_file import check_suffix, drawing, save_figure
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.paired import LEVEL
 from stiff_protocols.scoring.ranks import OverDatasets, compare_over_datasets, why_not
@@ -158,7 +159,8 @@ def save_diagrams(
         path: the file; its suffix chooses PNG, PDF or SVG.
 
     Raises:
-        ConfigError: no analysis has an outcome, or the suffix is not known.
+        ConfigError: no analysis has an outcome, the suffix is not known, or scikit-posthocs is
+            not installed.
         StoreError: the file cannot be written.
     """
     check_suffix(path)
@@ -166,6 +168,7 @@ def save_diagrams(
     if not drawn:
         reasons = "; ".join(dict.fromkeys(analysis.why_none for analysis in analyses))
         raise ConfigError(f"--figure {path}: there is no critical difference to draw: it {reasons}")
+    require("a diagram of ranks", "scikit_posthocs")
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 

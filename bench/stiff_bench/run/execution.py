@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Mapping, Set
 from dataclasses import dataclass, field
-from importlib.util import find_spec
 from typing import Literal, Protocol
 
 from stiff_bench.plan.cells import CellTask
@@ -14,6 +13,7 @@ from stiff_bench.run.cell import compute_cell
 from stiff_bench.run.isolate import NO_MACHINES, Limits, LocalProcesses, result_of
 from stiff_bench.run.progress import Display
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.record import CellResult
 
 Rerun = Literal["missing", "failed", "all"]
@@ -125,8 +125,7 @@ def chosen_execution(
 
 
 def _on_cluster(words: str, limits: Limits, plan: RunPlan) -> Executor:
-    if find_spec("distributed") is None:
-        raise ConfigError(f"--dask {words}: needs Dask: pip install 'stiffbench[cluster]'")
+    require(f"--dask {words}", "distributed")
     from stiff_bench.run.dask_cluster import DaskCluster
 
     return DaskCluster(words, limits, plan.output)

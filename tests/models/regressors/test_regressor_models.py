@@ -12,7 +12,6 @@ from sklearn.exceptions import ConvergenceWarning
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.regressors.baselines import MeanModel, ZeroModel
 from stiff_models.regressors.gp import GaussianProcessModel
-from stiff_models.regressors.optional_packages import missing_package
 from stiff_models.regressors.regressor_model import BoostingModel, NearestNeighbours, told_as_ours
 from stiff_protocols.contract.errors import ModelError, NotFittedError, StiffBenchWarning
 from stiff_protocols.contract.types import Samples
@@ -130,10 +129,3 @@ def test_what_a_regressor_says_of_its_code_stays_what_it_is():
     with pytest.warns(FutureWarning, match="odd") as caught, told_as_ours():
         warnings.warn("odd", FutureWarning, stacklevel=1)
     assert caught[0].category is FutureWarning
-
-
-def test_a_missing_package_is_named_with_its_extra():
-    assert missing_package("numpy", "tabular") == ""
-    assert missing_package("no_such_package", "tabular") == (
-        "needs the package no_such_package: pip install 'stiffbench[tabular]'"
-    )
