@@ -1,4 +1,4 @@
-"""Row numbers inside scikit-learn's compiled trees, which it follows without looking.
+"""Row numbers and shapes that scikit-learn's compiled code follows without looking.
 
 skops checks types, not content: a file could hold a tree whose children or features are not there,
 and following them would read memory outside of the arrays or never end (scikit-learn's pull request
@@ -20,10 +20,10 @@ from stiff_protocols.contract.types import IntArray
 
 
 def check_compiled_trees(content: object) -> None:
-    """Check every compiled tree in what was read from a file.
+    """Check every tree and every neighbours' regressor in what was read from a file.
 
     Raises:
-        DataError: a tree names a row or a feature that it does not have.
+        DataError: it names a row or a feature that it does not have.
     """
     _visit(content, -1, set())
 
@@ -49,6 +49,10 @@ def _visit(value: Any, n_features: int, seen: set[tuple[int, int]]) -> None:
         _check_nodes(nodes["is_leaf"] == 0, children, nodes["feature_idx"], n_features)
     elif isinstance(value, KDTree | BallTree):
         _check_search_tree(value)
+    elif hasattr(value, "_fit_X"):  # neighbours: compiled code believes their shape
+        rows = np.asarray(value._fit_X)
+        if rows.ndim != 2 or len(rows) == 0 or rows.shape[1] != n_features:
+            raise DataError(f"holds neighbours of shape {rows.shape}, expected (n, {n_features})")
     for part in _parts(value):
         _visit(part, n_features, seen)
 

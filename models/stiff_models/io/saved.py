@@ -112,13 +112,14 @@ def load(path: Path | str) -> BaseEstimator:
         return _model(_content(Path(path).read_bytes())["model"])
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except StiffBenchError as error:
-        raise DataError(f"{path}: {error}") from error
     except Exception as error:  # a crafted or damaged archive can raise anything
-        raise DataError(
-            f"{path}: holds no model that stiffbench {version('stiffbench')} can build: "
-            f"{type(error).__name__}: {' '.join(str(error).split())}"
-        ) from error
+        said = " ".join(str(error).split())  # an array's text has several lines
+        if not isinstance(error, StiffBenchError):
+            said = (
+                f"holds no model that stiffbench {version('stiffbench')} can build: "
+                f"{type(error).__name__}: {said}"
+            )
+        raise DataError(f"{path}: {said}") from error
 
 
 def _content(data: bytes) -> Mapping[str, Any]:

@@ -121,3 +121,11 @@ def test_a_neighbour_tree_that_points_outside_of_itself_is_refused(rng):
     regressor._tree.__setstate__(tuple(state))
     with pytest.raises(DataError, match="neighbour tree"):
         there_and_back(regressor)
+
+
+@pytest.mark.parametrize("shape", [(0, 4), (120, 3), (4,)])
+def test_neighbours_of_another_shape_than_the_input_are_refused(shape, rng):
+    regressor = KNeighborsRegressor(algorithm="brute").fit(*data(rng))
+    regressor._fit_X = np.zeros(shape)
+    with pytest.raises(DataError, match="neighbours of shape"):
+        there_and_back(regressor)
