@@ -198,8 +198,8 @@ def report(
     tables can be sorted and filtered in a browser.
     """
     from stiff_bench.report.report import write_report
-    from stiff_bench.report.runs import Choice
+    from stiff_bench.report.runs import Selection
 
-    choice = Choice(models, datasets, protocols, metric, axis, seed)
+    choice = Selection(models, datasets, protocols, metric, axis, seed)
     write_report(folders, choice, output, command_line())
     say(f"{output}: the page is written")

@@ -21,6 +21,7 @@ from stiff_bench.cli.options import (
     FILE,
     FiniteRange,
     begin_execution,
+    chosen,
     command_line,
     debug_option,
     execution_of,
@@ -29,7 +30,6 @@ from stiff_bench.cli.options import (
     output_option,
     plugin_option,
     robot_options,
-    robot_words,
     settings_option,
 )
 from stiff_bench.cli.results import cache, merge
@@ -181,10 +181,10 @@ def run(plugins: tuple[Path, ...], fmt: str, **words: Any) -> int:
     """
     taken = begin_execution(words)
     from stiff_bench.plan.registry import usable_registry
-    from stiff_bench.plan.request import RunRequest, plan_run
+    from stiff_bench.plan.request import plan_run
 
     registry = usable_registry(plugins)
-    plan = plan_run(RunRequest(robot=robot_words(words), **words, command=command_line()), registry)
+    plan = plan_run(chosen(words, registry), registry, **words, command=command_line())
     execution = execution_of(taken, plan, registry)
     from stiff_bench.cli.run import execute, show_plan
 

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 if TYPE_CHECKING:
+    from stiff_bench.plan.options import Chosen
     from stiff_bench.plan.registry import Registry
     from stiff_bench.plan.request import RunPlan
-    from stiff_bench.plan.robots import RobotWords
+    from stiff_bench.plan.words import RobotWords
     from stiff_bench.run.execution import Execution
 
 
@@ -161,9 +162,22 @@ def robot_options(command: Any) -> Any:
     return command
 
 
+def chosen(words: dict[str, Any], registry: Registry) -> Chosen:
+    """Take the options that choose models, data sets and protocols out of a command's words.
+
+    Raises:
+        ConfigError: a key, option or value is unknown or wrong.
+    """
+    from stiff_bench.plan.words import choices
+
+    names = ("models", "datasets", "protocols", "settings", "data")
+    given = {name: words.pop(name) for name in names if name in words}
+    return choices(registry, robot=robot_words(words), **given)
+
+
 def robot_words(words: dict[str, Any]) -> RobotWords:
     """Take the three options out of a command's words."""
-    from stiff_bench.plan.robots import RobotWords
+    from stiff_bench.plan.words import RobotWords
 
     if words["robot"] == "":
         raise click.BadParameter("an empty word names no robot", param_hint="--robot")

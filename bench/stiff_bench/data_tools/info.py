@@ -27,7 +27,7 @@ NO_SCATTER = 0.01
 
 
 @dataclass(frozen=True)
-class Spread:
+class VectorSpread:
     """How vectors lie in space.
 
     Attributes:
@@ -62,21 +62,21 @@ class Spread:
         return words[self.dimensions - 1]
 
 
-def directions(vectors: FloatArray) -> Spread:
+def directions(vectors: FloatArray) -> VectorSpread:
     """Return how the directions of (n, 3) vectors lie; vectors of length zero have none."""
     length = np.linalg.norm(vectors, axis=1)
     unit = vectors[length > 0.0] / length[length > 0.0, None]
     if len(unit) == 0:
-        return Spread((0.0, 0.0, 0.0), 0.0)
-    return Spread(_shares(unit), float(np.linalg.norm(unit.mean(axis=0))))
+        return VectorSpread((0.0, 0.0, 0.0), 0.0)
+    return VectorSpread(_shares(unit), float(np.linalg.norm(unit.mean(axis=0))))
 
 
-def about_mean(vectors: FloatArray) -> Spread:
+def about_mean(vectors: FloatArray) -> VectorSpread:
     """Return how (n, 3) vectors lie about their mean."""
     centred = vectors - vectors.mean(axis=0)
     if np.linalg.norm(centred) <= NO_SCATTER * np.linalg.norm(vectors):
-        return Spread((0.0, 0.0, 0.0), None)
-    return Spread(_shares(centred), None)
+        return VectorSpread((0.0, 0.0, 0.0), None)
+    return VectorSpread(_shares(centred), None)
 
 
 def _shares(vectors: FloatArray) -> tuple[float, ...]:
@@ -92,7 +92,7 @@ _FILE_UNITS: dict[JointType, tuple[float, str, str]] = {  # position's factor, u
 
 
 @dataclass(frozen=True)
-class Interval:
+class ValueRange:
     """Smallest and largest value."""
 
     low: float
@@ -123,10 +123,10 @@ class JointFacts:
 
     name: str
     kind: JointType
-    position: Interval
-    limits: Interval
-    load_torque: Interval
-    gravity_torque: Interval | None
+    position: ValueRange
+    limits: ValueRange
+    load_torque: ValueRange
+    gravity_torque: ValueRange | None
 
 
 @dataclass(frozen=True)
@@ -156,9 +156,9 @@ class DatasetFacts:
     groups: tuple[tuple[str, int], ...]
     force: Magnitude
     torque: Magnitude
-    force_directions: Spread
-    forces_about_mean: Spread
-    torque_directions: Spread
+    force_directions: VectorSpread
+    forces_about_mean: VectorSpread
+    torque_directions: VectorSpread
     deflection: Magnitude
     deflection_axes: tuple[Magnitude, ...]
     joints: tuple[JointFacts, ...]
@@ -216,7 +216,7 @@ def _joint_facts(data: BenchmarkData) -> tuple[JointFacts, ...]:
             name=robot.joint_names[joint],
             kind=robot.joint_types[joint],
             position=_interval(q[:, joint]),
-            limits=Interval(float(robot.lower[joint]), float(robot.upper[joint])),
+            limits=ValueRange(float(robot.lower[joint]), float(robot.upper[joint])),
             load_torque=_interval(loads[:, joint]),
             gravity_torque=None if gravity is None else _interval(gravity[:, joint]),
         )
@@ -224,8 +224,8 @@ def _joint_facts(data: BenchmarkData) -> tuple[JointFacts, ...]:
     )
 
 
-def _interval(values: FloatArray) -> Interval:
-    return Interval(float(values.min()), float(values.max()))
+def _interval(values: FloatArray) -> ValueRange:
+    return ValueRange(float(values.min()), float(values.max()))
 
 
 def _overview(found: DatasetFacts) -> str:
@@ -310,12 +310,12 @@ def _joint_table(joints: tuple[JointFacts, ...]) -> str:
     return f"{table}\n{note}"
 
 
-def _range(interval: Interval, factor: float = 1.0, decimals: int = 1) -> str:
+def _range(interval: ValueRange, factor: float = 1.0, decimals: int = 1) -> str:
     ends = (factor * interval.low, factor * interval.high)
     return " .. ".join(f"{round(end, decimals) + 0.0:.{decimals}f}" for end in ends)  # no -0.0
 
 
-def _limits(interval: Interval, factor: float) -> str:
+def _limits(interval: ValueRange, factor: float) -> str:
     if np.isinf([interval.low, interval.high]).all():
         return "none"
     return _range(interval, factor, decimals=0)

@@ -39,7 +39,7 @@ _MANY = 500  # poses
 
 
 @dataclass(frozen=True, eq=False)
-class PoseErrors:
+class WorkspaceErrors:
     """One model's errors over the workspace.
 
     Attributes:
@@ -53,7 +53,7 @@ class PoseErrors:
     error: FloatArray
 
 
-def workspace_figure(models: Sequence[PoseErrors]) -> Figure:
+def workspace_figure(models: Sequence[WorkspaceErrors]) -> Figure:
     """Draw each model's poses from the side and from above, colours being errors."""
     from matplotlib.colors import Normalize
 
@@ -77,7 +77,7 @@ def workspace_figure(models: Sequence[PoseErrors]) -> Figure:
     return figure
 
 
-def _view_heights(models: Sequence[PoseErrors], page: float) -> list[float]:
+def _view_heights(models: Sequence[WorkspaceErrors], page: float) -> list[float]:
     """Return heights in inches at which both views, true to scale, fill the width of a page."""
     x, y, z = np.concatenate([one.place for one in models]).T
     width = (page - BAR_INCH) / len(models)
@@ -86,7 +86,7 @@ def _view_heights(models: Sequence[PoseErrors], page: float) -> list[float]:
     return [min(max(width * ratio, LEAST_INCH), MOST_INCH) + FRAME_INCH for ratio in ratios]
 
 
-def _draw(side: Axes, above: Axes, one: PoseErrors, scale: Normalize) -> PathCollection:
+def _draw(side: Axes, above: Axes, one: WorkspaceErrors, scale: Normalize) -> PathCollection:
     order = np.argsort(one.error, kind="stable")  # the worst are drawn last, on top
     x, y, z = one.place[order].T
     error = one.error[order] * MM
@@ -127,9 +127,11 @@ def gather(source: FigureSource) -> Content:
     return Content(caption.strip(), partial(workspace_figure, models))
 
 
-def _of_model(compared: Compared, name: str, tcp: FloatArray, pose: NDArray[np.intp]) -> PoseErrors:
+def _of_model(
+    compared: Compared, name: str, tcp: FloatArray, pose: NDArray[np.intp]
+) -> WorkspaceErrors:
     tested = compared.tested(name)
     rows, lengths = tested.mean_by_row(np.linalg.norm(tested.error, axis=1))
     _, first, where = np.unique(pose[rows], return_index=True, return_inverse=True)
     error = np.bincount(where, lengths) / np.bincount(where)
-    return PoseErrors(name, tcp[rows[first]], error)
+    return WorkspaceErrors(name, tcp[rows[first]], error)

@@ -53,7 +53,7 @@ from stiff_bench.paper.names import (
     pretrained,
     unfrozen,
 )
-from stiff_bench.paper.results import FULL, PaperResults, Tried, shared_splits, tried_models
+from stiff_bench.paper.results import FULL, PaperResults, TriedModels, shared_splits, tried_models
 from stiff_bench.paper.study import DATASET, DEPTH_WIDTH, PAPER_PROTOCOL, SEED, WIDTH_DEPTHS, WIDTHS
 from stiff_bench.tables.published import published_lines
 from stiff_bench.tables.units import MM
@@ -92,7 +92,7 @@ def figure_6(results: PaperResults) -> Content:
     Raises:
         StoreError: there is none of one kind.
     """
-    names = [unfrozen(layers) for layers in (*SINGLE_LAYERS, *ADJACENT_PAIRS)]
+    names = [unfrozen(layers).name for layers in (*SINGLE_LAYERS, *ADJACENT_PAIRS)]
     shared = shared_splits(results, (*names, VJM), PAPER_PROTOCOL)
     tuned = {name: found for name, found in shared.results.items() if name != VJM}
     strategies = in_order(
@@ -164,8 +164,8 @@ def _draw_curves(
 
 Quantity = Literal["MAE", "STDE"]
 _STOPPED_EARLY = (
-    *(pretrained(layers=d, width=DEPTH_WIDTH, stopped_early=True) for d in WIDTH_DEPTHS),
-    pretrained(stopped_early=True),
+    *(pretrained(layers=d, width=DEPTH_WIDTH, stopped_early=True).name for d in WIDTH_DEPTHS),
+    pretrained(stopped_early=True).name,
 )
 FEWEST_WIDTHS = 2
 PANEL_INCH = 2.7
@@ -275,7 +275,7 @@ def _widths(results: PaperResults, quantity: Quantity) -> Widths:
     Raises:
         StoreError: a depth has fewer than two widths.
     """
-    names = [pretrained(layers=depth, width=width) for width in WIDTHS for depth in WIDTH_DEPTHS]
+    names = [pretrained(layers=d, width=width).name for width in WIDTHS for d in WIDTH_DEPTHS]
     tried = tried_models(results, names, PAPER_PROTOCOL)
     test = sweep_of(_all(tried), TEST, quantity)
     short = [d for d in WIDTH_DEPTHS if sum(d == of for of, _ in test.values) < FEWEST_WIDTHS]
@@ -301,7 +301,7 @@ def _widths(results: PaperResults, quantity: Quantity) -> Widths:
     )
 
 
-def _all(tried: Tried) -> list[CellResult]:
+def _all(tried: TriedModels) -> list[CellResult]:
     return [one for found in tried.results.values() for one in found]
 
 
@@ -329,7 +329,7 @@ def _pretrainings(results: PaperResults) -> Pretrainings:
     Raises:
         StoreError: there is none.
     """
-    names = {pretrained(activation=activation): activation for activation in reversed(ACTIVATIONS)}
+    names = {pretrained(activation=kind).name: kind for kind in reversed(ACTIVATIONS)}
     shared = shared_splits(results, names, PAPER_PROTOCOL)
     first = {name: found[:1] for name, found in shared.results.items()}
     curves = [

@@ -12,8 +12,8 @@ import pinocchio as pin
 import pytest
 
 from stiff_bench.data_tools.info import (
-    Interval,
     Magnitude,
+    ValueRange,
     about_mean,
     dataset_info,
     directions,
@@ -104,7 +104,7 @@ def test_magnitudes_of_loads_and_deflections_are_those_of_the_hand_made_samples(
 def test_joint_torques_of_a_planar_arm_are_force_times_lever(planar):
     # a force F down at x turns the arm by F x about y; the second sample adds a torque of 3 N m
     first, second = facts(planar).joints
-    assert first.position == Interval(0.0, 0.0)
+    assert first.position == ValueRange(0.0, 0.0)
     assert second.position.high == pytest.approx(np.pi / 2)
     assert (first.load_torque.low, first.load_torque.high) == pytest.approx((0.0, 23.0))
     assert (second.load_torque.low, second.load_torque.high) == pytest.approx((0.0, 10.0))

@@ -132,7 +132,7 @@ def test_a_data_set_that_lacks_a_size_is_no_part_of_a_learning_curve(tmp_path):
     assert {curve.errors.shape for curve in curves} == {(3, 3)}
 
 
-EFFICIENCY = {"protocol": "sample-efficiency"}
+EFFICIENCY = {"protocol": "sample-efficiency", "n_train": 40}
 
 
 def curves_of(folder, **asked):
@@ -259,7 +259,7 @@ def test_decades_are_written_as_powers_of_ten(value, text):
 
 
 def test_one_pose_alone_can_be_drawn():
-    from stiff_bench.figures.workspace import PoseErrors
+    from stiff_bench.figures.workspace import WorkspaceErrors
 
-    alone = PoseErrors("a", np.array([[0.5, 0.0, 0.5]]), np.array([0.0]))
+    alone = WorkspaceErrors("a", np.array([[0.5, 0.0, 0.5]]), np.array([0.0]))
     assert len(workspace_figure([alone]).axes) == 3
