@@ -12,8 +12,10 @@ from stiff_bench.cli.options import (
     FiniteRange,
     chosen,
     debug_option,
+    device_option,
     plugin_option,
     robot_options,
+    seed_option,
     settings_option,
 )
 
@@ -40,20 +42,8 @@ model_file_option = click.option(
 )
 @robot_options
 @settings_option
-@click.option(
-    "--seed",
-    type=click.IntRange(0, 2**32 - 1),
-    default=0,
-    show_default=True,
-    help="Of the model.",
-)
-@click.option(
-    "--device",
-    type=click.Choice(["auto", "cpu", "cuda"]),
-    default="auto",
-    show_default=True,
-    help="Where networks are trained.",
-)
+@seed_option("the model")
+@device_option("Where networks are trained.")
 @plugin_option
 @click.option("--output", type=FILE, required=True, metavar="FILE", help="A new file.")
 @debug_option

@@ -67,13 +67,21 @@ results_option = click.option(
     metavar="DIR",
     help="Folder of the results: the --output of `bench run`.",
 )
-draws_seed_option = click.option(
-    "--seed",
-    type=click.IntRange(0, 2**32 - 1),
-    default=0,
-    show_default=True,
-    help="Of the resampling of poses.",
-)
+
+
+def seed_option(of: str, most: int = 2**32 - 1) -> Callable[[Decorated], Decorated]:
+    """Return the option --seed of something."""
+    number = click.IntRange(0, most)
+    return click.option("--seed", type=number, default=0, show_default=True, help=f"Of {of}.")
+
+
+draws_seed_option = seed_option("the resampling of poses")
+
+
+def device_option(what: str) -> Callable[[Decorated], Decorated]:
+    """Return the option that says where networks run; `what` is its help."""
+    devices = click.Choice(["auto", "cpu", "cuda"])
+    return click.option("--device", type=devices, default="auto", show_default=True, help=what)
 
 
 def format_option(of: str) -> Callable[[Decorated], Decorated]:
@@ -109,6 +117,12 @@ def contest_options(command: Any) -> Any:
     return command
 
 
+def models_option(more: str) -> Callable[[Decorated], Decorated]:
+    """Return the option that chooses among the models of stored results."""
+    text = "A model, or a key that stands for all its variants; may be repeated."
+    return click.option("--model", "models", multiple=True, metavar="KEY", help=f"{text} {more}")
+
+
 def ranking_options(command: Any) -> Any:
     """Add the options that say what is ranked, by what."""
     for option in (
@@ -123,14 +137,7 @@ def ranking_options(command: Any) -> Any:
             "--metric", default="norm", show_default=True, metavar="KEY", help="What to rank by."
         ),
         contest_options,
-        click.option(
-            "--model",
-            "models",
-            multiple=True,
-            metavar="KEY",
-            help="A model, or a key that stands for all its variants; may be repeated. Ranks are "
-            "among those that are shown.  [default: all]",
-        ),
+        models_option("Ranks are among those that are shown.  [default: all]"),
     ):
         command = option(command)
     return command

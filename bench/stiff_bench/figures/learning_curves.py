@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -24,6 +24,7 @@ from stiff_bench.figures.style import (
     name_panels,
     new_figure,
     plain_numbers,
+    share_legend,
     short,
 )
 from stiff_bench.store.names import grouped
@@ -100,12 +101,7 @@ def learning_figure(panels: Mapping[str, Sequence[LearningCurve]]) -> Figure:
         axes.set_ylabel("mean error length [mm]")
     if wide:
         name_panels(grid)
-    handles: dict[str, Any] = {}
-    for axes in grid:
-        handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    figure.legend(
-        list(handles.values()), list(handles), loc="outside lower center", ncols=n_columns
-    )
+    share_legend(figure, grid, below=True, ncols=n_columns)
     return figure
 
 

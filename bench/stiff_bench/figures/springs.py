@@ -13,7 +13,7 @@ import numpy as np
 from stiff_bench.analysis.collected import Contest
 from stiff_bench.figures.figure import Content
 from stiff_bench.figures.source import FigureSource, setting
-from stiff_bench.figures.style import PAGE_INCH, looks, name_panels, new_figure, short
+from stiff_bench.figures.style import PAGE_INCH, looks, name_panels, new_figure, share_legend, short
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.request import loaded
@@ -88,8 +88,7 @@ def springs_figure(joints: Sequence[JointCurves], model: str) -> Figure:
     for axes in panels[len(joints) :]:
         axes.set_axis_off()
     name_panels(panels[: len(joints)])
-    handles, names = panels[0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside upper center", ncols=4)
+    share_legend(figure, panels[:1])
     return figure
 
 

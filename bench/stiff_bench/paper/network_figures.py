@@ -14,14 +14,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from stiff_bench.figures.figure import Content
-from stiff_bench.figures.freezing import (
-    KINDS,
-    Strategy,
-    draw_strategies,
-    freeze_of,
-    in_order,
-    mean_error,
-)
 from stiff_bench.figures.losses import (
     LossCurve,
     curves_of,
@@ -39,8 +31,21 @@ from stiff_bench.figures.style import (
     name_panels,
     new_figure,
     plain_numbers,
+    share_legend,
 )
-from stiff_bench.figures.sweep import TEST, TRAIN, Sweep, draw_lines, sweep_of
+from stiff_bench.figures.variants import (
+    KINDS,
+    TEST,
+    TRAIN,
+    Strategy,
+    Sweep,
+    draw_lines,
+    draw_strategies,
+    freeze_of,
+    in_order,
+    mean_error,
+    sweep_of,
+)
 from stiff_bench.paper.names import (
     ACTIVATIONS,
     ADJACENT_PAIRS,
@@ -364,9 +369,7 @@ def _one_panel(found: Widths) -> Figure:
     figure = new_figure(COLUMN_INCH, PANEL_INCH)
     axes = figure.subplots()
     _draw_widths(axes, found)
-    figure.legend(
-        *axes.get_legend_handles_labels(), loc="outside lower center", ncols=2, columnspacing=1.2
-    )
+    share_legend(figure, [axes], below=True, ncols=2, columnspacing=1.2)
     return figure
 
 
@@ -380,5 +383,5 @@ def _three_panels(both: Sequence[Widths], curves: Sequence[LossCurve]) -> Figure
     panels[2].set_title("pre-training", loc="left")
     panels[2].legend()
     name_panels(list(panels))
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
+    share_legend(figure, panels[:1], below=True, ncols=6)
     return figure

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from stiff_bench.figures.figure import Content
-from stiff_bench.figures.regression import SHARE, Series, regression_figure
+from stiff_bench.figures.samples import SHARE, Series, regression_figure
 from stiff_bench.figures.source import Predicted, pooled
 from stiff_bench.paper.names import DT_CNN, FT_MLP, VJM
 from stiff_bench.paper.network_figures import DATA, paper_setting
