@@ -146,9 +146,8 @@ def facts(data: BenchmarkData) -> DatasetFacts:
         "load": (on_joints.min(axis=0), on_joints.max(axis=0)),
         "gravity": (weights.min(axis=0), weights.max(axis=0)),
     }
-    columns = {
-        f"{k}_{end}": of for k, each in ends.items() for end, of in zip(_ENDS, each, strict=True)
-    }
+    columns = {f"{what}_low": low for what, (low, _) in ends.items()}
+    columns |= {f"{what}_high": high for what, (_, high) in ends.items()}
     return DatasetFacts(
         sha256=data.sha256,
         robot=robot.name,
