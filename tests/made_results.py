@@ -64,6 +64,7 @@ class MadeResults:
         coverage: float | None = None,
         options: Mapping[str, object] | None = None,
         source: str = "",
+        n_train: int | None = None,
         **shown,
     ) -> list[str]:
         """Write a cell a split, whose error along z is given, and return the cells' keys.
@@ -96,7 +97,8 @@ class MadeResults:
             result = CellResult(cell, presentation, run_id, "failed", failure="it broke")
             if index not in failed:
                 tested = (np.arange(N_TEST) + index * N_TEST) % N_POSES if rows is None else rows
-                result = self._done(cell, presentation, run_id, data, tested, errors_mm[index])
+                done = self._done(cell, presentation, run_id, data, tested, errors_mm[index])
+                result = replace(done, n_train=n_train or N_POSES - len(tested))
             self._store.write_cell(result)
             keys.append(cell.key)
         return keys

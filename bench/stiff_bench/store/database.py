@@ -59,7 +59,7 @@ PAGE_BYTES = 16384
 AT_ONCE = 2000
 """Cells that are read with one statement, so that those who write soon get their turn."""
 
-Report = Callable[[StoreError], None]
+OnDamage = Callable[[StoreError], None]
 """Is told of each row or file that is damaged."""
 
 _NUMBERS = {
@@ -175,7 +175,7 @@ class ResultStore:
         found = stored_results(self.folder, {key}, report=lambda _: None)
         return next((one for one in found if one.status == "ok"), None)
 
-    def repair(self, report: Report) -> None:
+    def repair(self, report: OnDamage) -> None:
         """See that the file can be read through, before anything is added to it.
 
         Of a file that SQLite cannot read through, the readable rows go to a new one; the old one is
@@ -234,7 +234,7 @@ def read_results(folder: Path) -> list[CellResult]:
 
 
 def stored_results(
-    folder: Path, keys: Set[str] | None = None, report: Report | None = None
+    folder: Path, keys: Set[str] | None = None, report: OnDamage | None = None
 ) -> Iterator[CellResult]:
     """Yield what is stored of some cells, in no particular order; writers need not wait meanwhile.
 
@@ -418,7 +418,7 @@ def fault_of(folder: Path) -> str | None:
     return None if said == "ok" else " ".join(said.split())
 
 
-def salvage(source: Path, target: Path, report: Report, keep: Path | None = None) -> None:
+def salvage(source: Path, target: Path, report: OnDamage, keep: Path | None = None) -> None:
     """Copy what can be read of a damaged file to another one, row by row.
 
     Args:
