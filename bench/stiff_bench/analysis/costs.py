@@ -57,7 +57,7 @@ def _costs(section: Section, model: str) -> list[Cost]:
         result.cost
         for field in section.fields
         if model in field.scores
-        for result in field.results(model)
+        for result in field.results[model]
         if result.cost is not None
     ]
 

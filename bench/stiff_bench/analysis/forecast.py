@@ -19,7 +19,7 @@ from stiff_bench.tables.units import counted
 
 
 @dataclass(frozen=True)
-class Part:
+class ModelForecast:
     """The cells of one model.
 
     Attributes:
@@ -56,7 +56,7 @@ class Forecast:
         jobs: how many cells are computed at once.
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[ModelForecast, ...]
     jobs: int
 
     @property
@@ -100,7 +100,7 @@ def forecast(tasks: Iterable[CellTask], output: Path, *, jobs: int, rerun: Rerun
         n_cells[task.shown.model] += 1
         n_cached[task.shown.model] += task.cell.key in cached
     means = mean_seconds(output)
-    parts = (Part(name, n, n_cached[name], means.get(name)) for name, n in n_cells.items())
+    parts = (ModelForecast(name, n, n_cached[name], means.get(name)) for name, n in n_cells.items())
     return Forecast(tuple(parts), jobs)
 
 

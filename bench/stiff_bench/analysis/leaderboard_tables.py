@@ -18,7 +18,7 @@ from stiff_bench.analysis.leaderboard import (
     Section,
     UnrankedModel,
 )
-from stiff_bench.analysis.same_robot import dataset_of, of_families, of_robots
+from stiff_bench.analysis.same_robot import dataset_of, family_of, of_families, of_robots
 from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.store.names import grouped, labels
 from stiff_bench.tables.metric_table import SELECTION_MARK, number_format
@@ -252,11 +252,11 @@ def _ranks(section: Section, board: Leaderboard, provenance: Sequence[str]) -> T
 
 
 def _scope(section: Section) -> str:
-    datasets = dict.fromkeys(dataset_of(field.name.dataset) for field in section.fields)
+    families = {dataset_of(field.name): family_of(field.name) for field in section.fields}
     protocols = list(dict.fromkeys(field.name.protocol for field in section.fields))
     kinds = " and ".join(section.kinds)
     seeds = _seeds(len({field.name.seed for field in section.fields}))
-    return f"{of_families(list(datasets))} ({kinds}) under {', '.join([*protocols, *seeds])}"
+    return f"{of_families(families)} ({kinds}) under {', '.join([*protocols, *seeds])}"
 
 
 def _seeds(number: int) -> list[str]:
@@ -336,8 +336,8 @@ def _test_text(key: SortKey) -> str:
             "over the models, and the bootstrap over poses must both find a difference"
         )
     return (
-        "like the best: contests in which it is the best or not distinguishable from the best "
-        f"({tests}; level {LEVEL:g})."
+        "like the best: contests in which it is the best, equivalent to the best or not "
+        f"distinguishable from it ({tests}; level {LEVEL:g})."
     )
 
 
@@ -386,6 +386,7 @@ def _by_protocol(section: Section, key: SortKey) -> Iterator[Table]:
         spread = ", mean ± standard deviation over data sets" if several else ""
         apart = f" | {SELECTION_MARK}s" if section.selects_on_test else ""
         models = [m for m in section.marks if any(m in column.values for column in found)]
+        named = of_families(dict.fromkeys(datasets, family))
         unit, _ = PRINTED[key.metric.unit]
         columns = [
             Column(
@@ -403,7 +404,7 @@ def _by_protocol(section: Section, key: SortKey) -> Iterator[Table]:
             for column in found
         ]
         yield Table(
-            title=f"{protocol} on {of_families(datasets)}{apart} | {key.text}{spread}",
+            title=f"{protocol} on {named}{apart} | {key.text}{spread}",
             columns=[Column("model", "text"), *columns],
             rows=[
                 [

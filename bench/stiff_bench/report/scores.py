@@ -94,7 +94,7 @@ def _line(
     """Return the cells of a model in a contest, and what its fits reported."""
     shown, name = competitor.shown, contest.name
     results = contest.results(competitor.name)
-    n_asked = max(competitor.n_asked, len(competitor.done) + len(competitor.reasons))
+    n_asked = max(competitor.n_asked, len(competitor.done) + len(competitor.failures))
     values = metric_values(results, metrics) if results else {}
     cells: list[Cell] = [
         Name(shown.model, mark_of(shown)),
