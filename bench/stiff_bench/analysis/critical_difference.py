@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiff_bench.analysis.ranking import Rankings, ScoredContest, complete_models
-from stiff_bench.analysis.same_robot import Robot, family_of, of_robots, robots_of
+from stiff_bench.analysis.same_robot import Specimen, family_of, of_robots, robots_of
 from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.analysis.verdict import decide, rank_difference
 from stiff_bench.store.names import ContestName, grouped
 from stiff_bench.tables.picture_file import check_suffix, drawing, save_figure
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.paired import LEVEL
 from stiff_protocols.scoring.ranks import OverDatasets, compare_over_datasets, why_not
@@ -47,13 +48,13 @@ class RankAnalysis:
 
     protocol: str
     condition: str
-    families: Mapping[Robot, tuple[str, ...]]
+    families: Mapping[Specimen, tuple[str, ...]]
     models: tuple[str, ...]
     outcome: OverDatasets | None
     why_none: str
 
     @property
-    def robots(self) -> tuple[Robot, ...]:
+    def robots(self) -> tuple[Specimen, ...]:
         """The robots that count."""
         return tuple(self.families)
 
@@ -89,7 +90,7 @@ def _of_block(
     protocol: str,
     condition: str,
     scored: Sequence[ScoredContest],
-    robots: Mapping[ContestName, Robot],
+    robots: Mapping[ContestName, Specimen],
     rankings: Rankings,
 ) -> RankAnalysis:
     models = complete_models(scored)
@@ -99,7 +100,7 @@ def _of_block(
 
 
 def _of_all(
-    scored: Sequence[ScoredContest], robots: Mapping[ContestName, Robot], rankings: Rankings
+    scored: Sequence[ScoredContest], robots: Mapping[ContestName, Specimen], rankings: Rankings
 ) -> RankAnalysis:
     models = complete_models(scored)
     scores = {one.name: rankings.of(one, models).ranks for one in scored}
@@ -111,7 +112,7 @@ def _analysis(
     condition: str,
     models: tuple[str, ...],
     scores: Mapping[ContestName, FloatArray],
-    robots: Mapping[ContestName, Robot],
+    robots: Mapping[ContestName, Specimen],
     key: SortKey,
 ) -> RankAnalysis:
     """Return the analysis of the (m,) scores in each contest, averaged over those of one robot."""
@@ -123,7 +124,7 @@ def _analysis(
             [np.mean([scores[name] for name in names], axis=0) for names in of_robots.values()]
         )
     families = {
-        robot: tuple(dict.fromkeys(family_of(name.dataset) for name in names))
+        robot: tuple(dict.fromkeys(family_of(name) for name in names))
         for robot, names in of_robots.items()
     }
     return RankAnalysis(protocol, condition, families, models, outcome, why_none)
@@ -158,7 +159,8 @@ def save_diagrams(
         path: the file; its suffix chooses PNG, PDF or SVG.
 
     Raises:
-        ConfigError: no analysis has an outcome, or the suffix is not known.
+        ConfigError: no analysis has an outcome, the suffix is not known, or scikit-posthocs is
+            not installed.
         StoreError: the file cannot be written.
     """
     check_suffix(path)
@@ -166,6 +168,7 @@ def save_diagrams(
     if not drawn:
         reasons = "; ".join(dict.fromkeys(analysis.why_none for analysis in analyses))
         raise ConfigError(f"--figure {path}: there is no critical difference to draw: it {reasons}")
+    require("a diagram of ranks", "scikit_posthocs")
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 

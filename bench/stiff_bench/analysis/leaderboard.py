@@ -95,11 +95,11 @@ def columns(scored: Sequence[ScoredContest], rankings: Rankings) -> Iterator[Col
 
 
 def _place(one: ScoredContest) -> tuple[str, str, str]:
-    return family_of(one.name.dataset), one.name.protocol, one.name.condition
+    return family_of(one.name), one.name.protocol, one.name.condition
 
 
 def _dataset(one: ScoredContest) -> str:
-    return dataset_of(one.name.dataset)
+    return dataset_of(one.name)
 
 
 def _values(
@@ -334,7 +334,7 @@ class Section:
         return caveats_of(
             one.contest
             for one in self.fields
-            if (family_of(one.name.dataset), one.name.protocol) == (family, protocol)
+            if (family_of(one.name), one.name.protocol) == (family, protocol)
         )
 
     @property

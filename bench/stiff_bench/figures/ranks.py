@@ -23,6 +23,7 @@ from stiff_bench.figures.figure import Content
 from stiff_bench.figures.source import FigureSource, marks_in
 from stiff_bench.figures.style import PAGE_INCH, new_figure
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.extras import require
 from stiff_protocols.scoring.paired import LEVEL
 
 if TYPE_CHECKING:
@@ -58,8 +59,10 @@ def gather(source: FigureSource) -> Content:
     """Rank the models over the robots of the folder.
 
     Raises:
-        ConfigError: there are too few robots or models for a critical difference.
+        ConfigError: there are too few robots or models for a critical difference, or
+            scikit-posthocs is not installed.
     """
+    require("a diagram of ranks", "scikit_posthocs")
     key = sort_key(METRIC, None)
     shown = shown_contests(source.contests, source.models)
     scored = [scored_contest(contest, shown.models, key) for contest in shown.contests]
