@@ -1,4 +1,4 @@
-"""`bench figure`."""
+"""`bench figure` and `bench reproduce`."""
 
 from __future__ import annotations
 
