@@ -1,4 +1,4 @@
-"""Everything that can be said of a file of measured samples before a model is judged by it."""
+"""The report on a file of measured samples: what is wrong, what to look at, what it holds."""
 
 from __future__ import annotations
 
