@@ -10,17 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
+from made_samples import samples_with
+from stiff_bench.run.cell import metric_records
 from stiff_bench.store.database import FILE, ResultStore
 from stiff_datasets.robots.robot import shipped_robot
 from stiff_protocols.contract.record import (
     Cell,
     CellResult,
     Presentation,
-    ResultRecord,
     RunManifest,
 )
-from stiff_protocols.contract.types import BenchmarkData, Interval, Prediction, Samples
-from stiff_protocols.scoring.metrics import METRICS
+from stiff_protocols.contract.types import BenchmarkData, Interval, Prediction
 
 N_POSES, N_TEST = 12, 4
 TWINS = tuple(f"twin@specimen={number}" for number in range(5))
@@ -31,13 +31,11 @@ def made_data(number: int) -> BenchmarkData:
     """Twelve poses, one row each."""
     rng = np.random.default_rng(number)
     return BenchmarkData(
-        Samples(
+        samples_with(
             q=rng.normal(size=(N_POSES, 6)),
             wrench=rng.normal(size=(N_POSES, 6)),
             deflection=rng.normal(size=(N_POSES, 3)) * 1e-3,
             pose_id=np.array([f"P{pose:02d}" for pose in range(N_POSES)]),
-            load_id=np.full(N_POSES, "1"),
-            group=np.full(N_POSES, "all"),
         ),
         ROBOT,
     )
@@ -66,6 +64,7 @@ class MadeResults:
         coverage: float | None = None,
         options: Mapping[str, object] | None = None,
         source: str = "",
+        n_train: int | None = None,
         **shown,
     ) -> list[str]:
         """Write a cell a split, whose error along z is given, and return the cells' keys.
@@ -98,7 +97,8 @@ class MadeResults:
             result = CellResult(cell, presentation, run_id, "failed", failure="it broke")
             if index not in failed:
                 tested = (np.arange(N_TEST) + index * N_TEST) % N_POSES if rows is None else rows
-                result = self._done(cell, presentation, run_id, data, tested, errors_mm[index])
+                done = self._done(cell, presentation, run_id, data, tested, errors_mm[index])
+                result = replace(done, n_train=n_train or N_POSES - len(tested))
             self._store.write_cell(result)
             keys.append(cell.key)
         return keys
@@ -113,13 +113,9 @@ class MadeResults:
             reach = np.abs(error) + 1e-3
             interval = Interval(measured - reach, measured + reach, cell.coverage)
             prediction = replace(prediction, interval=interval)
-        records = tuple(
-            ResultRecord(metric.key, axis, value, metric.unit)
-            for metric in METRICS.values()
-            for axis, value in metric.values(prediction).items()
-        )
+        records = metric_records(prediction, None)
         return CellResult(
-            cell, presentation, run_id, "ok", records, prediction, n_train=N_POSES - len(rows)
+            *(cell, presentation, run_id, "ok", records, prediction), n_train=N_POSES - len(rows)
         )
 
     def add_run(self, run_id: str, cells: Sequence[str]) -> None:

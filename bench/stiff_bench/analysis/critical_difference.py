@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiff_bench.analysis.same_robot import Robot, family_of, of_robots, robots_of
+from stiff_bench.analysis.ranking import Rankings, ScoredContest, complete_models
+from stiff_bench.analysis.same_robot import Specimen, family_of, of_robots, robots_of
 from stiff_bench.analysis.sort_key import SortKey
-from stiff_bench.analysis.standing import Field, Standings, complete_models
+from stiff_bench.analysis.verdict import decide, rank_difference
 from stiff_bench.store.names import ContestName, grouped
 from stiff_bench.tables.picture_file import check_suffix, drawing, save_figure
 from stiff_protocols.contract.errors import ConfigError
@@ -47,13 +48,13 @@ class RankAnalysis:
 
     protocol: str
     condition: str
-    families: Mapping[Robot, tuple[str, ...]]
+    families: Mapping[Specimen, tuple[str, ...]]
     models: tuple[str, ...]
     outcome: OverDatasets | None
     why_none: str
 
     @property
-    def robots(self) -> tuple[Robot, ...]:
+    def robots(self) -> tuple[Specimen, ...]:
         """The robots that count."""
         return tuple(self.families)
 
@@ -69,43 +70,41 @@ class RankAnalysis:
         return self.outcome is not None and self.outcome.friedman_p < LEVEL
 
     def like_best(self, model: str) -> bool | None:
-        """Say whether a model cannot be told from the best; None where there is no analysis."""
+        """Say whether a model is not found worse than the best; None where there is no analysis."""
         if self.outcome is None:
             return None
-        ranks = self.outcome.mean_ranks
-        behind = ranks[self.models.index(model)] - ranks.min()
-        return not self.differs or bool(behind < self.outcome.critical_difference)
+        best = int(self.outcome.mean_ranks.argmin())
+        difference = rank_difference(self.outcome, best, self.models.index(model))
+        return decide([difference], 1.0 - LEVEL).verdict != "a"
 
 
-def rank_analyses(fields: Sequence[Field], standings: Standings) -> list[RankAnalysis]:
+def rank_analyses(scored: Sequence[ScoredContest], rankings: Rankings) -> list[RankAnalysis]:
     """Return an analysis for each block; where there are several, the one over all comes first."""
-    robots = robots_of([field.contest for field in fields], standings.robot_name)
-    blocks = grouped(fields, lambda field: (field.name.protocol, field.name.condition))
-    found = [_of_block(*block, members, robots, standings) for block, members in blocks.items()]
-    return found if len(found) == 1 else [_of_all(fields, robots, standings), *found]
+    robots = robots_of([one.contest for one in scored], rankings.robot_name)
+    blocks = grouped(scored, lambda one: (one.name.protocol, one.name.condition))
+    found = [_of_block(*block, members, robots, rankings) for block, members in blocks.items()]
+    return found if len(found) == 1 else [_of_all(scored, robots, rankings), *found]
 
 
 def _of_block(
     protocol: str,
     condition: str,
-    fields: Sequence[Field],
-    robots: Mapping[ContestName, Robot],
-    standings: Standings,
+    scored: Sequence[ScoredContest],
+    robots: Mapping[ContestName, Specimen],
+    rankings: Rankings,
 ) -> RankAnalysis:
-    models = complete_models(fields)
-    sign = standings.key.sign
-    scores = {
-        field.name: np.array([sign * field.mean(model) for model in models]) for field in fields
-    }
-    return _analysis(protocol, condition, models, scores, robots, standings.key)
+    models = complete_models(scored)
+    sign = rankings.key.sign
+    scores = {one.name: np.array([sign * one.mean(model) for model in models]) for one in scored}
+    return _analysis(protocol, condition, models, scores, robots, rankings.key)
 
 
 def _of_all(
-    fields: Sequence[Field], robots: Mapping[ContestName, Robot], standings: Standings
+    scored: Sequence[ScoredContest], robots: Mapping[ContestName, Specimen], rankings: Rankings
 ) -> RankAnalysis:
-    models = complete_models(fields)
-    scores = {field.name: standings.of(field, models).ranks for field in fields}
-    return _analysis("", "", models, scores, robots, standings.key)
+    models = complete_models(scored)
+    scores = {one.name: rankings.of(one, models).ranks for one in scored}
+    return _analysis("", "", models, scores, robots, rankings.key)
 
 
 def _analysis(
@@ -113,7 +112,7 @@ def _analysis(
     condition: str,
     models: tuple[str, ...],
     scores: Mapping[ContestName, FloatArray],
-    robots: Mapping[ContestName, Robot],
+    robots: Mapping[ContestName, Specimen],
     key: SortKey,
 ) -> RankAnalysis:
     """Return the analysis of the (m,) scores in each contest, averaged over those of one robot."""
@@ -125,7 +124,7 @@ def _analysis(
             [np.mean([scores[name] for name in names], axis=0) for names in of_robots.values()]
         )
     families = {
-        robot: tuple(dict.fromkeys(family_of(name.dataset) for name in names))
+        robot: tuple(dict.fromkeys(family_of(name) for name in names))
         for robot, names in of_robots.items()
     }
     return RankAnalysis(protocol, condition, families, models, outcome, why_none)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
-from stiff_bench.figures.figure import FigureLine, by_name
+from stiff_bench.figures.figure import FigureLine, Prepared, by_name
 from stiff_bench.paper import network_figures, regression_figures
-from stiff_bench.paper import network_figures as freezing_figure
 from stiff_bench.paper.method_table import table_10
+from stiff_bench.paper.names import PAPER_RESULTS
 from stiff_bench.paper.network_tables import table_6, table_7, table_8, table_9
-from stiff_bench.paper.results import PaperResults
+from stiff_bench.paper.results import PaperResults, paper_results
 from stiff_bench.paper.table import PaperTable
 from stiff_bench.paper.vjm_tables import table_2, table_3
 from stiff_protocols.contract.errors import ConfigError, unknown_name
@@ -56,6 +57,23 @@ def build(number: int, results: PaperResults | None) -> PaperTable:
     return _FROM_RESULTS[number](results)
 
 
+def read_table(number: int, folder: Path | None) -> PaperTable:
+    """Return `build`'s table from the results of a folder; None: where `bench reproduce` puts them.
+
+    Raises:
+        ConfigError, StoreError: as `build`; a folder was named that is not read.
+    """
+    if number not in FITTED_HERE:
+        return build(number, paper_results(folder or PAPER_RESULTS))
+    _refuse_folder(folder, f"table {number}")
+    return build(number, None)
+
+
+def _refuse_folder(folder: Path | None, what: str) -> None:
+    if folder is not None:
+        raise ConfigError(f"--results {folder}: {what} is fitted here and reads none")
+
+
 FIGURES: Mapping[str, FigureLine[PaperResults]] = by_name(
     (
         FigureLine("4", "Measured against VJM-fitted", regression_figures.figure_4),
@@ -63,8 +81,22 @@ FIGURES: Mapping[str, FigureLine[PaperResults]] = by_name(
         FigureLine("5b", "STDE over nodes a layer", network_figures.figure_5b),
         FigureLine("5c", "Loss of the pre-training", network_figures.figure_5c),
         FigureLine("5", "Depth, width and pre-training of the network", network_figures.figure_5),
-        FigureLine("6", "One unfrozen layer against two", freezing_figure.figure_6),
+        FigureLine("6", "One unfrozen layer against two", network_figures.figure_6),
         FigureLine("8", "Measured against DT-CNN", regression_figures.figure_8),
         FigureLine("9", "Measured against FT-MLP and VJM", regression_figures.figure_9),
     )
 )
+_FITTED_FIGURE = "4"
+
+
+def prepare_figure(name: str, folder: Path | None) -> Prepared:
+    """Return one of the paper's figures from the results of a folder; None: as `read_table`.
+
+    Raises:
+        ConfigError: a folder was named that is not read.
+        StoreError: the results have nothing of it.
+    """
+    if name != _FITTED_FIGURE:
+        return FIGURES[name].prepare(paper_results(folder or PAPER_RESULTS))
+    _refuse_folder(folder, f"figure {name}")
+    return FIGURES[name].prepare(PaperResults(PAPER_RESULTS, ()))

@@ -32,7 +32,7 @@ from stiff_protocols.scoring.metrics import metric
 ERRORS = ("mae", "stde", "me")
 OLD, NEW, OWN_SOURCE = "VJM", "FT-MLP", "FT-MLP, own source"
 PUBLISHED_METHODS = (OLD, NEW, "DT-CNN")
-METHODS = {OLD: VJM, NEW: FT_MLP, OWN_SOURCE: FT_MLP_OWN_SOURCE, "DT-CNN": DT_CNN}
+METHODS = {OLD: VJM, NEW: FT_MLP, OWN_SOURCE: FT_MLP_OWN_SOURCE.name, "DT-CNN": DT_CNN}
 """Name of a method -> our model; the paper's name, where the paper has it."""
 REDUCED = {f"{method} against {OLD}": method for method in (NEW, OWN_SOURCE)}
 """Column of our reductions -> the method that errs less, or not."""
@@ -82,7 +82,7 @@ def table_10(results: PaperResults) -> PaperTable:
     networks = [
         found
         for one in shared
-        for model in (FT_MLP, FT_MLP_OWN_SOURCE)
+        for model in (FT_MLP, FT_MLP_OWN_SOURCE.name)
         for found in one.results.get(model, ())
     ]
     notes = (

@@ -1,8 +1,4 @@
-"""Names of the models that the source paper's tables and figures compare.
-
-They are the words of `bench run --model`, as results are stored under them: options in the order of
-their names, those that have their defaults left out.
-"""
+"""The models that the source paper's tables and figures compare, with their options."""
 
 from __future__ import annotations
 
@@ -11,14 +7,14 @@ from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Literal
 
-from stiff_bench.store.names import join_word
+from stiff_bench.store.names import Variant
 
 VJM, FT_MLP, DT_CNN, MLP_PRETRAINED = "vjm", "ft-mlp", "dt-cnn", "mlp-pretrained"
 MULTI_SEGMENT = "vjm-multisegment"
 """Not in the paper: joints whose springs change their slope, as the gears' catalogue has them."""
-FT_MLP_LAST_EPOCH = "ft-mlp@training=normal"
+FT_MLP_LAST_EPOCH = Variant(FT_MLP, {"training": "normal"})
 """Table 9's "normal": the weights after the last epoch."""
-FT_MLP_OWN_SOURCE = "ft-mlp@source_poses=data@source_wrenches=data"
+FT_MLP_OWN_SOURCE = Variant(FT_MLP, {"source_poses": "data", "source_wrenches": "data"})
 """Pre-trained on poses and loads like the training samples' in place of the paper's Tables 4, 5."""
 
 BASE_LAYERS, BASE_WIDTH = 4, 380
@@ -38,8 +34,8 @@ def pretrained(
     width: int = BASE_WIDTH,
     activation: Activation = "relu",
     stopped_early: bool = False,
-) -> str:
-    """Return the name of a network that learns the source domain alone.
+) -> Variant:
+    """Return a network that learns the source domain alone.
 
     Args:
         layers: how many hidden ones.
@@ -55,14 +51,14 @@ def pretrained(
         "recipe": ("paper" if stopped_early else "fast", "fast"),
         "width": (width, BASE_WIDTH),
     }
-    changed = [f"{name}={value}" for name, (value, usual) in options.items() if value != usual]
-    return join_word(MLP_PRETRAINED, changed)
+    changed = {name: value for name, (value, usual) in options.items() if value != usual}
+    return Variant(MLP_PRETRAINED, changed)
 
 
-def unfrozen(layers: Sequence[str]) -> str:
-    """Return the name of the fine-tuned network whose `layers` move, such as ("1", "2", "out")."""
+def unfrozen(layers: Sequence[str]) -> Variant:
+    """Return the fine-tuned network whose `layers` move, such as ("1", "2", "out")."""
     freeze = f"layers:{','.join(layers)}"
-    return FT_MLP if freeze == BEST_PAIR else join_word(FT_MLP, [f"freeze={freeze}"])
+    return Variant(FT_MLP, {} if freeze == BEST_PAIR else {"freeze": freeze})
 
 
 HIDDEN_LAYERS = tuple(str(number) for number in range(1, BASE_LAYERS + 1))

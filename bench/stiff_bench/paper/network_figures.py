@@ -14,14 +14,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from stiff_bench.figures.figure import Content
-from stiff_bench.figures.freezing import (
-    KINDS,
-    Strategy,
-    draw_strategies,
-    freeze_of,
-    in_order,
-    mean_error,
-)
 from stiff_bench.figures.losses import (
     LossCurve,
     curves_of,
@@ -39,8 +31,21 @@ from stiff_bench.figures.style import (
     name_panels,
     new_figure,
     plain_numbers,
+    share_legend,
 )
-from stiff_bench.figures.sweep import TEST, TRAIN, Sweep, draw_lines, sweep_of
+from stiff_bench.figures.variants import (
+    KINDS,
+    TEST,
+    TRAIN,
+    Strategy,
+    Sweep,
+    draw_lines,
+    draw_strategies,
+    freeze_of,
+    in_order,
+    mean_error,
+    sweep_of,
+)
 from stiff_bench.paper.names import (
     ACTIVATIONS,
     ADJACENT_PAIRS,
@@ -53,7 +58,7 @@ from stiff_bench.paper.names import (
     pretrained,
     unfrozen,
 )
-from stiff_bench.paper.results import FULL, PaperResults, Tried, shared_splits, tried_models
+from stiff_bench.paper.results import FULL, PaperResults, TriedModels, shared_splits, tried_models
 from stiff_bench.paper.study import DATASET, DEPTH_WIDTH, PAPER_PROTOCOL, SEED, WIDTH_DEPTHS, WIDTHS
 from stiff_bench.tables.published import published_lines
 from stiff_bench.tables.units import MM
@@ -92,7 +97,7 @@ def figure_6(results: PaperResults) -> Content:
     Raises:
         StoreError: there is none of one kind.
     """
-    names = [unfrozen(layers) for layers in (*SINGLE_LAYERS, *ADJACENT_PAIRS)]
+    names = [unfrozen(layers).name for layers in (*SINGLE_LAYERS, *ADJACENT_PAIRS)]
     shared = shared_splits(results, (*names, VJM), PAPER_PROTOCOL)
     tuned = {name: found for name, found in shared.results.items() if name != VJM}
     strategies = in_order(
@@ -164,8 +169,8 @@ def _draw_curves(
 
 Quantity = Literal["MAE", "STDE"]
 _STOPPED_EARLY = (
-    *(pretrained(layers=d, width=DEPTH_WIDTH, stopped_early=True) for d in WIDTH_DEPTHS),
-    pretrained(stopped_early=True),
+    *(pretrained(layers=d, width=DEPTH_WIDTH, stopped_early=True).name for d in WIDTH_DEPTHS),
+    pretrained(stopped_early=True).name,
 )
 FEWEST_WIDTHS = 2
 PANEL_INCH = 2.7
@@ -275,7 +280,7 @@ def _widths(results: PaperResults, quantity: Quantity) -> Widths:
     Raises:
         StoreError: a depth has fewer than two widths.
     """
-    names = [pretrained(layers=depth, width=width) for width in WIDTHS for depth in WIDTH_DEPTHS]
+    names = [pretrained(layers=d, width=width).name for width in WIDTHS for d in WIDTH_DEPTHS]
     tried = tried_models(results, names, PAPER_PROTOCOL)
     test = sweep_of(_all(tried), TEST, quantity)
     short = [d for d in WIDTH_DEPTHS if sum(d == of for of, _ in test.values) < FEWEST_WIDTHS]
@@ -301,7 +306,7 @@ def _widths(results: PaperResults, quantity: Quantity) -> Widths:
     )
 
 
-def _all(tried: Tried) -> list[CellResult]:
+def _all(tried: TriedModels) -> list[CellResult]:
     return [one for found in tried.results.values() for one in found]
 
 
@@ -329,7 +334,7 @@ def _pretrainings(results: PaperResults) -> Pretrainings:
     Raises:
         StoreError: there is none.
     """
-    names = {pretrained(activation=activation): activation for activation in reversed(ACTIVATIONS)}
+    names = {pretrained(activation=kind).name: kind for kind in reversed(ACTIVATIONS)}
     shared = shared_splits(results, names, PAPER_PROTOCOL)
     first = {name: found[:1] for name, found in shared.results.items()}
     curves = [
@@ -364,9 +369,7 @@ def _one_panel(found: Widths) -> Figure:
     figure = new_figure(COLUMN_INCH, PANEL_INCH)
     axes = figure.subplots()
     _draw_widths(axes, found)
-    figure.legend(
-        *axes.get_legend_handles_labels(), loc="outside lower center", ncols=2, columnspacing=1.2
-    )
+    share_legend(figure, [axes], below=True, ncols=2, columnspacing=1.2)
     return figure
 
 
@@ -380,5 +383,5 @@ def _three_panels(both: Sequence[Widths], curves: Sequence[LossCurve]) -> Figure
     panels[2].set_title("pre-training", loc="left")
     panels[2].legend()
     name_panels(list(panels))
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
+    share_legend(figure, panels[:1], below=True, ncols=6)
     return figure

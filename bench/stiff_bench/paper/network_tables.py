@@ -269,13 +269,13 @@ def table_6(results: PaperResults) -> PaperTable:
         "layers",
         Variants(
             OURS,
-            {(str(depth),): pretrained(layers=depth, width=DEPTH_WIDTH) for depth in DEPTHS},
+            {(str(depth),): pretrained(layers=depth, width=DEPTH_WIDTH).name for depth in DEPTHS},
             _OURS_DECIMALS,
         ),
         Variants(
             EARLY,
             {
-                (str(depth),): pretrained(layers=depth, width=DEPTH_WIDTH, stopped_early=True)
+                (str(depth),): pretrained(layers=depth, width=DEPTH_WIDTH, stopped_early=True).name
                 for depth in DEPTHS
             },
             _EARLY_DECIMALS,
@@ -296,11 +296,13 @@ def table_7(results: PaperResults) -> PaperTable:
         "together",
         "activation",
         Variants(
-            OURS, {(name,): pretrained(activation=name) for name in ACTIVATIONS}, _OURS_DECIMALS
+            OURS,
+            {(name,): pretrained(activation=name).name for name in ACTIVATIONS},
+            _OURS_DECIMALS,
         ),
         Variants(
             EARLY,
-            {(name,): pretrained(activation=name, stopped_early=True) for name in ACTIVATIONS},
+            {(name,): pretrained(activation=name, stopped_early=True).name for name in ACTIVATIONS},
             _EARLY_DECIMALS,
         ),
         results,
@@ -381,8 +383,10 @@ def table_8(results: PaperResults) -> PaperTable:
     Raises:
         StoreError: the folder has none of them, or no errors of training.
     """
-    models: dict[Labels, str] = {("1 layer", layers[0]): unfrozen(layers) for layers in ALL_SINGLES}
-    models |= {("2 layers", " + ".join(layers)): unfrozen(layers) for layers in ALL_PAIRS}
+    models: dict[Labels, str] = {
+        ("1 layer", layers[0]): unfrozen(layers).name for layers in ALL_SINGLES
+    }
+    models |= {("2 layers", " + ".join(layers)): unfrozen(layers).name for layers in ALL_PAIRS}
     outline = Outline(
         number=8,
         caption="Unfrozen layers of the fine-tuned network",
@@ -411,7 +415,7 @@ def table_9(results: PaperResults) -> PaperTable:
         StoreError: the folder has neither, or no errors of training.
     """
     published = published_values("table_9", "training", FINE_TUNING_COLUMNS)
-    models = {ROWS_9["normal"]: FT_MLP_LAST_EPOCH, ROWS_9["optimized"]: FT_MLP}
+    models = {ROWS_9["normal"]: FT_MLP_LAST_EPOCH.name, ROWS_9["optimized"]: FT_MLP}
     outline = Outline(
         number=9,
         caption="Fine-tuning of layers 1 + 2: last epoch and best epoch",

@@ -8,14 +8,15 @@ from functools import partial
 import numpy as np
 
 from stiff_bench.figures.figure import Content
-from stiff_bench.figures.regression import SHARE, Series, regression_figure
+from stiff_bench.figures.samples import SHARE, Series, regression_figure
 from stiff_bench.figures.source import Predicted, pooled
 from stiff_bench.paper.names import DT_CNN, FT_MLP, VJM
 from stiff_bench.paper.network_figures import DATA, paper_setting
 from stiff_bench.paper.results import PaperResults, SharedSplits, shared_splits
 from stiff_bench.paper.study import DATASET, PAPER_PROTOCOL, SEED
+from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.plan.request import chosen_dataset, loaded
+from stiff_bench.plan.request import loaded
 from stiff_bench.tables.published import published_rows
 from stiff_bench.tables.units import MM
 from stiff_protocols.contract.errors import StiffBenchWarning, StoreError
@@ -31,7 +32,7 @@ _METHODS = {VJM: "VJM", FT_MLP: "FT-MLP", DT_CNN: "DT-CNN"}
 def figure_4(_: PaperResults) -> Content:
     """Fit the VJM to all samples and predict them: no stored result is needed."""
     registry = build_registry()
-    data = loaded(chosen_dataset(DATASET, (), registry))
+    data = loaded(Choice.of(registry.datasets[DATASET]))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StiffBenchWarning)
         model = registry.model(VJM).load()().fit(data.samples, robot=data.robot, seed=SEED)

@@ -95,7 +95,7 @@ class SharedSplits:
 
 
 @dataclass(frozen=True, eq=False)
-class Tried:
+class TriedModels:
     """What a folder has of some models under one protocol, each on its own splits.
 
     Attributes:
@@ -107,7 +107,7 @@ class Tried:
     missing: Sequence[str]
 
 
-def tried_models(results: PaperResults, models: Iterable[str], protocol: str) -> Tried:
+def tried_models(results: PaperResults, models: Iterable[str], protocol: str) -> TriedModels:
     """Return the results of models; one that failed on a split has none."""
     found, failures, missing = dict[str, list[CellResult]](), dict[str, str](), list[str]()
     for model in models:
@@ -118,7 +118,7 @@ def tried_models(results: PaperResults, models: Iterable[str], protocol: str) ->
                 failures[model] = str(error)
             else:
                 missing.append(model)
-    return Tried(found, failures, missing)
+    return TriedModels(found, failures, missing)
 
 
 def shared_splits(results: PaperResults, models: Iterable[str], protocol: str) -> SharedSplits:
@@ -236,11 +236,10 @@ class PaperResults:
         found = self._competitor(model, protocol, dataset)
         if found is None:
             raise StoreError(f"{where}: no result; `bench reproduce` makes it")
-        if found.reasons:
-            n_splits = counted(len(found.reasons), "split")
-            raise StoreError(
-                f"{where}: no result of {n_splits}: {next(iter(found.reasons.values()))}"
-            )
+        if found.failures:
+            n_splits = counted(len(found.failures), "split")
+            first = next(iter(found.failures.values()))
+            raise StoreError(f"{where}: no result of {n_splits}: {first.why_none}")
         return [found.done[slot] for slot in sorted(found.done)]
 
     def _competitor(self, model: str, protocol: str, dataset: str) -> Competitor | None:

@@ -20,9 +20,13 @@ from stiff_bench.paper.names import (
     pretrained,
     unfrozen,
 )
+from stiff_bench.plan.options import Choice, Chosen
+from stiff_bench.plan.registry import Registry
+from stiff_bench.store.names import Variant
 
 DATASET = "kr10-twin"
 """What stands for the paper's robot."""
+TWIN = Variant(DATASET)
 PAPER_PROTOCOL, FAIR_PROTOCOL = "paper-holdout", "holdout"
 """The paper's division, whose test part picks the epoch; and the one in which it does not."""
 SEED = 0
@@ -40,14 +44,27 @@ class StudyRun:
     """A part of a study: every model on every data set under every protocol.
 
     Attributes:
-        models, datasets, protocols: words of `bench run`.
-        splits: as --splits; None: the protocol's own.
+        models, datasets: with their options.
+        protocols: keys.
+        splits: how many; None: the protocol's own.
     """
 
-    models: tuple[str, ...]
-    datasets: tuple[str, ...]
+    models: tuple[Variant, ...]
+    datasets: tuple[Variant, ...]
     protocols: tuple[str, ...]
     splits: int | None
+
+    def chosen(self, registry: Registry) -> Chosen:
+        """Return the same with their catalogue lines.
+
+        Raises:
+            ConfigError: a key is unknown.
+        """
+        return Chosen(
+            [Choice.of(registry.model(one.key), one.options) for one in self.models],
+            [Choice.of(registry.datasets[one.key], one.options) for one in self.datasets],
+            [Choice.of(registry.protocols[key]) for key in self.protocols],
+        )
 
 
 def paper_study(*, full: bool) -> tuple[StudyRun, ...]:
@@ -61,14 +78,15 @@ def paper_study(*, full: bool) -> tuple[StudyRun, ...]:
     widths = WIDTHS if full else QUICK_WIDTHS
     layers = (*ALL_SINGLES, *ALL_PAIRS) if full else (*SINGLE_LAYERS, *ADJACENT_PAIRS)
 
-    def run(models: Sequence[str], protocol: str = PAPER_PROTOCOL) -> StudyRun:
-        return StudyRun(tuple(dict.fromkeys(models)), (DATASET,), (protocol,), splits)
+    def run(models: Sequence[Variant], protocol: str = PAPER_PROTOCOL) -> StudyRun:
+        return StudyRun(tuple(models), (TWIN,), (protocol,), splits)
 
+    vjm, multi_segment, ft_mlp, dt_cnn = map(Variant, (VJM, MULTI_SEGMENT, FT_MLP, DT_CNN))
     return (
         # first what others go on from: pre-trainings are kept, by their content
         run([pretrained(activation=activation) for activation in ACTIVATIONS]),
-        run([VJM, FT_MLP, FT_MLP_LAST_EPOCH, *map(unfrozen, layers), DT_CNN, FT_MLP_OWN_SOURCE]),
-        run([VJM, MULTI_SEGMENT, FT_MLP, DT_CNN, FT_MLP_OWN_SOURCE], FAIR_PROTOCOL),
+        run([vjm, ft_mlp, FT_MLP_LAST_EPOCH, *map(unfrozen, layers), dt_cnn, FT_MLP_OWN_SOURCE]),
+        run([vjm, multi_segment, ft_mlp, dt_cnn, FT_MLP_OWN_SOURCE], FAIR_PROTOCOL),
         run([pretrained(layers=depth, width=DEPTH_WIDTH) for depth in DEPTHS]),
         run(
             [pretrained(layers=d, width=DEPTH_WIDTH, stopped_early=True) for d in DEPTHS]
@@ -80,27 +98,30 @@ def paper_study(*, full: bool) -> tuple[StudyRun, ...]:
 
 NETWORK_STEPS = 300
 """Of the pre-trainings behind the committed leaderboard; what that changes stands on its page."""
-_SHORTENED = (
-    f"mlp-pretrained@pretrain_steps={NETWORK_STEPS}",
-    f"ft-mlp@pretrain_steps={NETWORK_STEPS}",
-    f"dt-cnn@pretrain_steps={NETWORK_STEPS}",
-    f"deep-ensemble@members=2@pretrain_steps={NETWORK_STEPS}",
+_SHORTENED = {
+    "mlp-pretrained": {"pretrain_steps": NETWORK_STEPS},
+    "ft-mlp": {"pretrain_steps": NETWORK_STEPS},
+    "dt-cnn": {"pretrain_steps": NETWORK_STEPS},
+    "deep-ensemble": {"members": 2, "pretrain_steps": NETWORK_STEPS},
+}
+TWINS = (
+    TWIN,
+    *(Variant(DATASET, {"specimen": number}) for number in range(1, 5)),
+    Variant("kr10-twin-omni"),
 )
-TWINS = (DATASET, *(f"{DATASET}@specimen={number}" for number in range(1, 5)), "kr10-twin-omni")
-MEASURED = "fanuc-r2000ic"
+MEASURED = Variant("fanuc-r2000ic")
 
 
-def leaderboard_study(models: Sequence[str]) -> tuple[StudyRun, ...]:
+def leaderboard_study(keys: Sequence[str]) -> tuple[StudyRun, ...]:
     """Return what the committed leaderboard needs.
 
     Args:
-        models: keys of all that are shipped; the costly networks among them are shortened.
+        keys: of all models that are shipped; the costly networks among them are shortened.
     """
-    shortened = {word.partition("@")[0]: word for word in _SHORTENED}
-    words = tuple(shortened.get(key, key) for key in models)
+    models = tuple(Variant(key, _SHORTENED.get(key, {})) for key in keys)
     return (
-        StudyRun(words, (*TWINS, MEASURED), ("holdout",), 5),
+        StudyRun(models, (*TWINS, MEASURED), ("holdout",), 5),
         # the measured data are of one group of poses: there is no other space to go to
-        StudyRun(words, TWINS, ("space-transfer",), None),
-        StudyRun(words, (*TWINS, MEASURED), ("sample-efficiency",), None),
+        StudyRun(models, TWINS, ("space-transfer",), None),
+        StudyRun(models, (*TWINS, MEASURED), ("sample-efficiency",), None),
     )

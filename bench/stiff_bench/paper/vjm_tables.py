@@ -10,8 +10,9 @@ import numpy as np
 from stiff_bench.paper.names import VJM
 from stiff_bench.paper.study import DATASET
 from stiff_bench.paper.table import PAPER_DATA, Entry, Group, Labels, PaperTable, Part, Unit
+from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.plan.request import chosen_dataset, loaded
+from stiff_bench.plan.request import loaded
 from stiff_bench.tables.published import published_rows, published_stiffness
 from stiff_bench.tables.units import MM
 from stiff_datasets.twin.calibrate import VjmFigures
@@ -79,9 +80,9 @@ def table_3() -> PaperTable:
 @cache
 def _figures() -> tuple[VjmFigures, ...]:
     """Return the VJM's figures on each specimen; the first is the data set as it stands."""
-    registry = build_registry()
-    words = [f"{DATASET}@specimen={number}" for number in SPECIMENS]
-    return tuple(_figures_on(loaded(chosen_dataset(word, (), registry))) for word in words)
+    info = build_registry().datasets[DATASET]
+    choices = [Choice.of(info, {"specimen": number}) for number in SPECIMENS]
+    return tuple(_figures_on(loaded(choice)) for choice in choices)
 
 
 def _figures_on(data: BenchmarkData) -> VjmFigures:

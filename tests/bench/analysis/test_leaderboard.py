@@ -290,6 +290,15 @@ def test_what_noise_can_explain_is_like_the_best_and_a_clear_difference_is_not(m
     assert marks["like"] == "≈" and marks["best"] == "*" and marks["worse"] not in "≈*"
 
 
+def test_a_certain_difference_that_makes_none_in_practice_is_like_the_best(made, rng):
+    """Every split and pose differs by 0.005 mm: `bench compare` calls that equivalent."""
+    base = rng.gamma(9.0, 1.0, size=(3, 4))
+    for model, change in (("best", 0.0), ("equivalent", 0.005), ("worse", 0.015)):
+        made.add(model, list(base + change))
+    found = {model.name: model.like_best for model in board_of(made).sections[0].ranked}
+    assert found == {"best": 1, "equivalent": 1, "worse": 0}
+
+
 def test_a_single_split_is_tested_over_its_poses(made, rng):
     base = rng.gamma(9.0, 1.0, size=N_POSES)
     for model, change in (("best", 0.0), ("like", rng.normal(size=N_POSES) + 0.1), ("worse", 9.0)):
@@ -310,7 +319,7 @@ def test_five_specimens_are_five_data_sets_but_splits_and_seeds_are_none(made):
     board = board_of(made)
     (section,) = board.sections
     (analysis,) = section.analyses
-    assert [robot.specimen for robot in analysis.robots] == list("01234")
+    assert [robot.number for robot in analysis.robots] == list("01234")
     assert analysis.outcome.mean_ranks.tolist() == [1.0, 2.0, 3.0]
     # Nemenyi: 2.343 sqrt(3 * 4 / (6 * 5)) = 1.48 (Demsar 2006, table 5)
     assert analysis.outcome.critical_difference == pytest.approx(1.48, abs=0.01)
