@@ -19,7 +19,8 @@ from stiff_bench.cli.main import main
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.run.cell import compute_cell
-from stiff_bench.run.isolate import Limits, LocalProcesses
+from stiff_bench.run.cell_process import Limits
+from stiff_bench.run.isolate import LocalProcesses
 from stiff_bench.store.database import read_manifests, read_results
 from stiff_models.catalog import model_info
 
