@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from stiff_bench.figures.figure import FigureLine, Prepared, by_name
-from stiff_bench.paper import network_figures, regression_figures
+from stiff_bench.paper import figures
 from stiff_bench.paper.method_table import table_10
 from stiff_bench.paper.names import PAPER_RESULTS
 from stiff_bench.paper.network_tables import table_6, table_7, table_8, table_9
@@ -76,14 +76,14 @@ def _refuse_folder(folder: Path | None, what: str) -> None:
 
 FIGURES: Mapping[str, FigureLine[PaperResults]] = by_name(
     (
-        FigureLine("4", "Measured against VJM-fitted", regression_figures.figure_4),
-        FigureLine("5a", "MAE over nodes a layer", network_figures.figure_5a),
-        FigureLine("5b", "STDE over nodes a layer", network_figures.figure_5b),
-        FigureLine("5c", "Loss of the pre-training", network_figures.figure_5c),
-        FigureLine("5", "Depth, width and pre-training of the network", network_figures.figure_5),
-        FigureLine("6", "One unfrozen layer against two", network_figures.figure_6),
-        FigureLine("8", "Measured against DT-CNN", regression_figures.figure_8),
-        FigureLine("9", "Measured against FT-MLP and VJM", regression_figures.figure_9),
+        FigureLine("4", "Measured against VJM-fitted", figures.figure_4),
+        FigureLine("5a", "MAE over nodes a layer", figures.figure_5a),
+        FigureLine("5b", "STDE over nodes a layer", figures.figure_5b),
+        FigureLine("5c", "Loss of the pre-training", figures.figure_5c),
+        FigureLine("5", "Depth, width and pre-training of the network", figures.figure_5),
+        FigureLine("6", "One unfrozen layer against two", figures.figure_6),
+        FigureLine("8", "Measured against DT-CNN", figures.figure_8),
+        FigureLine("9", "Measured against FT-MLP and VJM", figures.figure_9),
     )
 )
 _FITTED_FIGURE = "4"
