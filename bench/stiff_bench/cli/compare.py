@@ -146,10 +146,10 @@ def table(number: str, results: Path | None, fmt: str) -> None:
     errors on the simulated source by depth and by activation; 8: which layers are unfrozen; 9:
     last epoch against best epoch; 10: VJM, FT-MLP and DT-CNN.
     """
-    from stiff_bench.paper.catalog import FITTED_HERE, build
-    from stiff_bench.paper.names import PAPER_RESULTS
-    from stiff_bench.paper.results import paper_results
+    from stiff_bench.paper.results import PaperResults
+    from stiff_bench.paper.study import PAPER_RESULTS
     from stiff_bench.paper.table import render_paper_table
+    from stiff_bench.paper.tables import FITTED_HERE, build
     from stiff_protocols.contract.errors import ConfigError
 
     found = None
@@ -157,7 +157,7 @@ def table(number: str, results: Path | None, fmt: str) -> None:
         if results is not None:
             raise ConfigError(f"--results {results}: table {number} is fitted here and reads none")
     else:
-        found = paper_results(PAPER_RESULTS if results is None else results)
+        found = PaperResults.of(PAPER_RESULTS if results is None else results)
     print_text(render_paper_table(build(int(number), found), fmt, command_line()))
 
 

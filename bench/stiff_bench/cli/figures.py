@@ -20,7 +20,7 @@ from stiff_bench.cli.options import (
     execution_options,
 )
 from stiff_bench.console import print_text, say
-from stiff_bench.paper.names import PAPER_RESULTS
+from stiff_bench.paper.study import PAPER_RESULTS
 from stiff_bench.run.machine import usable_cores
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 
@@ -95,7 +95,7 @@ def _is_papers(name: str) -> bool:
         ConfigError: there is none of that name.
     """
     from stiff_bench.figures import catalog
-    from stiff_bench.paper import catalog as paper_figures
+    from stiff_bench.paper import figures as paper_figures
 
     known = [*paper_figures.FIGURES, *catalog.FIGURES]
     if name not in known:
@@ -114,11 +114,11 @@ def _refuse_choice(chosen: Mapping[str, tuple[str, ...]], name: str) -> None:
 
 
 def _of_paper(name: str, folder: Path | None) -> Prepared:
-    from stiff_bench.paper.catalog import FIGURES
-    from stiff_bench.paper.results import PaperResults, paper_results
+    from stiff_bench.paper.figures import FIGURES
+    from stiff_bench.paper.results import PaperResults
 
     if name != WITHOUT_RESULTS:
-        return FIGURES[name].prepare(paper_results(PAPER_RESULTS if folder is None else folder))
+        return FIGURES[name].prepare(PaperResults.of(PAPER_RESULTS if folder is None else folder))
     if folder is not None:
         raise ConfigError(f"--results {folder}: figure {name} is fitted here and reads none")
     return FIGURES[name].prepare(PaperResults(PAPER_RESULTS, ()))

@@ -11,8 +11,8 @@ from click.testing import CliRunner
 from command_line import assert_refused, bench_here
 from made_results import MadeResults
 from stiff_bench.cli.compare import table
-from stiff_bench.paper.catalog import TABLES
-from stiff_bench.paper.names import PAPER_RESULTS
+from stiff_bench.paper.study import PAPER_RESULTS
+from stiff_bench.paper.tables import TABLES
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
 

@@ -18,8 +18,9 @@ import numpy as np
 import pytest
 
 from made_results import MadeResults
-from stiff_bench.paper.catalog import FITTED_HERE, TABLES, build
-from stiff_bench.paper.names import (
+from stiff_bench.paper.network_tables import FINE_TUNING, PRETRAINING
+from stiff_bench.paper.results import PaperResults
+from stiff_bench.paper.study import (
     DT_CNN,
     FT_MLP,
     FT_MLP_LAST_EPOCH,
@@ -28,9 +29,8 @@ from stiff_bench.paper.names import (
     pretrained,
     unfrozen,
 )
-from stiff_bench.paper.network_tables import FINE_TUNING, PRETRAINING
-from stiff_bench.paper.results import PaperResults
 from stiff_bench.paper.table import Entry, Group, PaperTable, Part, render_paper_table
+from stiff_bench.paper.tables import FITTED_HERE, TABLES, build
 from stiff_models.transfer import mlp_pretrained
 from stiff_models.transfer.ft_mlp import FINE_TUNING as FT_PLANS
 from stiff_protocols.contract.errors import ConfigError, StoreError

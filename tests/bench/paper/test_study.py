@@ -4,9 +4,17 @@ from __future__ import annotations
 
 import pytest
 
-from stiff_bench.paper.names import ALL_PAIRS, pretrained, unfrozen
 from stiff_bench.paper.reproduce import Study, forecast_of
-from stiff_bench.paper.study import DEPTHS, WIDTH_DEPTHS, WIDTHS, leaderboard_study, paper_study
+from stiff_bench.paper.study import (
+    ALL_PAIRS,
+    DEPTHS,
+    WIDTH_DEPTHS,
+    WIDTHS,
+    leaderboard_study,
+    paper_study,
+    pretrained,
+    unfrozen,
+)
 from stiff_bench.plan.registry import usable_registry
 from stiff_bench.run.execution import IN_THIS_PROCESS
 from stiff_bench.store.names import split_word
