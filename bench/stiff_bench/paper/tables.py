@@ -88,7 +88,6 @@ def build(number: int, results: PaperResults | None) -> PaperTable:
 
 
 ERRORS = ("mae", "stde", "me")
-
 SPECIMENS = range(5)
 KILO = 1e3
 """Of Table 3: it is in 10^3 N m/rad."""
@@ -249,10 +248,8 @@ def _table_10(results: PaperResults) -> tuple[Part, Part]:
     }
     shown, absent = list[Found](), list[StoreError]()
     for protocol in (PAPER_PROTOCOL, FAIR_PROTOCOL):
-        ours, reduced = (
-            our_group(protocol, tuple(METHODS), 4),
-            our_group(protocol, tuple(REDUCED), 1),
-        )
+        ours = our_group(protocol, tuple(METHODS), 4)
+        reduced = our_group(protocol, tuple(REDUCED), 1)
         errors[ours], reductions[reduced] = {}, {}
         try:
             found = results.on_shared_splits(METHODS.values(), protocol)
@@ -277,17 +274,11 @@ def _table_10(results: PaperResults) -> tuple[Part, Part]:
         f"FT-MLP: {fine_tuning_note(networks)}",
         results.provenance(shown),
     )
-    headings = ("axis", "error")
-    return (
-        part_of(
-            "VJM, FT-MLP and DT-CNN: errors on 20 % of the poses",
-            *("mm", headings, ROWS_10, errors, notes),
-        ),
-        part_of(
-            "Reduction of FT-MLP's errors against the VJM's",
-            *("%", headings, ROWS_10, reductions, (*_REDUCTION_NOTES, *notes)),
-        ),
-    )
+    headings, about_reductions = ("axis", "error"), (*_REDUCTION_NOTES, *notes)
+    caption = "VJM, FT-MLP and DT-CNN: errors on 20 % of the poses"
+    part = part_of(caption, "mm", headings, ROWS_10, errors, notes)
+    caption = "Reduction of FT-MLP's errors against the VJM's"
+    return part, part_of(caption, "%", headings, ROWS_10, reductions, about_reductions)
 
 
 def _of_methods(found: Found) -> tuple[Numbers, Numbers]:
