@@ -8,8 +8,8 @@ nodes a layer; ours has the mean absolute error in (a) and its standard deviatio
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -257,21 +257,6 @@ _LOSS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Pretrainings:
-    """What (c) shows.
-
-    Attributes:
-        curves: one a network, named after its activation.
-        setting: data, protocol, splits and seed of their results.
-        absent: what is not there, in sentences; "" for nothing.
-    """
-
-    curves: Sequence[LossCurve]
-    setting: str
-    absent: str
-
-
-@dataclass(frozen=True, eq=False)
 class Widths:
     """What (a) or (b) shows.
 
@@ -303,12 +288,13 @@ def figure_5b(results: PaperResults) -> Content:
 
 def figure_5c(results: PaperResults) -> Content:
     """Take the losses of the pre-training."""
-    shown = _pretrainings(results)
+    found = _pretrainings(results)
     caption = (
         f"The paper's Figure 5c: {_LOSS}, by activation; the paper's is ReLU, of 100,000 "
-        f"iterations. Of the first split that all have. {shown.setting} {shown.absent}"
+        f"iterations. Of the first split that all have. {_setting(found.results)} "
+        f"{_absent(found, len(ACTIVATIONS))}"
     )
-    return Content(caption.strip(), partial(losses_figure, shown.curves))
+    return Content(caption.strip(), partial(losses_figure, _curves(found)))
 
 
 def figure_5(results: PaperResults) -> Content:
@@ -316,9 +302,9 @@ def figure_5(results: PaperResults) -> Content:
     mae, stde, shown = _widths(results, "MAE"), _widths(results, "STDE"), _pretrainings(results)
     caption = (
         f"The paper's Figure 5: (a) MAE and (b) STDE {_SWEEP} {mae.setting} (c): {_LOSS}, of the "
-        f"first split that all have. {shown.absent}"
+        f"first split that all have. {_absent(shown, len(ACTIVATIONS))}"
     )
-    return Content(caption.strip(), partial(_all_three, (mae, stde), shown.curves))
+    return Content(caption.strip(), partial(_all_three, (mae, stde), _curves(shown)))
 
 
 def _widths(results: PaperResults, quantity: Quantity) -> Widths:
@@ -341,8 +327,7 @@ def _widths(results: PaperResults, quantity: Quantity) -> Widths:
     stopped = [pretrained(layers=d, width=DEPTH_WIDTH, stopped_early=True) for d in WIDTH_DEPTHS]
     early = results.of_models([*stopped, pretrained(stopped_early=True)], PAPER_PROTOCOL)
     stopped_early = sweep_of(_each(early), TEST, quantity).values
-    failures = [*found.failures.values(), *early.failures.values()]
-    absent = _absent(found.missing, len(names), failures)
+    tried = replace(found, failures={**found.failures, **early.failures})
     return Widths(
         quantity,
         test,
@@ -351,7 +336,7 @@ def _widths(results: PaperResults, quantity: Quantity) -> Widths:
             "paper": _published_on_source(quantity),
             "stopped early": {size: float(of.mean()) for size, of in stopped_early.items()},
         },
-        f"{_setting(found.results, 'a network')} {absent}".strip(),
+        f"{_setting(found.results, 'a network')} {_absent(tried, len(names))}".strip(),
     )
 
 
@@ -359,12 +344,11 @@ def _each(found: Found) -> list[CellResult]:
     return [one for of_model in found.results.values() for one in of_model]
 
 
-def _absent(missing: Sequence[str], n_all: int, failures: Iterable[str]) -> str:
-    """Say which networks have no numbers; "" where all have."""
-    not_run = (
-        [f"Not run: {len(missing)} of {n_all} networks; {FULL} makes them."] if missing else []
-    )
-    return " ".join([*not_run, *(f"No numbers: {why}." for why in failures)])
+def _absent(tried: Found, n_all: int) -> str:
+    """Say which of `n_all` networks have no numbers; "" where all have."""
+    n_missing = len(tried.missing)
+    lines = [f"Not run: {n_missing} of {n_all} networks; {FULL} makes them."] if n_missing else []
+    return " ".join([*lines, *(f"No numbers: {why}." for why in tried.failures.values())])
 
 
 def _published_on_source(quantity: Quantity) -> dict[tuple[int, int], float]:
@@ -379,25 +363,31 @@ def _published_on_source(quantity: Quantity) -> dict[tuple[int, int], float]:
     return of_depth | {(BASE_LAYERS, BASE_WIDTH): float(by_activation["relu"][column]) / MM}
 
 
-def _pretrainings(results: PaperResults) -> Pretrainings:
+def _pretrainings(results: PaperResults) -> Found:
     """Return the pre-trainings of the first split that all activations have.
 
     Raises:
         StoreError: there is none.
     """
-    names = {pretrained(activation=activation): activation for activation in reversed(ACTIVATIONS)}
+    names = [pretrained(activation=activation) for activation in reversed(ACTIVATIONS)]
     found = results.on_shared_splits(names, PAPER_PROTOCOL)
-    first = {name: of_model[:1] for name, of_model in found.results.items()}
-    curves = [
-        curve for name, (result,) in first.items() for curve in curves_of(result, names[name])
-    ]
-    if not curves:
+    first = replace(found, results={name: of[:1] for name, of in found.results.items()})
+    if not _curves(first):
         raise StoreError(
-            f"--results {results.folder}: {', '.join(first)}: no training curve; {REPRODUCE} in "
-            "another folder makes one"
+            f"--results {results.folder}: {', '.join(first.results)}: no training curve; "
+            f"{REPRODUCE} in another folder makes one"
         )
-    absent = _absent(found.missing, len(names), found.failures.values())
-    return Pretrainings(curves, _setting(first), absent)
+    return first
+
+
+def _curves(found: Found) -> list[LossCurve]:
+    """Return the loss curves of pre-trainings, one a network, named after its activation."""
+    names = {pretrained(activation=activation): activation for activation in ACTIVATIONS}
+    return [
+        curve
+        for name, (result,) in found.results.items()
+        for curve in curves_of(result, names[name])
+    ]
 
 
 def _draw_widths(axes: Axes, found: Widths) -> None:
