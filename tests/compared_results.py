@@ -10,6 +10,7 @@ import numpy as np
 
 from stiff_bench.analysis.collected import Contest, collect
 from stiff_bench.store.database import ResultStore, read_data
+from stiff_bench.store.names import Variant
 from stiff_bench.store.samples import StoredData
 from stiff_datasets.robots.robot import shipped_robot
 from stiff_protocols.contract.record import Cell, CellResult, Presentation
@@ -67,8 +68,11 @@ def store_results(
             options = {"specimen": 0} | {
                 name: int(value) for name, value in (word.split("=") for word in settings)
             }
+            of_model = Variant.of_word(model)
+            params = {"name": model, **of_model.options}
             cell = Cell(
-                *(model, {}, key, options, data.sha256, "kfold", {}, index, f"split {index}", 0),
+                *(of_model.key, params, key, options, data.sha256, "kfold", {}, index),
+                *(f"split {index}", 0),
                 condition=condition,
             )
             facts = {"kind": "measured", "task": "stiffness"} | shown | (own or {}).get(model, {})

@@ -39,7 +39,7 @@ def learned(folder: Path, n_twins: int = 3, **shown) -> MadeResults:
             for name, factor in (("vjm", 1.0), ("gp", 0.5)):
                 error = factor * np.exp(number) / size
                 protocol = {"protocol": "sample-efficiency", "condition": f"n = {size}"}
-                made.add(name, [error], dataset=twin, **protocol, **shown)
+                made.add(name, [error], dataset=twin, n_train=size, **protocol, **shown)
     return made
 
 

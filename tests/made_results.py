@@ -66,6 +66,7 @@ class MadeResults:
         coverage: float | None = None,
         options: Mapping[str, object] | None = None,
         source: str = "",
+        n_train: int | None = None,
         **shown,
     ) -> list[str]:
         """Write a cell a split, whose error along z is given, and return the cells' keys.
@@ -98,7 +99,8 @@ class MadeResults:
             result = CellResult(cell, presentation, run_id, "failed", failure="it broke")
             if index not in failed:
                 tested = (np.arange(N_TEST) + index * N_TEST) % N_POSES if rows is None else rows
-                result = self._done(cell, presentation, run_id, data, tested, errors_mm[index])
+                done = self._done(cell, presentation, run_id, data, tested, errors_mm[index])
+                result = replace(done, n_train=n_train or N_POSES - len(tested))
             self._store.write_cell(result)
             keys.append(cell.key)
         return keys
@@ -118,9 +120,7 @@ class MadeResults:
             for metric in METRICS.values()
             for axis, value in metric.values(prediction).items()
         )
-        return CellResult(
-            cell, presentation, run_id, "ok", records, prediction, n_train=N_POSES - len(rows)
-        )
+        return CellResult(cell, presentation, run_id, "ok", records, prediction)
 
     def add_run(self, run_id: str, cells: Sequence[str]) -> None:
         """Write the manifest of a run that was asked for these cells."""

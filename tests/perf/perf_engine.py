@@ -26,7 +26,7 @@ from stiff_bench.analysis.collected import collect
 from stiff_bench.cli.run import execute
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.request import RunPlan
-from stiff_bench.plan.robots import RobotWords
+from stiff_bench.plan.words import RobotWords
 from stiff_bench.store.database import FILE, ResultStore, stored_results, stored_statuses
 from stiff_datasets.measured.measured import write_samples
 from stiff_datasets.robots.robot import shipped_robot

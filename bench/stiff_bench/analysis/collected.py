@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from stiff_bench.store.database import DamagedFile, read_manifests, read_results
-from stiff_bench.store.names import OPTION_MARK, SHORT, ContestName, grouped, labels, split_word
+from stiff_bench.store.names import OPTION_MARK, SHORT, ContestName, Variant, grouped, labels
 from stiff_bench.store.newest import (
     Runs,
     Slot,
@@ -77,19 +77,25 @@ class Competitor:
     Attributes:
         shown: what must stand beside its numbers.
         done: its results by slot.
-        reasons: slot -> why it failed there or was skipped; no slot that is done.
+        failures: slot -> the record that says why it failed there or was skipped; no slot that is
+            done.
         n_asked: how many splits its newest run was asked for here; 0 where it is not known.
     """
 
     shown: Presentation
     done: Mapping[Slot, CellResult]
-    reasons: Mapping[Slot, str]
+    failures: Mapping[Slot, CellResult]
     n_asked: int
 
     @property
     def name(self) -> str:
         """Key with the options that differ from their defaults."""
         return self.shown.model
+
+    @property
+    def cell(self) -> Cell:
+        """One of its cells; the options of the model are the same in all."""
+        return next(iter([*self.done.values(), *self.failures.values()])).cell
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +132,7 @@ class Contest:
     @property
     def n_results(self) -> int:
         """How many results and failures it holds."""
-        return sum(len(found.done) + len(found.reasons) for found in self.competitors.values())
+        return sum(len(found.done) + len(found.failures) for found in self.competitors.values())
 
     def options(self, kind: str) -> Mapping[str, Any]:
         """Return every option of its "dataset" or "protocol", defaults too."""
@@ -138,6 +144,11 @@ class Contest:
         done = self.competitors[competitor].done
         wanted = self.slots if slots is None else slots
         return [done[slot] for slot in wanted if slot in done]
+
+    def results_of_all_slots(self, competitor: str) -> list[CellResult]:
+        """Return a model's results if it has one on every split; else none."""
+        done = self.competitors[competitor].done if competitor in self.competitors else {}
+        return self.results(competitor) if all(slot in done for slot in self.slots) else []
 
     def shared_slots(self, competitors: Iterable[str]) -> list[Slot]:
         """Return the splits on which all of these models have a result, in order."""
@@ -161,12 +172,14 @@ def collect(folder: Path) -> list[Contest]:
         raise StoreError(f"{error}; {_REMEDY}" if error.key else str(error)) from error
     if not by_name:
         raise StoreError(f"--results {folder}: holds no results; `bench run --output` makes them")
-    return [_contest(ContestName(*names), results, runs) for names, results in by_name.items()]
+    return [_contest(results, runs) for results in by_name.values()]
 
 
 def contest_name_of(result: CellResult) -> ContestName:
     """Return the name of the contest that a result belongs to."""
-    return ContestName(*_names_and_data(result))
+    cell = result.cell
+    variant = Variant.shown(cell.dataset, result.shown.dataset, cell.dataset_params)
+    return ContestName(*_names_and_data(result), variant)
 
 
 def _names_and_data(result: CellResult) -> tuple[str, str, str, int, str, str]:
@@ -175,7 +188,7 @@ def _names_and_data(result: CellResult) -> tuple[str, str, str, int, str, str]:
     return shown.dataset, shown.protocol, cell.condition, cell.seed, *data
 
 
-def _contest(name: ContestName, found: Sequence[CellResult], runs: Runs) -> Contest:
+def _contest(found: Sequence[CellResult], runs: Runs) -> Contest:
     results, left_out = of_newest_splits(found, runs)
     in_order = runs.newest_first(results)
     coverages = tuple(
@@ -195,16 +208,13 @@ def _contest(name: ContestName, found: Sequence[CellResult], runs: Runs) -> Cont
         competitors[model] = Competitor(
             shown=newest.shown,
             done={slot_of(one): one for one in of_slots if one.status == "ok"},
-            reasons={
-                slot_of(one): f"{one.status}: {one.failure}"
-                for one in of_slots
-                if one.status != "ok"
-            },
+            failures={slot_of(one): one for one in of_slots if one.status != "ok"},
             n_asked=newest.n_splits,
         )
+    slots = {slot for one in competitors.values() for slot in (*one.done, *one.failures)}
     return Contest(
-        name=name,
-        slots=tuple(sorted({s for one in competitors.values() for s in (*one.done, *one.reasons)})),
+        name=contest_name_of(found[0]),
+        slots=tuple(sorted(slots)),
         competitors=competitors,
         newest_run=runs.run_of(in_order[0]),
         cell=results[0].cell,
@@ -262,13 +272,11 @@ def _stands_for_its(kind: str, word: str, contest: Contest) -> bool:
     name: str = getattr(contest.name, kind)
     if stands_for(word, name):
         return True
-    key, settings = split_word(word)
-    options = contest.options(kind)
-    said = [setting.partition("=") for setting in settings]
+    asked, options = Variant.of_word(word), contest.options(kind)
     return (
-        bool(said)
-        and key == split_word(name)[0]
-        and all(str(options.get(option)) == value for option, _, value in said)
+        bool(asked.options)
+        and asked.key == getattr(contest.cell, kind)
+        and all(str(options.get(option)) == text for option, text in asked.options.items())
     )
 
 
@@ -314,32 +322,18 @@ def competitor_meant(word: str, contests: Sequence[Contest], folder: Path) -> st
     known = competitor_names(contests)
     if word in known:
         return word
-    key, settings = split_word(word)
-    said = dict(_option_and_value(settings))
-    same_key = [name for name in known if split_word(name)[0] == key]
+    asked = Variant.of_word(word)
+    cells = {name: one.cell for contest in contests for name, one in contest.competitors.items()}
+    same_key = [name for name in known if cells[name].model == asked.key]
     for name in same_key:
-        if _spells_out(said, name, contests):
+        if _spells_out(asked.options, name, cells[name].model_params):
             return name
     raise ConfigError(_no_results(word, known, same_key, folder))
 
 
-def _option_and_value(settings: Iterable[str]) -> list[tuple[str, str]]:
-    return [(name, value) for name, _, value in (one.partition("=") for one in settings)]
-
-
-def _spells_out(said: Mapping[str, str], name: str, contests: Iterable[Contest]) -> bool:
+def _spells_out(said: Mapping[str, str], name: str, options: Mapping[str, Any]) -> bool:
     """Say whether options are those of a name and, beyond them, its defaults alone."""
-    named = [option for option, _ in _option_and_value(split_word(name)[1])]
-    options = next(
-        (
-            result.cell.model_params
-            for contest in contests
-            if name in contest.competitors
-            for result in contest.results(name)
-        ),
-        {},
-    )
-    return all(option in said for option in named) and all(
+    return Variant.shown("", name, options).options.keys() <= said.keys() and all(
         option in options and _is(options[option], text) for option, text in said.items()
     )
 

@@ -71,7 +71,7 @@ def across_datasets(comparisons: Sequence[Comparison]) -> list[Across]:
     """
     found = []
     for key, group in grouped(comparisons, _setting).items():
-        by_dataset = grouped(group, lambda one: dataset_of(one.name.dataset))
+        by_dataset = grouped(group, lambda one: dataset_of(one.name))
         unambiguous = len({one.name.dataset for one in group}) == len(group)
         if len(by_dataset) > 1 and unambiguous:
             found.append(_across(key, list(by_dataset.values())))
@@ -81,7 +81,7 @@ def across_datasets(comparisons: Sequence[Comparison]) -> list[Across]:
 def _setting(comparison: Comparison) -> tuple[str, str, str, int]:
     """Return what data sets that are summed up share."""
     name = comparison.name
-    return family_of(name.dataset), name.protocol, name.condition, name.seed
+    return family_of(name), name.protocol, name.condition, name.seed
 
 
 def _across(key: tuple[str, str, str, int], datasets: Sequence[Sequence[Comparison]]) -> Across:

@@ -331,8 +331,8 @@ def _shared(contest: Contest, a: str, b: str) -> list[Slot]:
     """Return the splits that both have, or say why there are none."""
     for name in (a, b):
         if not contest.competitors[name].done:
-            reasons = list(contest.competitors[name].reasons.values())
-            raise DataError(f"{name} has no result ({reasons[0]})")
+            first = next(iter(contest.competitors[name].failures.values()))
+            raise DataError(f"{name} has no result ({first.why_none})")
     slots = contest.shared_slots([a, b])
     if not slots:
         raise DataError(f"{a} and {b} have no result on the same split")
@@ -346,7 +346,7 @@ def _missing(contest: Contest, a: str, b: str) -> list[str]:
     asked = {
         slot
         for name in (a, b)
-        for slot in (*contest.competitors[name].done, *contest.competitors[name].reasons)
+        for slot in (*contest.competitors[name].done, *contest.competitors[name].failures)
     }
     wanted = max((one.n_splits for name in (a, b) for one in contest.results(name)), default=0)
     if len(asked) < wanted:
@@ -355,7 +355,8 @@ def _missing(contest: Contest, a: str, b: str) -> list[str]:
         competitor = contest.competitors[name]
         lacking = sorted(asked - set(competitor.done))
         if lacking:
-            reasons = dict.fromkeys(competitor.reasons.get(slot, "not run") for slot in lacking)
+            failures = [competitor.failures.get(slot) for slot in lacking]
+            reasons = dict.fromkeys(one.why_none if one else "not run" for one in failures)
             found.append(
                 f"{name} lacks {len(lacking)} of {len(asked)} splits ({'; '.join(reasons)}); "
                 f"compared on the {shared} that both have"

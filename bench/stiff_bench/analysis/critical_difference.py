@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiff_bench.analysis.same_robot import Robot, family_of, of_robots, robots_of
+from stiff_bench.analysis.same_robot import Specimen, family_of, of_robots, robots_of
 from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.analysis.standing import Field, Standings, complete_models
 from stiff_bench.store.names import ContestName, grouped
@@ -46,13 +46,13 @@ class RankAnalysis:
 
     protocol: str
     condition: str
-    families: Mapping[Robot, tuple[str, ...]]
+    families: Mapping[Specimen, tuple[str, ...]]
     models: tuple[str, ...]
     outcome: OverDatasets | None
     why_none: str
 
     @property
-    def robots(self) -> tuple[Robot, ...]:
+    def robots(self) -> tuple[Specimen, ...]:
         """The robots that count."""
         return tuple(self.families)
 
@@ -88,7 +88,7 @@ def _of_block(
     protocol: str,
     condition: str,
     fields: Sequence[Field],
-    robots: Mapping[ContestName, Robot],
+    robots: Mapping[ContestName, Specimen],
     standings: Standings,
 ) -> RankAnalysis:
     models = complete_models(fields)
@@ -100,7 +100,7 @@ def _of_block(
 
 
 def _of_all(
-    fields: Sequence[Field], robots: Mapping[ContestName, Robot], standings: Standings
+    fields: Sequence[Field], robots: Mapping[ContestName, Specimen], standings: Standings
 ) -> RankAnalysis:
     models = complete_models(fields)
     scores = {field.name: standings.of(field, models).ranks for field in fields}
@@ -112,7 +112,7 @@ def _analysis(
     condition: str,
     models: tuple[str, ...],
     scores: Mapping[ContestName, FloatArray],
-    robots: Mapping[ContestName, Robot],
+    robots: Mapping[ContestName, Specimen],
     key: SortKey,
 ) -> RankAnalysis:
     """Return the analysis of the (m,) scores in each contest, averaged over those of one robot."""
@@ -124,7 +124,7 @@ def _analysis(
             [np.mean([scores[name] for name in names], axis=0) for names in of_robots.values()]
         )
     families = {
-        robot: tuple(dict.fromkeys(family_of(name.dataset) for name in names))
+        robot: tuple(dict.fromkeys(family_of(name) for name in names))
         for robot, names in of_robots.items()
     }
     return RankAnalysis(protocol, condition, families, models, outcome, why_none)

@@ -22,7 +22,7 @@ from stiff_bench.tables.units import counted
 
 
 @dataclass(frozen=True)
-class Part:
+class ModelForecast:
     """The cells of one model.
 
     Attributes:
@@ -59,7 +59,7 @@ class Forecast:
         jobs: how many cells are computed at once.
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[ModelForecast, ...]
     jobs: int
 
     @property
@@ -103,7 +103,7 @@ def forecast(tasks: Iterable[CellTask], output: Path, *, jobs: int, rerun: Rerun
         n_cells[task.shown.model] += 1
         n_cached[task.shown.model] += task.cell.key in cached
     means = mean_seconds(output)
-    parts = (Part(name, n, n_cached[name], means.get(name)) for name, n in n_cells.items())
+    parts = (ModelForecast(name, n, n_cached[name], means.get(name)) for name, n in n_cells.items())
     return Forecast(tuple(parts), jobs)
 
 
@@ -116,7 +116,7 @@ def render_forecast(found: Forecast, fmt: str, command: str) -> str:
     if fmt == "csv":
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(item.name for item in fields(Part))
+        writer.writerow(item.name for item in fields(ModelForecast))
         writer.writerows(csv_cells(asdict(part).values()) for part in found.parts)
         return out.getvalue().rstrip("\n")
     return render_texts([_table(found)], fmt, command)

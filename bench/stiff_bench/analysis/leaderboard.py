@@ -89,11 +89,11 @@ def columns(fields: Sequence[Field], standings: Standings) -> Iterator[Column]:
 
 
 def _place(field: Field) -> tuple[str, str, str]:
-    return family_of(field.name.dataset), field.name.protocol, field.name.condition
+    return family_of(field.name), field.name.protocol, field.name.condition
 
 
 def _dataset(field: Field) -> str:
-    return dataset_of(field.name.dataset)
+    return dataset_of(field.name)
 
 
 def _values(fields: Sequence[Field], standings: Standings) -> Iterator[tuple[str, ColumnValue]]:
@@ -326,7 +326,7 @@ class Section:
         return caveats_of(
             field.contest
             for field in self.fields
-            if (family_of(field.name.dataset), field.name.protocol) == (family, protocol)
+            if (family_of(field.name), field.name.protocol) == (family, protocol)
         )
 
     @property

@@ -24,7 +24,7 @@ from stiff_bench.analysis.leaderboard import (
     Section,
     UnrankedModel,
 )
-from stiff_bench.analysis.same_robot import dataset_of, of_families, of_robots
+from stiff_bench.analysis.same_robot import dataset_of, family_of, of_families, of_robots
 from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.analysis.standing import Field
 from stiff_bench.store.names import grouped, labels
@@ -219,7 +219,7 @@ def _cost(model: ModelCost) -> dict[str, Any]:
 def _contest(field: Field, section: Section, factor: float) -> dict[str, Any]:
     shown = [model for model in section.marks if model in field.missing]
     return {
-        **asdict(field.name),
+        **{name: value for name, value in asdict(field.name).items() if name != "variant"},
         "splits": len(field.slots),
         "splits_left_out": field.left_out,
         "scores": {model: field.mean(model) * factor for model in field.scores},
@@ -326,11 +326,11 @@ def _ranks(section: Section, board: Leaderboard, provenance: Sequence[str]) -> T
 
 
 def _scope(section: Section) -> str:
-    datasets = dict.fromkeys(dataset_of(field.name.dataset) for field in section.fields)
+    families = {dataset_of(field.name): family_of(field.name) for field in section.fields}
     protocols = list(dict.fromkeys(field.name.protocol for field in section.fields))
     kinds = " and ".join(section.kinds)
     seeds = _seeds(len({field.name.seed for field in section.fields}))
-    return f"{of_families(list(datasets))} ({kinds}) under {', '.join([*protocols, *seeds])}"
+    return f"{of_families(families)} ({kinds}) under {', '.join([*protocols, *seeds])}"
 
 
 def _seeds(number: int) -> list[str]:
@@ -460,8 +460,9 @@ def _by_protocol(section: Section, key: SortKey) -> Iterator[TextTable]:
         spread = ", mean ± standard deviation over data sets" if several else ""
         apart = f" | {SELECTION_MARK}s" if section.selects_on_test else ""
         models = [m for m in section.marks if any(m in column.values for column in found)]
+        named = of_families(dict.fromkeys(datasets, family))
         yield TextTable(
-            title=f"{protocol} on {of_families(datasets)}{apart} | {key.text}{spread}",
+            title=f"{protocol} on {named}{apart} | {key.text}{spread}",
             header=("model", *(_heading(column, several) for column in found)),
             rows=[
                 [

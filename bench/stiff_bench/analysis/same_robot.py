@@ -10,35 +10,34 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from stiff_bench.analysis.collected import Contest
-from stiff_bench.store.names import ContestName, grouped, join_word, split_word
+from stiff_bench.store.names import ContestName, grouped
 from stiff_bench.tables.units import counted
 
-SPECIMEN = "specimen"
-_REPEATS = ("seed",)
-_SAME_TYPE = ("seed", SPECIMEN)
+SEED, SPECIMEN = "seed", "specimen"
+"""Options of data sets that only repeat one, and that make another robot of its type."""
 
 
 @dataclass(frozen=True)
-class Robot:
+class Specimen:
     """One robot, whichever data sets were made on it.
 
     Attributes:
         type: name of the robot.
-        specimen: which robot of the type; "" where the data do not tell several apart.
+        number: which robot of the type; "" where the data do not tell several apart.
     """
 
     type: str
-    specimen: str = ""
+    number: str = ""
 
     @property
     def text(self) -> str:
         """Type and number, for people."""
-        return f"{self.type} specimen {self.specimen}" if self.specimen else self.type
+        return f"{self.type} specimen {self.number}" if self.number else self.type
 
 
 def robots_of(
     contests: Iterable[Contest], robot_name: Callable[[str], str]
-) -> dict[ContestName, Robot]:
+) -> dict[ContestName, Specimen]:
     """Return the robot that each contest's data were made on.
 
     Data without a specimen are of one robot for each robot name. Equal data are of one robot,
@@ -51,7 +50,7 @@ def robots_of(
     contests = list(contests)
     of_data = grouped(contests, lambda contest: contest.name.data_sha256)
     robots = {
-        sha256: Robot(
+        sha256: Specimen(
             robot_name(sha256),
             max(str(one.options("dataset").get(SPECIMEN, "")) for one in members),
         )
@@ -60,7 +59,7 @@ def robots_of(
     return {contest.name: robots[contest.name.data_sha256] for contest in contests}
 
 
-def of_robots(families: Mapping[Robot, Sequence[str]]) -> str:
+def of_robots(families: Mapping[Specimen, Sequence[str]]) -> str:
     """Return how many robots, and in which data, e.g. "5 specimens of kr10-twin".
 
     Args:
@@ -75,24 +74,23 @@ def of_robots(families: Mapping[Robot, Sequence[str]]) -> str:
     return f"{counted(len(families), 'robot')}: {', '.join(parts)}"
 
 
-def dataset_of(name: str) -> str:
+def dataset_of(name: ContestName) -> str:
     """Return a data set's name without the option that only repeats it."""
-    return _without(name, _REPEATS)
+    return name.variant.without(SEED).name
 
 
-def family_of(name: str) -> str:
+def family_of(name: ContestName) -> str:
     """Return a data set's name without the options that make another robot of its type."""
-    return _without(name, _SAME_TYPE)
+    return name.variant.without(SEED, SPECIMEN).name
 
 
-def _without(name: str, options: Sequence[str]) -> str:
-    key, settings = split_word(name)
-    return join_word(key, [one for one in settings if one.partition("=")[0] not in options])
+def of_families(families: Mapping[str, str]) -> str:
+    """Return how many data sets of which family, e.g. "5 x kr10-twin, ur5".
 
-
-def of_families(datasets: Sequence[str]) -> str:
-    """Return how many data sets of which family, e.g. "5 x kr10-twin, ur5"."""
+    Args:
+        families: data set -> its family.
+    """
     return ", ".join(
         members[0] if len(members) == 1 else f"{len(members)} x {family}"
-        for family, members in grouped(datasets, family_of).items()
+        for family, members in grouped(families, families.__getitem__).items()
     )

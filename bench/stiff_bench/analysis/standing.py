@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from stiff_bench.analysis.collected import Competitor, Contest, split_sizes
 from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.store.database import read_data
-from stiff_bench.store.names import ContestName
+from stiff_bench.store.names import ContestName, grouped
 from stiff_bench.store.newest import Slot
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.table import pooled_prediction
@@ -61,8 +60,10 @@ class Field:
 
     def failed(self, model: str) -> str:
         """Return "FAILED" or "SKIPPED" where a model was run and gave no result; else ""."""
-        word, *_ = self.missing.get(model, "").split(maxsplit=1) or [""]
-        return word if word in ("FAILED", "SKIPPED") else ""
+        competitor = self.contest.competitors.get(model)
+        if model not in self.missing or competitor is None or not competitor.failures:
+            return ""
+        return _usual_failure(competitor).status.upper()
 
     @property
     def left_out(self) -> str:
@@ -103,7 +104,7 @@ def field_of(
     whole = {
         model: key.of_splits(contest.results(model))
         for model in models
-        if model in contest.competitors and not contest.competitors[model].reasons
+        if model in contest.competitors and not contest.competitors[model].failures
     }
     missing = {
         model: reason for model in models if (reason := _why_missing(contest, model, whole, key))
@@ -134,13 +135,19 @@ def _why_missing(
     competitor = contest.competitors.get(model)
     if competitor is None:
         return NOT_RUN
-    if competitor.reasons:
-        (reason, _), *_ = Counter(competitor.reasons.values()).most_common(1)
-        status, _, why = reason.partition(": ")
-        n_all = len(competitor.reasons) + len(competitor.done)
-        said = " ".join(why.split())
-        return f"{status.upper()} in {len(competitor.reasons)} of {n_all} splits: {said}"
+    if competitor.failures:
+        usual = _usual_failure(competitor)
+        n_failed = len(competitor.failures)
+        n_all = n_failed + len(competitor.done)
+        said = " ".join(usual.failure.split())
+        return f"{usual.status.upper()} in {n_failed} of {n_all} splits: {said}"
     return f"no value of {key.text}" if values[model] is None else ""
+
+
+def _usual_failure(competitor: Competitor) -> CellResult:
+    """Return a record of the failure that most of its splits have."""
+    alike = grouped(competitor.failures.values(), lambda one: one.why_none)
+    return max(alike.values(), key=len)[0]
 
 
 def _unfinished(contest: Contest, models: Sequence[str], asked: Set[str]) -> dict[str, str]:

@@ -55,7 +55,7 @@ class StoredResults:
         n_counting = sum(contest.n_results for contest in self.contests)
         counting = f"{n_counting} results of the folder count."
         n_failed = sum(
-            len(one.reasons) for contest in self.contests for one in contest.competitors.values()
+            len(one.failures) for contest in self.contests for one in contest.competitors.values()
         )
         if n_failed:
             counting += f" {n_failed} of them failed or were skipped."

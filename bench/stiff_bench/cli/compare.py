@@ -146,19 +146,10 @@ def table(number: str, results: Path | None, fmt: str) -> None:
     errors on the simulated source by depth and by activation; 8: which layers are unfrozen; 9:
     last epoch against best epoch; 10: VJM, FT-MLP and DT-CNN.
     """
-    from stiff_bench.paper.results import PaperResults
-    from stiff_bench.paper.study import PAPER_RESULTS
     from stiff_bench.paper.table import render_paper_table
-    from stiff_bench.paper.tables import FITTED_HERE, build
-    from stiff_protocols.contract.errors import ConfigError
+    from stiff_bench.paper.tables import read_table
 
-    found = None
-    if int(number) in FITTED_HERE:
-        if results is not None:
-            raise ConfigError(f"--results {results}: table {number} is fitted here and reads none")
-    else:
-        found = PaperResults.of(PAPER_RESULTS if results is None else results)
-    print_text(render_paper_table(build(int(number), found), fmt, command_line()))
+    print_text(render_paper_table(read_table(int(number), results), fmt, command_line()))
 
 
 @click.command()
@@ -198,8 +189,8 @@ def report(
     tables can be sorted and filtered in a browser.
     """
     from stiff_bench.report.report import write_report
-    from stiff_bench.report.runs import Choice
+    from stiff_bench.report.runs import Selection
 
-    choice = Choice(models, datasets, protocols, metric, axis, seed)
+    choice = Selection(models, datasets, protocols, metric, axis, seed)
     write_report(folders, choice, output, command_line())
     say(f"{output}: the page is written")

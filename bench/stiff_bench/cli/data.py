@@ -13,15 +13,9 @@ from stiff_bench.cli.options import (
     plugin_option,
     robot_options,
     robot_words,
+    seed_option,
     settings_option,
 )
-
-
-def seed_option(command: Any) -> Any:
-    """Add --seed."""
-    return click.option(
-        "--seed", type=click.IntRange(0, 2**32), default=0, show_default=True, help="Of chance."
-    )(command)
 
 
 @click.group()
@@ -77,7 +71,7 @@ def info(key: str, output: Path, settings: tuple[str, ...], plugins: tuple[Path,
     metavar="M",
     help="Smallest distance of the arm's centre line from the base column.",
 )
-@seed_option
+@seed_option("chance", most=2**32)
 @click.option("--output", type=FILE, required=True, metavar="FILE.csv", help="A new file.")
 @debug_option
 def plan(**words: Any) -> None:
@@ -128,7 +122,7 @@ def validate(file: Path, **words: Any) -> int:
     show_default=True,
     help="Which of ten robots of the type.",
 )
-@seed_option
+@seed_option("chance", most=2**32)
 @click.option("--output", type=FILE, required=True, metavar="FILE.csv|FILE.parquet")
 @debug_option
 def simulate(**words: Any) -> None:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -18,17 +17,12 @@ from stiff_bench.cli.options import (
     debug_option,
     execution_of,
     execution_options,
+    models_option,
 )
 from stiff_bench.console import print_text, say
 from stiff_bench.paper.study import PAPER_RESULTS
 from stiff_bench.run.machine import usable_cores
 from stiff_protocols.contract.errors import ConfigError, unknown_name
-
-if TYPE_CHECKING:
-    from stiff_bench.figures.figure import Prepared
-
-
-WITHOUT_RESULTS = "4"  # its model is fitted on the spot
 
 
 @click.command()
@@ -48,24 +42,10 @@ WITHOUT_RESULTS = "4"  # its model is fitted on the spot
     metavar="FILE.pdf",
     help="What to write: .png, .pdf or .svg.  [default: figure-NAME.png]",
 )
-@click.option(
-    "--model",
-    "models",
-    multiple=True,
-    metavar="KEY",
-    help="A model, or a key that stands for all its variants; may be repeated; not for the paper's "
-    "figures.  [default: depends on the figure; its caption says]",
-)
+@models_option("Not for the paper's figures.  [default: depends on the figure; its caption says]")
 @contest_options
 @debug_option
-def figure(
-    name: str,
-    results: Path | None,
-    output: Path | None,
-    models: tuple[str, ...],
-    datasets: tuple[str, ...],
-    protocols: tuple[str, ...],
-) -> None:
+def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) -> None:
     """Draw a figure and print its caption.
 
     NAME is one of the source paper's figures (4, 5a, 5b, 5c, 5, 6, 8, 9), or one that any results
@@ -73,68 +53,29 @@ def figure(
     springs, ranks. Where results of several data sets or protocols could be drawn, a fair protocol
     comes first, then the one with most models; the caption says which.
     """
+    from stiff_bench.figures import catalog
+    from stiff_bench.figures.source import FigureSource
+    from stiff_bench.paper import figures as papers
     from stiff_bench.tables.picture_file import check_suffix
 
-    is_papers = _is_papers(name)
-    target = Path(f"figure-{name}.png") if output is None else output
-    check_suffix(target)
-    if is_papers:
-        _refuse_choice({"--model": models, "--dataset": datasets, "--protocol": protocols}, name)
-        prepared = _of_paper(name, results)
-    else:
-        folder = RESULTS if results is None else results
-        prepared = _general(name, folder, models, datasets, protocols)
-    prepared.save(target)
-    print_text(f"{target}: {prepared.title}. {prepared.caption}")
-
-
-def _is_papers(name: str) -> bool:
-    """Say whether a figure is one of the paper's.
-
-    Raises:
-        ConfigError: there is none of that name.
-    """
-    from stiff_bench.figures import catalog
-    from stiff_bench.paper import figures as paper_figures
-
-    known = [*paper_figures.FIGURES, *catalog.FIGURES]
+    known = [*papers.FIGURES, *catalog.FIGURES]
     if name not in known:
         raise unknown_name("figure", name, known)
-    return name in paper_figures.FIGURES
-
-
-def _refuse_choice(chosen: Mapping[str, tuple[str, ...]], name: str) -> None:
-    """See that nothing is chosen that the paper has chosen."""
-    given = [option for option, words in chosen.items() if words]
-    if given:
-        raise ConfigError(
-            f"{given[0]} {chosen[given[0]][0]}: the paper's figure {name} says what it shows "
-            "(valid: --results, --output; `bench figure regression` and the like take a choice)"
-        )
-
-
-def _of_paper(name: str, folder: Path | None) -> Prepared:
-    from stiff_bench.paper.figures import FIGURES
-    from stiff_bench.paper.results import PaperResults
-
-    if name != WITHOUT_RESULTS:
-        return FIGURES[name].prepare(PaperResults.of(PAPER_RESULTS if folder is None else folder))
-    if folder is not None:
-        raise ConfigError(f"--results {folder}: figure {name} is fitted here and reads none")
-    return FIGURES[name].prepare(PaperResults(PAPER_RESULTS, ()))
-
-
-def _general(
-    name: str,
-    folder: Path,
-    models: tuple[str, ...],
-    datasets: tuple[str, ...],
-    protocols: tuple[str, ...],
-) -> Prepared:
-    from stiff_bench.figures.catalog import FIGURES
-    from stiff_bench.figures.source import FigureSource
-
-    return FIGURES[name].prepare(FigureSource.of(folder, models, datasets, protocols))
+    target = output or Path(f"figure-{name}.png")
+    check_suffix(target)
+    if name in papers.FIGURES:
+        for option, words in chosen.items():
+            if words:
+                raise ConfigError(
+                    f"--{option[:-1]} {words[0]}: the paper's figure {name} says what it shows "
+                    "(valid: --results, --output; `bench figure regression` and the like take a "
+                    "choice)"
+                )
+        prepared = papers.prepare_figure(name, results)
+    else:
+        prepared = catalog.FIGURES[name].prepare(FigureSource.of(results or RESULTS, **chosen))
+    prepared.save(target)
+    print_text(f"{target}: {prepared.title}. {prepared.caption}")
 
 
 @click.command()

@@ -21,15 +21,17 @@ from stiff_bench.cli.options import (
     FILE,
     FiniteRange,
     begin_execution,
+    chosen,
     command_line,
     debug_option,
+    device_option,
     execution_of,
     execution_options,
     format_option,
     output_option,
     plugin_option,
     robot_options,
-    robot_words,
+    seed_option,
     settings_option,
 )
 from stiff_bench.cli.results import cache, merge
@@ -146,13 +148,7 @@ def bench() -> None:
     default=None,
     help="Number of splits.  [default: the protocol's]",
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(0, 2**32 - 20_000),
-    default=0,
-    show_default=True,
-    help="Seed of splits and models.",
-)
+@seed_option("splits and models", most=2**32 - 20_000)
 @settings_option
 @click.option(
     "--data",
@@ -162,13 +158,7 @@ def bench() -> None:
 )
 @robot_options
 @plugin_option
-@click.option(
-    "--device",
-    type=click.Choice(["auto", "cpu", "cuda"]),
-    default="auto",
-    show_default=True,
-    help="Where networks run.",
-)
+@device_option("Where networks run.")
 @execution_options
 @output_option("Where results are stored.")
 @format_option("the tables")
@@ -181,10 +171,10 @@ def run(plugins: tuple[Path, ...], fmt: str, **words: Any) -> int:
     """
     taken = begin_execution(words)
     from stiff_bench.plan.registry import usable_registry
-    from stiff_bench.plan.request import RunRequest, plan_run
+    from stiff_bench.plan.request import plan_run
 
     registry = usable_registry(plugins)
-    plan = plan_run(RunRequest(robot=robot_words(words), **words, command=command_line()), registry)
+    plan = plan_run(chosen(words, registry), registry, **words, command=command_line())
     execution = execution_of(taken, plan, registry)
     from stiff_bench.cli.run import execute, show_plan
 

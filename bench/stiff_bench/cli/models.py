@@ -10,10 +10,12 @@ import click
 from stiff_bench.cli.options import (
     FILE,
     FiniteRange,
+    chosen,
     debug_option,
+    device_option,
     plugin_option,
     robot_options,
-    robot_words,
+    seed_option,
     settings_option,
 )
 
@@ -31,7 +33,7 @@ model_file_option = click.option(
     metavar="KEY",
     help="One model that stiffbench ships.",
 )
-@click.option("--dataset", metavar="KEY", help="A data set to fit to.")
+@click.option("--dataset", "datasets", multiple=True, metavar="KEY", help="A data set to fit to.")
 @click.option(
     "--data",
     type=FILE,
@@ -40,34 +42,22 @@ model_file_option = click.option(
 )
 @robot_options
 @settings_option
-@click.option(
-    "--seed",
-    type=click.IntRange(0, 2**32 - 1),
-    default=0,
-    show_default=True,
-    help="Of the model.",
-)
-@click.option(
-    "--device",
-    type=click.Choice(["auto", "cpu", "cuda"]),
-    default="auto",
-    show_default=True,
-    help="Where networks are trained.",
-)
+@seed_option("the model")
+@device_option("Where networks are trained.")
 @plugin_option
 @click.option("--output", type=FILE, required=True, metavar="FILE", help="A new file.")
 @debug_option
-def fit(models: tuple[str, ...], plugins: tuple[Path, ...], **words: Any) -> None:
+def fit(plugins: tuple[Path, ...], **words: Any) -> None:
     """Fit a model to all samples of a data set and save it."""
-    from stiff_bench.model_tools.saved import FitWords, fit_model
+    from stiff_bench.model_tools.saved import fit_model
     from stiff_bench.plan.registry import usable_registry
+    from stiff_bench.plan.request import plan_run
+    from stiff_protocols.contract.errors import ConfigError
 
-    if len(models) > 1:
-        raise click.BadParameter(
-            f"{', '.join(models)}: a file holds one model", param_hint="--model"
-        )
-    request = FitWords(model=models[0], robot=robot_words(words), **words)
-    click.echo(fit_model(request, usable_registry(plugins)))
+    if len(words["datasets"]) + (words["data"] is not None) != 1:
+        raise ConfigError("give one of --dataset KEY and --data FILE.csv")
+    registry = usable_registry(plugins)
+    click.echo(fit_model(plan_run(chosen(words, registry), registry, **words)))
 
 
 @click.command()

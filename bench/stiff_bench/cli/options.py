@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 if TYPE_CHECKING:
+    from stiff_bench.plan.options import Chosen
     from stiff_bench.plan.registry import Registry
     from stiff_bench.plan.request import RunPlan
-    from stiff_bench.plan.robots import RobotWords
+    from stiff_bench.plan.words import RobotWords
     from stiff_bench.run.execution import Execution
 
 
@@ -66,13 +67,21 @@ results_option = click.option(
     metavar="DIR",
     help="Folder of the results: the --output of `bench run`.",
 )
-draws_seed_option = click.option(
-    "--seed",
-    type=click.IntRange(0, 2**32 - 1),
-    default=0,
-    show_default=True,
-    help="Of the resampling of poses.",
-)
+
+
+def seed_option(of: str, most: int = 2**32 - 1) -> Callable[[Decorated], Decorated]:
+    """Return the option --seed of something."""
+    number = click.IntRange(0, most)
+    return click.option("--seed", type=number, default=0, show_default=True, help=f"Of {of}.")
+
+
+draws_seed_option = seed_option("the resampling of poses")
+
+
+def device_option(what: str) -> Callable[[Decorated], Decorated]:
+    """Return the option that says where networks run; `what` is its help."""
+    devices = click.Choice(["auto", "cpu", "cuda"])
+    return click.option("--device", type=devices, default="auto", show_default=True, help=what)
 
 
 def format_option(of: str) -> Callable[[Decorated], Decorated]:
@@ -108,6 +117,12 @@ def contest_options(command: Any) -> Any:
     return command
 
 
+def models_option(more: str) -> Callable[[Decorated], Decorated]:
+    """Return the option that chooses among the models of stored results."""
+    text = "A model, or a key that stands for all its variants; may be repeated."
+    return click.option("--model", "models", multiple=True, metavar="KEY", help=f"{text} {more}")
+
+
 def ranking_options(command: Any) -> Any:
     """Add the options that say what is ranked, by what."""
     for option in (
@@ -122,14 +137,7 @@ def ranking_options(command: Any) -> Any:
             "--metric", default="norm", show_default=True, metavar="KEY", help="What to rank by."
         ),
         contest_options,
-        click.option(
-            "--model",
-            "models",
-            multiple=True,
-            metavar="KEY",
-            help="A model, or a key that stands for all its variants; may be repeated. Ranks are "
-            "among those that are shown.  [default: all]",
-        ),
+        models_option("Ranks are among those that are shown.  [default: all]"),
     ):
         command = option(command)
     return command
@@ -161,9 +169,22 @@ def robot_options(command: Any) -> Any:
     return command
 
 
+def chosen(words: dict[str, Any], registry: Registry) -> Chosen:
+    """Take the options that choose models, data sets and protocols out of a command's words.
+
+    Raises:
+        ConfigError: a key, option or value is unknown or wrong.
+    """
+    from stiff_bench.plan.words import choices
+
+    names = ("models", "datasets", "protocols", "settings", "data")
+    given = {name: words.pop(name) for name in names if name in words}
+    return choices(registry, robot=robot_words(words), **given)
+
+
 def robot_words(words: dict[str, Any]) -> RobotWords:
     """Take the three options out of a command's words."""
-    from stiff_bench.plan.robots import RobotWords
+    from stiff_bench.plan.words import RobotWords
 
     if words["robot"] == "":
         raise click.BadParameter("an empty word names no robot", param_hint="--robot")

@@ -12,9 +12,9 @@ from tabulate import tabulate
 
 from stiff_bench.data_tools.info import dataset_info, picture_quantity, picture_title
 from stiff_bench.data_tools.picture import save_picture
-from stiff_bench.plan.registry import Registry, build_registry, lookup
-from stiff_bench.plan.request import chosen_dataset, loaded
-from stiff_bench.plan.robots import RobotWords, parse_tcp
+from stiff_bench.plan.registry import Registry, build_registry
+from stiff_bench.plan.request import loaded
+from stiff_bench.plan.words import RobotWords, chosen_dataset, parse_tcp
 from stiff_bench.run.progress import phases
 from stiff_bench.tables.published import published_stiffness
 from stiff_datasets.measured.identifiability import REFERENCE_COMPLIANCE, regressor
@@ -164,7 +164,7 @@ def validation(path: Path, words: RobotWords) -> tuple[str, bool]:
 
 def _report(path: Path, words: RobotWords) -> ValidationReport:
     robot, chain, _ = words.read()
-    reference_model = lookup(build_registry().models, "model", "vjm").load()
+    reference_model = build_registry().model("vjm").load()
     return validate(path, robot, chain, reference_model())
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from tabulate import tabulate
 
 from stiff_bench.data_tools.picture import DEFLECTION
@@ -27,7 +29,7 @@ NO_SCATTER = 0.01
 
 
 @dataclass(frozen=True)
-class Spread:
+class VectorSpread:
     """How vectors lie in space.
 
     Attributes:
@@ -62,21 +64,21 @@ class Spread:
         return words[self.dimensions - 1]
 
 
-def directions(vectors: FloatArray) -> Spread:
+def directions(vectors: FloatArray) -> VectorSpread:
     """Return how the directions of (n, 3) vectors lie; vectors of length zero have none."""
     length = np.linalg.norm(vectors, axis=1)
     unit = vectors[length > 0.0] / length[length > 0.0, None]
     if len(unit) == 0:
-        return Spread((0.0, 0.0, 0.0), 0.0)
-    return Spread(_shares(unit), float(np.linalg.norm(unit.mean(axis=0))))
+        return VectorSpread((0.0, 0.0, 0.0), 0.0)
+    return VectorSpread(_shares(unit), float(np.linalg.norm(unit.mean(axis=0))))
 
 
-def about_mean(vectors: FloatArray) -> Spread:
+def about_mean(vectors: FloatArray) -> VectorSpread:
     """Return how (n, 3) vectors lie about their mean."""
     centred = vectors - vectors.mean(axis=0)
     if np.linalg.norm(centred) <= NO_SCATTER * np.linalg.norm(vectors):
-        return Spread((0.0, 0.0, 0.0), None)
-    return Spread(_shares(centred), None)
+        return VectorSpread((0.0, 0.0, 0.0), None)
+    return VectorSpread(_shares(centred), None)
 
 
 def _shares(vectors: FloatArray) -> tuple[float, ...]:
@@ -91,45 +93,7 @@ _FILE_UNITS: dict[JointType, tuple[float, str, str]] = {  # position's factor, u
 }
 
 
-@dataclass(frozen=True)
-class Interval:
-    """Smallest and largest value."""
-
-    low: float
-    high: float
-
-
-@dataclass(frozen=True)
-class Magnitude:
-    """How large something is over the samples, SI units."""
-
-    least: float
-    median: float
-    mean: float
-    most: float
-
-
-@dataclass(frozen=True)
-class JointFacts:
-    """One joint over the samples.
-
-    Attributes:
-        name, kind: of the joint.
-        position: rad, or m of a prismatic joint.
-        limits: of the robot, same unit; infinite where there are none.
-        load_torque: what the load exerts on the joint, N m, or N.
-        gravity_torque: what the links' weights exert on it; None for a robot without masses.
-    """
-
-    name: str
-    kind: JointType
-    position: Interval
-    limits: Interval
-    load_torque: Interval
-    gravity_torque: Interval | None
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DatasetFacts:
     """A data set in numbers, SI units.
 
@@ -139,13 +103,13 @@ class DatasetFacts:
         n_samples, n_poses: counts.
         loads_a_pose: fewest and most samples of one pose.
         groups: name and number of samples, in the data's order.
-        force, torque: size of the loads, N and N m.
-        force_directions, torque_directions: unit vectors of the loads that are not zero.
-        forces_about_mean: forces less their mean; they lie along a line when the forces do, even
-            if that line misses zero.
-        deflection: its norm, m.
-        deflection_axes: |dx|, |dy| and |dz|, m.
-        joints: base to tip.
+        sizes: least, median, mean and most of |force| [N], |torque| [N m], |deflection|, |dx|,
+            |dy| and |dz| [m] over the samples, a row each.
+        spreads: how unit vectors of the loads that are not zero lie, and forces less their mean:
+            they lie along a line when the forces do, even if that line misses zero.
+        joints: a row a joint, base to tip: its kind; least and most position, and its limits (rad,
+            or m of a prismatic joint; infinite where there are none); least and most torque by the
+            loads and by the links' weights (N m, or N; NaN for a robot without masses).
     """
 
     sha256: str
@@ -154,14 +118,9 @@ class DatasetFacts:
     n_poses: int
     loads_a_pose: tuple[int, int]
     groups: tuple[tuple[str, int], ...]
-    force: Magnitude
-    torque: Magnitude
-    force_directions: Spread
-    forces_about_mean: Spread
-    torque_directions: Spread
-    deflection: Magnitude
-    deflection_axes: tuple[Magnitude, ...]
-    joints: tuple[JointFacts, ...]
+    sizes: pd.DataFrame
+    spreads: Mapping[str, VectorSpread]
+    joints: pd.DataFrame
 
 
 def facts(data: BenchmarkData) -> DatasetFacts:
@@ -170,27 +129,39 @@ def facts(data: BenchmarkData) -> DatasetFacts:
     Raises:
         DataError: there are no samples.
     """
-    samples = data.samples
+    samples, robot = data.samples, data.robot
     if len(samples) == 0:
-        raise DataError(f"the data set of robot {data.robot.name!r} has no samples")
+        raise DataError(f"the data set of robot {robot.name!r} has no samples")
     force, torque = samples.wrench[:, :3], samples.wrench[:, 3:]
     loads = np.unique(samples.pose_id, return_counts=True)[1]
     names, first, counts = np.unique(samples.group, return_index=True, return_counts=True)
+    along = {f"|d{axis}|": np.abs(samples.deflection[:, k]) for k, axis in enumerate(AXES)}
+    lengths = {"|force|": force, "|torque|": torque, "|deflection|": samples.deflection}
+    sizes = pd.DataFrame({k: np.linalg.norm(of, axis=1) for k, of in lengths.items()} | along)
+    on_joints = load_torque(data)
+    weights = gravity_torque(robot, samples.q) if robot.masses.any() else on_joints * np.nan
+    ends = {
+        "position": (samples.q.min(axis=0), samples.q.max(axis=0)),
+        "limit": (robot.lower, robot.upper),
+        "load": (on_joints.min(axis=0), on_joints.max(axis=0)),
+        "gravity": (weights.min(axis=0), weights.max(axis=0)),
+    }
+    columns = {f"{what}_low": low for what, (low, _) in ends.items()}
+    columns |= {f"{what}_high": high for what, (_, high) in ends.items()}
     return DatasetFacts(
         sha256=data.sha256,
-        robot=data.robot.name,
+        robot=robot.name,
         n_samples=len(samples),
         n_poses=len(loads),
         loads_a_pose=(int(loads.min()), int(loads.max())),
         groups=tuple((str(names[i]), int(counts[i])) for i in np.argsort(first)),
-        force=_magnitude(np.linalg.norm(force, axis=1)),
-        torque=_magnitude(np.linalg.norm(torque, axis=1)),
-        force_directions=directions(force),
-        forces_about_mean=about_mean(force),
-        torque_directions=directions(torque),
-        deflection=_magnitude(np.linalg.norm(samples.deflection, axis=1)),
-        deflection_axes=tuple(_magnitude(np.abs(along)) for along in samples.deflection.T),
-        joints=_joint_facts(data),
+        sizes=sizes.agg(["min", "median", "mean", "max"]).T,
+        spreads={
+            "force directions": directions(force),
+            "forces about their mean": about_mean(force),
+            "torque directions": directions(torque),
+        },
+        joints=pd.DataFrame({"kind": robot.joint_types} | columns, index=list(robot.joint_names)),
     )
 
 
@@ -199,33 +170,6 @@ def render_facts(found: DatasetFacts) -> str:
     return "\n\n".join(
         [_overview(found), _magnitudes(found), _spreads(found), _joint_table(found.joints)]
     )
-
-
-def _magnitude(values: FloatArray) -> Magnitude:
-    return Magnitude(
-        float(values.min()), float(np.median(values)), float(values.mean()), float(values.max())
-    )
-
-
-def _joint_facts(data: BenchmarkData) -> tuple[JointFacts, ...]:
-    robot, q = data.robot, data.samples.q
-    loads = load_torque(data)
-    gravity = gravity_torque(robot, q) if robot.masses.any() else None
-    return tuple(
-        JointFacts(
-            name=robot.joint_names[joint],
-            kind=robot.joint_types[joint],
-            position=_interval(q[:, joint]),
-            limits=Interval(float(robot.lower[joint]), float(robot.upper[joint])),
-            load_torque=_interval(loads[:, joint]),
-            gravity_torque=None if gravity is None else _interval(gravity[:, joint]),
-        )
-        for joint in range(robot.n_joints)
-    )
-
-
-def _interval(values: FloatArray) -> Interval:
-    return Interval(float(values.min()), float(values.max()))
 
 
 def _overview(found: DatasetFacts) -> str:
@@ -244,30 +188,17 @@ def _overview(found: DatasetFacts) -> str:
 
 
 def _magnitudes(found: DatasetFacts) -> str:
-    lines = [
-        ("|force|", found.force, 1.0, "N"),
-        ("|torque|", found.torque, 1.0, "N m"),
-        ("|deflection|", found.deflection, 1000.0, "mm"),
-        *(
-            (f"|d{axis}|", size, 1000.0, "mm")
-            for axis, size in zip(AXES, found.deflection_axes, strict=True)
-        ),
-    ]
-    rows = [
-        [name, *(_number(factor * v) for v in (size.least, size.median, size.mean, size.most)), u]
-        for name, size, factor, u in lines
-    ]
+    units = {"|force|": (1.0, "N"), "|torque|": (1.0, "N m")}
+    rows = []
+    for name, sizes in found.sizes.iterrows():
+        factor, unit = units.get(str(name), (1000.0, "mm"))
+        rows.append([str(name), *(_number(factor * size) for size in sizes), unit])
     headers = ["over the samples", "least", "median", "mean", "most", "unit"]
     align = ("left", "right", "right", "right", "right", "left")
     return tabulate(rows, headers=headers, colalign=align, disable_numparse=True)
 
 
 def _spreads(found: DatasetFacts) -> str:
-    lines = [
-        ("force directions", found.force_directions),
-        ("forces about their mean", found.forces_about_mean),
-        ("torque directions", found.torque_directions),
-    ]
     rows = [
         [
             name,
@@ -275,7 +206,7 @@ def _spreads(found: DatasetFacts) -> str:
             " / ".join(f"{share:.2f}" for share in spread.shares) if spread.dimensions else "-",
             "-" if spread.resultant is None or not spread.dimensions else f"{spread.resultant:.2f}",
         ]
-        for name, spread in lines
+        for name, spread in found.spreads.items()
     ]
     headers = ["the loads", "lie", "principal shares", "mean"]
     table = tabulate(rows, headers=headers, disable_numparse=True)
@@ -286,18 +217,23 @@ def _spreads(found: DatasetFacts) -> str:
     )
 
 
-def _joint_table(joints: tuple[JointFacts, ...]) -> str:
+def _joint_table(joints: pd.DataFrame) -> str:
     rows = []
-    for joint in joints:
-        factor, unit, torque_unit = _FILE_UNITS[joint.kind]
+    for name, joint in joints.iterrows():
+        factor, unit, torque_unit = _FILE_UNITS[joint["kind"]]
+        position, limits, load, gravity = (
+            (joint[f"{what}_low"], joint[f"{what}_high"])
+            for what in ("position", "limit", "load", "gravity")
+        )
+        limited = np.isfinite(limits).any()
         rows.append(
             [
-                joint.name,
-                _range(joint.position, factor),
-                _limits(joint.limits, factor),
+                name,
+                _range(position, factor),
+                _range(limits, factor, decimals=0) if limited else "none",
                 unit,
-                _range(joint.load_torque),
-                "-" if joint.gravity_torque is None else _range(joint.gravity_torque),
+                _range(load),
+                "-" if np.isnan(gravity).all() else _range(gravity),
                 torque_unit,
             ]
         )
@@ -305,20 +241,14 @@ def _joint_table(joints: tuple[JointFacts, ...]) -> str:
     align = ("left", "right", "right", "left", "right", "right", "left")
     table = tabulate(rows, headers=headers, colalign=align, disable_numparse=True)
     note = "Torques are what the load (J^T w) and the weight of the links exert on a joint."
-    if joints[0].gravity_torque is None:
+    if joints["gravity_low"].isna().all():
         note += "\nThe robot has no masses, hence no gravity torques."
     return f"{table}\n{note}"
 
 
-def _range(interval: Interval, factor: float = 1.0, decimals: int = 1) -> str:
-    ends = (factor * interval.low, factor * interval.high)
-    return " .. ".join(f"{round(end, decimals) + 0.0:.{decimals}f}" for end in ends)  # no -0.0
-
-
-def _limits(interval: Interval, factor: float) -> str:
-    if np.isinf([interval.low, interval.high]).all():
-        return "none"
-    return _range(interval, factor, decimals=0)
+def _range(ends: tuple[float, float], factor: float = 1.0, decimals: int = 1) -> str:
+    rounded = (round(factor * end, decimals) + 0.0 for end in ends)  # no -0.0
+    return " .. ".join(f"{end:.{decimals}f}" for end in rounded)
 
 
 def _number(value: float) -> str:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from scipy import stats
 
 from stiff_bench.analysis.collected import Contest
@@ -25,13 +24,15 @@ from stiff_bench.figures.style import (
     name_panels,
     new_figure,
     plain_numbers,
+    share_legend,
     short,
 )
-from stiff_bench.store.names import ContestName, grouped
+from stiff_bench.store.names import grouped
 from stiff_bench.tables.units import MM, counted
 from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.types import FloatArray
+from stiff_protocols.splits.sample_efficiency import condition_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,7 +44,6 @@ LEAST = 1e-12  # m: an error of nothing has no place on a logarithmic axis
 MOST_MODELS = 5
 N_COLUMNS = 3
 PANEL_INCH, LEGEND_LINE_INCH = 2.2, 0.17
-_SIZE = re.compile(r"n = (\d+)")
 _NEEDS = (
     "learning curves; `bench run --protocol sample-efficiency --model "
     f"{REFERENCE_MODEL} ...` makes them"
@@ -101,12 +101,7 @@ def learning_figure(panels: Mapping[str, Sequence[LearningCurve]]) -> Figure:
         axes.set_ylabel("mean error length [mm]")
     if wide:
         name_panels(grid)
-    handles: dict[str, Any] = {}
-    for axes in grid:
-        handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    figure.legend(
-        list(handles.values()), list(handles), loc="outside lower center", ncols=n_columns
-    )
+    share_legend(figure, grid, below=True, ncols=n_columns)
     return figure
 
 
@@ -134,36 +129,40 @@ def _frame(axes: Axes, curves: Sequence[LearningCurve], title: str) -> None:
 
 def size_of(contest: Contest) -> int:
     """Return how many measured poses a contest's condition gives; 0: it varies another thing."""
-    found = _SIZE.fullmatch(contest.name.condition)
-    return int(found.group(1)) if found else 0
+    results = [one for name in contest.competitors for one in contest.results(name)]
+    n_most = max((one.n_train for one in results), default=0)
+    sizes = range(1, n_most + 1)  # no pose has less than one row
+    return next((size for size in sizes if condition_of(size) == contest.name.condition), 0)
 
 
-@dataclass(frozen=True, eq=False)
-class Family:
-    """What models have on the data sets of one robot type.
+def errors_of(names: Sequence[str], contests: Sequence[Contest]) -> pd.DataFrame:
+    """Return the mean error lengths [m] of models on the data sets of one robot type.
 
-    Attributes:
-        contests: one a size and data set.
-        sizes: measured poses, ascending.
-        errors: model -> data set (and seed, and data) on which it has every draw of every size ->
-            mean length of the error by size, m; a model without one is not there.
+    Returns:
+        A row for each model and data set (its name, with seed and hash) on which it has every draw
+        of every size, a column for each size.
     """
+    found = [
+        (name, replace(contest.name, condition=""), size_of(contest), mean_length(results))
+        for contest in contests
+        for name in names
+        if (results := contest.results_of_all_slots(name))
+    ]
+    table = pd.DataFrame(found, columns=["model", "data set", "size", "error"])
+    sizes = sorted({size_of(one) for one in contests})
+    by_size = table.pivot(index=["model", "data set"], columns="size", values="error")
+    return by_size.reindex(columns=sizes).dropna()
 
-    contests: Sequence[Contest]
-    sizes: Sequence[int]
-    errors: Mapping[str, Mapping[ContestName, Sequence[float]]]
 
-    def curves(self, models: Sequence[str]) -> list[LearningCurve]:
-        """Return the models' curves, over the data sets that all have that have any."""
-        of_model = {name: self.errors[name] for name in models if name in self.errors}
-        shared = set.intersection(*map(set, of_model.values())) if of_model else set()
-        return [
-            LearningCurve(
-                name, np.array(self.sizes), np.array([errors[where] for where in sorted(shared)]).T
-            )
-            for name, errors in of_model.items()
-            if shared
-        ]
+def curves_of(errors: pd.DataFrame, models: Sequence[str]) -> list[LearningCurve]:
+    """Return the models' curves, over the data sets that all have that have any."""
+    of_model = {name: errors.xs(name) for name in models if name in errors.index.unique("model")}
+    shared = set.intersection(*(set(of.index) for of in of_model.values())) if of_model else set()
+    return [
+        LearningCurve(name, of.columns.to_numpy(), of.loc[sorted(shared)].to_numpy().T)
+        for name, of in of_model.items()
+        if shared
+    ]
 
 
 def gather(source: FigureSource) -> Content:
@@ -175,13 +174,13 @@ def gather(source: FigureSource) -> Content:
     of_protocol = [one for one in contests if one.name.protocol == protocol]
     names = source.names(of_protocol)
     families = {
-        f"{family} ({presentation(members[0]).kind})": _family(names, members)
-        for family, members in sorted(
-            grouped(of_protocol, lambda one: family_of(one.name.dataset)).items()
-        )
+        f"{family} ({presentation(members[0]).kind})": errors_of(names, members)
+        for family, members in sorted(grouped(of_protocol, lambda one: family_of(one.name)).items())
     }
     models = names if source.models else _best(families.values())
-    panels = {title: curves for title, one in families.items() if (curves := one.curves(models))}
+    panels = {
+        title: curves for title, one in families.items() if (curves := curves_of(one, models))
+    }
     if not panels:
         raise StoreError(
             f"--results {source.folder}: no data set on which {', '.join(models) or 'any model'} "
@@ -195,46 +194,15 @@ def _n_done(contest: Contest) -> int:
     return sum(bool(one.done) for one in contest.competitors.values())
 
 
-def _family(names: Sequence[str], contests: Sequence[Contest]) -> Family:
-    sizes = sorted({size_of(one) for one in contests})
-    of_data = grouped(contests, lambda one: replace(one.name, condition=""))
-    whole = {where: members for where, members in of_data.items() if len(members) == len(sizes)}
-    errors: dict[str, dict[ContestName, list[float]]] = {}
-    for name in names:
-        for where, members in whole.items():
-            if all(_has_every_draw(name, contest) for contest in members):
-                in_order = sorted(members, key=size_of)
-                errors.setdefault(name, {})[where] = [
-                    mean_length(one.results(name)) for one in in_order
-                ]
-    return Family(contests, sizes, errors)
-
-
-def _has_every_draw(name: str, contest: Contest) -> bool:
-    found = contest.competitors.get(name)
-    return found is not None and all(slot in found.done for slot in contest.slots)
-
-
-def _best(families: Iterable[Family]) -> list[str]:
+def _best(families: Iterable[pd.DataFrame]) -> list[str]:
     """Return the best at the largest sizes, of the models with most data sets, and the linear."""
-    families = list(families)
-    n_sets = Counter(name for one in families for name, on in one.errors.items() for _ in on)
-    complete = [name for name, n in n_sets.items() if n == max(n_sets.values())]
-    last = {
-        name: float(
-            np.mean(
-                [
-                    np.mean(
-                        [np.log(max(errors[-1], LEAST)) for errors in one.errors[name].values()]
-                    )
-                    for one in families
-                    if name in one.errors
-                ]
-            )
-        )
-        for name in complete
-    }
-    return with_linear(sorted(last, key=lambda name: last[name]), MOST_MODELS)
+    found = [errors for errors in families if len(errors)]
+    if not found:
+        return []
+    last = [np.log(errors.iloc[:, -1].clip(lower=LEAST)).groupby("model") for errors in found]
+    n_sets = pd.concat([of.size() for of in last], axis=1).sum(axis=1)
+    mean = pd.concat([of.mean() for of in last], axis=1).mean(axis=1)
+    return with_linear(list(mean[n_sets == n_sets.max()].sort_values().index), MOST_MODELS)
 
 
 def _choice(

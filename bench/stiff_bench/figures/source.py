@@ -28,30 +28,6 @@ from stiff_protocols.contract.plugin import kind_label
 from stiff_protocols.contract.record import CellResult, Presentation
 from stiff_protocols.contract.types import FloatArray, IntArray
 
-
-def variants_of(results: Sequence[CellResult], *options: str) -> tuple[str, list[CellResult]]:
-    """Return the model with most values of some options, and its results.
-
-    They differ in nothing else than these options, and in their splits.
-
-    Args:
-        results: at least one.
-        options: names of the model's options.
-    """
-    families = grouped(results, lambda one: _others(one, options)).values()
-    largest = max(families, key=lambda members: len({_values(one, options) for one in members}))
-    return largest[0].cell.model, largest
-
-
-def _values(result: CellResult, options: Sequence[str]) -> tuple[str, ...]:
-    return tuple(str(result.cell.model_params.get(name)) for name in options)
-
-
-def _others(result: CellResult, options: Sequence[str]) -> tuple[str, ...]:
-    given = result.cell.model_params
-    return (result.cell.model, *(f"{k}={given[k]}" for k in sorted(given) if k not in options))
-
-
 _FEW = 3  # models that a caption names; of more it names the others
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
+from itertools import count, takewhile
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,9 +13,10 @@ import numpy as np
 from stiff_bench.analysis.collected import Contest
 from stiff_bench.figures.figure import Content
 from stiff_bench.figures.source import FigureSource, setting
-from stiff_bench.figures.style import PAGE_INCH, looks, name_panels, new_figure, short
+from stiff_bench.figures.style import PAGE_INCH, looks, name_panels, new_figure, share_legend, short
+from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.plan.request import chosen_dataset, loaded
+from stiff_bench.plan.request import loaded
 from stiff_bench.store.database import read_data
 from stiff_bench.store.samples import StoredData
 from stiff_models.catalog import REFERENCE_MODEL
@@ -33,7 +34,6 @@ N_COLUMNS = 3
 _POINTS = 200
 _SHARES = (0.5, 0.95)
 """Of the samples: up to which torques they load a joint; marked under the curves."""
-_SEGMENT = re.compile(r"stiffness (?P<joint>.+) segment (?P<number>\d+) \[.*\]")
 _NEEDS = (
     f"springs in segments; `bench run --model {REFERENCE_MODEL} --model vjm-multisegment` makes "
     "them"
@@ -60,7 +60,7 @@ class Spring:
 
 
 @dataclass(frozen=True, eq=False)
-class JointSprings:
+class JointCurves:
     """What was identified of one joint.
 
     Attributes:
@@ -78,7 +78,7 @@ class JointSprings:
     linear: FloatArray
 
 
-def springs_figure(joints: Sequence[JointSprings], model: str) -> Figure:
+def springs_figure(joints: Sequence[JointCurves], model: str) -> Figure:
     """Draw a panel a joint."""
     n_rows = -(-len(joints) // N_COLUMNS)
     figure = new_figure(PAGE_INCH, ROW_INCH * n_rows + HEAD_INCH)
@@ -88,12 +88,11 @@ def springs_figure(joints: Sequence[JointSprings], model: str) -> Figure:
     for axes in panels[len(joints) :]:
         axes.set_axis_off()
     name_panels(panels[: len(joints)])
-    handles, names = panels[0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside upper center", ncols=4)
+    share_legend(figure, panels[:1])
     return figure
 
 
-def _draw(axes: Axes, joint: JointSprings, model: str) -> None:
+def _draw(axes: Axes, joint: JointCurves, model: str) -> None:
     blue, orange = looks(2)
     top = float(joint.torque.max()) or 1.0
     torque = np.linspace(0.0, top, _POINTS)
@@ -125,20 +124,26 @@ def _mark_torques(axes: Axes, torque: FloatArray) -> None:
 
 def gather(source: FigureSource) -> Content:
     """Take the springs that were identified on each split."""
-    contest = source.contest(_is_segmented, needs=_NEEDS)
+    data = cache(partial(read_data, source.folder))
+
+    def is_segmented(result: CellResult) -> bool:
+        found = result.diagnostics
+        return bool(found) and _stiffness(data(result.cell.data_sha256), 0, segment=1) in found
+
+    contest = source.contest(is_segmented, needs=_NEEDS)
     model = next(
-        name for name in source.names([contest]) if any(map(_is_segmented, contest.results(name)))
+        name for name in source.names([contest]) if any(map(is_segmented, contest.results(name)))
     )
-    results = [one for one in contest.results(model) if _is_segmented(one)]
-    stored = read_data(source.folder, contest.name.data_sha256)
+    results = [one for one in contest.results(model) if is_segmented(one)]
+    stored = data(contest.name.data_sha256)
     torque, of_what = _torques(contest, stored, results[0])
     joints = [
-        JointSprings(
+        JointCurves(
             name=name,
             unit=stored.torque_units[i],
             torque=np.abs(torque[:, i]),
-            segmented=[_spring(one.diagnostics, name) for one in results],
-            linear=_linear(contest, name),
+            segmented=[_spring(one.diagnostics, stored, i) for one in results],
+            linear=_linear(contest, _stiffness(stored, i)),
         )
         for i, name in enumerate(stored.joint_names)
     ]
@@ -153,37 +158,30 @@ def gather(source: FigureSource) -> Content:
     return Content(caption, partial(springs_figure, joints, model))
 
 
-def _is_segmented(result: CellResult) -> bool:
-    return any(map(_SEGMENT.fullmatch, result.diagnostics))
+def _stiffness(data: StoredData, joint: int, *, segment: int | None = None) -> str:
+    """Return the diagnostic that has a joint's stiffness, or that of a segment of its spring."""
+    unit = "Nm/rad" if data.torque_units[joint] == "Nm" else "N/m"
+    part = "" if segment is None else f" segment {segment}"
+    return f"stiffness {data.joint_names[joint]}{part} [{unit}]"
 
 
-def _spring(found: Mapping[str, float], joint: str) -> Spring:
-    stiffness = _values(found, rf"stiffness {re.escape(joint)} segment (\d+) \[.*\]")
-    breakpoints = _values(found, rf"breakpoint {re.escape(joint)} (\d+) \[.*\]")
-    return Spring(breakpoints, 1.0 / stiffness)
+def _spring(found: Mapping[str, float], data: StoredData, joint: int) -> Spring:
+    name, unit = data.joint_names[joint], data.torque_units[joint]
+    stiffness = _numbered(found, lambda number: _stiffness(data, joint, segment=number))
+    bends = _numbered(found, lambda number: f"breakpoint {name} {number} [{unit}]")
+    return Spring(bends, 1.0 / stiffness)
 
 
-def _values(found: Mapping[str, float], pattern: str) -> FloatArray:
-    """Return the diagnostics whose names match, in the order of their numbers."""
-    numbered = {
-        int(match.group(1)): value
-        for name, value in found.items()
-        if (match := re.fullmatch(pattern, name))
-    }
-    return np.array([numbered[number] for number in sorted(numbered)])
+def _numbered(found: Mapping[str, float], name: Callable[[int], str]) -> FloatArray:
+    """Return the diagnostics of the numbers 1, 2, ... as far as they are there."""
+    return np.array([found[name(k)] for k in takewhile(lambda k: name(k) in found, count(1))])
 
 
-def _linear(contest: Contest, joint: str) -> FloatArray:
+def _linear(contest: Contest, name: str) -> FloatArray:
     if REFERENCE_MODEL not in contest.competitors:
         return np.empty(0)
-    pattern = re.compile(rf"stiffness {re.escape(joint)} \[.*\]")
-    found = [
-        value
-        for one in contest.results(REFERENCE_MODEL)
-        for name, value in one.diagnostics.items()
-        if pattern.fullmatch(name) and not np.isnan(value)
-    ]
-    return 1.0 / np.array(found)
+    each = [one.diagnostics.get(name, np.nan) for one in contest.results(REFERENCE_MODEL)]
+    return np.array([1.0 / value for value in each if not np.isnan(value)])
 
 
 def _torques(contest: Contest, stored: StoredData, result: CellResult) -> tuple[FloatArray, str]:
@@ -191,8 +189,9 @@ def _torques(contest: Contest, stored: StoredData, result: CellResult) -> tuple[
     if not result.cell.model_params.get("gravity"):
         return stored.torque, "of the loads"
     try:
-        data = loaded(chosen_dataset(contest.name.dataset, (), build_registry()))
+        info = build_registry().datasets[result.cell.dataset]
+        data = loaded(Choice.of_stored(info, result.cell.dataset_params))
         weights = gravity_torque(data.robot, stored.samples.q)
-    except StiffBenchError:  # a data set of a plugin or of somebody's file: its robot is not stored
+    except (KeyError, StiffBenchError):  # of a plugin or somebody's file: no robot is stored
         return stored.torque, "of the loads alone: the robot's masses are not known here"
     return stored.torque + weights, "of loads and the links' weights"

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from string import ascii_lowercase
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -139,6 +139,18 @@ def name_panels(panels: Sequence[Axes]) -> None:
     for number, axes in enumerate(panels):
         letter = ascii_lowercase[number] if number < len(ascii_lowercase) else str(number + 1)
         axes.set_title(f"({letter}) {axes.get_title(loc='left')}".rstrip(), loc="left")
+
+
+def share_legend(
+    figure: Figure, panels: Iterable[Axes], *, below: bool = False, ncols: int = 4, **spacing: Any
+) -> None:
+    """Draw one legend for all panels above or below them, each name once."""
+    handles: dict[str, Any] = {}
+    for axes in panels:
+        handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    place: Literal["outside lower center", "outside upper center"]
+    place = "outside lower center" if below else "outside upper center"
+    figure.legend(list(handles.values()), list(handles), loc=place, ncols=ncols, **spacing)
 
 
 MOST_LETTERS = 28

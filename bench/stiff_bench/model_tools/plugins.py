@@ -14,9 +14,10 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 
-from stiff_bench.plan.options import Choice, parse_settings
+from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import OURS, Info, Registry
-from stiff_bench.plan.request import chosen_dataset, loaded
+from stiff_bench.plan.request import loaded
+from stiff_bench.plan.words import chosen_dataset, parse_settings
 from stiff_bench.run.progress import phases
 from stiff_models.io.cache_folder import OFF, VARIABLE
 from stiff_models.io.saved import load

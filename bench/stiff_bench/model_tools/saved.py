@@ -5,14 +5,10 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 from stiff_bench.console import say
-from stiff_bench.plan.options import Choice
-from stiff_bench.plan.registry import EVERY_MODEL, Registry
-from stiff_bench.plan.request import RunRequest, loaded, plan_run
-from stiff_bench.plan.robots import RobotWords
+from stiff_bench.plan.request import RunPlan, loaded
 from stiff_bench.run.progress import phases
 from stiff_datasets.measured.load_file import read_loads, write_predictions
 from stiff_models import load
@@ -25,47 +21,39 @@ from stiff_protocols.contract.interfaces import (
     PredictsInterval,
     ReportsDiagnostics,
 )
-from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo
 from stiff_protocols.contract.types import frozen_array
 
 
-@dataclass(frozen=True, kw_only=True)
-class FitWords:
-    """The options of `bench fit`; None: not given."""
+def fit_model(plan: RunPlan) -> str:
+    """Fit the model of a plan to all samples of its data set, save it, and return what was saved.
 
-    model: str
-    dataset: str | None
-    data: Path | None
-    robot: RobotWords
-    settings: tuple[str, ...]
-    seed: int
-    device: str
-    output: Path
-
-
-def fit_model(words: FitWords, registry: Registry) -> str:
-    """Fit a model to all samples of one data set, save it, and return what was saved.
+    Args:
+        plan: of one model and one data set; its output is the file.
 
     Raises:
-        ConfigError: a key, an option or a value is unknown or wrong.
+        ConfigError: there are several of them, or the model cannot be used here.
         DataError: the data cannot be read.
         ModelError: the model cannot be fitted, or is not one that can be saved.
         StoreError: the file cannot be written, or exists.
     """
-    _check_new_file(words.output)
-    chosen, dataset = _chosen(words, registry)
+    _check_new_file(plan.output)
+    if len(plan.models) != 1:
+        raise ConfigError(f"--model: {len(plan.models)} models; a file holds one model")
+    (chosen,), (dataset,) = plan.models, plan.datasets
+    if why := chosen.missing():
+        raise ConfigError(f"{chosen.info.key!r} cannot be used here: {why}")
     model = chosen.make()
     key_of(model)  # before the work, not after it
     data = loaded(dataset)
     if isinstance(model, ChecksRobot):
         model.check_robot(data.robot)
     with _warnings_said(), phases():
-        model.fit(data.samples, robot=data.robot, validation=None, seed=words.seed)
-    save(model, words.output)
+        model.fit(data.samples, robot=data.robot, validation=None, seed=plan.seed)
+    save(model, plan.output)
     options = f", {chosen.options_text}" if chosen.options_text else ""
     lines = [
-        f"{words.output}: {chosen.info.key}{options}, fitted to all {len(data.samples)} samples of "
-        f"{dataset.info.key} ({dataset.info.label}), robot {data.robot.name}, seed {words.seed}",
+        f"{plan.output}: {chosen.info.key}{options}, fitted to all {len(data.samples)} samples of "
+        f"{dataset.info.key} ({dataset.info.label}), robot {data.robot.name}, seed {plan.seed}",
         *(f"- {caveat}" for caveat in dataset.info.caveats),
         "- No sample was held out, so nothing here says how well it predicts; `bench run` does.",
     ]
@@ -74,34 +62,6 @@ def fit_model(words: FitWords, registry: Registry) -> str:
     if isinstance(model, ReportsDiagnostics):
         lines += [f"- {name}: {value:.4g}" for name, value in model.diagnostics_.items()]
     return "\n".join(lines)
-
-
-def _chosen(words: FitWords, registry: Registry) -> tuple[Choice[ModelInfo], Choice[DatasetInfo]]:
-    if words.model == EVERY_MODEL:
-        raise ConfigError(f"--model {EVERY_MODEL}: a file holds one model; name one")
-    if (words.dataset is None) == (words.data is None):
-        raise ConfigError("give one of --dataset KEY and --data FILE.csv")
-    plan = plan_run(
-        RunRequest(
-            models=(words.model,),
-            datasets=() if words.dataset is None else (words.dataset,),
-            protocols=(),
-            metrics=(),
-            splits=None,
-            seed=words.seed,
-            settings=words.settings,
-            device=words.device,
-            output=words.output,
-            data=words.data,
-            robot=words.robot,
-            command="",
-        ),
-        registry,
-    )
-    (model,), (dataset,) = plan.models, plan.datasets
-    if why := model.missing():
-        raise ConfigError(f"{model.info.key!r} cannot be used here: {why}")
-    return model, dataset
 
 
 def predict_file(model_file: Path, loads: Path, output: Path, coverage: float | None) -> str:

@@ -11,19 +11,12 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from stiff_bench.figures.figure import Content, FigureLine, by_name
-from stiff_bench.figures.freezing import (
-    KINDS,
-    Strategy,
-    draw_strategies,
-    freeze_of,
-    in_order,
-    mean_error,
-)
+from stiff_bench.figures.figure import Content, FigureLine, Prepared, by_name
 from stiff_bench.figures.losses import (
     LossCurve,
     curves_of,
@@ -32,7 +25,7 @@ from stiff_bench.figures.losses import (
     least_at,
     losses_figure,
 )
-from stiff_bench.figures.regression import SHARE, Series, regression_figure
+from stiff_bench.figures.samples import SHARE, Series, regression_figure
 from stiff_bench.figures.source import Predicted, between, marks, pooled
 from stiff_bench.figures.style import (
     COLUMN_INCH,
@@ -42,8 +35,21 @@ from stiff_bench.figures.style import (
     name_panels,
     new_figure,
     plain_numbers,
+    share_legend,
 )
-from stiff_bench.figures.sweep import TEST, TRAIN, Sweep, draw_lines, sweep_of
+from stiff_bench.figures.variants import (
+    KINDS,
+    TEST,
+    TRAIN,
+    Strategy,
+    Sweep,
+    draw_lines,
+    draw_strategies,
+    freeze_of,
+    in_order,
+    mean_error,
+    sweep_of,
+)
 from stiff_bench.paper.results import FULL, REPRODUCE, Found, PaperResults
 from stiff_bench.paper.study import (
     ACTIVATIONS,
@@ -56,6 +62,7 @@ from stiff_bench.paper.study import (
     EARLY_STEPS,
     FT_MLP,
     PAPER_PROTOCOL,
+    PAPER_RESULTS,
     SEED,
     SINGLE_LAYERS,
     VJM,
@@ -64,11 +71,12 @@ from stiff_bench.paper.study import (
     pretrained,
     unfrozen,
 )
+from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.plan.request import chosen_dataset, loaded
+from stiff_bench.plan.request import loaded
 from stiff_bench.tables.published import published_lines, published_rows
 from stiff_bench.tables.units import MM
-from stiff_protocols.contract.errors import StiffBenchWarning, StoreError
+from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning, StoreError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import AXES, FloatArray
 
@@ -99,7 +107,7 @@ _LINES = (
 def figure_4(_: PaperResults) -> Content:
     """Fit the VJM to all samples and predict them: no stored result is needed."""
     registry = build_registry()
-    data = loaded(chosen_dataset(DATASET, (), registry))
+    data = loaded(Choice.of(registry.datasets[DATASET]))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StiffBenchWarning)
         model = registry.model(VJM).load()().fit(data.samples, robot=data.robot, seed=SEED)
@@ -173,7 +181,7 @@ def figure_6(results: PaperResults) -> Content:
     Raises:
         StoreError: there is none of one kind.
     """
-    names = [unfrozen(layers) for layers in (*SINGLE_LAYERS, *ADJACENT_PAIRS)]
+    names = [unfrozen(layers).name for layers in (*SINGLE_LAYERS, *ADJACENT_PAIRS)]
     found = results.on_shared_splits((*names, VJM), PAPER_PROTOCOL)
     tuned = [of_model for name, of_model in found.results.items() if name != VJM]
     strategies = in_order(
@@ -313,7 +321,7 @@ def _widths(results: PaperResults, quantity: Quantity) -> Widths:
     Raises:
         StoreError: a depth has fewer than two widths.
     """
-    names = [pretrained(layers=depth, width=width) for width in WIDTHS for depth in WIDTH_DEPTHS]
+    names = [pretrained(layers=d, width=width).name for width in WIDTHS for d in WIDTH_DEPTHS]
     found = results.of_models(names, PAPER_PROTOCOL)
     test, train = (sweep_of(_each(found), part, quantity) for part in (TEST, TRAIN))
     short = [d for d in WIDTH_DEPTHS if sum(d == of for of, _ in test.values) < FEWEST_WIDTHS]
@@ -325,7 +333,8 @@ def _widths(results: PaperResults, quantity: Quantity) -> Widths:
             f"layers have results under {PAPER_PROTOCOL}; {REPRODUCE} makes them{reasons}"
         )
     stopped = [pretrained(layers=d, width=DEPTH_WIDTH, stopped_early=True) for d in WIDTH_DEPTHS]
-    early = results.of_models([*stopped, pretrained(stopped_early=True)], PAPER_PROTOCOL)
+    stopped.append(pretrained(stopped_early=True))
+    early = results.of_models([one.name for one in stopped], PAPER_PROTOCOL)
     stopped_early = sweep_of(_each(early), TEST, quantity).values
     tried = replace(found, failures={**found.failures, **early.failures})
     return Widths(
@@ -369,7 +378,7 @@ def _pretrainings(results: PaperResults) -> Found:
     Raises:
         StoreError: there is none.
     """
-    names = [pretrained(activation=activation) for activation in reversed(ACTIVATIONS)]
+    names = [pretrained(activation=kind).name for kind in reversed(ACTIVATIONS)]
     found = results.on_shared_splits(names, PAPER_PROTOCOL)
     first = replace(found, results={name: of[:1] for name, of in found.results.items()})
     if not _curves(first):
@@ -382,7 +391,7 @@ def _pretrainings(results: PaperResults) -> Found:
 
 def _curves(found: Found) -> list[LossCurve]:
     """Return the loss curves of pre-trainings, one a network, named after its activation."""
-    names = {pretrained(activation=activation): activation for activation in ACTIVATIONS}
+    names = {pretrained(activation=kind).name: kind for kind in ACTIVATIONS}
     return [
         curve
         for name, (result,) in found.results.items()
@@ -411,9 +420,7 @@ def _one(found: Widths) -> Figure:
     figure = new_figure(COLUMN_INCH, PANEL_INCH)
     axes = figure.subplots()
     _draw_widths(axes, found)
-    figure.legend(
-        *axes.get_legend_handles_labels(), loc="outside lower center", ncols=2, columnspacing=1.2
-    )
+    share_legend(figure, [axes], below=True, ncols=2, columnspacing=1.2)
     return figure
 
 
@@ -427,7 +434,7 @@ def _all_three(both: Sequence[Widths], curves: Sequence[LossCurve]) -> Figure:
     panels[2].set_title("pre-training", loc="left")
     panels[2].legend()
     name_panels(list(panels))
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
+    share_legend(figure, panels[:1], below=True, ncols=6)
     return figure
 
 
@@ -443,3 +450,22 @@ FIGURES: Mapping[str, FigureLine[PaperResults]] = by_name(
         FigureLine("9", "Measured against FT-MLP and VJM", figure_9),
     )
 )
+_FITTED_FIGURE = "4"
+
+
+def prepare_figure(name: str, folder: Path | None) -> Prepared:
+    """Return one of the paper's figures from the results of a folder.
+
+    Args:
+        name: of the figure.
+        folder: of the results; None: where `bench reproduce` puts them.
+
+    Raises:
+        ConfigError: a folder was named that is not read.
+        StoreError: the results have nothing of it.
+    """
+    if name != _FITTED_FIGURE:
+        return FIGURES[name].prepare(PaperResults.of(folder or PAPER_RESULTS))
+    if folder is not None:
+        raise ConfigError(f"--results {folder}: figure {name} is fitted here and reads none")
+    return FIGURES[name].prepare(PaperResults(PAPER_RESULTS, ()))

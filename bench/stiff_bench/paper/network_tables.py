@@ -26,6 +26,7 @@ from stiff_bench.paper.study import (
     unfrozen,
 )
 from stiff_bench.paper.table import PAPER_DATA, Entry, Group, Labels, Part, Unit
+from stiff_bench.store.names import Variant
 from stiff_bench.tables.published import published_lines
 from stiff_bench.tables.table import mark_of
 from stiff_bench.tables.units import MM
@@ -230,9 +231,9 @@ def table_6(results: PaperResults) -> Part:
         "table_6",
         "layers",
         f"Hidden layers of {DEPTH_WIDTH} nodes each",
-        {str(depth): pretrained(layers=depth, width=DEPTH_WIDTH) for depth in DEPTHS},
+        {str(depth): pretrained(layers=depth, width=DEPTH_WIDTH).name for depth in DEPTHS},
         {
-            str(depth): pretrained(layers=depth, width=DEPTH_WIDTH, stopped_early=True)
+            str(depth): pretrained(layers=depth, width=DEPTH_WIDTH, stopped_early=True).name
             for depth in DEPTHS
         },
     )
@@ -245,8 +246,8 @@ def table_7(results: PaperResults) -> Part:
         "table_7",
         "activation",
         f"Activation, {BASE_LAYERS} x {BASE_WIDTH} nodes",
-        {name: pretrained(activation=name) for name in ACTIVATIONS},
-        {name: pretrained(activation=name, stopped_early=True) for name in ACTIVATIONS},
+        {name: pretrained(activation=name).name for name in ACTIVATIONS},
+        {name: pretrained(activation=name, stopped_early=True).name for name in ACTIVATIONS},
     )
 
 
@@ -310,8 +311,11 @@ _TOGETHER = "All axes and samples together. Validation is the 20 % test part."
 
 def table_8(results: PaperResults) -> Part:
     """Return the errors by which layers are unfrozen; ours alone."""
-    models: dict[Labels, str] = {("1 layer", layers[0]): unfrozen(layers) for layers in ALL_SINGLES}
-    models |= {("2 layers", " + ".join(layers)): unfrozen(layers) for layers in ALL_PAIRS}
+    variants: dict[Labels, Variant] = {
+        **{("1 layer", layers[0]): unfrozen(layers) for layers in ALL_SINGLES},
+        **{("2 layers", " + ".join(layers)): unfrozen(layers) for layers in ALL_PAIRS},
+    }
+    models = {row: variant.name for row, variant in variants.items()}
     return _network_table(
         results,
         "Unfrozen layers of the fine-tuned network",
@@ -342,7 +346,7 @@ def table_9(results: PaperResults) -> Part:
         published={last: published["normal",], best: published["optimized",]},
         ours={
             our_group(PAPER_PROTOCOL, FINE_TUNING_COLUMNS, _DECIMALS_9): {
-                last: FT_MLP_LAST_EPOCH,
+                last: FT_MLP_LAST_EPOCH.name,
                 best: FT_MLP,
             }
         },

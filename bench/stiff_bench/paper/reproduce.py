@@ -10,8 +10,7 @@ from stiff_bench.analysis.forecast import Forecast, forecast
 from stiff_bench.paper.study import SEED, StudyRun
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.plan.registry import Registry
-from stiff_bench.plan.request import RunPlan, RunRequest, plan_run
-from stiff_bench.plan.robots import RobotWords
+from stiff_bench.plan.request import RunPlan, plan_run
 from stiff_bench.run.execution import Execution
 from stiff_bench.run.progress import display
 from stiff_bench.run.runner import Finished, run_cells
@@ -41,26 +40,21 @@ class Study:
         """Check the parts of a study.
 
         Raises:
-            ConfigError: one of its words is unknown here.
+            ConfigError: one of its models is unknown here.
         """
-        requests = (
-            RunRequest(
-                models=run.models,
-                datasets=run.datasets,
-                protocols=run.protocols,
+        plans = [
+            plan_run(
+                run.chosen(registry),
+                registry,
                 metrics=METRICS,
                 splits=run.splits,
                 seed=SEED,
-                settings=(),
-                device="auto",
                 output=output,
-                data=None,
-                robot=RobotWords(None, None, ""),
                 command=command,
             )
             for run in runs
-        )
-        return cls(tuple(plan_run(request, registry) for request in requests), output, command)
+        ]
+        return cls(tuple(plans), output, command)
 
     def tasks(self) -> Iterator[CellTask]:
         """Yield every cell once, in the order of the parts.

@@ -114,10 +114,11 @@ class PaperResults:
             found = competitors.get(model)
             if contest is None or found is None:
                 missing.append(model)
-            elif found.reasons:
+            elif found.failures:
+                first = next(iter(found.failures.values()))
                 failures[model] = (
                     f"{self.folder}: {model} on {DATASET} under {protocol}: no result of "
-                    f"{counted(len(found.reasons), 'split')}: {next(iter(found.reasons.values()))}"
+                    f"{counted(len(found.failures), 'split')}: {first.why_none}"
                 )
             else:
                 results[model] = contest.results(model)

@@ -1,8 +1,4 @@
-"""What is run for the paper's tables and figures, and for the committed leaderboard.
-
-Models are named as in `bench run --model`, and as results are stored under them: options in the
-order of their names, those that have their defaults left out.
-"""
+"""What is run for the paper's tables and figures, and for the committed leaderboard."""
 
 from __future__ import annotations
 
@@ -12,12 +8,15 @@ from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Literal
 
-from stiff_bench.store.names import join_word
+from stiff_bench.plan.options import Choice, Chosen
+from stiff_bench.plan.registry import Registry
+from stiff_bench.store.names import Variant
 
 PAPER_RESULTS = Path("results/paper/runs")
 """Where `bench reproduce` stores what the paper's tables and figures show."""
 DATASET = "kr10-twin"
 """What stands for the paper's robot."""
+TWIN = Variant(DATASET)
 PAPER_PROTOCOL, FAIR_PROTOCOL = "paper-holdout", "holdout"
 """The paper's division, whose test part picks the epoch; and the one in which it does not."""
 SEED = 0
@@ -25,9 +24,9 @@ SEED = 0
 VJM, FT_MLP, DT_CNN, MLP_PRETRAINED = "vjm", "ft-mlp", "dt-cnn", "mlp-pretrained"
 MULTI_SEGMENT = "vjm-multisegment"
 """Not in the paper: joints whose springs change their slope, as the gears' catalogue has them."""
-FT_MLP_LAST_EPOCH = "ft-mlp@training=normal"
+FT_MLP_LAST_EPOCH = Variant(FT_MLP, {"training": "normal"})
 """Table 9's "normal": the weights after the last epoch."""
-FT_MLP_OWN_SOURCE = "ft-mlp@source_poses=data@source_wrenches=data"
+FT_MLP_OWN_SOURCE = Variant(FT_MLP, {"source_poses": "data", "source_wrenches": "data"})
 """Pre-trained on poses and loads like the training samples' in place of the paper's Tables 4, 5."""
 
 BASE_LAYERS, BASE_WIDTH = 4, 380
@@ -47,8 +46,8 @@ def pretrained(
     width: int = BASE_WIDTH,
     activation: Activation = "relu",
     stopped_early: bool = False,
-) -> str:
-    """Return the name of a network that learns the source domain alone.
+) -> Variant:
+    """Return a network that learns the source domain alone.
 
     Args:
         layers: how many hidden ones.
@@ -64,14 +63,14 @@ def pretrained(
         "recipe": ("paper" if stopped_early else "fast", "fast"),
         "width": (width, BASE_WIDTH),
     }
-    changed = [f"{name}={value}" for name, (value, usual) in options.items() if value != usual]
-    return join_word(MLP_PRETRAINED, changed)
+    changed = {name: value for name, (value, usual) in options.items() if value != usual}
+    return Variant(MLP_PRETRAINED, changed)
 
 
-def unfrozen(layers: Sequence[str]) -> str:
-    """Return the name of the fine-tuned network whose `layers` move, such as ("1", "2", "out")."""
+def unfrozen(layers: Sequence[str]) -> Variant:
+    """Return the fine-tuned network whose `layers` move, such as ("1", "2", "out")."""
     freeze = f"layers:{','.join(layers)}"
-    return FT_MLP if freeze == BEST_PAIR else join_word(FT_MLP, [f"freeze={freeze}"])
+    return Variant(FT_MLP, {} if freeze == BEST_PAIR else {"freeze": freeze})
 
 
 HIDDEN_LAYERS = tuple(str(number) for number in range(1, BASE_LAYERS + 1))
@@ -93,14 +92,27 @@ class StudyRun:
     """A part of a study: every model on every data set under every protocol.
 
     Attributes:
-        models, datasets, protocols: words of `bench run`.
-        splits: as --splits; None: the protocol's own.
+        models, datasets: with their options.
+        protocols: keys.
+        splits: how many; None: the protocol's own.
     """
 
-    models: tuple[str, ...]
-    datasets: tuple[str, ...]
+    models: tuple[Variant, ...]
+    datasets: tuple[Variant, ...]
     protocols: tuple[str, ...]
     splits: int | None
+
+    def chosen(self, registry: Registry) -> Chosen:
+        """Return the same with their catalogue lines.
+
+        Raises:
+            ConfigError: a key is unknown.
+        """
+        return Chosen(
+            [Choice.of(registry.model(one.key), one.options) for one in self.models],
+            [Choice.of(registry.datasets[one.key], one.options) for one in self.datasets],
+            [Choice.of(registry.protocols[key]) for key in self.protocols],
+        )
 
 
 def paper_study(*, full: bool) -> tuple[StudyRun, ...]:
@@ -114,14 +126,15 @@ def paper_study(*, full: bool) -> tuple[StudyRun, ...]:
     widths = WIDTHS if full else QUICK_WIDTHS
     layers = (*ALL_SINGLES, *ALL_PAIRS) if full else (*SINGLE_LAYERS, *ADJACENT_PAIRS)
 
-    def run(models: Sequence[str], protocol: str = PAPER_PROTOCOL) -> StudyRun:
-        return StudyRun(tuple(dict.fromkeys(models)), (DATASET,), (protocol,), splits)
+    def run(models: Sequence[Variant], protocol: str = PAPER_PROTOCOL) -> StudyRun:
+        return StudyRun(tuple(models), (TWIN,), (protocol,), splits)
 
+    vjm, multi_segment, ft_mlp, dt_cnn = map(Variant, (VJM, MULTI_SEGMENT, FT_MLP, DT_CNN))
     return (
         # first what others go on from: pre-trainings are kept, by their content
         run([pretrained(activation=activation) for activation in ACTIVATIONS]),
-        run([VJM, FT_MLP, FT_MLP_LAST_EPOCH, *map(unfrozen, layers), DT_CNN, FT_MLP_OWN_SOURCE]),
-        run([VJM, MULTI_SEGMENT, FT_MLP, DT_CNN, FT_MLP_OWN_SOURCE], FAIR_PROTOCOL),
+        run([vjm, ft_mlp, FT_MLP_LAST_EPOCH, *map(unfrozen, layers), dt_cnn, FT_MLP_OWN_SOURCE]),
+        run([vjm, multi_segment, ft_mlp, dt_cnn, FT_MLP_OWN_SOURCE], FAIR_PROTOCOL),
         run([pretrained(layers=depth, width=DEPTH_WIDTH) for depth in DEPTHS]),
         run(
             [pretrained(layers=d, width=DEPTH_WIDTH, stopped_early=True) for d in DEPTHS]
@@ -133,27 +146,30 @@ def paper_study(*, full: bool) -> tuple[StudyRun, ...]:
 
 NETWORK_STEPS = 300
 """Of the pre-trainings behind the committed leaderboard; what that changes stands on its page."""
-_SHORTENED = (
-    f"mlp-pretrained@pretrain_steps={NETWORK_STEPS}",
-    f"ft-mlp@pretrain_steps={NETWORK_STEPS}",
-    f"dt-cnn@pretrain_steps={NETWORK_STEPS}",
-    f"deep-ensemble@members=2@pretrain_steps={NETWORK_STEPS}",
+_SHORTENED = {
+    "mlp-pretrained": {"pretrain_steps": NETWORK_STEPS},
+    "ft-mlp": {"pretrain_steps": NETWORK_STEPS},
+    "dt-cnn": {"pretrain_steps": NETWORK_STEPS},
+    "deep-ensemble": {"members": 2, "pretrain_steps": NETWORK_STEPS},
+}
+TWINS = (
+    TWIN,
+    *(Variant(DATASET, {"specimen": number}) for number in range(1, 5)),
+    Variant("kr10-twin-omni"),
 )
-TWINS = (DATASET, *(f"{DATASET}@specimen={number}" for number in range(1, 5)), "kr10-twin-omni")
-MEASURED = "fanuc-r2000ic"
+MEASURED = Variant("fanuc-r2000ic")
 
 
-def leaderboard_study(models: Sequence[str]) -> tuple[StudyRun, ...]:
+def leaderboard_study(keys: Sequence[str]) -> tuple[StudyRun, ...]:
     """Return what the committed leaderboard needs.
 
     Args:
-        models: keys of all that are shipped; the costly networks among them are shortened.
+        keys: of all models that are shipped; the costly networks among them are shortened.
     """
-    shortened = {word.partition("@")[0]: word for word in _SHORTENED}
-    words = tuple(shortened.get(key, key) for key in models)
+    models = tuple(Variant(key, _SHORTENED.get(key, {})) for key in keys)
     return (
-        StudyRun(words, (*TWINS, MEASURED), ("holdout",), 5),
+        StudyRun(models, (*TWINS, MEASURED), ("holdout",), 5),
         # the measured data are of one group of poses: there is no other space to go to
-        StudyRun(words, TWINS, ("space-transfer",), None),
-        StudyRun(words, (*TWINS, MEASURED), ("sample-efficiency",), None),
+        StudyRun(models, TWINS, ("space-transfer",), None),
+        StudyRun(models, (*TWINS, MEASURED), ("sample-efficiency",), None),
     )

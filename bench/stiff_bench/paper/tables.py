@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
@@ -31,6 +32,7 @@ from stiff_bench.paper.study import (
     FT_MLP,
     FT_MLP_OWN_SOURCE,
     PAPER_PROTOCOL,
+    PAPER_RESULTS,
     VJM,
 )
 from stiff_bench.paper.table import (
@@ -44,8 +46,9 @@ from stiff_bench.paper.table import (
     mean_reduction,
     reduction,
 )
+from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.plan.request import chosen_dataset, loaded
+from stiff_bench.plan.request import loaded
 from stiff_bench.tables.published import (
     claimed_reductions,
     published_rows,
@@ -85,6 +88,19 @@ def build(number: int, results: PaperResults | None) -> PaperTable:
         return PaperTable(number, _table_10(results))
     of_networks = {6: table_6, 7: table_7, 8: table_8, 9: table_9}
     return PaperTable(number, (of_networks[number](results),))
+
+
+def read_table(number: int, folder: Path | None) -> PaperTable:
+    """Return `build`'s table from the results of a folder; None: where `bench reproduce` puts them.
+
+    Raises:
+        ConfigError, StoreError: as `build`; a folder was named that is not read.
+    """
+    if number not in FITTED_HERE:
+        return build(number, PaperResults.of(folder or PAPER_RESULTS))
+    if folder is not None:
+        raise ConfigError(f"--results {folder}: table {number} is fitted here and reads none")
+    return build(number, None)
 
 
 ERRORS = ("mae", "stde", "me")
@@ -148,7 +164,7 @@ def _vjm_figures() -> tuple[VjmFigures, ...]:
     """Return the figures of the VJM on the samples that it is fitted to, specimen by specimen."""
     registry, found = build_registry(), list[VjmFigures]()
     for number in SPECIMENS:
-        data = loaded(chosen_dataset(f"{DATASET}@specimen={number}", (), registry))
+        data = loaded(Choice.of(registry.datasets[DATASET], {"specimen": number}))
         samples = data.samples
         model = registry.model(VJM).load()().fit(samples, robot=data.robot)
         error = model.predict(samples.q, samples.wrench) - samples.deflection
@@ -194,7 +210,7 @@ def _vjm_table(
 
 
 OLD, NEW, OWN_SOURCE = "VJM", "FT-MLP", "FT-MLP, own source"
-METHODS = {OLD: VJM, NEW: FT_MLP, OWN_SOURCE: FT_MLP_OWN_SOURCE, "DT-CNN": DT_CNN}
+METHODS = {OLD: VJM, NEW: FT_MLP, OWN_SOURCE: FT_MLP_OWN_SOURCE.name, "DT-CNN": DT_CNN}
 """Name of a method -> our model; the paper's name, where the paper has it."""
 REDUCED = {f"{method} against {OLD}": method for method in (NEW, OWN_SOURCE)}
 """Column of our reductions -> the method that errs less, or not."""
@@ -264,7 +280,7 @@ def _table_10(results: PaperResults) -> tuple[Part, Part]:
     networks = [
         one
         for found in shown
-        for model in (FT_MLP, FT_MLP_OWN_SOURCE)
+        for model in (FT_MLP, FT_MLP_OWN_SOURCE.name)
         for one in found.results.get(model, ())
     ]
     notes = (

@@ -17,9 +17,10 @@ from typing import Any, Generic, Literal, get_args, get_origin, get_type_hints
 from pydantic import PydanticUserError, TypeAdapter, ValidationError
 
 from stiff_bench.plan.registry import Info
-from stiff_bench.store.names import join_word
+from stiff_bench.store.names import Variant
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.interfaces import KnowsWhatIsMissing
+from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
 
 
 @dataclass(frozen=True)
@@ -74,62 +75,23 @@ def options_of(cls: type) -> Mapping[str, Option]:
     return options
 
 
-def parse_settings(
-    settings: Sequence[str], classes: Mapping[str, type]
-) -> dict[str, dict[str, Any]]:
-    """Turn ``KEY.option=value`` words into checked values by key and option.
-
-    Args:
-        settings: the words.
-        classes: every key of the run and its class.
-
-    Raises:
-        ConfigError: a word is malformed, names what is not in the run, or its value is wrong.
-    """
-    parsed: dict[str, dict[str, Any]] = {key: {} for key in classes}
-    for setting in settings:
-        said = f"--set {setting!r}"
-        target, equals, text = setting.partition("=")
-        key, dot, name = target.rpartition(".")
-        if not (equals and dot and key and name):
-            raise ConfigError(f"{said}: expected KEY.option=value")
-        if key not in classes:
-            raise ConfigError(f"{said}: {unknown_name('key', key, classes)} in this run")
-        _add(parsed[key], said, key, classes[key], name, text)
-    return parsed
-
-
-def parse_word(said: str, key: str, settings: Sequence[str], cls: type) -> dict[str, Any]:
-    """Turn the ``OPTION=VALUE`` parts of a ``KEY@OPTION=VALUE`` word into checked values.
+def parse_option(said: str, key: str, cls: type, name: str, text: str) -> Any:
+    """Turn the text of an option's value into a value of the option's type.
 
     Args:
         said: what the user wrote, for messages.
-        key: of the word.
-        settings: the parts.
-        cls: of the key.
+        key: of the catalogue line.
+        cls: its class.
+        name: of the option.
+        text: the value.
 
     Raises:
-        ConfigError: a part is malformed, names no option, or its value is wrong.
+        ConfigError: there is no such option, or its value is wrong.
     """
-    parsed: dict[str, Any] = {}
-    for setting in settings:
-        name, equals, text = setting.partition("=")
-        if not (equals and name):
-            raise ConfigError(f"{said}: expected KEY@OPTION=VALUE")
-        if parsed and name not in options_of(cls):
-            unknown = unknown_name(f"{key} option", name, options_of(cls))
-            raise ConfigError(f"{said}: {unknown}; an @ inside a value is doubled: @@")
-        _add(parsed, said, key, cls, name, text)
-    return parsed
-
-
-def _add(parsed: dict[str, Any], said: str, key: str, cls: type, name: str, text: str) -> None:
     options = options_of(cls)
     if name not in options:
         raise ConfigError(f"{said}: {unknown_name(f'{key} option', name, options)}")
-    if name in parsed:
-        raise ConfigError(f"{said}: {key}.{name} is set twice")
-    parsed[name] = _value(said, options[name], text)
+    return _value(said, options[name], text)
 
 
 _STORED = (-(2**63), 2**63 - 1)
@@ -231,6 +193,21 @@ class Choice(Generic[Info]):
             if name not in self.context
         }
 
+    @classmethod
+    def of(cls, info: Info, params: Mapping[str, Any] | None = None) -> Choice[Info]:
+        """Load the class of a line, and set these options of it.
+
+        Raises:
+            ConfigError: the class cannot be loaded.
+        """
+        return cls(info, info.load(), dict(params or {}), {})
+
+    @classmethod
+    def of_stored(cls, info: Info, identity: Mapping[str, Any]) -> Choice[Info]:
+        """Return the choice that has an `identity`, as a stored cell has it."""
+        usual = cls.of(info).identity
+        return cls.of(info, {k: v for k, v in identity.items() if k not in usual or usual[k] != v})
+
     @property
     def options_text(self) -> str:
         """What was set, for people: "name=value, ..."; "" for all defaults."""
@@ -240,12 +217,8 @@ class Choice(Generic[Info]):
     def name(self) -> str:
         """Key with every option that differs from its default: a word of the command line."""
         options = options_of(self.cls)
-        changed = [
-            f"{name}={value}"
-            for name, value in sorted(self.params.items())
-            if value != options[name].default
-        ]
-        return join_word(self.info.key, changed)
+        changed = {k: value for k, value in self.params.items() if value != options[k].default}
+        return Variant(self.info.key, changed).name
 
     def missing(self) -> str:
         """Return why this cannot be used here, with its options; "" where it can."""
@@ -268,6 +241,15 @@ class Choice(Generic[Info]):
             raise ConfigError(
                 f"{self.info.key!r} cannot be made: {type(error).__name__}: {error}"
             ) from error
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """What a run is of, before it is checked."""
+
+    models: Sequence[Choice[ModelInfo]]
+    datasets: Sequence[Choice[DatasetInfo]]
+    protocols: Sequence[Choice[ProtocolInfo]] = ()
 
 
 def _is_json(value: object) -> bool:

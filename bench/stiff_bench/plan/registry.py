@@ -8,12 +8,12 @@ import importlib.util
 import re
 import sys
 import traceback
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 from stiff_bench.console import say
 from stiff_datasets.catalog import DATASETS
@@ -113,6 +113,19 @@ class Registry:
             raise unknown_name("model", key, [*self.models, *self._family_names()])
         return self.models[key]
 
+    def line(self, kind: Literal["model", "dataset", "protocol"], key: str) -> PluginInfo:
+        """Return the line of a key of one kind.
+
+        Raises:
+            ConfigError: there is none.
+        """
+        if kind == "model":
+            return self.model(key)
+        table: Mapping[str, PluginInfo] = getattr(self, f"{kind}s")
+        if key not in table:
+            raise unknown_name(kind, key, table)
+        return table[key]
+
     def find(self, key: str) -> PluginInfo:
         """Return the line of a key of any kind.
 
@@ -132,13 +145,6 @@ class Registry:
 
     def _family_names(self) -> list[str]:
         return [f"{family.prefix}..." for family in self.families]
-
-
-def lookup(table: dict[str, Info], kind: str, key: str) -> Info:
-    """Return the line of `key`, or raise ConfigError with the nearest valid key."""
-    if key not in table:
-        raise unknown_name(kind, key, table)
-    return table[key]
 
 
 def build_registry(plugin_files: Sequence[Path] = ()) -> Registry:

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from stiff_bench.plan.options import Choice, parse_word
+from stiff_bench.plan.options import Choice, parse_option
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.files import read_toml
 from stiff_protocols.contract.interfaces import ChecksParams, TunesModels
@@ -87,7 +87,7 @@ def _candidates(
     said: str, model: Choice[ModelInfo], name: str, written: Any
 ) -> tuple[Any, ...] | Range:
     def value(text: object) -> Any:
-        return parse_word(said, model.info.key, [f"{name}={text}"], model.cls)[name]
+        return parse_option(said, model.info.key, model.cls, name, str(text))
 
     if isinstance(written, Range):
         written = asdict(written)

@@ -8,14 +8,14 @@ from stiff_bench.figures.catalog import FIGURES
 from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource
 from stiff_bench.report.content import Block, Picture
-from stiff_bench.report.runs import Choice
+from stiff_bench.report.runs import Selection
 from stiff_protocols.contract.errors import StiffBenchError
 
 LARGEST_SVG = 300_000
 """Bytes; a picture of more is embedded as PNG."""
 
 
-def picture_block(source: FigureSource, choice: Choice) -> Block:
+def picture_block(source: FigureSource, choice: Selection) -> Block:
     """Return all figures that the results are enough for, and why others are not there."""
     pictures, missing = [], {}
     for name, figure in FIGURES.items():
@@ -33,7 +33,7 @@ def picture_block(source: FigureSource, choice: Choice) -> Block:
     )
 
 
-def _picture(figure: Prepared, source: FigureSource, choice: Choice) -> Picture:
+def _picture(figure: Prepared, source: FigureSource, choice: Selection) -> Picture:
     media_type, content = "image/svg+xml", figure.picture("svg")
     if len(content) > LARGEST_SVG:
         media_type, content = "image/png", figure.picture("png")

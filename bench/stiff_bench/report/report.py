@@ -26,7 +26,7 @@ from stiff_bench.report.content import Block, Page, Part
 from stiff_bench.report.page import render_page
 from stiff_bench.report.pairs import pair_block
 from stiff_bench.report.pictures import picture_block
-from stiff_bench.report.runs import Choice, failure_block, run_block
+from stiff_bench.report.runs import Selection, failure_block, run_block
 from stiff_bench.report.scores import board_block, data_block, score_block
 from stiff_bench.store.database import read_data
 from stiff_bench.tables.table import SELECTION_MARK
@@ -36,7 +36,7 @@ from stiff_protocols.contract.files import written_whole
 from stiff_protocols.contract.plugin import kind_label
 
 
-def check_choice(contests: Sequence[Contest], choice: Choice) -> None:
+def check_choice(contests: Sequence[Contest], choice: Selection) -> None:
     """See that each word has results, and that the data sets and protocols meet somewhere.
 
     Args:
@@ -57,7 +57,7 @@ def check_choice(contests: Sequence[Contest], choice: Choice) -> None:
         )
 
 
-def narrowed(contests: Sequence[Contest], choice: Choice) -> tuple[Choice, tuple[str, ...]]:
+def narrowed(contests: Sequence[Contest], choice: Selection) -> tuple[Selection, tuple[str, ...]]:
     """Return the words that one folder has results of, and those that it has not.
 
     Args:
@@ -73,7 +73,7 @@ def narrowed(contests: Sequence[Contest], choice: Choice) -> tuple[Choice, tuple
     return here, tuple(word for word in asked if word not in present)
 
 
-def chosen_here(contests: Sequence[Contest], asked: Choice, here: Choice) -> list[Contest]:
+def chosen_here(contests: Sequence[Contest], asked: Selection, here: Selection) -> list[Contest]:
     """Return the contests of a folder that were asked for; none where it lacks all of a kind."""
     for words, present in (
         (asked.models, here.models),
@@ -101,7 +101,7 @@ def _has(
 _HEADING = "Read this first"
 
 
-def part_of(stored: StoredResults, asked: Choice, key: SortKey) -> Part:
+def part_of(stored: StoredResults, asked: Selection, key: SortKey) -> Part:
     """Return all that the page says of one folder.
 
     Args:
@@ -128,7 +128,7 @@ def part_of(stored: StoredResults, asked: Choice, key: SortKey) -> Part:
             *_ranking(board, why_none, stored, choice),
             picture_block(FigureSource(folder, tuple(chosen), choice.models), choice),
             score_block(chosen, choice.models, key.metric.key),
-            failure_block(stored, chosen, choice.models),
+            failure_block(chosen, choice.models),
             data_block(chosen),
             run_block(stored.runs, chosen, stored.provenance(board)),
         ],
@@ -136,7 +136,7 @@ def part_of(stored: StoredResults, asked: Choice, key: SortKey) -> Part:
 
 
 def _board(
-    stored: StoredResults, chosen: Sequence[Contest], choice: Choice, key: SortKey
+    stored: StoredResults, chosen: Sequence[Contest], choice: Selection, key: SortKey
 ) -> tuple[Leaderboard | None, str]:
     """Return the leaderboard, or why there is none: one model alone, or no samples.
 
@@ -148,7 +148,7 @@ def _board(
         return None, str(error)
 
 
-def _summary(contests: Sequence[Contest], choice: Choice, lacking: Sequence[str]) -> Block:
+def _summary(contests: Sequence[Contest], choice: Selection, lacking: Sequence[str]) -> Block:
     shown = [presentation(contest) for contest in contests]
     competitors = [
         one
@@ -157,8 +157,8 @@ def _summary(contests: Sequence[Contest], choice: Choice, lacking: Sequence[str]
         if asked_for(name, choice.models)
     ]
     n_results = sum(len(one.done) for one in competitors)
-    reasons = [reason for one in competitors for reason in one.reasons.values()]
-    n_skipped = sum(reason.startswith("skipped: ") for reason in reasons)
+    failures = [failure for one in competitors for failure in one.failures.values()]
+    n_skipped = sum(failure.status == "skipped" for failure in failures)
     kinds = dict.fromkeys(kind_label(one.kind, one.task) for one in shown)
     n_models = len({one.name for one in competitors})
     return Block(
@@ -166,7 +166,7 @@ def _summary(contests: Sequence[Contest], choice: Choice, lacking: Sequence[str]
         [
             f"{counted(n_results, 'result')} of {counted(n_models, 'model')} in "
             f"{counted(len(contests), 'contest')}; "
-            f"{counted(len(reasons) - n_skipped, 'cell')} failed, "
+            f"{counted(len(failures) - n_skipped, 'cell')} failed, "
             f"{counted(n_skipped, 'cell')} skipped. Data: {', '.join(kinds)}."
         ],
         notes=[
@@ -179,7 +179,7 @@ def _summary(contests: Sequence[Contest], choice: Choice, lacking: Sequence[str]
 
 
 def _ranking(
-    board: Leaderboard | None, why_none: str, stored: StoredResults, choice: Choice
+    board: Leaderboard | None, why_none: str, stored: StoredResults, choice: Selection
 ) -> Iterator[Block]:
     """Yield the leaderboard and the pairs of each section; those that select on test come last."""
     if board is None:
@@ -192,7 +192,7 @@ def _ranking(
         yield _pairs(section, f"Pairwise comparisons{apart}", stored, choice)
 
 
-def _pairs(section: Section, heading: str, stored: StoredResults, choice: Choice) -> Block:
+def _pairs(section: Section, heading: str, stored: StoredResults, choice: Selection) -> Block:
     """Return the comparisons, or why there are none: they need the samples, ranks do not."""
     folder = stored.folder
     try:
@@ -210,7 +210,7 @@ def _pairs(section: Section, heading: str, stored: StoredResults, choice: Choice
 SUFFIXES = (".html", ".htm")
 
 
-def write_report(folders: Sequence[Path], choice: Choice, output: Path, command: str) -> None:
+def write_report(folders: Sequence[Path], choice: Selection, output: Path, command: str) -> None:
     """Write the page of some folders of results, whole or not at all.
 
     Args:

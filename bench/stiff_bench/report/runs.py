@@ -10,12 +10,10 @@ from itertools import islice
 from pathlib import Path
 
 from stiff_bench.analysis.collected import Contest, asked_for, contest_name_of
-from stiff_bench.analysis.stored_leaderboard import StoredResults
 from stiff_bench.report.content import Block, Fold
 from stiff_bench.report.scores import page_table
-from stiff_bench.store.database import stored_results
-from stiff_bench.store.names import ContestName, grouped
-from stiff_bench.store.newest import Runs, Slot, slot_of
+from stiff_bench.store.names import grouped
+from stiff_bench.store.newest import slot_of
 from stiff_bench.store.versions import NO_MANIFEST
 from stiff_bench.tables.render import TextTable
 from stiff_bench.tables.units import counted
@@ -23,7 +21,7 @@ from stiff_protocols.contract.record import CellResult, RunManifest
 
 
 @dataclass(frozen=True)
-class Choice:
+class Selection:
     """Which contests and models a page shows, and what it ranks by.
 
     Attributes:
@@ -159,28 +157,18 @@ LONGEST_REASON = 2000  # characters
 LONGEST_SPLITS = 60
 LONGEST_LOG = 8000
 
-Place = tuple[str, ContestName, Slot]
-"""Model's name, contest and split: several cells stand there where options or code changed."""
 
-
-def failure_block(
-    stored: StoredResults, contests: Sequence[Contest], models: Sequence[str]
-) -> Block:
+def failure_block(contests: Sequence[Contest], models: Sequence[str]) -> Block:
     """Return the failures that count among some contests.
 
     Args:
-        stored: the folder.
-        contests: of it, to show.
+        contests: to show.
         models: words of the command line; none named means all.
-
-    Raises:
-        StoreError: a file cannot be read or is damaged.
     """
-    reasons = _reasons(contests, models)
+    found = _failures(contests, models)
     heading = "Failures and skipped cells"
-    if not reasons:
+    if not found:
         return Block(heading, ["No cell failed and none was skipped."])
-    found = _counting(stored, reasons)
     alike = grouped(found, _story)
     shown = [*islice(alike.values(), MOST_FAILURES)]
     header = ("model", "status", "reason", "cause", "data set", "protocol", "condition", "splits")
@@ -200,37 +188,21 @@ def failure_block(
     return Block(heading, tables=[page_table(table)], folds=folds)
 
 
-def _reasons(contests: Sequence[Contest], models: Sequence[str]) -> dict[Place, str]:
-    """Return why there is no result, for each place that has none."""
-    return {
-        (name, contest.name, slot): reason
+def _failures(contests: Sequence[Contest], models: Sequence[str]) -> list[CellResult]:
+    """Return the records without a result that count, by model, contest and split."""
+    found = (
+        failure
         for contest in contests
         for name, competitor in contest.competitors.items()
         if asked_for(name, models)
-        for slot, reason in competitor.reasons.items()
-    }
-
-
-def _counting(stored: StoredResults, reasons: Mapping[Place, str]) -> list[CellResult]:
-    """Return the record behind each reason: the newest that says so, by place.
-
-    A place has several records where a model was run again there with other options or code.
-    """
-    failed = (one for one in stored_results(stored.folder) if one.status != "ok")
-    said = [one for one in failed if reasons.get(_place(one)) == f"{one.status}: {one.failure}"]
-    newest_first = Runs.of(stored.runs).newest_first(said)
-    of_places = sorted(grouped(newest_first, _place).items(), key=lambda item: item[0])
-    return [records[0] for _, records in of_places]
-
-
-def _place(one: CellResult) -> Place:
-    return one.shown.model, contest_name_of(one), slot_of(one)
+        for failure in competitor.failures.values()
+    )
+    return sorted(found, key=lambda one: (one.shown.model, contest_name_of(one), slot_of(one)))
 
 
 def _story(one: CellResult) -> tuple[object, ...]:
     """Return what cells share that failed alike."""
-    model, contest, _ = _place(one)
-    return model, contest, one.status, one.cause, one.failure
+    return one.shown.model, contest_name_of(one), one.status, one.cause, one.failure
 
 
 def _failure_row(members: Sequence[CellResult]) -> list[str]:

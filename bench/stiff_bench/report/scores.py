@@ -170,7 +170,7 @@ def _line(
     """Return the cells of a model in a contest, and what its fits reported."""
     shown, name = competitor.shown, contest.name
     results = contest.results(competitor.name)
-    n_asked = max(competitor.n_asked, len(competitor.done) + len(competitor.reasons))
+    n_asked = max(competitor.n_asked, len(competitor.done) + len(competitor.failures))
     about = [
         marked(shown.model, mark_of(shown)),
         *(name.dataset, name.protocol, name.condition or "-", str(name.seed)),

@@ -261,7 +261,7 @@ def _pickled(data: BenchmarkData) -> bytes:
     return pickle.dumps(data)
 
 
-class Place:
+class CellProcess:
     """Where one cell at a time is computed.
 
     Args:
@@ -469,7 +469,7 @@ def compute_isolated(work: Work, wanted: Callable[[], bool]) -> CellResult | Cra
         wanted: is asked ten times a second whether its result still is.
     """
     with tempfile.TemporaryDirectory(prefix="bench-") as scratch:
-        place = Place(Path(scratch))
+        place = CellProcess(Path(scratch))
         try:
             place.begin(lambda: work)
             while wanted():
@@ -508,9 +508,9 @@ class LocalProcesses:
         """
         common = work_of_run(run_id, self._limits)
         waiting, again, seen = iter(tasks), deque[CellTask](), set[str]()
-        running: dict[Place, CellTask] = {}
+        running: dict[CellProcess, CellTask] = {}
         with tempfile.TemporaryDirectory(prefix="bench-") as scratch:
-            places = [Place(Path(scratch)) for _ in range(self.at_once)]
+            places = [CellProcess(Path(scratch)) for _ in range(self.at_once)]
             try:
                 while True:
                     for place in places:

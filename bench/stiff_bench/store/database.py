@@ -59,7 +59,7 @@ PAGE_BYTES = 16384
 AT_ONCE = 2000
 """Cells that are read with one statement, so that those who write soon get their turn."""
 
-Report = Callable[[StoreError], None]
+OnDamage = Callable[[StoreError], None]
 """Is told of each row or file that is damaged."""
 
 _NUMBERS = {
@@ -174,7 +174,7 @@ class ResultStore:
         found = stored_results(self.folder, {key}, report=lambda _: None)
         return next((one for one in found if one.status == "ok"), None)
 
-    def repair(self, report: Report) -> None:
+    def repair(self, report: OnDamage) -> None:
         """See that the file can be read through, before anything is added to it.
 
         Of a file that SQLite cannot read through, the readable rows go to a new one; the old one is
@@ -227,7 +227,7 @@ def read_results(folder: Path) -> list[CellResult]:
 
 
 def stored_results(
-    folder: Path, keys: Set[str] | None = None, report: Report | None = None
+    folder: Path, keys: Set[str] | None = None, report: OnDamage | None = None
 ) -> Iterator[CellResult]:
     """Yield what is stored of some cells, in no particular order; writers need not wait meanwhile.
 
@@ -300,12 +300,12 @@ def read_manifests(folder: Path) -> list[RunManifest]:
     return list(readable_manifests(folder, _raise))
 
 
-def readable_manifests(folder: Path, report: Report) -> Iterator[RunManifest]:
+def readable_manifests(folder: Path, report: OnDamage) -> Iterator[RunManifest]:
     """Yield the manifests of a folder that are whole; `report` is told of the others."""
     return (found for _, found in _manifests(folder, report) if found is not None)
 
 
-def _manifests(folder: Path, tell: Report) -> Iterator[tuple[str, RunManifest | None]]:
+def _manifests(folder: Path, tell: OnDamage) -> Iterator[tuple[str, RunManifest | None]]:
     """Yield a run's name and its manifest; None where that is damaged."""
     if not has_results(folder):
         return
@@ -425,7 +425,7 @@ def fault_of(folder: Path) -> str | None:
     return None if said == "ok" else " ".join(said.split())
 
 
-def salvage(source: Path, target: Path, report: Report, keep: Path | None = None) -> None:
+def salvage(source: Path, target: Path, report: OnDamage, keep: Path | None = None) -> None:
     """Copy what can be read of a damaged file to another one, row by row.
 
     Args:

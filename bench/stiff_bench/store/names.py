@@ -7,9 +7,9 @@ a value, which may be such a word itself, is doubled: `cross-robot@source=ur5-tw
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Hashable, Iterable
-from dataclasses import dataclass
-from typing import TypeVar
+from collections.abc import Callable, Hashable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 Item = TypeVar("Item")
 Key = TypeVar("Key", bound=Hashable)
@@ -28,6 +28,64 @@ def natural_key(text: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", text)]
 
 
+OPTION_MARK = "@"
+"""Parts the options from the key and from each other in a word; doubled, it is part of a value."""
+_HELD = "\0"  # stands for a doubled mark; no command line holds it
+
+
+def split_word(word: str) -> tuple[str, list[str]]:
+    """Return the key and the ``OPTION=VALUE`` parts of what a user wrote.
+
+    What follows the command line has a `Variant`, a stored cell its options: neither is split.
+    """
+    key, *settings = (part.replace(_HELD, OPTION_MARK) for part in _held(word).split(OPTION_MARK))
+    return key, settings
+
+
+def _held(word: str) -> str:
+    return word.replace(2 * OPTION_MARK, _HELD)
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A model, data set or protocol with options.
+
+    Attributes:
+        key: of its catalogue line.
+        options: those that differ from their defaults.
+    """
+
+    key: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of_word(cls, word: str) -> Variant:
+        """Return the key and the texts of the options of a word that asks for stored results."""
+        key, parts = split_word(word)
+        return cls(key, {name: text for name, _, text in (part.partition("=") for part in parts)})
+
+    @classmethod
+    def shown(cls, key: str, name: str, options: Mapping[str, Any]) -> Variant:
+        """Return what a stored cell's name shows of all its options, defaults among them."""
+        parts = f"{_held(name)}{OPTION_MARK}"
+        shown = {k: v for k, v in options.items() if f"{_held(_part(k, v))}{OPTION_MARK}" in parts}
+        return cls(key, shown)
+
+    @property
+    def name(self) -> str:
+        """The word that `split_word` takes apart: what results are stored under."""
+        return self.key + "".join(_part(*option) for option in sorted(self.options.items()))
+
+    def without(self, *options: str) -> Variant:
+        """Return the same with the defaults of some options."""
+        left = {name: value for name, value in self.options.items() if name not in options}
+        return Variant(self.key, left)
+
+
+def _part(option: str, value: object) -> str:
+    return OPTION_MARK + f"{option}={value}".replace(OPTION_MARK, 2 * OPTION_MARK)
+
+
 SHORT = 8
 """So many characters of a hash tell data apart."""
 
@@ -41,6 +99,7 @@ class ContestName:
         seed: of the run's splits.
         data_sha256: hash of the data set's numbers.
         source_sha256: of the other robot's data that source domains come from; "" for none.
+        variant: the data set's key and the options that `dataset` shows.
     """
 
     dataset: str
@@ -49,6 +108,7 @@ class ContestName:
     seed: int
     data_sha256: str
     source_sha256: str = ""
+    variant: Variant = field(default=Variant(""), compare=False)
 
     @property
     def text(self) -> str:
@@ -83,23 +143,3 @@ def label_parts(names: Iterable[ContestName]) -> dict[ContestName, tuple[str, ..
 def labels(names: Iterable[ContestName]) -> dict[ContestName, str]:
     """Return each name in one text, as `ContestName.text` has it, with what tells it apart."""
     return {name: " | ".join(parts) for name, parts in label_parts(names).items()}
-
-
-OPTION_MARK = "@"
-"""Parts the options from the key and from each other in a word; doubled, it is part of a value."""
-_HELD = "\0"  # stands for a doubled mark; no command line holds it
-
-
-def split_word(word: str) -> tuple[str, list[str]]:
-    """Return the key and the ``OPTION=VALUE`` words of a word."""
-    key, *settings = (
-        part.replace(_HELD, OPTION_MARK)
-        for part in word.replace(2 * OPTION_MARK, _HELD).split(OPTION_MARK)
-    )
-    return key, settings
-
-
-def join_word(key: str, settings: Iterable[str]) -> str:
-    """Return the word that `split_word` takes apart."""
-    held = (setting.replace(OPTION_MARK, 2 * OPTION_MARK) for setting in settings)
-    return OPTION_MARK.join([key, *held])

@@ -253,6 +253,11 @@ class CellResult:
     n_splits: int = 0
     curves: Mapping[str, FloatArray] = field(default_factory=dict)
 
+    @property
+    def why_none(self) -> str:
+        """Status and reason of a cell without numbers, for people."""
+        return f"{self.status}: {self.failure}"
+
     def values(self, metric: str) -> dict[str, float]:
         """Return axis -> value of one metric, in SI units; empty where it has none."""
         if isinstance(self.records, StoredRecords):

@@ -14,6 +14,11 @@ from stiff_protocols.splits.random_splits import Fraction
 PAPER_SIZES = "5,10,20,40,80,121"
 
 
+def condition_of(n_poses: int) -> str:
+    """Return the condition of splits that give a model so many measured poses."""
+    return f"n = {n_poses}"
+
+
 class SampleEfficiency:
     """A learning curve over nested subsets of the training poses, tested on the same poses.
 
@@ -64,7 +69,13 @@ class SampleEfficiency:
                 for size in sizes:
                     train = _rows(samples, order[n_test : n_test + size])
                     yield divided_inside(
-                        samples, index, train, test, self.validation_fraction, seed, f"n = {size}"
+                        samples,
+                        index,
+                        train,
+                        test,
+                        self.validation_fraction,
+                        seed,
+                        condition_of(size),
                     )
 
         return LazySplits(divided, (n_splits or 1) * len(sizes))

@@ -9,8 +9,8 @@ import pytest
 
 from made_results import MadeResults, damage, forget
 from stiff_bench.analysis.collected import Contest, collect, left_out_notes
-from stiff_bench.analysis.same_robot import dataset_of, family_of
 from stiff_bench.store.database import FILE, ResultStore
+from stiff_bench.store.names import Variant
 from stiff_protocols.contract.errors import StoreError
 
 
@@ -79,7 +79,7 @@ def test_a_cell_that_fails_when_it_is_computed_again_keeps_its_result(made):
     made.add("a", [1.0, 1.0], run_id="1")
     made.add_run("2", made.add("a", failed=[0], run_id="2"))
     found = only(made).competitors["a"]
-    assert {slot[0] for slot in found.done} == {0, 1} and not found.reasons
+    assert {slot[0] for slot in found.done} == {0, 1} and not found.failures
 
 
 def test_damage_is_refused_with_what_to_do_about_it(made):
@@ -132,14 +132,14 @@ def test_a_model_that_fails_now_has_failed_whatever_it_did_before(made):
     made.add("a", [1.0], failed=[0], run_id="2", coverage=0.9)
     found = only(made).competitors["a"]
     assert [slot[0] for slot in found.done] == [1]
-    assert list(found.reasons.values()) == ["failed: it broke"]
+    assert [one.why_none for one in found.failures.values()] == ["failed: it broke"]
 
 
 def test_an_older_failure_is_none(made):
     made.add("a", failed=[0], run_id="1", coverage=0.9)
     made.add("a", [1.0], run_id="2")
     found = only(made).competitors["a"]
-    assert len(found.done) == 1 and not found.reasons
+    assert len(found.done) == 1 and not found.failures
 
 
 @pytest.mark.parametrize("runs", ["12", "21"])
@@ -159,6 +159,8 @@ def test_of_two_coverages_the_newest_counts(made, runs):
 
 
 def test_a_mark_in_an_options_value_stays_doubled():
-    name = "p@source=a@@b=1@seed=1@specimen=2"
-    assert dataset_of(name) == "p@source=a@@b=1@specimen=2"
-    assert family_of(name) == "p@source=a@@b=1"
+    variant = Variant("p", {"source": "a@b=1", "seed": 1, "specimen": 2})
+    assert variant.name == "p@seed=1@source=a@@b=1@specimen=2"
+    assert variant.without("seed").name == "p@source=a@@b=1@specimen=2"
+    every = {"source": "a@b=1", "seed": 1, "specimen": 2, "b": 1, "other": 0}
+    assert Variant.shown("p", variant.name, every) == variant

@@ -394,7 +394,7 @@ def test_a_model_may_spell_out_the_defaults_that_its_results_were_made_with(tmp_
     folder = rewritten(
         tmp_path / "r",
         plain,
-        lambda one: replace(one, cell=replace(one.cell, model_params=options[one.cell.model])),
+        lambda one: replace(one, cell=replace(one.cell, model_params=options[one.shown.model])),
     )
     for word, name in (
         ("knn@neighbours=5", "knn"),

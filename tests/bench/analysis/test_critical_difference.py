@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from made_results import TWINS, MadeResults
 from stiff_bench.analysis.critical_difference import RankAnalysis, save_diagrams
-from stiff_bench.analysis.same_robot import Robot
+from stiff_bench.analysis.same_robot import Specimen
 from stiff_bench.cli.compare import leaderboard
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.scoring.ranks import compare_over_datasets
@@ -23,7 +23,7 @@ def analysis_of(scores: np.ndarray, **changes) -> RankAnalysis:
     fields = {
         "protocol": "kfold",
         "condition": "n = 5",
-        "families": {Robot("kr10", str(number)): ("twin",) for number in range(n_datasets)},
+        "families": {Specimen("kr10", str(number)): ("twin",) for number in range(n_datasets)},
         "models": NAMES[:n_models],
         "outcome": compare_over_datasets(scores),
         "why_none": "",

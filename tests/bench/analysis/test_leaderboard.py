@@ -304,7 +304,7 @@ def test_five_specimens_are_five_data_sets_but_splits_and_seeds_are_none(made):
     board = board_of(made)
     (section,) = board.sections
     (analysis,) = section.analyses
-    assert [robot.specimen for robot in analysis.robots] == list("01234")
+    assert [robot.number for robot in analysis.robots] == list("01234")
     assert analysis.outcome.mean_ranks.tolist() == [1.0, 2.0, 3.0]
     # Nemenyi: 2.343 sqrt(3 * 4 / (6 * 5)) = 1.48 (Demsar 2006, table 5)
     assert analysis.outcome.critical_difference == pytest.approx(1.48, abs=0.01)

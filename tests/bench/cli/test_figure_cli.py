@@ -38,11 +38,11 @@ def paper(tmp_path_factory) -> PaperResults:
         made.add(name, [0.1, 0.2], **PAPER)
     for layers in (("1",), ("1", "2")):
         freeze = {"freeze": f"layers:{','.join(layers)}"}
-        made.add(unfrozen(layers), [0.1, 0.2], options=freeze, **PAPER)
-        with_fields(made, unfrozen(layers), curves={"fine-tuning": CURVE})
+        made.add(unfrozen(layers).name, [0.1, 0.2], options=freeze, **PAPER)
+        with_fields(made, unfrozen(layers).name, curves={"fine-tuning": CURVE})
     for depth in (3, 4, 5):
         for width in (40, 380):
-            name = pretrained(layers=depth, width=width)
+            name = pretrained(layers=depth, width=width).name
             made.add(name, [0.1, 0.2], options={"layers": depth, "width": width}, **PAPER)
             errors = {
                 f"source {part} {what} [mm]": depth / width
@@ -183,10 +183,12 @@ def test_the_loss_that_is_shown_is_named(paper, name):
 
 def test_one_failed_cell_leaves_its_network_out_of_figure_5_and_names_it(changing):
     for activation in ("tanh", "sigmoid"):
-        changing.add(pretrained(activation=activation), [0.1], failed=[1], **PAPER)
+        changing.add(pretrained(activation=activation).name, [0.1], failed=[1], **PAPER)
     depth, width = 5, 400
     options = {"layers": depth, "width": width}
-    changing.add(pretrained(layers=depth, width=width), [0.1], failed=[1], options=options, **PAPER)
+    changing.add(
+        pretrained(layers=depth, width=width).name, [0.1], failed=[1], options=options, **PAPER
+    )
     for name, lost in (("5a", "width=400"), ("5c", "activation=tanh"), ("5", "sigmoid")):
         caption = caption_of(name, PaperResults.of(changing.folder))
         assert "No numbers: " in caption and "it broke" in caption and lost in caption
@@ -194,7 +196,7 @@ def test_one_failed_cell_leaves_its_network_out_of_figure_5_and_names_it(changin
 
 def test_figure_5_says_how_many_networks_and_splits_it_has(changing):
     width = {"options": {"layers": 4, "width": 40}}
-    name = pretrained(layers=4, width=40)
+    name = pretrained(layers=4, width=40).name
     changing.add(name, [0.1, 0.1, 0.1], **width, **PAPER)
     errors = {f"source {part} MAE [mm]": 0.1 for part in ("test", "training")}
     with_fields(changing, name, diagnostics=errors)
@@ -204,7 +206,7 @@ def test_figure_5_says_how_many_networks_and_splits_it_has(changing):
 
 
 def test_figure_6_names_the_strategies_that_it_cannot_show(changing):
-    changing.add(unfrozen(("2",)), [0.1], failed=[1], **PAPER)
+    changing.add(unfrozen(("2",)).name, [0.1], failed=[1], **PAPER)
     caption = caption_of("6", PaperResults.of(changing.folder))
     assert "No numbers: " in caption and "freeze=layers:2 on" in caption and "it broke" in caption
     assert "Without a result under paper-holdout: ft-mlp@freeze=layers:3" in caption
@@ -214,6 +216,6 @@ def test_figure_6_names_the_strategies_that_it_cannot_show(changing):
 def test_a_strategy_without_a_finite_loss_has_no_line_in_figure_6(changing):
     for layers in (("1",), ("1", "2")):
         nothing = {"fine-tuning": np.full((3, 3), np.nan)}
-        with_fields(changing, unfrozen(layers), curves=nothing)
+        with_fields(changing, unfrozen(layers).name, curves=nothing)
     left, _ = FIGURES["6"].prepare(PaperResults.of(changing.folder)).draw().axes
     assert not left.get_lines()

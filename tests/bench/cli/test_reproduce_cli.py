@@ -9,6 +9,7 @@ from stiff_bench.cli.figures import reproduce
 from stiff_bench.cli.main import bench
 from stiff_bench.paper import study
 from stiff_bench.paper.study import StudyRun
+from stiff_bench.store.names import Variant
 
 
 @pytest.fixture
@@ -18,8 +19,8 @@ def small(monkeypatch):
     def small_study(*, full):
         splits = 2 if full else 1
         return (
-            StudyRun(("vjm",), ("kr10-twin",), ("paper-holdout", "holdout"), splits),
-            StudyRun(("vjm", "zero"), ("kr10-twin",), ("holdout",), splits),
+            StudyRun((Variant("vjm"),), (study.TWIN,), ("paper-holdout", "holdout"), splits),
+            StudyRun((Variant("vjm"), Variant("zero")), (study.TWIN,), ("holdout",), splits),
         )
 
     monkeypatch.setattr(study, "paper_study", small_study)

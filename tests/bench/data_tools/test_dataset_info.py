@@ -12,8 +12,6 @@ import pinocchio as pin
 import pytest
 
 from stiff_bench.data_tools.info import (
-    Interval,
-    Magnitude,
     about_mean,
     dataset_info,
     directions,
@@ -93,27 +91,24 @@ def test_samples_poses_loads_and_groups_are_counted(planar):
 
 def test_magnitudes_of_loads_and_deflections_are_those_of_the_hand_made_samples(planar):
     found = facts(planar)
-    assert found.force == Magnitude(least=0.0, median=10.0, mean=10.0, most=20.0)
-    assert found.torque == Magnitude(least=0.0, median=0.0, mean=1.0, most=3.0)
-    assert found.deflection.most == pytest.approx(5e-3)
-    assert found.deflection.median == pytest.approx(1e-3)
-    means = [axis.mean for axis in found.deflection_axes]
+    sizes = found.sizes  # least, median, mean, most
+    assert sizes.loc["|force|"].tolist() == [0.0, 10.0, 10.0, 20.0]
+    assert sizes.loc["|torque|"].tolist() == [0.0, 0.0, 1.0, 3.0]
+    assert sizes.loc["|deflection|", ["median", "max"]].tolist() == pytest.approx([1e-3, 5e-3])
+    means = sizes.loc[["|dx|", "|dy|", "|dz|"], "mean"].tolist()
     assert means == pytest.approx([1e-3, 0.0, 5e-3 / 3])
 
 
 def test_joint_torques_of_a_planar_arm_are_force_times_lever(planar):
     # a force F down at x turns the arm by F x about y; the second sample adds a torque of 3 N m
-    first, second = facts(planar).joints
-    assert first.position == Interval(0.0, 0.0)
-    assert second.position.high == pytest.approx(np.pi / 2)
-    assert (first.load_torque.low, first.load_torque.high) == pytest.approx((0.0, 23.0))
-    assert (second.load_torque.low, second.load_torque.high) == pytest.approx((0.0, 10.0))
+    joints = facts(planar).joints
+    assert joints["position_low"].tolist() == [0.0, 0.0]
+    assert joints["position_high"].tolist() == pytest.approx([0.0, np.pi / 2])
+    assert joints["load_low"].tolist() == pytest.approx([0.0, 0.0])
+    assert joints["load_high"].tolist() == pytest.approx([23.0, 10.0])
     weight = 2.0 * 9.81
-    assert first.gravity_torque is not None and second.gravity_torque is not None
-    assert first.gravity_torque.high == pytest.approx(weight * (0.5 + 1.5))
-    assert first.gravity_torque.low == pytest.approx(weight * (0.5 + 1.0))
-    assert second.gravity_torque.high == pytest.approx(weight * 0.5)
-    assert second.gravity_torque.low == pytest.approx(0.0, abs=1e-12)
+    assert joints["gravity_high"].tolist() == pytest.approx([weight * 2.0, weight * 0.5])
+    assert joints["gravity_low"].tolist() == pytest.approx([weight * 1.5, 0.0], abs=1e-12)
 
 
 SLIDING_ARM = (
@@ -246,9 +241,9 @@ def test_a_sliding_joint_is_told_in_millimetres_and_newtons(rng):
 def test_a_robot_without_masses_says_so_instead_of_a_gravity_torque():
     data = FanucR2000iC().load()
     found = facts(data)
-    assert all(joint.gravity_torque is None for joint in found.joints)
-    assert found.torque.most == 0.0
-    assert found.torque_directions.text == "none"
+    assert found.joints[["gravity_low", "gravity_high"]].isna().all(axis=None)
+    assert found.sizes.loc["|torque|", "max"] == 0.0
+    assert found.spreads["torque directions"].text == "none"
     assert "The robot has no masses" in render_facts(found)
 
 

@@ -8,12 +8,16 @@ from scipy import stats
 
 from figure_results import SIZES, compared, learned, with_fields
 from made_results import TWINS, MadeResults, made_data
-from stiff_bench.figures import freezing, learning_curves, springs, sweep
+from stiff_bench.figures import learning_curves, springs, variants
 from stiff_bench.figures.catalog import FIGURES
-from stiff_bench.figures.regression import Series, regression_figure
+from stiff_bench.figures.samples import (
+    Series,
+    WorkspaceErrors,
+    regression_figure,
+    workspace_figure,
+)
 from stiff_bench.figures.source import FigureSource, Predicted
 from stiff_bench.figures.style import looks, power_of_ten, short
-from stiff_bench.figures.workspace import workspace_figure
 from stiff_bench.store.database import read_data
 
 NET = {"name": "net"}  # the same model, whatever its options
@@ -132,7 +136,7 @@ def test_a_data_set_that_lacks_a_size_is_no_part_of_a_learning_curve(tmp_path):
     assert {curve.errors.shape for curve in curves} == {(3, 3)}
 
 
-EFFICIENCY = {"protocol": "sample-efficiency"}
+EFFICIENCY = {"protocol": "sample-efficiency", "n_train": 40}
 
 
 def curves_of(folder, **asked):
@@ -190,7 +194,7 @@ def swept(folder) -> None:
 
 def test_a_map_has_the_mean_error_of_each_depth_and_width(tmp_path):
     swept(tmp_path)
-    found = sweep.gather(FigureSource.of(tmp_path)).paint.args[0]
+    found = variants.sweep(FigureSource.of(tmp_path)).paint.args[0]
     assert (found.depths, found.widths) == ([3, 4], [40, 80])
     np.testing.assert_allclose(found.grid() * 1e3, [[0.12, 0.24], [0.16, 0.32]])
 
@@ -202,7 +206,7 @@ def test_networks_that_differ_in_more_than_size_are_no_part_of_a_map(tmp_path):
         "net@activation=tanh", [0.1], options=NET | {"layers": 3, "width": 40, "activation": "tanh"}
     )
     with_fields(made, "net@activation=tanh", diagnostics={"source test MAE [mm]": 99.0})
-    found = sweep.gather(FigureSource.of(tmp_path)).paint.args[0]
+    found = variants.sweep(FigureSource.of(tmp_path)).paint.args[0]
     assert max(map(np.max, found.values.values())) < 1e-3
 
 
@@ -211,9 +215,9 @@ def test_freeze_strategies_stand_with_single_layers_first_and_their_splits(tmp_p
     made.add("vjm", [0.9, 0.9])
     for freeze, errors in (("layers:1,2", [0.3, 0.6]), ("layers:4", [0.6, 0.6]), ("full", [3, 3])):
         made.add(f"net@freeze={freeze}", errors, options=NET | {"freeze": freeze})
-    content = freezing.gather(FigureSource.of(tmp_path))
+    content = variants.freezing(FigureSource.of(tmp_path))
     strategies, linear, _ = content.paint.args
-    assert [one.label for one in freezing.in_order(strategies)] == ["4", "1 + 2", "full"]
+    assert [one.label for one in variants.in_order(strategies)] == ["4", "1 + 2", "full"]
     of_pair = next(one.error for one in strategies if one.freeze == "layers:1,2")
     np.testing.assert_allclose(of_pair, [1e-4, 2e-4])  # all axes together: the error is along z
     assert linear == pytest.approx(3e-4)
@@ -224,7 +228,7 @@ def test_freeze_strategies_are_compared_on_the_splits_that_all_have(tmp_path):
     made.add("vjm", [0.9, 0.3])
     for freeze, errors in (("layers:1", [0.3]), ("layers:4", [0.6, 6.0])):
         made.add(f"net@freeze={freeze}", errors, options=NET | {"freeze": freeze})
-    content = freezing.gather(FigureSource.of(tmp_path))
+    content = variants.freezing(FigureSource.of(tmp_path))
     strategies, linear, _ = content.paint.args
     np.testing.assert_allclose([one.error for one in strategies], [[1e-4], [2e-4]])
     assert linear == pytest.approx(3e-4)
@@ -239,7 +243,7 @@ def test_a_sweep_says_the_least_and_the_largest_number_of_splits(tmp_path):
     made.add("net@layers=4@width=80", [0.1] * 3, **more)
     error = {"source test MAE [mm]": 0.1}
     with_fields(made, "net@layers=4@width=80", diagnostics=error)
-    assert "2 to 3 splits, seed 0." in sweep.gather(FigureSource.of(tmp_path)).caption
+    assert "2 to 3 splits, seed 0." in variants.sweep(FigureSource.of(tmp_path)).caption
 
 
 def test_looks_differ_without_colour_as_well():
@@ -259,7 +263,6 @@ def test_decades_are_written_as_powers_of_ten(value, text):
 
 
 def test_one_pose_alone_can_be_drawn():
-    from stiff_bench.figures.workspace import PoseErrors
 
-    alone = PoseErrors("a", np.array([[0.5, 0.0, 0.5]]), np.array([0.0]))
+    alone = WorkspaceErrors("a", np.array([[0.5, 0.0, 0.5]]), np.array([0.0]))
     assert len(workspace_figure([alone]).axes) == 3

@@ -118,7 +118,7 @@ def notes(table):
 
 
 def test_table_6_has_the_errors_on_the_source_that_the_networks_report(runs):
-    runs.of(pretrained(layers=3, width=100), [0.1, 0.3])
+    runs.of(pretrained(layers=3, width=100).name, [0.1, 0.3])
     (part,) = build(6, runs.read).parts
     assert [row for (row,) in part.rows] == ["2", "3", "4", "5", "6"]
     assert values(part, "published", ("3",))["test MAE"].mean == 0.2186
@@ -131,8 +131,8 @@ def test_table_6_has_the_errors_on_the_source_that_the_networks_report(runs):
 
 
 def test_networks_stopped_early_have_columns_of_their_own(runs):
-    runs.of(pretrained(activation="tanh"), [0.1])
-    runs.of(pretrained(activation="tanh", stopped_early=True), [0.4])
+    runs.of(pretrained(activation="tanh").name, [0.1])
+    runs.of(pretrained(activation="tanh", stopped_early=True).name, [0.4])
     (part,) = build(7, runs.read).parts
     assert values(part, OURS, ("tanh",))["train MAE"].mean == pytest.approx(0.1)
     assert values(part, EARLY, ("tanh",))["train MAE"].mean == pytest.approx(0.4)
@@ -140,9 +140,9 @@ def test_networks_stopped_early_have_columns_of_their_own(runs):
 
 
 def test_a_note_says_how_far_those_that_were_stopped_early_are_from_the_published(runs):
-    runs.of(pretrained(activation="tanh"), [0.1])
+    runs.of(pretrained(activation="tanh").name, [0.1])
     assert "of the published" not in notes(build(7, runs.read))
-    runs.of(pretrained(activation="tanh", stopped_early=True), [0.4])
+    runs.of(pretrained(activation="tanh", stopped_early=True).name, [0.4])
     # 0.4 / 0.3353 and 1.2 / 0.3349; 0.8 / 0.4 and 1.6 / 1.2; 0.1959 / 0.3353 and 0.1944 / 0.3349
     said = "MAE 1.19 to 3.58 of the published; STDE / MAE 1.33 to 2.00, published 0.58 to 0.58."
     assert said in notes(build(7, runs.read))
@@ -150,8 +150,8 @@ def test_a_note_says_how_far_those_that_were_stopped_early_are_from_the_publishe
 
 
 def test_table_8_is_ours_alone_and_has_the_layers_that_were_run(runs):
-    runs.of(unfrozen(["3"]), [0.1])
-    runs.of(unfrozen(["1", "out"]), [0.2])
+    runs.of(unfrozen(["3"]).name, [0.1])
+    runs.of(unfrozen(["1", "out"]).name, [0.2])
     (part,) = (table := build(8, runs.read)).parts
     assert part.rows == (("1 layer", "3"), ("2 layers", "1 + out"))
     assert [group.source for group in part.groups] == ["ours"]
@@ -160,7 +160,7 @@ def test_table_8_is_ours_alone_and_has_the_layers_that_were_run(runs):
 
 
 def test_table_9_takes_all_axes_and_samples_together(runs):
-    runs.of(FT_MLP_LAST_EPOCH, [0.9])
+    runs.of(FT_MLP_LAST_EPOCH.name, [0.9])
     runs.of(FT_MLP, [0.3], picked_on_test=True)
     (part,) = (table := build(9, runs.read)).parts
     best = values(part, OURS, ("optimized (best epoch)",))
@@ -203,7 +203,7 @@ def test_table_10_has_both_protocols_and_reductions_split_by_split(runs):
 def test_table_10_has_ft_mlp_from_a_source_of_its_own_beside_it_in_ours_alone(runs):
     runs.of(VJM, [0.1, 0.4])
     runs.of(FT_MLP, [0.05, 0.1])
-    runs.of(FT_MLP_OWN_SOURCE, [0.025, 0.3])
+    runs.of(FT_MLP_OWN_SOURCE.name, [0.025, 0.3])
     errors, reductions = build(10, runs.read).parts
     assert group(errors, "published").columns == ("VJM", "FT-MLP", "DT-CNN")
     row = ("Z", "MAE")
@@ -225,7 +225,7 @@ def test_only_splits_that_all_models_have_count_and_a_note_says_how_many_do_not(
 
 
 def test_a_model_that_failed_is_a_row_of_dashes_with_its_reason(runs):
-    runs.of(FT_MLP_LAST_EPOCH, failed=[0])
+    runs.of(FT_MLP_LAST_EPOCH.name, failed=[0])
     runs.of(FT_MLP, [0.3])
     table = build(9, runs.read)
     row = ("normal (last epoch)",)
@@ -266,12 +266,12 @@ def test_results_of_an_older_version_without_training_errors_are_refused_by_name
 def test_one_result_of_an_older_version_is_a_row_of_dashes_and_the_others_are_shown(runs):
     runs.of(FT_MLP, [0.3])
     runs.old = True
-    runs.of(FT_MLP_LAST_EPOCH, [0.9])
+    runs.of(FT_MLP_LAST_EPOCH.name, [0.9])
     (part,) = (table := build(9, runs.read)).parts
     assert set(values(part, OURS, ("normal (last epoch)",)).values()) == {None}
     best = values(part, OURS, ("optimized (best epoch)",))
     assert best["train MAE"].mean == pytest.approx(0.03)
-    assert f"No numbers: {FT_MLP_LAST_EPOCH} on kr10-twin" in notes(table)
+    assert f"No numbers: {FT_MLP_LAST_EPOCH.name} on kr10-twin" in notes(table)
     assert "an older stiffbench made it" in notes(table)
 
 
@@ -309,7 +309,7 @@ def test_the_vjm_of_the_twin_is_near_the_papers_tables_2_and_3_that_it_was_calib
 
 @pytest.mark.parametrize("number", TABLES)
 def test_every_table_says_that_ours_cannot_be_compared_in_absolute_terms(runs, number):
-    for model in (VJM, FT_MLP, pretrained(width=100), pretrained()):
+    for model in (VJM, FT_MLP, pretrained(width=100).name, pretrained().name):
         runs.of(model, [0.1])
     table = build(number, None if number in FITTED_HERE else runs.read)
     assert f"Table {number}." in table.title
@@ -335,7 +335,7 @@ def test_the_notes_name_the_recipe_that_trained_the_networks(runs):
 
 
 def test_table_9_has_the_digits_that_ours_need(runs):
-    runs.of(FT_MLP_LAST_EPOCH, [0.00121])
+    runs.of(FT_MLP_LAST_EPOCH.name, [0.00121])
     assert "| 0.00012" in re.sub(" +", " ", render_paper_table(build(9, runs.read), "github", ""))
 
 
@@ -439,8 +439,9 @@ def test_hostile_notes_stay_text_in_every_format():
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no pdflatex is installed")
 def test_every_table_compiles_with_pdflatex_and_fits_the_line(runs, tmp_path):
     models = [
-        *(VJM, FT_MLP, FT_MLP_LAST_EPOCH, DT_CNN, unfrozen(["1"]), pretrained(width=100)),
-        *(pretrained(), pretrained(stopped_early=True)),
+        *(VJM, FT_MLP, FT_MLP_LAST_EPOCH.name, DT_CNN, unfrozen(["1"]).name),
+        pretrained(width=100).name,
+        *(pretrained().name, pretrained(stopped_early=True).name),
     ]
     for model in models:
         runs.of(model, [0.1, 12.0, 0.3])

@@ -7,7 +7,7 @@ import pytest
 from run_requests import planned
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.plan.request import chosen_dataset
+from stiff_bench.plan.words import chosen_dataset
 from stiff_protocols.contract.errors import ConfigError
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from stiff_bench.plan.options import options_of, parse_settings
+from stiff_bench.plan.options import options_of
+from stiff_bench.plan.words import parse_settings
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.splits.random_splits import Holdout

@@ -13,8 +13,8 @@ from stiff_bench.report import pairs as pair_tables
 from stiff_bench.report import report as gather
 from stiff_bench.report import runs as failures
 from stiff_bench.report.content import Block
-from stiff_bench.report.runs import Choice
-from stiff_bench.store.database import ResultStore
+from stiff_bench.report.runs import Selection
+from stiff_bench.store.database import ResultStore, stored_results
 from stiff_protocols.contract.errors import StoreError
 
 
@@ -38,7 +38,7 @@ def results(tmp_path):
 
 
 def blocks_of(folder, **choice):
-    asked = Choice(**choice)
+    asked = Selection(**choice)
     part = gather.part_of(StoredResults.read(folder), asked, sort_key(asked.metric, asked.axis))
     return {block.heading: block for block in part.blocks}
 
@@ -92,7 +92,7 @@ def test_failures_stand_with_reason_cause_and_log_and_alike_ones_together(result
     keys = results.add("bad", [0.1], TWINS[0], failed=(1, 2))
     for key in keys[1:]:
         store = ResultStore(results.folder)
-        (failed,) = (one for one in failures.stored_results(results.folder, {key}))
+        (failed,) = (one for one in stored_results(results.folder, {key}))
         store.write_cell(replace(failed, cause="ValueError", log=("first", "last <b>")))
     block = blocks_of(results.folder)["Failures and skipped cells"]
     (row,) = texts(block.tables[0])

@@ -9,7 +9,7 @@ import pytest
 
 from made_results import TWINS, MadeResults
 from stiff_bench.report.report import write_report
-from stiff_bench.report.runs import Choice
+from stiff_bench.report.runs import Selection
 
 pytestmark = [
     pytest.mark.slow,
@@ -43,7 +43,7 @@ def page(tmp_path_factory) -> Path:
     keys += made.add("broken", [0.2], TWINS[0], failed=(1,))
     made.add_run("run-1", keys)
     output = folder / "report.html"
-    write_report([made.folder], Choice(), output, f"bench report {HACKS[1]}")
+    write_report([made.folder], Selection(), output, f"bench report {HACKS[1]}")
     return output
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from stiff_bench.figures.figure import FigureLine, Prepared
 from stiff_bench.report import pictures
-from stiff_bench.report.runs import Choice
+from stiff_bench.report.runs import Selection
 from stiff_protocols.contract.errors import StoreError
 
 
@@ -50,7 +50,7 @@ def test_a_figure_that_cannot_be_drawn_is_a_note_beside_the_others(monkeypatch, 
         "whole": Line("whole", "whole ones", raising(error)),
     }
     monkeypatch.setattr(pictures, "FIGURES", lines)
-    block = pictures.picture_block(type("Source", (), {"folder": Path("runs")}), Choice())
+    block = pictures.picture_block(type("Source", (), {"folder": Path("runs")}), Selection())
     assert [picture.title for picture in block.pictures] == ["whole ones"]
     (note,) = block.notes
     assert said in note

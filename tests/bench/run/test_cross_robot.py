@@ -10,7 +10,8 @@ import pytest
 from run_requests import planned
 from stiff_bench.plan.cells import NO_SOURCE, check_named, check_source
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.plan.request import RunPlan, chosen_dataset
+from stiff_bench.plan.request import RunPlan
+from stiff_bench.plan.words import chosen_dataset
 from stiff_bench.run.cell import compute_cell
 from stiff_bench.run.execution import IN_THIS_PROCESS
 from stiff_bench.run.progress import LineDisplay

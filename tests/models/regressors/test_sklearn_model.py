@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from sklearn.base import clone
 
-from stiff_bench.plan.options import options_of, parse_settings
+from stiff_bench.plan.options import options_of
+from stiff_bench.plan.words import parse_settings
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.networks.features import Scaler, encode
 from stiff_models.physics.vjm import VirtualJointModel

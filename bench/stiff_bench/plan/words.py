@@ -1,0 +1,222 @@
+"""The words of a command line: models, data sets and protocols with their options, and robots.
+
+They are taken apart here and nowhere else; what follows them has the typed `Choice`.
+"""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from stiff_bench.plan.options import Choice, Chosen, options_of, parse_option
+from stiff_bench.plan.registry import EVERY_MODEL, Registry
+from stiff_bench.store.names import split_word
+from stiff_datasets.catalog import MEASURED_FILE
+from stiff_datasets.robots.robot import ChainModel, read_chain, robot_of
+from stiff_datasets.robots.shipped import DEFAULT_ROBOT, named_robot
+from stiff_protocols.contract.errors import ConfigError, unknown_name
+from stiff_protocols.contract.plugin import DatasetInfo
+from stiff_protocols.contract.types import Robot
+
+Kind = Literal["model", "dataset", "protocol"]
+DEFAULT_DATASET = "kr10-twin"
+
+
+@dataclass(frozen=True)
+class RobotWords:
+    """The three options that name a robot; empty ones were not given."""
+
+    robot: str | None
+    urdf: Path | None
+    tcp: str
+
+    @property
+    def given(self) -> bool:
+        """Whether any of them was given."""
+        return bool(self.robot or self.urdf or self.tcp)
+
+    @property
+    def text(self) -> str:
+        """The same words for another command line, with a space before; "" for none."""
+        pairs = (("--robot", self.robot), ("--urdf", self.urdf), ("--tcp", self.tcp))
+        return "".join(f" {name} {shlex.quote(str(value))}" for name, value in pairs if value)
+
+    @property
+    def is_papers(self) -> bool:
+        """Whether it is the shipped KR10 of the source paper."""
+        return self.urdf is None and (self.robot or DEFAULT_ROBOT) == DEFAULT_ROBOT
+
+    def read(self) -> tuple[Robot, ChainModel, float | None]:
+        """Return the robot, its chain, and its payload in kg if it is known.
+
+        Raises:
+            ConfigError: two robots were named, or an unknown one.
+            DataError: the URDF cannot be read.
+        """
+        if self.urdf is not None:
+            if self.robot is not None:
+                raise ConfigError(f"--robot {self.robot} and --urdf {self.urdf}: give one of them")
+            chain, payload_kg = read_chain(self.urdf, tcp=parse_tcp(self.tcp)), None
+        else:
+            shipped = named_robot(self.robot or DEFAULT_ROBOT)
+            chain = shipped.chain(parse_tcp(self.tcp) if self.tcp else None)
+            payload_kg = shipped.payload_kg
+        return robot_of(chain), chain, payload_kg
+
+
+def parse_tcp(text: str) -> tuple[float, float, float]:
+    """Read the "x,y,z" of a TCP, m; an empty text is the origin.
+
+    Raises:
+        ConfigError: it is no such text.
+    """
+    words = (text or "0,0,0").split(",")
+    try:
+        x, y, z = (float(word) for word in words)
+    except ValueError:
+        raise ConfigError(f"--tcp {text!r}: expected three lengths in m, x,y,z") from None
+    if not all(math.isfinite(value) for value in (x, y, z)):
+        raise ConfigError(f"--tcp {text!r}: expected three finite lengths in m, x,y,z")
+    return x, y, z
+
+
+NO_ROBOT = RobotWords(None, None, "")
+"""No robot was named."""
+
+
+def parse_settings(
+    settings: Sequence[str], classes: Mapping[str, type]
+) -> dict[str, dict[str, Any]]:
+    """Turn ``KEY.option=value`` words into checked values by key and option.
+
+    Args:
+        settings: the words.
+        classes: every key of the run and its class.
+
+    Raises:
+        ConfigError: a word is malformed, names what is not in the run, or its value is wrong.
+    """
+    parsed: dict[str, dict[str, Any]] = {key: {} for key in classes}
+    for setting in settings:
+        said = f"--set {setting!r}"
+        target, equals, text = setting.partition("=")
+        key, dot, name = target.rpartition(".")
+        if not (equals and dot and key and name):
+            raise ConfigError(f"{said}: expected KEY.option=value")
+        if key not in classes:
+            raise ConfigError(f"{said}: {unknown_name('key', key, classes)} in this run")
+        value = parse_option(said, key, classes[key], name, text)
+        _set(parsed[key], said, key, name, value)
+    return parsed
+
+
+def _parse_parts(said: str, key: str, parts: Sequence[str], cls: type) -> dict[str, Any]:
+    """Turn the ``OPTION=VALUE`` parts of a word into checked values."""
+    parsed: dict[str, Any] = {}
+    for part in parts:
+        name, equals, text = part.partition("=")
+        if not (equals and name):
+            raise ConfigError(f"{said}: expected KEY@OPTION=VALUE")
+        if parsed and name not in options_of(cls):
+            unknown = unknown_name(f"{key} option", name, options_of(cls))
+            raise ConfigError(f"{said}: {unknown}; an @ inside a value is doubled: @@")
+        _set(parsed, said, key, name, parse_option(said, key, cls, name, text))
+    return parsed
+
+
+def _set(parsed: dict[str, Any], said: str, key: str, name: str, value: Any) -> None:
+    if name in parsed:
+        raise ConfigError(f"{said}: {key}.{name} is set twice")
+    parsed[name] = value
+
+
+def chosen(
+    words: Mapping[Kind, Sequence[str]], settings: Sequence[str], registry: Registry
+) -> dict[Kind, list[Choice[Any]]]:
+    """Return what words stand for: a word's own options have the last word, then `settings`.
+
+    Args:
+        words: of each kind, ``KEY@OPTION=VALUE@...``.
+        settings: ``KEY.option=value`` words; each must be of a key among the words.
+        registry: knows the keys.
+
+    Raises:
+        ConfigError: a key, an option or a value is unknown or wrong.
+    """
+    parts = {kind: [(word, *split_word(word)) for word in of] for kind, of in words.items()}
+    infos = {key: registry.line(kind, key) for kind, of in parts.items() for _, key, _ in of}
+    classes = {key: info.load() for key, info in infos.items()}
+    params = parse_settings(settings, classes)
+    return {
+        kind: [
+            Choice(
+                infos[key],
+                classes[key],
+                params[key] | _parse_parts(f"--{kind} {word!r}", key, own, classes[key]),
+                {},
+            )
+            for word, key, own in of
+        ]
+        for kind, of in parts.items()
+    }
+
+
+def chosen_dataset(word: str, settings: Sequence[str], registry: Registry) -> Choice[DatasetInfo]:
+    """Return one data set with its options.
+
+    Raises:
+        ConfigError: the key, an option or a value is unknown or wrong.
+    """
+    return chosen({"dataset": (word,)}, settings, registry)["dataset"][0]
+
+
+def choices(
+    registry: Registry,
+    *,
+    models: Sequence[str],
+    datasets: Sequence[str] = (),
+    protocols: Sequence[str] = (),
+    settings: Sequence[str] = (),
+    data: Path | None = None,
+    robot: RobotWords = NO_ROBOT,
+) -> Chosen:
+    """Return what is chosen by the options of these names.
+
+    "all" stands for every model that is registered; without a data set and a file, it is the
+    default one.
+
+    Raises:
+        ConfigError: a key, option or value is unknown or wrong.
+    """
+    if not models:
+        raise ConfigError(f"give at least one --model (valid: {', '.join(registry.models)}, all)")
+    if data is None and robot.given:
+        raise ConfigError(
+            "--robot, --urdf and --tcp describe the robot of --data FILE.csv; give it too"
+        )
+    every = [key for word in models for key in (registry.models if word == EVERY_MODEL else [word])]
+    usual = [DEFAULT_DATASET] if data is None else []
+    words: dict[Kind, Sequence[str]] = {
+        "model": every,
+        "dataset": list(datasets) or usual,
+        "protocol": protocols,
+    }
+    found = chosen(words, settings, registry)
+    if data is not None:
+        keys = {choice.info.key for of_kind in found.values() for choice in of_kind}
+        if data.name in keys:
+            raise ConfigError(f"--data {data}: its name is also a key of this run; rename it")
+        found["dataset"].append(_own_file(data, robot))
+    return Chosen(found["model"], found["dataset"], found["protocol"])
+
+
+def _own_file(data: Path, robot: RobotWords) -> Choice[DatasetInfo]:
+    """Return the data set that stands for the user's own file."""
+    if not (robot.urdf or robot.robot):
+        raise ConfigError(f"--data {data}: needs its robot too: --urdf FILE.urdf or --robot NAME")
+    files = {"csv": data, "robot": robot.read()[0]}
+    return replace(Choice.of(replace(MEASURED_FILE, key=data.name)), context=files)
