@@ -105,45 +105,31 @@ class ReturnsNothing(Springs):
         super().fit(train, **options)
 
 
-class WrongShape(Springs):
+def predicting(name, change):
+    """A model whose predictions are what `change` makes of the (n, 3) right ones."""
+
     def predict(self, q, wrench):
-        return super().predict(q, wrench)[:, :2]
+        return change(Springs.predict(self, q, wrench))
+
+    return type(name, (Springs,), {"predict": predict})
 
 
-class NotANumber(Springs):
-    def predict(self, q, wrench):
-        return super().predict(q, wrench) * np.nan
-
-
-class Whole(Springs):
-    def predict(self, q, wrench):
-        return np.zeros_like(super().predict(q, wrench), dtype=int)
-
-
-class Millimetres(Springs):
-    def predict(self, q, wrench):
-        return 1e3 * super().predict(q, wrench)
-
-
-class Kilometres(Springs):
-    def predict(self, q, wrench):
-        return 1e-3 * super().predict(q, wrench)
+WrongShape = predicting("WrongShape", lambda found: found[:, :2])
+NotANumber = predicting("NotANumber", lambda found: found * np.nan)
+Whole = predicting("Whole", lambda found: np.zeros_like(found, dtype=int))
+Millimetres = predicting("Millimetres", lambda found: 1e3 * found)
+Kilometres = predicting("Kilometres", lambda found: 1e-3 * found)
+CountsRows = predicting(
+    "CountsRows", lambda found: found * (1.0 + 0.01 * np.arange(len(found))[:, None])
+)
+Noisy = predicting(
+    "Noisy", lambda found: found + np.random.default_rng().normal(scale=1e-9, size=found.shape)
+)
 
 
 class LooksAtTheBatch(Springs):
     def predict(self, q, wrench):
         return super().predict(q, wrench - wrench.mean(axis=0))
-
-
-class CountsRows(Springs):
-    def predict(self, q, wrench):
-        return super().predict(q, wrench) * (1.0 + 0.01 * np.arange(len(q))[:, None])
-
-
-class Noisy(Springs):
-    def predict(self, q, wrench):
-        noise = np.random.default_rng().normal(scale=1e-9, size=(len(q), 3))
-        return super().predict(q, wrench) + noise
 
 
 class WritesIntoWrench(Springs):
@@ -197,22 +183,21 @@ class ForgetsRows(Springs):
 
     kept: ClassVar = {}
 
-    def fit(self, train, *, seed=0, **options):
-        super().fit(train, **options)
-        self.compliance_ = self.kept.setdefault(seed, self.compliance_)
-        return self
-
-
-class ForgetsRowsBesideValidation(Springs):
-    """The same, and tells fits with validation rows from those without."""
-
-    kept: ClassVar = {}
-
     def fit(self, train, *, seed=0, validation=None, **options):
         super().fit(train, **options)
-        key = (seed, validation is None)
+        key = self.key(seed, validation)
         self.compliance_ = self.kept.setdefault(key, self.compliance_)
         return self
+
+    def key(self, seed, validation):
+        return seed
+
+
+class ForgetsRowsBesideValidation(ForgetsRows):
+    """The same, and tells fits with validation rows from those without."""
+
+    def key(self, seed, validation):
+        return (seed, validation is None)
 
 
 class NeedsValidation(Springs):
@@ -243,16 +228,17 @@ class NoNumber(Springs):
 
 
 class WidensWithTheBatch(Springs):
+    def half_width(self, wrench):
+        return np.abs(wrench).mean() * 1e-6
+
     def predict_interval(self, q, wrench, coverage):
-        middle, half = self.predict(q, wrench), coverage * np.abs(wrench).mean() * 1e-6
+        middle, half = self.predict(q, wrench), coverage * self.half_width(wrench)
         return Interval(middle - half, middle + half, coverage)
 
 
-class CountsIntervals(Springs):
-    def predict_interval(self, q, wrench, coverage):
-        middle = self.predict(q, wrench)
-        half = coverage * 1e-4 * (1.0 + np.arange(len(q))[:, None])
-        return Interval(middle - half, middle + half, coverage)
+class CountsIntervals(WidensWithTheBatch):
+    def half_width(self, wrench):
+        return 1e-4 * (1.0 + np.arange(len(wrench))[:, None])
 
 
 class OverwritesOption(Springs):

@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
+from made_results import ROBOT
+from made_samples import samples_with
 from stiff_bench.analysis.collected import Contest, collect
 from stiff_bench.store.database import ResultStore, read_data
 from stiff_bench.store.names import Variant
 from stiff_bench.store.samples import StoredData
-from stiff_datasets.robots.robot import shipped_robot
 from stiff_protocols.contract.record import Cell, CellResult, Presentation
-from stiff_protocols.contract.types import BenchmarkData, FloatArray, IntArray, Prediction, Samples
+from stiff_protocols.contract.types import BenchmarkData, FloatArray, IntArray, Prediction
 
 N_POSES = 40
 Errors = Callable[[int, IntArray], FloatArray]
@@ -24,15 +25,14 @@ Errors = Callable[[int, IntArray], FloatArray]
 def made_data(seed: int = 0) -> BenchmarkData:
     """Forty poses of a KR10 with one load each; the first half of them is one group."""
     rng = np.random.default_rng(seed)
-    samples = Samples(
+    samples = samples_with(
         q=rng.uniform(-1.5, 1.5, (N_POSES, 6)),
         wrench=np.column_stack([rng.uniform(-100.0, 100.0, (N_POSES, 3)), np.zeros((N_POSES, 3))]),
         deflection=rng.normal(scale=1e-3, size=(N_POSES, 3)),
         pose_id=np.array([f"p{number:02}" for number in range(N_POSES)]),
-        load_id=np.full(N_POSES, "1"),
         group=np.repeat(["near", "far"], N_POSES // 2),
     )
-    return BenchmarkData(samples, shipped_robot("kr10_r1100_2", tcp=(0.06, 0.0, 0.08)))
+    return BenchmarkData(samples, ROBOT)
 
 
 def fifths(n_splits: int) -> list[IntArray]:

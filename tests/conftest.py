@@ -84,13 +84,13 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(20261121)
 
 
-README = Path(__file__).parents[1] / "README.md"
+PAGE = Path(__file__).parents[1] / "docs" / "add_a_model.md"
 
 
 @pytest.fixture()
 def plugin_file(tmp_path: Path) -> Callable[[str], Path]:
-    """A function that writes the README's ten-line model under a key and returns its file."""
-    (example,) = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+    """A function that writes the documented ten-line model under a key and returns its file."""
+    example = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[0]
 
     def write(key: str) -> Path:
         path = tmp_path / "my_model.py"

@@ -27,16 +27,8 @@ COMMANDS: tuple[tuple[str, ...], ...] = (
     ("run", "--model", "vjm", "--model", "knn", "--protocol", "leave-one-out"),
     (
         *("run", *MODELS[:6], "--protocol", "kfold", "--metric", "norm", "--metric", "width"),
-        *(
-            "--metric",
-            "coverage",
-            "--coverage",
-            "0.8",
-            "--dataset",
-            "kr10-twin",
-            "--dataset",
-            "fanuc-r2000ic",
-        ),
+        *("--metric", "coverage", "--coverage", "0.8"),
+        *("--dataset", "kr10-twin", "--dataset", "fanuc-r2000ic"),
     ),
     ("leaderboard",),
     ("compare", "vjm", "knn"),

@@ -404,9 +404,8 @@ def changed(key: str, kept: Mapping[str, Any], now: Mapping[str, Any]) -> list[s
 
 
 def raise_its_version(key: str) -> str:
-    if key == PRETRAINING_KEY:
-        return f"numbers of {key} changed: raise PRETRAINING_VERSION"
-    return f"numbers of {key} changed: raise its version"
+    what = "PRETRAINING_VERSION" if key == PRETRAINING_KEY else "its version"
+    return f"numbers of {key} changed: raise {what}"
 
 
 def finding(key: str, kept: Mapping[str, Any], now: Mapping[str, Any]) -> str:
@@ -433,32 +432,6 @@ def finding(key: str, kept: Mapping[str, Any], now: Mapping[str, Any]) -> str:
     return ""
 
 
-def refreshed(
-    kept: Mapping[str, Any], now: Mapping[str, Any]
-) -> tuple[dict[str, Any], dict[str, list[str]]]:
-    """Return the numbers to keep, and model -> what changed of it while its version did not.
-
-    Numbers that did not change stay to the digit. A model that is not in `now` cannot be used here.
-    """
-    fresh, refused = {}, {}
-    for key in KEYS:
-        if key not in now:
-            if key in kept:
-                fresh[key] = kept[key]
-            continue
-        fresh[key] = now[key]
-        known = kept.get(key)
-        if known is None or any(known[of] != now[key][of] for of in ("version", "library")):
-            continue
-        if lines := changed(key, known, now[key]):
-            refused[key] = lines
-        numbers = now[key]["numbers"]
-        fresh[key] |= {
-            "numbers": {name: known["numbers"].get(name, numbers[name]) for name in numbers}
-        }
-    return fresh, refused
-
-
 def text_of(numbers: Mapping[str, Any]) -> str:
     """Return JSON with a line for each variant and each plan."""
     models = []
@@ -475,15 +448,26 @@ def text_of(numbers: Mapping[str, Any]) -> str:
 
 
 def main(path: Path = KEPT, keys: Iterable[str] = KEYS) -> str:
-    """Make the file anew and return ""; or return why not, and leave it."""
+    """Make the file anew and return ""; or return why not, and leave it.
+
+    Numbers that did not change stay to the digit, and those of a model that is not usable here.
+    """
     kept = json.loads(path.read_text()) if path.is_file() else {}
-    usable = [key for key in keys if key == PRETRAINING_KEY or not model_info(key).missing()]
-    fresh, refused = refreshed(kept, {key: made(key) for key in usable})
+    fresh, refused = {}, []
+    for key in KEYS:
+        known = kept.get(key)
+        if key not in keys or (key != PRETRAINING_KEY and model_info(key).missing()):
+            fresh |= {} if known is None else {key: known}
+            continue
+        now = fresh[key] = made(key)
+        if known is None or any(known[of] != now[of] for of in ("version", "library")):
+            continue
+        if lines := changed(key, known, now):
+            refused.append("\n  ".join([raise_its_version(key), *lines]))
+        now["numbers"] |= {n: known["numbers"][n] for n in known["numbers"] if n in now["numbers"]}
     if not refused:
         path.write_text(text_of(fresh))
-    return "\n".join(
-        "\n  ".join([raise_its_version(key), *lines]) for key, lines in refused.items()
-    )
+    return "\n".join(refused)
 
 
 if __name__ == "__main__":

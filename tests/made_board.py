@@ -9,10 +9,10 @@ import numpy as np
 
 from run_requests import planned
 from stiff_bench.plan.cells import CellTask, cell_tasks
+from stiff_bench.run.cell import metric_records
 from stiff_bench.store.database import ResultStore
-from stiff_protocols.contract.record import CellResult, Cost, ResultRecord, RunManifest
+from stiff_protocols.contract.record import CellResult, Cost, RunManifest
 from stiff_protocols.contract.types import Prediction
-from stiff_protocols.scoring.metrics import METRICS
 
 MODELS = (
     *("zero", "mean", "knn", "knn@neighbours=1", "vjm", "vjm@congruence=true"),
@@ -67,13 +67,8 @@ def _made_up(task: CellTask, rng: np.random.Generator) -> CellResult:
         task.split.test, measured + errors[0], measured, reference=measured + errors[1]
     )
     cost = Cost(*(rng.uniform(1e-4, 1e-3, 4).tolist()), 2**20)
-    records = tuple(
-        ResultRecord(metric.key, axis, value, metric.unit)
-        for metric in METRICS.values()
-        for axis, value in metric.values(prediction, cost).items()
-    )
     return CellResult(
-        *(task.cell, task.shown, RUN_ID, "ok", records, prediction, cost),
+        *(task.cell, task.shown, RUN_ID, "ok", metric_records(prediction, cost), prediction, cost),
         n_train=len(task.split.train) + len(task.split.validation),
         n_splits=task.n_splits,
     )

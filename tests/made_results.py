@@ -10,17 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
+from made_samples import samples_with
+from stiff_bench.run.cell import metric_records
 from stiff_bench.store.database import FILE, ResultStore
 from stiff_datasets.robots.robot import shipped_robot
 from stiff_protocols.contract.record import (
     Cell,
     CellResult,
     Presentation,
-    ResultRecord,
     RunManifest,
 )
-from stiff_protocols.contract.types import BenchmarkData, Interval, Prediction, Samples
-from stiff_protocols.scoring.metrics import METRICS
+from stiff_protocols.contract.types import BenchmarkData, Interval, Prediction
 
 N_POSES, N_TEST = 12, 4
 TWINS = tuple(f"twin@specimen={number}" for number in range(5))
@@ -31,13 +31,11 @@ def made_data(number: int) -> BenchmarkData:
     """Twelve poses, one row each."""
     rng = np.random.default_rng(number)
     return BenchmarkData(
-        Samples(
+        samples_with(
             q=rng.normal(size=(N_POSES, 6)),
             wrench=rng.normal(size=(N_POSES, 6)),
             deflection=rng.normal(size=(N_POSES, 3)) * 1e-3,
             pose_id=np.array([f"P{pose:02d}" for pose in range(N_POSES)]),
-            load_id=np.full(N_POSES, "1"),
-            group=np.full(N_POSES, "all"),
         ),
         ROBOT,
     )
@@ -115,12 +113,10 @@ class MadeResults:
             reach = np.abs(error) + 1e-3
             interval = Interval(measured - reach, measured + reach, cell.coverage)
             prediction = replace(prediction, interval=interval)
-        records = tuple(
-            ResultRecord(metric.key, axis, value, metric.unit)
-            for metric in METRICS.values()
-            for axis, value in metric.values(prediction).items()
+        records = metric_records(prediction, None)
+        return CellResult(
+            *(cell, presentation, run_id, "ok", records, prediction), n_train=N_POSES - len(rows)
         )
-        return CellResult(cell, presentation, run_id, "ok", records, prediction)
 
     def add_run(self, run_id: str, cells: Sequence[str]) -> None:
         """Write the manifest of a run that was asked for these cells."""

@@ -2,19 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
+
 import numpy as np
 
-from stiff_protocols.contract.types import FloatArray, Samples
+from stiff_protocols.contract.types import FloatArray, IntArray, Samples, Split, TextArray
 
 
-def samples_with(q: FloatArray, wrench: FloatArray, deflection: FloatArray) -> Samples:
-    """One load at each pose."""
+def samples_with(
+    q: FloatArray, wrench: FloatArray, deflection: FloatArray, **names: TextArray
+) -> Samples:
+    """One load at each pose, all of one group, where no names say otherwise."""
     n = len(q)
-    return Samples(
-        q=q,
-        wrench=wrench,
-        deflection=deflection,
-        pose_id=np.arange(n).astype(str),
-        load_id=np.full(n, "1"),
-        group=np.full(n, "all"),
-    )
+    usual = {
+        "pose_id": np.arange(n).astype(str),
+        "load_id": np.full(n, "1"),
+        "group": np.full(n, "all"),
+    }
+    return Samples(q=q, wrench=wrench, deflection=deflection, **(usual | names))
+
+
+def unloaded(n_poses: int, loads: int = 1) -> Samples:
+    """Poses p0, p1, ... of one group, several rows each; every number is zero."""
+    n = n_poses * loads
+    samples = samples_with(np.zeros((n, 6)), np.zeros((n, 6)), np.zeros((n, 3)))
+    return replace(samples, pose_id=np.repeat([f"p{i}" for i in range(n_poses)], loads))
+
+
+def learned(split: Split) -> IntArray:
+    """Row numbers of the training side."""
+    return np.concatenate([split.train, split.validation])
+
+
+def assert_no_pose_is_parted(samples: Samples, splits: Iterable[Split]) -> None:
+    for split in splits:
+        parts = [set(samples.pose_id[rows]) for rows in (split.train, split.validation, split.test)]
+        assert sum(map(len, parts)) == len(set.union(*parts))

@@ -45,14 +45,10 @@ def _bench_lines() -> Iterator[tuple[str, str]]:
                 yield str(page.relative_to(TOP)), line
 
 
-@pytest.mark.parametrize("key", METRICS)
-def test_every_metric_is_defined(key):
-    assert f"**`{key}`**" in DEFINITIONS
-
-
-@pytest.mark.parametrize("key", [info.key for info in PROTOCOLS])
-def test_every_protocol_is_defined(key):
-    assert f"\n### `{key}`\n" in DEFINITIONS
+def test_every_metric_and_protocol_is_defined():
+    words = [f"**`{key}`**" for key in METRICS]
+    words += [f"\n### `{info.key}`\n" for info in PROTOCOLS]
+    assert [word for word in words if word not in DEFINITIONS] == []
 
 
 def test_every_command_of_the_docs_has_its_options():
@@ -98,9 +94,7 @@ def test_the_site_is_built_without_a_warning(site):
 @pytest.mark.slow
 def test_no_page_loads_anything_from_elsewhere(site):
     pages = sorted(site.rglob("*.html"))
-    assert [(page.name, LOADED.findall(page.read_text("utf-8"))) for page in pages] == [
-        (page.name, []) for page in pages
-    ]
+    assert [page for page in pages if LOADED.search(page.read_text("utf-8"))] == [] != pages
 
 
 @pytest.mark.slow
@@ -156,17 +150,12 @@ def test_no_page_is_wider_than_a_phone(site, address, browser):
 
 
 @pytest.mark.slow
-def test_a_browser_draws_the_equations(address, browser):
+def test_a_browser_draws_the_equations_and_asks_nobody_but_the_site(address, browser):
     browser.get(f"{address}/definitions.html")
     drawn = "[...document.querySelectorAll('math')].map(one => one.getBoundingClientRect().height)"
     heights = browser.execute_script(f"return {drawn}")
     assert len(heights) > 20
     assert min(heights) > 3.0  # px
-
-
-@pytest.mark.slow
-def test_a_browser_asks_nobody_but_the_site(address, browser):
-    browser.get(f"{address}/definitions.html")
     asked = "performance.getEntriesByType('resource').map(one => one.name)"
     names = browser.execute_script(f"return {asked}")
     assert names  # its own style sheets and scripts

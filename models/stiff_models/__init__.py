@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from stiff_models.io.checked_model import CheckedModel
+    from stiff_models.base import FittedModel
 
 __all__ = ["load"]
 
 
-def load(path: Path | str) -> CheckedModel:
+def load(path: Path | str) -> FittedModel:
     """Return the fitted model that `model.save(path)` or `bench fit` wrote; see `saved.load`.
 
     Raises:
@@ -19,4 +19,5 @@ def load(path: Path | str) -> CheckedModel:
     """
     from stiff_models.io.saved import load as load_file
 
-    return load_file(path)
+    model: FittedModel = load_file(path)
+    return model

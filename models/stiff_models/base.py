@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from sklearn.base import BaseEstimator
 
 from stiff_models.io import saved
-from stiff_models.io.checked_model import CheckedModel
-from stiff_protocols.contract.types import FloatArray, Interval
+from stiff_protocols.contract.errors import ModelError, NotFittedError
+from stiff_protocols.contract.types import FloatArray, Interval, Robot
+
+if TYPE_CHECKING:
+    import torch
 
 
 def normal_interval(mean: FloatArray, deviation: FloatArray, coverage: float) -> Interval:
@@ -23,14 +31,78 @@ def normal_interval(mean: FloatArray, deviation: FloatArray, coverage: float) ->
     return Interval(mean - half, mean + half, coverage)
 
 
-class FittedModel(CheckedModel):
-    """Base of the built-in families."""
+class FittedModel(BaseEstimator):  # type: ignore[misc]
+    """Base of the built-in families: a prediction that is checked at both ends, and files.
+
+    A family's `fit` sets `robot_` last and keeps everything that a prediction needs in attributes
+    that end in an underscore: those are what a model file holds.
+
+    Attributes:
+        robot_: the robot it was fitted for; predictions are valid for that robot alone.
+    """
+
+    robot_: Robot
+
+    def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the deflection of the TCP.
+
+        Args:
+            q: (n, n_joints) joint positions, rad or m.
+            wrench: (n, 6) N and N m at the TCP, base frame.
+
+        Returns:
+            (n, 3) m, base frame.
+
+        Raises:
+            NotFittedError: `fit` was not called.
+            ModelError: the shapes are not those of the robot fitted for, or a number is not finite.
+        """
+        q, wrench = self._checked(q, wrench)
+        if not len(q):
+            return np.empty((0, 3))
+        predicted = self._predict(q, wrench)
+        if not np.isfinite(predicted).all():
+            row = _first_not_finite(predicted)
+            raise ModelError(
+                f"row {row}: q = {q[row].tolist()}, wrench = {wrench[row].tolist()}: "
+                f"the prediction is {predicted[row].tolist()}, expected finite numbers"
+            )
+        return predicted
 
     def save(self, path: Path) -> None:
-        """Write the fitted model to one file that `stiff_models.load` reads; see `saved`.
+        """Write the fitted model to one file that `stiff_models.load` reads; see `io.saved`.
 
         Raises:
             NotFittedError: `fit` was not called.
             StoreError: the file cannot be written.
         """
         saved.save(self, path)
+
+    def _empty_module(self, name: str) -> torch.nn.Module:
+        """Return an untrained module of the shape of the fitted attribute `name`, for loading.
+
+        Called when every other attribute is restored; families that hold a network write it.
+        """
+        raise NotImplementedError(f"{type(self).__name__} holds no module {name!r}")
+
+    @abstractmethod
+    def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the (n, 3) deflection of checked float64 input."""
+
+    def _checked(self, q: FloatArray, wrench: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return both as float64 arrays of the fitted robot's shapes."""
+        if not hasattr(self, "robot_"):
+            raise NotFittedError(f"{type(self).__name__}: call fit before predict")
+        q, wrench = np.asarray(q, dtype=np.float64), np.asarray(wrench, dtype=np.float64)
+        for name, array, columns in (("q", q, self.robot_.n_joints), ("wrench", wrench, 6)):
+            if array.ndim != 2 or array.shape[1] != columns or len(array) != len(q):
+                raise ModelError(f"{name} has shape {array.shape}, expected (n, {columns})")
+            if not np.isfinite(array).all():
+                row = _first_not_finite(array)
+                raise ModelError(f"{name}[{row}] is {array[row].tolist()}, expected finite numbers")
+        return q, wrench
+
+
+def _first_not_finite(rows: FloatArray) -> int:
+    """Return the number of the first row that holds a NaN or an infinity."""
+    return int(np.isfinite(rows).all(axis=1).argmin())

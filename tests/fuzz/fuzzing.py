@@ -14,7 +14,7 @@ from itertools import chain, islice
 from pathlib import Path
 from random import Random
 
-from fuzz.readers import Prepared, Reader
+from fuzz.readers import READERS, Prepared
 
 from stiff_protocols.contract.errors import StiffBenchError, StiffBenchWarning
 
@@ -38,22 +38,21 @@ class Broken(AssertionError):
 class Count:
     """What a reader did with its inputs."""
 
-    reader: str
     inputs: int
     accepted: int
     refused: int
     seconds: float
 
 
-def fuzz(reader: Reader, folder: Path, n_inputs: int, seed: int) -> Count:
+def fuzz(name: str, folder: Path, n_inputs: int, seed: int) -> Count:
     """Give a reader its hard cases and then damaged input, `n_inputs` in all.
 
     Raises:
         Broken: it raised what is no StiffBenchError, said more than one line or did not name the
             file, took too long or too much memory; the input lies in the folder.
     """
-    prepared = reader.prepare(folder)
-    rng = Random(f"{reader.name} {seed}")
+    prepared = READERS[name](folder)
+    rng = Random(f"{name} {seed}")
     damaged = (prepared.damage(rng.choice(prepared.valid), rng) for _ in range(n_inputs))
     accepted, start = 0, time.process_time()
     with _limits():
@@ -62,9 +61,9 @@ def fuzz(reader: Reader, folder: Path, n_inputs: int, seed: int) -> Count:
             try:
                 accepted += _accepts(prepared)
             except Broken as error:
-                raise Broken(f"{reader.name}, input {number} of seed {seed}: {error}") from error
+                raise Broken(f"{name}, input {number} of seed {seed}: {error}") from error
     seconds = time.process_time() - start
-    return Count(reader.name, n_inputs, accepted, n_inputs - accepted, seconds)
+    return Count(n_inputs, accepted, n_inputs - accepted, seconds)
 
 
 def _accepts(prepared: Prepared) -> bool:
@@ -75,7 +74,9 @@ def _accepts(prepared: Prepared) -> bool:
         signal.setitimer(signal.ITIMER_PROF, SECONDS)
         prepared.read(path)
     except StiffBenchError as error:
-        _check_refusal(error, (path.name, *prepared.also_named))
+        names = (path.name, *prepared.also_named)
+        if not any(name in str(error) for name in names):
+            raise Broken(f"names none of {names}: {str(error)[:300]!r}") from error
         return False
     except (Hang, Exception) as error:
         raise Broken(f"{path}: {type(error).__name__}: {str(error)[:300]}") from error
@@ -89,12 +90,6 @@ def _accepts(prepared: Prepared) -> bool:
 def _memory(name: str) -> int:
     (found,) = re.findall(rf"^{name}:\s+(\d+) kB", Path("/proc/self/status").read_text(), re.M)
     return int(found) * 1024
-
-
-def _check_refusal(error: StiffBenchError, names: tuple[str, ...]) -> None:
-    message = str(error)
-    if not any(name in message for name in names):
-        raise Broken(f"names none of {names}: {message[:300]!r}") from error
 
 
 @contextmanager

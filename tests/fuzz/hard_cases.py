@@ -8,9 +8,12 @@ import zipfile
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from fuzz.sealed import model_opened, model_sealed, results_with
+import skops.io
+from fuzz.sealed import results_with
+from model_files import archived, members
 
 from stiff_bench.store.codec import COLUMNS
+from stiff_models.io.saved import TRUSTED
 
 LONG = 500_000
 
@@ -168,15 +171,16 @@ def results(valid: bytes) -> tuple[bytes, ...]:
 
 def archives(valid: bytes) -> tuple[bytes, ...]:
     """Zip archives of arrays: a bomb, shapes that are not there, pickles."""
-    with zipfile.ZipFile(io.BytesIO(valid)) as archive:
-        members = {name: archive.read(name) for name in archive.namelist()}
+    parts = members(valid)
     return (
         b"",
         b"PK\x05\x06" + bytes(18),
-        _zipped(members | {"q.npy": npy_header((2**31,), "|u1") + bytes(2**24)}),
-        *(_zipped(members | {"q.npy": npy_header(shape, dtype)}) for shape, dtype in _SHAPES),
-        _zipped(members | {"q.npy": b"\x93NUMPY\x02\x00" + (2**31).to_bytes(4, "little")}),
-        _zipped(members | {"q.npy": b"no array"}),
+        archived(
+            parts | {"q.npy": npy_header((2**31,), "|u1") + bytes(2**24)}, zipfile.ZIP_DEFLATED
+        ),
+        *(archived(parts | {"q.npy": npy_header(shape, dtype)}) for shape, dtype in _SHAPES),
+        archived(parts | {"q.npy": b"\x93NUMPY\x02\x00" + (2**31).to_bytes(4, "little")}),
+        archived(parts | {"q.npy": b"no array"}),
     )
 
 
@@ -196,51 +200,26 @@ def npy_header(shape: tuple[int, ...], dtype: str) -> bytes:
     return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text
 
 
-def _zipped(members: dict[str, bytes]) -> bytes:
-    file = io.BytesIO()
-    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, content in members.items():
-            archive.writestr(name, content)
-    return file.getvalue()
-
-
 def models(valid: list[bytes]) -> tuple[bytes, ...]:
-    """Model files: heads that promise too much, deep structures, archives that are bombs."""
-    found = [b"", (2**63).to_bytes(8, "little") + b"{}", (2**30).to_bytes(8, "little")]
+    """Model files: options that promise too much, deep structures, archives that are bombs."""
+    found = [b"", b"PK\x05\x06" + bytes(18)]
     for data in valid:
-        head, arrays = model_opened(data)
-        params = head["model"]["params"]
+        content = skops.io.loads(data, trusted=list(TRUSTED))
+        params = content["model"]["params"]
         for name, value in params.items():
             if type(value) is int:
-                changed = {**head["model"], "params": {**params, name: 4096}}
-                found.append(model_sealed({**head, "model": changed}, arrays))
-        for name, stored in arrays.items():
-            if stored[:2].tobytes() == b"PK":
-                found += [
-                    model_sealed(head, arrays | {name: np.frombuffer(bomb, np.uint8)})
-                    for bomb in _archive_bombs(stored.tobytes())
-                ]
-    deep = '{"format": 1, "model": ' + "[" * 100_000 + "]" * 100_000 + "}"
-    return (*found, _with_text(deep))
+                model = {**content["model"], "params": {**params, name: 4096}}
+                found.append(skops.io.dumps({**content, "model": model}))
+        found += _archive_bombs(members(data))
+    return tuple(found)
 
 
-def _archive_bombs(valid: bytes) -> list[bytes]:
-    with zipfile.ZipFile(io.BytesIO(valid)) as archive:
-        members = {name: archive.read(name) for name in archive.namelist()}
-    arrays = [name for name in members if name.endswith(".npy")][:2]
+def _archive_bombs(parts: dict[str, bytes]) -> list[bytes]:
+    arrays = [name for name in parts if name.endswith(".npy")][:2]
+    large = [(name, npy_header((2**27,), "|u1") + bytes(2**27)) for name in arrays]
+    large.append(("schema.json", b"[" * 2**27))
     return [
-        *(_zipped(members | {name: npy_header((2**40,), "<f8")}) for name in arrays),
-        *(_zipped(members | {name: npy_header((2**27,), "|u1") + bytes(2**27)}) for name in arrays),
-        _zipped(members | {"schema.json": b"[" * 2**27}),
-        _zipped(members | {"schema.json": b"[" * LONG}),
+        *(archived(parts | {name: npy_header((2**40,), "<f8")}) for name in arrays),
+        *(archived(parts | {name: content}, zipfile.ZIP_DEFLATED) for name, content in large),
+        archived(parts | {"schema.json": b"[" * LONG}),
     ]
-
-
-def _with_text(text: str) -> bytes:
-    """Return a model file of any text as its head."""
-    import hashlib
-
-    import safetensors.numpy
-
-    sha256 = hashlib.sha256(text.encode()).hexdigest()
-    return safetensors.numpy.save({}, {"stiffbench_model": text, "sha256": sha256})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 
@@ -25,6 +26,9 @@ from stiff_datasets.measured.load_file import read_loads
 from stiff_datasets.measured.measured import read_samples, write_samples
 from stiff_datasets.robots.robot import load_robot
 from stiff_datasets.twin.constants import read_constants
+from stiff_protocols.contract.types import Robot
+
+ANY_NAME = ("",)
 
 
 @dataclass(frozen=True)
@@ -34,84 +38,44 @@ class Prepared:
     Attributes:
         path: where an input is written.
         valid: inputs that are accepted.
-        damage: what is done to them.
         read: the reader.
         hard: inputs that are tried first.
+        damage: what is done to the valid ones.
         also_named: what a refusal may name in place of the file.
     """
 
     path: Path
     valid: tuple[bytes, ...]
-    damage: Mutator
     read: Callable[[Path], object]
     hard: tuple[bytes, ...] = ()
+    damage: Mutator = text_damaged
     also_named: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class Reader:
-    """A reader by name."""
-
-    name: str
-    prepare: Callable[[Path], Prepared]
-
-
-def _sample_file(folder: Path, name: str) -> bytes:
-    data = twin_data()
-    write_samples(folder / name, data.samples.take(range(6)), data.robot)
-    return (folder / name).read_bytes()
-
-
-def _measured_csv(folder: Path) -> Prepared:
-    robot = twin_data().robot
-    valid = _sample_file(folder, "samples.csv")
-    return Prepared(
-        folder / "samples.csv",
-        (valid,),
-        text_damaged,
-        lambda path: read_samples(path, robot),
-        hard_cases.tables(valid),
-    )
-
-
-def _measured_parquet(folder: Path) -> Prepared:
-    robot = twin_data().robot
-    valid = _sample_file(folder, "samples.parquet")
-    return Prepared(
-        folder / "samples.parquet",
-        (valid,),
-        parquet_damaged,
-        lambda path: read_samples(path, robot),
-        hard_cases.parquet_tables(valid),
-    )
-
-
-def _loads(folder: Path) -> Prepared:
-    robot = twin_data().robot
-    valid = _sample_file(folder, "loads.csv")
-    return Prepared(
-        folder / "loads.csv", (valid,), text_damaged, lambda path: read_loads(path, robot)
-    )
+def _samples(
+    folder: Path,
+    name: str,
+    read: Callable[[Path, Robot], object] = read_samples,
+    hard: Callable[[bytes], tuple[bytes, ...]] = lambda _: (),
+    damage: Mutator = text_damaged,
+) -> Prepared:
+    data, path = twin_data(), folder / name
+    write_samples(path, data.samples.take(range(6)), data.robot)
+    valid = path.read_bytes()
+    return Prepared(path, (valid,), lambda path: read(path, data.robot), hard(valid), damage)
 
 
 def _urdf(folder: Path) -> Prepared:
     robots = files("stiff_datasets.robots")
     valid = tuple((robots / f"{name}.urdf").read_bytes() for name in ("kr10_r1100_2", "ur5"))
-    return Prepared(
-        folder / "robot.urdf", valid, text_damaged, load_robot, hard_cases.urdfs(valid[0])
-    )
+    return Prepared(folder / "robot.urdf", valid, load_robot, hard_cases.urdfs(valid[0]))
 
 
 def _twin(folder: Path) -> Prepared:
     twins = files("stiff_datasets") / "twins"
     valid = tuple((twins / f"{name}.toml").read_bytes() for name in ("kr10_r1100_2", "ur5"))
-    return Prepared(
-        folder / "twin.toml",
-        valid,
-        text_damaged,
-        lambda path: read_constants(path).robot(),
-        (*hard_cases.tomls(valid[0]), *hard_cases.twins(valid[0])),
-    )
+    hard = (*hard_cases.tomls(valid[0]), *hard_cases.twins(valid[0]))
+    return Prepared(folder / "twin.toml", valid, lambda path: read_constants(path).robot(), hard)
 
 
 GRID = b"""[mlp]
@@ -130,13 +94,10 @@ def _grid(folder: Path) -> Prepared:
     def read(path: Path) -> object:
         said = f"nested.grid={path}"
         grids = written_grids(str(path), said, models)
-        return [
-            checked_grid(said, model, grids[model.info.key])
-            for model in models
-            if model.info.key in grids
-        ]
+        with_grid = [model for model in models if model.info.key in grids]
+        return [checked_grid(said, model, grids[model.info.key]) for model in with_grid]
 
-    return Prepared(folder / "grid.toml", (GRID,), text_damaged, read, hard_cases.tomls(GRID))
+    return Prepared(folder / "grid.toml", (GRID,), read, hard_cases.tomls(GRID))
 
 
 def _registrations(folder: Path) -> Prepared:
@@ -147,7 +108,7 @@ def _registrations(folder: Path) -> Prepared:
         registered.registry_file = lambda: path
         return registered.registration(registered.KR10_MEASURED)
 
-    return Prepared(folder / "datasets.toml", (valid,), text_damaged, read, hard_cases.tomls(valid))
+    return Prepared(folder / "datasets.toml", (valid,), read, hard_cases.tomls(valid))
 
 
 def _results(folder: Path) -> Prepared:
@@ -161,44 +122,36 @@ def _results(folder: Path) -> Prepared:
         data = [read_data(folder, one.cell.data_sha256) for one in cells]
         return cells, read_manifests(folder), data
 
-    return Prepared(path, (valid,), results_damaged, read, hard_cases.results(valid))
+    return Prepared(path, (valid,), read, hard_cases.results(valid), results_damaged)
 
 
 def _stored_data(folder: Path) -> Prepared:
     valid = data_content(made_data(0))
-    return Prepared(
-        folder / "data.npz",
-        (valid,),
-        npz_damaged,
-        lambda path: stored_data(path.read_bytes()),
-        hard_cases.archives(valid),
-        also_named=("",),
-    )
+    hard = hard_cases.archives(valid)
+
+    def read(path: Path) -> object:
+        return stored_data(path.read_bytes())
+
+    return Prepared(folder / "data.npz", (valid,), read, hard, npz_damaged, ANY_NAME)
 
 
 MODELS = ("vjm", "mlp", "sklearn:neighbors.KNeighborsRegressor", "vjm-boosting")
 
 
 def _models(folder: Path) -> Prepared:
+    path, loads, output = (folder / n for n in ("model.stiff", "loads.csv", "predicted.csv"))
     valid = []
     for key in MODELS:
-        quick_model(key).save(folder / "model.stiff")
-        valid.append((folder / "model.stiff").read_bytes())
-    _sample_file(folder, "loads.csv")
+        quick_model(key).save(path)
+        valid.append(path.read_bytes())
+    _samples(folder, loads.name)
 
     def read(path: Path) -> object:
-        output = folder / "predicted.csv"
         output.unlink(missing_ok=True)
-        return predict_file(path, folder / "loads.csv", output, None)
+        return predict_file(path, loads, output, None)
 
-    return Prepared(
-        folder / "model.stiff",
-        tuple(valid),
-        model_damaged,
-        read,
-        hard_cases.models(valid),
-        ("loads.csv", "predicted.csv"),
-    )
+    hard, named = hard_cases.models(valid), (loads.name, output.name)
+    return Prepared(path, tuple(valid), read, hard, model_damaged, named)
 
 
 WORDS = (
@@ -224,22 +177,21 @@ def _words(folder: Path) -> Prepared:
             settings=(setting,) if setting else (),
         )
 
-    return Prepared(folder / "words.txt", WORDS, text_damaged, read, also_named=("",))
+    return Prepared(folder / "words.txt", WORDS, read, also_named=ANY_NAME)
 
 
-READERS = {
-    name: Reader(name, prepare)
-    for name, prepare in {
-        "measured CSV": _measured_csv,
-        "measured Parquet": _measured_parquet,
-        "loads CSV": _loads,
-        "URDF": _urdf,
-        "twin TOML": _twin,
-        "grid TOML": _grid,
-        "registrations TOML": _registrations,
-        "results": _results,
-        "model files": _models,
-        "command words": _words,
-        "stored data": _stored_data,
-    }.items()
+READERS: dict[str, Callable[[Path], Prepared]] = {
+    "measured CSV": partial(_samples, name="samples.csv", hard=hard_cases.tables),
+    "measured Parquet": partial(
+        _samples, name="samples.parquet", hard=hard_cases.parquet_tables, damage=parquet_damaged
+    ),
+    "loads CSV": partial(_samples, name="loads.csv", read=read_loads),
+    "URDF": _urdf,
+    "twin TOML": _twin,
+    "grid TOML": _grid,
+    "registrations TOML": _registrations,
+    "results": _results,
+    "model files": _models,
+    "command words": _words,
+    "stored data": _stored_data,
 }

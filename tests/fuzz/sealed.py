@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-import safetensors.numpy
-from fuzz.mutations import JSON_NONSENSE, NONSENSE, bytes_damaged, tree_damaged
+from fuzz.mutations import NONSENSE, bytes_damaged, tree_damaged
+from model_files import archived, members
 
 from stiff_bench.store.codec import COLUMNS, checksum, measure_names
-from stiff_models.io.saved import _digest
 
 DTYPES = ("f8", "f4", "f2", "i8", "u1", "b1", "c16", "U3", "S2", "M8[s]", ">f8")
 
@@ -143,37 +142,20 @@ def _column_damaged(values: list[Any], rng: Random) -> pa.Array:
 
 
 def model_damaged(data: bytes, rng: Random) -> bytes:
-    """Damage a model file: its structure or its arrays with the right checksum, or its bytes."""
+    """Damage a model file: its structure or an array with the right checksum, or its bytes."""
     if rng.random() < 0.2:
         return bytes_damaged(data, rng)
-    head, arrays = model_opened(data)
-    if rng.random() < 0.75:
-        head["model"] = tree_damaged(head["model"], rng)
-    elif rng.random() < 0.1:
-        head[rng.choice(("format", "model", "stiffbench"))] = rng.choice(JSON_NONSENSE)
+    parts = members(data)
+    if rng.random() < 0.6:
+        schema = json.loads(parts["schema.json"])
+        # the model, more often than the whole: most damage of skops' own nodes is refused alike
+        place = schema if rng.random() < 0.3 else schema["content"]["model"]["content"]
+        name = rng.choice(sorted(key for key in place if isinstance(place[key], dict)))
+        place[name] = tree_damaged(place[name], rng)
+        parts["schema.json"] = json.dumps(schema).encode()
     else:
-        name = rng.choice(sorted(arrays))
-        if arrays[name].dtype == np.uint8:  # an archive
-            raw = bytes_damaged(arrays[name].tobytes(), rng)
-            arrays[name] = np.frombuffer(raw, np.uint8)
-        else:
-            damaged = array_damaged(arrays[name], rng)
-            arrays[name] = damaged if damaged.dtype.kind in "fiub" else arrays[name].ravel()
-            arrays[name] = np.ascontiguousarray(
-                arrays[name].astype(arrays[name].dtype.newbyteorder("="))
-            )
-    return model_sealed(head, arrays)
-
-
-def model_opened(data: bytes) -> tuple[Any, dict[str, Any]]:
-    """Return the head and the arrays of a model file."""
-    size = int.from_bytes(data[:8], "little")
-    metadata = json.loads(data[8 : 8 + size])["__metadata__"]
-    return json.loads(metadata["stiffbench_model"]), safetensors.numpy.load(data)
-
-
-def model_sealed(head: Any, arrays: dict[str, Any]) -> bytes:
-    """Return a model file with the right checksum."""
-    text = json.dumps(head)
-    metadata = {"stiffbench_model": text, "sha256": _digest(text, arrays)}
-    return safetensors.numpy.save(arrays, metadata)
+        name = rng.choice(sorted(set(parts) - {"schema.json"}))
+        file = io.BytesIO()
+        np.save(file, array_damaged(np.load(io.BytesIO(parts[name])), rng))
+        parts[name] = bytes_damaged(parts[name], rng) if rng.random() < 0.2 else file.getvalue()
+    return archived(parts)

@@ -113,7 +113,10 @@ def table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
+def main(source: Path, target: Path) -> None:
+    text = page(json.loads(source.read_text(encoding="utf-8")))
+    target.write_text(text, encoding="utf-8")
+
+
 if __name__ == "__main__":
-    source, target = sys.argv[1:]
-    text = page(json.loads(Path(source).read_text(encoding="utf-8")))
-    Path(target).write_text(text, encoding="utf-8")
+    main(*map(Path, sys.argv[1:]))

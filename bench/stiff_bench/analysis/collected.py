@@ -76,7 +76,7 @@ class Competitor:
 
     Attributes:
         shown: what must stand beside its numbers.
-        done: its results by slot.
+        done: its results by slot, in the order of the slots.
         failures: slot -> the record that says why it failed there or was skipped; no slot that is
             done.
         n_asked: how many splits its newest run was asked for here; 0 where it is not known.
@@ -142,8 +142,9 @@ class Contest:
     def results(self, competitor: str, slots: Sequence[Slot] | None = None) -> list[CellResult]:
         """Return a model's results on these slots (default: all that it has), in order."""
         done = self.competitors[competitor].done
-        wanted = self.slots if slots is None else slots
-        return [done[slot] for slot in wanted if slot in done]
+        if slots is None:
+            return list(done.values())
+        return [done[slot] for slot in slots if slot in done]
 
     def results_of_all_slots(self, competitor: str) -> list[CellResult]:
         """Return a model's results if it has one on every split; else none."""
@@ -152,8 +153,10 @@ class Contest:
 
     def shared_slots(self, competitors: Iterable[str]) -> list[Slot]:
         """Return the splits on which all of these models have a result, in order."""
-        each = [self.competitors[name].done for name in competitors]
-        return [slot for slot in self.slots if all(slot in done for done in each)]
+        shared = set(self.slots).intersection(
+            *(self.competitors[name].done for name in competitors)
+        )
+        return sorted(shared)
 
 
 def collect(folder: Path) -> list[Contest]:
@@ -204,11 +207,14 @@ def _contest(found: Sequence[CellResult], runs: Runs) -> Contest:
         newest = newest_of[model]
         own, older_options = of_newest_options(of_model, newest.cell)
         left_out += older_options
-        of_slots = [counting(one, coverages, runs) for one in grouped(own, slot_of).values()]
+        of_slots = {
+            slot: counting(found, coverages, runs)
+            for slot, found in sorted(grouped(own, slot_of).items())
+        }
         competitors[model] = Competitor(
             shown=newest.shown,
-            done={slot_of(one): one for one in of_slots if one.status == "ok"},
-            failures={slot_of(one): one for one in of_slots if one.status != "ok"},
+            done={slot: one for slot, one in of_slots.items() if one.status == "ok"},
+            failures={slot: one for slot, one in of_slots.items() if one.status != "ok"},
             n_asked=newest.n_splits,
         )
     slots = {slot for one in competitors.values() for slot in (*one.done, *one.failures)}

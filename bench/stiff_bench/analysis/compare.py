@@ -18,15 +18,9 @@ from stiff_bench.analysis.collected import (
     left_out_notes,
     same_name_other_data,
 )
-from stiff_bench.analysis.comparison import (
-    NORM,
-    Comparison,
-    Question,
-    Verdict,
-    compare,
-    paired_errors,
-)
+from stiff_bench.analysis.comparison import NORM, Comparison, compare, paired_errors
 from stiff_bench.analysis.same_robot import dataset_of, family_of
+from stiff_bench.analysis.verdict import Question, Verdict
 from stiff_bench.analysis.where import Where, where_better
 from stiff_bench.store.database import read_data, read_manifests
 from stiff_bench.store.names import ContestName, grouped, labels, natural_key

@@ -9,6 +9,16 @@ from typing import Literal
 import numpy as np
 
 from stiff_bench.analysis.collected import Contest, SplitSizes, split_sizes
+from stiff_bench.analysis.verdict import (
+    Decision,
+    Estimate,
+    Question,
+    Verdict,
+    corrected,
+    decide,
+    estimates_over_poses,
+    estimates_over_splits,
+)
 from stiff_bench.store.names import ContestName
 from stiff_bench.store.newest import Slot
 from stiff_bench.store.samples import StoredData
@@ -16,123 +26,14 @@ from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.record import CellResult, Presentation
 from stiff_protocols.contract.types import AXES, FloatArray, IntArray, Prediction
-from stiff_protocols.scoring.bootstrap import (
-    PoseErrors,
-    bootstrap_difference,
-    pose_differences,
-    pose_errors,
-    resampled_means,
-)
+from stiff_protocols.scoring.bootstrap import pose_errors
 from stiff_protocols.scoring.metrics import absolute_errors, norm_errors
-from stiff_protocols.scoring.paired import (
-    LEVEL,
-    ROPE_M,
-    Posterior,
-    corrected_t,
-    holm,
-    wilcoxon_signed_rank,
-)
-
-Verdict = Literal["a", "b", "equivalent", "open"]
-"""Who is better; "open": they cannot be told apart, which does not mean that they are equal."""
-
-
-@dataclass(frozen=True)
-class Question:
-    """What is asked of every contest.
-
-    Attributes:
-        rope: largest difference that makes none in practice, m.
-        confidence: of intervals and verdicts.
-        seed: of the resampling.
-    """
-
-    rope: float = ROPE_M
-    confidence: float = 1.0 - LEVEL
-    seed: int = 0
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """What one method says about a difference of mean errors, A less B.
-
-    Attributes:
-        low, high: bounds, m.
-        posterior: probabilities that A is better by more than the ROPE, that the difference lies
-            in it, that B is better.
-        p_value: of "there is no difference", two-sided.
-    """
-
-    low: float
-    high: float
-    posterior: Posterior
-    p_value: float
-
-
-def decide(estimates: Sequence[Estimate], confidence: float) -> Verdict:
-    """Return the verdict on a difference of mean errors, A less B.
-
-    Equivalent: every estimate gives the ROPE at least the probability `confidence`. Better: the
-    first estimate's p-value lies below 1 - confidence, and no interval reaches zero.
-    """
-    if all(estimate.posterior.equivalent >= confidence for estimate in estimates):
-        return "equivalent"
-    if estimates[0].p_value >= 1.0 - confidence:
-        return "open"
-    if all(estimate.high < 0.0 for estimate in estimates):
-        return "a"
-    return "b" if all(estimate.low > 0.0 for estimate in estimates) else "open"
-
-
-def estimates_over_poses(a: PoseErrors, b: PoseErrors, question: Question) -> list[Estimate]:
-    """Return an estimate for each column of the errors, the fitted models held fixed.
-
-    The interval is the BCa bootstrap's over poses, the probabilities are shares of the resamples,
-    and the p-value, not corrected, is Wilcoxon's over the poses' mean differences.
-
-    Raises:
-        DataError: there is one pose alone.
-    """
-    found = bootstrap_difference(a, b, confidence=question.confidence, seed=question.seed)
-    each = pose_differences(a, b)  # (p, k) m
-    estimates = []
-    for column in range(each.shape[1]):
-        pair = [PoseErrors(one.poses, one.totals[:, [column]], one.counts) for one in (a, b)]
-        drawn = resampled_means(pair, seed=question.seed)
-        difference = drawn[:, 0] - drawn[:, 1]
-        a_better = float(np.mean(difference < -question.rope))
-        b_better = float(np.mean(difference > question.rope))
-        estimates.append(
-            Estimate(
-                low=float(found.low[column]),
-                high=float(found.high[column]),
-                posterior=Posterior(a_better, max(0.0, 1.0 - a_better - b_better), b_better),
-                p_value=wilcoxon_signed_rank(each[:, column]),
-            )
-        )
-    return estimates
-
-
-def estimates_over_splits(
-    differences: FloatArray, test_share: float, question: Question
-) -> list[Estimate]:
-    """Return an estimate for each column of the (J, k) differences of the splits, m."""
-    estimates = []
-    for column in differences.T:
-        found = corrected_t(column, test_share)
-        low, high = found.interval(question.confidence)
-        estimates.append(Estimate(low, high, found.posterior(question.rope), found.p_value))
-    return estimates
 
 
 def corrected_over_axes(estimates: Sequence[Estimate]) -> list[Estimate]:
     """Correct the axes' p-values for one another (Holm); the length is a question of its own."""
-    of_axes = holm([estimate.p_value for estimate in estimates[: len(AXES)]])
-    p_values = [*of_axes.tolist(), estimates[-1].p_value]
-    return [
-        replace(estimate, p_value=p_value)
-        for estimate, p_value in zip(estimates, p_values, strict=True)
-    ]
+    *of_axes, length = estimates
+    return [*corrected(of_axes), length]
 
 
 NORM = "norm"
@@ -149,7 +50,7 @@ class Row:
         mean_a, mean_b: mean absolute errors, m.
         over_splits: by the corrected t test; None where there is one split or all are pooled.
         over_poses: by the bootstrap over poses, with the fitted models held fixed.
-        verdict: of all of them together; without splits it is of the fitted models alone.
+        decision: on all of them together; without splits it is of the fitted models alone.
     """
 
     error: str
@@ -157,7 +58,12 @@ class Row:
     mean_b: float
     over_splits: Estimate | None
     over_poses: Estimate
-    verdict: Verdict
+    decision: Decision
+
+    @property
+    def verdict(self) -> Verdict:
+        """Who is better."""
+        return self.decision.verdict
 
     @property
     def difference(self) -> float:
@@ -313,7 +219,7 @@ def _rows(
             mean_b=float(mean_b[k]),
             over_splits=over_splits[k],
             over_poses=over_poses[k],
-            verdict=decide(
+            decision=decide(
                 [one for one in (over_splits[k], over_poses[k]) if one is not None],
                 question.confidence,
             ),

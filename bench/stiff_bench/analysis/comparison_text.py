@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 from stiff_bench.analysis.compare import Across, Report
-from stiff_bench.analysis.comparison import NORM, Comparison, Estimate, Row, Verdict, decide
+from stiff_bench.analysis.comparison import NORM, Comparison, Row
 from stiff_bench.analysis.comparison_words import (
     SELECTS_ON_TEST,
     chance_text,
@@ -21,6 +21,7 @@ from stiff_bench.analysis.comparison_words import (
     notes,
     sentence,
 )
+from stiff_bench.analysis.verdict import Estimate, Verdict, decide
 from stiff_bench.analysis.where import Place
 from stiff_bench.console import one_line
 from stiff_bench.store.names import label_parts
@@ -279,7 +280,7 @@ def _verdict(row: Row, report: Report) -> str:
     text = verdict_text(row.verdict, of_fits=row.over_splits is None)
     if row.over_splits is None or row.verdict != "open":
         return text
-    of_splits = decide([row.over_splits], report.question.confidence)
+    of_splits = decide([row.over_splits], report.question.confidence).verdict
     return f"{text} (poses)" if of_splits in ("a", "b") else text
 
 

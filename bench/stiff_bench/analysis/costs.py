@@ -81,7 +81,7 @@ def _cost(section: Section, name: str, mark: str) -> ModelCost:
         result.cost
         for field in section.fields
         if name in field.scores
-        for result in field.results(name)
+        for result in field.results[name]
         if result.cost is not None
     ]
     values: dict[str, list[float]] = {}

@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiff_bench.analysis.ranking import Rankings, ScoredContest, complete_models
 from stiff_bench.analysis.same_robot import Specimen, family_of, of_robots, robots_of
 from stiff_bench.analysis.sort_key import SortKey
-from stiff_bench.analysis.standing import Field, Standings, complete_models
+from stiff_bench.analysis.verdict import decide, rank_difference
 from stiff_bench.store.names import ContestName, grouped
 from stiff_bench.tables.picture_file import check_suffix, drawing, save_figure
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.paired import LEVEL
 from stiff_protocols.scoring.ranks import OverDatasets, compare_over_datasets, why_not
@@ -68,43 +70,41 @@ class RankAnalysis:
         return self.outcome is not None and self.outcome.friedman_p < LEVEL
 
     def like_best(self, model: str) -> bool | None:
-        """Say whether a model cannot be told from the best; None where there is no analysis."""
+        """Say whether a model is not found worse than the best; None where there is no analysis."""
         if self.outcome is None:
             return None
-        ranks = self.outcome.mean_ranks
-        behind = ranks[self.models.index(model)] - ranks.min()
-        return not self.differs or bool(behind < self.outcome.critical_difference)
+        best = int(self.outcome.mean_ranks.argmin())
+        difference = rank_difference(self.outcome, best, self.models.index(model))
+        return decide([difference], 1.0 - LEVEL).verdict != "a"
 
 
-def rank_analyses(fields: Sequence[Field], standings: Standings) -> list[RankAnalysis]:
+def rank_analyses(scored: Sequence[ScoredContest], rankings: Rankings) -> list[RankAnalysis]:
     """Return an analysis for each block; where there are several, the one over all comes first."""
-    robots = robots_of([field.contest for field in fields], standings.robot_name)
-    blocks = grouped(fields, lambda field: (field.name.protocol, field.name.condition))
-    found = [_of_block(*block, members, robots, standings) for block, members in blocks.items()]
-    return found if len(found) == 1 else [_of_all(fields, robots, standings), *found]
+    robots = robots_of([one.contest for one in scored], rankings.robot_name)
+    blocks = grouped(scored, lambda one: (one.name.protocol, one.name.condition))
+    found = [_of_block(*block, members, robots, rankings) for block, members in blocks.items()]
+    return found if len(found) == 1 else [_of_all(scored, robots, rankings), *found]
 
 
 def _of_block(
     protocol: str,
     condition: str,
-    fields: Sequence[Field],
+    scored: Sequence[ScoredContest],
     robots: Mapping[ContestName, Specimen],
-    standings: Standings,
+    rankings: Rankings,
 ) -> RankAnalysis:
-    models = complete_models(fields)
-    sign = standings.key.sign
-    scores = {
-        field.name: np.array([sign * field.mean(model) for model in models]) for field in fields
-    }
-    return _analysis(protocol, condition, models, scores, robots, standings.key)
+    models = complete_models(scored)
+    sign = rankings.key.sign
+    scores = {one.name: np.array([sign * one.mean(model) for model in models]) for one in scored}
+    return _analysis(protocol, condition, models, scores, robots, rankings.key)
 
 
 def _of_all(
-    fields: Sequence[Field], robots: Mapping[ContestName, Specimen], standings: Standings
+    scored: Sequence[ScoredContest], robots: Mapping[ContestName, Specimen], rankings: Rankings
 ) -> RankAnalysis:
-    models = complete_models(fields)
-    scores = {field.name: standings.of(field, models).ranks for field in fields}
-    return _analysis("", "", models, scores, robots, standings.key)
+    models = complete_models(scored)
+    scores = {one.name: rankings.of(one, models).ranks for one in scored}
+    return _analysis("", "", models, scores, robots, rankings.key)
 
 
 def _analysis(
@@ -159,7 +159,8 @@ def save_diagrams(
         path: the file; its suffix chooses PNG, PDF or SVG.
 
     Raises:
-        ConfigError: no analysis has an outcome, or the suffix is not known.
+        ConfigError: no analysis has an outcome, the suffix is not known, or scikit-posthocs is
+            not installed.
         StoreError: the file cannot be written.
     """
     check_suffix(path)
@@ -167,6 +168,7 @@ def save_diagrams(
     if not drawn:
         reasons = "; ".join(dict.fromkeys(analysis.why_none for analysis in analyses))
         raise ConfigError(f"--figure {path}: there is no critical difference to draw: it {reasons}")
+    require("a diagram of ranks", "scikit_posthocs")
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 

@@ -25,9 +25,15 @@ from stiff_bench.analysis.collected import (
     stands_for,
 )
 from stiff_bench.analysis.critical_difference import RankAnalysis, rank_analyses
+from stiff_bench.analysis.ranking import (
+    Ranking,
+    Rankings,
+    ScoredContest,
+    complete_models,
+    scored_contest,
+)
 from stiff_bench.analysis.same_robot import dataset_of, family_of
 from stiff_bench.analysis.sort_key import SortKey
-from stiff_bench.analysis.standing import Field, Standing, Standings, complete_models, field_of
 from stiff_bench.store.names import ContestName, grouped, labels, natural_key
 from stiff_bench.tables.table import mark_of
 from stiff_protocols.contract.errors import ConfigError, unknown_name
@@ -79,32 +85,34 @@ class Column:
     values: Mapping[str, ColumnValue]
 
 
-def columns(fields: Sequence[Field], standings: Standings) -> Iterator[Column]:
-    """Yield a column for each robot type, protocol and condition, in the fields' order."""
-    for (family, protocol, condition), members in grouped(fields, _place).items():
-        datasets = tuple(dict.fromkeys(_dataset(field) for field in members))
-        values = dict(_values(members, standings))
-        seeds = tuple(sorted({field.name.seed for field in members}))
+def columns(scored: Sequence[ScoredContest], rankings: Rankings) -> Iterator[Column]:
+    """Yield a column for each robot type, protocol and condition, in the scored' order."""
+    for (family, protocol, condition), members in grouped(scored, _place).items():
+        datasets = tuple(dict.fromkeys(_dataset(one) for one in members))
+        values = dict(_values(members, rankings))
+        seeds = tuple(sorted({one.name.seed for one in members}))
         yield Column(family, protocol, condition, datasets, seeds, values)
 
 
-def _place(field: Field) -> tuple[str, str, str]:
-    return family_of(field.name), field.name.protocol, field.name.condition
+def _place(one: ScoredContest) -> tuple[str, str, str]:
+    return family_of(one.name), one.name.protocol, one.name.condition
 
 
-def _dataset(field: Field) -> str:
-    return dataset_of(field.name)
+def _dataset(one: ScoredContest) -> str:
+    return dataset_of(one.name)
 
 
-def _values(fields: Sequence[Field], standings: Standings) -> Iterator[tuple[str, ColumnValue]]:
-    complete = complete_models(fields)
-    like = _like_best(fields, complete, standings)
+def _values(
+    scored: Sequence[ScoredContest], rankings: Rankings
+) -> Iterator[tuple[str, ColumnValue]]:
+    complete = complete_models(scored)
+    like = _like_best(scored, complete, rankings)
     scores = {
-        model: _by_dataset(fields, model)
-        for model in dict.fromkeys(name for field in fields for name in field.contest.competitors)
-        if any(model in field.scores or model in field.missing for field in fields)
+        model: _by_dataset(scored, model)
+        for model in dict.fromkeys(name for one in scored for name in one.contest.competitors)
+        if any(model in one.scores or model in one.missing for one in scored)
     }
-    sign = standings.key.sign
+    sign = rankings.key.sign
     best = min((sign * np.mean(scores[model]) for model in complete), default=math.nan)
     for model, found in scores.items():
         yield (
@@ -113,31 +121,31 @@ def _values(fields: Sequence[Field], standings: Standings) -> Iterator[tuple[str
                 mean=float(np.mean(found)) if found else math.nan,
                 std=float(np.std(found, ddof=1)) if len(found) > 1 else math.nan,
                 n_datasets=len(found),
-                failed=max(field.failed(model) for field in fields),
+                failed=max(one.failed(model) for one in scored),
                 best=model in complete and bool(sign * np.mean(found) == best),
                 like_best=like.get(model),
             ),
         )
 
 
-def _by_dataset(fields: Sequence[Field], model: str) -> list[float]:
+def _by_dataset(scored: Sequence[ScoredContest], model: str) -> list[float]:
     """Return a model's score on each data set where it lacks no repetition."""
     return [
-        float(np.mean([field.mean(model) for field in members]))
-        for members in grouped(fields, _dataset).values()
-        if all(model in field.scores for field in members)
+        float(np.mean([one.mean(model) for one in members]))
+        for members in grouped(scored, _dataset).values()
+        if all(model in one.scores for one in members)
     ]
 
 
 def _like_best(
-    fields: Sequence[Field], models: tuple[str, ...], standings: Standings
+    scored: Sequence[ScoredContest], models: tuple[str, ...], rankings: Rankings
 ) -> dict[str, bool]:
     """Return whether each model is like the best in more than half of the contests."""
     if not models:
         return {}
-    found = [standings.of(field, models).like_best for field in fields]
+    found = [rankings.of(one, models).like_best for one in scored]
     tested = [like for like in found if like is not None]
-    if len(tested) < len(fields):
+    if len(tested) < len(scored):
         return {}
     share = np.mean(tested, axis=0)
     return {model: bool(part > 0.5) for model, part in zip(models, share, strict=True)}
@@ -305,7 +313,7 @@ class Section:
     """
 
     selects_on_test: bool
-    fields: tuple[Field, ...]
+    fields: tuple[ScoredContest, ...]
     ranked: tuple[RankedModel, ...]
     unranked: tuple[UnrankedModel, ...]
     columns: tuple[Column, ...]
@@ -314,19 +322,19 @@ class Section:
     @property
     def kinds(self) -> tuple[str, ...]:
         """Kinds of the data, e.g. ("simulated",)."""
-        return tuple(dict.fromkeys(presentation(field.contest).kind for field in self.fields))
+        return tuple(dict.fromkeys(presentation(one.contest).kind for one in self.fields))
 
     @property
     def caveats(self) -> tuple[str, ...]:
         """What must be read with the data sets and the protocols."""
-        return caveats_of(field.contest for field in self.fields)
+        return caveats_of(one.contest for one in self.fields)
 
     def caveats_of(self, family: str, protocol: str) -> tuple[str, ...]:
         """Return what must be read with the data sets of one robot type and a protocol."""
         return caveats_of(
-            field.contest
-            for field in self.fields
-            if (family_of(field.name), field.name.protocol) == (family, protocol)
+            one.contest
+            for one in self.fields
+            if (family_of(one.name), one.name.protocol) == (family, protocol)
         )
 
     @property
@@ -337,7 +345,7 @@ class Section:
 
     def mark_under(self, protocol: str, model: str) -> str:
         """Return what must stand beside a model's numbers under one protocol."""
-        contests = [field.contest for field in self.fields if field.name.protocol == protocol]
+        contests = [one.contest for one in self.fields if one.name.protocol == protocol]
         return _mark(contests, model)
 
 
@@ -361,9 +369,9 @@ class Leaderboard:
         return Counter(
             result.run_id
             for section in self.sections
-            for field in section.fields
-            for model in field.scores
-            for result in field.results(model)
+            for one in section.fields
+            for model in one.scores
+            for result in one.results[model]
         )
 
 
@@ -391,45 +399,45 @@ def build_leaderboard(
         StoreError: two models share no split, or the samples cannot be read.
     """
     shown = shown_contests(contests, models)
-    fields = [field_of(contest, shown.models, key, asked) for contest in shown.contests]
-    standings = Standings(key, folder, seed)
+    scored = [scored_contest(contest, shown.models, key, asked) for contest in shown.contests]
+    rankings = Rankings(key, folder, seed)
     sections = tuple(
-        _section(part, selects, standings)
+        _section(part, selects, rankings)
         for selects in (False, True)
-        if (part := [f for f in fields if presentation(f.contest).selects_on_test == selects])
+        if (part := [f for f in scored if presentation(f.contest).selects_on_test == selects])
     )
     return Leaderboard(key, sections, shown.notes)
 
 
-def _section(fields: list[Field], selects_on_test: bool, standings: Standings) -> Section:
-    contests = [field.contest for field in fields]
-    names = [name for name in competitor_names(contests) if _takes_part(fields, name)]
+def _section(scored: list[ScoredContest], selects_on_test: bool, rankings: Rankings) -> Section:
+    contests = [one.contest for one in scored]
+    names = [name for name in competitor_names(contests) if _takes_part(scored, name)]
     marks = {name: _mark(contests, name) for name in names}
-    complete = complete_models(fields)
-    analyses = rank_analyses(fields, standings)
+    complete = complete_models(scored)
+    analyses = rank_analyses(scored, rankings)
     ranked: list[RankedModel] = []
     if len(complete) >= FEWEST_RANKED:
-        found = _ranked([standings.of(field, complete) for field in fields], marks, analyses[0])
+        found = _ranked([rankings.of(one, complete) for one in scored], marks, analyses[0])
         ranked = sorted(found, key=lambda model: (model.mean_rank, model.name))
     return Section(
         selects_on_test=selects_on_test,
-        fields=tuple(fields),
+        fields=tuple(scored),
         ranked=tuple(ranked),
         unranked=tuple(
-            UnrankedModel(name, marks[name], _missing(fields, name))
+            UnrankedModel(name, marks[name], _missing(scored, name))
             for name in names
             if name not in {model.name for model in ranked}
         ),
-        columns=tuple(columns(fields, standings)),
+        columns=tuple(columns(scored, rankings)),
         analyses=tuple(analyses),
     )
 
 
-def _takes_part(fields: Sequence[Field], name: str) -> bool:
+def _takes_part(scored: Sequence[ScoredContest], name: str) -> bool:
     """Say whether the model is shown and was run in one of these contests."""
     return any(
-        name in field.contest.competitors and (name in field.scores or name in field.missing)
-        for field in fields
+        name in one.contest.competitors and (name in one.scores or name in one.missing)
+        for one in scored
     )
 
 
@@ -438,18 +446,18 @@ def _mark(contests: Sequence[Contest], name: str) -> str:
     return ", ".join(filter(None, dict.fromkeys(found)))
 
 
-def _missing(fields: Sequence[Field], name: str) -> dict[ContestName, str]:
-    return {field.name: field.missing[name] for field in fields if name in field.missing}
+def _missing(scored: Sequence[ScoredContest], name: str) -> dict[ContestName, str]:
+    return {one.name: one.missing[name] for one in scored if name in one.missing}
 
 
 def _ranked(
-    standings: Sequence[Standing], marks: Mapping[str, str], over_datasets: RankAnalysis
+    rankings: Sequence[Ranking], marks: Mapping[str, str], over_datasets: RankAnalysis
 ) -> list[RankedModel]:
-    mean_ranks = np.mean([standing.ranks for standing in standings], axis=0)  # (m,)
-    low, high = _rank_interval(standings, mean_ranks)
-    won = np.sum([standing.is_best for standing in standings], axis=0)
-    tested = [like for standing in standings if (like := standing.like_best) is not None]
-    like_best = np.sum(tested, axis=0) if len(tested) == len(standings) else None
+    mean_ranks = np.mean([ranking.ranks for ranking in rankings], axis=0)  # (m,)
+    low, high = _rank_interval(rankings, mean_ranks)
+    won = np.sum([ranking.is_best for ranking in rankings], axis=0)
+    tested = [like for ranking in rankings if (like := ranking.like_best) is not None]
+    like_best = np.sum(tested, axis=0) if len(tested) == len(rankings) else None
     return [
         RankedModel(
             name=name,
@@ -461,12 +469,12 @@ def _ranked(
             like_best=None if like_best is None else int(like_best[column]),
             within_cd=over_datasets.like_best(name),
         )
-        for column, name in enumerate(standings[0].models)
+        for column, name in enumerate(rankings[0].models)
     ]
 
 
 def _rank_interval(
-    standings: Sequence[Standing], mean_ranks: FloatArray
+    rankings: Sequence[Ranking], mean_ranks: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the (m,) bounds of the mean rank over draws of the poses, the same in all contests.
 
@@ -474,9 +482,9 @@ def _rank_interval(
     poses than the data, so that close models change places more often in them and ranks draw
     nearer to the middle: bounds are widened to hold the mean rank itself.
     """
-    drawn = [ranks for standing in standings if (ranks := standing.drawn_ranks) is not None]
+    drawn = [ranks for ranking in rankings if (ranks := ranking.drawn_ranks) is not None]
     if not drawn:
-        nothing = np.full(len(standings[0].models), np.nan)
+        nothing = np.full(len(rankings[0].models), np.nan)
         return nothing, nothing
     total, counts = np.zeros_like(drawn[0]), np.zeros(drawn[0].shape, dtype=np.int64)
     for ranks in drawn:

@@ -24,9 +24,9 @@ from stiff_bench.analysis.leaderboard import (
     Section,
     UnrankedModel,
 )
+from stiff_bench.analysis.ranking import ScoredContest
 from stiff_bench.analysis.same_robot import dataset_of, family_of, of_families, of_robots
 from stiff_bench.analysis.sort_key import SortKey
-from stiff_bench.analysis.standing import Field
 from stiff_bench.store.names import grouped, labels
 from stiff_bench.tables.render import TextTable, csv_cells, render_texts, value_text
 from stiff_bench.tables.table import SELECTION_MARK, Value
@@ -216,7 +216,7 @@ def _cost(model: ModelCost) -> dict[str, Any]:
     return {"name": model.name, "mark": model.mark, "cells": model.n_cells, "costs": costs}
 
 
-def _contest(field: Field, section: Section, factor: float) -> dict[str, Any]:
+def _contest(field: ScoredContest, section: Section, factor: float) -> dict[str, Any]:
     shown = [model for model in section.marks if model in field.missing]
     return {
         **{name: value for name, value in asdict(field.name).items() if name != "variant"},
@@ -410,8 +410,8 @@ def _test_text(key: SortKey) -> str:
             "over the models, and the bootstrap over poses must both find a difference"
         )
     return (
-        "like the best: contests in which it is the best or not distinguishable from the best "
-        f"({tests}; level {LEVEL:g})."
+        "like the best: contests in which it is the best, equivalent to the best or not "
+        f"distinguishable from it ({tests}; level {LEVEL:g})."
     )
 
 

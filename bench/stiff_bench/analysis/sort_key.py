@@ -71,9 +71,11 @@ class SortKey:
             found = [self.metric.values(pooled_prediction(results))]
         else:
             found = [result.values(self.metric.key) for result in results]
-        if any(axis not in values for values in found for axis in self._axes):
+        axes = self._axes
+        try:
+            of_axes = np.array([[values[axis] for axis in axes] for values in found])
+        except KeyError:  # a value is missing
             return None
-        of_axes = np.array([[values[axis] for axis in self._axes] for values in found])
         return np.asarray(of_axes.mean(axis=1))
 
     def of_rows(self, prediction: Prediction) -> FloatArray:

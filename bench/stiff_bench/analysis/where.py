@@ -14,11 +14,9 @@ from typing import Literal
 
 import numpy as np
 
-from stiff_bench.analysis.comparison import (
-    ERRORS,
-    NORM,
+from stiff_bench.analysis.comparison import ERRORS, NORM, PairedErrors
+from stiff_bench.analysis.verdict import (
     Estimate,
-    PairedErrors,
     Question,
     Verdict,
     decide,
@@ -220,5 +218,5 @@ def _place(
         mean_a=float(part.a.mean[0]),
         mean_b=float(part.b.mean[0]),
         estimate=estimate,
-        verdict=decide([estimate], question.confidence),
+        verdict=decide([estimate], question.confidence).verdict,
     )

@@ -110,8 +110,8 @@ def compare(
     A and B are models with their options, as `bench run` names them: vjm, ft-mlp@freeze=full.
     """
     from stiff_bench.analysis.compare import CompareWords, compare_folder
-    from stiff_bench.analysis.comparison import Question
     from stiff_bench.analysis.comparison_text import render_report
+    from stiff_bench.analysis.verdict import Question
     from stiff_bench.tables.units import MM
 
     words = CompareWords(

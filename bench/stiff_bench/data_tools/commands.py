@@ -163,9 +163,9 @@ def validation(path: Path, words: RobotWords) -> tuple[str, bool]:
 
 
 def _report(path: Path, words: RobotWords) -> ValidationReport:
-    robot, chain, _ = words.read()
+    _, chain, _ = words.read()
     reference_model = build_registry().model("vjm").load()
-    return validate(path, robot, chain, reference_model())
+    return validate(path, chain, reference_model())
 
 
 def write_simulation(

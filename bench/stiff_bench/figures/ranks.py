@@ -16,13 +16,14 @@ from stiff_bench.analysis.critical_difference import (
     rank_analyses,
 )
 from stiff_bench.analysis.leaderboard import presentation, shown_contests
+from stiff_bench.analysis.ranking import Rankings, scored_contest
 from stiff_bench.analysis.same_robot import of_robots
 from stiff_bench.analysis.sort_key import sort_key
-from stiff_bench.analysis.standing import Standings, field_of
 from stiff_bench.figures.figure import Content
 from stiff_bench.figures.source import FigureSource, marks_in
 from stiff_bench.figures.style import PAGE_INCH, new_figure
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.extras import require
 from stiff_protocols.scoring.paired import LEVEL
 
 if TYPE_CHECKING:
@@ -58,13 +59,15 @@ def gather(source: FigureSource) -> Content:
     """Rank the models over the robots of the folder.
 
     Raises:
-        ConfigError: there are too few robots or models for a critical difference.
+        ConfigError: there are too few robots or models for a critical difference, or
+            scikit-posthocs is not installed.
     """
+    require("a diagram of ranks", "scikit_posthocs")
     key = sort_key(METRIC, None)
     shown = shown_contests(source.contests, source.models)
-    fields = [field_of(contest, shown.models, key) for contest in shown.contests]
-    fair = [one for one in fields if not presentation(one.contest).selects_on_test] or fields
-    found = rank_analyses(fair, Standings(key, source.folder, 0))
+    scored = [scored_contest(contest, shown.models, key) for contest in shown.contests]
+    fair = [one for one in scored if not presentation(one.contest).selects_on_test] or scored
+    found = rank_analyses(fair, Rankings(key, source.folder, 0))
     ranked = [one for one in found if one.outcome is not None]
     if not ranked:
         reasons = "; ".join(dict.fromkeys(one.why_none for one in found))

@@ -230,8 +230,12 @@ def import_plugin_file(path: Path) -> ModuleType:
         raise ConfigError(f"--plugin {path}: not a Python file (valid: a file that ends in .py)")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses and type hints look their module up here
-    with _guarded(f"--plugin {path}"):
-        spec.loader.exec_module(module)
+    try:
+        with _guarded(f"--plugin {path}"):
+            spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
     return module
 
 

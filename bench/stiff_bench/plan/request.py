@@ -11,6 +11,7 @@ from stiff_bench.plan.options import Choice, Chosen, options_of
 from stiff_bench.plan.registry import Registry
 from stiff_bench.plan.words import chosen_dataset
 from stiff_protocols.contract.errors import ConfigError, DataError, StiffBenchError
+from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.interfaces import ChecksParams, NamesSources
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, PluginInfo, ProtocolInfo
 from stiff_protocols.contract.types import BenchmarkData
@@ -136,6 +137,7 @@ def _coverage(asked: float | None, metrics: Sequence[Metric]) -> float | None:
         coverage = DEFAULT_COVERAGE if asked is None else asked
         if not 0.0 < coverage < 1.0:
             raise ConfigError(f"--coverage {coverage:g}: must lie between 0 and 1")
+        require("a metric of intervals", "crepes")  # before the models are fitted
         return coverage
     if asked is not None:
         raise ConfigError(

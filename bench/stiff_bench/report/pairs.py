@@ -11,15 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from stiff_bench.analysis.collected import Contest, split_sizes
-from stiff_bench.analysis.comparison import (
-    Estimate,
-    Question,
-    Verdict,
-    decide,
-    estimates_over_splits,
-)
 from stiff_bench.analysis.comparison_text import VERDICTS
 from stiff_bench.analysis.leaderboard import Section, presentation
+from stiff_bench.analysis.verdict import Question, SharedErrors, Verdict, decide_pairs
 from stiff_bench.report.content import Block, Cell, Kind, PageTable, Tone
 from stiff_bench.report.runs import shell_words
 from stiff_bench.report.scores import page_table
@@ -32,12 +26,10 @@ from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.bootstrap import (
     PoseErrors,
-    pose_differences,
     pose_errors,
     resampled_means,
 )
 from stiff_protocols.scoring.metrics import norm_errors
-from stiff_protocols.scoring.paired import Posterior, wilcoxon_signed_rank
 
 
 @dataclass(frozen=True)
@@ -104,30 +96,26 @@ def _of_slots(
     errors = {name: _errors(contest.results(name, slots), data) for name in names}
     if len(errors[names[0]].of_poses.poses) < 2:
         return
-    drawn = resampled_means([errors[name].of_poses for name in names], seed=question.seed)
-    column = {name: number for number, name in enumerate(names)}
-    a, b = ([column[pair[side]] for pair in pairs] for side in (0, 1))
-    low, high, posteriors = _of_draws(drawn[:, a] - drawn[:, b], question)
-    over_splits: Sequence[Estimate | None] = [None] * len(pairs)
     by_split = len(slots) > 1 and not presentation(contest).pooled
-    if by_split:
-        share = split_sizes(contest.results(names[0], slots), len(data.samples)).test_share
-        columns = [errors[a].of_splits - errors[b].of_splits for a, b in pairs]
-        over_splits = estimates_over_splits(np.column_stack(columns), share, question)
-    for number, ((one, other), splits) in enumerate(zip(pairs, over_splits, strict=True)):
-        ours, theirs = errors[one], errors[other]
-        p_value = _signed_rank(ours, theirs) if splits is None else splits.p_value
-        over_poses = Estimate(low[number], high[number], posteriors[number], p_value)
-        estimates = [over_poses] if splits is None else [splits, over_poses]
+    of_poses = [one.of_poses for one in errors.values()]
+    shared = SharedErrors(
+        of_splits=np.column_stack([e.of_splits for e in errors.values()]) if by_split else None,
+        test_share=split_sizes(contest.results(names[0], slots), len(data.samples)).test_share,
+        of_poses=of_poses,
+        drawn=resampled_means(of_poses, seed=question.seed),
+    )
+    columns = [(names.index(a), names.index(b)) for a, b in pairs]
+    decisions = decide_pairs(shared, columns, question, correct=False) or []
+    for (a, b), decision in zip(pairs, decisions, strict=True):
         yield Pair(
             name=contest.name,
-            a=one,
-            b=other,
+            a=a,
+            b=b,
             n_splits=len(slots),
-            difference=_difference(ours, theirs, by_split),
-            p_value=p_value,
-            verdict=decide(estimates, question.confidence),
-            of_fits=splits is None,
+            difference=_difference(errors[a], errors[b], by_split),
+            p_value=decision.p_value,
+            verdict=decision.verdict,
+            of_fits=not by_split,
         )
 
 
@@ -145,24 +133,6 @@ def _difference(a: _Errors, b: _Errors, by_split: bool) -> float:
     if by_split:
         return float(a.of_splits.mean() - b.of_splits.mean())
     return float(a.of_poses.mean[0] - b.of_poses.mean[0])
-
-
-def _signed_rank(a: _Errors, b: _Errors) -> float:
-    return wilcoxon_signed_rank(pose_differences(a.of_poses, b.of_poses)[:, 0])
-
-
-def _of_draws(
-    drawn: FloatArray, question: Question
-) -> tuple[list[float], list[float], list[Posterior]]:
-    """Return the bounds and the probabilities of each column of (B, k) drawn differences, m."""
-    tail = 0.5 * (1.0 - question.confidence)
-    low, high = np.quantile(drawn, [tail, 1.0 - tail], axis=0)
-    a_better = np.mean(drawn < -question.rope, axis=0).tolist()
-    b_better = np.mean(drawn > question.rope, axis=0).tolist()
-    posteriors = [
-        Posterior(a, max(0.0, 1.0 - a - b), b) for a, b in zip(a_better, b_better, strict=True)
-    ]
-    return low.tolist(), high.tolist(), posteriors
 
 
 MOST_PAIRS = 10_000

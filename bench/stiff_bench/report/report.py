@@ -17,10 +17,10 @@ from stiff_bench.analysis.collected import (
     same_name_other_data,
     stands_for,
 )
-from stiff_bench.analysis.comparison import Question
 from stiff_bench.analysis.leaderboard import Leaderboard, Section, caveats_of, presentation
 from stiff_bench.analysis.sort_key import SortKey, sort_key
 from stiff_bench.analysis.stored_leaderboard import StoredResults
+from stiff_bench.analysis.verdict import Question
 from stiff_bench.figures.source import FigureSource
 from stiff_bench.report.content import Block, Page, Part
 from stiff_bench.report.page import render_page

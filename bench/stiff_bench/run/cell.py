@@ -65,10 +65,7 @@ def compute_cell(task: CellTask, run_id: str) -> CellResult:
                 result = _fit_predict_score(task, run_id)
         except StiffBenchError as error:
             result = failed(task, run_id, type(error).__name__, short(str(error)))
-        except (
-            Exception,
-            SystemExit,
-        ) as error:  # whatever a plugin raises is that cell's failure alone
+        except (Exception, SystemExit) as error:  # a plugin's costs that cell alone
             where = traceback.extract_tb(error.__traceback__)[-1]
             reason = f"{short(said_by(error))} ({where.filename}:{where.lineno})"
             result = failed(task, run_id, type(error).__name__, reason)
@@ -118,11 +115,17 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
     check_prediction(predicted, len(q))
     _check_units(model, train)
     warn_of_rows(train)
-    diagnostics, chosen = _diagnostics(model), _chosen(model)
+    reported = model.diagnostics_ if isinstance(model, ReportsDiagnostics) else {}
+    diagnostics = {str(name): float(value) for name, value in reported.items()}
+    best = model.best_params_ if isinstance(model, ChoosesOptions) else {}
+    chosen = {name: str(value) for name, value in best.items()}
     intervals = _interval_source(task, model, train, validation)
     interval = None
     if intervals is not None and task.cell.coverage is not None:
-        interval = _interval(intervals, q, wrench, task.cell.coverage)
+        interval = intervals.predict_interval(q, wrench, task.cell.coverage)
+        if not isinstance(interval, Interval):
+            found = type(interval).__name__
+            raise ModelError(f"predict_interval returned {found}, expected Interval")
     cost = Cost(  # measured last: how often it asks the model depends on the machine's speed
         fit_s=fitted - start,
         predict_s=predict_s,
@@ -131,6 +134,7 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
         memory_bytes=memory_bytes,
     )
     reference = _reference(task, q, wrench)
+    curves = model.curves_ if isinstance(model, KeepsCurves) else {}
     measured = task.data.samples.deflection[task.split.test]
     prediction = Prediction(task.split.test, predicted, measured, interval, reference)
     return CellResult(
@@ -138,7 +142,7 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
         shown=task.shown,
         run_id=run_id,
         status="ok",
-        records=_records(prediction, cost),
+        records=metric_records(prediction, cost),
         prediction=prediction,
         cost=cost,
         calibration_samples=(
@@ -148,20 +152,8 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
         n_train=len(_training_rows(task)),
         n_splits=task.n_splits,
         chosen=chosen,
-        curves=_curves(model),
+        curves={str(name): _thinned(name, curve) for name, curve in curves.items()},
     )
-
-
-def _diagnostics(model: StiffnessModel) -> dict[str, float]:
-    if not isinstance(model, ReportsDiagnostics):
-        return {}
-    return {str(name): float(value) for name, value in model.diagnostics_.items()}
-
-
-def _curves(model: StiffnessModel) -> dict[str, FloatArray]:
-    if not isinstance(model, KeepsCurves):
-        return {}
-    return {str(name): _thinned(name, curve) for name, curve in model.curves_.items()}
 
 
 def _thinned(name: str, curve: FloatArray) -> FloatArray:
@@ -181,13 +173,8 @@ def _thinned(name: str, curve: FloatArray) -> FloatArray:
     return points[np.linspace(0, len(points) - 1, CURVE_POINTS).round().astype(np.int64)]
 
 
-def _chosen(model: StiffnessModel) -> dict[str, str]:
-    if not isinstance(model, ChoosesOptions):
-        return {}
-    return {name: str(value) for name, value in model.best_params_.items()}
-
-
-def _records(prediction: Prediction, cost: Cost) -> tuple[ResultRecord, ...]:
+def metric_records(prediction: Prediction, cost: Cost | None) -> tuple[ResultRecord, ...]:
+    """Return every metric that a prediction and its cost have."""
     return tuple(
         ResultRecord(metric.key, axis, value, metric.unit)
         for metric in METRICS.values()
@@ -238,15 +225,6 @@ def _interval_source(
     for message in dict.fromkeys(said):
         warnings.warn(message, StiffBenchWarning, stacklevel=1)
     return found
-
-
-def _interval(
-    source: PredictsInterval, q: FloatArray, wrench: FloatArray, coverage: float
-) -> Interval:
-    interval = source.predict_interval(q, wrench, coverage)
-    if not isinstance(interval, Interval):
-        raise ModelError(f"predict_interval returned {type(interval).__name__}, expected Interval")
-    return interval
 
 
 def _check_units(model: StiffnessModel, train: Samples) -> None:

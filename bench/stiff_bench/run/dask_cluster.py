@@ -71,10 +71,7 @@ class DaskCluster:
             raise ConfigError(f"--dask {words!r}: no cluster (valid: tcp://HOST:PORT, local:N)")
         self.at_once = int(local[1]) if local else 1
         self._machines: dict[str, Mapping[str, str]] = {}
-
-    def machines(self) -> Mapping[str, Mapping[str, str]]:
-        """Return the environments of the workers that computed cells, by their addresses."""
-        return self._machines
+        self.machines: Mapping[str, Mapping[str, str]] = self._machines
 
     def results(
         self, tasks: Iterable[CellTask], run_id: str, display: Display

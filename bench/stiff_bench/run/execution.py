@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Mapping, Set
 from dataclasses import dataclass, field
-from importlib.util import find_spec
 from typing import Literal, Protocol
 
 from stiff_bench.plan.cells import CellTask
 from stiff_bench.plan.registry import OURS, Registry
 from stiff_bench.plan.request import RunPlan
 from stiff_bench.run.cell import compute_cell
-from stiff_bench.run.isolate import Limits, LocalProcesses, result_of
+from stiff_bench.run.isolate import NO_MACHINES, Limits, LocalProcesses, result_of
 from stiff_bench.run.progress import Display
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.record import CellResult
 
 Rerun = Literal["missing", "failed", "all"]
@@ -31,6 +31,9 @@ class Executor(Protocol):
     at_once: int
     """How many cells are computed side by side, as far as that is known."""
 
+    machines: Mapping[str, Mapping[str, str]]
+    """Environments of other machines that took part, by their addresses."""
+
     def results(
         self, tasks: Iterable[CellTask], run_id: str, display: Display
     ) -> Generator[CellResult, None, None]:
@@ -39,14 +42,12 @@ class Executor(Protocol):
         A task is taken from `tasks` when its turn comes. Closing the generator ends what runs.
         """
 
-    def machines(self) -> Mapping[str, Mapping[str, str]]:
-        """Return the environments of other machines that took part, by their addresses."""
-
 
 class InProcess:
     """Computes one cell after another in this process."""
 
     at_once = 1
+    machines = NO_MACHINES
 
     def results(
         self, tasks: Iterable[CellTask], run_id: str, display: Display
@@ -55,10 +56,6 @@ class InProcess:
         for task in tasks:
             display.start(task)
             yield result_of(task, run_id, compute_cell(task, run_id))
-
-    def machines(self) -> Mapping[str, Mapping[str, str]]:
-        """Return none."""
-        return {}
 
 
 @dataclass(frozen=True)
@@ -128,8 +125,7 @@ def chosen_execution(
 
 
 def _on_cluster(words: str, limits: Limits, plan: RunPlan) -> Executor:
-    if find_spec("distributed") is None:
-        raise ConfigError(f"--dask {words}: needs Dask: pip install 'stiffbench[cluster]'")
+    require(f"--dask {words}", "distributed")
     from stiff_bench.run.dask_cluster import DaskCluster
 
     return DaskCluster(words, limits, plan.output)

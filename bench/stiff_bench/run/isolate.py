@@ -481,6 +481,9 @@ def compute_isolated(work: Work, wanted: Callable[[], bool]) -> CellResult | Cra
     return None
 
 
+NO_MACHINES: Mapping[str, Mapping[str, str]] = {}
+
+
 class LocalProcesses:
     """Computes cells in processes on this machine, some side by side.
 
@@ -493,10 +496,7 @@ class LocalProcesses:
     def __init__(self, jobs: int, limits: Limits, strangers: Set[str] = frozenset()) -> None:
         """Store them."""
         self.at_once, self._limits, self._strangers = jobs, limits, strangers
-
-    def machines(self) -> Mapping[str, Mapping[str, str]]:
-        """Return none: there is no other machine."""
-        return {}
+        self.machines = NO_MACHINES
 
     def results(
         self, tasks: Iterable[CellTask], run_id: str, display: Display

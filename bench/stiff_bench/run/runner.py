@@ -179,7 +179,7 @@ def _described(
                 status=status,
                 wall_s=seconds,
                 peak_memory_bytes=peak_memory_bytes(),
-                machines=execution.executor.machines(),
+                machines=execution.executor.machines,
             )
         )
 

@@ -22,7 +22,7 @@ import os
 import shutil
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import fields
 from functools import cache
 from itertools import chain, count
@@ -105,12 +105,13 @@ class DamagedFile(StoreError):
 
     Attributes:
         key: of the damaged cell; "" where it is another row or the whole file.
+        run_id: of the damaged manifest; "" likewise.
     """
 
-    def __init__(self, path: Path, why: str, key: str = "") -> None:
+    def __init__(self, path: Path, why: str, *, key: str = "", run_id: str = "") -> None:
         """Say where and why."""
         super().__init__(f"{path}: damaged: {why}")
-        self.key = key
+        self.key, self.run_id = key, run_id
 
 
 class ResultStore:
@@ -189,15 +190,21 @@ class ResultStore:
         path = self.folder / FILE
         fault = fault_of(self.folder)
         if fault is not None:
-            kept = next(name for name in _names_aside(path) if not name.exists())
+            endings = chain([""], (f"-{number}" for number in count(2)))
+            aside = (path.with_name(f"{FILE}.damaged{ending}") for ending in endings)
+            kept = next(name for name in aside if not name.exists())
             report(
                 DamagedFile(path, f"{fault}; its readable rows are kept, and all of it as {kept}")
             )
             salvage(path, path, report, keep=kept)
-        lost = [(run,) for run, found in _manifests(self.folder, report) if found is None]
+        lost: list[DamagedFile] = []
+        list(readable_manifests(self.folder, lost.append))
         if lost:
             with writing(self.folder) as db:
-                db.executemany("DELETE FROM run WHERE run_id = ?", lost)
+                names = [(error.run_id,) for error in lost]
+                db.executemany("DELETE FROM run WHERE run_id = ?", names)
+        for error in lost:
+            report(error)
 
     def remove(self, keys: Iterable[str]) -> None:
         """Delete what is stored of cells, as of damaged ones that are to be computed again."""
@@ -240,8 +247,6 @@ def stored_results(
         StoreError: the folder is none of ours, the file is damaged as a whole, or a row is and
             nobody asked for a report.
     """
-    if not has_results(folder):
-        return
     tell = report or _raise
     asked = sorted(keys or ())
     last = 0
@@ -259,7 +264,7 @@ def stored_results(
             try:
                 yield _checked(row, values)
             except DataError as error:
-                tell(DamagedFile(folder / FILE, f"cell {row[2]}: {error}", str(row[2])))
+                tell(DamagedFile(folder / FILE, f"cell {row[2]}: {error}", key=str(row[2])))
         if keys is None:
             if len(rows) < AT_ONCE:
                 return
@@ -272,8 +277,6 @@ def stored_statuses(folder: Path) -> dict[str, str]:
     Raises:
         StoreError: the folder is none of ours, or its file is damaged.
     """
-    if not has_results(folder):
-        return {}
     with reading(folder) as db:
         return dict(_fetched(db, "SELECT key, status FROM cell"))
 
@@ -284,8 +287,6 @@ def mean_seconds(folder: Path) -> dict[str, float]:
     Raises:
         StoreError: the folder is none of ours, or its file is damaged.
     """
-    if not has_results(folder):
-        return {}
     query = "SELECT model, avg(fit_s + predict_s) FROM cell WHERE status = 'ok' GROUP BY model"
     with reading(folder) as db:
         return {model: seconds for model, seconds in _fetched(db, query) if seconds is not None}
@@ -300,23 +301,17 @@ def read_manifests(folder: Path) -> list[RunManifest]:
     return list(readable_manifests(folder, _raise))
 
 
-def readable_manifests(folder: Path, report: OnDamage) -> Iterator[RunManifest]:
+def readable_manifests(
+    folder: Path, report: Callable[[DamagedFile], None]
+) -> Iterator[RunManifest]:
     """Yield the manifests of a folder that are whole; `report` is told of the others."""
-    return (found for _, found in _manifests(folder, report) if found is not None)
-
-
-def _manifests(folder: Path, tell: OnDamage) -> Iterator[tuple[str, RunManifest | None]]:
-    """Yield a run's name and its manifest; None where that is damaged."""
-    if not has_results(folder):
-        return
     with reading(folder) as db:
         rows = _fetched(db, f"SELECT sha256, {', '.join(_RUN)} FROM run ORDER BY run_id")
     for row in rows:
         try:
-            yield row[1], _manifest(*row)
+            yield _manifest(*row)
         except (DataError, TypeError, ValueError) as error:
-            tell(DamagedFile(folder / FILE, f"run {row[1]}: {error}"))
-            yield row[1], None
+            report(DamagedFile(folder / FILE, f"run {row[1]}: {error}", run_id=row[1]))
 
 
 def read_data(folder: Path, sha256: str) -> StoredData:
@@ -325,11 +320,9 @@ def read_data(folder: Path, sha256: str) -> StoredData:
     Raises:
         StoreError: there is none, or it is damaged.
     """
-    row = None
-    if has_results(folder):
-        query = "SELECT content, content_sha256 FROM data WHERE sha256 = ?"
-        with reading(folder) as db:
-            row = db.execute(query, (sha256,)).fetchone()
+    query = "SELECT content, content_sha256 FROM data WHERE sha256 = ?"
+    with reading(folder) as db:
+        row = db.execute(query, (sha256,)).fetchone()
     if row is None:
         raise StoreError(f"{folder / FILE}: holds no data set {sha256!r}")
     try:
@@ -342,21 +335,21 @@ def read_data(folder: Path, sha256: str) -> StoredData:
 
 @contextmanager
 def reading(folder: Path) -> Iterator[sqlite3.Connection]:
-    """Give a connection that reads a folder's file, which must be there.
+    """Give a connection that reads a folder's file; empty tables where there are none yet.
 
     Raises:
         StoreError: the file is damaged, of another format, or cannot be read.
     """
     path = folder / FILE
-    with _said(path, "read"):
-        db = sqlite3.connect(_uri(path), uri=True, timeout=BUSY_S, isolation_level=None)
-        with closing(db):
-            db.execute("BEGIN")  # all that the block reads is of one moment
+    with _said(path, "read"), ExitStack() as stack:
+        if has_results(folder):
+            db = sqlite3.connect(_uri(path), uri=True, timeout=BUSY_S, isolation_level=None)
+            stack.enter_context(closing(db)).execute("BEGIN")  # what is read is of one moment
             if _has_tables(db):
                 _check_format(path, db)
                 yield db
                 return
-        with closing(sqlite3.connect(":memory:")) as db:  # a run is about to make the tables
+        with closing(sqlite3.connect(":memory:")) as db:
             _make_tables(db)
             yield db
 
@@ -443,7 +436,7 @@ def salvage(source: Path, target: Path, report: OnDamage, keep: Path | None = No
         try:
             with writing(scratch) as new, closing(sqlite3.connect(_uri(source), uri=True)) as old:
                 for key in _copied(old, new):
-                    report(DamagedFile(source, f"cell {key}: cannot be read", key))
+                    report(DamagedFile(source, f"cell {key}: cannot be read", key=key))
             if keep is not None:
                 shutil.copyfile(source, keep)
             (scratch / FILE).replace(target)
@@ -658,11 +651,6 @@ def _uri(path: Path) -> str:
     """
     mode = "rw" if os.access(path, os.W_OK) and os.access(path.parent, os.W_OK) else "ro"
     return f"{path.resolve().as_uri()}?mode={mode}"
-
-
-def _names_aside(path: Path) -> Iterator[Path]:
-    for number in count(1):
-        yield path.with_name(f"{path.name}.damaged{'' if number == 1 else f'-{number}'}")
 
 
 def _check_format(path: Path, db: sqlite3.Connection) -> None:

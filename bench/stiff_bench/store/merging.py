@@ -27,16 +27,13 @@ from stiff_bench.store.database import (
     write_run,
     writing,
 )
-from stiff_bench.store.names import SHORT
+from stiff_bench.store.versions import NO_MANIFEST, version_of_run
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.record import CellResult, RunManifest
 
 Kind = Literal["data", "split", "code"]
 KINDS: tuple[Kind, ...] = ("data", "split", "code")
 """What folders may say differently."""
-
-
-NOT_KNOWN = "not known"
 
 
 class Subject(NamedTuple):
@@ -151,32 +148,36 @@ def survey(
         found.damaged.append(str(error))
 
     found.runs = list(readable_manifests(found.source, note))
-    software = {run.run_id: _software(run) for run in found.runs}
-    found.versions = dict(software)
+    found.versions = {run.run_id: version_of_run(run) for run in found.runs}
     for result in stored_results(found.source, report=note):
         key = result.cell.key
         if replace(result.cell).key != key:  # what is written by its key must have its own
             found.damaged.append(f"{folder}: the record {key!r} is another cell's")
             continue
-        record = found.records[key] = _record(result)
+        run_id = sys.intern(result.run_id)
+        record = Record(result.status == "ok", run_id, result.n_splits, _numbers_of(result))
+        found.records[key] = record
         if not any(one.records.get(key) == record for one in known):
-            _note_claims(found, result, software)
+            for subject, value in _said(result, found.versions):
+                of_subject = found.claims.setdefault(subject, {})
+                other = of_subject.get(value, Claim(value, "", 0))
+                of_subject[value] = Claim(value, max(other.run_id, run_id), other.n_cells + 1)
     return found
 
 
 def disagreements(surveys: Sequence[FolderSurvey]) -> list[Disagreement]:
     """Return where folders contradict each other, by kind and name."""
     subjects = dict.fromkeys(subject for one in surveys for subject in one.claims)
-    disputed = [subject for subject in subjects if len(_values(subject, surveys)) > 1]
+    disputed = [
+        subject
+        for subject in subjects
+        if len({one.says(subject).value for one in surveys if subject in one.claims}) > 1
+    ]
     disputed.sort(key=lambda subject: (KINDS.index(subject.kind), subject.name))
     return [
         _disagreement(kind, name, list(found), surveys)
         for (kind, name), found in groupby(disputed, key=lambda subject: subject[:2])
     ]
-
-
-def _values(subject: Subject, surveys: Sequence[FolderSurvey]) -> set[str]:
-    return {one.says(subject).value for one in surveys if subject in one.claims}
 
 
 def _disagreement(
@@ -189,27 +190,18 @@ def _disagreement(
             said = one.says(first)
             n_cells = sum(one.says(each).n_cells for each in subjects if each in one.claims)
             claims[one.folder] = said._replace(n_cells=n_cells)
-            versions[one.folder] = one.versions.get(said.run_id, NOT_KNOWN)
+            versions[one.folder] = one.versions.get(said.run_id, NO_MANIFEST)
     return Disagreement(kind, name, len(subjects), claims, versions)
 
 
-def _record(result: CellResult) -> Record:
+def _numbers_of(result: CellResult) -> bytes:
+    """Return a hash of a result's predictions."""
     digest = hashlib.blake2b(digest_size=8)
-    if result.prediction is not None:
-        digest.update(result.prediction.predicted.tobytes())
-        if result.prediction.interval is not None:
-            digest.update(result.prediction.interval.lower.tobytes())
-            digest.update(result.prediction.interval.upper.tobytes())
-    ok = result.status == "ok"
-    return Record(ok, sys.intern(result.run_id), result.n_splits, digest.digest())
-
-
-def _note_claims(found: FolderSurvey, result: CellResult, runs: Mapping[str, str]) -> None:
-    for subject, value in _said(result, runs):
-        of_subject = found.claims.setdefault(subject, {})
-        other = of_subject.get(value, Claim(value, "", 0))
-        run_id = max(other.run_id, sys.intern(result.run_id))
-        of_subject[value] = Claim(value, run_id, other.n_cells + 1)
+    if (found := result.prediction) is not None:
+        interval = () if found.interval is None else (found.interval.lower, found.interval.upper)
+        for array in (found.predicted, *interval):
+            digest.update(array.tobytes())
+    return digest.digest()
 
 
 def _said(result: CellResult, runs: Mapping[str, str]) -> Iterator[tuple[Subject, str]]:
@@ -223,16 +215,8 @@ def _said(result: CellResult, runs: Mapping[str, str]) -> Iterator[tuple[Subject
     yield Subject("split", f"{shown.protocol} of {shown.dataset}", split), cell.split_sha256
     # where no version is stored, that of stiffbench stands for it
     version = f"{cell.model_version}, scoring {cell.scoring_version}"
-    code = version if cell.model_version else runs.get(result.run_id, NOT_KNOWN)
+    code = version if cell.model_version else runs.get(result.run_id, NO_MANIFEST)
     yield Subject("code", cell.model, (cell.protocol,)), code
-
-
-def _software(run: RunManifest) -> str:
-    """Return version and commit of stiffbench."""
-    facts = run.environment
-    commit = str(facts.get("commit", ""))[:SHORT]
-    dirty = " with changes" if facts.get("dirty") == "true" else ""
-    return f"{facts.get('stiffbench', NOT_KNOWN)}{f', commit {commit}{dirty}' if commit else ''}"
 
 
 _COLUMNS = ", ".join((*COLUMNS, "sha256"))

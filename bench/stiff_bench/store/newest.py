@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
-from typing import Any
 
 from stiff_bench.store.names import grouped
 from stiff_protocols.contract.record import Cell, CellResult, RunManifest
@@ -96,35 +95,25 @@ def of_newest_options(
     A name holds the options that differ from their defaults; one name has other options where a
     default, or a file that an option names, was changed.
     """
-    results, older = _of_version(newest, results)
-    same, older_options = _of_options(newest.model_params, results)
-    return same, older + older_options
-
-
-def _of_version(newest: Cell, results: Sequence[CellResult]) -> tuple[list[CellResult], list[str]]:
+    model = results[0].shown.model
     wanted = newest.model_version, newest.scoring_version
     same = [r for r in results if (r.cell.model_version, r.cell.scoring_version) == wanted]
-    if len(same) == len(results):
-        return same, []
-    return same, [f"older results of {results[0].shown.model} by another version of it"]
-
-
-def _of_options(
-    options: Mapping[str, Any], results: Sequence[CellResult]
-) -> tuple[list[CellResult], list[str]]:
-    same = [result for result in results if result.cell.model_params == options]
-    differing = sorted(
-        {
-            option
-            for result in results
-            for option in {*options, *result.cell.model_params}
-            if options.get(option) != result.cell.model_params.get(option)
-        }
-    )
-    if not differing:
-        return same, []
-    model = results[0].shown.model
-    return same, [f"older results of {model} with other options ({', '.join(differing)})"]
+    notes = []
+    if len(same) < len(results):
+        notes.append(f"older results of {model} by another version of it")
+    options = newest.model_params
+    alike = [result for result in same if result.cell.model_params == options]
+    if len(alike) < len(same):
+        differing = sorted(
+            {
+                option
+                for result in same
+                for option in {*options, *result.cell.model_params}
+                if options.get(option) != result.cell.model_params.get(option)
+            }
+        )
+        notes.append(f"older results of {model} with other options ({', '.join(differing)})")
+    return alike, notes
 
 
 def counting(results: Sequence[CellResult], coverages: Sequence[float], runs: Runs) -> CellResult:

@@ -79,18 +79,14 @@ def stored_data(content: bytes) -> StoredData:
         DataError: it is none, or unpacks to too much.
     """
     try:
-        _check_size(content)
+        with zipfile.ZipFile(io.BytesIO(content)) as parts:
+            size = sum(part.file_size for part in parts.infolist())
+        if size > LARGEST_BYTES:
+            raise DataError(f"unpacks to {size} bytes (valid: up to {LARGEST_BYTES})")
         with np.load(io.BytesIO(content), allow_pickle=False) as found:
             return _stored(found)
     except _DAMAGES as error:
         raise DataError(str(error)) from error
-
-
-def _check_size(content: bytes) -> None:
-    with zipfile.ZipFile(io.BytesIO(content)) as parts:
-        size = sum(part.file_size for part in parts.infolist())
-    if size > LARGEST_BYTES:
-        raise DataError(f"unpacks to {size} bytes (valid: up to {LARGEST_BYTES})")
 
 
 def _stored(found: Mapping[str, Any]) -> StoredData:

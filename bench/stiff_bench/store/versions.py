@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
+from stiff_bench.store.names import SHORT
 from stiff_protocols.contract.record import RunManifest
 
 NO_MANIFEST = "a run without a manifest"
@@ -23,7 +24,7 @@ def sources(
         runs: whose manifests the folder holds.
         n_results: run id -> how many of its results are shown.
     """
-    versions = {run.run_id: _version(run.environment) for run in runs}
+    versions = {run.run_id: version_of_run(run) for run in runs}
     counts: Counter[str] = Counter()
     for run_id, count in n_results.items():
         counts[versions.get(run_id, NO_MANIFEST)] += count
@@ -54,8 +55,10 @@ def differing_libraries(
             yield f"Computed with different versions of {library}: {said}."
 
 
-def _version(environment: Mapping[str, str]) -> str:
-    commit = environment.get("commit", "")[:8]
-    changed = " with uncommitted changes" if environment.get("dirty") == "true" else ""
+def version_of_run(run: RunManifest) -> str:
+    """Return version and commit of stiffbench, for people."""
+    facts = run.environment
+    commit = facts.get("commit", "")[:SHORT]
+    changed = " with uncommitted changes" if facts.get("dirty") == "true" else ""
     at = f" at {commit}{changed}" if commit else ""
-    return f"stiffbench {environment.get('stiffbench', '')}{at}"
+    return f"stiffbench {facts.get('stiffbench', 'of an unknown version')}{at}"

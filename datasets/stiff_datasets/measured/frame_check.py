@@ -10,14 +10,12 @@ from __future__ import annotations
 import itertools
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 
-from stiff_datasets.measured.identifiability import configuration
-from stiff_datasets.robots.robot import ChainModel
 from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
+from stiff_protocols.contract.forward_kinematics import forward_kinematics
 from stiff_protocols.contract.interfaces import StiffnessModel
 from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
 
@@ -65,9 +63,7 @@ class BetterReading:
     rms_as_given: float
 
 
-def better_reading(
-    samples: Samples, robot: Robot, chain: ChainModel | None, model: StiffnessModel
-) -> BetterReading | None:
+def better_reading(samples: Samples, robot: Robot, model: StiffnessModel) -> BetterReading | None:
     """Return the reading that explains the data much better than the file's; None: there is none.
 
     The best reading must leave less than half the sum of squares that the wrench as given leaves,
@@ -85,7 +81,6 @@ def better_reading(
     Args:
         samples: the data.
         robot: the robot that was measured.
-        chain: the same for Pinocchio; None: readings in the tool's frame are left out.
         model: a reference model; it is fitted to every reading.
 
     Raises:
@@ -93,7 +88,7 @@ def better_reading(
     """
     spread = np.linspace(0, len(samples) - 1, min(len(samples), MOST_SAMPLES))
     samples = samples.take(np.unique(spread.astype(np.int64)))
-    given, *others = readings(samples, chain)
+    given, *others = readings(samples, robot)
     as_given = squared_residuals(samples, robot, model, given.wrench)
     squares = np.stack([_squares_or_none(samples, robot, model, each.wrench) for each in others])
     total = squares.sum(axis=1)
@@ -116,12 +111,11 @@ def squared_residuals(
     Raises:
         ModelError: the model cannot be fitted.
     """
-    read = Samples(
-        samples.q, wrench, samples.deflection, samples.pose_id, samples.load_id, samples.group
-    )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StiffBenchWarning)  # identifiability is reported apart
-        predicted = model.fit(read, robot=robot).predict(samples.q, wrench)
+        predicted = model.fit(replace(samples, wrench=wrench), robot=robot).predict(
+            samples.q, wrench
+        )
     return np.asarray(((samples.deflection - predicted) ** 2).sum(axis=1))
 
 
@@ -139,14 +133,10 @@ def _much_better(squares: FloatArray, as_given: FloatArray, samples: Samples) ->
         return False
     _, pose = np.unique(samples.pose_id, return_inverse=True)
     gain = np.bincount(pose, as_given - squares)  # (n_poses,)
-    return (
-        bool(gain.sum() > CLEARLY * np.sqrt(len(gain)) * gain.std(ddof=1))
-        if len(gain) > 1
-        else False
-    )
+    return len(gain) > 1 and bool(gain.sum() > CLEARLY * np.sqrt(len(gain)) * gain.std(ddof=1))
 
 
-def readings(samples: Samples, chain: ChainModel | None) -> list[Reading]:
+def readings(samples: Samples, robot: Robot) -> list[Reading]:
     """Return the wrench as given and every other reading of it, the likeliest first.
 
     The force may stand in axes that are any of the 48 signed permutations of the base's: 24
@@ -156,7 +146,7 @@ def readings(samples: Samples, chain: ChainModel | None) -> list[Reading]:
     flange. Readings that give the same wrench on all of these samples stand as one.
     """
     same: dict[bytes, list[Reading]] = {}
-    for reading in _all_readings(samples, chain):
+    for reading in _all_readings(samples, robot):
         key = (reading.wrench + 0.0).tobytes()  # minus zero is zero
         same.setdefault(key, []).append(reading)
     return [
@@ -165,25 +155,24 @@ def readings(samples: Samples, chain: ChainModel | None) -> list[Reading]:
     ]
 
 
-def _all_readings(samples: Samples, chain: ChainModel | None) -> Iterator[Reading]:
+def _all_readings(samples: Samples, robot: Robot) -> Iterator[Reading]:
     given = samples.wrench
     has_torque = bool(given[:, 3:].any())
     axes = [(matrix, _words(matrix)) for matrix in _signed_permutations()]
     for matrix, words in axes:
         yield Reading(f"the wrench{words}", _turned(given, matrix))
     about_flange = ", its torque taken about the flange (the last joint) instead of the TCP"
-    if chain is not None:
-        tool, lever = _tools(chain, samples.q)
-        for matrix, words in axes:
-            in_tool = _turned(given, tool @ matrix)
-            yield Reading(f"the wrench expressed in the tool frame{words}", in_tool)
-            if has_torque:
-                moved = _moved(in_tool, lever)
-                yield Reading(f"the wrench expressed in the tool frame{words}{about_flange}", moved)
+    tool = forward_kinematics(robot, samples.q).rotation
+    lever = tool @ robot.tcp  # (n, 3) last joint to TCP, base frame
+    for matrix, words in axes:
+        in_tool = _turned(given, tool @ matrix)
+        yield Reading(f"the wrench expressed in the tool frame{words}", in_tool)
         if has_torque:
-            yield Reading(f"the wrench{about_flange}", _moved(given, lever))
+            moved = _moved(in_tool, lever)
+            yield Reading(f"the wrench expressed in the tool frame{words}{about_flange}", moved)
     if not has_torque:
         return
+    yield Reading(f"the wrench{about_flange}", _moved(given, lever))
     yield Reading("the wrench with the sign of its torque flipped", given * _FLIPPED_TORQUE)
     for matrix, words in axes:
         if np.linalg.det(matrix) < 0.0:
@@ -237,15 +226,3 @@ def _turned(wrench: FloatArray, rotation: FloatArray) -> FloatArray:
 def _moved(wrench: FloatArray, lever: FloatArray) -> FloatArray:
     """Return (n, 6) the wrench at the TCP of one at the flange; lever (n, 3): flange to TCP, m."""
     return np.hstack([wrench[:, :3], wrench[:, 3:] - np.cross(lever, wrench[:, :3])])
-
-
-def _tools(chain: ChainModel, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the last joint's orientation (n, 3, 3) and its lever to the TCP (n, 3), base frame."""
-    data = chain.model.createData()
-    last = chain.model.njoints - 1
-    turns = []
-    for angles in q:
-        pin.forwardKinematics(chain.model, data, configuration(chain, angles))
-        turns.append(data.oMi[last].rotation.copy())
-    turn = np.array(turns)
-    return turn, turn @ chain.tcp

@@ -85,15 +85,12 @@ def regressor(chain: ChainModel, q: FloatArray, wrench: FloatArray) -> FloatArra
     last, at_tcp = model.njoints - 1, pin.SE3(np.eye(3), chain.tcp)
     result = np.empty((len(q), 3, model.nv))
     for row, (angles, load) in enumerate(zip(q, wrench, strict=True)):
-        pin.computeJointJacobians(model, data, configuration(chain, angles))
+        # of a continuous joint Pinocchio wants cosine and sine
+        configuration = pin.integrate(model, pin.neutral(model), angles)
+        pin.computeJointJacobians(model, data, configuration)
         jacobian = pin.getFrameJacobian(model, data, last, at_tcp, pin.LOCAL_WORLD_ALIGNED)
         result[row] = jacobian[:3] * (jacobian.T @ load)
     return result
-
-
-def configuration(chain: ChainModel, angles: FloatArray) -> FloatArray:
-    """Return Pinocchio's configuration of (n_joints,) angles: cosine and sine where continuous."""
-    return np.asarray(pin.integrate(chain.model, pin.neutral(chain.model), angles))
 
 
 def identifiability(

@@ -115,7 +115,7 @@ def write_predictions(
 
     Raises:
         StoreError: the file cannot be written.
-        DataError: Parquet is asked for and pyarrow is not installed.
+        ConfigError: Parquet is asked for and pyarrow is not installed.
     """
     columns = dict(zip(DEFLECTION_COLUMNS, deflection.T, strict=True))
     if interval is not None:

@@ -17,6 +17,7 @@ import platformdirs
 
 from stiff_protocols.contract import files
 from stiff_protocols.contract.errors import DataError, StoreError, unknown_name
+from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.files import read_toml, written_whole
 
 if TYPE_CHECKING:
@@ -117,13 +118,14 @@ def register(key: str, csv: Path, urdf: Path | None, tcp: tuple[float, float, fl
         The file that holds every registration.
 
     Raises:
-        ConfigError: nothing can be registered under the key.
+        ConfigError: nothing can be registered under the key, or tomli-w is not installed.
         DataError: the data cannot be read (see `read_samples`), or the
             file of registrations is damaged; nothing is written then.
         StoreError: the file of registrations cannot be written.
     """
     if key not in SLOTS:
         raise unknown_name("data set to register", key, SLOTS)
+    require("a registration", "tomli_w")
     path = registry_file()
     tables = _tables(path)
     csv, urdf = csv.absolute(), urdf.absolute() if urdf else None

@@ -93,43 +93,29 @@ def check_sheet(sheet: Sheet, robot: Robot) -> CheckedSamples:
     problems = table_problems(sheet, all_columns(robot)) or [*_long_names(sheet)]
     if problems:
         return CheckedSamples(sheet.path, tuple(problems), None, sheet.lines)
-    numbers = _Numbers.read(sheet, robot)
+    q_file = sheet.numbers(joint_columns(robot))  # deg, and mm of prismatic joints
+    wrench, deflection_mm = sheet.numbers(WRENCH_COLUMNS), sheet.numbers(DEFLECTION_COLUMNS)
     problems = [
         *_id_problems(sheet),
-        *number_problems(sheet, joint_columns(robot), numbers.q),
-        *number_problems(sheet, WRENCH_COLUMNS, numbers.wrench),
-        *number_problems(sheet, DEFLECTION_COLUMNS, numbers.deflection_mm),
-        *wrench_problems(sheet, numbers.wrench),
-        *radian_problems(numbers.q, robot),
-        *limit_problems(sheet, numbers.q, robot),
-        *_deflection_problems(sheet, numbers.deflection_mm),
-        *_pose_problems(sheet, numbers.q, robot),
+        *number_problems(sheet, joint_columns(robot), q_file),
+        *number_problems(sheet, WRENCH_COLUMNS, wrench),
+        *number_problems(sheet, DEFLECTION_COLUMNS, deflection_mm),
+        *wrench_problems(sheet, wrench),
+        *radian_problems(q_file, robot),
+        *limit_problems(sheet, q_file, robot),
+        *_deflection_problems(sheet, deflection_mm),
+        *_pose_problems(sheet, q_file, robot),
     ]
-    problems.sort(key=lambda problem: problem.row or 0)
-    samples = None if problems else numbers.samples(sheet.cells, robot)
-    return CheckedSamples(sheet.path, tuple(problems), samples, sheet.lines)
-
-
-@dataclass(frozen=True, eq=False)
-class _Numbers:
-    """The numbers of a sheet in its own units; NaN where a cell holds none."""
-
-    q: FloatArray  # (n, n_joints) deg, and mm of prismatic joints
-    wrench: FloatArray  # (n, 6) N, N m
-    deflection_mm: FloatArray  # (n, 3)
-
-    @classmethod
-    def read(cls, sheet: Sheet, robot: Robot) -> _Numbers:
-        names = (joint_columns(robot), WRENCH_COLUMNS, DEFLECTION_COLUMNS)
-        return cls(*(sheet.numbers(columns) for columns in names))
-
-    def samples(self, cells: pd.DataFrame, robot: Robot) -> Samples:
-        return Samples(
-            q=self.q / file_units(robot),
-            wrench=self.wrench,
-            deflection=self.deflection_mm / MM_PER_M,
-            **{name: cells[name].to_numpy(dtype=str) for name in ID_COLUMNS},
-        )
+    if problems:
+        problems.sort(key=lambda problem: problem.row or 0)
+        return CheckedSamples(sheet.path, tuple(problems), None, sheet.lines)
+    samples = Samples(
+        q=q_file / file_units(robot),
+        wrench=wrench,
+        deflection=deflection_mm / MM_PER_M,
+        **{name: sheet.cells[name].to_numpy(dtype=str) for name in ID_COLUMNS},
+    )
+    return CheckedSamples(sheet.path, (), samples, sheet.lines)
 
 
 def problems_error(path: Path, problems: Sequence[Problem], hint: str) -> DataError:
@@ -176,9 +162,8 @@ def _shortened(text: str) -> str:
 
 def _long_names(sheet: Sheet) -> Iterator[Problem]:
     for column in ID_COLUMNS:
-        for row, name in enumerate(sheet.cells[column]):
-            if len(name) > LONGEST_CELL:
-                yield _problem(sheet, row, column, f"a name of at most {LONGEST_CELL} characters")
+        for row in np.flatnonzero(sheet.cells[column].str.len() > LONGEST_CELL):
+            yield _problem(sheet, row, column, f"a name of at most {LONGEST_CELL} characters")
 
 
 def _id_problems(sheet: Sheet) -> Iterator[Problem]:

@@ -20,6 +20,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.files import written_whole
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot, Samples
 
@@ -93,6 +94,7 @@ def read_sheet(path: Path) -> Sheet:
 
     Raises:
         DataError: the file cannot be read, is empty, or is no table.
+        ConfigError: it is Parquet, and pyarrow is not installed.
     """
     try:
         return _read_parquet(path) if path.suffix == PARQUET else _read_csv(path)
@@ -139,16 +141,15 @@ def write_table(path: Path, table: pd.DataFrame) -> None:
 
     Raises:
         StoreError: the file cannot be written.
-        DataError: Parquet is asked for and pyarrow is not installed.
+        ConfigError: Parquet is asked for and pyarrow is not installed.
     """
+    if path.suffix == PARQUET:
+        require(f"{path}: Parquet", "pyarrow")
     with written_whole(path) as temporary:
-        if path.suffix != PARQUET:
-            table.to_csv(temporary, index=False, lineterminator="\n", encoding="utf-8")
-            return
-        try:
+        if path.suffix == PARQUET:
             table.to_parquet(temporary, index=False)
-        except ImportError as error:
-            raise _no_parquet(path) from error
+        else:
+            table.to_csv(temporary, index=False, lineterminator="\n", encoding="utf-8")
 
 
 def _read_csv(path: Path) -> Sheet:
@@ -184,11 +185,10 @@ def _read_csv(path: Path) -> Sheet:
 
 
 def _read_parquet(path: Path) -> Sheet:
-    try:
-        import pyarrow as pa
-        from pyarrow.parquet import ParquetFile
-    except ImportError as error:
-        raise _no_parquet(path) from error
+    require(f"{path}: Parquet", "pyarrow")
+    import pyarrow as pa
+    from pyarrow.parquet import ParquetFile
+
     size = path.stat().st_size
     try:
         about = ParquetFile(path).metadata
@@ -209,10 +209,6 @@ def _read_parquet(path: Path) -> Sheet:
         stripped = [str(value).strip() for value in names]  # a name may be a number there
         cells[name] = pd.Series(stripped, dtype=object)
     return sheet_of(path, cells)
-
-
-def _no_parquet(path: Path) -> DataError:
-    return DataError(f"{path}: Parquet needs pyarrow (pip install pyarrow); CSV needs nothing")
 
 
 def _number(cell: object) -> float:

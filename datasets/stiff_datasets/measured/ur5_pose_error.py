@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from stiff_datasets.measured.registered import home, make_folder
 from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.files import written_whole
 
 if TYPE_CHECKING:
@@ -84,6 +85,7 @@ def fetch(source: Path | None = None, *, base_url: str = BASE_URL) -> tuple[Path
     Raises:
         DataError: a file is missing, cannot be read or downloaded, or has another checksum;
             nothing is written then.
+        ConfigError: a file is to be downloaded, and pooch is not installed.
         StoreError: a file cannot be written.
     """
     wanted = [file for file in FILES if not _is_right(folder() / file.name, file)]
@@ -152,6 +154,7 @@ def _is_right(path: Path, file: SourceFile) -> bool:
 
 
 def _download(file: SourceFile, base_url: str) -> bytes:
+    require("a download", "pooch")
     import pooch  # type: ignore[import-untyped]
 
     url = f"{base_url}{SOURCE_FOLDER}/{file.name}"

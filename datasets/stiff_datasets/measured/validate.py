@@ -23,7 +23,7 @@ from stiff_datasets.measured.identifiability import identifiability, regressor
 from stiff_datasets.measured.measured import check_file
 from stiff_datasets.measured.sample_checks import Problem
 from stiff_datasets.measured.sample_files import MM_PER_M, file_units, joint_columns
-from stiff_datasets.robots.robot import ChainModel
+from stiff_datasets.robots.robot import ChainModel, robot_of
 from stiff_protocols.contract.errors import DataError, ModelError
 from stiff_protocols.contract.interfaces import ReportsDiagnostics, StiffnessModel
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
@@ -54,19 +54,16 @@ class ValidationReport:
     facts: tuple[Finding, ...]
 
 
-def validate(
-    path: Path, robot: Robot, chain: ChainModel | None, model: StiffnessModel
-) -> ValidationReport:
+def validate(path: Path, chain: ChainModel, model: StiffnessModel) -> ValidationReport:
     """Check a file of measured samples.
 
     Args:
         path: the file; Parquet if it ends in .parquet, else CSV.
-        robot: the robot that was measured.
-        chain: the same for Pinocchio; None: neither the tool's frame nor which joints can be
-            identified is looked at.
+        chain: the robot that was measured.
         model: a reference model, not fitted, such as the linear virtual joint model; it is fitted
             again and again.
     """
+    robot = robot_of(chain)
     try:
         checked = check_file(path, robot)
     except DataError as error:
@@ -80,8 +77,8 @@ def validate(
         *duplicate_findings(samples, robot, lines),
         *range_findings(samples, lines),
         *repeat_findings(samples, robot, lines),
-        *(_identifiability_findings(samples, chain) if chain else ()),
-        *_model_findings(samples, robot, chain, lines, model),
+        *_identifiability_findings(samples, chain),
+        *_model_findings(samples, robot, lines, model),
     ]
     return ValidationReport(
         path,
@@ -159,15 +156,11 @@ def _identifiability_findings(samples: Samples, chain: ChainModel) -> Iterator[F
 
 
 def _model_findings(
-    samples: Samples,
-    robot: Robot,
-    chain: ChainModel | None,
-    lines: Lines,
-    model: StiffnessModel,
+    samples: Samples, robot: Robot, lines: Lines, model: StiffnessModel
 ) -> Iterator[Finding]:
     """Compare the data with the reference model: frame of the wrench, fit, outliers."""
     try:
-        better = better_reading(samples, robot, chain, model)
+        better = better_reading(samples, robot, model)
         if better:  # every row is wrong, so none is an outlier
             residual_mm = squared_residuals(samples, robot, model, samples.wrench) ** 0.5 * MM_PER_M
             odd = np.zeros(len(samples), dtype=bool)

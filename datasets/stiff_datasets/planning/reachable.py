@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from stiff_datasets.robots.robot import ChainModel, robot_of
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.forward_kinematics import forward_kinematics
 from stiff_protocols.contract.types import FloatArray, Robot
 
 BoolArray = NDArray[np.bool_]
@@ -70,25 +70,8 @@ def reachable_poses(
 
 def keeps_clear(robot: Robot, q: FloatArray, clearance: float) -> BoolArray:
     """Return (n,) whether poses (n, n_joints) keep `clearance` [m] to the base and the height."""
-    points = arm_points(robot, q)
+    points = forward_kinematics(robot, q).points
     return (base_distance(points) >= clearance) & (lowest_height(points) >= LOWEST_HEIGHT)
-
-
-def arm_points(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return (n, n_joints + 1, 3) joint origins and TCP [m], base frame, for (n, n_joints) q."""
-    rotation, origin = np.broadcast_to(np.eye(3), (len(q), 3, 3)), np.zeros((len(q), 3))
-    points = np.empty((len(q), robot.n_joints + 1, 3))
-    for joint, kind in enumerate(robot.joint_types):
-        origin = origin + rotation @ robot.placements[joint, :3, 3]
-        rotation = rotation @ robot.placements[joint, :3, :3]
-        points[:, joint] = origin
-        travel = q[:, joint, None] * robot.axes[joint]  # (n, 3) rad or m, joint frame
-        if kind == "revolute":
-            rotation = rotation @ Rotation.from_rotvec(travel).as_matrix()
-        else:
-            origin = origin + np.einsum("nij,nj->ni", rotation, travel)
-    points[:, -1] = origin + rotation @ robot.tcp
-    return points
 
 
 def base_distance(points: FloatArray) -> FloatArray:
@@ -97,7 +80,7 @@ def base_distance(points: FloatArray) -> FloatArray:
     The column is the segment from the base frame's origin to joint 2's.
 
     Args:
-        points: (n, n_joints + 1, 3) as `arm_points` gives, at least three joints.
+        points: (n, n_joints + 1, 3) as `forward_kinematics` gives, at least three joints.
     """
     top = points[:, 1:2]
     distance = _segment_distance(points[:, 2:-1], points[:, 3:], np.zeros_like(top), top)

@@ -26,7 +26,6 @@ from typing import Self
 
 import click
 import numpy as np
-import tomli_w
 from scipy.optimize import Bounds, OptimizeResult, differential_evolution, nnls
 from tabulate import tabulate
 
@@ -44,6 +43,7 @@ from stiff_datasets.twin.constants import (
 from stiff_datasets.twin.kr10_twin import CONSTANTS
 from stiff_datasets.twin.twin import TwinExperiment
 from stiff_protocols.contract.errors import StiffBenchError
+from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.files import make_folder, written_whole
 from stiff_protocols.contract.progress import Progress, listening, report
 from stiff_protocols.contract.types import AXES, FloatArray, Samples
@@ -295,8 +295,12 @@ def write_calibration(*, generations: int, seed: int, output: Path) -> str:
     """Search the constants, write them and the record, and return the figures as text.
 
     Raises:
+        ConfigError: tomli-w is not installed.
         StoreError: a file cannot be written.
     """
+    require("the calibration", "tomli_w")
+    import tomli_w
+
     make_folder(output)  # before the work, not after it
     start, target = time.perf_counter(), paper_figures()
     found = calibrate(shipped_constants(CONSTANTS), target, generations=generations, seed=seed)

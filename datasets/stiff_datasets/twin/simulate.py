@@ -21,6 +21,7 @@ from stiff_datasets.planning.reachable import reachable_poses
 from stiff_datasets.twin.constants import TwinConstants
 from stiff_datasets.twin.twin import DECIMALS_DEG, DECIMALS_MM, TwinExperiment
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.files import refuse_existing, written_whole
 from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.types import Robot, Samples
@@ -60,12 +61,13 @@ def simulate(
         seed: draws poses, loads and noise.
 
     Raises:
-        ConfigError: the file's ending is another one.
+        ConfigError: the file's ending is another one, or pyarrow is not installed.
         DataError: a load is beyond the twin.
         StoreError: the file exists, or cannot be written.
     """
     if path.suffix not in _WRITERS:
         raise ConfigError(f"{path}: {path.suffix!r} (valid endings: {', '.join(_WRITERS)})")
+    require("a file of simulated samples", "pyarrow")
     refuse_existing(path)
     experiment = TwinExperiment(
         constants, loads=loads, specimen=specimen, seed=seed, loads_per_pose=loads_per_pose

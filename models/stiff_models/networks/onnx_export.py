@@ -8,7 +8,6 @@ standardisation and physics are inside the graph, in float64; networks run in fl
 from __future__ import annotations
 
 import copy
-import importlib.util
 import logging
 import warnings
 from collections.abc import Iterator
@@ -21,6 +20,7 @@ import numpy as np
 
 from stiff_models.io.saved import key_of
 from stiff_protocols.contract.errors import ConfigError, ModelError, NotFittedError
+from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.files import written_whole
 
 if TYPE_CHECKING:
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
     from stiff_models.base import FittedModel
 
-_PACKAGES = ("onnx", "onnxscript")
 _CHECKED_ROWS = 8
 _UNITS = "q: rad (m of prismatic joints); wrench: N, N m at the TCP; deflection: m; base frame"
 
@@ -61,12 +60,7 @@ def export_onnx(model: FittedModel, path: Path) -> None:
         )
     if not hasattr(model, "robot_"):
         raise NotFittedError(f"{type(model).__name__}: call fit before export_onnx")
-    missing = [name for name in _PACKAGES if importlib.util.find_spec(name) is None]
-    if missing:
-        raise ConfigError(
-            f"ONNX needs {' and '.join(missing)}: install stiffbench with its extra onnx "
-            '(pip install "stiffbench[onnx]")'
-        )
+    require("ONNX", "onnx", "onnxscript")
     module = copy.deepcopy(model._torch_module()).to("cpu").eval()
     _compare(module, model)
     _write(module, model, path)

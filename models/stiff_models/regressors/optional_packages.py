@@ -2,25 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 
-
-def missing_package(package: str, extra: str) -> str:
-    """Return why a family of an optional package cannot be used; "" where it can.
-
-    Args:
-        package: its import name.
-        extra: the extra of stiffbench that installs it.
-    """
-    if importlib.util.find_spec(package) is not None:
-        return ""
-    return f"needs the package {package}: pip install 'stiffbench[{extra}]'"
+from stiff_protocols.contract.extras import missing
 
 
 def missing_pytabkit() -> str:
     """Return why `realmlp` and `tabm` cannot be used here; "" where they can."""
-    return missing_package("pytabkit", "tabular")
+    return missing("pytabkit")
 
 
 def missing_tabpfn(model_path: str = "") -> str:
@@ -29,7 +18,7 @@ def missing_tabpfn(model_path: str = "") -> str:
     Args:
         model_path: the file of weights; "": the package's default in its own cache folder.
     """
-    return missing_package("tabpfn", "tabpfn") or missing_weights(model_path)
+    return missing("tabpfn") or missing_weights(model_path)
 
 
 def missing_weights(model_path: str) -> str:

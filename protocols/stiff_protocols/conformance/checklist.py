@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, Literal, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 from stiff_protocols.contract.errors import StiffBenchError
 
 Status = Literal["passed", "failed", "not applicable"]
 Subject = TypeVar("Subject")
+Question = TypeVar("Question", bound=Callable[[Any], str | None])
 
 
 class NotApplicable(Exception):
@@ -45,14 +46,6 @@ class StageFailed(Exception):
         self.stage, self.error = stage, error
 
 
-def said(error: BaseException) -> str:
-    """Return an error for people: our own speak for themselves, others need type and place."""
-    if isinstance(error, Failed | StiffBenchError):
-        return str(error)
-    place = traceback.extract_tb(error.__traceback__)[-1]
-    return f"raised {type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})"
-
-
 @dataclass(frozen=True)
 class Check:
     """The answer to one question.
@@ -75,49 +68,62 @@ class Check:
         return "; ".join(part for part in parts if part)
 
 
-@dataclass(frozen=True)
-class Question(Generic[Subject]):
-    """One thing to find out.
+class Checklist(Generic[Subject]):
+    """Questions about one kind of subject, in the order in which they are written down."""
 
-    Attributes:
-        name: what must hold.
-        ask: returns what there is to say, or raises: NotApplicable, Failed, or whatever the
-            checked thing raises, which is a failure too.
-        advice: how to mend it.
-    """
+    def __init__(self) -> None:
+        """Begin without a question."""
+        self._questions: list[tuple[str, str, Callable[[Subject], str | None]]] = []
 
-    name: str
-    ask: Callable[[Subject], str]
-    advice: str
+    def asks(self, name: str, advice: str) -> Callable[[Question], Question]:
+        """Return the decorator that adds a function to the questions.
 
-    def answer(self, subject: Subject, known: set[str]) -> Check:
-        """Ask; never raises what a checked thing raises.
+        The function returns what there is to say, if anything, or raises: NotApplicable, Failed,
+        or whatever the checked thing raises, which is a failure too.
 
         Args:
-            subject: what is asked about.
-            known: stages that another question reported as failed; this one adds its own.
+            name: what must hold.
+            advice: how to mend it.
         """
-        try:
-            return Check(self.name, "passed", self.ask(subject))
-        except NotApplicable as answer:
-            return Check(self.name, "not applicable", str(answer))
-        except StageFailed as failure:
-            if failure.stage in known:
-                return Check(self.name, "not applicable", str(failure))
-            known.add(failure.stage)
-            return self._failed(failure.error)
-        except (Exception, SystemExit) as error:
-            return self._failed(error)
 
-    def _failed(self, error: BaseException) -> Check:
-        advice = error.advice if isinstance(error, Failed) and error.advice else self.advice
-        return Check(self.name, "failed", said(error), advice)
+        def add(question: Question) -> Question:
+            self._questions.append((name, advice, question))
+            return question
+
+        return add
+
+    def answers(self, subject: Subject) -> list[Check]:
+        """Ask every question; never raises what a checked thing raises.
+
+        The first question that meets a failed stage reports it; to the others it is not applicable.
+        """
+        reported: set[str] = set()
+        checks = []
+        for name, advice, question in self._questions:
+            try:
+                check = Check(name, "passed", question(subject) or "")
+            except NotApplicable as answer:
+                check = Check(name, "not applicable", str(answer))
+            except StageFailed as failure:
+                if failure.stage in reported:
+                    check = Check(name, "not applicable", str(failure))
+                else:
+                    reported.add(failure.stage)
+                    check = _failed(name, failure.error, advice)
+            except (Exception, SystemExit) as error:
+                check = _failed(name, error, advice)
+            checks.append(check)
+        return checks
 
 
-def answers(questions: Iterable[Question[Subject]], subject: Subject) -> list[Check]:
-    """Ask every question, in this order.
+def _failed(name: str, error: BaseException, advice: str) -> Check:
+    own = error.advice if isinstance(error, Failed) else ""
+    return Check(name, "failed", _in_words(error), own or advice)
 
-    The first one that meets a failed stage reports it; to the others it is not applicable.
-    """
-    known: set[str] = set()
-    return [question.answer(subject, known) for question in questions]
+
+def _in_words(error: BaseException) -> str:
+    """Return an error for people: our own speak for themselves, others need type and place."""
+    if isinstance(error, Failed | StiffBenchError):
+        return str(error)
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    return f"raised {type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})"

@@ -9,11 +9,10 @@ import numpy as np
 
 from stiff_protocols.conformance.checklist import (
     Check,
+    Checklist,
     Failed,
     NotApplicable,
-    Question,
     StageFailed,
-    answers,
 )
 from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.interfaces import DividesByRobot, EvaluationProtocol, StiffnessDataset
@@ -31,6 +30,7 @@ LARGEST_ANGLE = 8.0 * np.pi  # rad; a joint turns a few times at most, and 90 de
 SMALLEST_DEFLECTION, LARGEST_DEFLECTION = 1e-9, 1.0  # m
 
 MakeDataset = Callable[[], StiffnessDataset]
+_DATASET: Checklist[MakeDataset] = Checklist()
 
 
 def check_dataset(make: MakeDataset) -> list[Check]:
@@ -39,7 +39,7 @@ def check_dataset(make: MakeDataset) -> list[Check]:
     Args:
         make: returns a new data set with the options to be checked.
     """
-    return answers(_DATASET_QUESTIONS, make)
+    return _DATASET.answers(make)
 
 
 def _loaded(make: MakeDataset) -> BenchmarkData:
@@ -49,14 +49,18 @@ def _loaded(make: MakeDataset) -> BenchmarkData:
     return data
 
 
+@_DATASET.asks(
+    "loading twice gives the same samples",
+    "draw all chance from an option `seed`, and return BenchmarkData(samples, robot)",
+)
 def _same_numbers(make: MakeDataset) -> str:
-    """Load twice."""
     first, second = _loaded(make), _loaded(make)
     if first.sha256 != second.sha256:
         raise Failed(f"sha256 {first.sha256[:12]} and {second.sha256[:12]}")
     return f"{len(first.samples)} samples of {first.robot.name}, sha256 {first.sha256[:12]}"
 
 
+@_DATASET.asks("values are in rad, N, N m and m", "convert units where the file is read")
 def _plausible_units(make: MakeDataset) -> str:
     """Look at sizes: values in deg or mm are too large, in km too small."""
     data = _loaded(make)
@@ -73,18 +77,7 @@ def _plausible_units(make: MakeDataset) -> str:
     return f"wrench up to {wrench:.3g} N or N m, deflection up to {1e3 * deflection:.3g} mm"
 
 
-_DATASET_QUESTIONS: tuple[Question[MakeDataset], ...] = (
-    Question(
-        "loading twice gives the same samples",
-        _same_numbers,
-        "draw all chance from an option `seed`, and return BenchmarkData(samples, robot)",
-    ),
-    Question(
-        "values are in rad, N, N m and m",
-        _plausible_units,
-        "convert units where the file is read",
-    ),
-)
+_PROTOCOL: Checklist[DividedRows] = Checklist()
 
 
 class DividedRows:
@@ -125,9 +118,12 @@ def check_protocol(make: Callable[[], EvaluationProtocol], data: BenchmarkData) 
         make: returns a new protocol with the options to be checked.
         data: to be divided.
     """
-    return answers(_PROTOCOL_QUESTIONS, DividedRows(make, data))
+    return _PROTOCOL.answers(DividedRows(make, data))
 
 
+@_PROTOCOL.asks(
+    "splits name existing rows", "return Split(index, train, validation, test) with row numbers"
+)
 def _rows_exist(divided: DividedRows) -> str:
     """See that every part holds row numbers, and training and test part some."""
     splits = divided.splits()
@@ -139,8 +135,8 @@ def _rows_exist(divided: DividedRows) -> str:
     return f"{len(splits)} splits"
 
 
+@_PROTOCOL.asks("splits are told apart", "number the splits of each condition 0, 1, 2, ...")
 def _told_apart(divided: DividedRows) -> str:
-    """See that the splits of every condition are numbered from 0."""
     splits = divided.splits()
     if fault := fault_of_numbers(splits):
         raise Failed(fault)
@@ -148,16 +144,20 @@ def _told_apart(divided: DividedRows) -> str:
     return f"{len(conditions)} conditions" if len(conditions) > 1 else ""
 
 
-def _disjoint(divided: DividedRows) -> str:
-    """See that no row is learned from and tested."""
+@_PROTOCOL.asks(
+    "no row is learned from and tested",
+    "keep the parts disjoint, or set selects_on_test = True if test rows choose the epoch",
+)
+def _disjoint(divided: DividedRows) -> None:
     for split in divided.splits():
         if leak := leak_of(split, selects_on_test=divided.protocol.selects_on_test):
             raise Failed(f"{named(split)} {leak}")
-    return ""
 
 
+@_PROTOCOL.asks(
+    "sensor errors are those of the test rows", "give wrench_error the shape (n_test, 6), N and N m"
+)
 def _sensor_errors_fit(divided: DividedRows) -> str:
-    """See that sensor errors, where there are any, belong to the test rows."""
     erring = [split for split in divided.splits() if split.wrench_error is not None]
     for split in erring:
         if fault := fault_of_sensor_errors(split):
@@ -167,32 +167,33 @@ def _sensor_errors_fit(divided: DividedRows) -> str:
     return f"{len(erring)} splits with sensor errors"
 
 
-def _covers(divided: DividedRows) -> str:
-    """Say how many rows no split uses."""
+@_PROTOCOL.asks("every row is used", "return splits that can be concatenated")
+def _covers(divided: DividedRows) -> None:
     used = [rows for s in divided.splits() for rows in (s.train, s.validation, s.test)]
     left_out = len(divided.samples) - len(np.unique(np.concatenate(used)))
     if left_out:
         raise NotApplicable(f"leaves out {left_out} of {len(divided.samples)} rows")
-    return ""
 
 
-def _same_splits(divided: DividedRows) -> str:
-    """Divide twice."""
+@_PROTOCOL.asks("the same seed gives the same splits", "draw all chance from `seed`")
+def _same_splits(divided: DividedRows) -> None:
     first, second = (_hashes(divided.splits()) for _ in range(2))
     if first != second:
         raise Failed("the same seed gave other splits")
-    return ""
 
 
-def _blind_to_deflections(divided: DividedRows) -> str:
+@_PROTOCOL.asks(
+    "the division does not look at deflections", "divide by poses, loads and groups alone"
+)
+def _blind_to_deflections(divided: DividedRows) -> None:
     """Divide the same samples with each other's deflections."""
     turned = replace(divided.samples, deflection=divided.samples.deflection[::-1])
     if _hashes(divided.splits()) != _hashes(divided.splits(turned)):
         raise Failed("other deflections gave other splits")
-    return ""
 
 
-def _keeps_poses(divided: DividedRows) -> str:
+@_PROTOCOL.asks("no pose is parted", "divide by samples.pose_id")
+def _keeps_poses(divided: DividedRows) -> None:
     """Divide the same samples named as two loads a pose."""
     pose_id = np.array([f"P{row // 2}" for row in range(len(divided.samples))])
     splits = divided.splits(replace(divided.samples, pose_id=pose_id))
@@ -207,40 +208,7 @@ def _keeps_poses(divided: DividedRows) -> str:
             f"warning: {parted} of {len(splits)} splits test a pose that was trained on; such "
             "results are optimistic where a pose has several loads"
         )
-    return ""
 
 
 def _hashes(splits: Sequence[Split]) -> list[tuple[str, str]]:
     return [(split.condition, split.sha256) for split in splits]
-
-
-_PROTOCOL_QUESTIONS: tuple[Question[DividedRows], ...] = (
-    Question(
-        "splits name existing rows",
-        _rows_exist,
-        "return Split(index, train, validation, test) with row numbers",
-    ),
-    Question(
-        "splits are told apart",
-        _told_apart,
-        "number the splits of each condition 0, 1, 2, ...",
-    ),
-    Question(
-        "no row is learned from and tested",
-        _disjoint,
-        "keep the parts disjoint, or set selects_on_test = True if test rows choose the epoch",
-    ),
-    Question(
-        "sensor errors are those of the test rows",
-        _sensor_errors_fit,
-        "give wrench_error the shape (n_test, 6), N and N m",
-    ),
-    Question("every row is used", _covers, "return splits that can be concatenated"),
-    Question("the same seed gives the same splits", _same_splits, "draw all chance from `seed`"),
-    Question(
-        "the division does not look at deflections",
-        _blind_to_deflections,
-        "divide by poses, loads and groups alone",
-    ),
-    Question("no pose is parted", _keeps_poses, "divide by samples.pose_id"),
-)

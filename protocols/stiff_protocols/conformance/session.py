@@ -42,7 +42,12 @@ class Session:
         printed: what the model wrote to standard output so far.
         disturbed: names of the global random states that it changed.
         overwritten: names of arrays given to `predict` that it changed.
+        returned_by_fit: what the first fit returned.
+        options_before_fit: the `options` of the model before its first fit.
     """
+
+    returned_by_fit: object
+    options_before_fit: dict[str, str]
 
     def __init__(
         self,
@@ -94,17 +99,7 @@ class Session:
         Raises:
             StageFailed: it could not be made or fitted.
         """
-        return self._first_fit()[0]
-
-    @property
-    def options_around_fit(self) -> tuple[dict[str, str], dict[str, str]]:
-        """The repr of each option, before and after the first fit."""
-        return self._first_fit()[2], _options(self.fitted)
-
-    @property
-    def returned_by_fit(self) -> object:
-        """What the first fit returned."""
-        return self._first_fit()[1]
+        return self._once("fit", self._first_fit)
 
     @property
     def prediction(self) -> FloatArray:
@@ -122,50 +117,37 @@ class Session:
         Raises:
             StageFailed: there is none, or it is no prediction.
         """
-        return self._once(
-            "predict after the fit to other rows",
-            lambda: self.predict_test(self.fitted_elsewhere),
-        )
+        stage = "predict after the fit to other rows"
+        return self._once(stage, lambda: self.predict_test(self.fitted_elsewhere))
 
     def prediction_again(self, *, with_validation: bool) -> FloatArray:
         """The (n, 3) prediction [m] of a new model fitted to the same rows with the same seed."""
         validation = self.validation if with_validation else None
-        return self._once(
-            f"the second fit {'with' if with_validation else 'without'} validation rows",
-            lambda: self.predict_test(self._fit(self.new(), self.train, validation)[0]),
-        )
+        stage = f"the second fit {'with' if with_validation else 'without'} validation rows"
+        return self._once(stage, lambda: self.predict_test(self._new(self.train, validation)))
 
     @property
     def fitted_elsewhere(self) -> StiffnessModel:
         """A model fitted to `other` without validation rows."""
-        return self._once(
-            "the fit to other rows", lambda: self._fit(self.new(), self.other, None)[0]
-        )
+        return self._once("the fit to other rows", lambda: self._new(self.other, None))
 
     @property
     def fitted_beside_loud_validation(self) -> StiffnessModel:
         """A model fitted to `other` with validation deflections that are `LOUD` times too large."""
-        loud = replace(self.validation, deflection=LOUD * self.validation.deflection)
-        return self._once(
-            "the fit with large validation deflections",
-            lambda: self._fit(self.new(), self.other, loud)[0],
-        )
+        stage = "the fit with large validation deflections"
+        return self._once(stage, lambda: self._new(self.other, _loud(self.validation)))
 
     @property
     def fitted_to_loud_rows(self) -> StiffnessModel:
         """A model fitted to `LOUD` times too large deflections, with a seed of its own."""
-        loud = replace(self.other, deflection=LOUD * self.other.deflection)
-        return self._once(
-            "the fit to large deflections",
-            lambda: self._fit(self.new(), loud, self._own_validation, seed=1)[0],
-        )
+        rows, validation = _loud(self.other), self._own_validation
+        return self._once("the fit to large deflections", lambda: self._new(rows, validation, 1))
 
     def prediction_after_refit(self) -> FloatArray:
         """The (n, 3) prediction [m] of `fitted_elsewhere` fitted once more, as the first was."""
         _ = self.prediction_elsewhere
-        return self.predict_test(
-            self._fit(self.fitted_elsewhere, self.train, self._own_validation)[0]
-        )
+        self._fit(self.fitted_elsewhere, self.train, self._own_validation)
+        return self.predict_test(self.fitted_elsewhere)
 
     def predict_test(self, model: StiffnessModel) -> FloatArray:
         """Return the checked (n, 3) prediction [m] of the test rows.
@@ -197,20 +179,24 @@ class Session:
     def _own_validation(self) -> Samples | None:
         return self.validation if self.uses_validation else None
 
-    def _first_fit(self) -> tuple[StiffnessModel, object, dict[str, str]]:
-        def work() -> tuple[StiffnessModel, object, dict[str, str]]:
-            model = self.new()
-            before = _options(model)
-            return *self._fit(model, self.train, self._own_validation), before
+    def _first_fit(self) -> StiffnessModel:
+        model = self.new()
+        self.options_before_fit = options(model)
+        self.returned_by_fit = self._fit(model, self.train, self._own_validation)
+        return model
 
-        return self._once("fit", work)
+    def _new(self, train: Samples, validation: Samples | None, seed: int = 0) -> StiffnessModel:
+        """Return a new model, fitted."""
+        model = self.new()
+        self._fit(model, train, validation, seed)
+        return model
 
     def _fit(
         self, model: StiffnessModel, train: Samples, validation: Samples | None, seed: int = 0
-    ) -> tuple[StiffnessModel, object]:
-        """Fit; return the model and what its `fit` returned."""
+    ) -> object:
+        """Return what `fit` returns."""
         try:
-            returned = self._watched(
+            return self._watched(
                 lambda: model.fit(train, robot=self.robot, validation=validation, seed=seed)
             )
         except ValueError as error:
@@ -220,7 +206,6 @@ class Session:
                 f"fit writes into the samples it was given ({error})",
                 "copy an array before you change it: q = train.q.copy()",
             ) from error
-        return model, returned
 
     def _once(self, stage: str, work: Callable[[], Value]) -> Value:
         """Return what `work` gave when the stage was first needed; a failure stays one."""
@@ -250,7 +235,12 @@ class Session:
             self.disturbed |= {name for name, state in before.items() if after[name] != state}
 
 
-def _options(model: StiffnessModel) -> dict[str, str]:
+def _loud(samples: Samples) -> Samples:
+    return replace(samples, deflection=LOUD * samples.deflection)
+
+
+def options(model: StiffnessModel) -> dict[str, str]:
+    """Return the repr of each option."""
     return {name: repr(value) for name, value in model.get_params(deep=False).items()}
 
 

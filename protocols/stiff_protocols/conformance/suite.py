@@ -1,134 +1,48 @@
 """The conformance suite: what a model must do before its row in a table means anything.
 
 Nothing here trusts the model: whatever it raises is the answer to one question, and the suite goes
-on. `conformance_data` does the same for data sets and protocols.
+on. The questions stand in the order of the checklist; those about what a model does on the side
+come last, when there is something to have been seen. `conformance.data` does the same for data
+sets and protocols.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import inspect
+import typing
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
-from stiff_protocols.conformance import checks as ask
-from stiff_protocols.conformance import fits
-from stiff_protocols.conformance import fits as intervals
-from stiff_protocols.conformance.checklist import Check, Question, answers
-from stiff_protocols.conformance.session import Session
-from stiff_protocols.contract.interfaces import StiffnessModel
-from stiff_protocols.contract.types import BenchmarkData
+import numpy as np
+from sklearn.base import clone
+from sklearn.exceptions import NotFittedError as SklearnNotFittedError
+
+from stiff_protocols.conformance.checklist import Check, Checklist, Failed, NotApplicable
+from stiff_protocols.conformance.session import LOUD, Session, options
+from stiff_protocols.contract.errors import NotFittedError, NotSavable
+from stiff_protocols.contract.interfaces import (
+    PredictsInterval,
+    ReportsDiagnostics,
+    SavesItself,
+    StiffnessModel,
+)
+from stiff_protocols.contract.types import BenchmarkData, FloatArray, Samples
+from stiff_protocols.scoring.sanity import check_prediction, check_units
 
 __all__ = ["Check", "check_model"]
 
+ROUNDING = 1e-5
+"""Share of the largest prediction by which single precision may change with the batch size."""
+SMALLEST = 1e-9  # m; far below what any instrument resolves
+GROWN = 10.0
+"""So many times the size, and large labels have been learned from."""
+COVERAGES = (0.5, 0.95)
+
 _MEND_SEED = "draw all chance from `seed`: rng = np.random.default_rng(seed)"
-_MODEL_QUESTIONS: tuple[Question[Session], ...] = (
-    Question(
-        "the constructor takes keywords and only stores them",
-        ask.stores_options,
-        "leave checks and conversions to fit",
-    ),
-    Question(
-        "get_params, set_params and clone give the options back",
-        ask.gives_options_back,
-        "inherit sklearn.base.BaseEstimator and store every option under its own name",
-    ),
-    Question(
-        "options can be listed",
-        ask.lists_options,
-        "annotate every option with a type that can be imported, or give it a plain default",
-    ),
-    Question(
-        "predict before fit is refused",
-        ask.refuses_before_fit,
-        "begin predict with sklearn.utils.validation.check_is_fitted(self)",
-    ),
-    Question(
-        "fit learns from measured rows",
-        ask.fits,
-        "the reason is the exception of your fit; call fit in Python to see where it comes from",
-    ),
-    Question("fit returns the model", ask.fit_returns_model, "end fit with: return self"),
-    Question(
-        "fit leaves the options alone",
-        fits.keeps_options,
-        "keep what fit makes of an option under another name, one that ends in _",
-    ),
-    Question(
-        "predict returns (n, 3) finite numbers",
-        ask.predicts,
-        "return a float64 array, one row a sample: x, y, z",
-    ),
-    Question(
-        "predictions are in metres",
-        ask.in_metres,
-        "train.deflection is in m; predict the same unit",
-    ),
-    Question(
-        "a row's prediction does not depend on the other rows",
-        ask.row_by_row,
-        "take means, scales and neighbours in fit from train, never in predict: that is a leak",
-    ),
-    Question(
-        "predicting twice gives the same numbers",
-        ask.repeatable,
-        "leave chance to fit; switch a network to eval mode",
-    ),
-    Question(
-        "predict leaves its inputs alone",
-        ask.leaves_inputs,
-        "copy an array before you change it",
-    ),
-    Question("the same seed gives the same model", fits.same_seed, _MEND_SEED),
-    Question(
-        "validation rows are not learned from",
-        fits.leaves_validation,
-        "ignore `validation`, or say uses_validation=True in the ModelInfo",
-    ),
-    Question(
-        "fits without validation rows",
-        fits.fits_without_validation,
-        "validation may be None: keep the last epoch then",
-    ),
-    Question(
-        "a fit learns from its own rows",
-        fits.learns_from_its_rows,
-        "a fit that is remembered must be remembered by its rows too, not by its seed alone",
-    ),
-    Question(
-        "a second fit forgets the first",
-        fits.forgets,
-        "compute every attribute that ends in _ anew in fit",
-    ),
-    Question(
-        "joint angles of another robot are refused",
-        ask.refuses_other_robot,
-        "keep the number of joints in fit and raise ValueError if q.shape[1] is another",
-    ),
-    Question("no load, no deflection", ask.nothing_without_load, "predict finite numbers"),
-    Question(
-        "diagnostics can be printed",
-        ask.diagnostics,
-        "make diagnostics_ a dict of names with units and numbers",
-    ),
-    Question(
-        "intervals fit the rows and widen with coverage",
-        intervals.widen,
-        "return contract.types.Interval(lower, upper, coverage) with (n, 3) bounds in m",
-    ),
-    Question(
-        "a row's interval does not depend on the other rows",
-        intervals.row_by_row,
-        "take scales and quantiles in fit from train, never in predict_interval: that is a leak",
-    ),
-    Question(
-        "save and load give the same numbers",
-        ask.saves,
-        "keep what predict needs in attributes that end in _",
-    ),
-    Question(
-        "prints nothing", ask.silent, "use stiff_protocols.contract.progress.report or logging"
-    ),
-    Question("leaves global random states alone", ask.leaves_random_state, _MEND_SEED),
-)
+_MEND_VALIDATION = "let validation rows choose an epoch, and fit every number to train alone"
+_MODEL: Checklist[Session] = Checklist()
 
 
 def check_model(
@@ -154,4 +68,396 @@ def check_model(
         DataError: `data` has too few samples.
     """
     session = Session(make, data, uses_validation=uses_validation, load=load)
-    return answers(_MODEL_QUESTIONS, session)
+    return _MODEL.answers(session)
+
+
+@_MODEL.asks(
+    "the constructor takes keywords and only stores them", "leave checks and conversions to fit"
+)
+def _stores_options(session: Session) -> None:
+    """Give the constructor objects that only an assignment leaves alone."""
+    model = session.new()
+    parameters = inspect.signature(type(model)).parameters.values()
+    loose = [p.name for p in parameters if p.kind is not inspect.Parameter.KEYWORD_ONLY]
+    if loose:
+        raise Failed(
+            f"{', '.join(loose)} can be given without a name",
+            "write def __init__(self, *, ...): with a star before the first option",
+        )
+    given = {name: object() for name in model.get_params(deep=False)}
+    made = type(model)(**given)
+    changed = [name for name, value in given.items() if getattr(made, name, None) is not value]
+    early = [name for name in vars(made) if name.endswith("_") and not name.startswith("_")]
+    if changed or early:
+        raise Failed(
+            f"{', '.join(changed)} not stored as given"
+            if changed
+            else f"{', '.join(early)} is there before fit"
+        )
+
+
+@_MODEL.asks(
+    "get_params, set_params and clone give the options back",
+    "inherit sklearn.base.BaseEstimator and store every option under its own name",
+)
+def _gives_options_back(session: Session) -> None:
+    model = session.new()
+    params = model.get_params(deep=False)
+    wanted = set(inspect.signature(type(model)).parameters)
+    if set(params) != wanted:
+        raise Failed(f"get_params names {sorted(params)}, the constructor {sorted(wanted)}")
+    if model.set_params(**params) is not model:
+        raise Failed("set_params does not return the model")
+    copy = clone(model)
+    for name, value in params.items():
+        if not _same_option(copy.get_params(deep=False)[name], value):
+            raise Failed(f"clone changes {name} from {value!r}")
+
+
+def _same_option(one: object, other: object) -> bool:
+    return one is other or repr(one) == repr(other)
+
+
+@_MODEL.asks(
+    "options can be listed",
+    "annotate every option with a type that can be imported, or give it a plain default",
+)
+def _lists_options(session: Session) -> None:
+    """See that the command line can read every option's type."""
+    cls = type(session.new())
+    source: Any = cls if hasattr(cls, "__dataclass_fields__") else cls.__init__
+    hints = typing.get_type_hints(source, include_extras=True)
+    for name, parameter in inspect.signature(cls).parameters.items():
+        plain = isinstance(parameter.default, bool | int | float | str)
+        if name not in hints and not plain:
+            raise Failed(f"{name} has no annotation and no plain default")
+
+
+@_MODEL.asks(
+    "predict before fit is refused",
+    "begin predict with sklearn.utils.validation.check_is_fitted(self)",
+)
+def _refuses_before_fit(session: Session) -> None:
+    model = session.new()
+    try:
+        session.predict(model, session.test.q, session.test.wrench)
+    except (NotFittedError, SklearnNotFittedError):
+        return
+    except Exception as error:
+        raise Failed(f"raised {type(error).__name__}: {error}, expected NotFittedError") from error
+    raise Failed("returned numbers")
+
+
+@_MODEL.asks(
+    "fit learns from measured rows",
+    "the reason is the exception of your fit; call fit in Python to see where it comes from",
+)
+def _fits(session: Session) -> str:
+    _ = session.fitted
+    n_validation = len(session.validation) if session.uses_validation else 0
+    return f"{len(session.train)} training and {n_validation} validation rows"
+
+
+@_MODEL.asks("fit returns the model", "end fit with: return self")
+def _fit_returns_model(session: Session) -> None:
+    """See that `make().fit(...).predict(...)` can be written."""
+    if session.fitted is not session.returned_by_fit:
+        raise Failed(f"fit returned {type(session.returned_by_fit).__name__}")
+
+
+@_MODEL.asks(
+    "fit leaves the options alone",
+    "keep what fit makes of an option under another name, one that ends in _",
+)
+def _keeps_options(session: Session) -> None:
+    after = options(session.fitted)
+    for name, value in session.options_before_fit.items():
+        if after.get(name) != value:
+            raise Failed(f"fit changes {name} from {value} to {after.get(name, 'nothing')}")
+
+
+@_MODEL.asks(
+    "predict returns (n, 3) finite numbers", "return a float64 array, one row a sample: x, y, z"
+)
+def _predicts(session: Session) -> str:
+    predicted = session.prediction
+    if predicted.dtype.kind != "f":
+        raise Failed(f"predict returned {predicted.dtype}, expected float64")
+    return f"{len(session.test)} rows"
+
+
+@_MODEL.asks("predictions are in metres", "train.deflection is in m; predict the same unit")
+def _in_metres(session: Session) -> None:
+    _ = session.prediction
+    predicted = session.predict(session.fitted, session.train.q, session.train.wrench)
+    check_prediction(predicted, len(session.train))
+    check_units(predicted, session.train.deflection)
+
+
+@_MODEL.asks(
+    "a row's prediction does not depend on the other rows",
+    "take means, scales and neighbours in fit from train, never in predict: that is a leak",
+)
+def _row_by_row(session: Session) -> None:
+    def predicted(q: FloatArray, wrench: FloatArray) -> FloatArray:
+        found = session.predict(session.fitted, q, wrench)
+        check_prediction(found, len(q))
+        return found
+
+    _see_no_neighbours("a row", session.prediction, predicted, session.test)
+
+
+@_MODEL.asks(
+    "predicting twice gives the same numbers", "leave chance to fit; switch a network to eval mode"
+)
+def _repeatable(session: Session) -> None:
+    _same("the second prediction", session.prediction, session.predict_test(session.fitted))
+
+
+@_MODEL.asks("predict leaves its inputs alone", "copy an array before you change it")
+def _leaves_inputs(session: Session) -> None:
+    """Look at the arrays that `predict` was given; those that fit gets are read-only."""
+    _ = session.prediction
+    if session.overwritten:
+        raise Failed(f"predict writes into {' and '.join(sorted(session.overwritten))}")
+
+
+@_MODEL.asks("the same seed gives the same model", _MEND_SEED)
+def _same_seed(session: Session) -> None:
+    first, again = session.prediction, session.prediction_again(with_validation=True)
+    if not session.uses_validation and not np.array_equal(first, again):
+        again = session.prediction_again(with_validation=False)  # is it chance, or validation rows?
+    _same("a second model", first, again)
+
+
+@_MODEL.asks(
+    "validation rows are not learned from",
+    "ignore `validation`, or say uses_validation=True in the ModelInfo",
+)
+def _leaves_validation(session: Session) -> str:
+    """Fit with and without validation rows, or with large ones where they choose an epoch."""
+    if session.uses_validation:
+        _only_chooses_on_validation(session)
+        return "they choose an epoch"
+    first, given = session.prediction, session.prediction_again(with_validation=True)
+    if not np.array_equal(first, given):
+        if not np.array_equal(first, session.prediction_again(with_validation=False)):
+            raise NotApplicable("no two of its fits are the same")
+        _same("fitted with validation rows, it", first, given)
+    return ""
+
+
+@_MODEL.asks("fits without validation rows", "validation may be None: keep the last epoch then")
+def _fits_without_validation(session: Session) -> None:
+    """Fit with validation=None, which every protocol may give."""
+    _ = session.prediction
+    session.predict_test(session.fitted_elsewhere)
+
+
+@_MODEL.asks(
+    "a fit learns from its own rows",
+    "a fit that is remembered must be remembered by its rows too, not by its seed alone",
+)
+def _learns_from_its_rows(session: Session) -> None:
+    """Compare fits to other rows: an answer that was kept from an earlier fit is the earlier's."""
+    first, elsewhere = session.prediction, [session.prediction_elsewhere]
+    if session.uses_validation:  # a kept answer may go by whether there are validation rows
+        elsewhere.append(session.predict_test(session.fitted_beside_loud_validation))
+    if not any(np.array_equal(first, other) for other in elsewhere):
+        return
+    if _size(session.predict_test(session.fitted_to_loud_rows)) > GROWN * _size(first):
+        raise Failed("a new model that is fitted to other rows gives the numbers of the first")
+    raise NotApplicable("predicts the same whatever rows it is fitted to")
+
+
+@_MODEL.asks("a second fit forgets the first", "compute every attribute that ends in _ anew in fit")
+def _forgets(session: Session) -> None:
+    """Fit one model to other rows first; it must then equal one that never saw them."""
+    first, refitted = session.prediction, session.prediction_after_refit()
+    if not np.array_equal(first, refitted):
+        again = session.prediction_again(with_validation=session.uses_validation)
+        if not np.array_equal(first, again):
+            raise NotApplicable("no two of its fits are the same")
+        _same("a model that was fitted to other rows before", first, refitted)
+
+
+@_MODEL.asks(
+    "joint angles of another robot are refused",
+    "keep the number of joints in fit and raise ValueError if q.shape[1] is another",
+)
+def _refuses_other_robot(session: Session) -> None:
+    """Predict at joint angles of a robot with one joint more or less."""
+    _ = session.prediction
+    q, wrench = session.test.q, session.test.wrench
+    for other in (q[:, :-1], np.hstack([q, q[:, :1]])):
+        try:
+            session.predict(session.fitted, other, wrench)
+        except Exception:
+            continue
+        raise Failed(f"numbers for {other.shape[1]} joints after a fit to {q.shape[1]}")
+
+
+@_MODEL.asks("no load, no deflection", "predict finite numbers")
+def _nothing_without_load(session: Session) -> None:
+    """Say whether no load means no deflection: so it is in physics, learners need not know it."""
+    _ = session.prediction
+    unloaded = np.zeros_like(session.test.wrench)
+    most = float(np.abs(session.predict(session.fitted, session.test.q, unloaded)).max())
+    if most > SMALLEST:
+        raise NotApplicable(f"predicts up to {1e3 * most:.3g} mm without load")
+
+
+@_MODEL.asks(
+    "diagnostics can be printed", "make diagnostics_ a dict of names with units and numbers"
+)
+def _diagnostics(session: Session) -> str:
+    model = session.fitted
+    if not isinstance(model, ReportsDiagnostics):
+        raise NotApplicable("has no diagnostics_")
+    if not isinstance(model.diagnostics_, Mapping):
+        raise Failed(f"diagnostics_ is a {type(model.diagnostics_).__name__}")
+    for name, value in model.diagnostics_.items():
+        if not isinstance(name, str):
+            raise Failed(f"{name!r} is no name")
+        float(value)
+    return f"{len(model.diagnostics_)} numbers"
+
+
+@_MODEL.asks(
+    "intervals fit the rows and widen with coverage",
+    "return contract.types.Interval(lower, upper, coverage) with (n, 3) bounds in m",
+)
+def _intervals_widen(session: Session) -> None:
+    model = _model(session)
+    q, wrench = session.test.q, session.test.wrench
+    widths = []
+    for coverage in COVERAGES:
+        found = session.interval(model, q, wrench, coverage)
+        if found.lower.shape != (len(q), 3) or found.coverage != coverage:
+            raise Failed(
+                f"interval of shape {found.lower.shape} and coverage {found.coverage}, expected "
+                f"({len(q)}, 3) and {coverage}"
+            )
+        widths.append(found.upper - found.lower)
+    if (widths[1] < widths[0]).any():
+        raise Failed("an interval of coverage 0.95 is narrower than that of 0.5")
+
+
+@_MODEL.asks(
+    "a row's interval does not depend on the other rows",
+    "take scales and quantiles in fit from train, never in predict_interval: that is a leak",
+)
+def _interval_row_by_row(session: Session) -> None:
+    """Ask for the bounds' distances from the predictions one by one and in reverse order."""
+    model = _model(session)
+
+    def around(q: FloatArray, wrench: FloatArray) -> FloatArray:
+        # beside the predictions, which are another question's
+        found = session.interval(model, q, wrench, COVERAGES[0])
+        middle = session.predict(session.fitted, q, wrench)
+        return np.hstack([found.lower - middle, found.upper - middle])
+
+    _see_no_neighbours(
+        "an interval", around(session.test.q, session.test.wrench), around, session.test
+    )
+
+
+@_MODEL.asks(
+    "save and load give the same numbers", "keep what predict needs in attributes that end in _"
+)
+def _saves(session: Session) -> None:
+    if not isinstance(session.fitted, SavesItself):
+        raise NotApplicable("has no save")
+    if session.load is None:
+        raise NotApplicable("nothing to read the file with was given")
+    first = session.prediction
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "model.stiff"
+        try:
+            session.fitted.save(path)
+        except NotSavable as error:
+            raise NotApplicable(str(error)) from error
+        loaded = session.load(path)
+    _same("the model read from its file", first, session.predict_test(loaded))
+
+
+@_MODEL.asks("prints nothing", "use stiff_protocols.contract.progress.report or logging")
+def _silent(session: Session) -> None:
+    """Look at what went to standard output, which belongs to the tables."""
+    _ = session.prediction
+    if session.printed:
+        raise Failed(f"printed {session.printed.strip().splitlines()[0][:60]!r} and the like")
+
+
+@_MODEL.asks("leaves global random states alone", _MEND_SEED)
+def _leaves_random_state(session: Session) -> None:
+    """Look at the global random states, which belong to everybody."""
+    _ = session.prediction
+    if session.disturbed:
+        raise Failed(f"changes the global random state of {', '.join(sorted(session.disturbed))}")
+
+
+def _same(what: str, first: FloatArray, second: FloatArray) -> None:
+    """See that two predictions are equal to the bit."""
+    if not np.array_equal(first, second):
+        far = float(np.abs(first - second).max())
+        raise Failed(f"{what} differs by up to {1e3 * far:.3g} mm")
+
+
+def _see_no_neighbours(
+    what: str,
+    together: FloatArray,
+    predict: Callable[[FloatArray, FloatArray], FloatArray],
+    rows: Samples,
+) -> None:
+    """Predict rows one by one and in reverse order: a row must not see the others.
+
+    `together` is (n, k) m, predicted from all n rows at once; `predict` returns (m, k) m for
+    (m, n_joints) q and (m, 6) wrench.
+    """
+    q, wrench = rows.q, rows.wrench
+    alone = np.concatenate([predict(q[i : i + 1], wrench[i : i + 1]) for i in range(len(q))])
+    backwards = predict(q[::-1], wrench[::-1])[::-1]
+    for how, other in (("alone", alone), ("in reverse order", backwards)):
+        far = float(np.abs(other - together).max())
+        if far > SMALLEST + ROUNDING * float(np.abs(together).max()):
+            raise Failed(f"{what} predicted {how} differs by up to {1e3 * far:.3g} mm")
+
+
+def _only_chooses_on_validation(session: Session) -> None:
+    """See that large validation deflections enlarge neither predictions nor intervals."""
+    _ = session.prediction
+    first, model = session.fitted, session.fitted_beside_loud_validation
+    predicted = session.predict(model, session.other.q, session.other.wrench)
+    times = _size(predicted) / max(_size(session.other.deflection), SMALLEST)
+    if times > GROWN:
+        raise Failed(
+            f"with validation deflections x {LOUD:g} it predicts its training rows {times:.0f} "
+            "times too large",
+            _MEND_VALIDATION,
+        )
+    if isinstance(first, PredictsInterval) and isinstance(model, PredictsInterval):
+        times = _width(session, model) / max(_width(session, first), SMALLEST)
+        if times > GROWN:
+            raise Failed(
+                f"with validation deflections x {LOUD:g} its intervals are {times:.0f} "
+                "times as wide",
+                _MEND_VALIDATION,
+            )
+
+
+def _model(session: Session) -> PredictsInterval:
+    model = session.fitted
+    if not isinstance(model, PredictsInterval):
+        raise NotApplicable("has no predict_interval; split-conformal intervals serve it")
+    _ = session.prediction
+    return model
+
+
+def _size(values: FloatArray) -> float:
+    return float(np.abs(values).max())
+
+
+def _width(session: Session, model: PredictsInterval) -> float:
+    found = session.interval(model, session.test.q, session.test.wrench, 0.9)
+    return float(np.median(found.upper - found.lower))

@@ -1,6 +1,8 @@
-"""Where the tool centre point of a serial chain is."""
+"""Where the joints and the tool centre point (TCP) of a serial chain are."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -9,30 +11,48 @@ from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray, Robot
 
 
-def tcp_position(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return the position of the TCP in the robot base frame.
+@dataclass(frozen=True, eq=False)
+class ChainPoses:
+    """Where a chain stands at n joint positions, robot base frame.
+
+    Attributes:
+        points: (n, n_joints + 1, 3) origin of every joint, then the TCP, m.
+        rotation: (n, 3, 3) orientation of the last joint's frame.
+    """
+
+    points: FloatArray
+    rotation: FloatArray
+
+
+def forward_kinematics(robot: Robot, q: FloatArray) -> ChainPoses:
+    """Return where the robot's joints and TCP are.
 
     Args:
         robot: the serial chain.
         q: (n, n_joints) joint positions, rad or m.
 
-    Returns:
-        (n, 3) m.
-
     Raises:
         DataError: `q` has another number of joints than the robot.
     """
     q = checked_positions(robot, q)
-    point = np.tile(robot.tcp, (len(q), 1))  # (n, 3), in the frame of the joint that is reached
-    for joint in reversed(range(robot.n_joints)):
-        motion = q[:, joint, None] * robot.axes[joint]
-        if robot.joint_types[joint] == "prismatic":
-            point = point + motion
+    rotation, origin = np.broadcast_to(np.eye(3), (len(q), 3, 3)), np.zeros((len(q), 3))
+    points = np.empty((len(q), robot.n_joints + 1, 3))
+    for joint, kind in enumerate(robot.joint_types):
+        origin = origin + rotation @ robot.placements[joint, :3, 3]
+        rotation = rotation @ robot.placements[joint, :3, :3]
+        points[:, joint] = origin
+        motion = q[:, joint, None] * robot.axes[joint]  # (n, 3) rad or m, joint frame
+        if kind == "revolute":
+            rotation = rotation @ Rotation.from_rotvec(motion).as_matrix()
         else:
-            point = Rotation.from_rotvec(motion).apply(point)
-        placement = robot.placements[joint]
-        point = point @ placement[:3, :3].T + placement[:3, 3]
-    return point
+            origin = origin + np.einsum("nij,nj->ni", rotation, motion)
+    points[:, -1] = origin + rotation @ robot.tcp
+    return ChainPoses(points, rotation)
+
+
+def tcp_position(robot: Robot, q: FloatArray) -> FloatArray:
+    """Return the (n, 3) position of the TCP [m]; arguments and errors as `forward_kinematics`."""
+    return forward_kinematics(robot, q).points[:, -1]
 
 
 def checked_positions(robot: Robot, q: FloatArray) -> FloatArray:

@@ -141,11 +141,11 @@ def resampled_means(
             same poses, each equally often.
     """
     totals, counts = _side_by_side(errors)
-    # a matrix product may round equal columns differently, which would break their tie
-    distinct, column = np.unique(totals, axis=1, return_inverse=True)
     draws = _pose_draws(len(counts), resamples, seed)  # (B, p)
-    means = (draws @ distinct) / (draws @ counts.astype(np.float64))[:, None]
-    return np.asarray(means[:, column.ravel()])
+    means = (draws @ totals) / (draws @ counts.astype(np.float64))[:, None]
+    # a matrix product may round equal columns differently, which would break their tie
+    contents = [column.tobytes() for column in totals.T]
+    return np.asarray(means[:, [contents.index(content) for content in contents]])
 
 
 @lru_cache(maxsize=8)

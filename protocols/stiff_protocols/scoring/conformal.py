@@ -21,6 +21,7 @@ import numpy as np
 from sklearn.base import BaseEstimator, clone
 
 from stiff_protocols.contract.errors import ModelError, NotFittedError, TooFewToCalibrate
+from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.interfaces import StiffnessModel
 from stiff_protocols.contract.types import AXES, FloatArray, IntArray, Interval, Robot, Samples
 from stiff_protocols.scoring.sanity import check_prediction
@@ -74,7 +75,9 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
 
         Raises:
             TooFewToCalibrate: `coverage` needs more calibration samples than half of the poses.
+            ConfigError: crepes is not installed.
         """
+        require("a split-conformal interval", "crepes")
         part = inner_validation(train, np.arange(len(train)), self._fraction(train), seed)
         self.model_ = clone(self.model)
         self.model_.fit(train.take(part.train), robot=robot, validation=validation, seed=seed)

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
 from stiff_protocols.contract.errors import ConfigError, DataError
-from stiff_protocols.contract.types import FloatArray, IntArray, frozen_array
+from stiff_protocols.contract.types import FloatArray, frozen_array
 
 
 def ranked(values: ArrayLike) -> FloatArray:
@@ -190,24 +191,25 @@ def wilcoxon_signed_rank(differences: ArrayLike) -> float:
         from scipy import stats  # it takes longer to import than a leaderboard
 
         return float(stats.wilcoxon(values, method="approx").pvalue)
-    return _counted_signed_rank(values, np.rint(2.0 * ranked(np.abs(values))).astype(int))
-
-
-def _counted_signed_rank(values: FloatArray, doubled_ranks: IntArray) -> float:
-    """Return the two-sided p-value over all 2^n signs; scipy counts without ties alone.
-
-    Args:
-        values: (n,) without zeros.
-        doubled_ranks: (n,) twice the mean ranks of their sizes, so that halves are whole.
-    """
-    total = int(doubled_ranks.sum())
-    ways = np.zeros(total + 1)  # how many choices of signs give each sum of positive ranks
-    ways[0] = 1.0
-    for rank in doubled_ranks:
-        ways[rank:] += ways[:-rank]
+    doubled_ranks = np.rint(2.0 * ranked(np.abs(values))).astype(int)  # halves become whole
+    ways = _ways_to_sum(tuple(np.sort(doubled_ranks).tolist()))
     positive = int(doubled_ranks[values > 0.0].sum())
-    tail = ways[: min(positive, total - positive) + 1].sum()
+    tail = ways[: min(positive, len(ways) - 1 - positive) + 1].sum()
     return min(1.0, float(2.0 * tail / 2.0 ** len(values)))
+
+
+@lru_cache
+def _ways_to_sum(ranks: tuple[int, ...]) -> FloatArray:
+    """Return how many of the 2^n choices of signs give each sum of positive ranks, from 0 on.
+
+    scipy counts without ties alone. Many pairs of models have the same ranks.
+    """
+    ways = np.zeros(sum(ranks) + 1)
+    ways[0] = 1.0
+    for rank in ranks:
+        ways[rank:] += ways[:-rank]
+    ways.setflags(write=False)
+    return ways
 
 
 def holm(p_values: ArrayLike) -> FloatArray:

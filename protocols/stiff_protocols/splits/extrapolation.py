@@ -7,7 +7,7 @@ trains on a random part of the training side's poses, so that the spread over tr
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Literal
 
 import numpy as np
@@ -26,36 +26,6 @@ DECIMALS = 9  # of N, and of directions' components: what differs by less is one
 _NEEDS_GROUPS = "it needs at least two groups of poses, such as joint-space and cartesian"
 
 
-def drawn(
-    samples: Samples,
-    divisions: Sequence[Division],
-    *,
-    n_splits: int | None,
-    train_fraction: float,
-    validation_fraction: float,
-    seed: int,
-) -> LazySplits:
-    """Return each division once, or `n_splits` times with a part of its training poses.
-
-    The two are different conditions: they train on different numbers of poses.
-    """
-    repeated = n_splits is not None and n_splits > 1
-
-    def divided() -> Iterator[Split]:
-        for index in range(n_splits or 1):
-            rng = np.random.default_rng([seed, index])
-            for condition, train, test in divisions:
-                if repeated:
-                    train = _part(samples, train, train_fraction, rng)
-                else:
-                    condition = f"{condition}{ALL_POSES}"
-                yield divided_inside(
-                    samples, index, train, test, validation_fraction, seed, condition
-                )
-
-    return LazySplits(divided, (n_splits or 1) * len(divisions))
-
-
 def _part(samples: Samples, rows: IntArray, fraction: float, rng: np.random.Generator) -> IntArray:
     """Return the rows of a random part of their poses, at least one."""
     poses = np.unique(samples.pose_id[rows])
@@ -63,12 +33,10 @@ def _part(samples: Samples, rows: IntArray, fraction: float, rng: np.random.Gene
     return rows[np.isin(samples.pose_id[rows], kept)]
 
 
-class SpaceTransfer:
-    """Train on one group of the measurement plan, test on the others, and the other way round.
+class Extrapolation:
+    """What the protocols of this kind share: each division is drawn once or several times.
 
-    Attributes:
-        train_fraction: of the training group's poses, drawn anew in each of several splits.
-        validation_fraction: of the training poses, chooses the epoch.
+    The two are different conditions: they train on different numbers of poses.
     """
 
     selects_on_test = False
@@ -81,22 +49,52 @@ class SpaceTransfer:
         self.train_fraction = train_fraction
         self.validation_fraction = validation_fraction
 
+    def divisions(self, samples: Samples, seed: int) -> Iterable[Division]:
+        """Return every condition with its rows.
+
+        Raises:
+            ConfigError: the samples cannot be divided.
+        """
+        raise NotImplementedError
+
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
-        """Return `n_splits` (default 1) draws for each group that is trained on.
+        """Return each division once, or `n_splits` times with a part of its training poses.
+
+        Raises:
+            ConfigError: the samples cannot be divided.
+        """
+        divisions = list(self.divisions(samples, seed))
+        repeated = n_splits is not None and n_splits > 1
+
+        def divided() -> Iterator[Split]:
+            for index in range(n_splits or 1):
+                rng = np.random.default_rng([seed, index])
+                for condition, train, test in divisions:
+                    if repeated:
+                        train = _part(samples, train, self.train_fraction, rng)
+                    else:
+                        condition = f"{condition}{ALL_POSES}"
+                    yield divided_inside(
+                        samples, index, train, test, self.validation_fraction, seed, condition
+                    )
+
+        return LazySplits(divided, (n_splits or 1) * len(divisions))
+
+
+class SpaceTransfer(Extrapolation):
+    """Train on one group of the measurement plan, test on the others, and the other way round.
+
+    Attributes:
+        train_fraction: of the training group's poses, drawn anew in each of several splits.
+        validation_fraction: of the training poses, chooses the epoch.
+    """
+
+    def divisions(self, samples: Samples, seed: int) -> Iterator[Division]:
+        """Yield a condition for each group that is trained on.
 
         Raises:
             ConfigError: all samples are of one group, or the groups have the same poses.
         """
-        return drawn(
-            samples,
-            list(self._divisions(samples)),
-            n_splits=n_splits,
-            train_fraction=self.train_fraction,
-            validation_fraction=self.validation_fraction,
-            seed=seed,
-        )
-
-    def _divisions(self, samples: Samples) -> Iterator[Division]:
         groups = list(dict.fromkeys(samples.group.tolist()))
         if len(groups) < 2:
             raise ConfigError(
@@ -119,7 +117,7 @@ class SpaceTransfer:
             )
 
 
-class LoadExtrapolation:
+class LoadExtrapolation(Extrapolation):
     """Train on light loads, test on heavy ones; train on some directions, test on others.
 
     Attributes:
@@ -131,9 +129,6 @@ class LoadExtrapolation:
         validation_fraction: of the training poses, chooses the epoch.
     """
 
-    selects_on_test = False
-    pooled = False
-
     def __init__(
         self,
         *,
@@ -143,13 +138,12 @@ class LoadExtrapolation:
         validation_fraction: Fraction = 0.2,
     ) -> None:
         """Store the options."""
+        super().__init__(train_fraction=train_fraction, validation_fraction=validation_fraction)
         self.by = by
         self.test_fraction = test_fraction
-        self.train_fraction = train_fraction
-        self.validation_fraction = validation_fraction
 
-    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
-        """Return `n_splits` (default 1) draws for each condition.
+    def divisions(self, samples: Samples, seed: int) -> Iterator[Division]:
+        """Yield one condition or both.
 
         A pose with loads on both sides keeps those of one side, which is drawn.
 
@@ -161,18 +155,8 @@ class LoadExtrapolation:
         if self.by != "both":
             name = "light -> heavy loads" if self.by == "size" else "other directions"
             measures = {name: measures[name]}
-        divisions = [
-            (condition, *self._divide(samples, condition, measure, seed))
-            for condition, measure in measures.items()
-        ]
-        return drawn(
-            samples,
-            divisions,
-            n_splits=n_splits,
-            train_fraction=self.train_fraction,
-            validation_fraction=self.validation_fraction,
-            seed=seed,
-        )
+        for condition, measure in measures.items():
+            yield condition, *self._divide(samples, condition, measure, seed)
 
     def _divide(
         self, samples: Samples, condition: str, measure: FloatArray, seed: int

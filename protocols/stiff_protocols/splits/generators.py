@@ -9,7 +9,6 @@ from threading import Lock
 from typing import Any, overload
 
 import numpy as np
-from sklearn.model_selection import GroupKFold, GroupShuffleSplit
 
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import IntArray, Samples, Split
@@ -84,38 +83,45 @@ def _permutation(n: int, seed: int) -> IntArray:
         return _RANDOM.permutation(n)
 
 
-def holdout_by_pose(
-    samples: Samples, *, n_splits: int, test_fraction: float, validation_fraction: float, seed: int
+def divided_by(
+    splitter: Any,
+    samples: Samples,
+    *,
+    n_splits: int,
+    option: str,
+    validation_fraction: float | None,
+    seed: int,
 ) -> LazySplits:
-    """Return repeated random divisions by pose, each with an inner validation part.
+    """Return scikit-learn's divisions by pose, each with an inner validation part.
+
+    Args:
+        splitter: one of scikit-learn's group splitters.
+        samples: to be divided.
+        n_splits: how many divisions the splitter makes.
+        option: what an error blames.
+        validation_fraction: of the training poses; None: the test rows are the validation rows.
+        seed: of the inner divisions.
 
     Raises:
-        ConfigError: there are too few poses for these fractions.
+        ConfigError: there are too few poses.
     """
-    outer = GroupShuffleSplit(n_splits=n_splits, test_size=test_fraction, random_state=seed)
 
     def divided() -> Iterator[Split]:
-        for index, (train, test) in enumerate(_divide(outer, samples, "test_fraction")):
-            yield divided_inside(samples, index, train, test, validation_fraction, seed)
+        try:
+            divisions = enumerate(splitter.split(samples.q, groups=samples.pose_id))
+            for index, (train, test) in divisions:
+                if validation_fraction is None:
+                    yield Split(index, np.sort(train), np.sort(test), np.sort(test))
+                else:
+                    yield divided_inside(samples, index, train, test, validation_fraction, seed)
+        except ValueError as error:
+            n_poses = len(np.unique(samples.pose_id))
+            raise ConfigError(
+                f"{len(samples)} samples of {n_poses} poses cannot be divided with this {option}: "
+                f"{error}"
+            ) from error
 
     return LazySplits(divided, n_splits)
-
-
-def folds_by_pose(
-    samples: Samples, *, n_folds: int, validation_fraction: float, seed: int
-) -> LazySplits:
-    """Return the divisions of a k-fold cross-validation by pose.
-
-    Raises:
-        ConfigError: there are fewer poses than folds, or one fold alone.
-    """
-    outer = GroupKFold(n_folds, shuffle=True, random_state=seed)
-
-    def divided() -> Iterator[Split]:
-        for index, (train, test) in enumerate(_divide(outer, samples, "number of folds")):
-            yield divided_inside(samples, index, train, test, validation_fraction, seed)
-
-    return LazySplits(divided, n_folds)
 
 
 def divided_inside(
@@ -130,53 +136,3 @@ def divided_inside(
     """Return the split of these rows, with an inner validation part taken from `train`."""
     inner = inner_validation(samples, train, validation_fraction, seed + index)
     return Split(index, inner.train, inner.validation, np.sort(test), condition)
-
-
-def holdout_that_selects(
-    samples: Samples, *, n_splits: int, test_fraction: float, seed: int
-) -> LazySplits:
-    """Return repeated random divisions by pose whose test rows are also the validation rows.
-
-    Raises:
-        ConfigError: there are too few poses for this fraction.
-    """
-    outer = GroupShuffleSplit(n_splits=n_splits, test_size=test_fraction, random_state=seed)
-
-    def divided() -> Iterator[Split]:
-        for index, (train, test) in enumerate(_divide(outer, samples, "test_fraction")):
-            yield Split(index, np.sort(train), np.sort(test), np.sort(test))
-
-    return LazySplits(divided, n_splits)
-
-
-def leave_one_pose_out(samples: Samples, *, validation_fraction: float, seed: int) -> LazySplits:
-    """Return one division a pose, in the order of the data set's first rows of each pose.
-
-    Raises:
-        ConfigError: there are too few poses.
-    """
-    poses, first_rows = np.unique(samples.pose_id, return_index=True)
-    if len(poses) < 2:
-        raise ConfigError(
-            f"{len(samples)} samples of one pose cannot be divided: leave-one-out needs two poses"
-        )
-
-    def divided() -> Iterator[Split]:
-        for index, row in enumerate(np.sort(first_rows)):
-            tested = samples.pose_id == samples.pose_id[row]
-            train, test = np.flatnonzero(~tested), np.flatnonzero(tested)
-            yield divided_inside(samples, index, train, test, validation_fraction, seed)
-
-    return LazySplits(divided, len(poses))
-
-
-def _divide(splitter: Any, samples: Samples, option: str) -> Iterator[tuple[IntArray, IntArray]]:
-    """Yield (train, test) rows; what scikit-learn refuses becomes a ConfigError."""
-    try:
-        yield from splitter.split(samples.q, groups=samples.pose_id)
-    except ValueError as error:
-        n_poses = len(np.unique(samples.pose_id))
-        raise ConfigError(
-            f"{len(samples)} samples of {n_poses} poses cannot be divided with this {option}: "
-            f"{error}"
-        ) from error

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Annotated
 
+import numpy as np
 from annotated_types import Ge, Gt, Lt
+from sklearn.model_selection import GroupKFold, GroupShuffleSplit
 
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import Samples, Split
-from stiff_protocols.splits import generators as splits
+from stiff_protocols.splits.generators import LazySplits, divided_by, divided_inside
 
 Fraction = Annotated[float, Gt(0.0), Lt(1.0)]
 
@@ -34,13 +36,7 @@ class Holdout:
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
         """Return `n_splits` (default 1) divisions."""
-        return splits.holdout_by_pose(
-            samples,
-            n_splits=n_splits or 1,
-            test_fraction=self.test_fraction,
-            validation_fraction=self.validation_fraction,
-            seed=seed,
-        )
+        return _shuffled(samples, n_splits, self.test_fraction, self.validation_fraction, seed)
 
 
 class RepeatedHoldout(Holdout):
@@ -95,9 +91,11 @@ class KFold:
                 f"--splits {n_splits}: kfold has {self.folds} splits, one a fold; leave --splits "
                 f"out, or use --protocol kfold@folds={n_splits}"
             )
-        return splits.folds_by_pose(
+        return divided_by(
+            GroupKFold(self.folds, shuffle=True, random_state=seed),
             samples,
-            n_folds=self.folds,
+            n_splits=self.folds,
+            option="number of folds",
             validation_fraction=self.validation_fraction,
             seed=seed,
         )
@@ -119,9 +117,7 @@ class PaperHoldout:
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
         """Return `n_splits` (default 1) divisions."""
-        return splits.holdout_that_selects(
-            samples, n_splits=n_splits or 1, test_fraction=self.test_fraction, seed=seed
-        )
+        return _shuffled(samples, n_splits, self.test_fraction, None, seed)
 
 
 class LeaveOneOut:
@@ -139,15 +135,46 @@ class LeaveOneOut:
         self.validation_fraction = validation_fraction
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
-        """Return one division a pose.
+        """Return one division a pose, in the order of the poses' first rows.
 
         Raises:
-            ConfigError: a number of splits was asked for; the poses give it.
+            ConfigError: a number of splits was asked for, which the poses give, or there are too
+                few poses.
         """
         if n_splits is not None:
             raise ConfigError(
                 f"--splits {n_splits}: leave-one-out has one split a pose; leave --splits out"
             )
-        return splits.leave_one_pose_out(
-            samples, validation_fraction=self.validation_fraction, seed=seed
-        )
+        poses, first_rows = np.unique(samples.pose_id, return_index=True)
+        if len(poses) < 2:
+            raise ConfigError(
+                f"{len(samples)} samples of one pose cannot be divided: leave-one-out needs two "
+                "poses"
+            )
+
+        def divided() -> Iterator[Split]:
+            for index, row in enumerate(np.sort(first_rows)):
+                tested = samples.pose_id == samples.pose_id[row]
+                rows = np.flatnonzero(~tested), np.flatnonzero(tested)
+                yield divided_inside(samples, index, *rows, self.validation_fraction, seed)
+
+        return LazySplits(divided, len(poses))
+
+
+def _shuffled(
+    samples: Samples,
+    n_splits: int | None,
+    test_fraction: float,
+    validation_fraction: float | None,
+    seed: int,
+) -> LazySplits:
+    """Return `n_splits` (default 1) random divisions; arguments as `divided_by`."""
+    n = n_splits or 1
+    return divided_by(
+        GroupShuffleSplit(n_splits=n, test_size=test_fraction, random_state=seed),
+        samples,
+        n_splits=n,
+        option="test_fraction",
+        validation_fraction=validation_fraction,
+        seed=seed,
+    )

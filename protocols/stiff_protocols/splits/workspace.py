@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Annotated
 
 import numpy as np
@@ -11,15 +11,15 @@ from sklearn.cluster import KMeans
 
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.forward_kinematics import tcp_position
-from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples, Split
-from stiff_protocols.splits.extrapolation import Division, drawn
+from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
+from stiff_protocols.splits.extrapolation import Division, Extrapolation
 from stiff_protocols.splits.random_splits import Fraction
 
 STARTS, START_SEED = 50, 0  # of k-means; the best one counts
 DECIMALS = 6  # m: positions that differ by less than a micrometre are one
 
 
-class WorkspaceExtrapolation:
+class WorkspaceExtrapolation(Extrapolation):
     """Parts the poses by where the TCP is, and tests each region by models of the others.
 
     The regions are the clusters that k-means finds in the TCP's positions, numbered along x of the
@@ -32,9 +32,6 @@ class WorkspaceExtrapolation:
         validation_fraction: of the training poses, chooses the epoch.
     """
 
-    selects_on_test = False
-    pooled = False
-
     def __init__(
         self,
         *,
@@ -43,17 +40,16 @@ class WorkspaceExtrapolation:
         validation_fraction: Fraction = 0.2,
     ) -> None:
         """Store the options."""
+        super().__init__(train_fraction=train_fraction, validation_fraction=validation_fraction)
         self.regions = regions
-        self.train_fraction = train_fraction
-        self.validation_fraction = validation_fraction
         self._robot: Robot | None = None
 
     def use_robot(self, robot: Robot) -> None:
         """Remember whose TCP it is."""
         self._robot = robot
 
-    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
-        """Return `n_splits` (default 1) draws for each region that is held out.
+    def divisions(self, samples: Samples, seed: int) -> Iterator[Division]:
+        """Yield a condition for each region that is held out.
 
         Raises:
             ConfigError: the robot is not known, or there are fewer positions than regions.
@@ -63,18 +59,8 @@ class WorkspaceExtrapolation:
             raise ConfigError(
                 "workspace-extrapolation: the robot is not known; call use_robot before splits"
             )
-        return drawn(
-            samples,
-            list(self._divisions(samples, self._robot)),
-            n_splits=n_splits,
-            train_fraction=self.train_fraction,
-            validation_fraction=self.validation_fraction,
-            seed=seed,
-        )
-
-    def _divisions(self, samples: Samples, robot: Robot) -> Iterator[Division]:
         poses, pose_of_row = np.unique(samples.pose_id, return_inverse=True)
-        position = _mean_of(tcp_position(robot, samples.q), pose_of_row, len(poses))
+        position = _mean_of(tcp_position(self._robot, samples.q), pose_of_row, len(poses))
         position = position.round(DECIMALS)
         different = len(np.unique(position, axis=0))
         if different < self.regions:

@@ -14,7 +14,7 @@ import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 from sklearn.base import BaseEstimator, clone
@@ -38,8 +38,8 @@ from stiff_protocols.contract.interfaces import (
 from stiff_protocols.contract.search_space import Grid, Range, in_words
 from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples, Split
 from stiff_protocols.scoring.sanity import check_prediction
-from stiff_protocols.splits.generators import folds_by_pose
-from stiff_protocols.tuning.tpe import require_optuna, try_drawn
+from stiff_protocols.splits.random_splits import KFold
+from stiff_protocols.tuning.candidates import Search, require_optuna, try_candidates
 
 
 def inner_error(
@@ -110,9 +110,7 @@ def together(first: Samples, second: Samples) -> Samples:
     )
 
 
-Search = Literal["grid", "optuna"]
 NOT_TUNED = "not tuned"
-
 
 MOST_CHECKED = 256
 """So many combinations of a drawn search are checked before anything is computed."""
@@ -140,12 +138,11 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
     Attributes:
         model: what is copied, set up and fitted; it is left as it is.
         grid: options and their candidates; where it is empty the model is fitted as it is.
-        search: "grid" tries every combination, "optuna" some that a tree-structured Parzen
-            estimator draws (Bergstra et al. 2011).
+        search: "grid" tries every combination, "optuna" some that TPE draws; see `candidates`.
         trials: how many are drawn.
         folds: inner parts, by pose.
         validation_fraction: of an inner training part's poses, chooses the epoch.
-        scores_: every candidate, in the order tried.
+        scores_: every candidate, in the order of the grid, or in which they were drawn.
         best_params_: the chosen options, the first of equally good ones.
         model_: the fitted model with them.
         diagnostics_: the model's, how many candidates were tried, and the best one's inner error.
@@ -182,7 +179,7 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
             ConfigError: a candidate's options do not fit together, candidates are no one contest,
                 there is a range where every combination is to be tried, or a package is missing.
         """
-        if self.grid and self.search == "optuna":
+        if self.grid:
             require_optuna()
         for name, values in self.grid.items():
             if isinstance(values, Range) and self.search == "grid":
@@ -304,10 +301,9 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
     ) -> tuple[Tried, ...]:
         """Return every candidate's inner error; one that fails is left out, and that is said."""
         rows = train if validation is None else together(train, validation)
-        parts = folds_by_pose(
+        parts = KFold(folds=self.folds, validation_fraction=self.validation_fraction).splits(
             rows,
-            n_folds=self.folds,
-            validation_fraction=self.validation_fraction,
+            n_splits=None,
             seed=int(np.random.default_rng(seed).integers(2**31)),  # `seed` has all of 32 bits
         )
         found: dict[str, Tried] = {}  # a drawn candidate may come again
@@ -323,10 +319,7 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
                     seed=seed,
                 )
             except Exception as raised:  # a plugin's, whatever it is: this candidate's alone
-                reason = f"{type(raised).__name__}: {raised}"
-                said = f"candidate {in_words(params)} left out: {reason}"
-                warnings.warn(said, StiffBenchWarning, stacklevel=1)
-                return Tried(params, math.inf, reason)
+                return Tried(params, math.inf, f"{type(raised).__name__}: {raised}")
             return Tried(params, error)
 
         def error_of(params: Mapping[str, Any]) -> float:
@@ -335,11 +328,14 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
                 found[words] = tried(params)
             return found[words].error
 
-        if self.search == "grid":
-            for params, _ in self._candidates():
-                error_of(params)
-        else:
-            try_drawn(self.grid, error_of, trials=self.trials, seed=seed)
+        try_candidates(self.grid, error_of, search=self.search, trials=self.trials, seed=seed)
+        if self.search == "grid":  # the first of the grid wins a tie
+            order = dict.fromkeys(in_words(params) for params, _ in self._candidates())
+            found = {words: found[words] for words in order}
+        for words, score in found.items():
+            if score.failure:
+                left_out = f"candidate {words} left out: {score.failure}"
+                warnings.warn(left_out, StiffBenchWarning, stacklevel=1)
         return tuple(found.values())
 
     def _with(self, params: Mapping[str, Any]) -> StiffnessModel:

@@ -9,7 +9,8 @@ from annotated_types import Ge
 from stiff_protocols.contract.interfaces import PredictsInterval, StiffnessModel
 from stiff_protocols.contract.search_space import DEFAULT_GRID, Grid
 from stiff_protocols.splits.random_splits import Fraction, Holdout
-from stiff_protocols.tuning.inner_search import InnerSearch, InnerSearchWithIntervals, Search
+from stiff_protocols.tuning.candidates import Search
+from stiff_protocols.tuning.inner_search import InnerSearch, InnerSearchWithIntervals
 
 
 class Nested(Holdout):
@@ -18,7 +19,8 @@ class Nested(Holdout):
     Attributes:
         grid: which candidates: the name of a grid of each model's catalogue line, or a TOML file
             with a table a model. An option that was set stays as it was set.
-        search: "grid" tries every combination, "optuna" draws some (package optuna).
+        search: "grid" tries every combination, "optuna" some that TPE draws; both need the
+            package optuna.
         trials: of search=optuna.
         inner_folds: parts of the training side's poses.
         test_fraction: of all poses.

@@ -15,9 +15,10 @@ from scipy import stats
 
 from compared_results import contest_in, fifths, made_data, spread, steady, store_results
 from stiff_bench.analysis.compare import CompareWords, compare_folder
-from stiff_bench.analysis.comparison import Estimate, Question, compare, decide
+from stiff_bench.analysis.comparison import compare
 from stiff_bench.analysis.comparison_text import render_report
 from stiff_bench.analysis.comparison_words import sentence
+from stiff_bench.analysis.verdict import Estimate, Question, decide
 from stiff_bench.cli.compare import compare as compare_command
 from stiff_bench.run.cell import compute_cell
 from stiff_bench.store.database import ResultStore, read_results
@@ -108,24 +109,29 @@ def test_changing_sides_mirrors_everything(tmp_path):
 
 
 def estimate(low, high, p_value, equivalent=0.0):
-    return Estimate(low, high, Posterior(0.0, equivalent, 1.0 - equivalent), p_value)
+    posterior = Posterior(0.0, equivalent, 1.0 - equivalent)
+    return Estimate(low, high, p_value, "corrected t over splits", posterior)
+
+
+def verdict_on(*estimates, confidence=0.95):
+    return decide(estimates, confidence).verdict
 
 
 def test_a_verdict_needs_the_test_and_every_interval():
     better = estimate(-2e-5, -1e-5, 0.01)
-    assert decide([better], 0.95) == "a"
-    assert decide([estimate(1e-5, 2e-5, 0.01)], 0.95) == "b"
-    assert decide([better, estimate(-2e-5, 1e-6, 0.01)], 0.95) == "open"
-    assert decide([estimate(-2e-5, -1e-6, 0.06)], 0.95) == "open"
-    assert decide([estimate(-2e-5, -1e-6, 0.06)], 0.9) == "a"
+    assert verdict_on(better) == "a"
+    assert verdict_on(estimate(1e-5, 2e-5, 0.01)) == "b"
+    assert verdict_on(better, estimate(-2e-5, 1e-6, 0.01)) == "open"
+    assert verdict_on(estimate(-2e-5, -1e-6, 0.06)) == "open"
+    assert verdict_on(estimate(-2e-5, -1e-6, 0.06), confidence=0.9) == "a"
 
 
 def test_no_difference_found_is_not_called_equivalent():
     unclear = estimate(-1e-4, 1e-4, 0.9, equivalent=0.94)
-    assert decide([unclear], 0.95) == "open"
-    assert decide([estimate(-1e-6, 1e-6, 0.9, 0.96), unclear], 0.95) == "open"
+    assert verdict_on(unclear) == "open"
+    assert verdict_on(estimate(-1e-6, 1e-6, 0.9, 0.96), unclear) == "open"
     # a difference that is certain but smaller than the tracker can see makes none
-    assert decide([estimate(-2e-6, -1e-6, 0.001, 0.99)], 0.95) == "equivalent"
+    assert verdict_on(estimate(-2e-6, -1e-6, 0.001, 0.99)) == "equivalent"
 
 
 def test_the_sentence_for_equal_models_says_equivalent_and_for_noise_not_told_apart(tmp_path):
@@ -267,7 +273,7 @@ def test_equivalent_over_splits_and_not_over_poses_is_no_winner_that_poses_lack(
 
     folder = store_results(tmp_path, {"a": a, "b": b})
     row = compared(folder).row("norm")
-    assert decide([row.over_splits], 0.95) == "equivalent" and row.verdict == "open"
+    assert verdict_on(row.over_splits) == "equivalent" and row.verdict == "open"
     assert "not told apart |" in text_of(folder) and "(poses) |" not in text_of(folder)
 
 

@@ -284,6 +284,15 @@ def test_what_noise_can_explain_is_like_the_best_and_a_clear_difference_is_not(m
     assert marks["like"] == "≈" and marks["best"] == "*" and marks["worse"] not in "≈*"
 
 
+def test_a_certain_difference_that_makes_none_in_practice_is_like_the_best(made, rng):
+    """Every split and pose differs by 0.005 mm: `bench compare` calls that equivalent."""
+    base = rng.gamma(9.0, 1.0, size=(3, 4))
+    for model, change in (("best", 0.0), ("equivalent", 0.005), ("worse", 0.015)):
+        made.add(model, list(base + change))
+    found = {model.name: model.like_best for model in board_of(made).sections[0].ranked}
+    assert found == {"best": 1, "equivalent": 1, "worse": 0}
+
+
 def test_a_single_split_is_tested_over_its_poses(made, rng):
     base = rng.gamma(9.0, 1.0, size=N_POSES)
     for model, change in (("best", 0.0), ("like", rng.normal(size=N_POSES) + 0.1), ("worse", 9.0)):

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from compared_results import N_POSES, contest_in, made_data, spread, store_results
-from stiff_bench.analysis.comparison import Question, paired_errors
+from stiff_bench.analysis.comparison import paired_errors
 from stiff_bench.analysis.comparison_text import place_text
+from stiff_bench.analysis.verdict import Question
 from stiff_bench.analysis.where import FEWEST_POSES, factors, where_better
 from stiff_bench.store.samples import data_content, stored_data
 from stiff_protocols.contract.forward_kinematics import tcp_position

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from stiff_bench.plan.registry import Registry, build_registry
+from stiff_bench.plan.registry import Registry, build_registry, plugin_files
 from stiff_models.catalog import MODELS
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import ModelFamily, ModelInfo
@@ -77,6 +77,14 @@ def test_a_plugin_file_that_cannot_be_used_is_refused(tmp_path, text, message):
         build_registry([path])
     with pytest.raises(ConfigError, match="no such file"):
         build_registry([tmp_path / "absent.py"])
+
+
+def test_a_plugin_file_that_fails_is_not_sent_to_other_processes(tmp_path):
+    path = tmp_path / "bad.py"
+    path.write_text("1 / 0")
+    with pytest.raises(ConfigError):
+        build_registry([path])
+    assert path not in plugin_files()
 
 
 def test_what_a_plugin_prints_on_import_does_not_get_between_the_tables(

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from compared_results import contest_in, fifths, spread, steady, store_results
-from stiff_bench.analysis.comparison import NORM, Question, compare
+from stiff_bench.analysis.comparison import NORM, compare
+from stiff_bench.analysis.verdict import Question
 from stiff_bench.report import pairs as pair_tables
 from stiff_bench.report.pairs import compared_pairs, n_pairs
 

@@ -102,25 +102,21 @@ def test_no_test_label_of_the_target_reaches_a_fine_tuned_network(cross_tasks):
 
 
 def test_rows_say_what_the_source_means_for_them(cross_tasks):
-    said = {
-        (task.cell.model, task.cell.condition): task.shown.regime
-        for task in cross_tasks("vjm", "ft-mlp", "mlp-pretrained")
-    }
+    tasks = cross_tasks("vjm", "ft-mlp", "mlp-pretrained")
+    said = {(task.cell.model, task.cell.condition): task.shown.regime for task in tasks}
     assert said["vjm", OWN] == said["ft-mlp", OWN] == said["ft-mlp", FROM_UR5] == ""
     assert said["vjm", FROM_UR5] == NO_SOURCE
     assert said["mlp-pretrained", OWN] == "target labels not trained on"
     assert said["mlp-pretrained", FROM_UR5] == "target labels not used"
+    own, foreign = (
+        of_condition(tasks, condition)[0].shown.caveats for condition in (OWN, FROM_UR5)
+    )
+    assert set(foreign) > set(own) and not any("ur5-twin" in caveat for caveat in own)
 
 
 def test_a_model_without_a_source_learns_the_same_under_both_conditions(cross_tasks):
     own, foreign, *_ = (compute_cell(task, "r").prediction for task in cross_tasks("vjm")[:2])
     np.testing.assert_array_equal(own.predicted, foreign.predicted)
-
-
-def test_caveats_of_both_data_sets_stand_beside_the_foreign_sources_numbers(cross_tasks):
-    own, foreign = (of_condition(cross_tasks("vjm"), c)[0].shown.caveats for c in (OWN, FROM_UR5))
-    assert not any("ur5-twin" in caveat for caveat in own)
-    assert any("ur5-twin" in caveat for caveat in foreign) and set(own) < set(foreign)
 
 
 def test_the_sources_samples_are_stored_beside_the_targets(cross_tasks, tmp_path):

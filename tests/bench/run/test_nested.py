@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from command_line import bench_here
 from run_requests import planned
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.run.cell import compute_cell
@@ -96,16 +95,12 @@ def test_a_fit_sees_the_training_side_alone_and_calibration_poses_choose_nothing
 
 def test_an_epoch_is_chosen_inside_and_outside():
     (task,) = tasks("mlp@width=4@epochs=3")
+    (split,) = Holdout().splits(task.data.samples, n_splits=1, seed=0)
+    assert task.split.sha256 == split.sha256
     assert task.chooses_epoch and dict(task.model.grid) == {"learning_rate": (3e-4, 1e-3, 3e-3)}
     result = compute_cell(task, "r")
     assert result.status == "ok" and list(result.chosen) == ["learning_rate"], result.failure
     assert float(result.chosen["learning_rate"]) in (3e-4, 1e-3, 3e-3)
-
-
-def test_the_divisions_are_holdouts():
-    (task,) = tasks("knn")
-    (split,) = Holdout().splits(task.data.samples, n_splits=1, seed=0)
-    assert task.split.sha256 == split.sha256
 
 
 def test_what_was_chosen_stands_under_the_table_and_comes_back_from_disk(tmp_path):
@@ -233,13 +228,3 @@ def test_a_grid_that_is_not_there_is_refused(grid, message, tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ConfigError, match=message):
         tasks("ft-mlp", protocol=f"nested@grid={grid}")
-
-
-def test_the_command_tunes_and_prints_what_it_chose(tmp_path):
-    done = bench_here(
-        *("run", "--model", "knn", "--dataset", "fanuc-r2000ic", "--protocol", "nested"),
-        cwd=tmp_path,
-    )
-    assert done.returncode == 0, done.stderr
-    assert re.search(r"knn: chosen on inner folds: neighbours=\d+, weights=\w+\.", done.stdout)
-    assert "candidates 8, inner error of the chosen [mm]" in done.stdout

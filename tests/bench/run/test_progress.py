@@ -38,12 +38,6 @@ def test_a_model_without_a_stored_fit_leaves_nothing_to_expect():
     assert expected("quick", "new") is None and expected("quick") is not None
 
 
-def test_before_the_first_cell_the_stored_fits_say_what_is_left(clock):
-    count = Count()
-    count.begin(2, 0, COSTS)
-    assert count.seconds_left() == pytest.approx(100.0)
-
-
 def test_a_long_cell_that_is_to_come_counts_for_more_than_the_quick_one_that_is_done(clock):
     count, plain = Count(), Count()
     count.begin(2, 0, COSTS)
@@ -64,18 +58,14 @@ def test_a_machine_that_is_slower_than_the_forecast_corrects_it(clock):
 
 
 def test_the_time_left_falls_while_a_long_cell_runs(clock):
-    count = Count()
+    count, by_two = Count(), Count()
     count.begin(2, 0, COSTS)
+    by_two.begin(2, 0, expected("quick", "long", at_once=2))
+    assert by_two.seconds_left() == pytest.approx(50.0)
     left = []
     for clock.now in (0.0, 30.0, 60.0, 89.0, 200.0):
         left.append(count.seconds_left())
     assert left == pytest.approx([100.0, 70.0, 40.0, 11.0, 0.0])
-
-
-def test_cells_side_by_side_bring_the_end_nearer(clock):
-    count = Count()
-    count.begin(2, 0, expected("quick", "long", at_once=2))
-    assert count.seconds_left() == pytest.approx(50.0)
 
 
 def test_the_bar_says_how_long_a_run_takes_before_its_first_cell_has_ended(clock):

@@ -69,15 +69,11 @@ def values(result, metric):
     return [record.value for record in result.records if record.metric == metric]
 
 
-def test_without_a_coverage_there_is_one_fit_and_no_interval(task_of):
-    result = compute_cell(task_of(Scaled), "r")
-    assert result.status == "ok" and result.prediction.interval is None and len(FITS) == 1
-    with_intervals = {metric.key for metric in METRICS.values() if metric.needs_interval}
-    assert {record.metric for record in result.records} == set(METRICS) - with_intervals
-
-
 def test_split_conformal_intervals_leave_the_point_metrics_alone(task_of):
     plain = compute_cell(task_of(Scaled), "r")
+    assert plain.prediction.interval is None and len(FITS) == 1
+    with_intervals = {metric.key for metric in METRICS.values() if metric.needs_interval}
+    assert {record.metric for record in plain.records} == set(METRICS) - with_intervals
     result = compute_cell(task_of(Scaled, 0.9), "r")
     assert result.status == "ok", result.failure
     np.testing.assert_array_equal(result.prediction.predicted, plain.prediction.predicted)
@@ -124,7 +120,9 @@ def test_the_reference_is_a_vjm_identified_on_the_same_training_side(task_of):
     assert values(ours, "skill") == [0.0] and values(result, "skill")[0] < 0.0
 
 
-def test_costs_are_measured(task_of):
+def test_costs_are_measured_and_a_slow_model_is_not_asked_for_a_thousand_rows(task_of):
+    asked = []
+
     class Slow(Scaled):
         def fit(self, train, *, robot, validation=None, seed=0):
             time.sleep(0.03)
@@ -132,10 +130,12 @@ def test_costs_are_measured(task_of):
             return super().fit(train, robot=robot, validation=validation, seed=seed)
 
         def predict(self, q, wrench):
+            asked.append(len(q))
             time.sleep(0.02 + 0.001 * len(q))
             return super().predict(q, wrench)
 
     cost = compute_cell(task_of(Slow), "r").cost
+    assert max(asked) < 100
     assert cost.fit_s > 0.03 and cost.predict_s > 0.028
     assert 0.021 < cost.latency_s < cost.predict_s
     assert 30 < cost.throughput_per_s < 1000
@@ -174,113 +174,12 @@ def test_all_models_on_a_split_get_the_same_seed_and_splits_get_their_own(tasks_
     assert len(tasks) == 4 and len(seeds) == 2 and len({seed for _, seed in seeds}) == 2
 
 
-def plan(metrics, coverage, protocol="holdout", registry=None):
-    return planned(
-        registry,
-        datasets=("fanuc-r2000ic",),
-        protocols=(protocol,),
-        metrics=metrics,
-        coverage=coverage,
-    )
-
-
-def test_intervals_are_computed_only_for_a_metric_that_needs_them():
-    assert plan(("mae",), None).coverage is None
-    assert plan(("mae", "width"), None).coverage == 0.9
-    assert plan(("coverage",), 0.8).coverage == 0.8
-
-
-@pytest.mark.parametrize(
-    ("metrics", "coverage", "part"),
-    [
-        (("mae",), 0.8, "add --metric coverage"),
-        (("width",), 1.0, "between 0 and 1"),
-        (("width",), float("nan"), "between 0 and 1"),
-    ],
-)
-def test_a_coverage_that_means_nothing_is_refused(metrics, coverage, part):
-    with pytest.raises(ConfigError, match=part):
-        plan(metrics, coverage)
-
-
-class Prints(Scaled):
-    """Talks, from Python and past it."""
-
-    def predict(self, q, wrench):
-        print("from Python")
-        os.write(1, b"from C\n")
-        return super().predict(q, wrench)
-
-
-def test_what_a_model_prints_goes_to_standard_error(task_of, capfd):
-    assert compute_cell(task_of(Prints), "r").status == "ok"
-    said = capfd.readouterr()
-    assert said.out == ""
-    assert "from Python" in said.err and "from C" in said.err
-
-
 def test_an_option_that_is_infinite_can_be_stored(tasks_of, tmp_path):
     key = "sklearn:linear_model.RANSACRegressor"  # stop_score=inf
     task = tasks_of((key,), "fanuc-r2000ic")[0]
     store = ResultStore(tmp_path)
     store.write_cell(compute_cell(task, "r"))
     assert store.result(task.cell.key).cell.model_params["stop_score"] == "inf"
-
-
-class Divided:
-    """A stranger's protocol."""
-
-    selects_on_test = pooled = False
-
-    def splits(self, samples, *, n_splits, seed):
-        yield Split(0, np.arange(30), np.empty(0, dtype=int), np.arange(30, 43))
-
-
-class Counting(Divided):
-    def splits(self, samples, *, n_splits, seed):
-        return [Split(0, np.arange(43), np.empty(0, dtype=int), np.arange(-8, 0))]
-
-
-class Raising(Divided):
-    def splits(self, samples, *, n_splits, seed):
-        raise KeyError("x")
-
-
-def tasks_under(cls):
-    registry = build_registry()
-    registry.protocols["theirs"] = ProtocolInfo(key="theirs", target=cls, summary="")
-    return list(cell_tasks(plan(("mae",), None, "theirs", registry)))
-
-
-def test_a_protocol_may_yield_its_splits():
-    (task,) = tasks_under(Divided)
-    assert compute_cell(task, "r").status == "ok"
-
-
-@pytest.mark.parametrize(
-    ("cls", "message"),
-    [
-        (Counting, "protocol 'theirs': split 0 has test rows outside 0..42"),
-        (Raising, "protocol 'theirs': KeyError: 'x'"),
-    ],
-)
-def test_a_protocol_that_leaks_by_negative_rows_or_raises_is_refused_by_name(cls, message):
-    with pytest.raises(ConfigError) as refused:
-        tasks_under(cls)
-    assert message in str(refused.value)
-
-
-def test_a_slow_model_is_not_asked_for_a_thousand_rows(task_of):
-    asked = []
-
-    class Slow(Scaled):
-        def predict(self, q, wrench):
-            asked.append(len(q))
-            time.sleep(0.005 * len(q))
-            return super().predict(q, wrench)
-
-    compute_cell(task_of(Slow), "r")
-    assert max(asked) < 100
 
 
 def test_a_model_whose_prediction_draws_gives_the_same_interval_however_often_it_is_timed(
@@ -312,3 +211,74 @@ def test_what_training_rows_cannot_teach_stands_beside_the_result(tasks_of):
     result = compute_cell(replace(task, data=replace(task.data, samples=one_pose)), "run")
     assert result.status == "ok"
     assert any("training samples are of one pose" in said for said in result.warnings)
+
+
+def plan(metrics=("mae",), coverage=None, protocol="holdout", registry=None):
+    words = {"datasets": ("fanuc-r2000ic",), "protocols": (protocol,)}
+    return planned(registry, metrics=metrics, coverage=coverage, **words)
+
+
+def test_intervals_are_computed_only_for_a_metric_that_needs_them():
+    assert plan(("mae",)).coverage is None
+    assert plan(("mae", "width")).coverage == 0.9
+    assert plan(("coverage",), 0.8).coverage == 0.8
+
+
+@pytest.mark.parametrize(
+    ("metric", "coverage", "part"),
+    [
+        ("mae", 0.8, "add --metric coverage"),
+        ("width", 1.0, "between 0 and 1"),
+        ("width", float("nan"), "between 0 and 1"),
+    ],
+)
+def test_a_coverage_that_means_nothing_is_refused(metric, coverage, part):
+    with pytest.raises(ConfigError, match=part):
+        plan((metric,), coverage)
+
+
+def test_what_a_model_prints_goes_to_standard_error(task_of, capfd):
+    class Prints(Scaled):
+        def predict(self, q, wrench):
+            print("from Python")
+            os.write(1, b"from C\n")
+            return super().predict(q, wrench)
+
+    assert compute_cell(task_of(Prints), "r").status == "ok"
+    said = capfd.readouterr()
+    assert said.out == "" and "from Python" in said.err and "from C" in said.err
+
+
+def tasks_under(splits):
+    """The cells of a stranger's protocol with these splits."""
+
+    class Theirs:
+        selects_on_test = pooled = False
+
+        def splits(self, samples, *, n_splits, seed):
+            return splits()
+
+    registry = build_registry()
+    registry.protocols["theirs"] = ProtocolInfo(key="theirs", target=Theirs, summary="")
+    return list(cell_tasks(plan(protocol="theirs", registry=registry)))
+
+
+def a_split(train, test):
+    return Split(0, np.asarray(train), np.empty(0, dtype=int), np.asarray(test))
+
+
+def test_a_protocol_may_yield_its_splits():
+    (task,) = tasks_under(lambda: iter([a_split(range(30), range(30, 43))]))
+    assert compute_cell(task, "r").status == "ok"
+
+
+@pytest.mark.parametrize(
+    ("splits", "message"),
+    [
+        (lambda: [a_split(range(43), range(-8, 0))], "split 0 has test rows outside 0..42"),
+        (lambda: {}["x"], "KeyError: 'x'"),
+    ],
+)
+def test_a_protocol_that_leaks_by_negative_rows_or_raises_is_refused_by_name(splits, message):
+    with pytest.raises(ConfigError, match=f"protocol 'theirs': {message}"):
+        tasks_under(splits)

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +37,7 @@ from stiff_models.physics.kinematics import jacobian
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult, Cost
 from stiff_protocols.contract.types import Interval, Prediction
-from stored_cells import CELL, MANIFEST, SHOWN, VALUES, failure, result
+from stored_cells import CELL, MANIFEST, VALUES, failure, result
 
 
 def only(folder: Path) -> CellResult:
@@ -54,46 +54,33 @@ def many(folder: Path, n: int = 300) -> list[str]:
     return [cell.key for cell in cells]
 
 
-def test_a_cell_comes_back_as_it_was_written_to_the_last_bit(tmp_path):
-    curves = {"fit": np.array([[1.0, 0.1, math.nan], [2.0, 1 / 3, 0.4]])}
-    ResultStore(tmp_path).write_cell(result(curves=curves, chosen={"a": "1"}, log=("said",)))
+NUMBERS = np.array([[1 / 3, 2e-17, -0.1]])
+INTERVAL = Interval(NUMBERS - 1 / 7, NUMBERS + 1 / 7, 0.9)
+CURVES = {"fit": np.array([[1.0, 0.1, math.nan], [2.0, 1 / 3, 0.4]])}
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        result(curves=CURVES, chosen={"a": "1"}, log=("said",), n_train=3, n_splits=2),
+        result(
+            cell=replace(CELL, coverage=0.9),
+            prediction=Prediction(np.array([4]), NUMBERS, NUMBERS, INTERVAL),
+            calibration_samples=11,
+        ),
+        result(cell=replace(CELL, coverage=0.9)),  # too few training rows for intervals
+        failure(cause="KeyError"),
+    ],
+    ids=["curves", "intervals", "no intervals", "failure"],
+)
+def test_a_cell_comes_back_as_it_was_written_to_the_last_bit(tmp_path, written):
+    ResultStore(tmp_path).write_cell(written)
     back = only(tmp_path)
-    assert back.cell == CELL and back.records == result().records
-    assert back.shown == SHOWN and back.cost == result().cost
-    assert (back.warnings, back.chosen, back.log) == (("careful",), {"a": "1"}, ("said",))
-    np.testing.assert_array_equal(back.prediction.predicted, result().prediction.predicted)
-    np.testing.assert_array_equal(back.prediction.measured, result().prediction.measured)
-    np.testing.assert_array_equal(back.prediction.reference, result().prediction.reference)
-    np.testing.assert_array_equal(back.prediction.rows, [4])
-    np.testing.assert_array_equal(back.curves["fit"], curves["fit"])
-    assert math.isnan(back.diagnostics["k1"]) and back.diagnostics["k2"] == math.inf
-
-
-def test_what_is_read_cannot_be_changed_by_accident(tmp_path):
-    ResultStore(tmp_path).write_cell(result())
-    with pytest.raises(ValueError, match="read-only"):
-        only(tmp_path).prediction.predicted[0] = 0.0
-
-
-def test_intervals_come_back_to_the_last_bit(tmp_path):
-    numbers = np.array([[1 / 3, 2e-17, -0.1]])
-    interval = Interval(numbers - 1 / 7, numbers + 1 / 7, 0.9)
-    cell = replace(CELL, coverage=0.9)
-    prediction = Prediction(np.array([4]), numbers, numbers, interval)
-    ResultStore(tmp_path).write_cell(
-        result(cell=cell, prediction=prediction, calibration_samples=11)
-    )
-    back = only(tmp_path)
-    assert back.cell == cell and back.calibration_samples == 11
-    assert back.prediction.interval.coverage == 0.9
-    np.testing.assert_array_equal(back.prediction.interval.lower, interval.lower)
-    np.testing.assert_array_equal(back.prediction.interval.upper, interval.upper)
-
-
-def test_a_result_without_the_intervals_that_were_asked_for_is_read(tmp_path):
-    cell = replace(CELL, coverage=0.9)  # the training side was too small for them
-    ResultStore(tmp_path).write_cell(result(cell=cell))
-    assert only(tmp_path).prediction.interval is None
+    plain = [asdict(replace(one, records=tuple(one.records))) for one in (back, written)]
+    np.testing.assert_equal(*plain)
+    if back.prediction is not None:
+        with pytest.raises(ValueError, match="read-only"):
+            back.prediction.predicted[0] = 0.0
 
 
 def test_metrics_are_plain_rows_that_pandas_reads(tmp_path):
@@ -104,12 +91,6 @@ def test_metrics_are_plain_rows_that_pandas_reads(tmp_path):
         {"model": "m@a=2", "metric": "mae", "axis": "x", "value": 1 / 3, "unit": "m"},
         {"model": "m@a=2", "metric": "latency", "axis": "", "value": 1e-5, "unit": "s"},
     ]
-
-
-def test_everything_is_in_the_one_file(tmp_path):
-    many(tmp_path)
-    ResultStore(tmp_path).write_data(FanucR2000iC().load())
-    assert [path.name for path in tmp_path.iterdir()] == [FILE]
 
 
 def test_a_file_of_another_format_is_refused_with_both_numbers(tmp_path):
@@ -171,19 +152,18 @@ def test_some_cells_are_read_by_their_keys(tmp_path):
     assert list(stored_results(tmp_path, set())) == []
 
 
-def test_a_folder_without_a_file_holds_nothing(tmp_path):
-    assert read_results(tmp_path) == read_manifests(tmp_path) == []
-    assert stored_statuses(tmp_path) == mean_seconds(tmp_path) == {}
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_file_whose_tables_are_still_to_be_made_holds_nothing(tmp_path):
-    """A run has made it and not ended its first transaction, or was killed there."""
-    (tmp_path / FILE).touch()
+@pytest.mark.parametrize("there", [False, True])
+def test_a_folder_without_a_file_or_whose_tables_are_still_to_be_made_holds_nothing(
+    tmp_path, there
+):
+    """A run has made the file and not ended its first transaction, or was killed there."""
+    if there:
+        (tmp_path / FILE).touch()
     assert read_results(tmp_path) == read_manifests(tmp_path) == []
     assert stored_statuses(tmp_path) == mean_seconds(tmp_path) == {}
     with pytest.raises(StoreError, match="holds no data set"):
         read_data(tmp_path, "00")
+    assert [path.name for path in tmp_path.iterdir()] == [FILE] * there
     ResultStore(tmp_path).write_cell(result())
     assert only(tmp_path).status == "ok"
 
@@ -197,43 +177,42 @@ def test_times_are_means_of_a_models_fits(tmp_path):
     assert mean_seconds(tmp_path) == {"m@a=2": 2.0}
 
 
-def test_the_key_of_a_cell_without_intervals_is_what_it_was_before_there_were_any():
-    assert CELL.key == "8a49b67bbeadb3aae6d65663"
-    assert replace(CELL, coverage=0.9).key != CELL.key
-    assert replace(CELL, coverage=0.9).key != replace(CELL, coverage=0.8).key
-
-
-@pytest.mark.parametrize("column", ["run_id", "shown", "about", "failure", "prediction_arrays"])
-def test_a_changed_row_is_found_and_named(tmp_path, column):
-    first, second = many(tmp_path, 2)
-    change(tmp_path, f"UPDATE cell SET {column} = {column} || ' ' WHERE key = ?", second)
-    with pytest.raises(DamagedFile, match=second) as caught:
-        read_results(tmp_path)
-    assert caught.value.key == second
-    told: list[StoreError] = []
-    (left,) = stored_results(tmp_path, report=told.append)
-    assert left.cell.key == first and [error.key for error in told] == [second]
-
-
 @pytest.mark.parametrize(
     "statement",
     [
-        "UPDATE value SET value = value + 1e-12",
-        "DELETE FROM value WHERE measure = 1",
-        "UPDATE measure SET axis = 'y' WHERE id = 1",
-        "UPDATE cell SET fit_s = fit_s + 1e-9",
-        "UPDATE cell SET prediction = x'00'",
-        "UPDATE cell SET key = '0123456789abcdef01234567'",
-        "UPDATE cell SET status = 'failed'",
-        "UPDATE cell SET about = 7",
-        "UPDATE cell SET model_key = x'ff'",
-        "UPDATE cell SET model_key = CAST(x'ff' AS TEXT)",
-        "UPDATE cell SET shown = CAST(x'7bff7d' AS TEXT)",
+        "UPDATE value SET value = value + 1e-12 WHERE cell = 2",
+        "DELETE FROM value WHERE cell = 2 AND measure = 1",
+        *(
+            f"UPDATE cell SET {change_to} WHERE id = 2"
+            for change_to in (
+                "fit_s = fit_s + 1e-9",
+                "prediction = x'00'",
+                "key = '0123456789abcdef01234567'",
+                "status = 'failed'",
+                "about = 7",
+                "model_key = x'ff'",
+                "model_key = CAST(x'ff' AS TEXT)",
+                "shown = CAST(x'7bff7d' AS TEXT)",
+                *(f"{name} = {name} || ' '" for name in ("run_id", "shown", "about", "failure")),
+                "prediction_arrays = prediction_arrays || ' '",
+            )
+        ),
     ],
 )
-def test_no_number_of_a_cell_can_change_unnoticed(tmp_path, statement):
-    ResultStore(tmp_path).write_cell(result())
+def test_no_number_or_text_of_a_cell_can_change_unnoticed(tmp_path, statement):
+    first, _ = many(tmp_path, 2)
     change(tmp_path, statement)
+    with pytest.raises(DamagedFile, match="damaged: cell") as caught:
+        read_results(tmp_path)
+    told: list[StoreError] = []
+    (left,) = stored_results(tmp_path, report=told.append)
+    assert left.cell.key == first
+    assert [error.key for error in told] == [caught.value.key] != [first]
+
+
+def test_the_name_of_a_measure_cannot_change_unnoticed(tmp_path):
+    ResultStore(tmp_path).write_cell(result())
+    change(tmp_path, "UPDATE measure SET axis = 'y' WHERE id = 1")
     with pytest.raises(DamagedFile, match="damaged: cell"):
         read_results(tmp_path)
 
@@ -244,7 +223,9 @@ def test_no_number_of_a_cell_can_change_unnoticed(tmp_path, statement):
 )
 def test_a_changed_manifest_is_found_and_taken_out_by_the_next_run(tmp_path, statement):
     store = ResultStore(tmp_path)
-    store.write_manifest(MANIFEST)
+    for status in ("running", "finished"):
+        store.write_manifest(replace(MANIFEST, status=status))
+    assert read_manifests(tmp_path) == [MANIFEST]
     change(tmp_path, f"UPDATE run SET {statement}")
     with pytest.raises(DamagedFile, match="run r"):
         read_manifests(tmp_path)
@@ -305,16 +286,18 @@ def test_a_folder_that_is_read_stays_as_it_is(tmp_path):
     assert before == ((tmp_path / FILE).read_bytes(), (tmp_path / FILE).stat().st_mtime_ns)
 
 
-FULL_DISK = """
+BEGIN = f"""
 import resource, sys
 from pathlib import Path
 from dataclasses import replace
-sys.path[:0] = {path!r}
+sys.path[:0] = [{str(Path(__file__).parents[2])!r}]
 from stored_cells import CELL, result
 from stiff_bench.store.database import FILE, ResultStore
 from stiff_protocols.contract.errors import StoreError
 folder = Path(sys.argv[1])
 store = ResultStore(folder)
+"""
+FULL_DISK = f"""{BEGIN}
 size = (folder / FILE).stat().st_size + 200_000
 resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 for index in range(10_000):
@@ -328,8 +311,7 @@ print(index)
 
 
 def test_on_a_full_disk_the_last_cell_is_refused_in_one_line_and_the_others_stay(tmp_path):
-    program = FULL_DISK.format(path=[str(Path(__file__).parents[2])])
-    words = [sys.executable, "-c", program, str(tmp_path)]
+    words = [sys.executable, "-c", FULL_DISK, str(tmp_path)]
     said, n_stored = subprocess.run(
         words, capture_output=True, text=True, check=True
     ).stdout.splitlines()
@@ -338,70 +320,52 @@ def test_on_a_full_disk_the_last_cell_is_refused_in_one_line_and_the_others_stay
     assert fault_of(tmp_path) is None
 
 
-def test_a_manifest_comes_back_as_it_was_written_and_its_last_state_counts(tmp_path):
-    store = ResultStore(tmp_path)
-    store.write_manifest(replace(MANIFEST, status="running"))
-    store.write_manifest(MANIFEST)
-    assert read_manifests(tmp_path) == [MANIFEST]
-
-
-def test_a_cells_key_does_not_depend_on_the_order_of_options():
-    assert replace(CELL, model_params={"b": 2.5, "a": 1}).key == CELL.key
-
-
 @pytest.mark.parametrize(
-    "change_to",
+    ("change_to", "same_seed"),
     [
-        {"dataset": "x"},
-        {"dataset_params": {"seed": 1}},
-        {"data_sha256": "x"},
-        {"protocol": "x"},
-        {"protocol_params": {"f": 1}},
-        {"split_index": 1},
-        {"split_sha256": "x"},
-        {"seed": 1},
-    ],
-)
-def test_a_cells_key_and_seed_change_with_everything_that_can_change_its_result(change_to):
-    other = replace(CELL, **change_to)
-    assert other.key != CELL.key and other.model_seed != CELL.model_seed
-
-
-@pytest.mark.parametrize(
-    "change_to",
-    [
-        {"model": "x"},
-        {"model_params": {}},
-        {"model_version": "2"},
-        {"scoring_version": 2},
-        {"coverage": 0.9},
-        {"condition": "noise x5"},
-        {"source_sha256": "x"},
-        {"split_sha256": "rows and errors", "rows_sha256": CELL.split_sha256},
+        *[
+            (one, False)
+            for one in (
+                *({name: "x"} for name in ("dataset", "data_sha256", "protocol", "split_sha256")),
+                *({"dataset_params": {"seed": 1}}, {"protocol_params": {"f": 1}}),
+                *({"split_index": 1}, {"seed": 1}),
+            )
+        ],
+        # what leaves data and rows as they are
+        *[
+            (one, True)
+            for one in (
+                *({name: "x"} for name in ("model", "model_version", "condition", "source_sha256")),
+                *({"model_params": {}}, {"scoring_version": 2}, {"coverage": 0.9}),
+                {"split_sha256": "rows and errors", "rows_sha256": CELL.split_sha256},
+            )
+        ],
     ],
     ids=str,
 )
-def test_what_does_not_change_the_rows_has_a_key_of_its_own_and_shares_the_seed(change_to):
+def test_a_cells_key_is_that_of_all_that_shapes_its_result_and_its_seed_that_of_data_and_rows(
+    change_to, same_seed
+):
     other = replace(CELL, **change_to)
-    assert other.key != CELL.key and other.model_seed == CELL.model_seed
+    assert other.key != CELL.key and (other.model_seed == CELL.model_seed) == same_seed
+
+
+def test_a_key_is_the_same_in_every_version_and_order_of_options():
+    assert CELL.key == "8a49b67bbeadb3aae6d65663"
+    assert replace(CELL, model_params={"b": 2.5, "a": 1}).key == CELL.key
+    assert replace(CELL, coverage=0.9).key != replace(CELL, coverage=0.8).key
 
 
 @pytest.mark.parametrize("status", ["failed", "skipped"])
-def test_a_failure_never_replaces_a_result_and_a_result_replaces_the_failure(tmp_path, status):
+def test_the_newest_record_of_a_cell_counts_but_no_failure_replaces_a_result(tmp_path, status):
     store = ResultStore(tmp_path)
-    store.write_cell(failure(status=status))
-    assert (only(tmp_path).status, store.result(CELL.key)) == (status, None)
-    store.write_cell(result())
-    store.write_cell(failure(status=status))
-    assert only(tmp_path).status == store.result(CELL.key).status == "ok"
-
-
-def test_the_newest_of_several_results_or_failures_stands(tmp_path):
-    store = ResultStore(tmp_path)
-    for write in (failure, result):
-        for run_id in ("r1", "r2"):
-            store.write_cell(write(run_id=run_id))
-        assert only(tmp_path).run_id == "r2"
+    for run_id in ("r1", "r2"):
+        store.write_cell(failure(status=status, run_id=run_id))
+        assert (only(tmp_path).run_id, store.result(CELL.key)) == (run_id, None)
+    for run_id in ("r1", "r2"):
+        store.write_cell(result(run_id=run_id))
+        store.write_cell(failure(status=status, run_id="r3"))
+        assert only(tmp_path).run_id == store.result(CELL.key).run_id == run_id
     assert only(tmp_path).records == result().records
 
 
@@ -441,16 +405,11 @@ def test_a_file_that_is_no_database_is_said_and_set_aside_by_the_next_run(tmp_pa
     store.repair(told.append)
     store.write_cell(result())
     assert told and only(tmp_path).status == "ok"
-    assert (tmp_path / f"{FILE}.damaged").read_bytes() == rubbish
-
-
-def test_damaged_files_are_all_kept(tmp_path):
-    store = ResultStore(tmp_path)
-    for _ in range(3):
-        (tmp_path / FILE).write_bytes(b"rubbish")
-        store.repair(lambda _: None)
-    names = {f"{FILE}.damaged", f"{FILE}.damaged-2", f"{FILE}.damaged-3"}
-    assert {path.name for path in tmp_path.iterdir()} == {FILE} | names
+    (tmp_path / FILE).write_bytes(b"rubbish")
+    store.repair(told.append)
+    aside = [tmp_path / f"{FILE}.damaged{more}" for more in ("", "-2")]
+    assert {*tmp_path.iterdir()} == {tmp_path / FILE, *aside}
+    assert [path.read_bytes() for path in aside] == [rubbish, b"rubbish"]
 
 
 @pytest.mark.slow
@@ -474,14 +433,7 @@ def test_one_bit_anywhere_in_the_file_is_found_or_changes_nothing(tmp_path):
         assert all(before[one.cell.key] == (one.records, one.run_id) for one in found), place
 
 
-WRITER = """
-import sys
-from pathlib import Path
-from dataclasses import replace
-sys.path[:0] = {path!r}
-from stored_cells import CELL, result
-from stiff_bench.store.database import ResultStore
-store = ResultStore(Path(sys.argv[1]))
+WRITER = f"""{BEGIN}
 for index in range(int(sys.argv[2]), int(sys.argv[3])):
     store.write_cell(result(cell=replace(CELL, split_index=index)))
     print(index, flush=True)
@@ -489,8 +441,7 @@ for index in range(int(sys.argv[2]), int(sys.argv[3])):
 
 
 def writer(folder: Path, first: int, last: int) -> subprocess.Popen[str]:
-    program = WRITER.format(path=[str(Path(__file__).parents[2])])
-    words = [sys.executable, "-c", program, str(folder), str(first), str(last)]
+    words = [sys.executable, "-c", WRITER, str(folder), str(first), str(last)]
     return subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
 
 

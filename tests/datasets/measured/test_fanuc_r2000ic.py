@@ -27,16 +27,11 @@ DH_ROWS = [  # alpha(i-1), a(i-1), theta offset, d
 SHARED = Path(__file__).parents[4] / "shared" / "data" / "fanuc_r2000ic_sjtu"
 
 
-def dh_tcp(q):
-    """The TCP by the published modified Denavit-Hartenberg rows, without a URDF."""
-    pose = np.eye(4)
+def joint_frames(q):
+    """Origins (6, 3) and rotations (6, 3, 3) of the joints by the published rows."""
+    pose, origins, rotations = np.eye(4), [], []
     for (alpha, a, offset, d), angle in zip(DH_ROWS, q, strict=True):
-        ca, sa, ct, st = (
-            np.cos(alpha),
-            np.sin(alpha),
-            np.cos(angle + offset),
-            np.sin(angle + offset),
-        )
+        ca, sa, ct, st = (f(x) for x in (alpha, angle + offset) for f in (np.cos, np.sin))
         pose = pose @ np.array(
             [
                 [ct, -st, 0, a],
@@ -45,7 +40,15 @@ def dh_tcp(q):
                 [0, 0, 0, 1],
             ]
         )
-    return pose[:3, :3] @ np.array(TCP) + pose[:3, 3]
+        origins.append(pose[:3, 3].copy())
+        rotations.append(pose[:3, :3].copy())
+    return np.array(origins), np.array(rotations)
+
+
+def dh_tcp(q):
+    """The TCP by the published modified Denavit-Hartenberg rows, without a URDF."""
+    origins, rotations = joint_frames(q)
+    return origins[-1] + rotations[-1] @ TCP
 
 
 def test_the_urdf_stands_where_the_published_rows_put_it(rng):
@@ -70,14 +73,8 @@ def test_the_data_card_names_source_licence_and_checksum():
     folder = files("stiff_datasets") / "data"
     card = (folder / "fanuc_r2000ic.md").read_text()
     assert sha256((folder / "fanuc_r2000ic.csv").read_bytes()).hexdigest() == CSV_SHA256
-    for fact in (
-        CSV_SHA256,
-        "e5c2f795",
-        "MIT",
-        "Copyright (c) 2026 longton2001-pixel",
-        "drill tip",
-    ):
-        assert fact in card
+    facts = (CSV_SHA256, "e5c2f795", "MIT", "(c) 2026 longton2001-pixel", "drill tip")
+    assert all(fact in card for fact in facts)
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the original files are not beside this checkout")
@@ -93,24 +90,6 @@ def test_the_shipped_file_holds_the_original_numbers():
     )
     np.testing.assert_array_equal(samples.wrench[:, :3], force)
     np.testing.assert_allclose(samples.deflection, move, rtol=1e-12)
-
-
-def joint_frames(q):
-    """Origins (6, 3) and rotations (6, 3, 3) of the joints by the published rows."""
-    pose, origins, rotations = np.eye(4), [], []
-    for (alpha, a, offset, d), angle in zip(DH_ROWS, q, strict=True):
-        ca, sa, ct, st = (f(x) for x in (alpha, angle + offset) for f in (np.cos, np.sin))
-        pose = pose @ np.array(
-            [
-                [ct, -st, 0, a],
-                [st * ca, ct * ca, -sa, -d * sa],
-                [st * sa, ct * sa, ca, d * ca],
-                [0, 0, 0, 1],
-            ]
-        )
-        origins.append(pose[:3, 3].copy())
-        rotations.append(pose[:3, :3].copy())
-    return np.array(origins), np.array(rotations)
 
 
 def rotation_effects(samples):

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from importlib.resources import files
-
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.measured.measured import read_samples
 from stiff_datasets.robots.robot import load_robot
 from stiff_protocols.contract.errors import DataError
@@ -34,6 +31,12 @@ def line(**changes):
     )
 
 
+RADIANS = [
+    line(pose_id=f"P{i}", q1_deg=0.2, q2_deg=-1, q3_deg=1.2, q4_deg=0, q5_deg=0.7, q6_deg=0)
+    for i in range(6)
+]
+
+
 def test_units_are_converted_once_on_the_way_in(tmp_path, kr10):
     samples = read_samples(write(tmp_path, HEADER, GOOD), kr10)
     np.testing.assert_allclose(np.rad2deg(samples.q[0]), [10, -60, 70, 0, 40, 0])
@@ -42,15 +45,11 @@ def test_units_are_converted_once_on_the_way_in(tmp_path, kr10):
     assert samples.pose_id.tolist() == ["P1"]
 
 
-def test_columns_may_stand_in_any_order_and_with_spaces(tmp_path, kr10):
-    names, values = HEADER.split(","), GOOD.split(",")
-    path = write(tmp_path, ", ".join(reversed(names)), ", ".join(reversed(values)))
-    assert read_samples(path, kr10).wrench[0, 2] == -80
-
-
-def test_the_shipped_measurement_is_in_the_schema():
-    path = files("stiff_datasets") / "data" / "fanuc_r2000ic.csv"
-    assert len(read_samples(path, FanucR2000iC().load().robot)) == 43
+def test_columns_may_stand_in_any_order_with_spaces_and_blank_lines(tmp_path, kr10):
+    names, values = HEADER.split(","), line(pose_id="NA").split(",")  # a name, not a gap
+    path = write(tmp_path, ", ".join(reversed(names)), "", ", ".join(reversed(values)), "")
+    samples = read_samples(path, kr10)
+    assert samples.wrench[0, 2] == -80 and samples.pose_id.tolist() == ["NA"]
 
 
 @pytest.mark.parametrize(
@@ -59,7 +58,6 @@ def test_the_shipped_measurement_is_in_the_schema():
         ([""], "the file is empty"),
         ([HEADER], "no data rows"),
         ([HEADER.replace("dz_mm", "dz_m"), GOOD], "missing dz_mm; unknown dz_m"),
-        ([HEADER.replace(",", ";"), GOOD.replace(",", ";")], "separated by semicolons"),
         (
             [HEADER.replace(",", ";"), GOOD.replace(",", ";").replace(".", ",")],
             r"separated by semicolons \(valid: commas, and points in numbers\)",
@@ -67,9 +65,10 @@ def test_the_shipped_measurement_is_in_the_schema():
         ([HEADER.replace(",", "\t"), GOOD.replace(",", "\t")], "separated by tabs"),
         ([HEADER + ",dx_mm", GOOD + ",1"], "unknown dx_mm.1"),
         ([HEADER, GOOD, line(pose_id="P2", fx_N="abc")], r"row 3, column fx_N: 'abc'"),
-        ([HEADER, line(dy_mm="nan")], r"row 2, column dy_mm: .*expected a finite number"),
-        ([HEADER, line(dy_mm="")], r"row 2, column dy_mm: '', expected a finite number"),
-        ([HEADER, line(dy_mm="inf")], r"row 2, column dy_mm: 'inf'"),
+        *(
+            ([HEADER, line(dy_mm=cell)], rf"row 2, column dy_mm: '{cell}', expected a finite numb")
+            for cell in ("nan", "", "inf")
+        ),
         ([HEADER, line(pose_id="")], r"row 2, column pose_id: '', expected a name"),
         ([HEADER, GOOD, GOOD], r"row 3, column pose_id,load_id: 'P1,1'"),
         (
@@ -87,19 +86,17 @@ def test_the_shipped_measurement_is_in_the_schema():
         ),
         ([HEADER, GOOD + ",7,8"], "not a CSV table"),
         ([HEADER, "", "", line(fx_N="abc")], "row 4, column fx_N: 'abc'"),
+        (
+            [HEADER, line(q1_deg="1e999"), line(q1_deg="1e999", load_id="2")],
+            "row 2, column q1_deg: '1e999'",  # and no warning of NumPy
+        ),
+        ([HEADER, *RADIANS], "these look like radians"),
     ],
 )
 def test_what_is_wrong_is_named_with_file_row_column_and_value(tmp_path, kr10, lines, message):
     with pytest.raises(DataError, match=message) as caught:
         read_samples(write(tmp_path, *lines), kr10)
     assert "my.csv" in str(caught.value)
-
-
-def test_joint_angles_in_radians_are_refused(tmp_path, kr10):
-    radians = {f"q{i + 1}_deg": value for i, value in enumerate((0.2, -1, 1.2, 0, 0.7, 0))}
-    lines = [line(pose_id=f"P{i}", **radians) for i in range(6)]
-    with pytest.raises(DataError, match="these look like radians"):
-        read_samples(write(tmp_path, HEADER, *lines), kr10)
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path, kr10):
@@ -125,11 +122,6 @@ def test_a_prismatic_joints_column_is_in_millimetres(tmp_path):
         read_samples(write(tmp_path, header, row.replace("1500", "2500")), robot)
 
 
-def test_a_pose_may_be_called_na_and_blank_lines_are_skipped(tmp_path, kr10):
-    samples = read_samples(write(tmp_path, HEADER, "", line(pose_id="NA"), ""), kr10)
-    assert samples.pose_id.tolist() == ["NA"]
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -146,12 +138,6 @@ def test_endless_names_and_numbers_are_refused_in_a_short_line(tmp_path, kr10, c
     with pytest.raises(DataError, match=message) as refused:
         read_samples(write(tmp_path, HEADER, line(**changes), line(load_id="2")), kr10)
     assert len(str(refused.value)) < 400
-
-
-def test_infinite_angles_of_one_pose_are_refused_without_a_warning(tmp_path, kr10):
-    rows = [line(q1_deg="1e999"), line(q1_deg="1e999", load_id="2")]
-    with pytest.raises(DataError, match="row 2, column q1_deg: '1e999'"):
-        read_samples(write(tmp_path, HEADER, *rows), kr10)
 
 
 def repeated(value, n):

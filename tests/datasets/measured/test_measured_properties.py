@@ -6,7 +6,6 @@ import csv
 from dataclasses import dataclass, fields
 
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
@@ -231,20 +230,20 @@ def test_all_problems_are_collected_and_the_first_says_how_many_there_are(tmp_pa
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64", "int64"])
-def test_numbers_of_a_parquet_file_are_taken_as_they_are(tmp_path, kr10, table, dtype):
+def test_a_parquet_file_holds_numbers_as_they_are_and_counts_rows_from_one(
+    tmp_path, kr10, table, dtype
+):
+    path = tmp_path / "my.parquet"
     table["fx_N"] = np.array([999999.0, 0.1, -3.0]).astype(dtype)
     table["load_id"] = [1, 2, 3]
-    table.to_parquet(tmp_path / "my.parquet")
-    samples = read_samples(tmp_path / "my.parquet", kr10)
+    table.to_parquet(path)
+    samples = read_samples(path, kr10)
     assert samples.wrench[:, 0].tolist() == table["fx_N"].astype(float).tolist()
     assert samples.load_id.tolist() == ["1", "2", "3"]
-
-
-def test_rows_of_a_parquet_file_count_from_one(tmp_path, kr10, table):
-    table.loc[1, "fx_N"] = np.nan
-    table.to_parquet(tmp_path / "my.parquet")
+    table["fx_N"] = [1.0, np.nan, 1.0]
+    table.to_parquet(path)
     with pytest.raises(DataError, match=r"my\.parquet: row 2, column fx_N: 'nan'"):
-        read_samples(tmp_path / "my.parquet", kr10)
+        read_samples(path, kr10)
 
 
 def test_a_parquet_file_that_is_none_is_refused(tmp_path, kr10):
@@ -268,20 +267,12 @@ def test_names_that_would_not_come_back_are_not_written(tmp_path, kr10, table, n
     assert [entry.name for entry in tmp_path.iterdir()] == ["my.csv"]
 
 
-def test_a_file_that_cannot_be_written_is_named(tmp_path, kr10, table):
+def test_what_cannot_be_written_is_named(tmp_path, kr10, table):
+    assert (table.loc[0, "q2_deg"], table.loc[0, "dx_mm"]) == (-60.0, 0.1)  # a file's units
     table.to_csv(tmp_path / "my.csv", index=False)
     samples = read_samples(tmp_path / "my.csv", kr10)
     with pytest.raises(StoreError, match=r"copy\.csv: cannot be written"):
         write_samples(tmp_path / "absent" / "copy.csv", samples, kr10)
-
-
-def test_samples_of_another_robot_are_not_written(tmp_path, kr10, table):
-    samples = Samples(*(np.ones((1, n)) for n in (5, 6, 3)), *[np.array(["1"])] * 3)
+    other = Samples(*(np.ones((1, n)) for n in (5, 6, 3)), *[np.array(["1"])] * 3)
     with pytest.raises(DataError, match="samples have 5 joint angles"):
-        write_samples(tmp_path / "my.csv", samples, kr10)
-
-
-def test_the_table_is_in_the_units_of_files(table):
-    assert table.loc[0, "q2_deg"] == -60.0
-    assert table.loc[0, "dx_mm"] == 0.1
-    assert isinstance(table, pd.DataFrame)
+        write_samples(tmp_path / "my.csv", other, kr10)

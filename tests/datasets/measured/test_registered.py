@@ -8,8 +8,10 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
+import platformdirs
 import pytest
 
+from stiff_datasets.measured import registered
 from stiff_datasets.measured.registered import Kr10Measured, missing, register, registry_file
 from stiff_protocols.contract.errors import ConfigError, DataError
 
@@ -93,26 +95,21 @@ def test_registering_keeps_other_tables_and_replaces_its_own(csv, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("line", "urdf", "tcp", "message"),
+    ("name", "line", "urdf", "tcp", "message"),
     [
-        (GOOD.replace("-60", "60"), None, TCP, r"row 2, column q2_deg: '60'"),
-        (GOOD.replace("0.5", "abc"), None, TCP, r"row 2, column dx_mm: 'abc'"),
-        (GOOD, None, (60.0, 0.0, 80.0), "no tool centre point"),
-        (GOOD, Path("absent.urdf"), TCP, r"absent\.urdf: cannot be read"),
+        ("my", GOOD.replace("-60", "60"), None, TCP, r"row 2, column q2_deg: '60'"),
+        ("my", GOOD.replace("0.5", "abc"), None, TCP, r"row 2, column dx_mm: 'abc'"),
+        ("my", GOOD, None, (60.0, 0.0, 80.0), "no tool centre point"),
+        ("my", GOOD, Path("absent.urdf"), TCP, r"absent\.urdf: cannot be read"),
+        ("absent", GOOD, None, TCP, r"absent\.csv: cannot be read: No such file"),
     ],
 )
-def test_what_cannot_be_read_is_not_registered(home, csv, line, urdf, tcp, message):
+def test_what_cannot_be_read_is_not_registered(home, csv, name, line, urdf, tcp, message):
     csv.write_text(f"{HEADER}\n{line}\n")
     with pytest.raises(DataError, match=message):
-        register(KEY, csv, urdf, tcp)
+        register(KEY, csv.with_stem(name), urdf, tcp)
     assert not home.exists()
     assert missing(KEY) == NOTHING
-
-
-def test_a_file_that_is_not_there_is_not_registered(home, tmp_path):
-    with pytest.raises(DataError, match=r"absent\.csv: cannot be read: No such file"):
-        register(KEY, tmp_path / "absent.csv", None, TCP)
-    assert not home.exists()
 
 
 def test_a_key_without_a_place_is_refused_with_the_valid_one(csv):
@@ -120,17 +117,13 @@ def test_a_key_without_a_place_is_refused_with_the_valid_one(csv):
         register("kr10-mesured", csv, None, TCP)
 
 
-def test_a_file_that_changed_since_must_be_registered_again(csv):
+def test_a_file_that_changed_or_went_since_must_be_registered_again(csv):
     register(KEY, csv, None, TCP)
     csv.write_text(csv.read_text().replace("0.5", "0.6"))
     with pytest.raises(DataError, match=r"my\.csv: sha256 .* registered .*register it again"):
         Kr10Measured().load()
     register(KEY, csv, None, TCP)
     assert Kr10Measured().load().samples.deflection[0, 0] == pytest.approx(0.6e-3)
-
-
-def test_a_file_that_is_gone_is_named(csv):
-    register(KEY, csv, None, TCP)
     csv.unlink()
     reason = r"my\.csv: the registered file is gone: bench data register kr10-measured"
     with pytest.raises(DataError, match=reason):
@@ -162,17 +155,39 @@ def test_a_file_that_is_gone_is_named(csv):
         (f"a = {'9' * 5000}\n", "not TOML: .*4300 digits"),
     ],
 )
-def test_a_damaged_file_of_registrations_is_one_clear_error(text, message):
+def test_a_damaged_file_of_registrations_is_one_clear_error(csv, text, message):
     damaged(text)
+    before = registry_file().read_bytes()
     with pytest.raises(DataError, match=message) as caught:
         Kr10Measured().load()
     assert str(registry_file()) in str(caught.value)
     assert "\n" not in str(caught.value)
     assert missing(KEY) == str(caught.value)
+    if "not TOML" in message:  # and is never overwritten
+        with pytest.raises(DataError, match=r"not TOML.*mend or delete"):
+            register(KEY, csv, None, TCP)
+        assert registry_file().read_bytes() == before
 
 
-def test_a_damaged_file_is_never_overwritten(csv):
-    damaged("[other\n")
-    with pytest.raises(DataError, match=r"not TOML.*mend or delete"):
-        register(KEY, csv, None, TCP)
-    assert registry_file().read_text() == "[other\n"
+def test_the_environment_variable_names_the_folder(monkeypatch, tmp_path):
+    monkeypatch.setenv("STIFFBENCH_HOME", str(tmp_path / "mine"))
+    assert registered.home() == tmp_path / "mine"
+    assert not registered.home().exists()
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("STIFFBENCH_HOME", "~/mine")
+    assert registered.home() == Path("~/mine").expanduser()
+
+
+@pytest.mark.parametrize("value", [None, ""])
+def test_without_it_the_platforms_folder_for_user_data_is_used(monkeypatch, tmp_path, value):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.delenv("STIFFBENCH_HOME", raising=False)
+    if value is not None:
+        monkeypatch.setenv("STIFFBENCH_HOME", value)
+    assert registered.home() == platformdirs.user_data_path("stiffbench")
+
+
+def test_a_folder_that_cannot_be_made_is_named_with_the_way_out(tmp_path):
+    (tmp_path / "taken").write_text("a file")
+    with pytest.raises(DataError, match=r"taken.sub: cannot be made: .*STIFFBENCH_HOME"):
+        registered.make_folder(tmp_path / "taken" / "sub")

@@ -9,12 +9,6 @@ import pytest
 from stiff_datasets.planning.poses import cartesian_poses, joint_space_poses
 
 
-def test_the_joint_space_group_has_61_different_poses():
-    poses = joint_space_poses()
-    assert poses.shape == (61, 6)
-    assert len(np.unique(poses.round(9), axis=0)) == 61
-
-
 @pytest.mark.parametrize(
     ("a3", "a2_first", "a2_last", "count"),
     [
@@ -32,16 +26,13 @@ def test_a2_sweeps_as_in_table_1(a3, a2_first, a2_last, count):
     assert (a2.min(), a2.max()) == pytest.approx((a2_first, a2_last))
 
 
-def test_all_151_poses_lie_inside_the_joint_limits(kr10, kr10_chain):
-    poses = np.concatenate([joint_space_poses(), cartesian_poses(kr10_chain)])
-    assert poses.shape == (151, 6)
-    assert (poses >= kr10.lower).all() and (poses <= kr10.upper).all()
-
-
-def test_all_poses_lie_in_the_joint_ranges_of_the_source_domain(kr10_chain):
-    q = np.rad2deg(np.concatenate([joint_space_poses(), cartesian_poses(kr10_chain)]))
-    lower, upper = [-45, -180, 0, 0, 0, 0], [45, 0, 156, 0, 90, 0]
-    assert (q >= np.array(lower) - 1e-9).all() and (q <= np.array(upper) + 1e-9).all()
+def test_151_different_poses_lie_inside_the_limits_and_in_the_source_domain(kr10, kr10_chain):
+    joint_space = joint_space_poses()
+    q = np.concatenate([joint_space, cartesian_poses(kr10_chain)])
+    assert q.shape == (151, 6) and len(np.unique(joint_space.round(9), axis=0)) == 61
+    assert (q >= kr10.lower).all() and (q <= kr10.upper).all()
+    lower, upper = np.array([-45, -180, 0, 0, 0, 0]), np.array([45, 0, 156, 0, 90, 0])
+    assert (np.rad2deg(q) >= lower - 1e-9).all() and (np.rad2deg(q) <= upper + 1e-9).all()
 
 
 def test_the_cartesian_group_puts_the_tcp_on_the_grid(kr10_chain):

@@ -24,41 +24,33 @@ def urdf(tmp_path, body):
 
 
 @pytest.mark.parametrize(
-    ("q_deg", "flange_mm"),
-    [((0, 0, 0, 0, 0, 0), (1190, 0, 425)), ((0, -90, 90, 0, 0, 0), (630, 0, 985))],
+    ("q_deg", "flange_mm", "torque"),
+    [
+        ((0, 0, 0, 0, 0, 0), (1190, 0, 425), (140.3, 32.2)),
+        ((0, -90, 90, 0, 0, 0), (630, 0, 985), (31.4, 32.2)),
+    ],
 )
-def test_the_kr10s_flange_stands_where_its_data_sheet_says(kr10_chain, q_deg, flange_mm):
-    model, data = kr10_chain.model, kr10_chain.model.createData()
-    pin.framesForwardKinematics(model, data, np.deg2rad(np.array(q_deg, dtype=float)))
+def test_the_kr10s_flange_and_its_weight_on_a2_and_a3_are_as_published(
+    kr10_chain, q_deg, flange_mm, torque
+):
+    model, q = kr10_chain.model, np.deg2rad(np.array(q_deg, dtype=float))
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
     flange = data.oMf[model.getFrameId("flange")]
     np.testing.assert_allclose(flange.translation * 1000, flange_mm, atol=1e-9)
     if q_deg == (0,) * 6:  # tool z along the base's x
         np.testing.assert_allclose(flange.rotation[:, 2], [1, 0, 0], atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("q_deg", "torque"),
-    [((0, 0, 0, 0, 0, 0), (140.3, 32.2)), ((0, -90, 90, 0, 0, 0), (31.4, 32.2))],
-)
-def test_gravity_loads_a2_and_a3_as_published(kr10_chain, q_deg, torque):
-    model = kr10_chain.model
-    gravity = pin.computeGeneralizedGravity(
-        model, model.createData(), np.deg2rad(np.array(q_deg, dtype=float))
-    )
+    gravity = pin.computeGeneralizedGravity(model, data, q)
     np.testing.assert_allclose(np.abs(gravity[1:3]), torque, atol=0.05)
 
 
-def test_the_kr10_has_its_data_sheets_limits_and_masses(kr10):
+def test_the_kr10_has_its_data_sheets_limits_and_masses_and_the_default_tcp(kr10):
     np.testing.assert_allclose(np.rad2deg(kr10.lower), [-170, -190, -120, -185, -120, -350])
     np.testing.assert_allclose(np.rad2deg(kr10.upper), [170, 45, 156, 185, 120, 350])
     np.testing.assert_allclose(kr10.masses, [8.416, 17.8369, 6.075, 5.1624, 1.6128, 0.734])
     assert kr10.joint_names == ("A1", "A2", "A3", "A4", "A5", "A6")
-
-
-def test_the_default_tcp_is_80_mm_before_the_flange_and_60_mm_off_its_axis(kr10):
-    # last joint's frame at q = 0: x forward, so the off-axis 60 mm are across it
-    assert kr10.tcp[0] == pytest.approx(0.08)
-    assert np.hypot(*kr10.tcp[1:]) == pytest.approx(0.06)
+    # the TCP: 80 mm before the flange, 60 mm off its axis; x is forward in the last joint's frame
+    assert (kr10.tcp[0], np.hypot(*kr10.tcp[1:])) == pytest.approx((0.08, 0.06))
 
 
 def test_continuous_joints_have_no_limits(tmp_path):
@@ -103,15 +95,6 @@ def test_what_is_no_serial_chain_is_refused(tmp_path, body, message):
         load_robot(urdf(tmp_path, body))
 
 
-def test_a_file_that_is_no_urdf_is_refused(tmp_path):
-    path = tmp_path / "x.urdf"
-    path.write_text("<notrobot/>")
-    with pytest.raises(DataError, match=r"x\.urdf: not a robot description"):
-        read_chain(path)
-    with pytest.raises(DataError, match="cannot read"):
-        read_chain(tmp_path / "absent.urdf")
-
-
 @pytest.mark.parametrize("tcp", [(80.0, 0.0, 60.0), (np.nan, 0.0, 0.0), (0.0, 0.0)])
 def test_a_tcp_in_millimetres_or_with_gaps_is_refused(tmp_path, tcp):
     with pytest.raises(DataError, match="in m"):
@@ -138,6 +121,12 @@ def joints(*pairs, origin="0 0 0"):
             JOINT.format("J", "revolute", "base", "A").replace("0 0 1", "1e308 0 1e308"),
             "unit length",
         ),
+        (
+            JOINT.format("J", "revolute", "base", "A").replace(
+                "<axis", '<origin xyz="nan 0 0"/><axis'
+            ),
+            "",  # what Pinocchio takes and no robot has
+        ),
     ],
 )
 def test_what_would_end_the_parsers_stack_or_the_memory_is_refused(tmp_path, body, message):
@@ -145,14 +134,13 @@ def test_what_would_end_the_parsers_stack_or_the_memory_is_refused(tmp_path, bod
         load_robot(urdf(tmp_path, body))
 
 
-def test_what_pinocchio_takes_and_no_robot_has_is_refused_by_the_files_name(tmp_path):
-    body = JOINT.format("J", "revolute", "base", "A").replace(
-        "<axis", '<origin xyz="nan 0 0"/><axis'
-    )
-    with pytest.raises(DataError, match=r"robot\.urdf: "):
-        load_robot(urdf(tmp_path, body))
-
-
-def test_a_file_without_end_is_refused():
-    with pytest.raises(DataError, match=r"/dev/zero: larger than"):
-        load_robot(Path("/dev/zero"))
+def test_a_file_that_is_no_urdf_is_missing_or_without_end_is_refused(tmp_path):
+    path = tmp_path / "x.urdf"
+    path.write_text("<notrobot/>")
+    for file, message in (
+        (path, r"x\.urdf: not a robot description"),
+        (tmp_path / "absent.urdf", "cannot read"),
+        (Path("/dev/zero"), r"/dev/zero: larger than"),
+    ):
+        with pytest.raises(DataError, match=message):
+            read_chain(file)

@@ -39,15 +39,14 @@ def record():
 
 @pytest.fixture(scope="module")
 def specimens():
-    constants = shipped_constants(CONSTANTS)
-    return [line_figures(constants, specimen=number) for number in range(10)]
+    return [line_figures(shipped_constants(CONSTANTS), specimen=number) for number in range(10)]
 
 
 def test_the_shipped_constants_are_those_that_were_found(record):
     assert shipped_constants(CONSTANTS).model_dump(mode="json") == record["constants"]
 
 
-def test_the_shipped_constants_give_the_figures_of_the_record(record, specimens):
+def test_the_shipped_constants_give_the_figures_of_the_record_and_of_the_card(record, specimens):
     assert len(FIGURE_SEEDS) == 10 and len(record["specimens"]) == 10
     for found, stated in zip(specimens, record["specimens"], strict=True):
         for name in ("mae", "stde", "me"):
@@ -55,13 +54,7 @@ def test_the_shipped_constants_give_the_figures_of_the_record(record, specimens)
                 getattr(found, name) * 1000, stated[f"{name}_mm"], atol=0.00011
             )
         np.testing.assert_allclose(found.stiffness, stated["stiffness_Nm_per_rad"], rtol=1e-4)
-
-
-def test_the_constants_identify_stiffnesses_of_the_papers_size(specimens):
     assert np.abs(specimens[0].stiffness / paper_figures().stiffness - 1).max() < 0.25
-
-
-def test_the_card_holds_the_figures(specimens):
     card = (files("stiff_datasets") / "data" / "kr10_twin.md").read_text(encoding="utf-8")
     assert figures_text(specimens, paper_figures()) in card
 

@@ -113,6 +113,10 @@ def test_work_put_into_a_linear_arm_by_a_load_does_not_depend_on_the_order_of_lo
     assert along_b_by_a == pytest.approx(along_a_by_b, rel=1e-6)
 
 
+def geared(slopes, breakpoints, lost_motion=0.0):
+    return JointSprings(Gear(slopes, breakpoints, 100.0), STIFF, (STIFF, STIFF), lost_motion)
+
+
 def test_a_linear_joint_bends_by_the_pendulum_equation(arm):
     twin = DigitalTwin(arm, [linear(1000.0)])
     theta = twin.equilibrium(np.zeros((1, 1)), one([0, 0, -50.0, 0, 0, 0])).theta[0, 0]
@@ -121,27 +125,28 @@ def test_a_linear_joint_bends_by_the_pendulum_equation(arm):
 
 
 def test_gravity_puts_a_stiffening_joint_on_its_later_slope(arm):
-    gear = Gear((1e3, 2e3, 4e3), (2.0, 5.0), 100.0)  # preload 9.81 N m: third slope
-    twin = DigitalTwin(arm, [JointSprings(gear, STIFF, (STIFF, STIFF), 0.0)])
+    twin = DigitalTwin(arm, [geared((1e3, 2e3, 4e3), (2.0, 5.0))])  # preload 9.81 N m: third
     down = twin.readings(np.zeros((1, 1)), one([0, 0, -0.01, 0, 0, 0]))[0]
     assert -down[2] == pytest.approx(0.01 / 4e3, rel=0.02)
 
 
-def test_three_slopes_follow_the_catalogue_curve(arm):
-    gear = Gear((1e4, 2e4, 4e4), (2.0, 5.0), 100.0)
-    twin = DigitalTwin(arm, [JointSprings(gear, STIFF, (STIFF, STIFF), 0.0)])
+@pytest.mark.parametrize(
+    ("springs", "torque", "angle"),
+    [
+        *(
+            (geared((1e4, 2e4, 4e4), (2.0, 5.0)), torque, angle)  # the catalogue's curve
+            for torque, angle in ((1.0, 1e-4), (3.0, 2e-4 + 0.5e-4), (9.0, 2e-4 + 1.5e-4 + 1e-4))
+        ),
+        *(  # rigid, and 4 N m are 4 % of the rated torque: half the lost motion's width
+            (geared((1e9,) * 3, (1.0, 2.0), 2e-4), torque, angle)
+            for torque, angle in ((40.0, 1e-4), (-40.0, -1e-4))
+        ),
+    ],
+)
+def test_an_upright_joint_follows_its_gears_slopes_and_lost_motion(arm, springs, torque, angle):
     upright = one([-np.pi / 2])  # no gravity torque, a force along x has the full lever
-    for torque, angle in ((1.0, 1e-4), (3.0, 2e-4 + 0.5e-4), (9.0, 2e-4 + 1.5e-4 + 1e-4)):
-        theta = twin.equilibrium(upright, one([torque, 0, 0, 0, 0, 0])).theta[0, 0]
-        assert theta == pytest.approx(angle, rel=2e-3)  # a little gravity as it leans
-
-
-def test_lost_motion_saturates_at_half_its_width_either_way(arm):
-    gear = Gear((1e9,) * 3, (1.0, 2.0), 100.0)  # rigid: 4 N m are 4 % of the rated torque
-    twin = DigitalTwin(arm, [JointSprings(gear, STIFF, (STIFF, STIFF), 2e-4)])
-    for force, angle in ((40.0, 1e-4), (-40.0, -1e-4)):
-        theta = twin.equilibrium(one([-np.pi / 2]), one([force, 0, 0, 0, 0, 0])).theta[0, 0]
-        assert theta == pytest.approx(angle, rel=1e-3)
+    found = DigitalTwin(arm, [springs]).equilibrium(upright, one([torque, 0, 0, 0, 0, 0]))
+    assert found.theta[0, 0] == pytest.approx(angle, rel=2e-3)  # a little gravity as it leans
 
 
 def test_the_slope_of_the_spring_law_is_its_central_difference(rng):
@@ -149,11 +154,6 @@ def test_the_slope_of_the_spring_law_is_its_central_difference(rng):
     step = 1e-5
     difference = (law.angle(torque + step) - law.angle(torque - step)) / (2 * step)
     np.testing.assert_allclose(law.slope(torque), difference, rtol=1e-5)
-
-
-def test_no_load_moves_nothing(twin, rng):
-    q = rng.uniform(-1.5, 1.5, size=(50, 6))
-    np.testing.assert_array_equal(twin.readings(q, np.zeros((50, 6))), np.zeros((50, 3)))
 
 
 def test_without_tilts_slopes_and_lost_motion_it_is_the_linear_vjm_to_first_order(kr10, kr10_chain):
@@ -181,21 +181,19 @@ def test_tool_vectors_are_those_of_the_undeformed_robot(kr10_chain, twin, rng):
         np.testing.assert_allclose(vector, data.oMi[6].rotation @ [0.06, 0.04, 0.07], atol=1e-14)
 
 
-def test_samples_do_not_depend_on_those_beside_them(twin, rng):
+def test_samples_do_not_depend_on_those_beside_them_and_no_load_moves_nothing(twin, rng):
     q = rng.uniform(-1.5, 1.5, size=(5000, 6))
     wrench = rng.normal(size=(5000, 6)) * 30
     together = twin.readings(q, wrench)
     alone = np.concatenate([twin.readings(q[i : i + 1], wrench[i : i + 1]) for i in (0, 2500)])
     np.testing.assert_allclose(together[[0, 2500]], alone, rtol=0, atol=1e-13)
+    assert not twin.readings(q[:50], np.zeros((50, 6))).any()
 
 
-def test_a_load_that_no_spring_can_carry_is_refused_with_its_pose(kr10_chain):
+def test_a_load_that_no_spring_can_carry_and_a_joint_without_spring_are_refused(kr10_chain):
     soft = DigitalTwin(kr10_chain, [linear(20.0)] * 6)
     with pytest.raises(DataError, match=r"no elastic equilibrium at q = .* the load is too large"):
         soft.readings(one(POSE), one(LOAD))
-
-
-def test_each_joint_needs_a_spring(kr10_chain):
     with pytest.raises(DataError, match="5 joint springs for 6 joints"):
         DigitalTwin(kr10_chain, SPRINGS[:5])
 

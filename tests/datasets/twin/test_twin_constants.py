@@ -37,17 +37,12 @@ def write(tmp_path, text):
 
 
 def test_constants_are_converted_to_springs_in_si_units(tmp_path):
-    constants = read_constants(write(tmp_path, TOP + 6 * JOINT))
-    assert len(constants.springs) == 6
-    spring = constants.springs[0]
-    assert spring.gear == CATALOGUE[25]
-    assert spring.structure == 1e5 and spring.tilting == (4 * 5e4, 4 * 5e4)
-    assert spring.lost_motion == pytest.approx(np.deg2rad(1 / 60))
-
-
-def test_a_gear_may_have_figures_of_its_own(tmp_path):
-    constants = read_constants(write(tmp_path, TOP + JOINT.replace("25", OWN_GEAR) + 5 * JOINT))
-    assert constants.springs[0].gear.slopes == (1e6, 2e6, 2e6)
+    text = TOP + 5 * JOINT + JOINT.replace("25", OWN_GEAR)
+    *alike, own = read_constants(write(tmp_path, text)).springs
+    assert len(alike) == 5 and own.gear.slopes == (1e6, 2e6, 2e6)
+    assert alike[0].gear == CATALOGUE[25]
+    assert alike[0].structure == 1e5 and alike[0].tilting == (4 * 5e4, 4 * 5e4)
+    assert alike[0].lost_motion == pytest.approx(np.deg2rad(1 / 60))
 
 
 @pytest.mark.parametrize(
@@ -77,12 +72,6 @@ def test_what_is_wrong_is_named_with_file_key_and_value(tmp_path, text, message)
         read_constants(write(tmp_path, text))
 
 
-def test_a_missing_joint_is_named_with_the_file(tmp_path):
-    constants = read_constants(write(tmp_path, TOP + 5 * JOINT))
-    with pytest.raises(DataError, match=r"my\.toml: 5 tables \[\[joint\]\] for the joints of ur5"):
-        constants.chain()
-
-
 @pytest.mark.parametrize("urdf", ["none.urdf", "", "/dev/zero", "\\u0000"])
 def test_a_urdf_that_cannot_be_read_is_named_with_the_file(tmp_path, urdf):
     constants = read_constants(write(tmp_path, TOP.replace('"ur5"', f'"{urdf}"') + JOINT))
@@ -90,7 +79,10 @@ def test_a_urdf_that_cannot_be_read_is_named_with_the_file(tmp_path, urdf):
         constants.chain()
 
 
-def test_a_file_that_is_not_there_is_named(tmp_path):
+def test_a_missing_joint_and_a_missing_file_are_named(tmp_path):
+    constants = read_constants(write(tmp_path, TOP + 5 * JOINT))
+    with pytest.raises(DataError, match=r"my\.toml: 5 tables \[\[joint\]\] for the joints of ur5"):
+        constants.chain()
     with pytest.raises(DataError, match=r"absent\.toml: cannot be read"):
         read_constants(tmp_path / "absent.toml")
 
@@ -99,25 +91,22 @@ def test_a_robot_is_simulated_from_its_urdf_beside_the_file_and_its_constants(tm
     urdf = (files("stiff_datasets") / "robots" / "ur5.urdf").read_text()
     (tmp_path / "mine.urdf").write_text(urdf.replace('robot name="ur5"', 'robot name="mine"'))
     path = write(tmp_path, TOP.replace('"ur5"', '"mine.urdf"') + 6 * JOINT)
-    data = RobotTwin(constants=path, poses=20, loads_per_pose=2, seed=3).load()
-    assert data.robot.name == "mine" and len(data.samples) == 40
-    assert (
-        RobotTwin(constants=path, poses=20, loads_per_pose=2, seed=3).load().sha256 == data.sha256
+    data, again = (
+        RobotTwin(constants=path, poses=20, loads_per_pose=2, seed=3).load() for _ in range(2)
     )
+    assert data.robot.name == "mine" and len(data.samples) == 40
+    assert again.sha256 == data.sha256
     lower, upper = data.robot.lower, data.robot.upper
     assert (data.samples.q >= lower).all() and (data.samples.q <= upper).all()
     assert np.linalg.norm(data.samples.deflection, axis=1).max() < 0.05
 
 
-def test_the_ur5_twins_card_states_the_hash_of_its_data():
-    card = (files("stiff_datasets") / "data" / "ur5_twin.md").read_text(encoding="utf-8")
-    assert f"`{Ur5Twin().load().sha256}`" in card
-
-
-def test_the_ur5_twin_holds_151_poses_and_ten_robots():
+def test_the_ur5_twin_holds_151_poses_of_ten_robots_and_its_card_states_the_hash():
     specimens = [Ur5Twin(specimen=number).load() for number in (0, 1, 9)]
     assert all(len(set(data.samples.pose_id)) == 151 for data in specimens)
     assert len({data.sha256 for data in specimens}) == 3
+    card = (files("stiff_datasets") / "data" / "ur5_twin.md").read_text(encoding="utf-8")
+    assert f"`{specimens[0].sha256}`" in card
 
 
 @pytest.mark.parametrize("name", shipped_twins())

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from stiff_models.networks.features import Scaler, encode
+from stiff_models.networks.features import Scaler
 from stiff_models.networks.mlp import Mlp
 from stiff_models.networks.network import linear_layers
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_models.transfer.mlp_pretrained import MlpPretrained
-from stiff_protocols.contract.errors import ConfigError, ModelError, NotFittedError
+from stiff_protocols.contract.errors import ConfigError
 
 pytestmark = pytest.mark.usefixtures("small_source")
 
@@ -49,12 +49,6 @@ def test_the_default_network_is_4_x_380_relu_on_18_features(parts):
     assert sum(isinstance(module, torch.nn.ReLU) for module in model.network_) == 4
 
 
-def test_raw_angles_give_12_features(parts):
-    robot, train, _, _ = parts
-    assert encode(robot, train.q, train.wrench, "raw").shape[1] == 12
-    assert encode(robot, train.q, train.wrench, "sincos").shape[1] == 18
-
-
 def test_an_angle_and_the_same_angle_a_turn_later_are_one_input(parts):
     _, _, _, test = parts
     model = fit(Mlp(**SMALL, epochs=2), parts)
@@ -90,15 +84,6 @@ def test_the_same_seed_gives_the_same_predictions_and_another_seed_others(make, 
     assert np.abs(first - other).max() > 0
 
 
-def test_zero_epochs_of_fine_tuning_equal_the_pretrained_network(parts):
-    _, _, _, test = parts
-    tuned = fit(FtMlp(**SMALL_SOURCE, epochs=0), parts)
-    source = fit(MlpPretrained(**SMALL_SOURCE), parts)
-    np.testing.assert_array_equal(
-        tuned.predict(test.q, test.wrench), source.predict(test.q, test.wrench)
-    )
-
-
 @pytest.mark.parametrize("freeze", STRATEGIES)
 def test_every_strategy_moves_its_own_parameters_and_no_others(freeze, parts):
     model = fit(
@@ -116,12 +101,6 @@ def test_every_strategy_moves_its_own_parameters_and_no_others(freeze, parts):
     }.get(freeze, {0, 2, 4, 6, 8})
     kinds = ("bias",) if freeze == "bias" else ("weight", "bias")
     assert changed == {f"{layer}.{kind}" for layer in free for kind in kinds}
-
-
-def test_l2sp_with_an_infinite_alpha_returns_the_source_weights(parts):
-    model = fit(FtMlp(**SMALL_SOURCE, epochs=20, freeze="l2sp", l2sp_alpha=1e30), parts)
-    before, after = state(model.source_network_), state(model.network_)
-    assert all(np.array_equal(before[name], after[name]) for name in before)
 
 
 def test_fine_tuning_brings_the_source_network_nearer_to_the_measurements(parts):
@@ -145,28 +124,9 @@ def test_fine_tuning_keeps_the_statistics_of_the_source(parts):
     np.testing.assert_array_equal(tuned.output_scaler_.scale, source.output_scaler_.scale)
 
 
-@pytest.mark.parametrize("make", [Mlp, MlpPretrained, FtMlp])
-def test_predict_before_fit_is_refused(make):
-    with pytest.raises(NotFittedError):
-        make().predict(np.zeros((1, 6)), np.zeros((1, 6)))
-
-
-def test_joint_angles_of_another_robot_are_refused(parts):
-    model = fit(Mlp(**SMALL, epochs=1), parts)
-    with pytest.raises(ModelError, match=r"\(1, 7\), expected \(n, 6\)"):
-        model.predict(np.zeros((1, 7)), np.zeros((1, 6)))
-
-
 def test_a_strategy_that_does_not_fit_the_network_is_refused_before_any_work():
     with pytest.raises(ConfigError, match="'5' is no layer"):
         FtMlp(freeze="layers:5").check_params()
-
-
-def test_constructors_only_store_and_get_params_gives_everything_back():
-    model = FtMlp(freeze="full", epochs=7)
-    params = model.get_params()
-    assert params["freeze"] == "full" and params["epochs"] == 7 and params["width"] == 380
-    assert FtMlp(**params).get_params() == params
 
 
 def test_the_papers_schedule_is_the_papers():

@@ -1,15 +1,25 @@
-"""The batched Jacobian against Pinocchio, finite differences and the robot's own data sheet."""
+"""The batched Jacobian and the links' weights against Pinocchio and finite differences."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from made_robots import random_chain
 from stiff_datasets.robots.robot import load_robot
-from stiff_models.physics.kinematics import jacobian, kinematic_hessian, virtual_jacobian
+from stiff_models.physics.kinematics import (
+    gravity_torque,
+    jacobian,
+    kinematic_hessian,
+    virtual_jacobian,
+)
 from stiff_models.physics.straight_line import CHUNK
 from stiff_protocols.contract.errors import DataError
+
+MIXED = ("revolute", "prismatic", "revolute", "revolute", "prismatic", "revolute")
 
 
 def pinocchio_jacobians(model, tcp, q):
@@ -30,7 +40,7 @@ def pinocchio_jacobians(model, tcp, q):
 def random_chain_urdf(rng, n_joints):
     lines = ['<robot name="random_chain"><link name="l0"/>']
     for i in range(n_joints):
-        kind = "prismatic" if rng.random() < 0.3 else "revolute"
+        kind = ("revolute", "prismatic", "revolute")[i % 3]
         axis = rng.normal(size=3)
         xyz, rpy = rng.normal(size=3), rng.uniform(-3, 3, size=3)
         text = [" ".join(map(repr, map(float, v))) for v in (xyz, rpy, axis / np.linalg.norm(axis))]
@@ -62,12 +72,6 @@ def test_jacobian_equals_pinocchio_on_random_chains(n_joints, rng, tmp_path):
         q = rng.uniform(-3, 3, size=(50, n_joints))
         truth = pinocchio_jacobians(pin.buildModelFromUrdf(str(urdf)), robot.tcp, q)
         assert_relatively_equal(jacobian(robot, q), truth)
-
-
-def test_random_chains_contain_both_kinds_of_joint(rng, tmp_path):
-    urdf = tmp_path / "chain.urdf"
-    urdf.write_text(random_chain_urdf(rng, 30))
-    assert set(load_robot(urdf).joint_types) == {"revolute", "prismatic"}
 
 
 def test_translational_rows_are_the_central_difference_of_the_tcp_position(kr10, kr10_chain, rng):
@@ -119,26 +123,15 @@ def test_no_pose_has_no_jacobian(function, kr10):
     )
 
 
-@pytest.mark.parametrize("function", [jacobian, virtual_jacobian])
+@pytest.mark.parametrize("function", [jacobian, virtual_jacobian, gravity_torque])
 def test_wrong_number_of_joint_angles_is_refused(function, kr10):
     with pytest.raises(DataError, match=r"\(2, 5\), expected \(n, 6\)"):
         function(kr10, np.zeros((2, 5)))
 
 
-def made_chain(rng, tmp_path):
-    """A random chain with both kinds of joint."""
-    for trial in range(20):
-        urdf = tmp_path / f"mixed_{trial}.urdf"
-        urdf.write_text(random_chain_urdf(rng, 6))
-        robot = load_robot(urdf, tcp=(0.1, -0.2, 0.3))
-        if set(robot.joint_types) == {"revolute", "prismatic"}:
-            return robot
-    raise AssertionError("twenty chains of one kind")
-
-
-def test_kinematic_hessian_is_the_central_difference_of_the_jacobian(kr10, rng, tmp_path):
+def test_kinematic_hessian_is_the_central_difference_of_the_jacobian(kr10, rng):
     step = 1e-5
-    for robot in (kr10, made_chain(rng, tmp_path)):
+    for robot in (kr10, random_chain(rng, MIXED)):
         q = rng.uniform(-1.5, 1.5, size=(20, robot.n_joints))
         hessian = kinematic_hessian(jacobian(robot, q))
         assert hessian.shape == (20, 6, robot.n_joints, robot.n_joints)
@@ -201,8 +194,8 @@ def joint_basis(axis):
     return np.column_stack([x, np.cross(axis, x), axis])
 
 
-def test_virtual_joints_move_the_tcp_as_pinocchios_model_with_42_joints(kr10, rng, tmp_path):
-    for robot in (kr10, made_chain(rng, tmp_path)):
+def test_virtual_joints_move_the_tcp_as_pinocchios_model_with_42_joints(kr10, rng):
+    for robot in (kr10, random_chain(rng, MIXED)):
         model, own, virtual = with_virtual_joints(robot)
         data = model.createData()
         q = rng.uniform(-1.5, 1.5, size=(20, robot.n_joints))
@@ -215,8 +208,8 @@ def test_virtual_joints_move_the_tcp_as_pinocchios_model_with_42_joints(kr10, rn
             assert_relatively_equal(twists, truth[:, virtual])
 
 
-def test_the_joints_own_virtual_joint_moves_the_tcp_as_the_joint(rng, tmp_path):
-    robot = made_chain(rng, tmp_path)
+def test_the_joints_own_virtual_joint_moves_the_tcp_as_the_joint(rng):
+    robot = random_chain(rng, MIXED)
     q = rng.uniform(-1.5, 1.5, size=(CHUNK + 3, robot.n_joints))
     own = [2 if kind == "revolute" else 5 for kind in robot.joint_types]
     found = virtual_jacobian(robot, q)[:, :, range(robot.n_joints), own]
@@ -228,3 +221,25 @@ def test_virtual_axes_are_those_of_the_urdf_frame_where_the_joints_axis_is_one_o
     turns = virtual_jacobian(kr10, np.zeros((1, 6)))[0, 3:, :, :3]  # (xyz, joint, axis)
     np.testing.assert_allclose(np.sort(np.abs(turns), axis=0)[:2], 0.0, atol=1e-15)
     np.testing.assert_allclose(np.abs(turns).sum(axis=2), 1.0, atol=1e-15)
+
+
+def test_gravity_torque_of_the_kr10_opposes_pinocchios_generalised_gravity(kr10, kr10_chain, rng):
+    model, data = kr10_chain.model, kr10_chain.model.createData()
+    q = rng.uniform(kr10.lower, kr10.upper, size=(100, 6))
+    truth = [-pin.computeGeneralizedGravity(model, data, pose) for pose in q]
+    np.testing.assert_allclose(gravity_torque(kr10, q), truth, atol=1e-10)
+
+
+def test_a_robot_on_a_wall_bears_its_weight_in_the_direction_of_its_gravity(kr10, kr10_chain, rng):
+    sideways = replace(kr10, gravity=np.array([9.81, 0.0, 0.0]))
+    model = kr10_chain.model.copy()
+    model.gravity.linear = np.array([9.81, 0.0, 0.0])
+    q = rng.uniform(kr10.lower, kr10.upper, size=(5, 6))
+    truth = [-pin.computeGeneralizedGravity(model, model.createData(), pose) for pose in q]
+    np.testing.assert_allclose(gravity_torque(sideways, q), truth, atol=1e-10)
+    assert np.abs(gravity_torque(sideways, q)[:, 0]).max() > 10.0  # A1 is no longer vertical
+
+
+def test_a_robot_without_masses_feels_nothing(kr10, rng):
+    weightless = replace(kr10, masses=np.zeros(6))
+    assert not gravity_torque(weightless, rng.normal(size=(3, 6))).any()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stiff_datasets.twin.kr10_twin import Kr10Twin
-from stiff_models.regressors import tabular as optional_packages
+from stiff_models.regressors import optional_packages
 from stiff_models.regressors.tabular import RealMlp, TabM, TabPfn
 from stiff_protocols.contract.errors import ConfigError, StoreError
 

@@ -6,7 +6,6 @@ import pickle
 
 import numpy as np
 import pytest
-from sklearn.base import clone
 
 from stiff_bench.plan.options import options_of
 from stiff_bench.plan.words import parse_settings
@@ -134,13 +133,6 @@ def test_a_bad_value_is_refused_before_anything_is_computed():
     with pytest.raises(ConfigError, match=r"RandomForestRegressor.*'n_estimators'.*Got -3"):
         make(FOREST, n_estimators=-3).check_params()
     make(FOREST, n_estimators=3).check_params()
-
-
-def test_parameters_clone_and_set_as_scikit_learns_do():
-    model = make(FOREST, n_estimators=7, max_features=0.5)
-    assert clone(model).get_params() == model.get_params()
-    assert model.set_params(n_estimators=9).get_params()["n_estimators"] == 9
-    assert type(model) is member(FOREST).load() and type(model).key == FOREST
 
 
 @pytest.mark.parametrize(

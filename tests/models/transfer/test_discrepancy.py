@@ -1,4 +1,4 @@
-"""MK-MMD, JMMD and CORAL against sums written out in numpy and against public implementations."""
+"""MK-MMD, JMMD and CORAL against sums written out in numpy."""
 
 from __future__ import annotations
 
@@ -7,22 +7,9 @@ import itertools
 import numpy as np
 import pytest
 import torch
+from domain_rows import SOURCE, SOURCE_OUTPUTS, TARGET, TARGET_OUTPUTS
 
 from stiff_models.transfer.alignment import coral, jmmd, mk_mmd
-
-INDEX = torch.arange(15, dtype=torch.float64).reshape(3, 5)
-SOURCE, TARGET = torch.sin(1.0 + 1.7 * INDEX), torch.cos(0.4 + 0.9 * INDEX**1.1)
-MULTIPLES = torch.arange(1.0, 4.0, dtype=torch.float64)
-SOURCE_OUTPUTS = torch.sin(0.3 * SOURCE.sum(1, keepdim=True) * MULTIPLES)
-TARGET_OUTPUTS = torch.cos(0.2 * TARGET.sum(1, keepdim=True) * MULTIPLES)
-
-
-def joint(source, target):
-    """JMMD of features whose first two columns serve as outputs."""
-    return jmmd((source, source[:, :2]), (target, target[:, :2]))
-
-
-DISTANCES = [mk_mmd, joint, coral]
 
 
 def squares_by_hand(rows):
@@ -69,25 +56,12 @@ def test_mk_mmd_is_the_sum_over_all_pairs(n_target):
     )
 
 
-def test_mk_mmd_agrees_with_public_implementations():
-    # skada 0.6.0, skada.deep.losses._maximum_mean_discrepancy with the kernel of five Gaussians
-    assert mk_mmd(SOURCE, TARGET).item() == pytest.approx(3.1061729937692517, rel=1e-12)
-    # UDTL, loss/DAN.py (commit 9a349e9), DAN(source, target)
-    assert mk_mmd(SOURCE, TARGET).item() == pytest.approx(3.1061729937692513, rel=1e-12)
-
-
 def test_jmmd_is_the_sum_over_all_pairs_of_products_of_kernels():
     features = kernels_by_hand(torch.cat([SOURCE, TARGET]).tolist(), [1 / 4, 1 / 2, 1, 2, 4])
     outputs = kernels_by_hand(torch.cat([SOURCE_OUTPUTS, TARGET_OUTPUTS]).tolist(), [1])
     product = {pair: features[pair] * outputs[pair] for pair in features}
     value = jmmd((SOURCE, SOURCE_OUTPUTS), (TARGET, TARGET_OUTPUTS)).item()
     assert value == pytest.approx(discrepancy_by_hand(product, 3, 3), rel=1e-12)
-
-
-def test_jmmd_agrees_with_udtl():
-    # UDTL, loss/JAN.py (commit 9a349e9), JAN with fix_sigma_list=[None, None]
-    value = jmmd((SOURCE, SOURCE_OUTPUTS), (TARGET, TARGET_OUTPUTS)).item()
-    assert value == pytest.approx(5.0915652118071755, rel=1e-12)
 
 
 def test_jmmd_sees_that_features_and_outputs_belong_together():
@@ -108,41 +82,10 @@ def test_coral_of_one_feature_is_its_closed_form():
     assert values.item() == pytest.approx(9.0)
 
 
-def test_coral_agrees_with_skada():
-    # skada 0.6.0, skada.deep.losses.deepcoral_loss(SOURCE, TARGET)
-    assert coral(SOURCE, TARGET).item() == pytest.approx(0.06320981503793319, rel=1e-12)
-
-
-@pytest.mark.parametrize("distance", DISTANCES)
-def test_identical_samples_have_no_distance_and_others_a_positive_one(distance):
-    assert distance(SOURCE, SOURCE).item() == pytest.approx(0.0, abs=1e-12)
-    assert distance(SOURCE, SOURCE[[2, 0, 1]]).item() == pytest.approx(0.0, abs=1e-12)
-    assert distance(SOURCE, TARGET).item() > 0.01
-
-
-@pytest.mark.parametrize("distance", DISTANCES)
-def test_a_distance_is_the_same_both_ways(distance):
-    assert distance(SOURCE, TARGET).item() == pytest.approx(distance(TARGET, SOURCE).item())
-
-
-@pytest.mark.parametrize("distance", DISTANCES)
-def test_samples_of_different_length_are_compared(distance):
-    assert torch.isfinite(distance(torch.cat([SOURCE, TARGET]), TARGET[:2]))
-
-
 @pytest.mark.parametrize("distance", [mk_mmd, coral])
 def test_shifted_features_differ_in_mean_for_mmd_and_in_nothing_for_coral(distance):
     shift = distance(SOURCE, SOURCE + 3.0).item()
     assert shift == pytest.approx(0.0, abs=1e-12) if distance is coral else shift > 1.0
-
-
-@pytest.mark.parametrize("distance", DISTANCES)
-@pytest.mark.parametrize("same", [True, False])
-def test_gradients_are_finite_also_where_all_rows_are_the_same(distance, same):
-    source = torch.ones(4, 6) if same else torch.randn(4, 6)
-    source.requires_grad_()
-    distance(source, torch.ones(3, 6)).backward()
-    assert torch.isfinite(source.grad).all()
 
 
 def test_the_gradient_of_coral_is_that_of_finite_differences():

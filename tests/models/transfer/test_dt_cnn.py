@@ -12,7 +12,6 @@ from stiff_models.transfer.cnn import CellMaxPool, SampleNormalisation
 from stiff_models.transfer.dt_cnn import FAST, DtCnn, udtl_plan
 from stiff_models.transfer.ft_mlp import GENTLE
 from stiff_models.transfer.source_model import NO_TARGET_LABELS
-from stiff_protocols.contract.errors import NotFittedError
 from stiff_protocols.contract.types import Samples
 
 SMALL = {"device": "cpu", "source_poses": "sobol", "pretrain_steps": 8}
@@ -206,8 +205,3 @@ def test_a_result_says_whether_target_labels_trained_it(parts, supervision, used
 def test_training_lowers_the_error_on_the_source(parts):
     untrained, trained = (fit(parts, pretrain_steps=steps, alignment="none") for steps in (0, 150))
     assert trained.source_errors_[:3].mean() < 0.5 * untrained.source_errors_[:3].mean()
-
-
-def test_predict_before_fit_is_refused():
-    with pytest.raises(NotFittedError):
-        DtCnn().predict(np.zeros((1, 6)), np.zeros((1, 6)))

@@ -46,19 +46,6 @@ def test_table_5_has_rank_3_and_lies_almost_on_a_line():
     assert (singular[3:] < 1e-10).all()
 
 
-def test_source_deflections_are_those_of_each_sample_alone(twin, rng):
-    domain = simulate(
-        twin.robot, COMPLIANCE, source_design("paper", "paper", twin.robot, twin.samples, 0)
-    )
-    rows = rng.integers(len(domain), size=200)
-    np.testing.assert_allclose(
-        domain.deflection[rows],
-        joint_deflection(twin.robot, COMPLIANCE, domain.q[rows], domain.wrench[rows]),
-        rtol=1e-12,
-        atol=1e-18,
-    )
-
-
 @pytest.mark.parametrize(
     ("kinds", "values"),
     [

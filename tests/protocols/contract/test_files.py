@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all."""
+"""Files that are there whole or not at all; TOML that is read, or refused before it costs time."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 import pytest
 
 from stiff_protocols.contract.errors import StoreError
-from stiff_protocols.contract.files import make_folder, written_whole
+from stiff_protocols.contract.files import make_folder, read_toml, written_whole
 
 
 def test_a_file_appears_whole_with_the_modes_of_the_umask(tmp_path):
@@ -42,3 +42,28 @@ def test_what_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(StoreError, match="file/folder: cannot be made: Not a directory"):
         make_folder(tmp_path / "file" / "folder")
+
+
+def test_tables_of_a_toml_file_come_back(tmp_path):
+    path = tmp_path / "a.toml"
+    path.write_text('[a.b]\nc = [1, [2.5, "x"]]\n', encoding="utf-8")
+    assert read_toml(path) == {"a": {"b": {"c": [1, [2.5, "x"]]}}}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (b"a = " + b"[" * 5000 + b"]" * 5000, "inside each other"),
+        (b"a = " + b"[" * 20 + b"]" * 20, "inside each other"),
+        (b"a" + b".a" * 30 + b" = 1", "inside each other"),
+        (b"a" + b".a" * 100_000 + b" = 1", "larger than"),
+        (b"a = " + b"9" * 5000, "4300 digits"),
+        (b"a = \xff", "can't decode"),
+        (b"a", "Expected '='"),
+    ],
+)
+def test_what_is_no_toml_of_settings_is_refused(tmp_path, text, message):
+    path = tmp_path / "a.toml"
+    path.write_bytes(text)
+    with pytest.raises(ValueError, match=message):
+        read_toml(path)

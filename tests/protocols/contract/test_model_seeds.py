@@ -8,128 +8,81 @@ import pytest
 
 from stiff_protocols.contract.record import Cell
 
-NOISE = Cell(
-    model="knn",
-    model_params={"neighbours": 3, "weights": "uniform"},
-    dataset="kr10-twin",
-    dataset_params={"torques": "hook", "specimen": 9},
-    data_sha256="3c" * 32,
-    protocol="sensor-noise",
-    protocol_params={"levels": "0,1,5,20", "noise": 1.0, "bias": 0.0},
-    split_index=1,
-    split_sha256="d4" * 32,
-    seed=1,
-    condition="noise x5",
-    rows_sha256="e5" * 32,
-)
 
+def cell(model, dataset, data, protocol, split_index, split, seed, **others):
+    """A cell whose hashes are two digits, repeated."""
+    others = {
+        name: value * 32 if name.endswith("sha256") else value for name, value in others.items()
+    }
+    options = {f"{name}_params": {} for name in ("model", "dataset", "protocol")}
+    return Cell(
+        **options | others,
+        model=model,
+        dataset=dataset,
+        data_sha256=data * 32,
+        protocol=protocol,
+        split_index=split_index,
+        split_sha256=split * 32,
+        seed=seed,
+    )
+
+
+NOISE = cell(
+    *("knn", "kr10-twin", "3c", "sensor-noise", 1, "d4", 1),
+    model_params={"neighbours": 3, "weights": "uniform"},
+    dataset_params={"torques": "hook", "specimen": 9},
+    protocol_params={"levels": "0,1,5,20", "noise": 1.0, "bias": 0.0},
+    condition="noise x5",
+    rows_sha256="e5",
+)
 CELLS = (
-    Cell(
-        model="vjm",
-        model_params={},
-        dataset="kr10-twin",
-        dataset_params={},
-        data_sha256="0f" * 32,
-        protocol="holdout",
-        protocol_params={},
-        split_index=0,
-        split_sha256="a1" * 32,
-        seed=0,
-    ),
-    Cell(
-        model="gp",
+    cell("vjm", "kr10-twin", "0f", "holdout", 0, "a1", 0),
+    cell(
+        *("gp", "kr10-twin", "1e", "holdout", 0, "a1", 0),
         model_params={"kernel": "rbf", "ard": False, "restarts": 2},
-        dataset="kr10-twin",
         dataset_params={"specimen": 3},
-        data_sha256="1e" * 32,
-        protocol="holdout",
         protocol_params={"test_fraction": 0.2, "validation_fraction": 0.2},
-        split_index=0,
-        split_sha256="a1" * 32,
-        seed=0,
         coverage=0.9,
     ),
-    Cell(
-        model="ft-mlp",
+    cell(
+        *("ft-mlp", "fanuc-r2000ic", "2d", "kfold", 4, "b2", 7),
         model_params={"freeze": "layers:1,2", "epochs": None, "learning_rate": 1e-3},
-        dataset="fanuc-r2000ic",
-        dataset_params={},
-        data_sha256="2d" * 32,
-        protocol="kfold",
         protocol_params={"folds": 5},
-        split_index=4,
-        split_sha256="b2" * 32,
-        seed=7,
     ),
-    Cell(
-        model="mlp-pretrained",
+    cell(
+        *("mlp-pretrained", "fanuc-r2000ic", "2d", "leave-one-out", 42, "c3", 7),
         model_params={"recipe": "paper", "width": 380},
-        dataset="fanuc-r2000ic",
-        dataset_params={},
-        data_sha256="2d" * 32,
-        protocol="leave-one-out",
-        protocol_params={},
-        split_index=42,
-        split_sha256="c3" * 32,
-        seed=7,
         coverage=0.8,
     ),
     NOISE,
     replace(NOISE, split_sha256="f6" * 32, coverage=0.5, condition="noise x20"),
-    Cell(
-        model="dt-cnn",
+    cell(
+        *("dt-cnn", "kr10-twin", "4b", "cross-robot", 2, "07", 2**32 + 5),
         model_params={"alignment": "coral", "supervision": "none"},
-        dataset="kr10-twin",
         dataset_params={"specimen": 1},
-        data_sha256="4b" * 32,
-        protocol="cross-robot",
         protocol_params={"test_fraction": 0.25},
-        split_index=2,
-        split_sha256="07" * 32,
-        seed=2**32 + 5,
-        source_sha256="5a" * 32,
+        source_sha256="5a",
     ),
-    Cell(
-        model="vjm-gp",
+    cell(
+        *("vjm-gp", "my-robot-ü", "69", "sample-efficiency", 11, "18", 3),
         model_params={"physics": "vjm-full"},
-        dataset="my-robot-ü",
-        dataset_params={},
-        data_sha256="69" * 32,
-        protocol="sample-efficiency",
         protocol_params={"sizes": "10,20,40", "folds": 5},
-        split_index=11,
-        split_sha256="18" * 32,
-        seed=3,
         coverage=0.95,
         condition="n = 20",
     ),
-    Cell(
-        model="sklearn:ensemble.RandomForestRegressor",
+    cell(
+        *("sklearn:ensemble.RandomForestRegressor", "kr10-twin", "0f", "nested", 0, "29", 0),
         model_params={"n_estimators": 10, "max_depth": None, "bootstrap": True},
-        dataset="kr10-twin",
-        dataset_params={},
-        data_sha256="0f" * 32,
-        protocol="nested",
         protocol_params={"grid": "default", "search": "grid", "trials": 20, "inner_folds": 3},
-        split_index=0,
-        split_sha256="29" * 32,
-        seed=0,
     ),
-    Cell(
-        model="a-plugin",
+    cell(
+        *("a-plugin", "kr10-twin", "0f", "extrapolation-load", 9, "3a", 123),
         model_params={"members": 20, "angles": "sincos"},
-        dataset="kr10-twin",
-        dataset_params={},
-        data_sha256="0f" * 32,
-        protocol="extrapolation-load",
         protocol_params={"share": 0.8, "by": None},
-        split_index=9,
-        split_sha256="3a" * 32,
-        seed=123,
         coverage=0.9,
         condition="largest forces",
-        rows_sha256="4b" * 32,
-        source_sha256="5c" * 32,
+        rows_sha256="4b",
+        source_sha256="5c",
     ),
 )
 SEEDS = (

@@ -13,6 +13,8 @@ from stiff_protocols.contract.errors import ModelError, NotFittedError
 from stiff_protocols.contract.types import Samples
 from stiff_protocols.scoring.conformal import SplitConformal, calibration_samples_needed
 
+ONE, TWO = [(np.zeros((n, 6)), np.zeros((n, 6))) for n in (1, 2)]  # rows to predict
+
 
 class Rest(BaseEstimator):
     """Predicts no deflection, and remembers what it was given."""
@@ -43,7 +45,7 @@ def test_a_new_sample_lies_inside_as_often_as_exchangeability_promises(rng, cove
     inside = []
     for _ in range(400):
         model = fitted(samples(rng.uniform(-1, 1, (n_poses, 3))), coverage=coverage)
-        interval = model.predict_interval(np.zeros((1, 6)), np.zeros((1, 6)), coverage)
+        interval = model.predict_interval(*ONE, coverage)
         inside.append(interval.upper[0])  # of |error| uniform on 0..1: the probability itself
     n = len(model.residuals_)
     noise = 3 * np.std(inside) / np.sqrt(len(inside) * 3)
@@ -58,18 +60,18 @@ def test_a_sample_of_a_new_pose_lies_inside_although_errors_of_one_pose_are_alik
         error = np.repeat(rng.uniform(-1, 1, (12, 3)), 8, axis=0)
         model = fitted(samples(error, np.repeat(np.arange(12), 8)), coverage=0.8)
         assert len(model.residuals_) == 4
-        inside.append(model.predict_interval(np.zeros((1, 6)), np.zeros((1, 6)), 0.8).upper[0])
+        inside.append(model.predict_interval(*ONE, 0.8).upper[0])
     assert np.mean(inside) == pytest.approx(0.8, abs=3 * np.std(inside) / np.sqrt(1200))
 
 
 def test_the_interval_is_the_kth_smallest_error_about_the_copys_prediction(rng):
     model = fitted(samples(rng.normal(size=(42, 3))))
     assert len(model.residuals_) == 11  # a quarter of 42, rounded up; 0.9 needs 9
-    interval = model.predict_interval(np.zeros((2, 6)), np.zeros((2, 6)), 0.9)
+    interval = model.predict_interval(*TWO, 0.9)
     largest = np.sort(model.residuals_, axis=0)[10]  # ceil(0.9 * 12) = 11
     np.testing.assert_allclose(interval.upper, [largest, largest], rtol=1e-15)
     np.testing.assert_array_equal(interval.lower, -interval.upper)
-    half = model.predict_interval(np.zeros((1, 6)), np.zeros((1, 6)), 0.5)
+    half = model.predict_interval(*ONE, 0.5)
     np.testing.assert_array_equal(half.upper[0], np.sort(model.residuals_, axis=0)[5])
 
 
@@ -105,29 +107,9 @@ def test_a_finite_interval_needs_c_over_1_minus_c_samples(rng, coverage, needed)
     assert calibration_samples_needed(coverage) == needed
     model = fitted(samples(rng.normal(size=(2 * needed, 3))), coverage=coverage)
     assert len(model.residuals_) == needed  # half of the poses, where a quarter is too few
-    model.predict_interval(np.zeros((1, 6)), np.zeros((1, 6)), coverage)  # is finite
+    model.predict_interval(*ONE, coverage)  # is finite
     with pytest.raises(ModelError, match=f"needs at least {needed} calibration samples"):
         fitted(samples(rng.normal(size=(2 * needed - 1, 3))), coverage=coverage)
-
-
-def test_more_coverage_than_was_prepared_for_is_refused_with_what_it_needs(rng):
-    model = fitted(samples(rng.normal(size=(42, 3))))
-    with pytest.raises(ModelError, match=r"0\.95 needs at least 19 calibration samples, there are"):
-        model.predict_interval(np.zeros((1, 6)), np.zeros((1, 6)), 0.95)
-
-
-def test_a_model_that_predicts_nan_is_refused(rng):
-    class Nowhere(Rest):
-        def predict(self, q, wrench):
-            return np.full((len(q), 3), np.nan)
-
-    with pytest.raises(ModelError, match="not finite"):
-        SplitConformal(Nowhere()).fit(samples(rng.normal(size=(40, 3))), robot=None)
-
-
-def test_intervals_before_fit_are_refused():
-    with pytest.raises(NotFittedError, match="call fit"):
-        SplitConformal(Rest()).predict_interval(np.zeros((1, 6)), np.zeros((1, 6)), 0.9)
 
 
 def test_the_warning_filters_of_the_process_stay_as_they_are(rng, monkeypatch):
@@ -135,5 +117,19 @@ def test_the_warning_filters_of_the_process_stay_as_they_are(rng, monkeypatch):
         monkeypatch.delitem(sys.modules, name)  # it is their import that changes them
     before = list(warnings.filters)
     model = fitted(samples(rng.normal(size=(42, 3))))
-    model.predict_interval(np.zeros((1, 6)), np.zeros((1, 6)), 0.9)
+    model.predict_interval(*ONE, 0.9)
     assert warnings.filters == before
+
+
+def test_intervals_of_no_fit_of_more_coverage_and_of_nan_are_refused(rng):
+    class Nowhere(Rest):
+        def predict(self, q, wrench):
+            return np.full((len(q), 3), np.nan)
+
+    train = samples(rng.normal(size=(42, 3)))
+    with pytest.raises(NotFittedError, match="call fit"):
+        SplitConformal(Rest()).predict_interval(*ONE, 0.9)
+    with pytest.raises(ModelError, match="not finite"):
+        SplitConformal(Nowhere()).fit(train, robot=None)
+    with pytest.raises(ModelError, match=r"0\.95 needs at least 19 calibration samples, there are"):
+        fitted(train).predict_interval(*ONE, 0.95)

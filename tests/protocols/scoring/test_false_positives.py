@@ -13,14 +13,20 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from stiff_bench.analysis.comparison import (
+from stiff_bench.analysis.verdict import (
     Question,
+    SharedErrors,
     decide,
+    decide_pairs,
     estimates_over_poses,
     estimates_over_splits,
 )
 from stiff_protocols.contract.types import Samples
-from stiff_protocols.scoring.bootstrap import bootstrap_difference, pose_errors
+from stiff_protocols.scoring.bootstrap import (
+    bootstrap_difference,
+    pose_errors,
+    resampled_means,
+)
 from stiff_protocols.scoring.paired import LEVEL, corrected_t
 from stiff_protocols.splits.random_splits import Holdout
 
@@ -165,29 +171,50 @@ def fits_that_start_anew(rng, rows):
     return [np.abs(noise + (inputs @ one)[..., 0]) for one in starts]
 
 
-def verdict_on(a, b, rows):
+def verdict_of_compare(a, b, rows):
     """Return what `bench compare` prints for (splits, tested poses) errors of A and of B."""
     differences = (a - b).mean(axis=1)[:, None]
     estimates = estimates_over_splits(differences, rows.shape[1] / N_POSES, Question())
-    if decide(estimates, 1.0 - LEVEL) not in ("a", "b"):
+    if decide(estimates, 1.0 - LEVEL).verdict not in ("a", "b"):
         return "open"  # another estimate makes no winner, and saves 20 ms here
     poses = rows.ravel().astype(str)
     of_a, of_b = (pose_errors(poses, one.reshape(-1, 1)) for one in (a, b))
-    return decide([*estimates, *estimates_over_poses(of_a, of_b, Question())], 1.0 - LEVEL)
+    estimates += estimates_over_poses(of_a, of_b, Question())
+    return decide(estimates, 1.0 - LEVEL).verdict
+
+
+def verdicts_of_compare(a, b, rows):
+    """Return a verdict for each of the (data sets, splits, tested poses) errors."""
+    return [verdict_of_compare(*pair, rows) for pair in zip(a, b, strict=True)]
+
+
+def verdicts_of_leaderboard(a, b, rows):
+    """Return the same by the rule of leaderboard and report, each data set a pair of its own."""
+    poses = rows.ravel().astype(str)
+    of_poses = [pose_errors(poses, one.reshape(-1, 1)) for one in (*a, *b)]
+    errors = SharedErrors(
+        of_splits=np.concatenate([a, b]).mean(axis=2).T,
+        test_share=rows.shape[1] / N_POSES,
+        of_poses=of_poses,
+        drawn=resampled_means(of_poses),
+    )
+    pairs = [(column, len(a) + column) for column in range(len(a))]
+    decisions = decide_pairs(errors, pairs, Question(), correct=False)
+    return [decision.verdict for decision in decisions]
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("verdicts_of", [verdicts_of_compare, verdicts_of_leaderboard])
 @pytest.mark.parametrize("errors_of", [least_squares_fits, fits_that_start_anew])
-def test_over_five_splits_the_printed_verdict_has_a_winner_in_at_most_6_of_100(errors_of):
+def test_over_five_splits_a_verdict_has_a_winner_in_at_most_6_of_100(errors_of, verdicts_of):
     rng = np.random.default_rng(3)
     rates = []
     for seed in range(16):
         rows = drawn_test_rows(5, seed)
-        a, b = errors_of(rng, rows)
-        verdicts = [verdict_on(*pair, rows) for pair in zip(a, b, strict=True)]
+        verdicts = verdicts_of(*errors_of(rng, rows), rows)
         rates.append(np.mean([verdict in ("a", "b") for verdict in verdicts]))
     rate, error = np.mean(rates), np.std(rates, ddof=1) / 4
-    print(f"printed verdict, 5 splits, {errors_of.__name__}: {rate:.4f} +- {error:.4f}")
+    print(f"{verdicts_of.__name__}, 5 splits, {errors_of.__name__}: {rate:.4f} +- {error:.4f}")
     assert rate + 2 * error < ALLOWED
     assert rate > 0.005  # a verdict that finds nothing would pass the line above
 

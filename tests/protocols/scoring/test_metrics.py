@@ -30,23 +30,21 @@ def whole(key, prediction):
     return metric(key).values(prediction)[""]
 
 
-def test_mae_is_the_mean_absolute_error_of_each_axis(prediction):
-    assert metric("mae").values(prediction) == {"x": 2.0, "y": 2.0, "z": 2.0}
-
-
-def test_stde_is_the_population_deviation_of_the_absolute_error(prediction):
-    # of the signed errors it would be 2, 0, 2; with n - 1 it would be sqrt(2), 0, sqrt(8)
-    assert by_axis("stde", prediction) == [1.0, 0.0, 2.0]
-
-
-def test_me_is_the_largest_absolute_error(prediction):
-    assert by_axis("me", prediction) == [3.0, 2.0, 4.0]
-
-
-def test_rmse_median_and_p95_are_of_the_absolute_errors(prediction):
-    assert by_axis("rmse", prediction) == pytest.approx([5**0.5, 2.0, 8**0.5])
-    assert by_axis("median", prediction) == [2.0, 2.0, 2.0]
-    assert by_axis("p95", prediction) == pytest.approx([2.9, 2.0, 3.8])
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [
+        ("mae", [2.0, 2.0, 2.0]),
+        # of the signed errors it would be 2, 0, 2; with n - 1 it would be sqrt(2), 0, sqrt(8)
+        ("stde", [1.0, 0.0, 2.0]),
+        ("me", [3.0, 2.0, 4.0]),
+        ("rmse", [5**0.5, 2.0, 8**0.5]),
+        ("median", [2.0, 2.0, 2.0]),
+        ("p95", [2.9, 2.0, 3.8]),
+    ],
+)
+def test_metrics_of_an_axis_are_of_its_absolute_errors(prediction, key, values):
+    found = metric(key).values(prediction)
+    assert found == pytest.approx(dict(zip("xyz", values, strict=True)))
 
 
 def test_r2_agrees_with_scikit_learn_and_is_absent_where_nothing_varies(rng):
@@ -86,11 +84,8 @@ def test_coverage_and_width_are_of_each_axis_and_the_bounds_are_inside(predictio
     judged = replace(prediction, interval=Interval(lower, upper, 0.9))
     assert by_axis("coverage", judged) == [1.0, 0.0, 0.5]
     assert by_axis("width", judged) == [2.5, 2.0, 4.0]
-
-
-@pytest.mark.parametrize("key", ["coverage", "width"])
-def test_a_metric_of_intervals_has_no_value_without_them(prediction, key):
-    assert metric(key).needs_interval and metric(key).values(prediction) == {}
+    for key in ("coverage", "width"):
+        assert metric(key).needs_interval and metric(key).values(prediction) == {}
 
 
 @pytest.mark.parametrize(
@@ -104,10 +99,7 @@ def test_costs_are_read_off_and_absent_where_they_are_not_known(prediction, key,
     assert metric("memory").values(prediction, replace(cost, memory_bytes=None)) == {}
 
 
-def test_an_unknown_metric_is_refused_with_the_nearest_one():
+def test_a_metric_is_found_by_its_key_and_an_unknown_one_refused_with_the_nearest():
+    assert all(key == entry.key for key, entry in METRICS.items())
     with pytest.raises(ConfigError, match="unknown metric 'stda'; did you mean 'stde'"):
         metric("stda")
-
-
-def test_every_metric_is_registered_under_its_own_key():
-    assert all(key == entry.key for key, entry in METRICS.items())

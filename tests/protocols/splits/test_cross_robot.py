@@ -2,32 +2,16 @@
 
 from __future__ import annotations
 
-import numpy as np
-import pytest
-
+from made_samples import unloaded
 from stiff_protocols.contract.interfaces import NamesSources
-from stiff_protocols.contract.types import Samples
 from stiff_protocols.splits.cross_robot import OWN, CrossRobot
 from stiff_protocols.splits.random_splits import Holdout
 
 
-@pytest.fixture(scope="module")
-def samples() -> Samples:
-    n = 40
-    return Samples(
-        q=np.zeros((n, 6)),
-        wrench=np.zeros((n, 6)),
-        deflection=np.zeros((n, 3)),
-        pose_id=np.repeat([f"p{i}" for i in range(n // 2)], 2),
-        load_id=np.tile(["l0", "l1"], n // 2),
-        group=np.full(n, "all"),
-    )
-
-
-def test_each_of_holdouts_divisions_stands_under_both_conditions(samples):
+def test_each_of_holdouts_divisions_stands_under_both_conditions():
     options = {"test_fraction": 0.3, "validation_fraction": 0.25}
-    divisions = Holdout(**options).splits(samples, n_splits=3, seed=5)
-    splits = CrossRobot(source="ur5-twin", **options).splits(samples, n_splits=3, seed=5)
+    divisions = Holdout(**options).splits(unloaded(20, 2), n_splits=3, seed=5)
+    splits = CrossRobot(source="ur5-twin", **options).splits(unloaded(20, 2), n_splits=3, seed=5)
     for condition in (OWN, "source ur5-twin"):
         of_it = [split for split in splits if split.condition == condition]
         assert [split.index for split in of_it] == [0, 1, 2]
@@ -35,9 +19,9 @@ def test_each_of_holdouts_divisions_stands_under_both_conditions(samples):
     assert len(splits) == 6
 
 
-def test_one_condition_alone_has_a_foreign_source_and_the_protocol_announces_it(samples):
+def test_one_condition_alone_has_a_foreign_source_and_the_protocol_announces_it():
     protocol = CrossRobot(source="kr10-twin@specimen=3")
-    own, foreign = protocol.splits(samples, n_splits=None, seed=0)
+    own, foreign = protocol.splits(unloaded(20, 2), n_splits=None, seed=0)
     assert own.source == "" and foreign.source == "kr10-twin@specimen=3"
     assert isinstance(protocol, NamesSources)
     assert list(protocol.source_datasets()) == [foreign.source]

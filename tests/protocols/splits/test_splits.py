@@ -9,8 +9,12 @@ import numpy as np
 import pytest
 from sklearn.model_selection import GroupShuffleSplit
 
+from made_samples import assert_no_pose_is_parted, unloaded
+from stiff_datasets.twin.kr10_twin import Kr10TwinMultiload
+from stiff_protocols.catalog import PROTOCOLS
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.types import Samples, Split
+from stiff_protocols.contract.interfaces import DividesByRobot
+from stiff_protocols.contract.types import Split
 from stiff_protocols.splits.checks import first_fault
 from stiff_protocols.splits.generators import LazySplits, inner_validation
 from stiff_protocols.splits.random_splits import (
@@ -21,81 +25,91 @@ from stiff_protocols.splits.random_splits import (
     RepeatedHoldout,
 )
 from stiff_protocols.splits.sample_efficiency import SampleEfficiency
-
-
-def samples_with(n_poses: int, loads: int) -> Samples:
-    n = n_poses * loads
-    return Samples(
-        q=np.zeros((n, 6)),
-        wrench=np.zeros((n, 6)),
-        deflection=np.zeros((n, 3)),
-        pose_id=np.repeat([f"p{i}" for i in range(n_poses)], loads),
-        load_id=np.tile([f"l{i}" for i in range(loads)], n_poses),
-        group=np.full(n, "all"),
-    )
-
+from stiff_protocols.splits.sensor_noise import SensorNoise
 
 BY_POSE = [Holdout(), RepeatedHoldout(), KFold(), LeaveOneOut()]
+DRAWN = [info for info in PROTOCOLS if info.key not in ("leave-one-out", "kfold")]
+
+
+@pytest.fixture(scope="module")
+def twin():
+    """Five loads at each of 151 poses in two groups: what every protocol can divide."""
+    return Kr10TwinMultiload().load()
+
+
+def divided(info, data, **how):
+    protocol = info.load()()
+    if isinstance(protocol, DividesByRobot):
+        protocol.use_robot(data.robot)
+    return protocol.splits(data.samples, **how)
+
+
+@pytest.mark.parametrize("info", PROTOCOLS, ids=lambda info: info.key)
+def test_no_shipped_protocol_parts_a_pose_or_tests_a_row_that_was_learned_from(info, twin):
+    splits = [*divided(info, twin, n_splits=None, seed=3)][:40]
+    if info.key == "paper-holdout":  # its validation rows are test rows, as it says
+        splits = [replace(split, validation=split.train[:0]) for split in splits]
+    assert_no_pose_is_parted(twin.samples, splits)
+
+
+@pytest.mark.parametrize("info", DRAWN, ids=lambda info: info.key)
+def test_the_same_seed_gives_the_same_splits_and_another_seed_others(info, twin):
+    first, again, other = (
+        [split.sha256 for split in divided(info, twin, n_splits=2, seed=seed)] for seed in (1, 1, 2)
+    )
+    assert first == again and not set(first) & set(other)
+    drawn_once = 2 if info.key == "cross-robot" else 1  # each division has two conditions
+    assert len(set(first)) * drawn_once == len(first)
 
 
 @pytest.mark.parametrize("protocol", BY_POSE)
-def test_no_pose_stands_on_two_sides_of_a_split(protocol):
-    samples = samples_with(20, 5)
-    for split in protocol.splits(samples, n_splits=None, seed=3):
-        parts = [set(samples.pose_id[rows]) for rows in (split.train, split.validation, split.test)]
-        assert all(parts)
-        assert sum(map(len, parts)) == len(set.union(*parts)) == 20
-
-
-@pytest.mark.parametrize("protocol", BY_POSE)
-def test_every_row_stands_in_exactly_one_part(protocol):
-    for split in protocol.splits(samples_with(20, 2), n_splits=None, seed=0):
-        rows = np.concatenate([split.train, split.validation, split.test])
-        np.testing.assert_array_equal(np.sort(rows), np.arange(40))
+def test_every_row_stands_in_exactly_one_part_and_no_part_is_empty(protocol):
+    for split in protocol.splits(unloaded(20, 2), n_splits=None, seed=0):
+        parts = split.train, split.validation, split.test
+        assert all(map(len, parts))
+        np.testing.assert_array_equal(np.sort(np.concatenate(parts)), np.arange(40))
 
 
 def test_holdout_tests_a_fifth_of_the_poses_and_validates_on_a_fifth_of_the_rest():
-    (split,) = Holdout().splits(samples_with(150, 1), n_splits=1, seed=0)
+    (split,) = Holdout().splits(unloaded(150), n_splits=1, seed=0)
     assert [len(split.train), len(split.validation), len(split.test)] == [96, 24, 30]
 
 
 def test_leave_one_out_tests_every_pose_once_in_the_order_of_the_data():
-    splits = LeaveOneOut().splits(samples_with(12, 1), n_splits=None, seed=0)
+    splits = LeaveOneOut().splits(unloaded(12), n_splits=None, seed=0)
     assert [int(split.test[0]) for split in splits] == list(range(12))
 
 
 def test_paper_holdout_validates_on_its_test_rows_and_says_so():
     protocol = PaperHoldout()
-    (split,) = protocol.splits(samples_with(151, 1), n_splits=None, seed=0)
+    (split,) = protocol.splits(unloaded(151), n_splits=None, seed=0)
     assert protocol.selects_on_test
     np.testing.assert_array_equal(split.validation, split.test)
     assert not set(split.train) & set(split.test)
     assert len(split.test) == 31
 
 
-@pytest.mark.parametrize("protocol", [Holdout(), RepeatedHoldout(), KFold(folds=3), PaperHoldout()])
-def test_the_same_seed_gives_the_same_splits_and_another_seed_others(protocol):
-    samples = samples_with(50, 1)
-    first, again = (protocol.splits(samples, n_splits=3, seed=7) for _ in range(2))
-    other = protocol.splits(samples, n_splits=3, seed=8)
-    assert [s.sha256 for s in first] == [s.sha256 for s in again]
-    assert not {s.sha256 for s in first} & {s.sha256 for s in other}
-    assert len({s.sha256 for s in first}) == 3
-
-
-def test_a_number_of_splits_is_refused_where_the_poses_give_it():
-    with pytest.raises(ConfigError, match="one split a pose"):
-        LeaveOneOut().splits(samples_with(10, 1), n_splits=2, seed=0)
-
-
-@pytest.mark.parametrize("protocol", [*BY_POSE, PaperHoldout()])
-def test_too_few_poses_are_refused_with_their_number(protocol):
-    with pytest.raises(ConfigError, match="cannot be divided"):
-        protocol.splits(samples_with(1, 1), n_splits=None, seed=0)
+@pytest.mark.parametrize(
+    ("protocol", "n_poses", "n_splits", "message"),
+    [
+        *((protocol, 1, None, "1 samples of .* cannot be divided") for protocol in BY_POSE),
+        (PaperHoldout(), 1, None, "cannot be divided"),
+        (SensorNoise(), 1, None, "1 samples of 1 poses cannot be divided"),
+        (KFold(), 4, 5, "4 samples of 4 poses cannot be divided"),
+        (KFold(folds=3), 10, 4, r"--splits 4: kfold has 3 splits.*kfold@folds=4"),
+        (LeaveOneOut(), 10, 2, "one split a pose"),
+        (SampleEfficiency(), 4, None, "4 poses cannot be divided with test_fraction"),
+        (SampleEfficiency(test_fraction=0.5), 2, None, "2 poses cannot be divided with test_frac"),
+        (SampleEfficiency(), 1, None, "1 poses cannot be divided with test_fraction"),
+    ],
+)
+def test_what_the_poses_do_not_allow_is_refused_with_numbers(protocol, n_poses, n_splits, message):
+    with pytest.raises(ConfigError, match=message):
+        protocol.splits(unloaded(n_poses), n_splits=n_splits, seed=0)
 
 
 def test_repeated_holdout_begins_with_holdouts_splits_and_has_fifteen_unless_told_otherwise():
-    samples = samples_with(30, 2)
+    samples = unloaded(30, 2)
     repeated = RepeatedHoldout().splits(samples, n_splits=None, seed=4)
     plain = Holdout().splits(samples, n_splits=3, seed=4)
     assert [s.sha256 for s in repeated[:3]] == [s.sha256 for s in plain]
@@ -108,28 +122,17 @@ def test_repeated_holdout_begins_with_holdouts_splits_and_has_fifteen_unless_tol
 
 
 def test_kfold_tests_every_pose_once_in_folds_of_about_one_size():
-    samples = samples_with(23, 2)
+    samples = unloaded(23, 2)
     splits = KFold().splits(samples, n_splits=None, seed=0)
     tested = np.concatenate([split.test for split in splits])
     np.testing.assert_array_equal(np.sort(tested), np.arange(46))
     assert sorted(len(split.test) // 2 for split in splits) == [4, 4, 5, 5, 5]
-    assert len(KFold(folds=3).splits(samples, n_splits=None, seed=0)) == 3
-
-
-def test_kfold_with_other_folds_is_another_protocol_so_splits_must_be_its_folds():
-    samples = samples_with(10, 1)
-    assert len(KFold(folds=3).splits(samples, n_splits=3, seed=0)) == 3
-    with pytest.raises(ConfigError, match=r"--splits 4: kfold has 3 splits.*kfold@folds=4"):
-        KFold(folds=3).splits(samples, n_splits=4, seed=0)
-
-
-def test_fewer_poses_than_folds_are_refused_with_their_number():
-    with pytest.raises(ConfigError, match="8 samples of 4 poses cannot be divided"):
-        KFold().splits(samples_with(4, 2), n_splits=5, seed=0)
+    for asked in (None, 3):
+        assert len(KFold(folds=3).splits(samples, n_splits=asked, seed=0)) == 3
 
 
 def test_splits_that_differ_in_sensor_errors_alone_have_other_hashes_and_the_same_rows():
-    samples = samples_with(10, 1)
+    samples = unloaded(10)
     (split,) = Holdout().splits(samples, n_splits=1, seed=0)
     error = np.full((len(split.test), 6), 0.5)
     noisy, again = (replace(split, wrench_error=error.copy()) for _ in range(2))
@@ -173,7 +176,7 @@ def test_splits_that_keep_the_rules_have_no_fault_and_selecting_on_test_can_be_d
 
 
 def test_the_inner_part_is_that_of_scikit_learns_splitter():
-    samples = samples_with(23, 3)
+    samples = unloaded(23, 3)
     train = np.random.default_rng(0).permutation(69)[:50]
     for seed, fraction in ((0, 0.2), (5, 0.5), (2**32 - 1, 0.07)):
         found = inner_validation(samples, train, fraction, seed)
@@ -185,7 +188,7 @@ def test_the_inner_part_is_that_of_scikit_learns_splitter():
 
 def test_a_fraction_that_leaves_no_pose_to_fit_to_is_refused():
     with pytest.raises(ConfigError, match=r"validation_fraction: 0\.99"):
-        inner_validation(samples_with(3, 2), np.arange(6), 0.99, 0)
+        inner_validation(unloaded(3, 2), np.arange(6), 0.99, 0)
 
 
 def test_lazy_splits_are_computed_when_they_are_looked_at_and_are_the_same_every_time():
@@ -211,5 +214,5 @@ def test_lazy_splits_are_computed_when_they_are_looked_at_and_are_the_same_every
     "protocol", [Holdout(), KFold(), LeaveOneOut(), PaperHoldout(), SampleEfficiency(sizes="5,9")]
 )
 def test_protocols_say_how_many_splits_they_make(protocol):
-    splits = protocol.splits(samples_with(20, 2), n_splits=None, seed=0)
+    splits = protocol.splits(unloaded(20, 2), n_splits=None, seed=0)
     assert isinstance(splits, LazySplits) and len(splits) == len(list(splits))

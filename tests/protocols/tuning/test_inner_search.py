@@ -118,6 +118,7 @@ def test_a_candidate_that_chooses_no_epoch_learns_from_the_validation_rows(sampl
     chosen(search, train, validation)
     sizes = {(params["epochs"], len(fit), len(poses(chooses))) for params, fit, chooses, _ in FITS}
     assert sizes >= {(True, 16, 2), (False, 20, 0)}  # 10 of 15 poses with two rows
+    assert search.chooses_epoch()  # one of them does
     search.set_params(grid={"epochs": (False,)})
     chosen(search, train, validation)
     _, last, nothing, _ = FITS[-1]
@@ -137,28 +138,30 @@ def test_the_first_of_equally_good_candidates_is_chosen(samples):
 
 def test_the_same_seed_divides_and_chooses_alike(samples):
     train = samples(0, 15)
+    largest = 2**32 - 1  # that a cell can have
     scores = [
         InnerSearch(Shifted(), {"level": (2.9, 3.0)}).fit(train, robot=None, seed=seed).scores_
-        for seed in (1, 1, 2)
+        for seed in (1, 1, largest)
     ]
     assert scores[0] == scores[1] != scores[2]
 
 
-def test_the_largest_seed_that_a_cell_can_have_is_taken(samples):
-    chosen(InnerSearch(Shifted(), {"level": (1.0, 2.0)}), samples(0, 12), seed=2**32 - 1)
-
-
-def test_a_candidate_that_fails_is_left_out_and_that_is_said(samples):
-    search = InnerSearch(Shifted(), {"level": (-1.0, 5.0)})
-    with pytest.warns(StiffBenchWarning, match="level=-1.0 left out: ValueError: level -1 is neg"):
-        assert chosen(search, samples(0, 12)) == {"level": 5.0}
-    assert [tried.failure != "" for tried in search.scores_] == [True, False]
-
-
-def test_a_candidate_whose_predictions_are_none_is_left_out(samples):
-    search = InnerSearch(Shifted(), {"level": (np.inf, 5.0)})
-    with pytest.warns(StiffBenchWarning, match="level=inf left out: .*not finite"):
-        assert chosen(search, samples(0, 12)) == {"level": 5.0}
+@pytest.mark.parametrize(
+    ("wrong", "search", "message"),
+    [
+        (-1.0, "grid", "level=-1.0 left out: ValueError: level -1 is neg"),
+        (np.inf, "grid", "level=inf left out: .*not finite"),
+        (-1.0, "optuna", "level=-1.0 left out"),
+    ],
+)
+def test_a_candidate_that_fails_is_left_out_and_that_is_said(wrong, search, message, samples):
+    tuned = InnerSearch(Shifted(), {"level": (wrong, 5.0)}, search=search, trials=6, folds=2)
+    with pytest.warns(StiffBenchWarning, match=message):
+        assert chosen(tuned, samples(0, 12)) == {"level": 5.0}
+    assert {tried.params["level"]: tried.failure != "" for tried in tuned.scores_} == {
+        wrong: True,
+        5.0: False,
+    }
 
 
 def test_when_every_candidate_fails_so_does_the_fit_with_the_firsts_reason(samples):
@@ -177,11 +180,6 @@ def test_with_nothing_to_choose_the_model_is_fitted_once_and_marked(samples):
     assert search.diagnostics_ == {"level": 7.0}
 
 
-def test_too_few_poses_for_the_folds_are_refused(samples):
-    with pytest.raises(ConfigError, match="4 samples of 2 poses"):
-        chosen(InnerSearch(Shifted(), {"level": (1.0,)}), samples(0, 2))
-
-
 def test_a_drawn_search_comes_near_the_best_value_and_repeats_itself(samples):
     train = samples(0, 12)
     grid = {"level": Range(0.0, 10.0), "other": ("a", "b")}
@@ -196,60 +194,57 @@ def test_a_drawn_search_comes_near_the_best_value_and_repeats_itself(samples):
     assert all(float(f"{level:.3g}") == level for level in tried)
 
 
-def test_a_range_of_whole_numbers_draws_whole_numbers_and_each_candidate_is_fitted_once(samples):
+def test_ranges_draw_whole_numbers_or_powers_within_their_ends_and_fit_each_candidate_once(samples):
+    grid = {"level": Range(1, 4), "other": Range(1e-4, 1e-2, log=True)}
     search = InnerSearch(Shifted(), {"level": Range(1, 4)}, search="optuna", trials=12, folds=2)
     assert chosen(search, samples(0, 12)) == {"level": 3}
     levels = [tried.params["level"] for tried in search.scores_]
     assert len(levels) == len(set(levels)) <= 4 and {type(level) for level in levels} == {int}
     assert len(FITS) == 2 * len(levels) + 1
+    chosen(search.set_params(grid=grid), samples(0, 12))
+    others = np.array([tried.params["other"] for tried in search.scores_])
+    assert 1e-4 <= others.min() < 1e-3 < others.max() <= 1e-2
 
 
-def test_a_range_on_a_logarithmic_scale_stays_within_its_ends(samples):
-    grid = {"level": Range(1e-4, 1e-2, log=True)}
-    search = InnerSearch(Shifted(), grid, search="optuna", trials=12, folds=2)
-    chosen(search, samples(0, 12))
-    levels = np.array([tried.params["level"] for tried in search.scores_])
-    assert 1e-4 <= levels.min() < 1e-3 < levels.max() <= 1e-2
+@pytest.mark.parametrize(
+    ("model", "grid", "message"),
+    [
+        (Shifted(), {"level": Range(0.0, 1.0)}, "level is a range, which search=grid cannot try"),
+        (
+            FtMlp(device="cpu"),
+            {"freeze": ("full", "layers:9")},
+            r"^freeze=layers:9: .*'9' is no layer",
+        ),
+        (
+            DtCnn(device="cpu"),
+            {"supervision": ("none", "fine-tune")},
+            "no one contest.*target labels not trained on",
+        ),
+    ],
+    ids=["range", "options", "regimes"],
+)
+def test_candidates_that_make_no_search_are_refused_before_any_fit(model, grid, message):
+    with pytest.raises(ConfigError, match=message):
+        InnerSearch(model, grid).check_params()
 
 
-def test_a_drawn_candidate_that_fails_is_left_out(samples):
-    grid = {"level": (-1.0, 5.0)}
-    search = InnerSearch(Shifted(), grid, search="optuna", trials=6, folds=2)
-    with pytest.warns(StiffBenchWarning, match="left out"):
-        assert chosen(search, samples(0, 12)) == {"level": 5.0}
-
-
-def test_a_range_cannot_be_tried_through():
-    with pytest.raises(ConfigError, match="level is a range, which search=grid cannot try"):
-        InnerSearch(Shifted(), {"level": Range(0.0, 1.0)}).check_params()
-
-
-def test_candidates_that_do_not_fit_together_are_refused_before_any_fit():
-    search = InnerSearch(FtMlp(device="cpu"), {"freeze": ("full", "layers:9")})
-    with pytest.raises(ConfigError, match=r"^freeze=layers:9: .*'9' is no layer"):
-        search.check_params()
-
-
-def test_candidates_of_two_regimes_are_no_one_contest():
-    search = InnerSearch(DtCnn(device="cpu"), {"supervision": ("none", "fine-tune")})
-    with pytest.raises(ConfigError, match=r"no one contest.*target labels not trained on"):
-        search.check_params()
-    assert search.chooses_epoch()  # one of them does
-
-
-def test_without_optuna_the_error_says_how_to_get_it(monkeypatch):
-    monkeypatch.setitem(sys.modules, "optuna", None)
-    with pytest.raises(
-        ConfigError, match=r"needs the package optuna: pip install 'stiffbench\[tun"
-    ):
-        InnerSearch(Shifted(), {"level": (1.0,)}, search="optuna").check_params()
-    InnerSearch(Shifted(), {"level": (1.0,)}).check_params()
-    InnerSearch(Shifted(), {}, search="optuna").check_params()  # there is nothing to search
-
-
-def test_predicting_before_the_fit_is_refused():
+def test_what_comes_before_the_fit_or_from_too_few_poses_is_refused(samples):
     with pytest.raises(NotFittedError, match="call fit before predict"):
         InnerSearch(Shifted(), {}).predict(np.zeros((1, 6)), np.zeros((1, 6)))
+    with pytest.raises(ConfigError, match="4 samples of 2 poses"):
+        chosen(InnerSearch(Shifted(), {"level": (1.0,)}), samples(0, 2))
+
+
+@pytest.mark.parametrize("search", ["grid", "optuna"])
+def test_without_optuna_the_error_says_how_to_get_it(search, samples, monkeypatch):
+    monkeypatch.setitem(sys.modules, "optuna", None)
+    tuned = InnerSearch(Shifted(), {"level": (1.0,)}, search=search)
+    wanted = r"needs the package optuna: pip install 'stiffbench\[tun"
+    with pytest.raises(ConfigError, match=wanted):
+        tuned.check_params()
+    with pytest.raises(ConfigError, match=wanted):
+        chosen(tuned, samples(0, 12))
+    InnerSearch(Shifted(), {}, search=search).check_params()  # there is nothing to search
 
 
 def test_it_keeps_the_contract_of_models_but_for_what_it_is_there_for():

@@ -1,4 +1,4 @@
-"""How models stand in one contest: their ranks, and who is like the best."""
+"""The ranks of models in one contest: who takes part, with which scores, who is like the best."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from stiff_bench.analysis.collected import Competitor, Contest, split_sizes
 from stiff_bench.analysis.sort_key import SortKey
+from stiff_bench.analysis.verdict import Question, SharedErrors, decide_pairs
 from stiff_bench.store.database import read_data
 from stiff_bench.store.names import ContestName, grouped
 from stiff_bench.store.newest import Slot
@@ -22,19 +23,20 @@ from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray, IntArray, TextArray
 from stiff_protocols.scoring.bootstrap import PoseErrors, resampled_means
-from stiff_protocols.scoring.paired import LEVEL, corrected_t, holm, ranked, wilcoxon_signed_rank
+from stiff_protocols.scoring.paired import ROPE_M, ranked
 
 NOT_RUN = "not run"
 NOT_FINISHED = "run not finished"
 
 
 @dataclass(frozen=True, eq=False)
-class Field:
-    """Who takes part in a contest.
+class ScoredContest:
+    """A contest with the scores of those who take part in it.
 
     Attributes:
         contest: the stored results.
         slots: the splits that all who take part have; no other counts.
+        results: model that takes part -> its results on these splits, in order.
         scores: model -> (J,) its value on each of these splits, in the metric's unit; one value
             where the protocol scores all splits together.
         missing: model -> why it has no score.
@@ -42,6 +44,7 @@ class Field:
 
     contest: Contest
     slots: tuple[Slot, ...]
+    results: Mapping[str, Sequence[CellResult]]
     scores: Mapping[str, FloatArray]
     missing: Mapping[str, str]
 
@@ -53,10 +56,6 @@ class Field:
     def mean(self, model: str) -> float:
         """Return a model's mean over the splits, in the metric's unit."""
         return float(self.scores[model].mean())
-
-    def results(self, model: str) -> list[CellResult]:
-        """Return a model's results on the splits that count."""
-        return self.contest.results(model, self.slots)
 
     def failed(self, model: str) -> str:
         """Return "FAILED" or "SKIPPED" where a model was run and gave no result; else ""."""
@@ -83,9 +82,9 @@ class Field:
         )
 
 
-def field_of(
+def scored_contest(
     contest: Contest, models: Sequence[str], key: SortKey, asked: Set[str] = frozenset()
-) -> Field:
+) -> ScoredContest:
     """Return who of the models takes part, and with which scores.
 
     A model that was asked for fewer splits, and has them all, takes part, and only the splits that
@@ -101,32 +100,33 @@ def field_of(
     Raises:
         StoreError: two models have no split in common.
     """
-    whole = {
-        model: key.of_splits(contest.results(model))
+    results: dict[str, Sequence[CellResult]] = {
+        model: contest.results(model)
         for model in models
         if model in contest.competitors and not contest.competitors[model].failures
     }
+    scores = {model: key.of_splits(of_model) for model, of_model in results.items()}
     missing = {
-        model: reason for model in models if (reason := _why_missing(contest, model, whole, key))
+        model: reason for model in models if (reason := _why_missing(contest, model, scores, key))
     }
     missing |= _unfinished(contest, [model for model in models if model not in missing], asked)
     present = [model for model in models if model not in missing]
     slots = tuple(contest.shared_slots(present)) if present else ()
     if present and not slots:
         _refuse(contest, present)
-    found = {
-        model: whole[model]
-        if len(slots) == len(contest.competitors[model].done)
-        else key.of_splits(contest.results(model, slots))
-        for model in present
-    }
-    scores = {model: values for model, values in found.items() if values is not None}
-    return Field(contest, slots, scores, missing)
+    for model in present:
+        if len(results[model]) > len(slots):
+            results[model] = contest.results(model, slots)
+            scores[model] = key.of_splits(results[model])
+    known = {model: values for model in present if (values := scores[model]) is not None}
+    return ScoredContest(
+        contest, slots, {model: results[model] for model in present}, known, missing
+    )
 
 
-def complete_models(fields: Sequence[Field]) -> tuple[str, ...]:
+def complete_models(contests: Sequence[ScoredContest]) -> tuple[str, ...]:
     """Return the models that have a score in all of these contests, in the order of their names."""
-    return tuple(sorted(set.intersection(*(set(field.scores) for field in fields))))
+    return tuple(sorted(set.intersection(*(set(one.scores) for one in contests))))
 
 
 def _why_missing(
@@ -171,6 +171,8 @@ def _why_unfinished(contest: Contest, competitor: Competitor, asked: Set[str]) -
 
 def _asked_for_more(contest: Contest, competitor: Competitor, asked: Set[str]) -> bool:
     """Say whether a model was to be run on more of the others' splits and was not."""
+    if len(competitor.done) == len(contest.slots):
+        return False
     own = {result.cell.coverage: result.cell for result in competitor.done.values()}
     return any(
         replace(cell, split_index=slot[0], split_sha256=slot[1], rows_sha256=rows_sha256).key
@@ -194,18 +196,18 @@ BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class Standing:
-    """How some models stand in a contest; all of them take part in it.
+class Ranking:
+    """The ranks of some models in a contest; all of them take part in it.
 
     Attributes:
-        field: the contest.
+        scored: the contest.
         models: in the order of the arrays.
         key: what they are ranked by.
         data: the samples of the contest's data set.
         seed: of the draws of poses.
     """
 
-    field: Field
+    scored: ScoredContest
     models: tuple[str, ...]
     key: SortKey
     data: StoredData
@@ -214,7 +216,7 @@ class Standing:
     @cached_property
     def scores(self) -> FloatArray:
         """The (m,) means over the splits, in the metric's unit."""
-        return np.array([self.field.mean(model) for model in self.models])
+        return np.array([self.scored.mean(model) for model in self.models])
 
     @cached_property
     def ranks(self) -> FloatArray:
@@ -239,7 +241,7 @@ class Standing:
         return [self._errors_of(model, poses, pose_of_row) for model in self.models]
 
     def _errors_of(self, model: str, poses: TextArray, pose_of_row: IntArray) -> PoseErrors:
-        found = pooled_prediction(self.field.results(model))
+        found = pooled_prediction(self.scored.results[model])
         pose, errors = pose_of_row[found.rows], self.key.of_rows(found)
         totals = np.bincount(pose, weights=errors, minlength=len(poses)).astype(np.float64)
         return PoseErrors(poses, totals[:, None], np.bincount(pose, minlength=len(poses)))
@@ -263,52 +265,38 @@ class Standing:
 
     @cached_property
     def like_best(self) -> BoolArray | None:
-        """(m,) whether a model cannot be told from the best; None: no test applies, as to costs.
+        """(m,) whether a model is not found worse than the best; None: no test applies.
 
-        The rule of `bench compare`: a difference is found by the corrected t over splits, or by
-        Wilcoxon's test over poses where there is one split or all are scored together; p is
-        corrected for all models (Holm, at `LEVEL`). And where poses can be drawn, no more than
-        `LEVEL` of the draws, both tails together, turn it round. Draws are not corrected: among
-        many models Holm would ask for rarer events than they hold.
+        It is the verdict on the best and the model (`decide_pairs`), corrected for all models.
         """
         if self.key.is_cost:
             return None
         best = int(np.argmax(self.is_best))
         others = [index for index in range(len(self.models)) if index != best]
-        p_values = [self._p_value(index, best) for index in others]
-        known = [p for p in p_values if p is not None]
-        if len(known) < len(others):
+        rope = ROPE_M if self.key.metric.unit == "m" else 0.0
+        question = Question(rope=rope, seed=self.seed)
+        pairs = [(best, other) for other in others]
+        decisions = decide_pairs(self._shared_errors, pairs, question, correct=True)
+        if decisions is None:
             return None
         like = np.ones(len(self.models), dtype=np.bool_)
-        if others:
-            apart_in_draws = [self._apart_in_draws(index, best) for index in others]
-            like[others] = (holm(known) >= LEVEL) | ~np.array(apart_in_draws)
+        like[others] = [decision.verdict != "a" for decision in decisions]
         return like
 
-    def _p_value(self, index: int, best: int) -> float | None:
-        """Return the p-value of a difference, not corrected; None where no test applies."""
-        a, b = (self.field.scores[self.models[i]] for i in (index, best))
-        if len(a) > 1:
-            results = self.field.results(self.models[0])
-            share = split_sizes(results, len(self.data.samples)).test_share
-            return corrected_t(a - b, share).p_value
-        if self._pose_errors is None:
-            return None
-        one, other = self._pose_errors[index], self._pose_errors[best]
-        tested = one.counts > 0
-        return wilcoxon_signed_rank((one.totals - other.totals)[tested, 0] / one.counts[tested])
-
-    def _apart_in_draws(self, index: int, best: int) -> bool:
-        if self.drawn_means is None:
-            return True
-        drawn = self.drawn_means[:, index] - self.drawn_means[:, best]
-        drawn = drawn[np.isfinite(drawn)]
-        tail = min(np.count_nonzero(drawn <= 0.0), np.count_nonzero(drawn >= 0.0))
-        return bool(2.0 * (1 + tail) / (1 + len(drawn)) < LEVEL)
+    @property
+    def _shared_errors(self) -> SharedErrors:
+        scores = np.column_stack([self.scored.scores[model] for model in self.models])  # (J, m)
+        sizes = split_sizes(self.scored.results[self.models[0]], len(self.data.samples))
+        return SharedErrors(
+            of_splits=self.key.sign * scores if len(scores) > 1 else None,
+            test_share=sizes.test_share,
+            of_poses=self._pose_errors,
+            drawn=self.drawn_means,
+        )
 
 
-class Standings:
-    """Standings of one leaderboard: each is computed once, and each data set read once.
+class Rankings:
+    """Rankings of one leaderboard: each is computed once, and each data set read once.
 
     Args:
         key: what models are ranked by.
@@ -322,14 +310,14 @@ class Standings:
         self._seed = seed
         self._folder = folder
         self._data: dict[str, StoredData] = {}
-        self._found: dict[tuple[ContestName, tuple[str, ...]], Standing] = {}
+        self._found: dict[tuple[ContestName, tuple[str, ...]], Ranking] = {}
 
-    def of(self, field: Field, models: tuple[str, ...]) -> Standing:
-        """Return how these models stand in a contest."""
-        place = (field.name, models)
+    def of(self, scored: ScoredContest, models: tuple[str, ...]) -> Ranking:
+        """Return the ranks of these models in a contest."""
+        place = (scored.name, models)
         if place not in self._found:
-            data = self._data_of(field.name.data_sha256)
-            self._found[place] = Standing(field, models, self.key, data, self._seed)
+            data = self._data_of(scored.name.data_sha256)
+            self._found[place] = Ranking(scored, models, self.key, data, self._seed)
         return self._found[place]
 
     def robot_name(self, data_sha256: str) -> str:

@@ -1,0 +1,52 @@
+"""Packages that only one optional feature needs: which extra of stiffbench installs each."""
+
+from __future__ import annotations
+
+import importlib.util
+
+from stiff_protocols.contract.errors import ConfigError
+
+EXTRAS = {
+    "crepes": "intervals",
+    "distributed": "cluster",
+    "onnx": "onnx",
+    "onnxscript": "onnx",
+    "optuna": "tune",
+    "pooch": "data",
+    "pyarrow": "data",
+    "pytabkit": "tabular",
+    "scikit_posthocs": "diagrams",
+    "tabpfn": "tabpfn",
+    "tomli_w": "data",
+}
+"""Import name of each package -> the extra, as in pyproject.toml."""
+
+
+def missing(*packages: str) -> str:
+    """Return why what needs these packages cannot be used; "" where they are installed.
+
+    Nothing is imported, so that lists come at once.
+
+    Args:
+        packages: import names, in `EXTRAS`.
+    """
+    absent = [name for name in packages if importlib.util.find_spec(name) is None]
+    if not absent:
+        return ""
+    kind = "package" if len(absent) == 1 else "packages"
+    extra = EXTRAS[absent[0]]
+    return f"needs the {kind} {' and '.join(absent)}: pip install 'stiffbench[{extra}]'"
+
+
+def require(feature: str, *packages: str) -> None:
+    """See that the packages of a feature are installed.
+
+    Args:
+        feature: what needs them, as the message is to name it.
+        packages: import names, in `EXTRAS`.
+
+    Raises:
+        ConfigError: one is not; the message names the extra.
+    """
+    if reason := missing(*packages):
+        raise ConfigError(f"{feature} {reason}")

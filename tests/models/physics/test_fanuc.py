@@ -1,0 +1,38 @@
+"""The physical models on the measured Fanuc, against figures computed by other means."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
+from stiff_models.physics.full_vjm import FullVjm
+from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
+from stiff_models.physics.vjm import VirtualJointModel, identify_joints
+from stiff_protocols.splits.random_splits import LeaveOneOut
+
+
+@pytest.mark.filterwarnings("ignore:robot .* has no masses")
+@pytest.mark.parametrize(
+    ("family", "mae_mm", "tolerance"),
+    [
+        (VirtualJointModel, [0.211, 0.161, 0.130], 0.002),
+        (FullVjm, [0.121, 0.136, 0.126], 0.001),
+        (MultiSegmentVjm, [0.205, 0.150, 0.129], 0.001),
+    ],
+)
+def test_leave_one_out_gives_the_independent_figures(family, mae_mm, tolerance):
+    data, errors = FanucR2000iC().load(), []
+    for split in LeaveOneOut().splits(data.samples, n_splits=None, seed=0):
+        train = data.samples.take(np.concatenate([split.train, split.validation]))
+        test = data.samples.take(split.test)
+        model = family().fit(train, robot=data.robot)
+        errors.append(np.abs(model.predict(test.q, test.wrench) - test.deflection))
+    found = np.concatenate(errors).mean(axis=0) * 1000
+    np.testing.assert_allclose(found, mae_mm, atol=tolerance)
+
+
+def test_all_43_samples_give_the_independent_stiffnesses():
+    data = FanucR2000iC().load()
+    found = identify_joints(data.robot, data.samples).stiffness
+    np.testing.assert_allclose(found, [8.6e5, 2.7e6, 2.0e6, 2.7e5, 4.2e5, 2.1e5], rtol=0.025)

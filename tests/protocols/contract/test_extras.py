@@ -1,0 +1,37 @@
+"""What an optional feature says where its package is not installed."""
+
+from __future__ import annotations
+
+import sys
+import tomllib
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.extras import EXTRAS, missing, require
+
+PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text("utf-8"))
+OPTIONAL = PROJECT["project"]["optional-dependencies"]
+INSTALLED = packages_distributions()
+
+
+@pytest.mark.parametrize("package", EXTRAS)
+def test_the_extra_that_a_message_names_installs_the_package(package):
+    names = {name.lower().replace("_", "-") for name in INSTALLED.get(package, [package])}
+    assert any(line.startswith(tuple(names)) for line in OPTIONAL[EXTRAS[package]])
+    required = PROJECT["project"]["dependencies"]
+    assert not any(line.startswith(tuple(names)) for line in required)
+
+
+def test_the_message_names_what_is_missing_and_how_to_get_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    assert "package onnx: pip install 'stiffbench[onnx]'" in missing("onnx")
+    with pytest.raises(ConfigError, match=r"^an export needs .*stiffbench\[onnx\]"):
+        require("an export", "onnx")
+
+
+def test_what_is_installed_is_not_missing():
+    assert missing("pyarrow") == ""
+    require("Parquet", "pyarrow")

@@ -1,0 +1,76 @@
+"""The files that a public project has beside its code agree with it, and with each other."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+yaml = pytest.importorskip("yaml")  # comes with mkdocs
+
+TOP = Path(__file__).parents[1]
+SETTINGS = tomllib.loads((TOP / "pyproject.toml").read_text("utf-8"))
+PROJECT = SETTINGS["project"]
+FORMS = sorted((TOP / ".github" / "ISSUE_TEMPLATE").glob("[!c]*.yml"))
+
+
+def read(name: str):
+    return yaml.safe_load((TOP / name).read_text("utf-8"))
+
+
+def test_the_citation_names_this_version_its_licence_and_the_source_paper():
+    citation = read("CITATION.cff")
+    assert citation["cff-version"] == "1.2.0"
+    for name in ("title", "version", "license"):
+        assert citation[name] == PROJECT[{"title": "name"}.get(name, name)]
+    for work in (citation, *citation["references"]):
+        assert work["authors"] and work["title"]
+    assert citation["references"][0]["doi"] == "10.1007/s00170-024-14794-z"
+
+
+def test_the_licence_files_are_there():
+    assert all((TOP / name).is_file() for name in PROJECT["license-files"])
+
+
+def test_the_workflow_runs_what_a_developer_runs_on_every_supported_python():
+    (job,) = read(".github/workflows/ci.yml")["jobs"].values()
+    assert "bash .ci/run" in [step.get("run") for step in job["steps"]]
+    named = {line.rpartition(" ")[2] for line in PROJECT["classifiers"] if ":: 3." in line}
+    assert set(job["strategy"]["matrix"]["python"]) == named
+
+
+def test_every_hook_before_a_commit_is_named_once():
+    hooks = [
+        hook["id"] for repo in read(".pre-commit-config.yaml")["repos"] for hook in repo["hooks"]
+    ]
+    assert len(set(hooks)) == len(hooks)
+    assert {"lint", "end-of-file-fixer", "check-added-large-files"} <= set(hooks)
+
+
+@pytest.mark.parametrize("form", FORMS, ids=lambda form: form.stem)
+def test_an_issue_form_asks_questions_that_must_be_answered(form):
+    content = read(str(form.relative_to(TOP)))
+    assert content["name"] and content["description"]
+    questions = [item for item in content["body"] if item["type"] != "markdown"]
+    assert len({item["id"] for item in questions}) == len(questions)
+    assert all(item["attributes"]["label"] for item in questions)
+    assert any(item.get("validations", {}).get("required") for item in questions)
+
+
+def test_the_engines_rooms_are_described_in_the_order_of_their_imports():
+    page = (TOP / "bench" / "README.md").read_text("utf-8")
+    lines = [line for line in page.splitlines() if line.startswith("| `")]
+    described = [re.findall(r"`(\w+)/`", line.split("|")[1]) for line in lines]
+    contracts = SETTINGS["tool"]["importlinter"]["contracts"]
+    (layers,) = (one["layers"] for one in contracts if one.get("containers") == ["stiff_bench"])
+    rooms = [sorted(layer.split(" | ")) for layer in layers if layer != "console"]
+    assert [sorted(names) for names in described] == rooms
+
+
+@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "bench/README.md", "docs/performance.md"])
+def test_every_python_file_that_a_page_names_is_there(page):
+    named = set(re.findall(r"`(?:[\w/]*/)?(\w+\.py)`", (TOP / page).read_text("utf-8")))
+    there = {path.name for path in TOP.glob("*/**/*.py")}
+    assert named - there == set() != named
