@@ -27,3 +27,22 @@ def random_chain(rng: np.random.Generator, kinds: tuple[JointType, ...]) -> Robo
         centres_of_mass=np.zeros((n, 3)),
         tcp=rng.normal(size=3),
     )
+
+
+def planar_arm(n_joints: int, axis: tuple[float, float, float], mass: float = 0.0) -> Robot:
+    """Links of 1 m along x that turn about `axis`, each link's mass [kg] at its end."""
+    placements = np.tile(np.eye(4), (n_joints, 1, 1))
+    placements[1:, 0, 3] = 1.0
+    along = np.array([1.0, 0.0, 0.0])
+    return Robot(
+        name="planar",
+        joint_names=tuple(f"j{i + 1}" for i in range(n_joints)),
+        joint_types=("revolute",) * n_joints,
+        placements=placements,
+        axes=np.tile(axis, (n_joints, 1)),
+        lower=np.full(n_joints, -np.pi),
+        upper=np.full(n_joints, np.pi),
+        masses=np.full(n_joints, mass),
+        centres_of_mass=np.tile(along, (n_joints, 1)),
+        tcp=along,
+    )

@@ -38,7 +38,6 @@ ALLOWED = {
     "bench/stiff_bench/run/isolate.py": "pickle, multiprocessing, ctypes: our processes; prctl(2)",
     "bench/stiff_bench/run/dask_cluster.py": "multiprocessing: a worker may have children",
     "models/stiff_models/networks/cache.py": "joblib: the user's cache, refused if others write",
-    "models/stiff_models/regressors/on_physics.py": "importlib: a table of our own",
     "models/stiff_models/networks/onnx_export.py": "importlib: asks whether a package is there",
     "models/stiff_models/regressors/optional_packages.py": "importlib: is a package there?",
     "models/stiff_models/regressors/sklearn_model.py": "importlib: modules of sklearn alone",

@@ -12,6 +12,20 @@ from stiff_protocols.contract.errors import ConfigError
 Device = Literal["auto", "cpu", "cuda"]
 
 
+class RunsOnDevice:
+    """Mixin of families with the option `device`."""
+
+    device: Device
+
+    def check_params(self) -> None:
+        """Check what a single option's type cannot.
+
+        Raises:
+            ConfigError: the device is not there.
+        """
+        torch_device(self.device)
+
+
 def torch_device(device: Device) -> torch.device:
     """Return the device a network runs on; "auto" takes a GPU where there is one.
 

@@ -17,8 +17,8 @@ from quick_models import quick_model, twin_data
 from run_requests import planned
 from stiff_bench.model_tools.saved import predict_file
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.plan.robots import parse_tcp
 from stiff_bench.plan.search import checked_grid, written_grids
+from stiff_bench.plan.words import parse_tcp
 from stiff_bench.store.database import FILE, read_data, read_manifests, read_results
 from stiff_bench.store.samples import data_content, stored_data
 from stiff_datasets.measured import registered

@@ -1,8 +1,9 @@
-"""The `bench compare` command: words in, one function of `compare` called."""
+"""`bench leaderboard`, `compare`, `table` and `report`: words in, one call, the result printed."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -34,15 +35,7 @@ from stiff_bench.console import print_text, say
 @format_option("the tables")
 @debug_option
 def leaderboard(
-    results: Path,
-    models: tuple[str, ...],
-    datasets: tuple[str, ...],
-    protocols: tuple[str, ...],
-    metric: str,
-    axis: str | None,
-    seed: int,
-    figure: Path | None,
-    fmt: str,
+    results: Path, metric: str, axis: str | None, figure: Path | None, fmt: str, **chosen: Any
 ) -> None:
     """Rank models over data sets and protocols, and say where ranks mean nothing."""
     from stiff_bench.analysis.leaderboard_tables import render_leaderboard
@@ -50,9 +43,7 @@ def leaderboard(
     from stiff_bench.analysis.stored_leaderboard import stored_leaderboard
 
     key = sort_key(metric, axis)
-    board, provenance = stored_leaderboard(
-        results, models=models, datasets=datasets, protocols=protocols, key=key, seed=seed
-    )
+    board, provenance = stored_leaderboard(results, key=key, **chosen)
     if figure is not None:
         from stiff_bench.analysis.critical_difference import save_diagrams
 
@@ -93,18 +84,7 @@ def leaderboard(
 @draws_seed_option
 @format_option("the report")
 @debug_option
-def compare(
-    a: str,
-    b: str,
-    results: Path,
-    datasets: tuple[str, ...],
-    protocols: tuple[str, ...],
-    conditions: tuple[str, ...],
-    rope_mm: float,
-    confidence: float,
-    seed: int,
-    fmt: str,
-) -> None:
+def compare(rope_mm: float, confidence: float, seed: int, fmt: str, **asked: Any) -> None:
     """Say whether model A is better than model B, by how much, how sure that is, and where.
 
     A and B are models with their options, as `bench run` names them: vjm, ft-mlp@freeze=full.
@@ -114,16 +94,8 @@ def compare(
     from stiff_bench.analysis.verdict import Question
     from stiff_bench.tables.units import MM
 
-    words = CompareWords(
-        a=a,
-        b=b,
-        results=results,
-        datasets=datasets,
-        protocols=protocols,
-        conditions=conditions,
-        question=Question(rope=rope_mm / MM, confidence=confidence, seed=seed),
-        command=command_line(),
-    )
+    question = Question(rope=rope_mm / MM, confidence=confidence, seed=seed)
+    words = CompareWords(question=question, command=command_line(), **asked)
     print_text(render_report(compare_folder(words), fmt))
 
 
@@ -173,16 +145,7 @@ def table(number: str, results: Path | None, fmt: str) -> None:
 )
 @ranking_options
 @debug_option
-def report(
-    folders: tuple[Path, ...],
-    output: Path,
-    models: tuple[str, ...],
-    datasets: tuple[str, ...],
-    protocols: tuple[str, ...],
-    metric: str,
-    axis: str | None,
-    seed: int,
-) -> None:
+def report(folders: tuple[Path, ...], output: Path, **chosen: Any) -> None:
     """Write all that results say as one HTML page that needs no network.
 
     Ranks, pairwise comparisons, figures, scores, failures, and where the results come from; its
@@ -191,6 +154,5 @@ def report(
     from stiff_bench.report.report import write_report
     from stiff_bench.report.runs import Selection
 
-    choice = Selection(models, datasets, protocols, metric, axis, seed)
-    write_report(folders, choice, output, command_line())
+    write_report(folders, Selection(**chosen), output, command_line())
     say(f"{output}: the page is written")

@@ -1,4 +1,4 @@
-"""The `bench data` commands: words in, one function of `data_commands` called."""
+"""The `bench data` commands: words in, one function of `data_tools` called."""
 
 from __future__ import annotations
 

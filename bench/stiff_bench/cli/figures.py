@@ -1,4 +1,4 @@
-"""`bench figure`."""
+"""`bench figure` and `bench reproduce`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from stiff_bench.cli.options import (
     models_option,
 )
 from stiff_bench.console import print_text, say
-from stiff_bench.paper.study import PAPER_RESULTS
+from stiff_bench.paper import PAPER_RESULTS
 from stiff_bench.run.machine import usable_cores
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 
@@ -121,37 +121,33 @@ def reproduce(
         words["jobs"] = usable_cores()
     taken = begin_execution(words)
 
-    from stiff_bench.analysis.forecast import forecast_line, render_forecast
-    from stiff_bench.cli.run import say_old_failures
+    from stiff_bench.analysis.forecast import forecast_line
+    from stiff_bench.cli.run import computed, foreseen, say_old_failures, show_plan
+    from stiff_bench.paper import study
     from stiff_bench.paper.pages import write_leaderboard, write_paper
-    from stiff_bench.paper.reproduce import Study, forecast_of, run_study
-    from stiff_bench.paper.study import leaderboard_study, paper_study
     from stiff_bench.plan.registry import usable_registry
     from stiff_bench.run.runner import tally
     from stiff_bench.store.database import ResultStore
     from stiff_models.catalog import MODELS
 
-    keys = [info.key for info in MODELS]
-    runs = leaderboard_study(keys) if what == "leaderboard" else paper_study(full=not quick)
-    registry, command = usable_registry(), command_line()
-    study = Study.of(runs, output=output / what / "runs", command=command, registry=registry)
-    execution = execution_of(taken, study.plans[0], registry)
+    if what == "leaderboard":
+        write, runs = write_leaderboard, study.leaderboard_study([info.key for info in MODELS])
+    else:
+        write, runs = write_paper, study.paper_study(full=not quick)
+    folder, registry, command = output / what / "runs", usable_registry(), command_line()
+    plans = study.study_plans(runs, output=folder, command=command, registry=registry)
+    execution = execution_of(taken, plans[0], registry)
     if taken["plan"]:
-        foreseen = forecast_of(study, execution)
-        print_text(render_forecast(foreseen, "github", command))
-        say(forecast_line(foreseen))
-        return 0
-    write = write_leaderboard if what == "leaderboard" else write_paper
-    if write_only:
-        for path in write(output, command, study.n_missing()):
-            click.echo(path)
-        return 0
-    store = ResultStore(study.output)  # a folder that cannot be written is said before all else
-    say(forecast_line(forecast_of(study, execution)))
-    finished = run_study(study, store, execution)
-    say(f"{tally(finished.results, finished.cached)}; stored in {study.output}")
-    say_old_failures(finished)
-    say("writing tables and figures")
-    for path in write(output, command, study.n_missing()):
+        return show_plan(plans, "github", execution)
+    status = 0
+    if not write_only:
+        ResultStore(folder)  # a folder that cannot be written is said before all else
+        say(forecast_line(foreseen(plans, execution)))
+        finished = computed(plans, execution)
+        say(f"{tally(finished.results, finished.cached)}; stored in {folder}")
+        say_old_failures(finished)
+        say("writing tables and figures")
+        status = int(any(result.status == "failed" for result in finished.results))
+    for path in write(output, command, study.n_missing(plans)):
         click.echo(path)
-    return 0 if all(result.status != "failed" for result in finished.results) else 1
+    return status

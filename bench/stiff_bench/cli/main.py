@@ -178,7 +178,7 @@ def run(plugins: tuple[Path, ...], fmt: str, **words: Any) -> int:
     execution = execution_of(taken, plan, registry)
     from stiff_bench.cli.run import execute, show_plan
 
-    return (show_plan if taken["plan"] else execute)(plan, fmt, execution)
+    return show_plan([plan], fmt, execution) if taken["plan"] else execute(plan, fmt, execution)
 
 
 @bench.command("list")

@@ -1,4 +1,4 @@
-"""The commands that take a model to work: words in, one function of `deploy` called."""
+"""The commands that take a model to work: words in, one function of `model_tools` called."""
 
 from __future__ import annotations
 

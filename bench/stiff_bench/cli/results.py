@@ -1,4 +1,4 @@
-"""`bench merge`."""
+"""`bench merge` and `bench cache`."""
 
 from __future__ import annotations
 

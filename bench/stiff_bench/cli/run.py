@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 
-from stiff_bench.analysis.forecast import forecast, forecast_line, render_forecast
+from stiff_bench.analysis.forecast import Forecast, forecast, forecast_line, render_forecast
 from stiff_bench.console import print_text, say
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.request import RunPlan
@@ -24,13 +25,8 @@ def execute(plan: RunPlan, fmt: str, execution: Execution = IN_THIS_PROCESS) -> 
         StiffBenchError: the data cannot be loaded or divided, or the output not written.
     """
     start = time.perf_counter()
-    tasks = list(cell_tasks(plan))
-    store = ResultStore(plan.output)
-    for choice in plan.protocols:
-        if choice.info.warning:
-            say(f"warning: {choice.info.warning}")
-    with display() as shown:
-        finished = run_cells(tasks, plan.command, store, execution, shown)
+    warnings = [choice.info.warning for choice in plan.protocols if choice.info.warning]
+    finished = computed([plan], execution, warnings)
     print_text(render(build_tables(finished.results, plan.metrics), fmt, plan.command))
     say(
         f"{tally(finished.results, finished.cached)}; {time.perf_counter() - start:.1f} s, peak "
@@ -40,15 +36,42 @@ def execute(plan: RunPlan, fmt: str, execution: Execution = IN_THIS_PROCESS) -> 
     return 0 if all(result.status == "ok" for result in finished.results) else 1
 
 
-def show_plan(plan: RunPlan, fmt: str, execution: Execution) -> int:
-    """Print what a run would compute, and compute nothing.
+def computed(
+    plans: Sequence[RunPlan], execution: Execution, warnings: Sequence[str] = ()
+) -> Finished:
+    """Compute what is missing of plans for one folder, as one run; return all of their results.
+
+    Warnings are said once it is sure that the plans can be run.
+
+    Raises:
+        StiffBenchError: the data cannot be loaded or divided, or the output not written.
+    """
+    tasks = list(cell_tasks(*plans))
+    store = ResultStore(plans[0].output)
+    for warning in warnings:
+        say(f"warning: {warning}")
+    with display() as shown:
+        return run_cells(tasks, plans[0].command, store, execution, shown)
+
+
+def foreseen(plans: Sequence[RunPlan], execution: Execution) -> Forecast:
+    """Return what plans for one folder would compute, and how long that takes.
 
     Raises:
         StiffBenchError: the data cannot be loaded or divided.
     """
     jobs = execution.executor.at_once
-    found = forecast(cell_tasks(plan), plan.output, jobs=jobs, rerun=execution.rerun)
-    print_text(render_forecast(found, fmt, plan.command))
+    return forecast(cell_tasks(*plans), plans[0].output, jobs=jobs, rerun=execution.rerun)
+
+
+def show_plan(plans: Sequence[RunPlan], fmt: str, execution: Execution) -> int:
+    """Print what a run would compute, and compute nothing.
+
+    Raises:
+        StiffBenchError: the data cannot be loaded or divided.
+    """
+    found = foreseen(plans, execution)
+    print_text(render_forecast(found, fmt, plans[0].command))
     say(forecast_line(found))
     return 0
 

@@ -50,6 +50,7 @@ from stiff_bench.figures.variants import (
     mean_error,
     sweep_of,
 )
+from stiff_bench.paper import PAPER_RESULTS
 from stiff_bench.paper.results import FULL, REPRODUCE, Found, PaperResults
 from stiff_bench.paper.study import (
     ACTIVATIONS,
@@ -62,7 +63,6 @@ from stiff_bench.paper.study import (
     EARLY_STEPS,
     FT_MLP,
     PAPER_PROTOCOL,
-    PAPER_RESULTS,
     SEED,
     SINGLE_LAYERS,
     VJM,

@@ -1,4 +1,7 @@
-"""What is run for the paper's tables and figures, and for the committed leaderboard."""
+"""What has to be run for the paper's tables and figures, and for the committed leaderboard.
+
+All parts of a study are one run: each cell once, one progress display, one manifest.
+"""
 
 from __future__ import annotations
 
@@ -6,20 +9,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
+from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.options import Choice, Chosen
 from stiff_bench.plan.registry import Registry
+from stiff_bench.plan.request import RunPlan, plan_run
+from stiff_bench.store.database import stored_statuses
 from stiff_bench.store.names import Variant
 
-PAPER_RESULTS = Path("results/paper/runs")
-"""Where `bench reproduce` stores what the paper's tables and figures show."""
 DATASET = "kr10-twin"
 """What stands for the paper's robot."""
 TWIN = Variant(DATASET)
 PAPER_PROTOCOL, FAIR_PROTOCOL = "paper-holdout", "holdout"
 """The paper's division, whose test part picks the epoch; and the one in which it does not."""
 SEED = 0
+METRICS = ("mae", "stde", "me")
 
 VJM, FT_MLP, DT_CNN, MLP_PRETRAINED = "vjm", "ft-mlp", "dt-cnn", "mlp-pretrained"
 MULTI_SEGMENT = "vjm-multisegment"
@@ -173,3 +178,28 @@ def leaderboard_study(keys: Sequence[str]) -> tuple[StudyRun, ...]:
         StudyRun(models, TWINS, ("space-transfer",), None),
         StudyRun(models, (*TWINS, MEASURED), ("sample-efficiency",), None),
     )
+
+
+def study_plans(
+    runs: Sequence[StudyRun], *, output: Path, command: str, registry: Registry
+) -> tuple[RunPlan, ...]:
+    """Check the parts of a study, all of which are stored in one folder.
+
+    Raises:
+        ConfigError: one of the models is unknown here.
+    """
+    common: dict[str, Any] = {"metrics": METRICS, "seed": SEED, "output": output}
+    return tuple(
+        plan_run(run.chosen(registry), registry, splits=run.splits, command=command, **common)
+        for run in runs
+    )
+
+
+def n_missing(plans: Sequence[RunPlan]) -> int:
+    """Return how many cells have neither a result nor a failure in the plans' folder.
+
+    Raises:
+        StiffBenchError: a data set cannot be loaded or divided.
+    """
+    stored = stored_statuses(plans[0].output)
+    return sum(task.cell.key not in stored for task in cell_tasks(*plans))

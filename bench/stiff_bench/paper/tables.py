@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from stiff_bench.paper import PAPER_RESULTS
 from stiff_bench.paper.network_tables import (
     SIMULATED,
     Numbers,
@@ -32,7 +33,6 @@ from stiff_bench.paper.study import (
     FT_MLP,
     FT_MLP_OWN_SOURCE,
     PAPER_PROTOCOL,
-    PAPER_RESULTS,
     VJM,
 )
 from stiff_bench.paper.table import (

@@ -127,8 +127,8 @@ class CellTask:
         return model
 
 
-def cell_tasks(plan: RunPlan) -> Iterator[CellTask]:
-    """Yield every cell: data set by protocol by split by model.
+def cell_tasks(*plans: RunPlan) -> Iterator[CellTask]:
+    """Yield every cell of some plans once: data set by protocol by split by model.
 
     All splits of a data set under a protocol are checked before its first cell comes.
 
@@ -136,6 +136,15 @@ def cell_tasks(plan: RunPlan) -> Iterator[CellTask]:
         StiffBenchError: a data set cannot be loaded or divided, or is no source for another; a
             grid of options to choose from is wrong.
     """
+    seen: set[str] = set()
+    for plan in plans:
+        for task in _of_plan(plan):
+            if task.cell.key not in seen:
+                seen.add(task.cell.key)
+                yield task
+
+
+def _of_plan(plan: RunPlan) -> Iterator[CellTask]:
     tuned = tuned_models(plan.protocols, plan.models)
     sources = {word: loaded(choice) for word, choice in plan.sources.items()}
     for dataset in plan.datasets:
@@ -172,24 +181,36 @@ def _of_protocol(
         coverage=plan.coverage,
         scoring_version=SCORING_VERSION,
     )
-    source_sha256 = {word: source.sha256 for word, source in sources.items()}
+    shown = Presentation(
+        model="",
+        dataset=dataset.name,
+        protocol=choice.name,
+        kind=dataset.info.kind,
+        task=dataset.info.task,
+        regime="",
+        picked_on_test=False,
+        selects_on_test=protocol.selects_on_test,
+        pooled=protocol.pooled,
+        caveats=dataset.info.caveats,
+        published=dataset.info.published,
+        warning=choice.info.warning,
+    )
     entered = {}
     for word in divided.sources:
-        of_models = [_prepared(model, data, sources.get(word)) for model in models]
-        named = plan.sources.get(word)
-        entered[word] = [
-            (model, _presentation(model, dataset, choice, protocol, named)) for model in of_models
-        ]
+        caveats = plan.sources[word].info.caveats if word else ()
+        with_source = replace(shown, caveats=tuple(dict.fromkeys(shown.caveats + caveats)))
+        entered[word] = [_entrant(model, data, sources.get(word), with_source) for model in models]
     for split in divided.splits:
+        source = sources.get(split.source)
         of_split = replace(
             common,
             split_index=split.index,
             split_sha256=split.sha256,
             condition=split.condition,
             rows_sha256="" if split.wrench_error is None else split.rows_sha256,
-            source_sha256=source_sha256.get(split.source, ""),
+            source_sha256="" if source is None else source.sha256,
         )
-        for model, shown in entered[split.source]:
+        for model in entered[split.source]:
             yield CellTask(
                 cell=replace(
                     of_split,
@@ -197,13 +218,13 @@ def _of_protocol(
                     model_params=model.identity,
                     model_version=model.version,
                 ),
-                shown=shown,
+                shown=model.shown,
                 model=model.choice,
                 data=data,
                 split=split,
                 chooses_epoch=model.chooses_epoch,
                 n_splits=divided.n_splits[split.condition],
-                source=sources.get(split.source),
+                source=source,
             )
 
 
@@ -259,19 +280,22 @@ def _divided(
 
 
 @dataclass(frozen=True)
-class _Prepared:
-    """A model of the plan: what is asked of it once, not once a cell."""
+class _Entrant:
+    """A model of the plan with a source: what is asked of it once, not once a cell."""
 
     choice: Choice[ModelInfo]
     identity: Mapping[str, Any]
-    chooses_epoch: bool
-    regime: str
     version: str
+    chooses_epoch: bool
+    shown: Presentation
 
 
-def _prepared(
-    choice: Choice[ModelInfo], data: BenchmarkData, source: BenchmarkData | None = None
-) -> _Prepared:
+def _entrant(
+    choice: Choice[ModelInfo],
+    data: BenchmarkData,
+    source: BenchmarkData | None,
+    of_all: Presentation,
+) -> _Entrant:
     made = choice.make()
     regimes = []
     if isinstance(made, LearnsFromSource):
@@ -285,8 +309,13 @@ def _prepared(
         chooses = made.chooses_epoch()
     if isinstance(made, StatesRegime):
         regimes.append(made.regime)
-    regime = ", ".join(filter(None, regimes))
-    return _Prepared(choice, choice.identity, chooses, regime, version_of(choice))
+    shown = replace(
+        of_all,
+        model=choice.name,
+        regime=", ".join(filter(None, regimes)),
+        picked_on_test=of_all.selects_on_test and chooses,
+    )
+    return _Entrant(choice, choice.identity, version_of(choice), chooses, shown)
 
 
 def version_of(choice: Choice[ModelInfo]) -> str:
@@ -312,27 +341,3 @@ def _installed(library: str) -> str:
         return version(library)
     except PackageNotFoundError:
         return "not installed"
-
-
-def _presentation(
-    model: _Prepared,
-    dataset: Choice[DatasetInfo],
-    choice: Choice[ProtocolInfo],
-    protocol: EvaluationProtocol,
-    source: Choice[DatasetInfo] | None,
-) -> Presentation:
-    caveats = dataset.info.caveats + (() if source is None else source.info.caveats)
-    return Presentation(
-        model=model.choice.name,
-        dataset=dataset.name,
-        protocol=choice.name,
-        kind=dataset.info.kind,
-        task=dataset.info.task,
-        regime=model.regime,
-        picked_on_test=protocol.selects_on_test and model.chooses_epoch,
-        selects_on_test=protocol.selects_on_test,
-        pooled=protocol.pooled,
-        caveats=tuple(dict.fromkeys(caveats)),
-        published=dataset.info.published,
-        warning=choice.info.warning,
-    )

@@ -9,8 +9,8 @@ A file has a table a model (quoted where the key holds a colon or a dot)::
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -92,34 +92,25 @@ def _candidates(
     if isinstance(written, Range):
         written = asdict(written)
     if isinstance(written, Mapping):
-        return _range(
-            said, {**written, **{end: value(written[end]) for end in _ends(said, written)}}
-        )
+        return _range(said, written, value)
     if not isinstance(written, list | tuple) or not written:
         raise ConfigError(f"{said} is {written!r} (valid: {VALID})")
     return tuple(value(each) for each in written)
 
 
-def _ends(said: str, written: Mapping[str, Any]) -> tuple[str, str]:
-    """Return the names of a range's ends, once they are there and nothing unknown is."""
-    ends = ("low", "high")
-    unknown = set(written) - {item.name for item in fields(Range)}
-    if unknown or not set(ends) <= set(written):
-        raise ConfigError(f"{said} is {dict(written)} (valid: {VALID})")
-    return ends
-
-
-def _range(said: str, checked: Mapping[str, Any]) -> Range:
-    """Return the range whose ends have the option's type."""
-    found = Range(**checked)
-    numbers = all(type(end) in (int, float) for end in (found.low, found.high))
-    if not numbers or type(found.log) is not bool:
-        raise ConfigError(f"{said} is {dict(checked)} (valid: {VALID})")
-    if not found.low < found.high:
-        raise ConfigError(f"{said}: low {found.low:g} must lie below high {found.high:g}")
-    if found.log and found.low <= 0:
-        raise ConfigError(f"{said}: low {found.low:g} has no logarithm (valid with log: above 0)")
-    return found
+def _range(said: str, written: Mapping[str, Any], value: Callable[[object], Any]) -> Range:
+    """Return the range whose ends have the option's type, as `value` reads it."""
+    wrong = ConfigError(f"{said} is {dict(written)} (valid: {VALID})")
+    if not {"low", "high"} <= set(written) <= {"low", "high", "log"}:
+        raise wrong
+    low, high, log = value(written["low"]), value(written["high"]), written.get("log", False)
+    if {type(low), type(high)} - {int, float} or type(log) is not bool:
+        raise wrong
+    if not low < high:
+        raise ConfigError(f"{said}: low {low:g} must lie below high {high:g}")
+    if log and low <= 0:
+        raise ConfigError(f"{said}: low {low:g} has no logarithm (valid with log: above 0)")
+    return Range(low, high, log)
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,16 @@ class Finding:
     rows: tuple[int, ...] = ()
 
 
+def warning(message: str, rows: Lines | tuple[()] = ()) -> Finding:
+    """Return what to look at."""
+    return Finding("warning", message, tuple(int(row) for row in rows))
+
+
+def fact(name: str, value: str) -> Finding:
+    """Return what is as it should be."""
+    return Finding("fact", f"{name}: {value}")
+
+
 def duplicate_findings(samples: Samples, robot: Robot, lines: Lines) -> Iterator[Finding]:
     """Find poses that have two names, samples that stand twice and deflections that were copied."""
     poses = pose_numbers(samples, robot)
@@ -71,7 +81,7 @@ def duplicate_findings(samples: Samples, robot: Robot, lines: Lines) -> Iterator
             renamed.append(row)
     if renamed:
         example = f"{str(samples.pose_id[renamed[0]])!r} is {first_name[int(poses[renamed[0]])]!r}"
-        yield _warning(
+        yield warning(
             f"the joint angles of a pose stand under another pose_id too ({example}); a split by "
             "pose would put one measurement on both sides",
             lines[renamed],
@@ -79,7 +89,7 @@ def duplicate_findings(samples: Samples, robot: Robot, lines: Lines) -> Iterator
     again = _repeats_of_earlier_rows(np.column_stack([poses, samples.wrench]))
     again = again[samples.wrench[again].any(axis=1)]
     if len(again):
-        yield _warning(
+        yield warning(
             "the same joint angles and the same wrench as in an earlier row, under other ids; a "
             "repeated measurement, or a copy?",
             lines[again],
@@ -87,7 +97,7 @@ def duplicate_findings(samples: Samples, robot: Robot, lines: Lines) -> Iterator
     copied = _repeats_of_earlier_rows(samples.deflection)
     copied = copied[samples.deflection[copied].any(axis=1)]
     if len(copied) and _coincidences(samples.deflection) < 0.05:
-        yield _warning(
+        yield warning(
             "the same three deflections as in an earlier row, to the last digit; was it copied?",
             lines[copied],
         )
@@ -99,21 +109,21 @@ def range_findings(samples: Samples, lines: Lines) -> Iterator[Finding]:
     size_mm = np.linalg.norm(samples.deflection, axis=1) * MM_PER_M
     loaded = samples.wrench.any(axis=1)
     if (force > LARGEST_FORCE_N).any():
-        yield _warning(
+        yield warning(
             f"force above {LARGEST_FORCE_N:g} N (largest {force.max():.4g}); is it in N?",
             lines[force > LARGEST_FORCE_N],
         )
     if force.max() < SMALLEST_FORCE_N:
-        yield _warning(
+        yield warning(
             f"every force is below {SMALLEST_FORCE_N:g} N (largest {force.max():.4g}); is it in N?"
         )
     if (loaded & (size_mm == 0.0)).any():
-        yield _warning("no deflection at all under a load", lines[loaded & (size_mm == 0.0)])
+        yield warning("no deflection at all under a load", lines[loaded & (size_mm == 0.0)])
     odd = ~loaded & (size_mm > NOISE_MM)
     if odd.any():
-        yield _warning(f"deflection without a load, up to {size_mm[odd].max():.3g} mm", lines[odd])
+        yield warning(f"deflection without a load, up to {size_mm[odd].max():.3g} mm", lines[odd])
     if len(samples) < FEWEST_SAMPLES:
-        yield _warning(
+        yield warning(
             f"{len(samples)} samples; with fewer than {FEWEST_SAMPLES}, methods can "
             "hardly be told apart"
         )
@@ -125,14 +135,14 @@ def repeat_findings(samples: Samples, robot: Robot, lines: Lines) -> Iterator[Fi
     if not groups:
         return
     spread_mm = np.array([_spread(samples.deflection[rows]) for rows in groups]) * MM_PER_M
-    yield Finding(
-        "fact",
-        f"repeats: {len(groups)} loads measured again, deflection within {np.median(spread_mm):.3f}"
-        f" mm of their mean (median), {spread_mm.max():.3f} mm (largest)",
+    yield fact(
+        "repeats",
+        f"{len(groups)} loads measured again, deflection within {np.median(spread_mm):.3f} mm of "
+        f"their mean (median), {spread_mm.max():.3f} mm (largest)",
     )
     far = np.flatnonzero(far_off(spread_mm) & (spread_mm > NOISE_MM))
     if len(groups) >= FEWEST_REPEATS and len(far):
-        yield _warning(
+        yield warning(
             f"repeats of a load differ far more than elsewhere, by up to {spread_mm[far].max():.3g}"
             " mm from their mean",
             lines[np.concatenate([groups[i] for i in far])],
@@ -149,7 +159,7 @@ def outlier_findings(
     rows = rows[np.argsort(-residual_mm[rows], kind="stable")]
     sizes = ", ".join(f"row {lines[row]} by {residual_mm[row]:.3g}" for row in rows[:LISTED])
     more = f", and {len(rows) - LISTED} more rows" if len(rows) > LISTED else ""
-    yield _warning(
+    yield warning(
         "deflection far from what joint springs explain (half of the rows are within "
         f"{np.median(residual_mm):.2g} mm): {sizes} mm{more}",
         lines[rows],
@@ -243,7 +253,3 @@ def _coincidences(table: FloatArray) -> float:
         counts = np.unique(column, return_counts=True)[1]
         share *= (counts * (counts - 1)).sum() / max(len(column) * (len(column) - 1), 1)
     return float(share * len(table) * (len(table) - 1) / 2)
-
-
-def _warning(message: str, rows: Lines | tuple[()] = ()) -> Finding:
-    return Finding("warning", message, tuple(int(row) for row in rows))

@@ -26,7 +26,7 @@ from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
 LARGEST_DEFLECTION_MM = 50.0
-"""No industrial robot gives way so far under a load it may carry."""
+"""No industrial robot deflects so far under a load it may carry."""
 SMALLEST_DEFLECTION_MM = 0.01
 """What trackers repeat; a file that never exceeds it holds metres, not millimetres."""
 LARGEST_NUMBER = 1e6

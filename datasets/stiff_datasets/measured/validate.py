@@ -1,4 +1,4 @@
-"""Everything that can be said of a file of measured samples before a model is judged by it."""
+"""The report on a file of measured samples: what is wrong, what to look at, what it holds."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ from stiff_datasets.measured.data_checks import (
     Finding,
     Lines,
     duplicate_findings,
+    fact,
     outlier_findings,
     range_findings,
     repeat_findings,
     residuals_and_outliers,
+    warning,
 )
 from stiff_datasets.measured.frame_check import BetterReading, better_reading, squared_residuals
 from stiff_datasets.measured.identifiability import identifiability, regressor
@@ -83,8 +85,8 @@ def validate(path: Path, chain: ChainModel, model: StiffnessModel) -> Validation
     return ValidationReport(
         path,
         errors=(),
-        warnings=tuple(finding for finding in found if finding.level == "warning"),
-        facts=tuple(finding for finding in found if finding.level == "fact"),
+        warnings=tuple(each for each in found if each.level == "warning"),
+        facts=tuple(each for each in found if each.level == "fact"),
     )
 
 
@@ -118,26 +120,26 @@ def render_report(report: ValidationReport) -> str:
 
 def _content_findings(samples: Samples, robot: Robot) -> Iterator[Finding]:
     tcp = ", ".join(f"{length:g}" for length in robot.tcp)
-    yield _fact("robot", f"{robot.name}, TCP ({tcp}) m in its last joint's frame")
+    yield fact("robot", f"{robot.name}, TCP ({tcp}) m in its last joint's frame")
     n_poses, n = len(set(samples.pose_id)), len(samples)
     loads = f"{n_poses} poses, " + (
         "one load a pose" if n_poses == n else f"{n / n_poses:.3g} loads a pose on average"
     )
     groups, counts = np.unique(samples.group, return_counts=True)
-    yield _fact("samples", f"{n}, {loads}")
-    yield _fact("groups", ", ".join(f"{g} ({c})" for g, c in zip(groups, counts, strict=True)))
-    yield _fact("force", f"{_range(samples.wrench[:, :3])} N")
+    yield fact("samples", f"{n}, {loads}")
+    yield fact("groups", ", ".join(f"{g} ({c})" for g, c in zip(groups, counts, strict=True)))
+    yield fact("force", f"{_range(samples.wrench[:, :3])} N")
     if samples.wrench[:, 3:].any():
-        yield _fact("torque", f"{_range(samples.wrench[:, 3:])} N m")
+        yield fact("torque", f"{_range(samples.wrench[:, 3:])} N m")
     else:
-        yield _fact("torque", "all zero, so the load is taken to act at the TCP")
-    yield _fact("deflection", f"{_range(samples.deflection * MM_PER_M)} mm")
+        yield fact("torque", "all zero, so the load is taken to act at the TCP")
+    yield fact("deflection", f"{_range(samples.deflection * MM_PER_M)} mm")
     units, q = file_units(robot), samples.q * file_units(robot)
     for i, column in enumerate(joint_columns(robot)):
         unit = column.rpartition("_")[2]
         limits = f"{robot.lower[i] * units[i]:.4g} to {robot.upper[i] * units[i]:.4g}"
         used = f"{q[:, i].min():.4g} to {q[:, i].max():.4g} {unit}"
-        yield _fact(f"joint {robot.joint_names[i]}", f"{used} (limits {limits})")
+        yield fact(f"joint {robot.joint_names[i]}", f"{used} (limits {limits})")
 
 
 def _identifiability_findings(samples: Samples, chain: ChainModel) -> Iterator[Finding]:
@@ -146,13 +148,12 @@ def _identifiability_findings(samples: Samples, chain: ChainModel) -> Iterator[F
     names = tuple(chain.model.names)[1:]
     found = identifiability(regressor(chain, samples.q, samples.wrench), names)
     if found.unidentifiable:
-        yield Finding(
-            "warning",
+        yield warning(
             f"the stiffness of joint {', '.join(found.unidentifiable)} cannot be identified: the "
             "loads do not turn it, or not apart from another joint",
         )
     condition = f", condition number {found.condition:.3g}" if found.rank == len(names) else ""
-    yield _fact("identifiable", f"rank {found.rank} of {len(names)} joint springs{condition}")
+    yield fact("identifiable", f"rank {found.rank} of {len(names)} joint springs{condition}")
 
 
 def _model_findings(
@@ -167,30 +168,29 @@ def _model_findings(
         else:
             residual_mm, odd = residuals_and_outliers(samples, robot, model)
     except ModelError as error:
-        yield Finding("warning", f"the reference model cannot be fitted: {error}")
+        yield warning(f"the reference model cannot be fitted: {error}")
         return
     if better:
-        yield Finding("warning", _better_in_words(better))
+        yield warning(_better_in_words(better))
     squares = (residual_mm[~odd] ** 2).sum()
     measured = ((samples.deflection[~odd] * MM_PER_M) ** 2).sum()
     explained = max(1.0 - squares / measured, 0.0) if measured else 0.0
     rms_mm = np.sqrt(squares / (~odd).sum())
     without = ", outliers left out" if odd.any() else ""
-    yield _fact(
+    yield fact(
         "joint springs",
         f"{explained:.1%} of the squared deflection explained, residual {rms_mm:.3g} mm RMS"
         f"{without}",
     )
     if explained < EXPLAINS_LITTLE and not better:
-        yield Finding(
-            "warning",
+        yield warning(
             f"joint springs explain only {explained:.0%} of the squared deflection, and no other "
             "sign or frame of the wrench explains much more; check units, joint angles, TCP and "
             "the frame of the deflection",
         )
     worst = np.argsort(-residual_mm)[:MISSES_SHOWN]
     listed = ", ".join(f"row {lines[i]} {residual_mm[i]:.3g}" for i in worst)
-    yield _fact("largest misses", f"{listed} mm (median {np.median(residual_mm):.3g})")
+    yield fact("largest misses", f"{listed} mm (median {np.median(residual_mm):.3g})")
     if isinstance(model, ReportsDiagnostics):
         yield _springs(model)
     yield from outlier_findings(lines, residual_mm, odd)
@@ -204,7 +204,7 @@ def _springs(model: ReportsDiagnostics) -> Finding:
             name, _, unit = key.removeprefix("stiffness ").rstrip("]").partition(" [")
             told.append(f"{name} {value:.2g}")
             units.append(unit)
-    return _fact(f"k [{'/'.join(dict.fromkeys(units))}]", ", ".join(told))
+    return fact(f"k [{'/'.join(dict.fromkeys(units))}]", ", ".join(told))
 
 
 def _better_in_words(better: BetterReading) -> str:
@@ -267,10 +267,6 @@ def _rows(finding: Finding) -> str:
     hidden = len(rows) - sum(run[-1] - run[0] + 1 for run in runs[:ROWS_SHOWN])
     more = f" and {hidden} more" if hidden else ""
     return f" (row{'s' * (len(rows) > 1)} {listed}{more})"
-
-
-def _fact(name: str, value: str) -> Finding:
-    return Finding("fact", f"{name}: {value}")
 
 
 def _range(vectors: FloatArray) -> str:

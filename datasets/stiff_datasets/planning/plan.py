@@ -8,7 +8,7 @@ rows stand in the order of their worth: where time runs out, the first rows are 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Literal, Self, get_args
 
@@ -118,7 +118,7 @@ def candidate_plan(
         ConfigError: an argument is out of range, or too few random poses keep the clearances.
         DataError: a joint has more than one degree of freedom.
     """
-    _check_above("candidates", candidates, 0)
+    _check_positive("candidates", candidates)
     wrench = _forces(candidates, payload_kg, seed)
     q = reachable_poses(chain, candidates, stream("plan poses", chain.name, seed), clearance)
     width = len(str(candidates))
@@ -158,13 +158,8 @@ def chosen_plan(
     choose = choose_d_optimal if criterion == "d-optimal" else choose_by_condition
     plan = pool.take(choose(regressor(chain, pool.q, pool.wrench), n_poses))
     width = max(2, len(str(n_poses)))
-    return MeasurementPlan(
-        q=plan.q,
-        wrench=plan.wrench,
-        pose_id=np.array([f"P{i + 1:0{width}d}" for i in range(n_poses)]),
-        load_id=plan.load_id,
-        group=np.full(n_poses, criterion),
-    )
+    names = np.array([f"P{i + 1:0{width}d}" for i in range(n_poses)])
+    return replace(plan, pose_id=names, group=np.full(n_poses, criterion))
 
 
 def plan_table(plan: MeasurementPlan, robot: Robot) -> pd.DataFrame:
@@ -220,7 +215,7 @@ def write_plan(path: Path, plan: MeasurementPlan, robot: Robot) -> None:
 
 def _forces(n: int, payload_kg: float, seed: int) -> FloatArray:
     """Return (n, 6) wrenches: forces in random directions, torque zero."""
-    _check_above("payload_kg", payload_kg, 0)
+    _check_positive("payload_kg", payload_kg)
     if seed < 0:
         raise ConfigError(f"seed is {seed}, expected 0 or more")
     direction = stream("plan forces", seed).normal(size=(n, 3))
@@ -237,6 +232,6 @@ def _rounded_inside(values: FloatArray, lower: FloatArray, upper: FloatArray) ->
     return np.asarray(rounded + 0.0)  # no -0.0
 
 
-def _check_above(name: str, value: float, limit: float) -> None:
-    if not (np.isfinite(value) and value > limit):
-        raise ConfigError(f"{name} is {value:g}, expected a number above {limit:g}")
+def _check_positive(name: str, value: float) -> None:
+    if not (np.isfinite(value) and value > 0):
+        raise ConfigError(f"{name} is {value:g}, expected a number above 0")

@@ -27,7 +27,7 @@ class RobotTwin:
     """A robot's twin at random reachable poses.
 
     Attributes:
-        constants: the TOML file (`twin_constants.py` says what it holds).
+        constants: the TOML file (`constants.py` says what it holds).
         poses: how many; inside the joint limits, clear of base and ground.
         loads: "line" (along Table 5's line, scaled to the payload), "line-hook" or "omni".
         loads_per_pose: how many.

@@ -34,12 +34,12 @@ _OWN = "stiffbench"
 """Key that marks the dictionary of an object of ours: "model", "record" or "module"."""
 _OWN_PACKAGES = ("stiff_models", "stiff_protocols")
 
-_KERNELS = (
+_COVARIANCES = (
     "CompoundKernel ConstantKernel DotProduct ExpSineSquared Exponentiation Matern Product RBF "
     "RationalQuadratic Sum WhiteKernel"
 )
 TRUSTED = (
-    *(f"sklearn.gaussian_process.kernels.{name}" for name in _KERNELS.split()),
+    *(f"sklearn.gaussian_process.kernels.{name}" for name in _COVARIANCES.split()),
     "sklearn.tree._tree.Tree",
     "sklearn.ensemble._hist_gradient_boosting.predictor.TreePredictor",
     "sklearn.neighbors._kd_tree.KDTree",

@@ -43,12 +43,7 @@ class Mlp(NetworkModel):
         return self.training == "best"
 
     def fit(
-        self,
-        train: Samples,
-        *,
-        robot: Robot,
-        validation: Samples | None = None,
-        seed: int = 0,
+        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
     ) -> Self:
         """Train on `train`; `validation` chooses the epoch, and without it the last is kept.
 

@@ -13,7 +13,7 @@ import torch
 from annotated_types import Ge, Le
 
 from stiff_models.base import FittedModel
-from stiff_models.device import Device, torch_device
+from stiff_models.device import Device, RunsOnDevice, torch_device
 from stiff_models.networks.cache import Trained, remembered, training_digest
 from stiff_models.networks.features import AngleEncoding, Scaler, encode
 from stiff_models.networks.network import Activation, ChosenActivation, build_network
@@ -29,7 +29,7 @@ PREDICTED_AT_ONCE = 1024  # rows: what the layers pass on stays in the processor
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class EncodedNetworkModel(FittedModel):
+class EncodedNetworkModel(RunsOnDevice, FittedModel):
     """Base of the families with one network on encoded, standardised samples.
 
     Attributes:
@@ -39,14 +39,6 @@ class EncodedNetworkModel(FittedModel):
 
     angle_encoding: AngleEncoding = "sincos"
     device: Device = "auto"
-
-    def check_params(self) -> None:
-        """Check what a single option's type cannot.
-
-        Raises:
-            ConfigError: the device is not there.
-        """
-        torch_device(self.device)
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         return self._network_deflection(self.network_, q, wrench)

@@ -54,12 +54,7 @@ class FullVjm(FittedModel):
     solver: Literal["nnls", "ridge"] = "nnls"
 
     def fit(
-        self,
-        train: Samples,
-        *,
-        robot: Robot,
-        validation: Samples | None = None,
-        seed: int = 0,
+        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
     ) -> Self:
         """Identify the springs on `train`; `validation` and `seed` are not used.
 

@@ -1,12 +1,11 @@
 """Deflection of linear joint springs, ``d = J_v diag(c) J^T w``, without the Jacobian.
 
-For many samples at once, for more samples than memory holds, and for all wrenches at a pose. All of
-it is `stiff_models.physics.chain`'s closed form.
+For many samples at once, and for all wrenches at a pose; both are `stiff_models.physics.chain`'s
+closed form.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -63,28 +62,6 @@ def compliance_matrix(robot: Robot, compliance: FloatArray, q: FloatArray) -> Fl
     matrix = np.empty((len(q), 18))
     _compliance_program(robot).run([q], matrix.T, _checked_springs(robot, compliance))
     return matrix.reshape(-1, 3, 6)
-
-
-def deflections(
-    robot: Robot,
-    compliance: FloatArray,
-    chunks: Iterable[tuple[FloatArray, FloatArray]],
-) -> Iterator[FloatArray]:
-    """Yield `joint_deflection` of chunk after chunk; memory does not grow with their number.
-
-    Args:
-        robot: the serial chain.
-        compliance: (n_joints,) rad/(N m) or m/N.
-        chunks: (n, n_joints) positions and (n, 6) wrenches each; any n, some thousands for speed.
-
-    Yields:
-        (n, 3) m, base frame, a chunk.
-
-    Raises:
-        DataError: a shape is another one, or a compliance is not finite.
-    """
-    for q, wrench in chunks:
-        yield joint_deflection(robot, compliance, q, wrench)
 
 
 @lru_cache(PROGRAMS_KEPT)

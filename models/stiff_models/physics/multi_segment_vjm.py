@@ -147,12 +147,7 @@ class MultiSegmentVjm(FittedModel):
                 )
 
     def fit(
-        self,
-        train: Samples,
-        *,
-        robot: Robot,
-        validation: Samples | None = None,
-        seed: int = 0,
+        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
     ) -> Self:
         """Find breakpoints and slopes on `train`; `validation` and `seed` are not used.
 

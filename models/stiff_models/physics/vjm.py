@@ -105,12 +105,7 @@ class VirtualJointModel(FittedModel):
     congruence: bool = False
 
     def fit(
-        self,
-        train: Samples,
-        *,
-        robot: Robot,
-        validation: Samples | None = None,
-        seed: int = 0,
+        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
     ) -> Self:
         """Identify the springs on `train`; `validation` and `seed` are not used.
 

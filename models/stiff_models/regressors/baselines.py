@@ -14,12 +14,7 @@ class ZeroModel(FittedModel):
     """A rigid robot."""
 
     def fit(
-        self,
-        train: Samples,
-        *,
-        robot: Robot,
-        validation: Samples | None = None,
-        seed: int = 0,
+        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
     ) -> Self:
         """Learn nothing."""
         self.robot_ = robot
@@ -36,12 +31,7 @@ class MeanModel(FittedModel):
     """
 
     def fit(
-        self,
-        train: Samples,
-        *,
-        robot: Robot,
-        validation: Samples | None = None,
-        seed: int = 0,
+        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
     ) -> Self:
         """Take the mean of `train`."""
         self.mean_ = train.deflection.mean(axis=0)

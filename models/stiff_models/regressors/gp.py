@@ -37,12 +37,7 @@ class GaussianProcessModel(StandardisedModel):
     search_rows: Annotated[int, Ge(2)] = 1000
 
     def fit(
-        self,
-        train: Samples,
-        *,
-        robot: Robot,
-        validation: Samples | None = None,
-        seed: int = 0,
+        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
     ) -> Self:
         """Choose the hyperparameters by the marginal likelihood of `train`.
 

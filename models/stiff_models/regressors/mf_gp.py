@@ -89,12 +89,7 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
     source_samples: Annotated[int, Ge(1)] = 256
 
     def fit(
-        self,
-        train: Samples,
-        *,
-        robot: Robot,
-        validation: Samples | None = None,
-        seed: int = 0,
+        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
     ) -> Self:
         """Identify the VJM on `train`, simulate it, and fit both levels.
 

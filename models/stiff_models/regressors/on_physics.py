@@ -6,20 +6,22 @@ learns what it leaves.
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Self
 
+from stiff_models.physics.full_vjm import FullVjm
+from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
+from stiff_models.physics.vjm import VirtualJointModel
 from stiff_models.regressors.gp import GaussianProcessModel
 from stiff_models.regressors.regressor_model import BoostingModel
 from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples
 
 Physics = Literal["vjm", "vjm-multisegment", "vjm-full"]
 
-_CLASSES: dict[Physics, str] = {  # imported when used
-    "vjm": "stiff_models.physics.vjm:VirtualJointModel",
-    "vjm-multisegment": "stiff_models.physics.multi_segment_vjm:MultiSegmentVjm",
-    "vjm-full": "stiff_models.physics.full_vjm:FullVjm",
+_FAMILIES: dict[Physics, Any] = {
+    "vjm": VirtualJointModel,
+    "vjm-multisegment": MultiSegmentVjm,
+    "vjm-full": FullVjm,
 }
 
 
@@ -34,12 +36,7 @@ class OnPhysics:
     physics: Physics = "vjm"
 
     def fit(
-        self,
-        train: Samples,
-        *,
-        robot: Robot,
-        validation: Samples | None = None,
-        seed: int = 0,
+        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
     ) -> Self:
         """Identify the physics on `train`, then let the learner learn the residuals.
 
@@ -49,7 +46,7 @@ class OnPhysics:
             ModelError: the physics cannot be identified or the learner cannot be fitted.
         """
         vars(self).pop("diagnostics_", None)  # an earlier fit's
-        self.physics_ = physics_model(self.physics).fit(train, robot=robot, seed=seed)
+        self.physics_ = _FAMILIES[self.physics]().fit(train, robot=robot, seed=seed)
         learner: Any = super()
         learner.fit(
             self._residual(train),
@@ -64,27 +61,12 @@ class OnPhysics:
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         learner: Any = super()
         residual: FloatArray = learner._predict(q, wrench)
-        return self._explained(q, wrench) + residual
-
-    def _explained(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return the (n, 3) deflection by the physics alone, m."""
-        deflection: FloatArray = self.physics_.predict(q, wrench)
-        return deflection
+        explained: FloatArray = self.physics_.predict(q, wrench)
+        return explained + residual
 
     def _residual(self, samples: Samples) -> Samples:
-        left = samples.deflection - self._explained(samples.q, samples.wrench)
+        left = samples.deflection - self.physics_.predict(samples.q, samples.wrench)
         return replace(samples, deflection=left)
-
-    def _shifted(self, interval: Interval, q: FloatArray, wrench: FloatArray) -> Interval:
-        """Return a learner's interval of the residual as one of the deflection."""
-        base = self._explained(q, wrench)
-        return Interval(interval.lower + base, interval.upper + base, interval.coverage)
-
-
-def physics_model(name: Physics) -> Any:
-    """Return an unfitted physical model with its default options."""
-    module, _, cls = _CLASSES[name].partition(":")
-    return getattr(importlib.import_module(module), cls)()
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -100,7 +82,11 @@ class VjmGp(OnPhysics, GaussianProcessModel):
             NotFittedError: `fit` was not called.
             ModelError: the shapes are not those of the robot fitted for.
         """
-        return self._shifted(super().predict_interval(q, wrench, coverage), q, wrench)
+        residual, base = (
+            super().predict_interval(q, wrench, coverage),
+            self.physics_.predict(q, wrench),
+        )
+        return Interval(residual.lower + base, residual.upper + base, coverage)
 
 
 @dataclass(kw_only=True, eq=False, repr=False)

@@ -16,7 +16,7 @@ from sklearn.multioutput import MultiOutputRegressor
 from sklearn.neighbors import KNeighborsRegressor
 from sklearn.utils import get_tags
 
-from stiff_models.regressors.standardised_model import Rows, StandardisedModel
+from stiff_models.regressors.standardised_model import StandardisedModel, StandardisedRows
 from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
@@ -26,12 +26,7 @@ class RegressorModel(StandardisedModel):
     """Base of the families whose learner has scikit-learn's `fit` and `predict`."""
 
     def fit(
-        self,
-        train: Samples,
-        *,
-        robot: Robot,
-        validation: Samples | None = None,
-        seed: int = 0,
+        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
     ) -> Self:
         """Fit the regressor to `train`; few families look at `validation`.
 
@@ -49,7 +44,7 @@ class RegressorModel(StandardisedModel):
     def _regressor(self, seed: int) -> Any:
         """Return a new regressor of (n, 3) targets with scikit-learn's `fit` and `predict`."""
 
-    def _learn(self, train: Rows, validation: Rows | None) -> None:
+    def _learn(self, train: StandardisedRows, validation: StandardisedRows | None) -> None:
         """Fit `regressor_`."""
         with told_as_ours():
             self.regressor_.fit(*train)
@@ -111,7 +106,7 @@ class NearestNeighbours(RegressorModel):
     def _regressor(self, seed: int) -> Any:
         return KNeighborsRegressor(n_neighbors=self.neighbours, weights=self.weights)
 
-    def _learn(self, train: Rows, validation: Rows | None) -> None:
+    def _learn(self, train: StandardisedRows, validation: StandardisedRows | None) -> None:
         if len(train[0]) < self.neighbours:
             raise ModelError(f"neighbours {self.neighbours}: only {len(train[0])} training samples")
         super()._learn(train, validation)

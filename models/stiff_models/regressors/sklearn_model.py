@@ -17,7 +17,7 @@ from sklearn.utils import all_estimators
 
 from stiff_models.regressors.on_physics import OnPhysics
 from stiff_models.regressors.regressor_model import RegressorModel, for_three_outputs
-from stiff_models.regressors.standardised_model import Rows
+from stiff_models.regressors.standardised_model import StandardisedRows
 from stiff_protocols.contract.errors import ConfigError, ModelError, unknown_name
 from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.types import FloatArray
@@ -60,7 +60,7 @@ class SklearnModel(RegressorModel):
             estimator.set_params(random_state=seed)
         return for_three_outputs(estimator)
 
-    def _learn(self, train: Rows, validation: Rows | None) -> None:
+    def _learn(self, train: StandardisedRows, validation: StandardisedRows | None) -> None:
         try:
             super()._learn(train, validation)
         except ValueError as error:

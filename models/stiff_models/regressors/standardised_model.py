@@ -8,7 +8,7 @@ from stiff_models.base import FittedModel
 from stiff_models.networks.features import AngleEncoding, Scaler, encode
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
-Rows = tuple[FloatArray, FloatArray]
+StandardisedRows = tuple[FloatArray, FloatArray]
 """Standardised features (n, n_features) and deflections (n, 3)."""
 
 
@@ -25,7 +25,7 @@ class StandardisedModel(FittedModel):
 
     angle_encoding: AngleEncoding = "sincos"
 
-    def _standardised(self, robot: Robot, train: Samples) -> Rows:
+    def _standardised(self, robot: Robot, train: Samples) -> StandardisedRows:
         """Take the training rows' statistics and return the rows in them."""
         features = encode(robot, train.q, train.wrench, self.angle_encoding)
         self.input_scaler_ = Scaler.of(features)
@@ -35,6 +35,6 @@ class StandardisedModel(FittedModel):
     def _inputs(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
         return self.input_scaler_.apply(encode(robot, q, wrench, self.angle_encoding))
 
-    def _rows(self, robot: Robot, samples: Samples) -> Rows:
+    def _rows(self, robot: Robot, samples: Samples) -> StandardisedRows:
         inputs = self._inputs(robot, samples.q, samples.wrench)
         return inputs, self.output_scaler_.apply(samples.deflection)

@@ -18,16 +18,16 @@ import torch
 from annotated_types import Ge
 from sklearn.multioutput import MultiOutputRegressor
 
-from stiff_models.device import Device, torch_device
+from stiff_models.device import Device, RunsOnDevice, torch_device
 from stiff_models.regressors.optional_packages import missing_tabpfn
 from stiff_models.regressors.regressor_model import RegressorModel, for_three_outputs
-from stiff_models.regressors.standardised_model import Rows
+from stiff_models.regressors.standardised_model import StandardisedRows
 from stiff_protocols.contract.errors import ConfigError, NotSavable
 from stiff_protocols.contract.types import FloatArray
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class PytabkitModel(RegressorModel):
+class PytabkitModel(RunsOnDevice, RegressorModel):
     """Base of the pytabkit families.
 
     Validation rows choose the epoch; without them pytabkit keeps a random fifth of the training
@@ -40,14 +40,6 @@ class PytabkitModel(RegressorModel):
 
     epochs: Annotated[int, Ge(1)] | None = None
     device: Device = "auto"
-
-    def check_params(self) -> None:
-        """Check what a single option's type cannot.
-
-        Raises:
-            ConfigError: the device is not there.
-        """
-        torch_device(self.device)
 
     def save(self, path: Path) -> None:
         """Refuse: a fitted pytabkit object can only be pickled.
@@ -70,7 +62,7 @@ class PytabkitModel(RegressorModel):
                 n_threads=torch.get_num_threads(),  # pytabkit sets torch's own, for good
             )
 
-    def _learn(self, train: Rows, validation: Rows | None) -> None:
+    def _learn(self, train: StandardisedRows, validation: StandardisedRows | None) -> None:
         inputs, targets = train
         chosen = {}
         if validation is not None:
@@ -126,7 +118,7 @@ class TabM(PytabkitModel):
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class TabPfn(RegressorModel):
+class TabPfn(RunsOnDevice, RegressorModel):
     """TabPFN in context: fitting keeps the training rows; one context an axis.
 
     Attributes:
@@ -137,14 +129,6 @@ class TabPfn(RegressorModel):
 
     model_path: str = ""
     device: Device = "auto"
-
-    def check_params(self) -> None:
-        """Check what a single option's type cannot.
-
-        Raises:
-            ConfigError: the device is not there.
-        """
-        torch_device(self.device)
 
     def missing(self) -> str:
         """Return why it cannot be used here: no package, or no weights; "" where it can."""

@@ -159,7 +159,7 @@ BASES_PENALTY = 0.1  # of RSD's bases mismatch, as published
 EXPLAINED = 0.9  # share of the eigenvalues that DARE-GRAM's pseudo-inverse keeps, as published
 ANGLE_WEIGHT, SCALE_WEIGHT = 0.05, 0.001  # of DARE-GRAM, as published (dSprites)
 BROADENING = 1e-12  # of smooth_svd, relative to the largest squared singular value
-RANK_TOLERANCE = 1e-10  # eigenvalues below this share of the largest are rounding
+EIGENVALUE_TOLERANCE = 1e-10  # eigenvalues below this share of the largest are rounding
 
 
 def rsd(source: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
@@ -214,7 +214,7 @@ def dare_gram(source: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
 
 def _inverse(vectors: torch.Tensor, spectrum: torch.Tensor) -> torch.Tensor:
     """Return ``V diag(1/l) V^T`` over the eigenvalues that are not zero."""
-    rank = max(int((spectrum > RANK_TOLERANCE * spectrum[0]).sum()), 1)
+    rank = max(int((spectrum > EIGENVALUE_TOLERANCE * spectrum[0]).sum()), 1)
     return (vectors[:, :rank] / spectrum[:rank]) @ vectors[:, :rank].T
 
 

@@ -35,12 +35,7 @@ class DeepEnsemble(FtMlp):
     members: Annotated[int, Ge(2)] = 5
 
     def fit(
-        self,
-        train: Samples,
-        *,
-        robot: Robot,
-        validation: Samples | None = None,
-        seed: int = 0,
+        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
     ) -> Self:
         """Fit each member as `ft-mlp`, with seeds drawn from `seed`.
 

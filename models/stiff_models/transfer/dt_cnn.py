@@ -29,7 +29,6 @@ from stiff_models.transfer.source_model import SourceModel
 from stiff_protocols.contract.errors import ModelError
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
-Recipe = Literal["fast", "udtl"]
 SOURCE_TEST_ROWS = 4096  # of the randomly drawn test part: this network is slow to predict
 UDTL_EPOCHS, UDTL_BATCH, UDTL_DROPOUT = 300, 64, 0.5
 
@@ -87,7 +86,7 @@ class DtCnn(SourceModel, EncodedNetworkModel):
     alignment: Alignment = "mk-mmd"
     alignment_weight: Annotated[float, Ge(0.0)] = 1.0
     supervision: Literal["none", "fine-tune"] = "none"
-    recipe: Recipe = "fast"
+    recipe: Literal["fast", "udtl"] = "fast"
     pretrain_steps: Annotated[int, Ge(0)] | None = None
 
     @property
@@ -100,12 +99,7 @@ class DtCnn(SourceModel, EncodedNetworkModel):
         return self.supervision == "fine-tune"
 
     def fit(
-        self,
-        train: Samples,
-        *,
-        robot: Robot,
-        validation: Samples | None = None,
-        seed: int = 0,
+        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
     ) -> Self:
         """Learn 70 % of the simulated source, aligned with the inputs of `train`.
 

@@ -25,12 +25,12 @@ from stiff_models.transfer.freeze import Stage, stages
 from stiff_models.transfer.mlp_pretrained import MlpPretrained, Recipe
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
-FAST = TrainingPlan(steps=400, learning_rate=1e-3, loss="mae", optimizer="adam", schedule="linear")
+_FAST = TrainingPlan(steps=400, learning_rate=1e-3, loss="mae", optimizer="adam", schedule="linear")
 # for networks of other kinds, in which every layer moves
 GENTLE = TrainingPlan(steps=300, learning_rate=3e-4, loss="mae", optimizer="adam")
 FINE_TUNING: dict[Recipe, TrainingPlan] = {
-    "fast": FAST,
-    "best": FAST,
+    "fast": _FAST,
+    "best": _FAST,
     # exactly the paper's: rate 0.03, 50,000 epochs, mean absolute error; plain gradient descent
     "paper": TrainingPlan(steps=50_000, learning_rate=0.03, loss="mae", optimizer="sgd"),
 }
@@ -81,12 +81,7 @@ class FtMlp(MlpPretrained):
         return self.training == "best"
 
     def fit(
-        self,
-        train: Samples,
-        *,
-        robot: Robot,
-        validation: Samples | None = None,
-        seed: int = 0,
+        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
     ) -> Self:
         """Pre-train as `mlp-pretrained`, then fine-tune on `train`.
 

@@ -32,7 +32,7 @@ SOURCE_ERRORS = (
     "test STDE",
 )
 
-FAST = TrainingPlan(
+_FAST = TrainingPlan(
     steps=1000,
     learning_rate=0.04,
     loss="huber",
@@ -42,8 +42,8 @@ FAST = TrainingPlan(
     mixed_precision=True,
 )
 PRETRAINING: dict[Recipe, TrainingPlan] = {
-    "fast": FAST,
-    "best": replace(FAST, steps=4000),
+    "fast": _FAST,
+    "best": replace(_FAST, steps=4000),
     # The paper gives 100,000 iterations and the mean squared error; optimizer, rate and batch
     # are not stated. Ours: Adam at its usual rate and 256 samples.
     "paper": TrainingPlan(
@@ -72,12 +72,7 @@ class MlpPretrained(SourceModel, NetworkModel):
         return self._unlabelled()
 
     def fit(
-        self,
-        train: Samples,
-        *,
-        robot: Robot,
-        validation: Samples | None = None,
-        seed: int = 0,
+        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
     ) -> Self:
         """Identify the VJM on `train`, simulate the source domain, train on 70 % of it.
 

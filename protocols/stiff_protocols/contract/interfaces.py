@@ -125,7 +125,7 @@ class StatesRegime(Protocol):
 
     Attributes:
         regime: printed beside the model's name; "" for nothing. Transfer without target labels
-            and transfer with them are not the same contest.
+            and transfer with them cannot be compared.
     """
 
     @property

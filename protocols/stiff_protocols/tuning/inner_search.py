@@ -176,7 +176,7 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
         """Check every candidate before anything is computed; of a range, both ends.
 
         Raises:
-            ConfigError: a candidate's options do not fit together, candidates are no one contest,
+            ConfigError: a candidate's options do not fit together, candidates cannot be compared,
                 there is a range where every combination is to be tried, or a package is missing.
         """
         if self.grid:
@@ -197,7 +197,7 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
             regimes.add(_regime(model))
         if len(regimes) > 1:
             raise ConfigError(
-                "candidates that use training labels differently are no one contest "
+                "candidates that use training labels differently cannot be compared "
                 f"({', '.join(sorted(regime or 'the usual way' for regime in regimes))})"
             )
 
@@ -217,12 +217,10 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
 
     def missing(self) -> str:
         """Return what a candidate lacks on this machine; "" for nothing."""
-        said = (
-            model.missing()
-            for _, model in self._candidates()
-            if isinstance(model, KnowsWhatIsMissing)
-        )
-        return next(filter(None, said), "")
+        for _, model in self._candidates():
+            if isinstance(model, KnowsWhatIsMissing) and (reason := model.missing()):
+                return reason
+        return ""
 
     def fit(
         self,
@@ -299,7 +297,7 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
     def _searched(
         self, train: Samples, robot: Robot, validation: Samples | None, seed: int
     ) -> tuple[Tried, ...]:
-        """Return every candidate's inner error; one that fails is left out, and that is said."""
+        """Return every candidate's inner error; one that fails is left out, with a warning."""
         rows = train if validation is None else together(train, validation)
         parts = KFold(folds=self.folds, validation_fraction=self.validation_fraction).splits(
             rows,

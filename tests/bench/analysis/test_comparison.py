@@ -18,13 +18,12 @@ from stiff_bench.analysis.compare import CompareWords, compare_folder
 from stiff_bench.analysis.comparison import compare
 from stiff_bench.analysis.comparison_text import render_report
 from stiff_bench.analysis.comparison_words import sentence
-from stiff_bench.analysis.verdict import Estimate, Question, decide
+from stiff_bench.analysis.verdict import Question, decide
 from stiff_bench.cli.compare import compare as compare_command
 from stiff_bench.run.cell import compute_cell
 from stiff_bench.store.database import ResultStore, read_results
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.record import RunManifest
-from stiff_protocols.scoring.paired import Posterior
 
 A_SPLITS = (1.0e-4, 1.2e-4, 0.9e-4, 1.1e-4, 1.3e-4)
 B_SPLITS = (2.0e-4, 2.1e-4, 2.2e-4, 2.1e-4, 2.4e-4)
@@ -106,32 +105,6 @@ def test_changing_sides_mirrors_everything(tmp_path):
     assert (there.main.low, there.main.high) == pytest.approx((-back.main.high, -back.main.low))
     assert there.main.posterior.a_better == pytest.approx(back.main.posterior.b_better)
     assert {there.verdict, back.verdict} == {"a", "b"}
-
-
-def estimate(low, high, p_value, equivalent=0.0):
-    posterior = Posterior(0.0, equivalent, 1.0 - equivalent)
-    return Estimate(low, high, p_value, "corrected t over splits", posterior)
-
-
-def verdict_on(*estimates, confidence=0.95):
-    return decide(estimates, confidence).verdict
-
-
-def test_a_verdict_needs_the_test_and_every_interval():
-    better = estimate(-2e-5, -1e-5, 0.01)
-    assert verdict_on(better) == "a"
-    assert verdict_on(estimate(1e-5, 2e-5, 0.01)) == "b"
-    assert verdict_on(better, estimate(-2e-5, 1e-6, 0.01)) == "open"
-    assert verdict_on(estimate(-2e-5, -1e-6, 0.06)) == "open"
-    assert verdict_on(estimate(-2e-5, -1e-6, 0.06), confidence=0.9) == "a"
-
-
-def test_no_difference_found_is_not_called_equivalent():
-    unclear = estimate(-1e-4, 1e-4, 0.9, equivalent=0.94)
-    assert verdict_on(unclear) == "open"
-    assert verdict_on(estimate(-1e-6, 1e-6, 0.9, 0.96), unclear) == "open"
-    # a difference that is certain but smaller than the tracker can see makes none
-    assert verdict_on(estimate(-2e-6, -1e-6, 0.001, 0.99)) == "equivalent"
 
 
 def test_the_sentence_for_equal_models_says_equivalent_and_for_noise_not_told_apart(tmp_path):
@@ -273,7 +246,7 @@ def test_equivalent_over_splits_and_not_over_poses_is_no_winner_that_poses_lack(
 
     folder = store_results(tmp_path, {"a": a, "b": b})
     row = compared(folder).row("norm")
-    assert verdict_on(row.over_splits) == "equivalent" and row.verdict == "open"
+    assert decide([row.over_splits], 0.95).verdict == "equivalent" and row.verdict == "open"
     assert "not told apart |" in text_of(folder) and "(poses) |" not in text_of(folder)
 
 

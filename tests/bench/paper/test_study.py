@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from stiff_bench.paper.reproduce import Study, forecast_of
+from stiff_bench.cli.run import foreseen
 from stiff_bench.paper.study import (
     ALL_PAIRS,
     DEPTHS,
@@ -13,8 +13,10 @@ from stiff_bench.paper.study import (
     leaderboard_study,
     paper_study,
     pretrained,
+    study_plans,
     unfrozen,
 )
+from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import usable_registry
 from stiff_bench.run.execution import IN_THIS_PROCESS
 from stiff_models.catalog import MODELS
@@ -27,12 +29,13 @@ def different(variants):
 
 
 def study_of(runs, folder):
-    return Study.of(runs, output=folder, command="bench reproduce", registry=usable_registry())
+    registry = usable_registry()
+    return study_plans(runs, output=folder, command="bench reproduce", registry=registry)
 
 
 @pytest.mark.parametrize("runs", [paper_study(full=True), leaderboard_study(KEYS)])
 def test_every_variant_has_the_name_under_which_its_results_are_stored(runs, tmp_path):
-    for run, plan in zip(runs, study_of(runs, tmp_path).plans, strict=True):
+    for run, plan in zip(runs, study_of(runs, tmp_path), strict=True):
         assert tuple(choice.name for choice in plan.models) == tuple(different(run.models))
         assert tuple(choice.name for choice in plan.datasets) == tuple(different(run.datasets))
         assert tuple(choice.name for choice in plan.protocols) == run.protocols
@@ -60,7 +63,7 @@ def test_a_cell_that_two_parts_need_is_asked_for_once(tmp_path):
     runs = paper_study(full=True)
     asked = [(name, run.protocols) for run in runs for name in different(run.models)]
     assert len(asked) > len(set(asked))  # Figure 5's sweep has Table 6's and Table 7's networks too
-    keys = [task.cell.key for task in study_of(runs, tmp_path).tasks()]
+    keys = [task.cell.key for task in cell_tasks(*study_of(runs, tmp_path))]
     assert len(keys) == len(set(keys)) == 5 * len(set(asked))
 
 
@@ -70,5 +73,5 @@ def test_the_leaderboard_has_every_shipped_model_once():
 
 
 def test_before_anything_is_stored_a_forecast_says_that_no_time_is_known(tmp_path):
-    found = forecast_of(study_of(paper_study(full=False), tmp_path), IN_THIS_PROCESS)
+    found = foreseen(study_of(paper_study(full=False), tmp_path), IN_THIS_PROCESS)
     assert found.n_unknown == found.n_cells > 0 and found.seconds == 0.0

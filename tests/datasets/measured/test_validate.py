@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.spatial.transform import Rotation
 
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.measured.frame_check import readings
@@ -24,6 +23,7 @@ from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.kr10_twin import Kr10Twin, Kr10TwinMultiload, Kr10TwinOmni
 from stiff_datasets.twin.robot_twin import Ur5Twin
 from stiff_models.physics.vjm import VirtualJointModel, joint_deflection
+from stiff_protocols.contract.forward_kinematics import forward_kinematics
 from stiff_protocols.contract.types import BenchmarkData, Robot, Samples
 
 TOOL = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
@@ -60,16 +60,6 @@ def measured(robot: str) -> tuple[BenchmarkData, ChainModel]:
 def measurement(request, tmp_path):
     data, chain = measured(request.param)
     return Measurement(data.samples, data.robot, chain, tmp_path / "my.csv")
-
-
-def tool_rotations(measurement):
-    """The last joint's orientation (n, 3, 3) by the product of the joints' turns, no Pinocchio."""
-    robot, turn = measurement.robot, np.eye(3)
-    for placement, axis, q in zip(
-        robot.placements, robot.axes, measurement.samples.q.T, strict=True
-    ):
-        turn = turn @ placement[:3, :3] @ Rotation.from_rotvec(q[:, None] * axis).as_matrix()
-    return turn
 
 
 def turned(wrench, matrix):
@@ -125,7 +115,8 @@ def test_a_wrench_in_another_frame_of_the_base_is_named(measurement, words, matr
     [(": residual", np.eye(3)), (" with x, y, z read from its columns y, z, x", TOOL)],
 )
 def test_a_wrench_in_the_tool_frame_is_named(measurement, words, matrix):
-    to_tool = matrix.T @ tool_rotations(measurement).transpose(0, 2, 1)
+    tool = forward_kinematics(measurement.robot, measurement.samples.q).rotation
+    to_tool = matrix.T @ tool.transpose(0, 2, 1)
     report = measurement.report(wrench=turned(measurement.samples.wrench, to_tool))
     found = only(report.warnings, "wrong frame or sign?")
     assert f"as the wrench expressed in the tool frame{words}" in found.message

@@ -7,7 +7,6 @@ import itertools
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.spatial.transform import Rotation
 
 from stiff_datasets.measured.identifiability import identifiability, regressor
 from stiff_datasets.measured.measured import read_samples
@@ -62,25 +61,13 @@ def case(request):
     )
 
 
-def joint_origins_and_tcp(robot, q):
-    """Forward kinematics of its own: (n_joints + 1, 3), m."""
-    pose, points = np.eye(4), []
-    for placement, axis, angle in zip(robot.placements, robot.axes, q, strict=True):
-        pose = pose @ placement
-        points.append(pose[:3, 3])
-        turn = np.eye(4)
-        turn[:3, :3] = Rotation.from_rotvec(axis * angle).as_matrix()
-        pose = pose @ turn
-    return np.array([*points, pose[:3, :3] @ robot.tcp + pose[:3, 3]])
-
-
 def between(start, end, n=150):
     return start + np.linspace(0.0, 1.0, n)[:, None] * (end - start)
 
 
 def sampled_clearances(robot, q):
     """Distance to the base column and height of points sampled on the arm from joint 3 on."""
-    points = joint_origins_and_tcp(robot, q)
+    (points,) = forward_kinematics(robot, q[None]).points
     arm = np.concatenate([between(*ends) for ends in itertools.pairwise(points[2:])])
     column = between(np.zeros(3), points[1])
     return np.linalg.norm(arm[:, None] - column, axis=2).min(), arm[:, 2].min()

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import joblib
 import numpy as np
@@ -20,7 +21,6 @@ from stiff_models.transfer import mlp_pretrained
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_models.transfer.mlp_pretrained import MlpPretrained
 from stiff_protocols.contract.errors import StiffBenchWarning
-from stiff_protocols.contract.types import Samples
 
 pytestmark = pytest.mark.usefixtures("small_source")
 
@@ -102,13 +102,8 @@ def test_other_training_samples_are_another_training_and_test_samples_are_no_par
     data, trainings
 ):
     fit(data)
-    moved = Samples(
-        **{
-            name: getattr(data.samples, name)
-            for name in ("q", "wrench", "pose_id", "load_id", "group")
-        },
-        deflection=data.samples.deflection * np.where(np.arange(151) < 100, 1.0, 7.0)[:, None],
-    )
+    scale = np.where(np.arange(151) < 100, 1.0, 7.0)[:, None]
+    moved = replace(data.samples, deflection=data.samples.deflection * scale)
     train = moved.take(np.arange(100))  # rows 100.. are the test part
     FtMlp(**SMALL, epochs=3).fit(train, robot=data.robot, seed=1)
     assert len(trainings) == 1

@@ -31,6 +31,11 @@ def plan(**changes):
     )
 
 
+def train(net, data=None, chosen=None, **options):
+    data, chosen = data or rows(), chosen or plan()
+    return train_network(net, data, chosen, **({"seed": 0, "phase": "t"} | options))
+
+
 def error(net, data):
     with torch.no_grad():
         return (net(data.inputs) - data.targets).abs().mean().item()
@@ -44,7 +49,7 @@ def test_training_lowers_the_error(optimizer, loss):
     # the Huber loss is narrow, so its gradients are small
     rate = {"adam": 1e-2, "muon": 0.02}.get(optimizer, 10.0 if loss == "huber" else 0.1)
     chosen = plan(steps=100, optimizer=optimizer, loss=loss, learning_rate=rate)
-    train_network(net, data, chosen, seed=0, phase="t")
+    train(net, data, chosen)
     assert error(net, data) < 0.9 * before
 
 
@@ -52,14 +57,7 @@ def test_parameters_that_do_not_move_stay_bit_identical():
     net = network()
     first = {name: value.clone() for name, value in net.state_dict().items()}
     layer = linear_layers(net)[1]
-    train_network(
-        net,
-        rows(),
-        plan(),
-        seed=0,
-        phase="t",
-        trainable=Trainable({layer.weight: 1.0, layer.bias: 1.0}),
-    )
+    train(net, trainable=Trainable({layer.weight: 1.0, layer.bias: 1.0}))
     changed = {
         name for name, value in net.state_dict().items() if not torch.equal(value, first[name])
     }
@@ -71,35 +69,25 @@ def test_a_frozen_first_part_is_passed_through_once_with_the_same_result():
     cached, full = network(), network()
     for net, extra in ((cached, {}), (full, {linear_layers(full)[0].weight: 0.0})):
         layer = linear_layers(net)[1]
-        train_network(
-            net,
-            rows(),
-            plan(optimizer="sgd"),
-            seed=0,
-            phase="t",
-            trainable=Trainable({layer.weight: 1.0} | extra),
-        )
+        moving = Trainable({layer.weight: 1.0} | extra)
+        train(net, chosen=plan(optimizer="sgd"), trainable=moving)
     assert torch.allclose(linear_layers(cached)[1].weight, linear_layers(full)[1].weight, atol=1e-6)
 
 
 def test_the_best_step_on_the_validation_rows_is_kept():
     net, data, held_out = network(width=64), rows(12), rows(200, seed=2)
-    curve = train_network(
-        net, data, plan(steps=300, keep_best=True), seed=0, phase="t", validation=held_out
-    )
+    curve = train(net, data, plan(steps=300, keep_best=True), validation=held_out)
     assert error(net, held_out) == pytest.approx(curve.best_loss, rel=1e-5)
     assert 0 < curve.best_step < 300
     last = network(width=64)
-    train_network(last, data, plan(steps=300), seed=0, phase="t", validation=held_out)
+    train(last, data, plan(steps=300), validation=held_out)
     assert curve.best_loss < error(last, held_out)
 
 
 def test_validation_rows_do_not_change_what_is_learned():
     with_rows, without = network(), network()
-    kept_last = train_network(
-        with_rows, rows(), plan(), seed=0, phase="t", validation=rows(9, seed=5)
-    )
-    train_network(without, rows(), plan(), seed=0, phase="t")
+    kept_last = train(with_rows, validation=rows(9, seed=5))
+    train(without)
     assert math.isnan(kept_last.best_loss)
     assert all(
         torch.equal(a, b) for a, b in zip(with_rows.parameters(), without.parameters(), strict=True)
@@ -108,33 +96,20 @@ def test_validation_rows_do_not_change_what_is_learned():
 
 def test_an_infinite_pull_returns_the_first_weights():
     net, start = network(), network()
-    train_network(
-        net,
-        rows(),
-        plan(),
-        seed=0,
-        phase="t",
-        trainable=Trainable(dict.fromkeys(net.parameters(), 1.0), pull=1e30),
-    )
+    train(net, trainable=Trainable(dict.fromkeys(net.parameters(), 1.0), pull=1e30))
     assert all(torch.equal(a, b) for a, b in zip(net.parameters(), start.parameters(), strict=True))
 
 
 def test_a_diverging_training_is_refused_with_its_learning_rate():
     with pytest.raises(ModelError, match="learning rate of 1e\\+06 is too high"):
-        train_network(
-            network(),
-            rows(),
-            plan(optimizer="sgd", loss="mse", learning_rate=1e6),
-            seed=0,
-            phase="t",
-        )
+        train(network(), chosen=plan(optimizer="sgd", loss="mse", learning_rate=1e6))
 
 
 def test_the_same_seed_trains_the_same_network():
     results = []
     for _ in range(2):
         net = network(seed=3)
-        train_network(net, rows(), plan(batch=16, schedule="linear"), seed=3, phase="t")
+        train(net, chosen=plan(batch=16, schedule="linear"), seed=3)
         results.append(list(net.parameters()))
     assert all(torch.equal(a, b) for a, b in zip(*results, strict=True))
 
@@ -142,7 +117,7 @@ def test_the_same_seed_trains_the_same_network():
 def test_progress_reports_phase_step_and_loss():
     seen = []
     with listening(seen.append):
-        train_network(network(), rows(), plan(), seed=0, phase="pre-train")
+        train(network(), phase="pre-train")
     assert {report.phase for report in seen} == {"pre-train"}
     assert seen[-1].step == seen[-1].total == 40
     assert seen[-1].loss is not None
@@ -167,7 +142,7 @@ def test_whitened_inputs_have_the_same_size_in_every_direction():
 def test_muon_moves_every_hidden_matrix_and_leaves_no_hook_behind():
     net = network()
     first = [layer.weight.clone() for layer in linear_layers(net)]
-    train_network(net, rows(), plan(steps=3, optimizer="muon"), seed=0, phase="t")
+    train(net, chosen=plan(steps=3, optimizer="muon"))
     moved = [
         not torch.equal(layer.weight, before)
         for layer, before in zip(linear_layers(net), first, strict=True)

@@ -8,33 +8,16 @@ import numpy as np
 import pytest
 from scipy.optimize import fsolve
 
+from made_robots import planar_arm
 from made_samples import samples_with
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.physics.congruence import LoadedRobot, loaded_deflection
 from stiff_models.physics.kinematics import jacobian
 from stiff_models.physics.vjm import VirtualJointModel, identify_joints, joint_deflection
 from stiff_protocols.contract.errors import ModelError
-from stiff_protocols.contract.types import Robot
 
 STIFFNESS = np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])  # the paper's Table 3
-
-
-def planar_arm(n_joints):
-    """Links of 1 m along x that turn about z."""
-    placements = np.tile(np.eye(4), (n_joints, 1, 1))
-    placements[1:, 0, 3] = 1.0
-    return Robot(
-        name="planar",
-        joint_names=tuple(f"j{i + 1}" for i in range(n_joints)),
-        joint_types=("revolute",) * n_joints,
-        placements=placements,
-        axes=np.tile([0.0, 0.0, 1.0], (n_joints, 1)),
-        lower=np.full(n_joints, -np.pi),
-        upper=np.full(n_joints, np.pi),
-        masses=np.zeros(n_joints),
-        centres_of_mass=np.zeros((n_joints, 3)),
-        tcp=np.array([1.0, 0.0, 0.0]),
-    )
+Z = (0.0, 0.0, 1.0)
 
 
 def loaded_samples(robot, rng, n=60):
@@ -47,7 +30,7 @@ def loaded_samples(robot, rng, n=60):
 def pushed(force_inwards, force_across, stiffness=1000.0):
     """A 1 m pendulum along x, pushed towards its joint and across."""
     wrench = np.array([[-force_inwards, force_across, 0.0, 0.0, 0.0, 0.0]])
-    return loaded_deflection(planar_arm(1), np.array([1 / stiffness]), np.zeros((1, 1)), wrench)
+    return loaded_deflection(planar_arm(1, Z), np.array([1 / stiffness]), np.zeros((1, 1)), wrench)
 
 
 def test_a_pushed_pendulum_is_softer_and_a_pulled_one_stiffer_by_force_times_length():
@@ -85,7 +68,7 @@ def test_a_rigid_joint_never_buckles_and_does_not_turn(kr10, rng):
 
 def balance_error(share, congruence):
     """How far the model is from the solved balance K t = J(q + t)^T w, at a share of a load."""
-    arm, stiffness = planar_arm(2), np.array([900.0, 500.0])
+    arm, stiffness = planar_arm(2, Z), np.array([900.0, 500.0])
     q, wrench = np.array([[0.4, 0.7]]), share * np.array([[-60.0, 40.0, 0.0, 0.0, 0.0, 5.0]])
 
     def unbalanced(turn):

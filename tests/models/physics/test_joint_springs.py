@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
-import tracemalloc
-
 import numpy as np
 import pytest
 
 from made_robots import random_chain
-from stiff_models.physics.joint_springs import compliance_matrix, deflections, joint_deflection
+from stiff_models.physics.joint_springs import compliance_matrix, joint_deflection
 from stiff_models.physics.kinematics import jacobian
-from stiff_models.physics.straight_line import CHUNK
 from stiff_protocols.contract.errors import DataError
 
 KINDS = [
@@ -55,39 +51,6 @@ def test_the_compliance_matrix_is_the_product_of_the_jacobians(case):
     truth = matrices(robot, compliance, q)
     found = compliance_matrix(robot, compliance, q)
     np.testing.assert_allclose(found, truth, rtol=0, atol=1e-13 * np.abs(truth).max())
-
-
-def test_a_stream_gives_what_its_chunks_give_and_waits_for_them(case):
-    robot, compliance, q, wrench = case
-    taken = []
-
-    def chunks():
-        for part in (slice(0, 7), slice(7, 40), slice(40, 60)):
-            taken.append(part)
-            yield q[part], wrench[part]
-
-    stream = deflections(robot, compliance, chunks())
-    assert not taken
-    found = [next(stream)]
-    assert len(taken) == 1
-    found.extend(stream)
-    whole = joint_deflection(robot, compliance, q, wrench)
-    np.testing.assert_array_equal(np.concatenate(found), whole)
-
-
-def test_memory_of_a_stream_does_not_grow_with_its_length(kr10, rng):
-    chunk = rng.normal(size=(CHUNK, 6)), rng.normal(size=(CHUNK, 6))
-
-    def peak(n_chunks):
-        tracemalloc.start()
-        for _ in deflections(kr10, np.ones(6), itertools.repeat(chunk, n_chunks)):
-            pass
-        _, found = tracemalloc.get_traced_memory()
-        tracemalloc.stop()
-        return found
-
-    peak(2)  # the program is written now
-    assert peak(40) < 1.2 * peak(4)
 
 
 @pytest.mark.parametrize("function", [joint_deflection, compliance_matrix])

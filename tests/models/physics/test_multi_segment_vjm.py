@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from made_robots import planar_arm
 from made_samples import samples_with
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.twin.kr10_twin import Kr10Twin
@@ -12,25 +13,9 @@ from stiff_models.physics.kinematics import gravity_torque, jacobian
 from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm, segment_torques
 from stiff_models.physics.vjm import VirtualJointModel, joint_deflection
 from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
-from stiff_protocols.contract.types import Robot
 
 SOFT, STIFF = 1e-4, 4e-5  # rad/(N m): a gear below and above its breakpoint
-
-
-def arm(mass=0.0):
-    """One link of 1 m along x that turns about y (downwards), its mass at the tip."""
-    return Robot(
-        name="arm",
-        joint_names=("j1",),
-        joint_types=("revolute",),
-        placements=np.eye(4)[None],
-        axes=np.array([[0.0, 1.0, 0.0]]),
-        lower=np.array([-np.pi]),
-        upper=np.array([np.pi]),
-        masses=np.array([mass]),
-        centres_of_mass=np.array([[1.0, 0.0, 0.0]]),
-        tcp=np.array([1.0, 0.0, 0.0]),
-    )
+DOWN = (0.0, 1.0, 0.0)  # about y: an arm along x turns downwards
 
 
 def down(forces):
@@ -54,7 +39,7 @@ def test_one_joint_bends_by_the_closed_form_and_its_slopes_are_found():
     deflection = np.zeros((7, 3))
     deflection[:, 2] = -phi(torque, (SOFT, STIFF), 10.0)  # 1 m from the joint
     model = MultiSegmentVjm(breakpoints="given", given_breakpoints="10", gravity=False)
-    model.fit(samples_with(q, wrench, deflection), robot=arm())
+    model.fit(samples_with(q, wrench, deflection), robot=planar_arm(1, DOWN))
     np.testing.assert_allclose(model.slopes_, [[SOFT, STIFF]], rtol=1e-12)
     assert model.diagnostics_["stiffness j1 segment 1 [Nm/rad]"] == pytest.approx(1 / SOFT)
     assert model.diagnostics_["stiffness j1 segment 2 [Nm/rad]"] == pytest.approx(1 / STIFF)
@@ -80,7 +65,7 @@ def test_the_parts_of_a_torque_are_odd_continuous_and_add_up_to_it():
 
 def preloaded():
     """An arm of 3 kg whose gear its weight (29 N m, level) takes past the breakpoint."""
-    robot, rng = arm(mass=3.0), np.random.default_rng(3)
+    robot, rng = planar_arm(1, DOWN, mass=3.0), np.random.default_rng(3)
     q = rng.uniform(-1.5, 1.5, size=(80, 1))
     wrench = np.zeros((80, 6))
     wrench[:, :3] = rng.normal(size=(80, 3)) * 20.0
@@ -173,7 +158,7 @@ def test_a_segment_that_no_training_torque_reaches_is_named():
     deflection = np.outer([1.0, 2.0, 3.0], [0.0, 0.0, -SOFT])
     model = MultiSegmentVjm(breakpoints="given", given_breakpoints="5", gravity=False)
     with pytest.warns(StiffBenchWarning, match=r"not identifiable.*: j1 segment 2 \(.*rank 1 of 2"):
-        model.fit(samples_with(q, wrench, deflection), robot=arm())
+        model.fit(samples_with(q, wrench, deflection), robot=planar_arm(1, DOWN))
     assert np.isnan(model.diagnostics_["stiffness j1 segment 2 [Nm/rad]"])
 
 

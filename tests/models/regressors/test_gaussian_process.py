@@ -117,9 +117,3 @@ def test_rows_whose_covariance_has_no_factor_are_refused(rng):
     with pytest.raises(ModelError, match="process of 40 rows cannot be solved"):
         GaussianProcess.of(hopeless, inputs, outputs)
     assert log_likelihood(hopeless, inputs, outputs)[0] == -np.inf
-
-
-def test_no_rows_have_no_predictions(rng):
-    process = GaussianProcess.of(covariance_of("matern", rng), *rows_of(rng))
-    nothing = np.empty((0, N_FEATURES))
-    assert process.mean(nothing).shape == process.deviation(nothing).shape == (0,)

@@ -12,7 +12,6 @@ from stiff_models.transfer.cnn import CellMaxPool, SampleNormalisation
 from stiff_models.transfer.dt_cnn import FAST, DtCnn, udtl_plan
 from stiff_models.transfer.ft_mlp import GENTLE
 from stiff_models.transfer.source_model import NO_TARGET_LABELS
-from stiff_protocols.contract.types import Samples
 
 SMALL = {"device": "cpu", "source_poses": "sobol", "pretrain_steps": 8}
 
@@ -40,26 +39,12 @@ def predictions(model, parts):
 
 
 def with_other_labels(samples):
-    return Samples(
-        samples.q,
-        samples.wrench,
-        2.0 * samples.deflection[::-1],
-        samples.pose_id,
-        samples.load_id,
-        samples.group,
-    )
+    return replace(samples, deflection=2.0 * samples.deflection[::-1])
 
 
 def elsewhere(samples):
     """The same labels at other inputs inside the same joint ranges."""
-    return Samples(
-        samples.q[::-1],
-        0.5 * samples.wrench,
-        samples.deflection,
-        samples.pose_id,
-        samples.load_id,
-        samples.group,
-    )
+    return replace(samples, q=samples.q[::-1], wrench=0.5 * samples.wrench)
 
 
 def kinds(network):
@@ -85,14 +70,6 @@ def test_the_udtl_preset_is_the_literal_network(parts):
     assert not model.input_scaler_.mean.any() and (model.input_scaler_.scale == 1.0).all()
     unpooled = fit(parts, pretrain_steps=0, preset="udtl", pool="none")
     assert not kinds(unpooled.network_) & {CellMaxPool, torch.nn.MaxPool1d}
-
-
-@pytest.mark.parametrize(("preset", "blind"), [("udtl", True), ("ours", False)])
-def test_only_the_udtl_preset_cannot_tell_joint_1_from_joint_2(parts, preset, blind):
-    model, test = fit(parts, preset=preset, alignment="none"), parts[3]
-    swapped = model.predict(test.q[:, [1, 0, 2, 3, 4, 5]], test.wrench)
-    # a sample's mean is summed in another order, so the last bits of its normalisation may differ
-    assert np.allclose(swapped, predictions(model, parts), rtol=0.0, atol=1e-8) == blind
 
 
 def test_udtls_recipe_is_udtls():

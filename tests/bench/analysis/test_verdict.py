@@ -1,0 +1,107 @@
+"""The one rule of who is better: what a winner needs, what equivalent needs, what is corrected."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stiff_bench.analysis.verdict import (
+    Estimate,
+    Question,
+    SharedErrors,
+    decide,
+    decide_pairs,
+    rank_difference,
+)
+from stiff_protocols.scoring.bootstrap import pose_errors, resampled_means
+from stiff_protocols.scoring.paired import Posterior, corrected_t, holm, wilcoxon_signed_rank
+from stiff_protocols.scoring.ranks import compare_over_datasets
+
+POSES = np.arange(40).astype(str)
+
+
+def estimate(low, high, p_value, equivalent=0.0):
+    posterior = Posterior(0.0, equivalent, 1.0 - equivalent)
+    return Estimate(low, high, p_value, "corrected t over splits", posterior)
+
+
+def verdict_on(*estimates, confidence=0.95):
+    return decide(estimates, confidence).verdict
+
+
+def test_a_verdict_needs_the_test_and_every_interval():
+    better = estimate(-2e-5, -1e-5, 0.01)
+    assert verdict_on(better) == "a"
+    assert verdict_on(estimate(1e-5, 2e-5, 0.01)) == "b"
+    assert verdict_on(better, estimate(-2e-5, 1e-6, 0.01)) == "open"
+    assert verdict_on(estimate(-2e-5, -1e-6, 0.06)) == "open"
+    assert verdict_on(estimate(-2e-5, -1e-6, 0.06), confidence=0.9) == "a"
+
+
+def test_no_difference_found_is_not_called_equivalent():
+    unclear = estimate(-1e-4, 1e-4, 0.9, equivalent=0.94)
+    assert verdict_on(unclear) == "open"
+    assert verdict_on(estimate(-1e-6, 1e-6, 0.9, 0.96), unclear) == "open"
+    # a difference that is certain but smaller than the tracker can see makes none
+    assert verdict_on(estimate(-2e-6, -1e-6, 0.001, 0.99)) == "equivalent"
+
+
+def errors_of(rng, *means, n_splits=5):
+    """Return errors of models with these mean errors, m, that scatter by 0.02 mm."""
+    errors = [mean + 2e-5 * rng.normal(size=(n_splits, len(POSES))) for mean in means]
+    poses = [pose_errors(np.tile(POSES, n_splits), one.reshape(-1, 1)) for one in errors]
+    of_splits = np.column_stack([one.mean(axis=1) for one in errors])
+    return SharedErrors(
+        of_splits if n_splits > 1 else None, 0.2, poses, resampled_means(poses, seed=0)
+    )
+
+
+@pytest.mark.parametrize("n_splits", [1, 5])
+def test_every_pair_has_the_p_value_of_its_test_and_the_other_way_round_the_other_verdict(
+    rng, n_splits
+):
+    errors = errors_of(rng, 1e-4, 2e-4, n_splits=n_splits)
+    there, back = decide_pairs(errors, [(0, 1), (1, 0)], Question(), correct=False)
+    assert (there.verdict, back.verdict) == ("a", "b")
+    if n_splits > 1:
+        expected = corrected_t(np.diff(errors.of_splits)[:, 0], 0.2).p_value
+        assert there.test == "corrected t over splits"
+    else:
+        a, b = errors.of_poses
+        expected = wilcoxon_signed_rank((a.totals - b.totals)[:, 0])
+        assert there.test == "Wilcoxon over poses"
+    assert there.p_value == pytest.approx(expected) == back.p_value
+
+
+def test_pairs_that_are_corrected_have_holms_p_values(rng):
+    errors = errors_of(rng, 1e-4, 1.05e-4, 1.1e-4, 1e-4)
+    pairs = [(0, 1), (0, 2), (0, 3)]
+    plain, corrected = (
+        [one.p_value for one in decide_pairs(errors, pairs, Question(), correct=correct)]
+        for correct in (False, True)
+    )
+    assert corrected == pytest.approx(holm(plain).tolist())
+
+
+def test_one_value_without_poses_behind_it_has_no_verdict():
+    assert (
+        decide_pairs(SharedErrors(None, 0.2, None, None), [(0, 1)], Question(), correct=True)
+        is None
+    )
+
+
+def test_a_value_that_is_no_mean_over_rows_is_decided_by_its_splits_alone():
+    of_splits = np.array([[1.0, 2.0], [1.1, 2.2], [0.9, 2.1]])
+    errors = SharedErrors(of_splits, 0.2, None, None)
+    (decision,) = decide_pairs(errors, [(0, 1)], Question(rope=0.0), correct=True)
+    assert decision.verdict == "a"
+
+
+def test_mean_ranks_differ_from_the_critical_difference_on_if_friedman_finds_any():
+    agreed = compare_over_datasets(np.tile(np.arange(4.0), (6, 1)))
+    verdicts = [decide([rank_difference(agreed, 0, b)], 0.95).verdict for b in range(4)]
+    apart = agreed.mean_ranks - agreed.mean_ranks[0] >= agreed.critical_difference
+    assert [verdict == "a" for verdict in verdicts] == apart.tolist() and apart.any()
+    rolled = [np.roll([1.0, 2.0, 3.0, 4.0, 5.0], shift) for shift in range(5)]
+    nothing = compare_over_datasets(np.array(rolled))
+    assert decide([rank_difference(nothing, 0, 4)], 0.95).verdict == "open"
