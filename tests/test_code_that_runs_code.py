@@ -35,14 +35,14 @@ ALLOWED = {
     "bench/stiff_bench/run/provenance.py": "subprocess: git status of our own checkout",
     "bench/stiff_bench/report/page.py": "subprocess: npm, for developers who take a newer widget",
     "bench/stiff_bench/store/samples.py": "np.load with allow_pickle=False",
-    "bench/stiff_bench/run/isolate.py": "pickle, multiprocessing, ctypes: our processes; prctl(2)",
+    "bench/stiff_bench/run/cell_process.py": "pickle, ctypes: what the run sends it; prctl(2)",
+    "bench/stiff_bench/run/isolate.py": "pickle, multiprocessing: processes of ours",
     "bench/stiff_bench/run/dask_cluster.py": "multiprocessing: a worker may have children",
     "models/stiff_models/networks/cache.py": "joblib: the user's cache, refused if others write",
-    "models/stiff_models/networks/onnx_export.py": "importlib: asks whether a package is there",
-    "models/stiff_models/regressors/optional_packages.py": "importlib: is a package there?",
     "models/stiff_models/regressors/sklearn_model.py": "importlib: modules of sklearn alone",
     "models/stiff_models/io/saved.py": "importlib: modules of ours alone",
     "datasets/stiff_datasets/robots/robot.py": "xml: ElementTree, which reads no external entities",
+    "protocols/stiff_protocols/contract/extras.py": "importlib: is a package there?",
     "protocols/stiff_protocols/contract/plugin.py": "importlib: targets of catalogue lines",
 }
 """File -> what it uses, and why a stranger's file cannot make it run anything."""

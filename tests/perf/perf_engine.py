@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from itertools import islice
@@ -20,6 +20,8 @@ import pytest
 
 from command_line import BENCH, peak_mib
 from made_board import made_board
+from made_results import ROBOT as KR10
+from made_samples import samples_with
 from perf_case import figure, ours, peer
 from run_requests import planned
 from stiff_bench.analysis.collected import collect
@@ -29,10 +31,8 @@ from stiff_bench.plan.request import RunPlan
 from stiff_bench.plan.words import RobotWords
 from stiff_bench.store.database import FILE, ResultStore, stored_results, stored_statuses
 from stiff_datasets.measured.measured import write_samples
-from stiff_datasets.robots.robot import shipped_robot
 from stiff_models.physics.kinematics import jacobian
 from stiff_protocols.contract.plugin import ModelInfo
-from stiff_protocols.contract.types import Samples
 
 N_CELLS = 1000
 ROBOT = RobotWords("kr10-r1100-2", None, "")
@@ -69,10 +69,7 @@ def test_start_of_python(benchmark, words):
     ("words", "at_most"),
     [
         (["--help"], 0.3),
-        (["list", "models"], 0.5),
-        (["list", "datasets"], 0.5),
-        (["list", "protocols"], 0.5),
-        (["list", "metrics"], 0.5),
+        *((["list", what], 0.5) for what in ("models", "datasets", "protocols", "metrics")),
     ],
     ids=["--help", "models", "datasets", "protocols", "metrics"],
 )
@@ -193,22 +190,14 @@ def test_storing_bare_blobs(benchmark, board, tmp_path):
 
 def measurement(n: int, path: Path) -> Path:
     """Write random poses of a KR10 that bends like a VJM, with noise."""
-    rng = np.random.default_rng(0)
-    robot = shipped_robot("kr10_r1100_2", tcp=(0.06, 0.0, 0.08))
+    rng, robot = np.random.default_rng(0), KR10
     q = rng.uniform(robot.lower, robot.upper, (n, 6))
     wrench = np.column_stack([rng.uniform(-100.0, 100.0, (n, 3)), np.zeros((n, 3))])
     rows = jacobian(robot, q)
     compliance = 1e-6 * np.array([2.0, 1.6, 3.0, 20.0, 20.0, 50.0])
     deflection = np.einsum("nij,j,nkj,nk->ni", rows, compliance, rows, wrench)[:, :3]
-    samples = Samples(
-        q=q,
-        wrench=wrench,
-        deflection=deflection + rng.normal(scale=1e-5, size=(n, 3)),
-        pose_id=np.array([f"P{pose}" for pose in range(n)]),
-        load_id=np.full(n, "1"),
-        group=np.full(n, "all"),
-    )
-    write_samples(path, samples, robot)
+    noise = rng.normal(scale=1e-5, size=(n, 3))
+    write_samples(path, samples_with(q, wrench, deflection + noise), robot)
     return path
 
 
@@ -235,16 +224,11 @@ def of_models(n: int, _: object) -> RunPlan:
 
 def cpu_seconds(plan: RunPlan, folder: Path) -> float:
     """How long a run takes this process; what it prints is not shown."""
-    with quiet():
+    nowhere = io.StringIO()
+    with contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere):
         start = time.process_time()
         assert execute(replace(plan, output=folder), "github") == 0
         return time.process_time() - start
-
-
-@contextlib.contextmanager
-def quiet() -> Iterator[None]:
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        yield
 
 
 @pytest.mark.parametrize(

@@ -277,8 +277,8 @@ def execution_of(taken: dict[str, Any], plan: RunPlan, registry: Registry) -> Ex
     Raises:
         ConfigError: one is wrong, or two contradict each other.
     """
+    from stiff_bench.run.cell_process import Limits
     from stiff_bench.run.execution import chosen_execution
-    from stiff_bench.run.isolate import Limits
 
     limits = Limits(taken["threads"], taken["timeout"], _bytes(taken["memory"]))
     others = {name: taken[name] for name in ("jobs", "isolate", "dask", "rerun")}

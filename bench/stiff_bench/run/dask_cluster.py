@@ -25,10 +25,9 @@ import stiff_models
 import stiff_protocols
 from stiff_bench.console import say
 from stiff_bench.plan.cells import CellTask
+from stiff_bench.run.cell_process import Limits, Work
 from stiff_bench.run.isolate import (
     Crash,
-    Limits,
-    Work,
     compute_isolated,
     result_of,
     work_of,

@@ -10,7 +10,8 @@ from stiff_bench.plan.cells import CellTask
 from stiff_bench.plan.registry import OURS, Registry
 from stiff_bench.plan.request import RunPlan
 from stiff_bench.run.cell import compute_cell
-from stiff_bench.run.isolate import NO_MACHINES, Limits, LocalProcesses, result_of
+from stiff_bench.run.cell_process import Limits
+from stiff_bench.run.isolate import NO_MACHINES, LocalProcesses, result_of
 from stiff_bench.run.progress import Display
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.extras import require

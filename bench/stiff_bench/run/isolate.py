@@ -7,24 +7,20 @@ holds one process, so that nothing that this one does can harm another.
 
 from __future__ import annotations
 
-import ctypes
-import faulthandler
 import multiprocessing
 import os
 import pickle
 import signal
 import sys
 import tempfile
-import threading
 import time
-import warnings
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping, Set
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from multiprocessing import connection, parent_process
+from multiprocessing import connection
 from pathlib import Path
 from typing import Any
 
@@ -32,26 +28,31 @@ import orjson
 import psutil
 from pebble import CONSTS, ProcessExpired, ProcessPool
 
-from stiff_bench.plan.cells import CellTask, version_of
-from stiff_bench.plan.registry import import_plugin_file, plugin_files
-from stiff_bench.run.cell import compute_cell, failed, short
-from stiff_bench.run.machine import pin_threads
+from stiff_bench.plan.cells import CellTask
+from stiff_bench.plan.registry import plugin_files
+from stiff_bench.run.cell import failed
+from stiff_bench.run.cell_process import (
+    LOG,
+    PID,
+    PROGRESS,
+    Limits,
+    Work,
+    begin_process,
+    computed_content,
+)
 from stiff_bench.run.progress import Display
-from stiff_bench.store.codec import Content, cell_content, cell_result, json_text
+from stiff_bench.store.codec import Content, cell_result
 from stiff_models.catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.contract.errors import DataError, said_by
-from stiff_protocols.contract.progress import Progress, listening
+from stiff_protocols.contract.progress import Progress
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import BenchmarkData
 
 CONSTS.sleep_unit = 0.02
 """How often pebble looks whether a process has ended, s."""
 SECONDS_BETWEEN_LOOKS = 0.1
-SECONDS_BETWEEN_REPORTS = 0.2
 SECONDS_TO_SAY = 1.0
 """How long pebble may take to say how a process ended; it never does where the status was 0."""
-LAST_WORDS = 0.9
-"""Part of the time limit after which a process prints where it is."""
 LONGEST_TEMPDIR = 70
 """Bytes: a socket's whole name has at most 107 (unix(7)), of which multiprocessing needs 33."""
 LOG_LINES, LONGEST_LINE = 30, 500
@@ -59,56 +60,10 @@ LOG_END, LARGEST_LOG = 2**16, 2**24
 """Bytes of a log that are read, and how large it gets before the rest is thrown away."""
 _NOISE = ("Extension modules:", "/multiprocessing/", "/pebble/", 'File "<string>"', "/stiff_bench/")
 """In lines of faulthandler that say nothing of the model: names of modules, our own beginning."""
-_PID, _PROGRESS, _LOG = "pid", "progress", "log"
-_PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36  # prctl(2)
 
-TIMED_OUT, OUT_OF_MEMORY, OTHER_CODE = "timed out", "out of memory", "other code"
-_WHY_OTHER_CODE = (
-    "the model's version, its plugin's files or the library that it wraps are not what they were "
-    "when the run began, or not the same on the machine that ran this cell"
-)
+TIMED_OUT, OUT_OF_MEMORY = "timed out", "out of memory"
 _SERVER_GONE = 255
 """Exit code that multiprocessing gives where the server that forks the processes has ended."""
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What a cell's process may take.
-
-    Attributes:
-        threads: of every library.
-        timeout_s: wall time; None: any.
-        memory_bytes: resident, of the process and those that it starts; None: any.
-    """
-
-    threads: int = 1
-    timeout_s: float | None = None
-    memory_bytes: int | None = None
-
-
-@dataclass(frozen=True)
-class Work:
-    """A cell on its way to a process, perhaps on another machine.
-
-    Attributes:
-        task: the pickled CellTask without data; read in the cell's process alone, since that may
-            need the code of a plugin.
-        data: sha256 -> a pickled data set; empty where the process has it.
-        plugins: files to be imported first.
-        imports: modules that the server of the processes imports once, when it starts: those that
-            the run's process needed to make its models.
-        run_id: the run that it is for.
-        limits: of the process.
-        fresh: no other cell was or will be computed in the process.
-    """
-
-    task: bytes
-    data: Mapping[str, bytes]
-    plugins: tuple[Path, ...]
-    imports: tuple[str, ...]
-    run_id: str
-    limits: Limits
-    fresh: bool
 
 
 @dataclass(frozen=True)
@@ -126,112 +81,6 @@ class Crash:
     reason: str
     log: tuple[str, ...] = ()
     innocent: bool = False
-
-
-# Inside the process
-
-
-def _begin(folder: Path, threads: int) -> None:
-    """Prepare a process: what it and all that it starts prints goes to a log."""
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    _end_with_parent()
-    log = os.open(folder / _LOG, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
-    for descriptor in (1, 2):
-        os.dup2(log, descriptor)
-    os.close(log)
-    faulthandler.enable(all_threads=False)
-    with suppress(OSError):  # Linux: where memory runs out, this process goes before the others
-        Path("/proc/self/oom_score_adj").write_text("1000")
-    if os.environ.get("OMP_NUM_THREADS") != str(threads):  # else the server began with it
-        pin_threads(threads)
-
-
-def _end_with_parent() -> None:
-    """Lead a group of processes of our own, and have it killed when the run's process ends.
-
-    On Linux the kernel does it, whatever this process does: it sends a signal to the group when the
-    pipe that the parent holds is closed (fcntl(2), F_SETOWN and F_SETSIG). Processes that are
-    started below and detach themselves stay our descendants. Elsewhere a thread waits.
-    """
-    os.setsid()
-    parent = parent_process()
-    if parent is None:
-        return
-    if sys.platform == "linux":
-        import fcntl
-
-        for what, how in ((_PR_SET_CHILD_SUBREAPER, 1), (_PR_SET_PDEATHSIG, signal.SIGKILL)):
-            ctypes.CDLL(None).prctl(what, how, 0, 0, 0)
-        fcntl.fcntl(parent.sentinel, fcntl.F_SETOWN, -os.getpgrp())
-        fcntl.fcntl(parent.sentinel, fcntl.F_SETSIG, signal.SIGKILL)
-        flags = fcntl.fcntl(parent.sentinel, fcntl.F_GETFL)
-        fcntl.fcntl(parent.sentinel, fcntl.F_SETFL, flags | os.O_ASYNC)
-        if connection.wait([parent.sentinel], 0):  # it was gone before
-            os.killpg(0, signal.SIGKILL)
-    else:
-
-        def wait_and_end() -> None:
-            parent.join()
-            os.killpg(0, signal.SIGKILL)
-
-        threading.Thread(target=wait_and_end, daemon=True).start()
-
-
-def _compute(work: Work, folder: Path) -> tuple[Content, bool]:
-    """Return a cell's result as plain content, and whether processes that it started are left."""
-    (folder / _PID).write_text(str(os.getpid()))  # pebble may start another without a word
-    os.truncate(folder / _LOG, 0)
-    if work.limits.timeout_s is not None:
-        faulthandler.dump_traceback_later(LAST_WORDS * work.limits.timeout_s)
-    content: Content
-    try:
-        content = {"result": cell_content(_result(work, folder))}
-    except BaseException as error:  # such as a plugin that cannot be imported here
-        content = {"cause": type(error).__name__, "reason": short(said_by(error))}
-    faulthandler.cancel_dump_traceback_later()
-    sys.stdout.flush()
-    try:
-        left = os.waitpid(-1, os.WNOHANG) is not None
-    except ChildProcessError:
-        left = False
-    return content, left
-
-
-def _result(work: Work, folder: Path) -> CellResult:
-    if work.plugins:
-        for path in set(work.plugins).difference(plugin_files()):
-            import_plugin_file(path)
-    found = {sha: pickle.loads(data) if data else _held[sha] for sha, data in work.data.items()}
-    _held.clear()
-    _held.update(found)
-    last = 0.0
-
-    def report(progress: Progress) -> None:
-        nonlocal last
-        if time.monotonic() - last >= SECONDS_BETWEEN_REPORTS:
-            last = time.monotonic()
-            with suppress(OSError):
-                (folder / _PROGRESS).write_text(json_text(asdict(progress)))
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a cell's own are collected
-        task: CellTask = pickle.loads(work.task)  # from our own process
-        cell = task.cell
-        task = replace(task, data=_held[cell.data_sha256], source=_held.get(cell.source_sha256))
-        if not task.model.missing() and version_of(task.model) != cell.model_version:
-            return failed(task, work.run_id, OTHER_CODE, _WHY_OTHER_CODE)
-        try:
-            with listening(report):
-                return compute_cell(task, work.run_id)
-        except BaseException as error:  # a model may raise what would stop a program
-            return failed(task, work.run_id, type(error).__name__, short(said_by(error)))
-
-
-_held: dict[str, BenchmarkData] = {}
-"""The data sets of the last cell of this process, by their sha256."""
-
-
-# Outside
 
 
 def work_of_run(run_id: str, limits: Limits) -> Work:
@@ -286,7 +135,9 @@ class CellProcess:
             self._used = bool(self._known)
             data = {sha: b"" if sha in self._known else one for sha, one in work.data.items()}
             assert self._pool is not None
-            self.future = self._pool.schedule(_compute, [replace(work, data=data), self._folder])
+            self.future = self._pool.schedule(
+                computed_content, [replace(work, data=data), self._folder]
+            )
             self._known = work.data.keys()
         except Exception as error:  # no process could be started
             self.future = Future()
@@ -298,9 +149,8 @@ class CellProcess:
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(list(work.imports))
         self._folder = Path(tempfile.mkdtemp(dir=self._scratch))
-        self._pool = ProcessPool(
-            1, initializer=_begin, initargs=(self._folder, work.limits.threads), context=context
-        )
+        arguments = (self._folder, work.limits.threads)
+        self._pool = ProcessPool(1, initializer=begin_process, initargs=arguments, context=context)
 
     def outcome(
         self, heard: Callable[[Progress], None] = lambda _: None
@@ -351,8 +201,8 @@ class CellProcess:
         if limits.timeout_s is not None and now - self._start > limits.timeout_s:
             said = f"took longer than --timeout {limits.timeout_s:g} s"
             return Crash(TIMED_OUT, said, self._last_lines())
-        if (self._folder / _LOG).stat().st_size > LARGEST_LOG:
-            os.truncate(self._folder / _LOG, 0)
+        if (self._folder / LOG).stat().st_size > LARGEST_LOG:
+            os.truncate(self._folder / LOG, 0)
         if limits.memory_bytes is None or (taken := _resident(pid)) <= limits.memory_bytes:
             return None
         if self._used:  # earlier cells may have left something there
@@ -381,14 +231,14 @@ class CellProcess:
 
     def _pass_on(self, heard: Callable[[Progress], None]) -> None:
         with suppress(OSError, ValueError, TypeError):  # none yet, or half written
-            said = (self._folder / _PROGRESS).read_bytes()
+            said = (self._folder / PROGRESS).read_bytes()
             if said != self._heard:
                 heard(Progress(**orjson.loads(said)))
                 self._heard = said
 
     def _last_lines(self) -> tuple[str, ...]:
         end = b""
-        with suppress(OSError), (self._folder / _LOG).open("rb") as log:
+        with suppress(OSError), (self._folder / LOG).open("rb") as log:
             log.seek(max(0, log.seek(0, os.SEEK_END) - LOG_END))
             end = log.read(LOG_END)
         lines = [line[:LONGEST_LINE].decode(errors="replace").rstrip() for line in end.split(b"\n")]
@@ -397,7 +247,7 @@ class CellProcess:
 
     def _pid(self) -> int | None:
         with suppress(OSError, ValueError):
-            return int((self._folder / _PID).read_text())
+            return int((self._folder / PID).read_text())
         return None
 
     def kill(self) -> None:
@@ -405,7 +255,7 @@ class CellProcess:
         if self._pool is not None:
             if (pid := self._pid()) is not None:
                 _end_family(pid)
-                (self._folder / _PID).unlink()
+                (self._folder / PID).unlink()
             self._pool.stop()  # type: ignore[no-untyped-call]
 
     def end(self) -> None:

@@ -35,16 +35,6 @@ from stiff_protocols.contract.record import CellResult
 SHOWN_LOG_LINES = 6
 
 
-def name_of(number: int, total: int, task: CellTask) -> str:
-    """Return a cell's name for people."""
-    cell = task.cell
-    condition = f"({cell.condition}) " if cell.condition else ""
-    return (
-        f"[{number}/{total}] {task.shown.model} on {task.shown.dataset}, "
-        f"{task.shown.protocol} {condition}split {cell.split_index + 1}/{task.n_splits}"
-    )
-
-
 def failure_lines(result: CellResult) -> Iterator[str]:
     """Yield what is said of a cell that failed: the reason, and the end of its log."""
     if result.status == "failed":
@@ -108,20 +98,23 @@ class Count:
         ended: how many have ended, by their status.
     """
 
-    def __init__(self) -> None:
-        """Begin with nothing."""
-        self.total = self.cached = self.started = 0
+    def __init__(self, total: int = 0, cached: int = 0, expected: Expected | None = None) -> None:
+        """Start the clock."""
+        self.total, self.cached, self.started = total, cached, 0
         self.ended: Counter[str] = Counter()
         self._begun = self._last_end = time.monotonic()
-        self._expected: Expected | None = None
-        self._done_s = self._left_s = 0.0
+        self._expected, self._done_s = expected, 0.0
+        self._left_s = 0.0 if expected is None else expected.total_s / expected.at_once
 
-    def begin(self, total: int, cached: int, expected: Expected | None) -> None:
-        """Start the clock."""
-        self.total, self.cached, self._expected = total, cached, expected
-        self._begun = self._last_end = time.monotonic()
-        if expected is not None:
-            self._left_s = expected.total_s / expected.at_once
+    def start(self, task: CellTask) -> str:
+        """Count a cell that begins, and return its name for people."""
+        self.started += 1
+        cell = task.cell
+        condition = f"({cell.condition}) " if cell.condition else ""
+        return (
+            f"[{self.started}/{self.total}] {task.shown.model} on {task.shown.dataset}, "
+            f"{task.shown.protocol} {condition}split {cell.split_index + 1}/{task.n_splits}"
+        )
 
     def end(self, result: CellResult) -> None:
         """Count a cell that has ended."""
@@ -129,7 +122,13 @@ class Count:
         self._last_end = time.monotonic()
         if self._expected is not None:
             self._done_s += self._expected.seconds.get(result.shown.model, 0.0)
-            self._left_s = self._left_now(self._expected)
+            # by the stored fits, until a tenth of their time is done: then by the pace of the
+            # cells so far, since another machine has another one
+            left_s = max(self._expected.total_s - self._done_s, 0.0)
+            if self._done_s < self._expected.total_s / 10:
+                self._left_s = left_s / self._expected.at_once
+            else:
+                self._left_s = left_s * (self._last_end - self._begun) / self._done_s
 
     def __str__(self) -> str:
         """Return what became of the cells so far, for people."""
@@ -144,17 +143,6 @@ class Count:
         if not done or elapsed < SECONDS_BETWEEN_CELLS:
             return None
         return elapsed / done * (self.total - done)
-
-    def _left_now(self, expected: Expected) -> float:
-        """Return the expected time of the cells that have not ended, s.
-
-        By the stored fits of the models, until a tenth of that time is done: then by the pace of
-        the cells so far, since another machine has another one.
-        """
-        left_s = max(expected.total_s - self._done_s, 0.0)
-        if self._done_s < expected.total_s / 10:
-            return left_s / expected.at_once
-        return left_s * (self._last_end - self._begun) / self._done_s
 
 
 class _TimeLeft(TimeRemainingColumn):
@@ -175,21 +163,19 @@ class BarDisplay:
     def __init__(self, bars: Bars) -> None:
         """Add the bars."""
         self._bars, self._count = bars, Count()
-        left = self._count.seconds_left
-        self._cells = bars.add_task("cells", total=None, note="", visible=False, seconds_left=left)
+        self._cells = bars.add_task("cells", total=None, note="", visible=False)
         self._phase = bars.add_task("", total=None, visible=False, note="")
         self._shown: tuple[str, int] | None = None
 
     def begin(self, total: int, cached: int, expected: Expected | None = None) -> None:
         """Show the first bar."""
-        self._count.begin(total, cached, expected)
-        self._bars.update(self._cells, total=total, visible=total > 0)
+        self._count = Count(total, cached, expected)
+        left = self._count.seconds_left
+        self._bars.update(self._cells, total=total, visible=total > 0, seconds_left=left)
 
     def start(self, task: CellTask) -> None:
         """Name the cell."""
-        self._count.started += 1
-        name = name_of(self._count.started, self._count.total, task)
-        self._bars.update(self._cells, description=name)
+        self._bars.update(self._cells, description=self._count.start(task))
         self._bars.update(self._phase, visible=False)
         self._shown = None
 
@@ -226,18 +212,15 @@ class LineDisplay:
 
     def begin(self, total: int, cached: int, expected: Expected | None = None) -> None:
         """Say what is there, where that is something."""
-        self._count.begin(total, cached, expected)
+        self._count = Count(total, cached, expected)
         if cached:
             self._print(f"{cached} of {total + cached} cells are there; {total} to compute")
 
     def start(self, task: CellTask) -> None:
         """Print the cell's name, not too often."""
-        self._count.started += 1
-        self._phase, self._unsaid = "", name_of(self._count.started, self._count.total, task)
-        if (
-            time.monotonic() - self._last_line >= SECONDS_BETWEEN_CELLS
-            or self._count.started == self._count.total
-        ):
+        self._phase, self._unsaid = "", self._count.start(task)
+        is_last = self._count.started == self._count.total
+        if is_last or time.monotonic() - self._last_line >= SECONDS_BETWEEN_CELLS:
             self._say_name()
 
     def step(self, progress: Progress) -> None:
@@ -249,22 +232,16 @@ class LineDisplay:
             return
         self._say_name()
         loss = "" if progress.loss is None else f", loss {progress.loss:.3g}"
-        self._print(
-            f"  {progress.phase} {progress.step}/{progress.total}{loss}{self._left(progress)}"
-        )
+        elapsed, left = now - self._phase_start, ""
+        if 0 < progress.step < progress.total and elapsed >= SECONDS_BETWEEN_CELLS:
+            left = f", {elapsed / progress.step * (progress.total - progress.step):.0f} s left"
+        self._print(f"  {progress.phase} {progress.step}/{progress.total}{loss}{left}")
 
     def end(self, result: CellResult) -> None:
         """Count it; a failure is said at once."""
         self._count.end(result)
         for line in failure_lines(result):
             self._print(line)
-
-    def _left(self, progress: Progress) -> str:
-        elapsed = time.monotonic() - self._phase_start
-        if not 0 < progress.step < progress.total or elapsed < SECONDS_BETWEEN_CELLS:
-            return ""
-        a_step = elapsed / progress.step
-        return f", {a_step * (progress.total - progress.step):.0f} s left"
 
     def _say_name(self) -> None:
         if not self._unsaid:
@@ -277,13 +254,6 @@ class LineDisplay:
     def _print(self, line: str) -> None:
         self._last_line = time.monotonic()
         print(one_line(line), file=sys.stderr, flush=True)
-
-
-@contextmanager
-def phases() -> Iterator[None]:
-    """Show the progress of work that has no cells."""
-    with display():
-        yield
 
 
 @contextmanager
@@ -307,3 +277,7 @@ def display() -> Iterator[Display]:
         live = BarDisplay(bars)
         with listening(live.step):
             yield live
+
+
+phases = display
+"""The progress of work that has no cells."""

@@ -18,6 +18,7 @@ from stiff_bench.run.execution import COUNTING, Execution, Rerun
 from stiff_bench.run.isolate import OUT_OF_MEMORY, TIMED_OUT
 from stiff_bench.run.progress import Display, Expected
 from stiff_bench.run.provenance import environment
+from stiff_bench.store.damage import repair
 from stiff_bench.store.database import DamagedFile, ResultStore, mean_seconds, stored_results
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult, RunManifest
@@ -131,7 +132,7 @@ def _stored(tasks: Sequence[CellTask], store: ResultStore, rerun: Rerun) -> dict
         say(f"warning: {error}; what it held is computed again")
         damaged.extend([error.key] if isinstance(error, DamagedFile) else [])
 
-    store.repair(note)
+    repair(store.folder, note)
     found: dict[str, CellResult] = {}
     for result in stored_results(store.folder, wanted.keys(), note):
         if result.status in COUNTING[rerun]:

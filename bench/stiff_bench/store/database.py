@@ -3,49 +3,47 @@
 ::
 
     run      a row a run: command, environment, the keys of the cells it was asked for (JSON)
-    data     a row a data set: its samples, joint torques and TCP positions (stored_data.py)
+    data     a row a data set: its samples, joint torques and TCP positions (samples.py)
     cell     a row a cell: what it is, which run computed it, its status and cost; texts in JSON;
-             predictions and curves as blobs (cell_content.py)
+             predictions and curves as blobs (codec.py, rows.py)
     measure  metric, axis and unit of a value
     value    a row a value: cell, measure, value in SI units
     metric   a view for people: every value beside its cell's names
 
 One process writes, the run's own, a transaction a cell; of a cell there is one row. A result stands
 over a failure, whenever that came: a cell has one key for all that shapes its numbers, so a rerun
-that timed out takes nothing away. Each row has the SHA-256 of its content, checked at reading.
+that timed out takes nothing away. Each row has the SHA-256 of its content, checked at reading;
+`damage.py` saves the rows of a damaged file.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
-import shutil
 import sqlite3
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import fields
-from functools import cache
-from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import orjson
 
-from stiff_bench.store.codec import (
-    COLUMNS,
-    REALS,
-    cell_content,
-    checked_result,
-    checksum,
-    json_text,
-    measure_names,
+from stiff_bench.store.codec import json_text
+from stiff_bench.store.rows import (
+    COLUMN_TYPES,
+    SELECT_CELLS,
+    StoredValues,
+    checked_row,
+    fetched,
+    marks,
+    write_row,
 )
 from stiff_bench.store.samples import StoredData, data_content, stored_data
 from stiff_protocols.contract.errors import DataError, StoreError
 from stiff_protocols.contract.files import make_folder
-from stiff_protocols.contract.record import CellResult, Measures, RunManifest, StoredRecords
-from stiff_protocols.contract.types import BenchmarkData, FloatArray
+from stiff_protocols.contract.record import CellResult, RunManifest
+from stiff_protocols.contract.types import BenchmarkData
 
 FILE = "results.sqlite"
 FORMAT = 4
@@ -62,18 +60,6 @@ AT_ONCE = 2000
 OnDamage = Callable[[StoreError], None]
 """Is told of each row or file that is damaged."""
 
-_NUMBERS = {
-    **dict.fromkeys(
-        (
-            *("split_index", "seed", "scoring_version", "n_splits", "n_train"),
-            *("calibration_samples", "memory_bytes"),
-        ),
-        "INTEGER",
-    ),
-    **dict.fromkeys(REALS, "REAL"),
-    **dict.fromkeys(("prediction", "curves"), "BLOB"),
-}
-_N_BLOBS = 2
 _RUN = tuple(item.name for item in fields(RunManifest))
 _RUN_JSON = ("environment", "cells", "machines")
 _SCHEMA = f"""
@@ -82,7 +68,7 @@ CREATE TABLE run (run_id TEXT PRIMARY KEY, command TEXT, started TEXT, status TE
     sha256 TEXT);
 CREATE TABLE data (sha256 TEXT PRIMARY KEY, content BLOB, content_sha256 TEXT);
 CREATE TABLE cell (id INTEGER PRIMARY KEY,
-    {", ".join(f"{name} {_NUMBERS.get(name, 'TEXT')}" for name in COLUMNS)}, sha256 TEXT);
+    {", ".join(f"{name} {kind}" for name, kind in COLUMN_TYPES.items())}, sha256 TEXT);
 CREATE UNIQUE INDEX cell_key ON cell (key);
 CREATE TABLE measure (id INTEGER PRIMARY KEY, metric TEXT, axis TEXT, unit TEXT,
     UNIQUE (metric, axis, unit));
@@ -93,11 +79,6 @@ CREATE VIEW metric AS SELECT key, status, run_id, model, dataset, protocol, cond
     FROM cell JOIN value ON value.cell = cell.id JOIN measure ON measure.id = value.measure;
 PRAGMA user_version = {FORMAT};
 """
-_INSERT = (
-    f"INSERT INTO cell ({', '.join(COLUMNS)}, sha256) "
-    f"VALUES ({', '.join('?' * (len(COLUMNS) + 1))})"
-)
-_SELECT = f"SELECT id, sha256, {', '.join(COLUMNS)} FROM cell"
 
 
 class DamagedFile(StoreError):
@@ -149,7 +130,7 @@ class ResultStore:
         """Store many as one transaction, all of them or none; see `write_cell`."""
         with writing(self.folder) as db:
             for result in results:
-                _write(db, result)
+                write_row(db, result)
 
     def write_manifest(self, manifest: RunManifest) -> None:
         """Store a run's manifest, replacing an older state of it."""
@@ -174,37 +155,6 @@ class ResultStore:
         """Return a cell's result; None where there is none, or a failure alone."""
         found = stored_results(self.folder, {key}, report=lambda _: None)
         return next((one for one in found if one.status == "ok"), None)
-
-    def repair(self, report: OnDamage) -> None:
-        """See that the file can be read through, before anything is added to it.
-
-        Of a file that SQLite cannot read through, the readable rows go to a new one; the old one is
-        kept as ``results.sqlite.damaged``. Manifests that are not what was stored are deleted.
-
-        Args:
-            report: is told what was damaged.
-
-        Raises:
-            StoreError: the folder cannot be written, or another command uses it for a minute.
-        """
-        path = self.folder / FILE
-        fault = fault_of(self.folder)
-        if fault is not None:
-            endings = chain([""], (f"-{number}" for number in count(2)))
-            aside = (path.with_name(f"{FILE}.damaged{ending}") for ending in endings)
-            kept = next(name for name in aside if not name.exists())
-            report(
-                DamagedFile(path, f"{fault}; its readable rows are kept, and all of it as {kept}")
-            )
-            salvage(path, path, report, keep=kept)
-        lost: list[DamagedFile] = []
-        list(readable_manifests(self.folder, lost.append))
-        if lost:
-            with writing(self.folder) as db:
-                names = [(error.run_id,) for error in lost]
-                db.executemany("DELETE FROM run WHERE run_id = ?", names)
-        for error in lost:
-            report(error)
 
     def remove(self, keys: Iterable[str]) -> None:
         """Delete what is stored of cells, as of damaged ones that are to be computed again."""
@@ -250,19 +200,19 @@ def stored_results(
     tell = report or _raise
     asked = sorted(keys or ())
     last = 0
-    known = _Known()
+    known = StoredValues()
     while keys is None or asked:
         with reading(folder) as db:
             if keys is None:
-                query = f"{_SELECT} WHERE id > ? ORDER BY id LIMIT {AT_ONCE}"
-                rows = _fetched(db, query, (last,))
+                query = f"{SELECT_CELLS} WHERE id > ? ORDER BY id LIMIT {AT_ONCE}"
+                rows = fetched(db, query, (last,))
             else:
                 some, asked = asked[:AT_ONCE], asked[AT_ONCE:]
-                rows = _fetched(db, f"{_SELECT} WHERE key IN {_marks(some)}", some)
+                rows = fetched(db, f"{SELECT_CELLS} WHERE key IN {marks(some)}", some)
             values = known.values(db, [row[0] for row in rows])
         for row in rows:
             try:
-                yield _checked(row, values)
+                yield checked_row(row, values)
             except DataError as error:
                 tell(DamagedFile(folder / FILE, f"cell {row[2]}: {error}", key=str(row[2])))
         if keys is None:
@@ -278,7 +228,7 @@ def stored_statuses(folder: Path) -> dict[str, str]:
         StoreError: the folder is none of ours, or its file is damaged.
     """
     with reading(folder) as db:
-        return dict(_fetched(db, "SELECT key, status FROM cell"))
+        return dict(fetched(db, "SELECT key, status FROM cell"))
 
 
 def mean_seconds(folder: Path) -> dict[str, float]:
@@ -289,7 +239,7 @@ def mean_seconds(folder: Path) -> dict[str, float]:
     """
     query = "SELECT model, avg(fit_s + predict_s) FROM cell WHERE status = 'ok' GROUP BY model"
     with reading(folder) as db:
-        return {model: seconds for model, seconds in _fetched(db, query) if seconds is not None}
+        return {model: seconds for model, seconds in fetched(db, query) if seconds is not None}
 
 
 def read_manifests(folder: Path) -> list[RunManifest]:
@@ -306,7 +256,7 @@ def readable_manifests(
 ) -> Iterator[RunManifest]:
     """Yield the manifests of a folder that are whole; `report` is told of the others."""
     with reading(folder) as db:
-        rows = _fetched(db, f"SELECT sha256, {', '.join(_RUN)} FROM run ORDER BY run_id")
+        rows = fetched(db, f"SELECT sha256, {', '.join(_RUN)} FROM run ORDER BY run_id")
     for row in rows:
         try:
             yield _manifest(*row)
@@ -341,9 +291,9 @@ def reading(folder: Path) -> Iterator[sqlite3.Connection]:
         StoreError: the file is damaged, of another format, or cannot be read.
     """
     path = folder / FILE
-    with _said(path, "read"), ExitStack() as stack:
+    with told_in_one_line(path, "read"), ExitStack() as stack:
         if has_results(folder):
-            db = sqlite3.connect(_uri(path), uri=True, timeout=BUSY_S, isolation_level=None)
+            db = sqlite3.connect(file_uri(path), uri=True, timeout=BUSY_S, isolation_level=None)
             stack.enter_context(closing(db)).execute("BEGIN")  # what is read is of one moment
             if _has_tables(db):
                 _check_format(path, db)
@@ -368,14 +318,14 @@ def writing(folder: Path, other: Path | None = None) -> Iterator[sqlite3.Connect
         StoreError: the file is damaged, of another format, or cannot be written.
     """
     path = folder / FILE
-    with _said(path, "written"):
+    with told_in_one_line(path, "written"):
         uri = f"{path.resolve().as_uri()}?mode=rwc"
         with closing(sqlite3.connect(uri, uri=True, timeout=BUSY_S, isolation_level=None)) as db:
             db.execute(f"PRAGMA page_size = {PAGE_BYTES}")  # of a new file
             db.execute(f"PRAGMA synchronous = {SYNCHRONOUS}")
             db.execute("PRAGMA foreign_keys = ON")
             if other is not None:
-                db.execute("ATTACH ? AS other", (_uri(other / FILE),))
+                db.execute("ATTACH ? AS other", (file_uri(other / FILE),))
             db.execute("BEGIN IMMEDIATE")
             try:
                 if not _has_tables(db):
@@ -398,232 +348,13 @@ def _make_tables(db: sqlite3.Connection) -> None:
         db.execute(statement)
 
 
-def fault_of(folder: Path) -> str | None:
-    """Return why SQLite cannot read a folder's file through; None where it can.
-
-    Raises:
-        StoreError: it cannot be opened.
-    """
-    path = folder / FILE
-    with _said(path, "read"):
-        try:
-            with closing(sqlite3.connect(path, timeout=BUSY_S)) as db:
-                (said,) = db.execute("PRAGMA quick_check(1)").fetchone()
-        except UnicodeDecodeError as error:
-            return str(error)
-        except sqlite3.DatabaseError as error:
-            if type(error) is not sqlite3.DatabaseError:
-                raise
-            return str(error)
-    return None if said == "ok" else " ".join(said.split())
-
-
-def salvage(source: Path, target: Path, report: OnDamage, keep: Path | None = None) -> None:
-    """Copy what can be read of a damaged file to another one, row by row.
-
-    Args:
-        source: the damaged file.
-        target: to write; it may be `source`, which is then replaced.
-        report: is told of every row that is lost and can still be named.
-        keep: where the damaged file is copied first; None: nowhere.
-
-    Raises:
-        StoreError: the target cannot be written.
-    """
-    with _said(target, "written"):
-        scratch = target.parent / f".{target.name}.{os.getpid()}"
-        scratch.mkdir()
-        try:
-            with writing(scratch) as new, closing(sqlite3.connect(_uri(source), uri=True)) as old:
-                for key in _copied(old, new):
-                    report(DamagedFile(source, f"cell {key}: cannot be read", key=key))
-            if keep is not None:
-                shutil.copyfile(source, keep)
-            (scratch / FILE).replace(target)
-        finally:
-            shutil.rmtree(scratch, ignore_errors=True)
-
-
-def _copied(old: sqlite3.Connection, new: sqlite3.Connection) -> Iterator[str]:
-    """Copy every readable row; yield the keys of the cells that were there besides."""
-    try:
-        old.execute("SELECT count(*) FROM sqlite_schema").fetchone()
-    except _DAMAGES:
-        return  # not even its tables can be found
-    for table in ("run", "data"):
-        for row in _readable_rows(old, table):
-            with suppress(*_DAMAGES):  # of one key a damaged file may have two
-                new.execute(f"INSERT INTO {table} VALUES {_marks(row)}", row)
-    kept: set[str] = set()
-    known = _Known()
-    for row in _readable_rows(old, "cell"):
-        with suppress(*_DAMAGES, DataError, KeyError):
-            # id, columns, checksum -> id, checksum, columns
-            result = _checked((row[0], row[-1], *row[1:-1]), known.values(old, [row[0]]))
-            _write(new, result)
-            kept.add(result.cell.key)
-    with suppress(*_DAMAGES):  # the index of keys has pages of its own
-        for (key,) in old.execute("SELECT key FROM cell INDEXED BY cell_key").fetchall():
-            if key not in kept:
-                yield str(key)
-
-
-def _fetched(
-    db: sqlite3.Connection, query: str, values: Sequence[object] = ()
-) -> list[tuple[Any, ...]]:
-    """Return all rows; bytes that are no text are left to the rows' checksums to find."""
-    try:
-        return db.execute(query, values).fetchall()
-    except sqlite3.OperationalError as error:
-        if "decode" not in str(error):
-            raise
-    db.text_factory = _lenient
-    return db.execute(query, values).fetchall()
-
-
-def _lenient(text: bytes) -> str:
-    return text.decode(errors="surrogateescape")
-
-
-def _readable_rows(db: sqlite3.Connection, table: str) -> Iterator[tuple[Any, ...]]:
-    """Yield every row that can be read, found by its number: a broken page ends other searches."""
-    try:
-        (last,) = db.execute(f"SELECT max(rowid) FROM {table}").fetchone()
-    except _DAMAGES:
-        last = MOST_ROWS
-    for number in range(1, (last or 0) + 1):
-        try:
-            row = db.execute(f"SELECT * FROM {table} WHERE rowid = ?", (number,)).fetchone()
-        except _DAMAGES:
-            continue
-        if row is not None:
-            yield row
-
-
-_DAMAGES = (sqlite3.Error, UnicodeDecodeError)
-"""What a damaged file can raise."""
-MOST_ROWS = 100_000
-"""How many numbers are tried in a damaged table that does not say its last."""
-
-
-def _checked(row: Sequence[Any], values: Mapping[int, tuple[_Measures, FloatArray]]) -> CellResult:
-    """Return the result in a row: its number, its checksum and its columns.
-
-    Raises:
-        DataError: it is not what was stored.
-    """
-    number, sha256, *columns = row
-    _check_types(tuple(map(type, columns)))
-    measures, numbers = values.get(number, _NO_VALUES)
-    try:
-        plain, blobs = columns[:-_N_BLOBS], columns[-_N_BLOBS:]
-        if checksum(plain, measures.text, numbers[measures.order], blobs) != sha256:
-            raise DataError("its checksum does not match its content")
-    except TypeError as error:  # bytes in the place of a text
-        raise DataError(str(error)) from error
-    return checked_result(columns, StoredRecords(measures, numbers))
-
-
-@cache  # most rows are alike
-def _check_types(types: tuple[type, ...]) -> None:
-    """See that a row has the types of its columns, which SQLite does not enforce.
-
-    Raises:
-        DataError: it has not.
-    """
-    for name, found in zip(COLUMNS, types, strict=True):
-        known = _TYPES[_NUMBERS.get(name, "TEXT")]
-        if found is not known and not (found is type(None) and name in _OPTIONAL):
-            raise DataError(f"{name} holds {found.__name__}, expected {known.__name__}")
-
-
-_TYPES = {"TEXT": str, "INTEGER": int, "REAL": float, "BLOB": bytes}
-_OPTIONAL = {*REALS, "memory_bytes", "prediction_arrays", "prediction", "curves"}
-
-
-class _Measures(Measures):
-    """With what a checksum needs of them."""
-
-    def __init__(self, names: Sequence[tuple[str, str, str]]) -> None:
-        """Put them in order: by name, since another file has other numbers for them."""
-        super().__init__(names)
-        self.order = np.array(sorted(range(len(names)), key=names.__getitem__), dtype=np.int64)
-        self.text = measure_names(sorted(names))
-
-
-_NO_VALUES = (_Measures(()), np.empty(0))
-
-
-class _Known:
-    """Reads values; cells that have values of the same measures share what is known of these."""
-
-    def __init__(self) -> None:
-        """Know nothing."""
-        self._names: dict[int, tuple[str, str, str]] = {}
-        self._measures: dict[str, _Measures] = {}
-
-    def values(
-        self, db: sqlite3.Connection, cells: Sequence[int]
-    ) -> dict[int, tuple[_Measures, FloatArray]]:
-        """Return number of a cell -> its measures and its values, in the order of the measures."""
-        if not cells:
-            return {}
-        whole = cells[-1] - cells[0] == len(cells) - 1  # a range is found sooner than single ones
-        where = f"cell {'BETWEEN ? AND ?' if whole else f'IN {_marks(cells)}'}"
-        asked = (cells[0], cells[-1]) if whole else cells
-        # both walk the table in the order of its key
-        query = f"SELECT cell, count(*), group_concat(measure) FROM value WHERE {where} GROUP BY 1"
-        owners = db.execute(query, asked).fetchall()
-        query = f"SELECT value FROM value WHERE {where} ORDER BY cell, measure"
-        values = chain.from_iterable(db.execute(query, asked))
-        numbers = np.fromiter(values, np.float64, sum(row[1] for row in owners))
-        found, start = {}, 0
-        for cell, n_values, measures in owners:
-            found[cell] = self._of(db, measures), numbers[start : start + n_values]
-            start += n_values
-        return found
-
-    def _of(self, db: sqlite3.Connection, measures: str) -> _Measures:
-        """Return the measures with these numbers, "1,2,5"."""
-        if measures not in self._measures:
-            numbers = [int(number) for number in measures.split(",")]
-            if not self._names.keys() >= {*numbers}:
-                self._names = {row[0]: row[1:] for row in db.execute("SELECT * FROM measure")}
-            self._measures[measures] = _Measures([self._names[number] for number in numbers])
-        return self._measures[measures]
-
-
-def _write(db: sqlite3.Connection, result: CellResult) -> None:
-    """Put a cell into the file in the place of an older state of it."""
-    content = cell_content(result)
-    there = db.execute("SELECT id, status FROM cell WHERE key = ?", (content["key"],)).fetchone()
-    if there is not None:
-        if there[1] == "ok" and result.status != "ok":
-            return
-        db.execute("DELETE FROM cell WHERE id = ?", (there[0],))
-    named = [(metric, axis, unit) for metric, axis, _, unit in content["metrics"]]
-    measures = _Measures(named)
-    values = np.array([metric[2] for metric in content["metrics"]], dtype=np.float64)
-    columns = [content[name] for name in COLUMNS]
-    plain, blobs = columns[:-_N_BLOBS], columns[-_N_BLOBS:]
-    sha256 = checksum(plain, measures.text, values[measures.order], blobs)
-    number = db.execute(_INSERT, (*columns, sha256)).lastrowid
-    known = {row[1:]: row[0] for row in db.execute("SELECT * FROM measure")}
-    for measure in named:
-        if measure not in known:
-            insert = "INSERT INTO measure (metric, axis, unit) VALUES (?, ?, ?)"
-            known[measure] = db.execute(insert, measure).lastrowid
-    rows = [(number, known[m], value) for m, value in zip(named, values.tolist(), strict=True)]
-    db.executemany("INSERT INTO value VALUES (?, ?, ?)", rows)
-
-
 def write_run(db: sqlite3.Connection, manifest: RunManifest) -> None:
     """Put a run's manifest into the file in the place of an older state of it."""
     row = [getattr(manifest, name) for name in _RUN]
     row = [json_text(v) if n in _RUN_JSON else v for n, v in zip(_RUN, row, strict=True)]
     row = [orjson.loads(json_text(value)) if type(value) is str else value for value in row]
     db.execute(
-        f"INSERT OR REPLACE INTO run ({', '.join(_RUN)}, sha256) VALUES {_marks([*row, ''])}",
+        f"INSERT OR REPLACE INTO run ({', '.join(_RUN)}, sha256) VALUES {marks([*row, ''])}",
         (*row, _sha256(row)),
     )
 
@@ -640,11 +371,7 @@ def _sha256(row: Sequence[Any]) -> str:
     return hashlib.sha256(orjson.dumps(row)).hexdigest()
 
 
-def _marks(entries: Sequence[object]) -> str:
-    return f"({', '.join('?' * len(entries))})"
-
-
-def _uri(path: Path) -> str:
+def file_uri(path: Path) -> str:
     """Return how SQLite opens a file to read it.
 
     It may write where it can: what a command that was killed left half-written is taken back.
@@ -674,7 +401,7 @@ def _refuse_old_format(folder: Path) -> None:
 
 
 @contextmanager
-def _said(path: Path, what: str) -> Iterator[None]:
+def told_in_one_line(path: Path, what: str) -> Iterator[None]:
     """Say in one line what SQLite could not do.
 
     Raises:

@@ -13,16 +13,15 @@ from tempfile import TemporaryDirectory
 from typing import Literal, NamedTuple
 
 from stiff_bench.store.codec import COLUMNS
+from stiff_bench.store.damage import fault_of, salvage
 from stiff_bench.store.database import (
     FILE,
     ResultStore,
-    fault_of,
     has_results,
     read_data,
     read_manifests,
     readable_manifests,
     reading,
-    salvage,
     stored_results,
     write_run,
     writing,

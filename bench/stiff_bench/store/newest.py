@@ -4,7 +4,7 @@ A folder may hold results of several runs, of several versions of stiffbench, of
 one name. They never mix: what contradicts the newest is left out, and is said. A run's name begins
 with its time, so that names sort by it. A result is of the newest run that was asked for its cell,
 also where that run found it computed: a resumed run stands for all that it resumed. Of one cell
-there is one record (see `store.py`): a cell that fails when it is computed again keeps its result.
+there is one record (`database.py`): one that fails when it is computed again keeps its result.
 """
 
 from __future__ import annotations

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Literal
 
-from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.search_space import Grid, Range
 
 if TYPE_CHECKING:
@@ -20,16 +19,6 @@ if TYPE_CHECKING:
 
 Search = Literal["grid", "optuna"]
 """grid: every combination of the values; optuna: some that TPE draws, from ranges too."""
-
-
-def require_optuna() -> None:
-    """See that the package is there.
-
-    Raises:
-        ConfigError: it is not.
-    """
-    if find_spec("optuna") is None:
-        raise ConfigError("tuning needs the package optuna: pip install 'stiffbench[tune]'")
 
 
 def try_candidates(
@@ -52,7 +41,7 @@ def try_candidates(
     Raises:
         ConfigError: optuna is not installed.
     """
-    require_optuna()
+    require("tuning", "optuna")
     import optuna
 
     def objective(trial: Trial) -> float:

@@ -25,6 +25,7 @@ from stiff_protocols.contract.errors import (
     NotFittedError,
     StiffBenchWarning,
 )
+from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.interfaces import (
     ChecksParams,
     ChecksRobot,
@@ -39,7 +40,7 @@ from stiff_protocols.contract.search_space import Grid, Range, in_words
 from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples, Split
 from stiff_protocols.scoring.sanity import check_prediction
 from stiff_protocols.splits.random_splits import KFold
-from stiff_protocols.tuning.candidates import Search, require_optuna, try_candidates
+from stiff_protocols.tuning.candidates import Search, try_candidates
 
 
 def inner_error(
@@ -180,7 +181,7 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
                 there is a range where every combination is to be tried, or a package is missing.
         """
         if self.grid:
-            require_optuna()
+            require("tuning", "optuna")
         for name, values in self.grid.items():
             if isinstance(values, Range) and self.search == "grid":
                 raise ConfigError(

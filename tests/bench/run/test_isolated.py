@@ -19,20 +19,21 @@ from stiff_bench.cli.main import main
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.run.cell import compute_cell
-from stiff_bench.run.isolate import Limits, LocalProcesses
+from stiff_bench.run.cell_process import Limits
+from stiff_bench.run.isolate import LocalProcesses
 from stiff_bench.store.database import read_manifests, read_results
 from stiff_models.catalog import model_info
 
 PLUGIN = Path(hostile_models.__file__)
 SECONDS = 8
+OK = ("ok", "", "")
+TIMED_OUT = ("failed", "timed out", f"took longer than --timeout {SECONDS} s")
+OUT_OF_MEMORY = ("failed", "out of memory", "more than --memory 500 MiB")
 EXPECTED = {
-    "Good": ("ok", "", ""),
+    "Good": OK,
     "Raises": ("failed", "RuntimeError", "RuntimeError: no licence (/"),
-    "Hangs": ("failed", "timed out", f"took longer than --timeout {SECONDS} s"),
-    "Spins": ("failed", "timed out", f"took longer than --timeout {SECONDS} s"),
-    "Talks": ("failed", "timed out", f"took longer than --timeout {SECONDS} s"),
-    "Eats": ("failed", "out of memory", "more than --memory 500 MiB"),
-    "FeedsChildren": ("failed", "out of memory", "more than --memory 500 MiB"),
+    **dict.fromkeys(("Hangs", "Spins", "Talks"), TIMED_OUT),
+    **dict.fromkeys(("Eats", "FeedsChildren"), OUT_OF_MEMORY),
     "Segfaults": ("failed", "SIGSEGV", "its process was ended by SIGSEGV after"),
     "Aborts": ("failed", "SIGABRT", "its process was ended by SIGABRT after"),
     "Exits": ("failed", "exit status 3", "without a result (exit status 3)"),
@@ -41,11 +42,9 @@ EXPECTED = {
     "Interrupts": ("failed", "KeyboardInterrupt", "KeyboardInterrupt"),
     "KillsItself": ("failed", "SIGKILL", "ended by SIGKILL after"),
     "TellsLies": ("failed", "ModelError", "predict returned <U7 values, expected (31, 3)"),
-    "LeavesAChild": ("ok", "", ""),
-    "DetachesAChild": ("ok", "", ""),
-    "ClosesItsPipes": ("failed", "timed out", f"took longer than --timeout {SECONDS} s"),
-    "HoldsTheInterpreter": ("failed", "timed out", f"took longer than --timeout {SECONDS} s"),
-    "vjm": ("ok", "", ""),
+    **dict.fromkeys(("LeavesAChild", "DetachesAChild"), OK),
+    **dict.fromkeys(("ClosesItsPipes", "HoldsTheInterpreter"), TIMED_OUT),
+    "vjm": OK,
 }
 
 

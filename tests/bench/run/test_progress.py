@@ -39,9 +39,7 @@ def test_a_model_without_a_stored_fit_leaves_nothing_to_expect():
 
 
 def test_a_long_cell_that_is_to_come_counts_for_more_than_the_quick_one_that_is_done(clock):
-    count, plain = Count(), Count()
-    count.begin(2, 0, COSTS)
-    plain.begin(2, 0, None)
+    count, plain = Count(2, 0, COSTS), Count(2, 0, None)
     clock.now = 10.0
     for one in (count, plain):
         one.end(ended("quick"))
@@ -50,17 +48,14 @@ def test_a_long_cell_that_is_to_come_counts_for_more_than_the_quick_one_that_is_
 
 
 def test_a_machine_that_is_slower_than_the_forecast_corrects_it(clock):
-    count = Count()
-    count.begin(2, 0, COSTS)
+    count = Count(2, 0, COSTS)
     clock.now = 30.0  # for what was to take 10
     count.end(ended("quick"))
     assert count.seconds_left() == pytest.approx(270.0)
 
 
 def test_the_time_left_falls_while_a_long_cell_runs(clock):
-    count, by_two = Count(), Count()
-    count.begin(2, 0, COSTS)
-    by_two.begin(2, 0, expected("quick", "long", at_once=2))
+    count, by_two = Count(2, 0, COSTS), Count(2, 0, expected("quick", "long", at_once=2))
     assert by_two.seconds_left() == pytest.approx(50.0)
     left = []
     for clock.now in (0.0, 30.0, 60.0, 89.0, 200.0):
@@ -76,9 +71,7 @@ def test_the_bar_says_how_long_a_run_takes_before_its_first_cell_has_ended(clock
 
 
 def test_nothing_is_left_when_all_cells_have_ended_and_nothing_is_said_where_nobody_knows(clock):
-    count, unknown = Count(), Count()
-    count.begin(1, 0, expected("quick"))
-    unknown.begin(1, 0, None)
+    count, unknown = Count(1, 0, expected("quick")), Count(1, 0, None)
     assert unknown.seconds_left() is None
     clock.now = 25.0
     count.end(ended("quick"))

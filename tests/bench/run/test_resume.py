@@ -20,9 +20,9 @@ from run_requests import planned
 from stiff_bench.analysis.collected import collect
 from stiff_bench.cli.run import execute
 from stiff_bench.run.execution import IN_THIS_PROCESS
+from stiff_bench.store.damage import fault_of
 from stiff_bench.store.database import (
     FILE,
-    fault_of,
     read_manifests,
     read_results,
     reading,

@@ -19,11 +19,11 @@ import pandas as pd
 import pytest
 
 from made_results import MadeResults, change, damage, tear
+from stiff_bench.store.damage import fault_of, repair
 from stiff_bench.store.database import (
     FILE,
     DamagedFile,
     ResultStore,
-    fault_of,
     mean_seconds,
     read_data,
     read_manifests,
@@ -230,7 +230,7 @@ def test_a_changed_manifest_is_found_and_taken_out_by_the_next_run(tmp_path, sta
     with pytest.raises(DamagedFile, match="run r"):
         read_manifests(tmp_path)
     told: list[StoreError] = []
-    store.repair(told.append)
+    repair(tmp_path, told.append)
     assert len(told) == 1 and read_manifests(tmp_path) == []
 
 
@@ -380,7 +380,7 @@ def test_of_a_torn_file_the_readable_rows_are_kept_and_the_others_named(tmp_path
     torn = (tmp_path / FILE).read_bytes()
     assert torn != whole and fault_of(tmp_path) is not None
     told: list[StoreError] = []
-    store.repair(told.append)
+    repair(tmp_path, told.append)
     kept = {one.cell.key: one for one in read_results(tmp_path)}
     lost = {error.key for error in told if isinstance(error, DamagedFile)} - {""}
     if table in ("cell", "value"):
@@ -402,11 +402,11 @@ def test_a_file_that_is_no_database_is_said_and_set_aside_by_the_next_run(tmp_pa
         read_results(tmp_path)
     store = ResultStore(tmp_path)
     told: list[StoreError] = []
-    store.repair(told.append)
+    repair(tmp_path, told.append)
     store.write_cell(result())
     assert told and only(tmp_path).status == "ok"
     (tmp_path / FILE).write_bytes(b"rubbish")
-    store.repair(told.append)
+    repair(tmp_path, told.append)
     aside = [tmp_path / f"{FILE}.damaged{more}" for more in ("", "-2")]
     assert {*tmp_path.iterdir()} == {tmp_path / FILE, *aside}
     assert [path.read_bytes() for path in aside] == [rubbish, b"rubbish"]

@@ -1,0 +1,149 @@
+"""A damaged file of results: what is wrong with it, and the rows that can still be read."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing, suppress
+from itertools import chain, count
+from pathlib import Path
+from typing import Any
+
+from stiff_bench.store import database
+from stiff_bench.store.database import (
+    FILE,
+    DamagedFile,
+    OnDamage,
+    file_uri,
+    readable_manifests,
+    told_in_one_line,
+    writing,
+)
+from stiff_bench.store.rows import StoredValues, checked_row, marks, write_row
+from stiff_protocols.contract.errors import DataError
+
+_DAMAGES = (sqlite3.Error, UnicodeDecodeError)
+"""What a damaged file can raise."""
+MOST_ROWS = 100_000
+"""How many numbers are tried in a damaged table that does not say its last."""
+
+
+def fault_of(folder: Path) -> str | None:
+    """Return why SQLite cannot read a folder's file through; None where it can.
+
+    Raises:
+        StoreError: it cannot be opened.
+    """
+    path = folder / FILE
+    with told_in_one_line(path, "read"):
+        try:
+            with closing(sqlite3.connect(path, timeout=database.BUSY_S)) as db:
+                (said,) = db.execute("PRAGMA quick_check(1)").fetchone()
+        except UnicodeDecodeError as error:
+            return str(error)
+        except sqlite3.DatabaseError as error:
+            if type(error) is not sqlite3.DatabaseError:
+                raise
+            return str(error)
+    return None if said == "ok" else " ".join(said.split())
+
+
+def salvage(source: Path, target: Path, report: OnDamage, keep: Path | None = None) -> None:
+    """Copy what can be read of a damaged file to another one, row by row.
+
+    Args:
+        source: the damaged file.
+        target: to write; it may be `source`, which is then replaced.
+        report: is told of every row that is lost and can still be named.
+        keep: where the damaged file is copied first; None: nowhere.
+
+    Raises:
+        StoreError: the target cannot be written.
+    """
+    with told_in_one_line(target, "written"):
+        scratch = target.parent / f".{target.name}.{os.getpid()}"
+        scratch.mkdir()
+        try:
+            with (
+                writing(scratch) as new,
+                closing(sqlite3.connect(file_uri(source), uri=True)) as old,
+            ):
+                for key in _copied(old, new):
+                    report(DamagedFile(source, f"cell {key}: cannot be read", key=key))
+            if keep is not None:
+                shutil.copyfile(source, keep)
+            (scratch / FILE).replace(target)
+        finally:
+            shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _copied(old: sqlite3.Connection, new: sqlite3.Connection) -> Iterator[str]:
+    """Copy every readable row; yield the keys of the cells that were there besides."""
+    try:
+        old.execute("SELECT count(*) FROM sqlite_schema").fetchone()
+    except _DAMAGES:
+        return  # not even its tables can be found
+    for table in ("run", "data"):
+        for row in _readable_rows(old, table):
+            with suppress(*_DAMAGES):  # of one key a damaged file may have two
+                new.execute(f"INSERT INTO {table} VALUES {marks(row)}", row)
+    kept: set[str] = set()
+    known = StoredValues()
+    for row in _readable_rows(old, "cell"):
+        with suppress(*_DAMAGES, DataError, KeyError):
+            # id, columns, checksum -> id, checksum, columns
+            result = checked_row((row[0], row[-1], *row[1:-1]), known.values(old, [row[0]]))
+            write_row(new, result)
+            kept.add(result.cell.key)
+    with suppress(*_DAMAGES):  # the index of keys has pages of its own
+        for (key,) in old.execute("SELECT key FROM cell INDEXED BY cell_key").fetchall():
+            if key not in kept:
+                yield str(key)
+
+
+def _readable_rows(db: sqlite3.Connection, table: str) -> Iterator[tuple[Any, ...]]:
+    """Yield every row that can be read, found by its number: a broken page ends other searches."""
+    try:
+        (last,) = db.execute(f"SELECT max(rowid) FROM {table}").fetchone()
+    except _DAMAGES:
+        last = MOST_ROWS
+    for number in range(1, (last or 0) + 1):
+        try:
+            row = db.execute(f"SELECT * FROM {table} WHERE rowid = ?", (number,)).fetchone()
+        except _DAMAGES:
+            continue
+        if row is not None:
+            yield row
+
+
+def repair(folder: Path, report: OnDamage) -> None:
+    """See that a folder's file can be read through, before anything is added to it.
+
+    Of a file that SQLite cannot read through, the readable rows go to a new one; the old one is
+    kept as ``results.sqlite.damaged``. Manifests that are not what was stored are deleted.
+
+    Args:
+        folder: of the results.
+        report: is told what was damaged.
+
+    Raises:
+        StoreError: the folder cannot be written, or another command uses it for a minute.
+    """
+    path = folder / FILE
+    fault = fault_of(folder)
+    if fault is not None:
+        endings = chain([""], (f"-{number}" for number in count(2)))
+        aside = (path.with_name(f"{FILE}.damaged{ending}") for ending in endings)
+        kept = next(name for name in aside if not name.exists())
+        report(DamagedFile(path, f"{fault}; its readable rows are kept, and all of it as {kept}"))
+        salvage(path, path, report, keep=kept)
+    lost: list[DamagedFile] = []
+    list(readable_manifests(folder, lost.append))
+    if lost:
+        with writing(folder) as db:
+            names = [(error.run_id,) for error in lost]
+            db.executemany("DELETE FROM run WHERE run_id = ?", names)
+    for error in lost:
+        report(error)
