@@ -226,12 +226,6 @@ def test_protocols_that_select_on_the_test_part_are_ranked_apart_and_marked(made
     assert "not a fair comparison" in text and "it is optimistic" in text
 
 
-def test_the_regime_stands_beside_the_model(made):
-    made.add("a", [1.0], regime="unsupervised transfer")
-    made.add("b", [2.0])
-    assert "a [unsupervised transfer]" in text_of(board_of(made))
-
-
 def test_the_interval_of_one_contest_is_that_of_the_ranks_over_its_poses(made, rng):
     errors = {
         model: rng.gamma(2.0, scale, size=N_POSES)
@@ -462,15 +456,6 @@ def test_the_conditions_of_a_protocol_stand_in_one_table_for_each_robot_type(mad
     assert text.count("**holdout on left") == text.count("**holdout on right") == 1
 
 
-def test_the_weight_of_each_protocol_in_the_mean_rank_is_said(made):
-    for condition in ("n = 5", "n = 10"):
-        for model in "ab":
-            made.add(model, [1.0], protocol="learning-curve", condition=condition)
-    for model in "ab":
-        made.add(model, [1.0])
-    assert "weighs as many as it has: holdout 1, learning-curve 2." in text_of(board_of(made))
-
-
 def test_a_model_without_the_metric_takes_no_splits_from_the_others(made):
     for model in "ab":
         made.add(model, [1.0, 1.0, 1.0])
@@ -683,10 +668,3 @@ def test_csv_and_json_hold_the_costs(made):
     assert slow["cells"] == 3
     assert slow["costs"]["latency"] == {"median": 35e3, "low": 30e3, "high": 45e3, "unit": "ms"}
     assert "memory" not in slow["costs"]
-
-
-def test_latex_and_html_hold_the_costs(made):
-    priced(made, "quick", [4e-5, 2e-5, 2e-4])
-    priced(made, "slow", [90.0, 60.0, 70.0])
-    for fmt in ("latex", "html"):
-        assert "40 us (20 to 200)" in text_of(board_of(made), fmt)

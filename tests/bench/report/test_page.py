@@ -1,4 +1,4 @@
-"""The page as HTML: one file that asks for nothing, and lets no text act."""
+"""The page as HTML: one file that asks for nothing, lets no text act, and can be read."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ import hashlib
 import itertools
 import re
 from html.parser import HTMLParser
+from pathlib import Path
 
 import pytest
 
+from stiff_bench.report import page
 from stiff_bench.report.content import Block, Cell, Fold, Page, PageTable, Part, Picture
 from stiff_bench.report.page import render_page
+from stiff_protocols.contract.errors import StoreError
 
 HOSTILE = (
     "</script><script>hacked()</script><img src=http://evil.example onerror=hacked()>'\"&{{7*7}}"
@@ -85,16 +88,16 @@ def test_templates_in_texts_are_not_filled(hostile):
 
 
 def test_a_name_may_break_before_an_option_and_stays_harmless():
-    page = render_page(made_page("ft-mlp@steps=3@x=<b>\u202e"))
-    assert r"ft-mlp<wbr>@steps=3<wbr>@x=&lt;b&gt;\u202e</th>" in page
-    assert "<b>" not in page
+    text = render_page(made_page("ft-mlp@steps=3@x=<b>\u202e"))
+    assert r"ft-mlp<wbr>@steps=3<wbr>@x=&lt;b&gt;\u202e</th>" in text
+    assert "<b>" not in text
 
 
 def test_control_and_direction_characters_are_written_out():
-    page = render_page(made_page("a\x1b[31m\u202eb"))
-    assert "\x1b" not in page
-    assert "\u202e" not in page
-    assert r"a\x1b[31m\u202eb" in page
+    text = render_page(made_page("a\x1b[31m\u202eb"))
+    assert "\x1b" not in text
+    assert "\u202e" not in text
+    assert r"a\x1b[31m\u202eb" in text
 
 
 def test_nothing_is_asked_for_anywhere(hostile):
@@ -170,3 +173,40 @@ def test_a_picture_is_carried_inside(plain):
 
 def test_the_same_content_gives_the_same_page():
     assert render_page(made_page("x")) == render_page(made_page("x"))
+
+
+@pytest.mark.parametrize("colours", [page.LIGHT, page.DARK], ids=["light", "dark"])
+@pytest.mark.parametrize(("text", "ground"), page.TEXT_ON)
+def test_every_text_has_contrast_enough_on_its_ground(colours, text, ground):
+    assert page.contrast(colours[text], colours[ground]) >= page.LEAST_CONTRAST
+
+
+def test_contrast_is_that_of_the_guideline():
+    assert page.contrast("#777777", "#ffffff") == pytest.approx(4.48, abs=0.005)
+
+
+def test_the_style_sheet_names_no_colour_that_the_palette_lacks():
+    style = Path(page.__file__).with_name("page.css").read_text(encoding="utf-8")
+    assert set(re.findall(r"var\(--(\w+)\)", style)) <= set(page.LIGHT)
+    assert set(page.LIGHT) == set(page.DARK)
+    assert set(re.findall(r"#[0-9a-f]{3,6}\b", style)) == {"#ffffff"}  # behind figures alone
+
+
+def test_the_widget_has_the_recorded_hash_and_its_licence_beside_it():
+    assert f"DataTables {page.VERSION}" in page.widget_code()[:60]
+    assert "Permission is hereby granted" in (page.FOLDER / "LICENSE.txt").read_text()
+    readme = (page.FOLDER / "README.md").read_text()
+    assert page.VERSION in readme
+    assert page.SHA256 in readme
+
+
+def test_a_changed_widget_is_refused():
+    with pytest.raises(StoreError, match="expected 3801"):
+        page.checked_code(page.SCRIPT.read_bytes() + b";alert(1)")
+
+
+def test_the_widget_cannot_end_its_script_element_or_change_when_it_is_parsed():
+    code = page.widget_code()
+    assert "</script" not in code.lower()
+    assert "<!--" not in code
+    assert "\r" not in code

@@ -12,12 +12,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiff_bench.tables.published import published_rows
 from stiff_bench.tables.render import render
 from stiff_bench.tables.table import build_tables
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult, Cost, ResultRecord
-from stiff_protocols.contract.types import AXES, Interval, Prediction
+from stiff_protocols.contract.types import Interval, Prediction
 from stiff_protocols.scoring.metrics import metric
 
 METRICS = [metric(key) for key in ("mae", "stde", "me")]
@@ -128,20 +127,6 @@ def test_published_rows_are_left_out_where_they_have_none_of_the_metrics(tasks_o
     (table,) = build_tables([result(task, 1e-4)], [metric("norm")])
     assert [row.source for row in table.rows] == ["ours"]
     assert not any("published" in note for note in table.notes)
-
-
-def test_table_10_is_typed_right_the_claimed_reductions_recompute():
-    vjm, ft_mlp, _ = published_rows("table_10")
-    claimed = {  # per cent, X Y Z
-        "mae": (41.4, 43.1, 24.9),
-        "stde": (31.8, 39.2, 14.2),
-        "me": (8.5, 21.7, 44.2),
-    }
-    for key, of_axes in claimed.items():
-        for axis, per_cent in zip(AXES, of_axes, strict=True):
-            old, new = vjm.values_mm[key, axis], ft_mlp.values_mm[key, axis]
-            # ME is printed with two decimals: 0.65 and 0.60 allow 8.5
-            assert 100 * (1 - new / old) == pytest.approx(per_cent, abs=1.0 if key == "me" else 0.9)
 
 
 def test_every_format_holds_the_same_numbers(tasks_of):
