@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from stiff_bench.paper.catalog import FITTED_HERE, TABLES, build
 from stiff_bench.paper.results import PaperResults
 from stiff_bench.paper.table import render_paper_table
+from stiff_bench.paper.tables import FITTED_HERE, TABLES, build
 
 RESULTS = Path(__file__).parents[1] / "results"
 

@@ -20,7 +20,7 @@ from stiff_bench.cli.options import (
     models_option,
 )
 from stiff_bench.console import print_text, say
-from stiff_bench.paper.names import PAPER_RESULTS
+from stiff_bench.paper import PAPER_RESULTS
 from stiff_bench.run.machine import usable_cores
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 
@@ -55,7 +55,7 @@ def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) 
     """
     from stiff_bench.figures import catalog
     from stiff_bench.figures.source import FigureSource
-    from stiff_bench.paper import catalog as papers
+    from stiff_bench.paper import figures as papers
     from stiff_bench.tables.picture_file import check_suffix
 
     known = [*papers.FIGURES, *catalog.FIGURES]

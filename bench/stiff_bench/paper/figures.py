@@ -1,21 +1,22 @@
-"""The paper's figures beside ours.
+"""The source paper's figures, by their names: ours, with what the paper prints beside them.
 
-Figures 4, 8 and 9: measured against predicted. Figure 5: depth and width of the network, and its
-pre-training; the paper's (a) and (b) show errors on the source domain over the nodes a layer, ours
-has the mean absolute error in (a) and its standard deviation in (b). Figure 6: which layers move.
+Figures 4, 8 and 9 are regression diagrams, 5 has depth, width and pre-training of the network, 6
+one unfrozen layer against two. The paper's 5 (a) and (b) show errors on the source domain over the
+nodes a layer; ours has the mean absolute error in (a) and its standard deviation in (b).
 """
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from stiff_bench.figures.figure import Content
+from stiff_bench.figures.figure import Content, FigureLine, Prepared, by_name
 from stiff_bench.figures.losses import (
     LossCurve,
     curves_of,
@@ -49,34 +50,33 @@ from stiff_bench.figures.variants import (
     mean_error,
     sweep_of,
 )
-from stiff_bench.paper.names import (
+from stiff_bench.paper import PAPER_RESULTS
+from stiff_bench.paper.results import FULL, REPRODUCE, Found, PaperResults
+from stiff_bench.paper.study import (
     ACTIVATIONS,
     ADJACENT_PAIRS,
     BASE_LAYERS,
     BASE_WIDTH,
+    DATASET,
+    DEPTH_WIDTH,
     DT_CNN,
     EARLY_STEPS,
     FT_MLP,
+    PAPER_PROTOCOL,
+    SEED,
     SINGLE_LAYERS,
     VJM,
+    WIDTH_DEPTHS,
+    WIDTHS,
     pretrained,
     unfrozen,
 )
-from stiff_bench.paper.results import (
-    FULL,
-    PaperResults,
-    SharedSplits,
-    TriedModels,
-    shared_splits,
-    tried_models,
-)
-from stiff_bench.paper.study import DATASET, DEPTH_WIDTH, PAPER_PROTOCOL, SEED, WIDTH_DEPTHS, WIDTHS
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.request import loaded
 from stiff_bench.tables.published import published_lines, published_rows
 from stiff_bench.tables.units import MM
-from stiff_protocols.contract.errors import StiffBenchWarning, StoreError
+from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning, StoreError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import AXES, FloatArray
 
@@ -84,11 +84,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
 DATA = f"{DATASET}, simulated: the paper's measurements are not public"
 
 
-def paper_setting(results: Mapping[str, Sequence[CellResult]], each: str = "") -> str:
+def _setting(results: Mapping[str, Sequence[CellResult]], each: str = "") -> str:
     """Return data, protocol, splits and seed in a sentence, and what must be read with them.
 
     Args:
@@ -100,9 +99,80 @@ def paper_setting(results: Mapping[str, Sequence[CellResult]], each: str = "") -
     return f"Data: {DATA}; protocol: {PAPER_PROTOCOL}; {n_splits}, seed {SEED}.{said}"
 
 
-HEIGHT_INCH = 2.7
-FEWEST = 1  # of each kind
-"""Single layers and pairs that must be there to be held against each other."""
+_LINES = (
+    f"Grey: identity; coloured lines: identity ± the error that {SHARE:.0%} of the samples keep."
+)
+
+
+def figure_4(_: PaperResults) -> Content:
+    """Fit the VJM to all samples and predict them: no stored result is needed."""
+    registry = build_registry()
+    data = loaded(Choice.of(registry.datasets[DATASET]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StiffBenchWarning)
+        model = registry.model(VJM).load()().fit(data.samples, robot=data.robot, seed=SEED)
+    samples = data.samples
+    tested = Predicted(
+        rows=np.arange(len(samples)),
+        measured=samples.deflection,
+        predicted=model.predict(samples.q, samples.wrench),
+    )
+    caption = (
+        f"The paper's Figure 4: measured deflection against that of the linear VJM ({VJM}), fitted "
+        f"to the same {len(samples)} samples that are shown (in sample, no split). Data: {DATA}. "
+        f"{_LINES} Beside our MAE: the paper's (its Table 2)."
+    )
+    series = [Series(VJM, tested, _published_mae("table_2", VJM))]
+    return Content(caption, partial(regression_figure, series))
+
+
+def figure_8(results: PaperResults) -> Content:
+    """Take DT-CNN's test samples."""
+    return _regression(
+        results, f"The paper's Figure 8: measured deflection against that of {DT_CNN}", DT_CNN
+    )
+
+
+def figure_9(results: PaperResults) -> Content:
+    """Take the test samples of FT-MLP and the VJM."""
+    shown = f"The paper's Figure 9: measured deflection against that of {FT_MLP} and of {VJM}"
+    return _regression(results, shown, FT_MLP, VJM)
+
+
+def _regression(results: PaperResults, shown: str, *models: str) -> Content:
+    """Take the models' test samples on the splits that all have.
+
+    Raises:
+        StoreError: a model has no result.
+    """
+    found = results.on_shared_splits(models, PAPER_PROTOCOL)
+    lacking = [*found.missing, *found.failures]
+    if lacking:
+        why = "; ".join(found.failures.values()) or "not run"
+        raise StoreError(
+            f"--results {results.folder}: no result of {', '.join(lacking)} on {DATASET} under "
+            f"{PAPER_PROTOCOL}: {why}; {REPRODUCE} makes it"
+        )
+    series = [
+        Series(name, pooled(of_model), _published_mae("table_10", name))
+        for name, of_model in found.results.items()
+    ]
+    setting = " ".join([_setting(found.results), *found.absences()])
+    caption = (
+        f"{shown}, of the test samples of all splits together. {setting} {_LINES} Beside our MAE: "
+        "the paper's (its Table 10, of its own measurements)."
+    )
+    return Content(caption, partial(regression_figure, series, overlaid=len(models) > 1))
+
+
+def _published_mae(table: str, model: str) -> tuple[float, ...]:
+    """Return a method's published mean absolute errors along x, y and z, m."""
+    name = {VJM: "VJM", FT_MLP: "FT-MLP", DT_CNN: "DT-CNN"}[model]
+    row = next(row for row in published_rows(table) if row.method == name)
+    return tuple(row.values_mm["mae", axis] / MM for axis in AXES)
+
+
+STRATEGIES_INCH = 2.7
 
 
 def figure_6(results: PaperResults) -> Content:
@@ -112,41 +182,38 @@ def figure_6(results: PaperResults) -> Content:
         StoreError: there is none of one kind.
     """
     names = [unfrozen(layers).name for layers in (*SINGLE_LAYERS, *ADJACENT_PAIRS)]
-    shared = shared_splits(results, (*names, VJM), PAPER_PROTOCOL)
-    tuned = {name: found for name, found in shared.results.items() if name != VJM}
+    found = results.on_shared_splits((*names, VJM), PAPER_PROTOCOL)
+    tuned = [of_model for name, of_model in found.results.items() if name != VJM]
     strategies = in_order(
-        [Strategy(freeze_of(of[0]), np.array(list(map(mean_error, of)))) for of in tuned.values()]
+        [Strategy(freeze_of(of[0]), np.array(list(map(mean_error, of)))) for of in tuned]
     )
     for kind in KINDS[:2]:
-        if sum(one.kind == kind for one in strategies) < FEWEST:
+        if not any(one.kind == kind for one in strategies):
             raise StoreError(
                 f"--results {results.folder}: no result of {FT_MLP} under {PAPER_PROTOCOL} that "
-                f"moves {kind}; `bench reproduce` makes it"
+                f"moves {kind}; {REPRODUCE} makes it"
             )
-    curves = {freeze_of(of[0]): of[0].curves.get("fine-tuning") for of in tuned.values()}
-    linear = (
-        float(np.mean([mean_error(one) for one in shared.results[VJM]]))
-        if VJM in shared.results
-        else None
-    )
-    dashed = f"; dashed: {VJM}" * (linear is not None)
+    curves = {freeze_of(of[0]): of[0].curves.get("fine-tuning") for of in tuned}
+    of_vjm = [mean_error(one) for one in found.results.get(VJM, ())]
+    linear = float(np.mean(of_vjm)) if of_vjm else None
+    dashed = f"; dashed: {VJM}" if of_vjm else ""
     caption = (
         f"The paper's Figure 6: {FT_MLP} with one hidden layer unfrozen against two adjacent ones "
         "(numbered from the input). (a) Mean absolute error of the validation part, standardised, "
         "against epochs of the fine-tuning, first split; mark: least of the stored points (every "
         "tenth epoch). (b) Mean absolute error of the test part at the epoch that was kept, all "
         "axes together; symbol: mean over the splits, bars and line: single splits and their "
-        f"span{dashed}. {' '.join([paper_setting(shared.results), *shared.absences()])}"
+        f"span{dashed}. {' '.join([_setting(found.results), *found.absences()])}"
     )
-    return Content(caption, partial(_draw, strategies, curves, linear))
+    return Content(caption, partial(_draw_strategies, strategies, curves, linear))
 
 
-def _draw(
+def _draw_strategies(
     strategies: Sequence[Strategy],
     curves: dict[str, FloatArray | None],
     linear: float | None,
 ) -> Figure:
-    figure = new_figure(PAGE_INCH, HEIGHT_INCH)
+    figure = new_figure(PAGE_INCH, STRATEGIES_INCH)
     left, right = figure.subplots(1, 2)
     _draw_curves(left, strategies, curves)
     draw_strategies(right, strategies)
@@ -182,44 +249,19 @@ def _draw_curves(
 
 
 Quantity = Literal["MAE", "STDE"]
-_STOPPED_EARLY = (
-    *(pretrained(layers=d, width=DEPTH_WIDTH, stopped_early=True).name for d in WIDTH_DEPTHS),
-    pretrained(stopped_early=True).name,
-)
 FEWEST_WIDTHS = 2
 PANEL_INCH = 2.7
-_LETTERS: Mapping[Quantity, str] = {"MAE": "a", "STDE": "b"}
-_LINES = (
-    "Solid: the source's test part (30 %), with a band from the least to the largest of a "
-    "network's splits; dashed: its training part. Hollow, in the depths' colours, on the test "
+_SWEEP = (
+    "of pre-trained networks on the simulated source domain, all axes together, against nodes a "
+    "hidden layer. Solid: the source's test part (30 %), with a band from the least to the largest "
+    "of a network's splits; dashed: its training part. Hollow, in the depths' colours, on the test "
     "part: stars, the paper's values (its Tables 6 and 7); circles, where they were computed, "
-    f"our networks stopped after {EARLY_STEPS} steps of plain Adam"
+    f"our networks stopped after {EARLY_STEPS} steps of plain Adam."
 )
 _LOSS = (
     f"loss of the pre-training of a network of {BASE_LAYERS} x {BASE_WIDTH} nodes against "
     "iterations (Huber loss of standardised targets; the paper's is the mean square)"
 )
-
-
-@dataclass(frozen=True, eq=False)
-class Pretrainings:
-    """What (c) shows.
-
-    Attributes:
-        curves: one a network, named after its activation.
-        results: network -> the one result that its curve is of.
-        absent: what is not there, in sentences; "" for nothing.
-    """
-
-    curves: Sequence[LossCurve]
-    results: Mapping[str, Sequence[CellResult]]
-    absent: str
-
-    @property
-    def setting(self) -> str:
-        """What must be read with the curves."""
-        which = "Of the first split that all have."
-        return " ".join(filter(None, (which, paper_setting(self.results), self.absent)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,62 +272,47 @@ class Widths:
         quantity: "MAE" or "STDE".
         test, train: ours.
         marks: name -> (depth, nodes a layer) -> a value on the test part to hold it against, m.
-        results: network -> the results that the lines are of.
-        absent: what is not there, in sentences; "" for nothing.
+        setting: what must be read with the lines.
     """
 
     quantity: Quantity
     test: Sweep
     train: Sweep
     marks: Mapping[str, Mapping[tuple[int, int], float]]
-    results: Mapping[str, Sequence[CellResult]]
-    absent: str
-
-    @property
-    def setting(self) -> str:
-        """What must be read with the lines."""
-        return " ".join(filter(None, (paper_setting(self.results, "a network"), self.absent)))
+    setting: str
 
 
 def figure_5a(results: PaperResults) -> Content:
     """Take the mean absolute errors over widths."""
-    return _widths_content(results, "MAE")
+    found = _widths(results, "MAE")
+    return Content(f"The paper's Figure 5a: MAE {_SWEEP} {found.setting}", partial(_one, found))
 
 
 def figure_5b(results: PaperResults) -> Content:
     """Take the standard deviations of the absolute error over widths."""
-    return _widths_content(results, "STDE")
+    found = _widths(results, "STDE")
+    return Content(f"The paper's Figure 5b: STDE {_SWEEP} {found.setting}", partial(_one, found))
 
 
 def figure_5c(results: PaperResults) -> Content:
     """Take the losses of the pre-training."""
-    shown = _pretrainings(results)
+    found = _pretrainings(results)
     caption = (
         f"The paper's Figure 5c: {_LOSS}, by activation; the paper's is ReLU, of 100,000 "
-        f"iterations. {shown.setting}"
+        f"iterations. Of the first split that all have. {_setting(found.results)} "
+        f"{_absent(found, len(ACTIVATIONS))}"
     )
-    return Content(caption, partial(losses_figure, shown.curves))
+    return Content(caption.strip(), partial(losses_figure, _curves(found)))
 
 
 def figure_5(results: PaperResults) -> Content:
     """Take all three."""
     mae, stde, shown = _widths(results, "MAE"), _widths(results, "STDE"), _pretrainings(results)
     caption = (
-        f"The paper's Figure 5: (a) MAE and (b) STDE of pre-trained networks on the simulated "
-        f"source domain, all axes together, against nodes a hidden layer. {_LINES}. "
-        f"{mae.setting} (c): {_LOSS}, of the first split that all have. {shown.absent}"
+        f"The paper's Figure 5: (a) MAE and (b) STDE {_SWEEP} {mae.setting} (c): {_LOSS}, of the "
+        f"first split that all have. {_absent(shown, len(ACTIVATIONS))}"
     )
-    return Content(caption.strip(), partial(_three_panels, (mae, stde), shown.curves))
-
-
-def _widths_content(results: PaperResults, quantity: Quantity) -> Content:
-    found = _widths(results, quantity)
-    caption = (
-        f"The paper's Figure 5{_LETTERS[quantity]}: {quantity} of pre-trained networks on the "
-        f"simulated source domain, all axes together, against nodes a hidden layer. {_LINES}. "
-        f"{found.setting}"
-    )
-    return Content(caption, partial(_one_panel, found))
+    return Content(caption.strip(), partial(_all_three, (mae, stde), _curves(shown)))
 
 
 def _widths(results: PaperResults, quantity: Quantity) -> Widths:
@@ -295,42 +322,45 @@ def _widths(results: PaperResults, quantity: Quantity) -> Widths:
         StoreError: a depth has fewer than two widths.
     """
     names = [pretrained(layers=d, width=width).name for width in WIDTHS for d in WIDTH_DEPTHS]
-    tried = tried_models(results, names, PAPER_PROTOCOL)
-    test = sweep_of(_all(tried), TEST, quantity)
+    found = results.of_models(names, PAPER_PROTOCOL)
+    test, train = (sweep_of(_each(found), part, quantity) for part in (TEST, TRAIN))
     short = [d for d in WIDTH_DEPTHS if sum(d == of for of, _ in test.values) < FEWEST_WIDTHS]
     if short:
         depths = ", ".join(map(str, short))
-        reasons = "".join(f"; {reason}" for reason in tried.failures.values())
+        reasons = "".join(f"; {reason}" for reason in found.failures.values())
         raise StoreError(
             f"--results {results.folder}: fewer than {FEWEST_WIDTHS} widths of {depths} hidden "
-            f"layers have results under {PAPER_PROTOCOL}; `bench reproduce` makes them{reasons}"
+            f"layers have results under {PAPER_PROTOCOL}; {REPRODUCE} makes them{reasons}"
         )
-    early = tried_models(results, _STOPPED_EARLY, PAPER_PROTOCOL)
-    at_100_steps = sweep_of(_all(early), TEST, quantity).values
+    stopped = [pretrained(layers=d, width=DEPTH_WIDTH, stopped_early=True) for d in WIDTH_DEPTHS]
+    stopped.append(pretrained(stopped_early=True))
+    early = results.of_models([one.name for one in stopped], PAPER_PROTOCOL)
+    stopped_early = sweep_of(_each(early), TEST, quantity).values
+    tried = replace(found, failures={**found.failures, **early.failures})
     return Widths(
         quantity,
         test,
-        sweep_of(_all(tried), TRAIN, quantity),
+        train,
         {
-            "paper": _published(quantity),
-            "stopped early": {size: float(of.mean()) for size, of in at_100_steps.items()},
+            "paper": _published_on_source(quantity),
+            "stopped early": {size: float(of.mean()) for size, of in stopped_early.items()},
         },
-        tried.results,
-        _absent(tried.missing, len(names), {**tried.failures, **early.failures}),
+        f"{_setting(found.results, 'a network')} {_absent(tried, len(names))}".strip(),
     )
 
 
-def _all(tried: TriedModels) -> list[CellResult]:
-    return [one for found in tried.results.values() for one in found]
+def _each(found: Found) -> list[CellResult]:
+    return [one for of_model in found.results.values() for one in of_model]
 
 
-def _absent(missing: Sequence[str], n_all: int, failures: Mapping[str, str]) -> str:
-    """Say which networks have no numbers."""
-    not_run = f"Not run: {len(missing)} of {n_all} networks; {FULL} makes them." if missing else ""
-    return " ".join(filter(None, [not_run, *(f"No numbers: {why}." for why in failures.values())]))
+def _absent(tried: Found, n_all: int) -> str:
+    """Say which of `n_all` networks have no numbers; "" where all have."""
+    n_missing = len(tried.missing)
+    lines = [f"Not run: {n_missing} of {n_all} networks; {FULL} makes them."] if n_missing else []
+    return " ".join([*lines, *(f"No numbers: {why}." for why in tried.failures.values())])
 
 
-def _published(quantity: Quantity) -> dict[tuple[int, int], float]:
+def _published_on_source(quantity: Quantity) -> dict[tuple[int, int], float]:
     """Return what the paper's Tables 6 and 7 say of networks of these depths, m."""
     column = f"test_{quantity.lower()}_mm"
     of_depth = {
@@ -342,24 +372,31 @@ def _published(quantity: Quantity) -> dict[tuple[int, int], float]:
     return of_depth | {(BASE_LAYERS, BASE_WIDTH): float(by_activation["relu"][column]) / MM}
 
 
-def _pretrainings(results: PaperResults) -> Pretrainings:
+def _pretrainings(results: PaperResults) -> Found:
     """Return the pre-trainings of the first split that all activations have.
 
     Raises:
         StoreError: there is none.
     """
-    names = {pretrained(activation=kind).name: kind for kind in reversed(ACTIVATIONS)}
-    shared = shared_splits(results, names, PAPER_PROTOCOL)
-    first = {name: found[:1] for name, found in shared.results.items()}
-    curves = [
-        curve for name, (result,) in first.items() for curve in curves_of(result, names[name])
-    ]
-    if not curves:
+    names = [pretrained(activation=kind).name for kind in reversed(ACTIVATIONS)]
+    found = results.on_shared_splits(names, PAPER_PROTOCOL)
+    first = replace(found, results={name: of[:1] for name, of in found.results.items()})
+    if not _curves(first):
         raise StoreError(
-            f"--results {results.folder}: {', '.join(first)}: no training curve; `bench reproduce` "
-            "in another folder makes one"
+            f"--results {results.folder}: {', '.join(first.results)}: no training curve; "
+            f"{REPRODUCE} in another folder makes one"
         )
-    return Pretrainings(curves, first, _absent(shared.missing, len(names), shared.failures))
+    return first
+
+
+def _curves(found: Found) -> list[LossCurve]:
+    """Return the loss curves of pre-trainings, one a network, named after its activation."""
+    names = {pretrained(activation=kind).name: kind for kind in ACTIVATIONS}
+    return [
+        curve
+        for name, (result,) in found.results.items()
+        for curve in curves_of(result, names[name])
+    ]
 
 
 def _draw_widths(axes: Axes, found: Widths) -> None:
@@ -379,7 +416,7 @@ def _draw_widths(axes: Axes, found: Widths) -> None:
             axes.plot([], [], **hollow, markeredgecolor=REFERENCE_COLOR, label=name)
 
 
-def _one_panel(found: Widths) -> Figure:
+def _one(found: Widths) -> Figure:
     figure = new_figure(COLUMN_INCH, PANEL_INCH)
     axes = figure.subplots()
     _draw_widths(axes, found)
@@ -387,7 +424,7 @@ def _one_panel(found: Widths) -> Figure:
     return figure
 
 
-def _three_panels(both: Sequence[Widths], curves: Sequence[LossCurve]) -> Figure:
+def _all_three(both: Sequence[Widths], curves: Sequence[LossCurve]) -> Figure:
     figure = new_figure(PAGE_INCH, PANEL_INCH)
     panels = figure.subplots(1, 3)
     for axes, found in zip(panels[:2], both, strict=True):
@@ -401,82 +438,34 @@ def _three_panels(both: Sequence[Widths], curves: Sequence[LossCurve]) -> Figure
     return figure
 
 
-_IDENTITY = (
-    f"Grey: identity; coloured lines: identity ± the error that {SHARE:.0%} of the samples keep."
+FIGURES: Mapping[str, FigureLine[PaperResults]] = by_name(
+    (
+        FigureLine("4", "Measured against VJM-fitted", figure_4),
+        FigureLine("5a", "MAE over nodes a layer", figure_5a),
+        FigureLine("5b", "STDE over nodes a layer", figure_5b),
+        FigureLine("5c", "Loss of the pre-training", figure_5c),
+        FigureLine("5", "Depth, width and pre-training of the network", figure_5),
+        FigureLine("6", "One unfrozen layer against two", figure_6),
+        FigureLine("8", "Measured against DT-CNN", figure_8),
+        FigureLine("9", "Measured against FT-MLP and VJM", figure_9),
+    )
 )
-_PAPERS = "Beside our MAE: the paper's (its Table 10, of its own measurements)."
-_METHODS = {VJM: "VJM", FT_MLP: "FT-MLP", DT_CNN: "DT-CNN"}
-"""Names in the published tables."""
+_FITTED_FIGURE = "4"
 
 
-def figure_4(_: PaperResults) -> Content:
-    """Fit the VJM to all samples and predict them: no stored result is needed."""
-    registry = build_registry()
-    data = loaded(Choice.of(registry.datasets[DATASET]))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StiffBenchWarning)
-        model = registry.model(VJM).load()().fit(data.samples, robot=data.robot, seed=SEED)
-    samples = data.samples
-    tested = Predicted(
-        rows=np.arange(len(samples)),
-        measured=samples.deflection,
-        predicted=model.predict(samples.q, samples.wrench),
-    )
-    caption = (
-        f"The paper's Figure 4: measured deflection against that of the linear VJM ({VJM}), fitted "
-        f"to the same {len(samples)} samples that are shown (in sample, no split). Data: {DATA}. "
-        f"{_IDENTITY} Beside our MAE: the paper's (its Table 2)."
-    )
-    series = [Series(VJM, tested, _published_mae("table_2", VJM))]
-    return Content(caption, partial(regression_figure, series))
+def prepare_figure(name: str, folder: Path | None) -> Prepared:
+    """Return one of the paper's figures from the results of a folder.
 
-
-def figure_8(results: PaperResults) -> Content:
-    """Take DT-CNN's test samples."""
-    series, shared = _tested(results, (DT_CNN,))
-    caption = (
-        f"The paper's Figure 8: measured deflection against that of {DT_CNN}, of the test samples "
-        f"of all splits together. {_with_gaps(shared)} {_IDENTITY} {_PAPERS}"
-    )
-    return Content(caption, partial(regression_figure, series))
-
-
-def figure_9(results: PaperResults) -> Content:
-    """Take the test samples of FT-MLP and the VJM."""
-    series, shared = _tested(results, (FT_MLP, VJM))
-    caption = (
-        f"The paper's Figure 9: measured deflection against that of {FT_MLP} and of {VJM}, of the "
-        f"test samples of all splits together. {_with_gaps(shared)} {_IDENTITY} {_PAPERS}"
-    )
-    return Content(caption, partial(regression_figure, series, overlaid=True))
-
-
-def _tested(results: PaperResults, models: tuple[str, ...]) -> tuple[list[Series], SharedSplits]:
-    """Return the models' test samples on the splits that all have, and their results.
+    Args:
+        name: of the figure.
+        folder: of the results; None: where `bench reproduce` puts them.
 
     Raises:
-        StoreError: a model has no result.
+        ConfigError: a folder was named that is not read.
+        StoreError: the results have nothing of it.
     """
-    shared = shared_splits(results, models, PAPER_PROTOCOL)
-    lacking = [*shared.missing, *shared.failures]
-    if lacking:
-        why = "; ".join(shared.failures.values()) or "not run"
-        raise StoreError(
-            f"--results {results.folder}: no result of {', '.join(lacking)} on {DATASET} under "
-            f"{PAPER_PROTOCOL}: {why}; `bench reproduce` makes it"
-        )
-    series = [
-        Series(name, pooled(found), _published_mae("table_10", name))
-        for name, found in shared.results.items()
-    ]
-    return series, shared
-
-
-def _with_gaps(shared: SharedSplits) -> str:
-    return " ".join([paper_setting(shared.results), *shared.absences()])
-
-
-def _published_mae(table: str, model: str) -> tuple[float, ...]:
-    """Return a method's published mean absolute errors along x, y and z, m."""
-    row = next(row for row in published_rows(table) if row.method == _METHODS[model])
-    return tuple(row.values_mm["mae", axis] / MM for axis in AXES)
+    if name != _FITTED_FIGURE:
+        return FIGURES[name].prepare(PaperResults.of(folder or PAPER_RESULTS))
+    if folder is not None:
+        raise ConfigError(f"--results {folder}: figure {name} is fitted here and reads none")
+    return FIGURES[name].prepare(PaperResults(PAPER_RESULTS, ()))

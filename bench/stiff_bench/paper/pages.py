@@ -1,10 +1,10 @@
-"""Writes the paper's tables and figures beside ours, and a page that holds them all."""
+"""Writes the committed pages: the paper's tables and figures beside ours, and the leaderboard."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import timedelta
 from pathlib import Path
 
@@ -14,123 +14,33 @@ from stiff_bench.analysis.stored_leaderboard import stored_leaderboard
 from stiff_bench.figures.catalog import FIGURES
 from stiff_bench.figures.figure import Prepared, can_be_drawn
 from stiff_bench.figures.source import FigureSource
-from stiff_bench.paper import catalog as paper_figures
-from stiff_bench.paper.catalog import TABLES, build
+from stiff_bench.paper import figures as paper_figures
 from stiff_bench.paper.results import PaperResults
 from stiff_bench.paper.study import NETWORK_STEPS
 from stiff_bench.paper.table import render_paper_table
+from stiff_bench.paper.tables import TABLES, build
 from stiff_bench.store.database import FILE, read_manifests, stored_results
 from stiff_bench.store.versions import sources
 from stiff_bench.tables.render import markdown_code, markdown_text
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.files import make_folder, written_whole
-from stiff_protocols.contract.record import RunManifest
-
-
-def provenance_lines(folder: Path, command: str, n_missing: int) -> Iterator[str]:
-    """Yield lines of markdown: the command, the versions, the time, and each machine.
-
-    Raises:
-        StoreError: a file of the folder is damaged.
-    """
-    runs = list(read_manifests(folder))
-    counts: Counter[str] = Counter()
-    fitting_s = 0.0
-    for result in stored_results(folder):
-        counts[result.run_id] += 1
-        fitting_s += 0.0 if result.cost is None else result.cost.fit_s
-    yield f"made by {markdown_code(command)}"
-    if n_missing:
-        yield f"not finished: {counted(n_missing, 'cell')} of it not computed"
-    for line in sources(folder, runs, counts):
-        yield markdown_text(line)
-    yield f"fits took {timedelta(seconds=round(fitting_s))} (h:min:s) of one thread in all"
-    name = f"{folder.name}/{FILE}"
-    for machine, n_runs in _machines(runs).items():
-        where = "its manifest is" if n_runs == 1 else "their manifests are"
-        yield f"{markdown_text(machine)}: {counted(n_runs, 'run')}; {where} in `{name}`"
-
-
-def _machines(runs: list[RunManifest]) -> Counter[str]:
-    """Return machine -> number of its runs."""
-    found: Counter[str] = Counter()
-    for run in runs:
-        known = run.environment
-        about = (
-            f"{known.get('processor', 'unknown processor')}, {known.get('cores', '?')} cores, "
-            f"{known.get('platform', 'unknown platform')}, Python {known.get('python', '?')}, "
-            f"torch {known.get('torch', '?')}"
-        )
-        found[about] += 1
-    return found
-
-
-PICTURE_FILES = ("png", "pdf")
-
-
-def written(path: Path, text: str) -> Path:
-    """Write a text file, whole or not at all, and return its path.
-
-    Raises:
-        StoreError: it cannot be written.
-    """
-    make_folder(path.parent)
-    with written_whole(path) as temporary:
-        temporary.write_text(f"{text}\n", encoding="utf-8")
-    return path
-
-
-def pictures(figures: Iterable[Prepared], folder: Path) -> Iterator[Path]:
-    """Write figures as PNG and PDF, and yield each file.
-
-    Raises:
-        StoreError: a file cannot be written.
-    """
-    make_folder(folder)
-    for figure in figures:
-        for suffix in PICTURE_FILES:
-            path = folder / f"{_file_name(figure)}.{suffix}"
-            figure.save(path)
-            yield path
-
-
-def listed(lines: Iterable[str]) -> str:
-    """Return a list in markdown."""
-    return "\n".join(f"- {line}" for line in lines)
-
-
-def not_made(reasons: Mapping[str, str]) -> Iterator[str]:
-    """Yield a line for each table or figure that could not be made, with the reason."""
-    for what, reason in reasons.items():
-        yield f"{what}: {markdown_text(reason)}"
-
-
-def figure_text(figure: Prepared, folder: str) -> str:
-    """Return a figure with its heading and caption, in markdown; `folder` is seen from the page."""
-    picture = f"{folder}/{_file_name(figure)}"
-    number = f"Figure {figure.name}: " if figure.name[0].isdigit() else ""
-    alt = re.sub(r"[\[\]\\]", " ", figure.title)
-    return "\n\n".join(
-        [
-            f"### {markdown_text(f'{number}{figure.title}')}",
-            f"![{alt}]({picture}.png)",
-            f"{markdown_text(figure.caption)} ([PDF]({picture}.pdf))",
-        ]
-    )
-
-
-def _file_name(figure: Prepared) -> str:
-    return f"figure_{figure.name.replace('-', '_')}"
-
 
 TABLE_FILES = {"github": "md", "csv": "csv", "latex": "tex"}
-LEFT_OUT = {
-    "5": "its three panels are drawn one by one",
-    "learning-curves": "of the leaderboard",
-    "ranks": "of the leaderboard",
-}
-"""Figures that belong on no page of the paper, and why."""
+PICTURE_FILES = ("png", "pdf")
+NOT_OF_PAPER = ("5", "learning-curves", "ranks")
+"""Figure 5's panels are drawn one by one; the other two are of the leaderboard."""
+OF_LEADERBOARD = ("ranks", "learning-curves", "errors", "workspace")
+"""Figures of its page; the others are the paper's questions."""
+_ABOUT_LEADERBOARD = (
+    "every model that stiffbench ships, on five specimens of the simulated KR10, on the same twin "
+    "pulled in every direction, and on 43 real measurements of a FANUC R-2000iC",
+    f"networks with `pretrain_steps={NETWORK_STEPS}` in their names were pre-trained for that many "
+    "steps in place of their recipe's 1,000 (`dt-cnn`: 3,000), and `deep-ensemble` has 2 members "
+    "in place of 5: at full length the cells would take a day of a small machine. `ft-mlp` hardly "
+    "changes through it, `dt-cnn` becomes better by about 30 % (measured: docs/findings.md). "
+    "docs/models.md has the full recipes on `holdout`",
+)
 
 
 def write_paper(output: Path, command: str, n_missing: int) -> Iterator[Path]:
@@ -149,7 +59,7 @@ def write_paper(output: Path, command: str, n_missing: int) -> Iterator[Path]:
     """
     folder = output / "paper"
     results = PaperResults.of(folder / "runs")
-    tables, missing = [], {}
+    tables, missing = list[str](), dict[str, str]()
     for number in TABLES:
         try:
             table = build(number, results)
@@ -159,48 +69,24 @@ def write_paper(output: Path, command: str, n_missing: int) -> Iterator[Path]:
         again = f"bench table {number}"
         for fmt, suffix in TABLE_FILES.items():
             path = folder / "tables" / f"table_{number}.{suffix}"
-            yield written(path, render_paper_table(table, fmt, f"{again} --format {fmt}"))
+            yield _written(path, render_paper_table(table, fmt, f"{again} --format {fmt}"))
         tables.append(render_paper_table(table, "github", again))
-    figures, not_drawn = _figures(results)
-    missing |= not_drawn
-    yield from pictures(figures, folder / "figures")
-    page = _page(tables, figures, missing, provenance_lines(folder / "runs", command, n_missing))
-    yield written(folder / "README.md", page)
-
-
-def _figures(results: PaperResults) -> tuple[list[Prepared], dict[str, str]]:
-    """Return the paper's figures and the general ones, and why some cannot be drawn."""
-    of_paper = {name: one for name, one in paper_figures.FIGURES.items() if name not in LEFT_OUT}
-    general = {name: one for name, one in FIGURES.items() if name not in LEFT_OUT}
-    drawn, missing = can_be_drawn(of_paper, results)
+    of_paper = {k: v for k, v in paper_figures.FIGURES.items() if k not in NOT_OF_PAPER}
+    general = {k: v for k, v in FIGURES.items() if k not in NOT_OF_PAPER}
+    drawn, not_drawn = can_be_drawn(of_paper, results)
     others, also = can_be_drawn(general, FigureSource(results.folder, results.contests))
-    return [*drawn, *others], {f"Figure {name}": why for name, why in (missing | also).items()}
-
-
-def _page(
-    tables: Sequence[str],
-    figures: Sequence[Prepared],
-    missing: Mapping[str, str],
-    provenance: Iterable[str],
-) -> str:
-    parts = [
+    missing |= {f"Figure {name}": why for name, why in (not_drawn | also).items()}
+    yield from _pictures([*drawn, *others], folder / "figures")
+    page = [
         "# The source paper's tables and figures, published and ours",
         "Published numbers are of a measured KUKA KR10 R1100-2; ours are of `kr10-twin`, a "
         "simulation of it. Compare methods within one source, never the two in absolute terms.",
-        listed(provenance),
+        _listed(*_provenance(folder / "runs", command, n_missing)),
         "## Tables",
         *tables,
-        "## Figures",
-        *(figure_text(figure, "figures") for figure in figures),
+        *_figures_and_missing([*drawn, *others], "figures", missing),
     ]
-    if missing:
-        parts += ["## Not made", listed(not_made(missing))]
-    return "\n\n".join(parts)
-
-
-METRIC = "norm"
-SHOWN = ("ranks", "learning-curves", "errors", "workspace")
-"""Figures of the page; the others are the paper's questions."""
+    yield _written(folder / "README.md", "\n\n".join(page))
 
 
 def write_leaderboard(output: Path, command: str, n_missing: int) -> Iterator[Path]:
@@ -217,33 +103,94 @@ def write_leaderboard(output: Path, command: str, n_missing: int) -> Iterator[Pa
         ConfigError: there is nothing to compare.
     """
     folder = output / "leaderboard"
-    board, provenance = stored_leaderboard(folder / "runs", key=sort_key(METRIC, None))
+    board, provenance = stored_leaderboard(folder / "runs", key=sort_key("norm", None))
     as_csv = render_leaderboard(board, "csv", command, provenance)
-    yield written(output / "leaderboard.csv", as_csv)
-    asked = {name: FIGURES[name] for name in SHOWN}
+    yield _written(output / "leaderboard.csv", as_csv)
+    asked = {name: FIGURES[name] for name in OF_LEADERBOARD}
     figures, missing = can_be_drawn(asked, FigureSource.of(folder / "runs"))
-    yield from pictures(figures, folder / "figures")
+    yield from _pictures(figures, folder / "figures")
     page = [
         "# Leaderboard",
-        listed([*_about(), *provenance_lines(folder / "runs", command, n_missing)]),
+        _listed(*_ABOUT_LEADERBOARD, *_provenance(folder / "runs", command, n_missing)),
         render_leaderboard(board, "github", command, provenance),
-        "## Figures",
-        *(figure_text(figure, "leaderboard/figures") for figure in figures),
+        *_figures_and_missing(figures, "leaderboard/figures", missing),
     ]
+    yield _written(output / "leaderboard.md", "\n\n".join(page))
+
+
+def _provenance(folder: Path, command: str, n_missing: int) -> Iterator[str]:
+    """Yield lines of markdown: the command, the versions, the time, and each machine.
+
+    Raises:
+        StoreError: a file of the folder is damaged.
+    """
+    runs, fits_s = list(read_manifests(folder)), 0.0
+    n_results: Counter[str] = Counter()
+    for result in stored_results(folder):
+        n_results[result.run_id] += 1
+        fits_s += 0.0 if result.cost is None else result.cost.fit_s
+    yield f"made by {markdown_code(command)}"
+    if n_missing:
+        yield f"not finished: {counted(n_missing, 'cell')} of it not computed"
+    for line in sources(folder, runs, n_results):
+        yield markdown_text(line)
+    yield f"fits took {timedelta(seconds=round(fits_s))} (h:min:s) of one thread in all"
+    machines = Counter(
+        f"{known.get('processor', 'unknown processor')}, {known.get('cores', '?')} cores, "
+        f"{known.get('platform', 'unknown platform')}, Python {known.get('python', '?')}, "
+        f"torch {known.get('torch', '?')}"
+        for known in (run.environment for run in runs)
+    )
+    for machine, n_runs in machines.items():
+        where = "its manifest is" if n_runs == 1 else "their manifests are"
+        file = f"`{folder.name}/{FILE}`"
+        yield f"{markdown_text(machine)}: {counted(n_runs, 'run')}; {where} in {file}"
+
+
+def _figures_and_missing(
+    figures: Sequence[Prepared], folder: str, missing: Mapping[str, str]
+) -> Iterator[str]:
+    """Yield the end of a page: its figures, and what could not be made, with the reason.
+
+    Args:
+        figures: with captions.
+        folder: of the pictures, as seen from the page.
+        missing: table or figure -> why it could not be made.
+    """
+    yield "## Figures"
+    for figure in figures:
+        picture = f"{folder}/{_file_name(figure)}"
+        number = f"Figure {figure.name}: " if figure.name[0].isdigit() else ""
+        alt = re.sub(r"[\[\]\\]", " ", figure.title)
+        yield f"### {markdown_text(f'{number}{figure.title}')}"
+        yield f"![{alt}]({picture}.png)"
+        yield f"{markdown_text(figure.caption)} ([PDF]({picture}.pdf))"
     if missing:
-        page += ["## Not made", listed(not_made(missing))]
-    yield written(output / "leaderboard.md", "\n\n".join(page))
+        yield "## Not made"
+        yield _listed(*(f"{what}: {markdown_text(why)}" for what, why in missing.items()))
 
 
-def _about() -> Iterator[str]:
-    yield (
-        "every model that stiffbench ships, on five specimens of the simulated KR10, on the same "
-        "twin pulled in every direction, and on 43 real measurements of a FANUC R-2000iC"
-    )
-    yield (
-        f"networks with `pretrain_steps={NETWORK_STEPS}` in their names were pre-trained for that "
-        "many steps in place of their recipe's 1,000 (`dt-cnn`: 3,000), and `deep-ensemble` has 2 "
-        "members in place of 5: at full length the cells would take a day of a small machine. "
-        "`ft-mlp` hardly changes through it, `dt-cnn` becomes better by about 30 % (measured: "
-        "docs/findings.md). docs/models.md has the full recipes on `holdout`"
-    )
+def _listed(*lines: str) -> str:
+    return "\n".join(f"- {line}" for line in lines)
+
+
+def _file_name(figure: Prepared) -> str:
+    return f"figure_{figure.name.replace('-', '_')}"
+
+
+def _pictures(figures: Sequence[Prepared], folder: Path) -> Iterator[Path]:
+    """Write figures as PNG and PDF, and yield each file."""
+    make_folder(folder)
+    for figure in figures:
+        for suffix in PICTURE_FILES:
+            path = folder / f"{_file_name(figure)}.{suffix}"
+            figure.save(path)
+            yield path
+
+
+def _written(path: Path, text: str) -> Path:
+    """Write a text file, whole or not at all, and return its path."""
+    make_folder(path.parent)
+    with written_whole(path) as temporary:
+        temporary.write_text(f"{text}\n", encoding="utf-8")
+    return path

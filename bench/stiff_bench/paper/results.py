@@ -1,4 +1,4 @@
-"""Results of several models on the splits that all of them have."""
+"""Stored results of the models that a table or a figure of the paper compares."""
 
 from __future__ import annotations
 
@@ -6,33 +6,28 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from stiff_bench.paper.study import DATASET, PAPER_PROTOCOL, SEED
-from stiff_bench.store.database import read_manifests
+from stiff_bench.analysis.collected import Competitor, Contest, collect
+from stiff_bench.paper.study import DATASET, SEED
+from stiff_bench.store.database import has_results, read_manifests
 from stiff_bench.store.names import grouped
 from stiff_bench.store.versions import sources
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
 
-if TYPE_CHECKING:
-    from stiff_bench.analysis.collected import Competitor, Contest
-    from stiff_protocols.contract.record import CellResult
-
-
 REPRODUCE, FULL = "`bench reproduce`", "`bench reproduce --full`"
 """The commands that make results."""
 
 
 @dataclass(frozen=True, eq=False)
-class SharedSplits:
+class Found:
     """What a folder has of some models under one protocol.
 
     Attributes:
         protocol: its name.
-        results: model -> its results, on the same splits for all; a model that has none is not
-            there.
+        results: model -> its results, one a split in the order of the splits; a model that has
+            none, or that failed on a split, is not there.
         failures: model -> why it has no numbers, though it was run.
         missing: models that were never run.
         n_left_out: splits on which some of the models have a result, and others do not.
@@ -42,32 +37,32 @@ class SharedSplits:
     results: Mapping[str, Sequence[CellResult]]
     failures: Mapping[str, str]
     missing: Sequence[str]
-    n_left_out: int
-
-    @property
-    def n_splits(self) -> int:
-        """How many splits all have."""
-        return len(next(iter(self.results.values()), ()))
+    n_left_out: int = 0
 
     def notes(
         self, remedy: str = REPRODUCE, labels: Mapping[str, str] | None = None
     ) -> Iterator[str]:
-        """Yield what was run how often, and what is not there and what makes it.
+        """Yield what was run how often, what must be read with it, and what is not there.
 
         Args:
             remedy: the command that makes what is missing.
             labels: model -> what it is called in the table, if not so.
         """
-        spread = ", mean ± standard deviation over them" if self.n_splits > 1 else ""
+        n_splits = len(next(iter(self.results.values())))
+        spread = ", mean ± standard deviation over them" if n_splits > 1 else ""
         yield (
-            f"Ours: {DATASET} (simulated), {self.protocol}, "
-            f"{counted(self.n_splits, 'split')}{spread}, seed {SEED}."
+            f"Ours: {DATASET} (simulated), {self.protocol}, {counted(n_splits, 'split')}{spread}, "
+            f"seed {SEED}."
         )
-        pickers = [name for name, found in self.results.items() if found[0].shown.picked_on_test]
+        shown = {model: found[0].shown for model, found in self.results.items()}
+        pickers = [model for model, one in shown.items() if one.picked_on_test]
         if pickers:
-            which = "all" if len(pickers) == len(self.results) else ", ".join(pickers)
+            which = "all" if len(pickers) == len(shown) else ", ".join(pickers)
             yield f"{self.protocol} picks the best epoch on the test part ({which}): optimistic."
-        yield from self._regimes()
+        for regime, models in grouped(shown, lambda model: shown[model].regime).items():
+            if regime:
+                which = "all of ours" if len(models) == len(shown) else ", ".join(models)
+                yield f"{self.protocol}, {which}: {regime}."
         yield from self.absences(remedy, labels)
 
     def absences(
@@ -85,114 +80,10 @@ class SharedSplits:
             names = ", ".join((labels or {}).get(model, model) for model in self.missing)
             yield f"Without a result under {self.protocol}: {names}; {remedy} makes it."
 
-    def _regimes(self) -> Iterator[str]:
-        """Yield how models used training labels, where there is something to say."""
-        shown = {model: found[0].shown.regime for model, found in self.results.items()}
-        for regime, models in grouped(shown, lambda model: shown[model]).items():
-            if regime:
-                which = "all of ours" if len(models) == len(shown) else ", ".join(models)
-                yield f"{self.protocol}, {which}: {regime}."
-
-
-@dataclass(frozen=True, eq=False)
-class TriedModels:
-    """What a folder has of some models under one protocol, each on its own splits.
-
-    Attributes:
-        results, failures, missing: as in `SharedSplits`.
-    """
-
-    results: Mapping[str, list[CellResult]]
-    failures: Mapping[str, str]
-    missing: Sequence[str]
-
-
-def tried_models(results: PaperResults, models: Iterable[str], protocol: str) -> TriedModels:
-    """Return the results of models; one that failed on a split has none."""
-    found, failures, missing = dict[str, list[CellResult]](), dict[str, str](), list[str]()
-    for model in models:
-        try:
-            found[model] = results.splits(model, protocol)
-        except StoreError as error:
-            if _was_run(results, model, protocol):
-                failures[model] = str(error)
-            else:
-                missing.append(model)
-    return TriedModels(found, failures, missing)
-
-
-def shared_splits(results: PaperResults, models: Iterable[str], protocol: str) -> SharedSplits:
-    """Return the results of models on the splits that all of them have, of those that have any.
-
-    Raises:
-        StoreError: none has a result, or no split is of all.
-    """
-    tried = tried_models(results, models, protocol)
-    found, failures, missing = tried.results, tried.failures, tried.missing
-    if not found:
-        why = "; ".join(failures.values()) or f"no result of {missing[0]}"
-        if len(missing) > 1 and not failures:
-            why += f" nor of {len(missing) - 1} others"
-        raise StoreError(
-            f"--results {results.folder}: nothing to print of {DATASET} under {protocol}: {why}; "
-            f"{REPRODUCE} makes it"
-        )
-    each = [{one.cell.split_sha256 for one in of_model} for of_model in found.values()]
-    shared, any_of = set.intersection(*each), set.union(*each)
-    if not shared:
-        raise StoreError(
-            f"--results {results.folder}: {', '.join(found)} have no split of {protocol} in "
-            f"common; {FULL} makes what is missing"
-        )
-    return SharedSplits(
-        protocol=protocol,
-        results={
-            model: [one for one in of_model if one.cell.split_sha256 in shared]
-            for model, of_model in found.items()
-        },
-        failures=failures,
-        missing=missing,
-        n_left_out=len(any_of - shared),
-    )
-
-
-def provenance(results: PaperResults, used: Iterable[SharedSplits]) -> str:
-    """Return a line that names which stiffbench made the results that are shown."""
-    counts = Counter(
-        one.run_id for part in used for of_model in part.results.values() for one in of_model
-    )
-    (line,) = sources(results.folder, list(read_manifests(results.folder)), counts)
-    return line
-
-
-def _was_run(results: PaperResults, model: str, protocol: str) -> bool:
-    return any(
-        model in contest.competitors
-        for contest in results.contests
-        if (contest.name.protocol, contest.name.dataset, contest.name.seed)
-        == (protocol, DATASET, SEED)
-    )
-
-
-"""Where `bench reproduce` stores what the paper's tables and figures show."""
-
-
-def paper_results(folder: Path) -> PaperResults:
-    """Read the results that `--results` names.
-
-    Raises:
-        StoreError: there are none, and `bench reproduce` makes them; or a file is damaged.
-    """
-    from stiff_bench.store.database import has_results
-
-    if not has_results(folder):
-        raise StoreError(f"--results {folder}: holds no results; `bench reproduce` makes them")
-    return PaperResults.of(folder)
-
 
 @dataclass(frozen=True, eq=False)
 class PaperResults:
-    """The newest results of a folder, model by model.
+    """The newest results of a folder.
 
     Attributes:
         folder: of the results.
@@ -204,54 +95,80 @@ class PaperResults:
 
     @classmethod
     def of(cls, folder: Path) -> PaperResults:
-        """Read a folder.
+        """Read the folder that `--results` names.
 
         Raises:
-            StoreError: it holds no results, or a file of it is damaged.
+            StoreError: it holds no results, and `bench reproduce` makes them; or a file of it is
+                damaged.
         """
-        from stiff_bench.analysis.collected import collect
-
+        if not has_results(folder):
+            raise StoreError(f"--results {folder}: holds no results; {REPRODUCE} makes them")
         return cls(folder, tuple(collect(folder)))
 
-    def models(self, protocol: str = PAPER_PROTOCOL, dataset: str = DATASET) -> list[str]:
-        """Return the names of the models that have a result under a protocol, in order."""
-        found = self._contest(protocol, dataset)
-        return (
-            [] if found is None else [name for name, one in found.competitors.items() if one.done]
-        )
+    def of_models(self, models: Iterable[str], protocol: str) -> Found:
+        """Return the results of models under a protocol, each on its own splits."""
+        contest = self._contest(protocol)
+        competitors: Mapping[str, Competitor] = {} if contest is None else contest.competitors
+        results, failures, missing = dict[str, list[CellResult]](), dict[str, str](), list[str]()
+        for model in models:
+            found = competitors.get(model)
+            if contest is None or found is None:
+                missing.append(model)
+            elif found.failures:
+                first = next(iter(found.failures.values()))
+                failures[model] = (
+                    f"{self.folder}: {model} on {DATASET} under {protocol}: no result of "
+                    f"{counted(len(found.failures), 'split')}: {first.why_none}"
+                )
+            else:
+                results[model] = contest.results(model)
+        return Found(protocol, results, failures, missing)
 
-    def has(self, model: str, protocol: str = PAPER_PROTOCOL, dataset: str = DATASET) -> bool:
-        """Say whether a model has a result under a protocol."""
-        return model in self.models(protocol, dataset)
-
-    def splits(
-        self, model: str, protocol: str = PAPER_PROTOCOL, dataset: str = DATASET
-    ) -> list[CellResult]:
-        """Return a model's results, one a split, in the order of the splits.
+    def on_shared_splits(self, models: Iterable[str], protocol: str) -> Found:
+        """Return the results of models on the splits that all of them have, of those that have any.
 
         Raises:
-            StoreError: it has none, or failed on a split.
+            StoreError: none has a result, or no split is of all.
         """
-        where = f"{self.folder}: {model} on {dataset} under {protocol}"
-        found = self._competitor(model, protocol, dataset)
-        if found is None:
-            raise StoreError(f"{where}: no result; `bench reproduce` makes it")
-        if found.failures:
-            n_splits = counted(len(found.failures), "split")
-            first = next(iter(found.failures.values()))
-            raise StoreError(f"{where}: no result of {n_splits}: {first.why_none}")
-        return [found.done[slot] for slot in sorted(found.done)]
+        found, contest = self.of_models(models, protocol), self._contest(protocol)
+        if contest is None or not found.results:
+            missing = found.missing
+            why = "; ".join(found.failures.values()) or f"no result of {missing[0]}"
+            if len(missing) > 1 and not found.failures:
+                why += f" nor of {len(missing) - 1} others"
+            raise StoreError(
+                f"--results {self.folder}: nothing to print of {DATASET} under {protocol}: {why}; "
+                f"{REPRODUCE} makes it"
+            )
+        shared = contest.shared_slots(found.results)
+        if not shared:
+            raise StoreError(
+                f"--results {self.folder}: {', '.join(found.results)} have no split of {protocol} "
+                f"in common; {FULL} makes what is missing"
+            )
+        any_of = {slot for model in found.results for slot in contest.competitors[model].done}
+        return Found(
+            protocol,
+            {model: contest.results(model, shared) for model in found.results},
+            found.failures,
+            found.missing,
+            n_left_out=len(any_of) - len(shared),
+        )
 
-    def _competitor(self, model: str, protocol: str, dataset: str) -> Competitor | None:
-        contest = self._contest(protocol, dataset)
-        return None if contest is None else contest.competitors.get(model)
+    def provenance(self, shown: Iterable[Found]) -> str:
+        """Return a line that names which stiffbench made the results that are shown."""
+        counts = Counter(
+            one.run_id for found in shown for of_model in found.results.values() for one in of_model
+        )
+        (line,) = sources(self.folder, list(read_manifests(self.folder)), counts)
+        return line
 
-    def _contest(self, protocol: str, dataset: str) -> Contest | None:
-        """Return the newest contest of that name: other seeds and older data are others."""
-        found: Sequence[Contest] = [
+    def _contest(self, protocol: str) -> Contest | None:
+        """Return the newest contest under a protocol: other seeds and older data are others."""
+        found = [
             contest
             for contest in self.contests
-            if (contest.name.protocol, contest.name.dataset) == (protocol, dataset)
+            if (contest.name.dataset, contest.name.protocol) == (DATASET, protocol)
             and not contest.name.condition
             and contest.name.seed == SEED
         ]

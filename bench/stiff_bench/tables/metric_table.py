@@ -226,11 +226,11 @@ def _pooled_values(
 
 
 def pooled_prediction(results: Sequence[CellResult]) -> Prediction:
-    """Return the predictions of several splits as one."""
+    """Return the predictions of several splits as one; each of them was checked."""
     parts = [result.prediction for result in results if result.prediction is not None]
     intervals = [part.interval for part in parts if part.interval is not None]
     references = [part.reference for part in parts if part.reference is not None]
-    return Prediction(
+    return Prediction.of_stored(
         np.concatenate([part.rows for part in parts]),
         np.concatenate([part.predicted for part in parts]),
         np.concatenate([part.measured for part in parts]),

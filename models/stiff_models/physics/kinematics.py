@@ -160,11 +160,11 @@ def gravity_torque(robot: Robot, q: FloatArray) -> FloatArray:
     """
     q = checked_positions(robot, q)
     torque = np.empty((robot.n_joints, len(q)))
-    _program(robot).run([q], torque)
+    _gravity_program(robot).run([q], torque)
     return np.ascontiguousarray(torque.T)
 
 
 @lru_cache(PROGRAMS_KEPT)
-def _program(robot: Robot) -> Program:
+def _gravity_program(robot: Robot) -> Program:
     tape, (q,) = tape_with(robot.n_joints)
     return Program.of(tape, Chain.of(robot).gravity_torque(q, half_angle))

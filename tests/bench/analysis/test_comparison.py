@@ -194,14 +194,6 @@ def test_a_verdict_on_poses_scored_together_is_of_these_fits_too(tmp_path):
     )
 
 
-def test_over_splits_no_verdict_is_of_fits_alone(tmp_path):
-    said = text_of(store_results(tmp_path, PAIR))
-    table = said[said.index("| mean error") : said.index("Where each is better")]
-    assert (
-        "A better" in table and "fit" not in table and "fitted" not in sentence(report_on(tmp_path))
-    )
-
-
 def test_verdicts_of_one_training_are_counted_apart(tmp_path):
     store_results(tmp_path, PAIR, condition="n = 5")
     store_results(tmp_path, ONE_FIT, condition="n = 10", tests=[np.arange(40)])
@@ -535,15 +527,6 @@ def test_csv_and_json_hold_the_numbers_of_the_report_in_mm(tmp_path):
     errors = {(one["error"], one["method"]): one["values"] for one in estimates["rows"]}
     assert errors["norm", "over splits"][3]["low"] == pytest.approx(1000 * row.main.low)
     assert found["rope_mm"] == 0.01 and found["text"] == sentence(report_on(folder))
-
-
-def test_latex_and_html_hold_the_same_screen_and_escape_names(tmp_path):
-    models = {"a_1": PAIR["a"], "<b>": PAIR["b"]}
-    folder = store_results(tmp_path, models)
-    latex, page = (text_of(folder, fmt, a="a_1", b="<b>") for fmt in ("latex", "html"))
-    assert latex.count(r"\toprule") == 2 and r"a\_1 is better than" in latex
-    assert "a_1 is better" not in latex
-    assert "<p>a_1 is better than &lt;b&gt; on" in page and "<b>" not in page
 
 
 def test_a_report_is_the_same_every_time_and_its_seed_moves_the_pose_intervals(tmp_path):

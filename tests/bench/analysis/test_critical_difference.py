@@ -70,26 +70,25 @@ def test_another_suffix_is_refused(tmp_path):
         save_diagrams([analysis], "norm [mm]", ("simulated",), tmp_path / "cd.jpg")
 
 
-def test_without_an_analysis_the_command_says_why_and_writes_nothing(tmp_path):
-    made = MadeResults(tmp_path / "runs")
-    for model, error in (("a", 1.0), ("b", 2.0), ("c", 3.0)):
-        for dataset in TWINS[:2]:
+def drawn(folder, twins):
+    """What `bench leaderboard --figure` does with three models on some twins, and the figure."""
+    made = MadeResults(folder / "runs")
+    for dataset in twins:
+        for model, error in (("a", 1.0), ("b", 2.0), ("c", 3.0)):
             made.add(model, [error], dataset)
-    figure = tmp_path / "cd.png"
+    figure = folder / "cd.png"
     words = ["--results", str(made.folder), "--figure", str(figure)]
-    done = CliRunner().invoke(leaderboard, words)
+    return CliRunner().invoke(leaderboard, words), figure
+
+
+def test_without_an_analysis_the_command_says_why_and_writes_nothing(tmp_path):
+    done, figure = drawn(tmp_path, TWINS[:2])
     assert isinstance(done.exception, ConfigError)
     assert "needs at least 5 data sets of different robots, here are 2" in str(done.exception)
     assert done.output == "" and not figure.exists()
 
 
 def test_the_command_draws_the_figure_beside_the_tables(tmp_path):
-    made = MadeResults(tmp_path / "runs")
-    for dataset in TWINS:
-        for model, error in (("a", 1.0), ("b", 2.0), ("c", 3.0)):
-            made.add(model, [error], dataset)
-    figure = tmp_path / "cd.png"
-    words = ["--results", str(made.folder), "--figure", str(figure)]
-    done = CliRunner().invoke(leaderboard, words, catch_exceptions=False)
-    assert done.output.startswith("**Leaderboard, 5 contests")
+    done, figure = drawn(tmp_path, TWINS)
+    assert done.exit_code == 0 and done.output.startswith("**Leaderboard, 5 contests")
     assert figure.read_bytes().startswith(b"\x89PNG")

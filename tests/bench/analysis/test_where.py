@@ -16,10 +16,11 @@ from stiff_protocols.contract.types import BenchmarkData
 from stiff_protocols.scoring.paired import LEVEL
 
 ALL = [np.arange(N_POSES)]
+APART = {"a": spread(1e-4, 1e-5, 1), "b": spread(2e-4, 1e-5, 2)}
 
 
-def found_in(folder, **models):
-    contest, data = contest_in(store_results(folder, models, tests=ALL))
+def found_in(folder, tests=ALL, **models):
+    contest, data = contest_in(store_results(folder, models, tests=tests))
     return where_better(paired_errors(contest, "a", "b"), data, Question()), data
 
 
@@ -85,38 +86,22 @@ def test_a_part_counts_from_so_many_poses_on_that_something_could_be_found_there
     assert n_places * smallest < LEVEL <= n_places * 2 * smallest
 
 
-@pytest.mark.parametrize(("n_tested", "n_places"), [(30, 0), (33, 9 * 3)])
+@pytest.mark.parametrize(("n_tested", "n_places"), [(8, 0), (30, 0), (33, 2 + 9 * 3)])
 def test_a_division_needs_so_many_poses_in_every_part(tmp_path, n_tested, n_places):
-    models = {"a": spread(1e-4, 1e-5, 1), "b": spread(2e-4, 1e-5, 2)}
     every = np.arange(N_POSES)
     spared = every[(every >= N_POSES // 2) & (every < N_POSES - 10)]  # ten of a group are left
-    tests = [np.setdiff1d(every, spared[: N_POSES - n_tested])]
-    contest, data = contest_in(store_results(tmp_path, models, tests=tests))
-    found = where_better(paired_errors(contest, "a", "b"), data, Question())
-    assert found.n_places == n_places + (2 if n_tested == 33 else 0)
-
-
-def test_too_few_poses_give_no_place(tmp_path):
-    models = {"a": spread(1e-4, 1e-5, 1), "b": spread(2e-4, 1e-5, 2)}
-    folder = store_results(tmp_path, models, tests=[np.arange(8)])
-    contest, data = contest_in(folder)
-    found = where_better(paired_errors(contest, "a", "b"), data, Question())
-    assert (found.places, found.n_places) == ((), 0)
+    tested = every[:8] if n_tested == 8 else np.setdiff1d(every, spared[: N_POSES - n_tested])
+    found, _ = found_in(tmp_path, [tested], **APART)
+    assert found.n_places == n_places
+    assert bool(found.places) == (n_places > 0)
 
 
 def test_a_sample_that_several_splits_test_counts_once(tmp_path):
-    models = {"a": spread(1e-4, 1e-5, 1), "b": spread(2e-4, 1e-5, 2)}
     once, thrice = (
-        store_results(tmp_path / str(times), models, tests=ALL * times) for times in (1, 3)
+        found_in(tmp_path / str(times), ALL * times, **APART)[0].places for times in (1, 3)
     )
-    places = []
-    for folder in (once, thrice):
-        contest, data = contest_in(folder)
-        places.append(where_better(paired_errors(contest, "a", "b"), data, Question()).places)
-    assert [p.n_samples for p in places[0]] == [p.n_samples for p in places[1]]
-    assert [p.estimate.p_value for p in places[0]] == pytest.approx(
-        [p.estimate.p_value for p in places[1]]
-    )
+    assert [p.n_samples for p in once] == [p.n_samples for p in thrice]
+    assert [p.estimate.p_value for p in once] == pytest.approx([p.estimate.p_value for p in thrice])
 
 
 def test_stored_data_hold_where_the_tcp_is_and_units_of_the_torques():

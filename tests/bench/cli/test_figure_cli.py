@@ -13,9 +13,9 @@ from figure_results import CURVE, compared, with_fields
 from made_results import MadeResults
 from stiff_bench.cli.figures import figure
 from stiff_bench.figures.figure import can_be_drawn
-from stiff_bench.paper.catalog import FIGURES
-from stiff_bench.paper.names import pretrained, unfrozen
+from stiff_bench.paper.figures import FIGURES
 from stiff_bench.paper.results import PaperResults
+from stiff_bench.paper.study import pretrained, unfrozen
 
 PAPER = {"dataset": "kr10-twin", "protocol": "paper-holdout", "selects_on_test": True}
 

@@ -13,10 +13,9 @@ from made_results import MadeResults
 from stiff_bench.cli.compare import table
 from stiff_bench.cli.figures import reproduce
 from stiff_bench.cli.main import bench
-from stiff_bench.paper import study
-from stiff_bench.paper.catalog import TABLES
-from stiff_bench.paper.names import PAPER_RESULTS
+from stiff_bench.paper import PAPER_RESULTS, study
 from stiff_bench.paper.study import StudyRun
+from stiff_bench.paper.tables import TABLES
 from stiff_bench.store.names import Variant
 from stiff_protocols.contract.errors import ConfigError, StoreError
 

@@ -5,14 +5,16 @@ from __future__ import annotations
 import pytest
 
 from stiff_bench.cli.run import foreseen
-from stiff_bench.paper.names import ALL_PAIRS, pretrained, unfrozen
 from stiff_bench.paper.study import (
+    ALL_PAIRS,
     DEPTHS,
     WIDTH_DEPTHS,
     WIDTHS,
     leaderboard_study,
     paper_study,
+    pretrained,
     study_plans,
+    unfrozen,
 )
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import usable_registry

@@ -95,9 +95,3 @@ def test_a_folder_without_results_is_refused(tmp_path):
     done = run("--results", tmp_path, "--output", tmp_path / "p.html")
     assert isinstance(done.exception, StoreError)
     assert "holds no results" in str(done.exception)
-
-
-def test_no_output_is_a_usage_error(folder):
-    done = run("--results", folder)
-    assert done.exit_code == 2
-    assert "--output" in done.stderr

@@ -34,23 +34,15 @@ def case(request, rng):
     )
 
 
-def matrices(robot, compliance, q):
-    rows = jacobian(robot, q)
-    return (rows[:, :3] * compliance) @ rows.transpose(0, 2, 1)
-
-
-def test_the_deflection_is_the_product_of_the_jacobians(case):
+def test_deflection_and_compliance_matrix_are_the_product_of_the_jacobians(case):
     robot, compliance, q, wrench = case
-    truth = (matrices(robot, compliance, q) @ wrench[..., None])[..., 0]
-    found = joint_deflection(robot, compliance, q, wrench)
-    np.testing.assert_allclose(found, truth, rtol=0, atol=1e-13 * np.abs(truth).max())
-
-
-def test_the_compliance_matrix_is_the_product_of_the_jacobians(case):
-    robot, compliance, q, _ = case
-    truth = matrices(robot, compliance, q)
-    found = compliance_matrix(robot, compliance, q)
-    np.testing.assert_allclose(found, truth, rtol=0, atol=1e-13 * np.abs(truth).max())
+    rows = jacobian(robot, q)
+    matrices = (rows[:, :3] * compliance) @ rows.transpose(0, 2, 1)
+    for found, truth in (
+        (compliance_matrix(robot, compliance, q), matrices),
+        (joint_deflection(robot, compliance, q, wrench), (matrices @ wrench[..., None])[..., 0]),
+    ):
+        np.testing.assert_allclose(found, truth, rtol=0, atol=1e-13 * np.abs(truth).max())
 
 
 @pytest.mark.parametrize("function", [joint_deflection, compliance_matrix])

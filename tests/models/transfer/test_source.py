@@ -105,18 +105,6 @@ def test_another_robots_source_spans_its_own_poses_and_loads():
     np.testing.assert_allclose(loads.mean(axis=0), own.mean(axis=0), atol=0.1 * np.abs(own).max())
 
 
-def test_the_papers_source_is_refused_for_a_robot_without_six_joints(tmp_path):
-    from stiff_datasets.robots.robot import load_robot
-
-    path = tmp_path / "one.urdf"
-    path.write_text(
-        '<robot name="one"><link name="a"/><joint name="j" type="continuous"><parent link="a"/>'
-        '<child link="b"/><axis xyz="0 0 1"/></joint><link name="b"/></robot>'
-    )
-    with pytest.raises(ConfigError, match=r"Table 4 has 6 joints, robot 'one' has 1"):
-        source_design("paper", "paper", load_robot(path), FanucR2000iC().load().samples, 0)
-
-
 @pytest.mark.parametrize("wrenches", ["uniform", "sobol"])
 def test_drawn_wrenches_fill_the_range_of_the_training_samples_components(twin, wrenches):
     design = source_design("paper", wrenches, twin.robot, twin.samples, 0)
@@ -163,21 +151,6 @@ def test_nominal_stiffnesses_of_the_papers_robot_are_its_table_3(twin):
     )
 
 
-def test_nominal_stiffnesses_of_another_robot_must_be_given():
-    fanuc = FanucR2000iC().load()
-    with pytest.raises(ConfigError, match=r"nominal_stiffness=6 values in N m/rad"):
-        model_with(source_stiffness="nominal").check_robot(fanuc.robot)
-    given = model_with(source_stiffness="nominal", nominal_stiffness="1e6,2e6,2e6,3e5,4e5,2e5")
-    given.check_robot(fanuc.robot)
-
-
-@pytest.mark.parametrize("text", ["1,2", "1,2,3,4,5,0", "1,2,3,4,5,x", "1,2,3,4,5,inf"])
-def test_nominal_stiffnesses_that_cannot_be_are_refused(twin, text):
-    model = model_with(source_stiffness="nominal", nominal_stiffness=text)
-    with pytest.raises(ConfigError, match="6 positive numbers"):
-        model.check_robot(twin.robot)
-
-
 def test_sobol_poses_and_sobol_wrenches_are_independent(twin):
     design = source_design("sobol", "sobol", twin.robot, twin.samples, 0)
     for joint in (0, 1, 2, 4):
@@ -190,6 +163,25 @@ def test_sobol_poses_and_sobol_wrenches_are_independent(twin):
             ).mean() < 0.01  # side by side, 81 % of the cells of A1, Fx are empty
 
 
-def test_nominal_stiffnesses_that_would_not_be_used_are_refused(twin):
+@pytest.mark.parametrize(
+    ("text", "refused"),
+    [
+        (None, r"nominal_stiffness=6 values in N m/rad"),
+        *((text, "6 positive numbers") for text in ("1,2", "1,2,3,4,5,0", "1,2,3,4,5,x")),
+        ("1,2,3,4,5,inf", "6 positive numbers"),
+    ],
+)
+def test_nominal_stiffnesses_of_another_robot_must_be_given_one_a_joint(text, refused):
+    robot = FanucR2000iC().load().robot
+    with pytest.raises(ConfigError, match=refused):
+        model_with(source_stiffness="nominal", nominal_stiffness=text).check_robot(robot)
+    given = model_with(source_stiffness="nominal", nominal_stiffness="1e6,2e6,2e6,3e5,4e5,2e5")
+    given.check_robot(robot)
     with pytest.raises(ConfigError, match="would not be used: source_stiffness is 'identified'"):
-        model_with(nominal_stiffness="1,2,3,4,5,6").check_robot(twin.robot)
+        model_with(nominal_stiffness="1,2,3,4,5,6").check_robot(robot)
+
+
+def test_the_papers_source_is_refused_for_a_robot_without_six_joints(rng):
+    one = random_chain(rng, ("revolute",))
+    with pytest.raises(ConfigError, match=r"Table 4 has 6 joints, robot 'chain' has 1"):
+        model_with(source_poses="paper").check_robot(one)
