@@ -20,18 +20,14 @@ def stored():
     return PaperResults.of(RESULTS / "paper" / "runs")
 
 
-TEXTS = ("table", "group", "column", "source", "data", "protocol", "seed", "unit", "mark")
+NUMBERS = ("value", "spread", "low", "high")
 
 
 def lines(text):
-    """The lines of a table as CSV, their numbers apart from their texts.
-
-    What was written by an older stiffbench calls the spread std.
-    """
+    """The lines of a table as CSV, their numbers apart from everything else."""
     for line in csv.DictReader(io.StringIO(text)):
-        spread = "spread" if "spread" in line else "std"
-        numbers = [float(line[name] or "nan") for name in ("value", spread)]
-        yield {name: line[name] for name in TEXTS}, numbers
+        numbers = [float(line.pop(name) or "nan") for name in NUMBERS]
+        yield line, numbers
 
 
 @pytest.mark.parametrize("number", [number for number in TABLES if number not in FITTED_HERE])
