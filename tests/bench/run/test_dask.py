@@ -173,7 +173,9 @@ def test_a_cell_that_kills_every_worker_it_meets_costs_that_cell_alone(tmp_path)
 def test_a_run_waits_for_workers_and_ends_where_one_is_of_other_code(tmp_path):
     stub = tmp_path / "older" / "stiff_models"
     shutil.copytree(Path(stiff_models.__file__).parent, stub)
-    (stub / "vjm.py").write_text((stub / "vjm.py").read_text() + "# of another version\n")
+    (stub / "physics" / "vjm.py").write_text(
+        (stub / "physics" / "vjm.py").read_text() + "# of another version\n"
+    )
     run = ["run", "--model", "vjm", "--model", "knn", "--splits", "4"]
     with ExitStack() as stack:
         cluster = Cluster(stack, tmp_path, workers=0)
