@@ -367,12 +367,10 @@ def _missing_note(model: UnrankedModel, n_contests: int) -> str:
 
 
 def _no_analysis_notes(analyses: Sequence[RankAnalysis]) -> Iterator[str]:
-    by_reason: dict[str, list[str]] = {}
-    for analysis in analyses:
-        if analysis.why_none:
-            by_reason.setdefault(analysis.why_none, []).append(analysis.text)
-    for reason, blocks in by_reason.items():
-        named = "" if len(blocks) == len(analyses) else f" of {'; '.join(blocks)}"
+    without = [analysis for analysis in analyses if analysis.why_none]
+    for reason, found in grouped(without, lambda analysis: analysis.why_none).items():
+        blocks = "; ".join(analysis.text for analysis in found)
+        named = "" if len(found) == len(analyses) else f" of {blocks}"
         yield f"no critical-difference analysis{named}: it {reason}."
 
 

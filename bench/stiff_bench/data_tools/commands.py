@@ -15,7 +15,7 @@ from stiff_bench.data_tools.picture import save_picture
 from stiff_bench.plan.registry import Registry, build_registry
 from stiff_bench.plan.request import loaded
 from stiff_bench.plan.words import RobotWords, chosen_dataset, parse_tcp
-from stiff_bench.run.progress import phases
+from stiff_bench.run.progress import display
 from stiff_bench.tables.published import published_stiffness
 from stiff_datasets.measured.identifiability import REFERENCE_COMPLIANCE, regressor
 from stiff_datasets.measured.registered import register
@@ -93,7 +93,7 @@ def write_measurement_plan(words: PlanWords) -> str:
         raise ConfigError(f"the payload of {robot.name} is not known; give --payload KG")
     n_poses = words.poses or PAPER_POSES
     n_candidates = words.candidates or max(FEWEST_CANDIDATES, CANDIDATES_A_POSE * n_poses)
-    with phases():
+    with display():
         pool = candidate_plan(
             chain, n_candidates, seed=words.seed, payload_kg=payload, clearance=words.clearance
         )
@@ -180,7 +180,7 @@ def write_simulation(
 ) -> str:
     """Write simulated samples and return how many, and how fast."""
     start = time.perf_counter()
-    with phases():
+    with display():
         simulate(
             output,
             _constants(twin),

@@ -18,7 +18,7 @@ from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import OURS, Info, Registry
 from stiff_bench.plan.request import loaded
 from stiff_bench.plan.words import chosen_dataset, parse_settings
-from stiff_bench.run.progress import phases
+from stiff_bench.run.progress import display
 from stiff_models.io.cache_folder import OFF, VARIABLE
 from stiff_models.io.saved import load
 from stiff_protocols.conformance.checklist import Check, Status
@@ -49,7 +49,7 @@ def checklist(
     """
     info = registry.find(key)
     _refuse_missing(key, "" if isinstance(info, ModelInfo) else info.missing())
-    with phases():
+    with display():
         if isinstance(info, ModelInfo):
             checks, where = _check_model(info, dataset, settings, registry)
         elif isinstance(info, DatasetInfo):

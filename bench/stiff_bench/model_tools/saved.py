@@ -9,7 +9,7 @@ from pathlib import Path
 
 from stiff_bench.console import say
 from stiff_bench.plan.request import RunPlan, loaded
-from stiff_bench.run.progress import phases
+from stiff_bench.run.progress import display
 from stiff_datasets.measured.load_file import read_loads, write_predictions
 from stiff_models import load
 from stiff_models.io.saved import key_of, save
@@ -47,7 +47,7 @@ def fit_model(plan: RunPlan) -> str:
     data = loaded(dataset)
     if isinstance(model, ChecksRobot):
         model.check_robot(data.robot)
-    with _warnings_said(), phases():
+    with _warnings_said(), display():
         model.fit(data.samples, robot=data.robot, validation=None, seed=plan.seed)
     save(model, plan.output)
     options = f", {chosen.options_text}" if chosen.options_text else ""

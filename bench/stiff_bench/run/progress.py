@@ -258,7 +258,7 @@ class LineDisplay:
 
 @contextmanager
 def display() -> Iterator[Display]:
-    """Show progress inside the block, in the way that suits standard error."""
+    """Show progress inside the block, of cells or of other work, as suits standard error."""
     console = Console(stderr=True)
     if not console.is_terminal:
         lines = LineDisplay()
@@ -277,7 +277,3 @@ def display() -> Iterator[Display]:
         live = BarDisplay(bars)
         with listening(live.step):
             yield live
-
-
-phases = display
-"""The progress of work that has no cells."""

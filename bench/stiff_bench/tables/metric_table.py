@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from stiff_bench.store.names import grouped
 from stiff_bench.tables.fit_notes import model_notes, size_notes
 from stiff_bench.tables.published import MARK, NOTE, published_rows
 from stiff_bench.tables.table import Cell, Column, Name, Quantity, Table
@@ -34,19 +35,13 @@ def build_tables(results: Sequence[CellResult], metrics: Sequence[Metric]) -> li
     Raises:
         StoreError: rows of different data or splits would meet in one table.
     """
-    groups: dict[tuple[str, str, str], list[CellResult]] = {}
-    for result in results:
-        shown = result.shown
-        task = (shown.dataset, shown.protocol, result.cell.condition)
-        groups.setdefault(task, []).append(result)
+    groups = grouped(results, lambda r: (r.shown.dataset, r.shown.protocol, r.cell.condition))
     return [_table(group, tuple(metrics)) for group in groups.values()]
 
 
 def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
     cell, shown = group[0].cell, group[0].shown
-    by_model: dict[str, list[CellResult]] = {}
-    for result in group:
-        by_model.setdefault(result.shown.model, []).append(result)
+    by_model = grouped(group, lambda result: result.shown.model)
     refuse_mixed(by_model)
     notes = [*shown.caveats, *size_notes(group)]
     if shown.selects_on_test:
@@ -189,16 +184,13 @@ def _split_values(
     results: Sequence[CellResult], metrics: Sequence[Metric]
 ) -> dict[tuple[str, str], Quantity]:
     """Return mean and deviation of each value over the splits; none where a split lacks it."""
-    of_splits: dict[tuple[str, str], list[float]] = {}
-    for result in results:
-        for record in result.records:
-            of_splits.setdefault((record.metric, record.axis), []).append(record.value)
-    return {
-        (metric.key, axis): _value(metric, found)
-        for metric in metrics
-        for axis in metric.axes
-        if len(found := of_splits.get((metric.key, axis), [])) == len(results)
-    }
+    found = {}
+    for metric in metrics:
+        of_splits = [result.values(metric.key) for result in results]
+        for axis in metric.axes:
+            if all(axis in values for values in of_splits):
+                found[metric.key, axis] = _value(metric, [values[axis] for values in of_splits])
+    return found
 
 
 def _value(metric: Metric, values: Sequence[float]) -> Quantity:
