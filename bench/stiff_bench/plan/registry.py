@@ -79,6 +79,14 @@ class Registry:
                     f"{origin}: {info!r} is no ModelInfo, DatasetInfo or ProtocolInfo"
                 )
 
+    def add_file(self, path: Path) -> None:
+        """Import a plugin's file and register its lines.
+
+        Raises:
+            ConfigError: it cannot be imported, defines nothing, or a key is taken.
+        """
+        self.add(_lines_of(import_plugin_file(path), path), str(path))
+
     def _add_one(self, table: dict[str, Info], info: Info, origin: str) -> None:
         # one key, one thing: `bench show KEY` and `--set KEY.option` do not name the kind
         if info.key in self.origins:
@@ -163,7 +171,7 @@ def build_registry(plugin_files: Sequence[Path] = ()) -> Registry:
         for point in entry_points(group=f"stiffbench.{kind}"):
             _add_installed(registry, point)
     for path in plugin_files:
-        registry.add(_lines_of(import_plugin_file(path), path), str(path))
+        registry.add_file(path)
     return registry
 
 

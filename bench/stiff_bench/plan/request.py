@@ -82,7 +82,7 @@ def plan_run(
         coverage=_coverage(coverage, scored),
     )
     for model in plan.models:
-        _check_model(model)
+        check_model(model)
     for dataset in plan.datasets:
         _require_methods(dataset.info, dataset.make(), "load")
     for protocol in plan.protocols:
@@ -155,7 +155,12 @@ def _on_device(choice: Choice[ModelInfo], device: str) -> Choice[ModelInfo]:
     return replace(choice, context={"device": params.pop("device", device)}, params=params)
 
 
-def _check_model(choice: Choice[ModelInfo]) -> None:
+def check_model(choice: Choice[ModelInfo]) -> None:
+    """See that a model can be made, fits and predicts.
+
+    Raises:
+        ConfigError: it cannot, or an option's value is wrong.
+    """
     model = choice.make()
     _require_methods(choice.info, model, "fit", "predict")
     if isinstance(model, ChecksParams) and not choice.missing():

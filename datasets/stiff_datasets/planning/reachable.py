@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from stiff_datasets.robots.robot import ChainModel, robot_of
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.forward_kinematics import forward_kinematics
 from stiff_protocols.contract.types import FloatArray, Robot
 
 BoolArray = NDArray[np.bool_]
@@ -70,7 +69,7 @@ def reachable_poses(
 
 def keeps_clear(robot: Robot, q: FloatArray, clearance: float) -> BoolArray:
     """Return (n,) whether poses (n, n_joints) keep `clearance` [m] to the base and the height."""
-    points = forward_kinematics(robot, q).points
+    points = robot.forward(q).points
     return (base_distance(points) >= clearance) & (lowest_height(points) >= LOWEST_HEIGHT)
 
 
@@ -80,7 +79,7 @@ def base_distance(points: FloatArray) -> FloatArray:
     The column is the segment from the base frame's origin to joint 2's.
 
     Args:
-        points: (n, n_joints + 1, 3) as `forward_kinematics` gives, at least three joints.
+        points: (n, n_joints + 1, 3) as `Robot.forward` gives, at least three joints.
     """
     top = points[:, 1:2]
     distance = _segment_distance(points[:, 2:-1], points[:, 3:], np.zeros_like(top), top)

@@ -14,7 +14,6 @@ from stiff_models.physics.chain import Chain
 from stiff_models.physics.kinematics import PROGRAMS_KEPT
 from stiff_models.physics.straight_line import Program, half_angle, tape_with
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.forward_kinematics import checked_positions
 from stiff_protocols.contract.types import FloatArray, Robot
 
 
@@ -35,7 +34,7 @@ def joint_deflection(
     Raises:
         DataError: a shape is another one, or a compliance is not finite.
     """
-    q = checked_positions(robot, q)
+    q = robot.checked_positions(q)
     wrench, springs = np.asarray(wrench, dtype=np.float64), _checked_springs(robot, compliance)
     if wrench.shape != (len(q), 6):
         raise DataError(f"wrench has shape {wrench.shape}, expected ({len(q)}, 6)")
@@ -58,7 +57,7 @@ def compliance_matrix(robot: Robot, compliance: FloatArray, q: FloatArray) -> Fl
     Raises:
         DataError: a shape is another one, or a compliance is not finite.
     """
-    q = checked_positions(robot, q)
+    q = robot.checked_positions(q)
     matrix = np.empty((len(q), 18))
     _compliance_program(robot).run([q], matrix.T, _checked_springs(robot, compliance))
     return matrix.reshape(-1, 3, 6)

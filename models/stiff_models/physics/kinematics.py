@@ -13,7 +13,6 @@ import numpy as np
 
 from stiff_models.physics.chain import Chain, Column, Component
 from stiff_models.physics.straight_line import Program, half_angle, tape_with
-from stiff_protocols.contract.forward_kinematics import checked_positions
 from stiff_protocols.contract.types import FloatArray, Robot
 
 PROGRAMS_KEPT = 32  # a program of each kind and robot; a few hundred steps each
@@ -32,7 +31,7 @@ def jacobian(robot: Robot, q: FloatArray) -> FloatArray:
     Raises:
         DataError: `q` has another number of joints than the robot.
     """
-    q = checked_positions(robot, q)
+    q = robot.checked_positions(q)
     columns = np.empty((6, robot.n_joints, len(q)))
     _jacobian_program(robot).run([q], columns.reshape(6 * robot.n_joints, len(q)))
     return columns.transpose(2, 0, 1)
@@ -56,7 +55,7 @@ def virtual_jacobian(robot: Robot, q: FloatArray) -> FloatArray:
     Raises:
         DataError: `q` has another number of joints than the robot.
     """
-    q = checked_positions(robot, q)
+    q = robot.checked_positions(q)
     columns = np.empty((6, robot.n_joints, 6, len(q)))
     _virtual_program(robot).run([q], columns.reshape(36 * robot.n_joints, len(q)))
     return columns.transpose(3, 0, 1, 2)
@@ -158,7 +157,7 @@ def gravity_torque(robot: Robot, q: FloatArray) -> FloatArray:
     Raises:
         DataError: `q` has another number of joints than the robot.
     """
-    q = checked_positions(robot, q)
+    q = robot.checked_positions(q)
     torque = np.empty((robot.n_joints, len(q)))
     _gravity_program(robot).run([q], torque)
     return np.ascontiguousarray(torque.T)

@@ -10,7 +10,6 @@ from annotated_types import Ge
 from sklearn.cluster import KMeans
 
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.forward_kinematics import tcp_position
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 from stiff_protocols.splits.extrapolation import Division, Extrapolation
 from stiff_protocols.splits.random_splits import Fraction
@@ -60,7 +59,7 @@ class WorkspaceExtrapolation(Extrapolation):
                 "workspace-extrapolation: the robot is not known; call use_robot before splits"
             )
         poses, pose_of_row = np.unique(samples.pose_id, return_inverse=True)
-        position = _mean_of(tcp_position(self._robot, samples.q), pose_of_row, len(poses))
+        position = _mean_of(self._robot.tcp_position(samples.q), pose_of_row, len(poses))
         position = position.round(DECIMALS)
         different = len(np.unique(position, axis=0))
         if different < self.regions:

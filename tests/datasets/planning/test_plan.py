@@ -34,7 +34,6 @@ from stiff_datasets.robots.robot import (
     shipped_robot,
 )
 from stiff_protocols.contract.errors import ConfigError, DataError, StoreError
-from stiff_protocols.contract.forward_kinematics import forward_kinematics
 
 FANUC_TCP = (0.0069, 0.2453, 0.3193)
 ROBOTS = {  # name: TCP m, payload kg, clearance m
@@ -67,7 +66,7 @@ def between(start, end, n=150):
 
 def sampled_clearances(robot, q):
     """Distance to the base column and height of points sampled on the arm from joint 3 on."""
-    (points,) = forward_kinematics(robot, q[None]).points
+    (points,) = robot.forward(q[None]).points
     arm = np.concatenate([between(*ends) for ends in itertools.pairwise(points[2:])])
     column = between(np.zeros(3), points[1])
     return np.linalg.norm(arm[:, None] - column, axis=2).min(), arm[:, 2].min()
@@ -94,7 +93,7 @@ def test_a_chosen_plan_keeps_limits_clearances_and_payload(case, criterion):
 def test_clearances_are_those_of_points_sampled_on_the_arm(case, rng):
     robot, _, _ = case
     q = rng.uniform(np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi), size=(60, 6))
-    points = forward_kinematics(robot, q).points
+    points = robot.forward(q).points
     sampled = np.array([sampled_clearances(robot, row) for row in q])
     reach = 3.0  # m, longer than either robot; sampling is coarser than this over 150
     np.testing.assert_allclose(base_distance(points), sampled[:, 0], atol=reach / 150)
@@ -234,7 +233,7 @@ def test_the_papers_plan_has_its_61_and_90_poses_and_keeps_the_default_clearance
     assert len(set(plan.pose_id.tolist())) == 151
     np.testing.assert_allclose(np.linalg.norm(plan.wrench[:, :3], axis=1), 78.48)
     np.testing.assert_array_equal(plan.wrench, paper_plan(kr10_chain, 10.0, 3).wrench)
-    points = forward_kinematics(robot_of(kr10_chain), plan.q).points
+    points = robot_of(kr10_chain).forward(plan.q).points
     assert base_distance(points).min() == pytest.approx(0.2234, abs=1e-4)
     assert lowest_height(points).min() == pytest.approx(0.2, abs=1e-4)
 

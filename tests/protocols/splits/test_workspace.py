@@ -10,7 +10,6 @@ import pytest
 
 from made_samples import learned, samples_with
 from stiff_protocols.contract.errors import ConfigError, DataError
-from stiff_protocols.contract.forward_kinematics import tcp_position
 from stiff_protocols.contract.types import Robot, Samples
 from stiff_protocols.splits.extrapolation import ALL_POSES
 from stiff_protocols.splits.workspace import WorkspaceExtrapolation
@@ -75,7 +74,7 @@ def test_each_region_is_held_out_once_and_named_after_its_mean_position_in_mm(po
 
 def test_regions_are_of_the_tcp_and_not_of_the_joint_angles(kr10, parts):
     _, train, _, _ = parts
-    position = tcp_position(kr10, train.q)
+    position = kr10.tcp_position(train.q)
     splits = divided(kr10, train, regions=2)
     assert len(splits) == 2
     ours = [position[split.test].mean(axis=0) for split in splits]
