@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from sklearn.base import BaseEstimator
 
 from stiff_models.io import saved
 from stiff_protocols.contract.errors import ModelError, NotFittedError
-from stiff_protocols.contract.types import FloatArray, Interval, Robot
+from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples
 
 if TYPE_CHECKING:
     import torch
@@ -34,14 +34,38 @@ def normal_interval(mean: FloatArray, deviation: FloatArray, coverage: float) ->
 class FittedModel(BaseEstimator):  # type: ignore[misc]
     """Base of the built-in families: a prediction that is checked at both ends, and files.
 
-    A family's `fit` sets `robot_` last and keeps everything that a prediction needs in attributes
-    that end in an underscore: those are what a model file holds.
+    A family writes `_fit` and `_predict`, and keeps everything that a prediction needs in
+    attributes that end in an underscore: those are what a model file holds.
 
     Attributes:
         robot_: the robot it was fitted for; predictions are valid for that robot alone.
     """
 
     robot_: Robot
+
+    def fit(
+        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
+    ) -> Self:
+        """Learn from `train`.
+
+        Args:
+            train: the only samples that parameters are fitted to.
+            robot: that was measured.
+            validation: samples that choose an epoch, in families that choose one; without them
+                the last epoch is kept.
+            seed: of everything random.
+
+        Raises:
+            ConfigError: the options do not fit each other, the samples or the robot.
+            ModelError: these samples identify nothing, or the training diverged.
+        """
+        self._fit(train, robot, validation, seed)
+        self.robot_ = robot
+        return self
+
+    @abstractmethod
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
+        """Set the fitted attributes."""
 
     def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """Return the deflection of the TCP.

@@ -29,7 +29,7 @@ from stiff_protocols.contract.files import written_whole
 if TYPE_CHECKING:
     import torch
 
-FORMAT = 2
+FORMAT = 3
 _OWN = "stiffbench"
 """Key that marks the dictionary of an object of ours: "model", "record" or "module"."""
 _OWN_PACKAGES = ("stiff_models", "stiff_protocols")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Self
-
 import numpy as np
 
 from stiff_models.base import FittedModel
@@ -13,12 +11,8 @@ from stiff_protocols.contract.types import FloatArray, Robot, Samples
 class ZeroModel(FittedModel):
     """A rigid robot."""
 
-    def fit(
-        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
-    ) -> Self:
-        """Learn nothing."""
-        self.robot_ = robot
-        return self
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
+        pass
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         return np.zeros((len(q), 3))
@@ -30,13 +24,8 @@ class MeanModel(FittedModel):
     `fit` sets `mean_`, the (3,) mean deflection of the training samples, m, base frame.
     """
 
-    def fit(
-        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
-    ) -> Self:
-        """Take the mean of `train`."""
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         self.mean_ = train.deflection.mean(axis=0)
-        self.robot_ = robot
-        return self
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         return np.tile(self.mean_, (len(q), 1))

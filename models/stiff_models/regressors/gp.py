@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Annotated, Self
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge
@@ -36,14 +36,7 @@ class GaussianProcessModel(StandardisedModel):
     restarts: Annotated[int, Ge(0)] = 1
     search_rows: Annotated[int, Ge(2)] = 1000
 
-    def fit(
-        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
-    ) -> Self:
-        """Choose the hyperparameters by the marginal likelihood of `train`.
-
-        Raises:
-            ModelError: the rows' covariance cannot be solved.
-        """
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         inputs, targets = self._standardised(robot, train)
         start, search = self._start(inputs.shape[1]), self._search(seed)
         self.processes_ = tuple(
@@ -51,8 +44,6 @@ class GaussianProcessModel(StandardisedModel):
             for axis in targets.T
         )
         self.diagnostics_ = noise_in_mm(self.processes_, self.output_scaler_.scale)
-        self.robot_ = robot
-        return self
 
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
         """Return the central interval of each axis' predictive normal, its noise included.

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Self
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge
 
-from stiff_models.physics.joint_springs import joint_deflection
+from stiff_models.physics.kinematics import joint_deflection
 from stiff_models.regressors.gaussian_process import Covariance, GaussianProcess, Search
 from stiff_models.regressors.gp import GaussianProcessModel, noise_in_mm
 from stiff_models.transfer.source import PoseDesign, WrenchDesign, drawn_from
@@ -88,15 +88,7 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
     restarts: Annotated[int, Ge(0)] = 0
     source_samples: Annotated[int, Ge(1)] = 256
 
-    def fit(
-        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
-    ) -> Self:
-        """Identify the VJM on `train`, simulate it, and fit both levels.
-
-        Raises:
-            ConfigError: the source cannot be made for the robot.
-            ModelError: no joint can be identified, or a level cannot be solved.
-        """
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         inputs, targets = self._standardised(robot, train)
         origin = self._origin(train, robot)
         compliance = self._source_compliance(origin.samples, origin.robot)
@@ -123,8 +115,6 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
             **{f"rho {a.upper()}": c.rho for a, c in zip(AXES, self.levels_, strict=True)},
             **noise_in_mm([level.delta for level in self.levels_], self.output_scaler_.scale),
         }
-        self.robot_ = robot
-        return self
 
     def _means(self, inputs: FloatArray) -> FloatArray:
         return np.stack([level.mean(inputs) for level in self.levels_], axis=1)

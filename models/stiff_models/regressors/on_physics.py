@@ -7,7 +7,7 @@ learns what it leaves.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 from stiff_models.physics.full_vjm import FullVjm
 from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
@@ -35,28 +35,14 @@ class OnPhysics:
 
     physics: Physics = "vjm"
 
-    def fit(
-        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
-    ) -> Self:
-        """Identify the physics on `train`, then let the learner learn the residuals.
-
-        `validation` serves the learner alone; the physics never sees it.
-
-        Raises:
-            ModelError: the physics cannot be identified or the learner cannot be fitted.
-        """
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         vars(self).pop("diagnostics_", None)  # an earlier fit's
         self.physics_ = _FAMILIES[self.physics]().fit(train, robot=robot, seed=seed)
         learner: Any = super()
-        learner.fit(
-            self._residual(train),
-            robot=robot,
-            validation=None if validation is None else self._residual(validation),
-            seed=seed,
-        )
+        residuals = None if validation is None else self._residual(validation)
+        learner._fit(self._residual(train), robot, residuals, seed)
         learned: dict[str, float] = vars(self).get("diagnostics_", {})
         self.diagnostics_ = {**self.physics_.diagnostics_, **learned}
-        return self
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         learner: Any = super()

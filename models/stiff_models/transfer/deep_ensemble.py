@@ -8,7 +8,7 @@ they have learned little. Here the members are `ft-mlp`, each with its own pre-t
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Annotated, Self
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -34,19 +34,7 @@ class DeepEnsemble(FtMlp):
 
     members: Annotated[int, Ge(2)] = 5
 
-    def fit(
-        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
-    ) -> Self:
-        """Fit each member as `ft-mlp`, with seeds drawn from `seed`.
-
-        The residual scatter of the intervals is that of one more network on a fifth of the
-        training poses, which it did not learn from.
-
-        Raises:
-            ConfigError: the freeze strategy does not fit the network, or the source the robot.
-            ModelError: no joint can be identified, a training diverged, or all training samples
-                are of one pose.
-        """
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         self.check_params()
         parts = inner_validation(train, np.arange(len(train)), HELD_OUT, seed)
         if not len(parts.validation):
@@ -65,9 +53,7 @@ class DeepEnsemble(FtMlp):
         )
         error = probe.predict(held_out.q, held_out.wrench) - held_out.deflection
         self.noise_ = np.sqrt((error**2).mean(axis=0))  # (3,) m
-        self.robot_ = robot
         self.diagnostics_ = {"members": float(self.members)} | self.members_[0].diagnostics_
-        return self
 
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
         """Return normal intervals: variance among the members plus that of the residuals.

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 import numpy as np
 import torch
@@ -98,17 +98,7 @@ class DtCnn(SourceModel, EncodedNetworkModel):
         """Return whether validation rows choose the epoch: only of the fine-tuning."""
         return self.supervision == "fine-tune"
 
-    def fit(
-        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
-    ) -> Self:
-        """Learn 70 % of the simulated source, aligned with the inputs of `train`.
-
-        `validation` chooses the epoch of the fine-tuning, and without it the last is kept.
-
-        Raises:
-            ConfigError: the source cannot be made for the robot.
-            ModelError: no joint can be identified, or a training diverged.
-        """
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         origin = self._origin(train, robot)
         domain = self._simulated(origin.samples, origin.robot, seed)
         learn, test = divided(domain, seed)
@@ -119,11 +109,10 @@ class DtCnn(SourceModel, EncodedNetworkModel):
         some = test.take(np.arange(min(len(test), SOURCE_TEST_ROWS)))
         self.source_errors_ = source_errors(self, learn, some)
         self.diagnostics_ = source_report(len(domain), trained.seconds, self.source_errors_)
-        self.robot_ = robot
+        self.robot_ = robot  # predictions are of the target from here on
         if self.supervision == "fine-tune":
             held_out = None if validation is None else self._measured_rows(validation)
             self._fine_tune(self._measured_rows(train), held_out, seed)
-        return self
 
     @property
     def curves_(self) -> dict[str, FloatArray]:

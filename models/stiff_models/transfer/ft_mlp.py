@@ -11,7 +11,7 @@ import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 import numpy as np
 import torch
@@ -80,19 +80,9 @@ class FtMlp(MlpPretrained):
         """Return whether validation rows choose the epoch."""
         return self.training == "best"
 
-    def fit(
-        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
-    ) -> Self:
-        """Pre-train as `mlp-pretrained`, then fine-tune on `train`.
-
-        `validation` chooses the epoch, and without it the last is kept.
-
-        Raises:
-            ConfigError: the freeze strategy does not fit the network.
-            ModelError: no joint can be identified, or a training diverged.
-        """
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         self.check_params()
-        super().fit(train, robot=robot, seed=seed)
+        super()._fit(train, robot, None, seed)
         self.source_network_ = copy.deepcopy(self.network_)
         rows = self._measured_rows(train)
         held_out = None if validation is None else self._measured_rows(validation)
@@ -105,7 +95,6 @@ class FtMlp(MlpPretrained):
             "training MAE [mm]": float(learned.mean()) * 1000.0,  # of all axes together
             "training STDE [mm]": float(learned.std()) * 1000.0,
         }
-        return self
 
     @property
     def curves_(self) -> dict[str, FloatArray]:

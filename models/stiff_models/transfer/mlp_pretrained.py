@@ -7,7 +7,7 @@ supplies the source domain's deflections; with another robot's source it does no
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 import numpy as np
 import torch
@@ -71,17 +71,7 @@ class MlpPretrained(SourceModel, NetworkModel):
         """Say that no measured deflection trains the network."""
         return self._unlabelled()
 
-    def fit(
-        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
-    ) -> Self:
-        """Identify the VJM on `train`, simulate the source domain, train on 70 % of it.
-
-        `validation` is not used, nor is `train` with another robot's source.
-
-        Raises:
-            ConfigError: the source cannot be made for the robot.
-            ModelError: no joint can be identified, or the training diverged.
-        """
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         origin = self._origin(train, robot)
         domain = self._simulated(origin.samples, origin.robot, seed)
         learn, test = divided(domain, seed)
@@ -97,8 +87,7 @@ class MlpPretrained(SourceModel, NetworkModel):
         self.history_ = trained.curve
         self.source_errors_ = trained.judged
         self.diagnostics_ = source_report(len(domain), trained.seconds, self.source_errors_)
-        self.robot_ = robot
-        return self
+        self.robot_ = robot  # predictions are of the target from here on
 
     @property
     def curves_(self) -> dict[str, FloatArray]:
