@@ -18,12 +18,9 @@ if TYPE_CHECKING:
 
 
 def normal_interval(mean: FloatArray, deviation: FloatArray, coverage: float) -> Interval:
-    """Return the central interval of each axis.
+    """Return the central interval of (n, 3) means and standard deviations, m, axis by axis.
 
-    Args:
-        mean: (n, 3) m.
-        deviation: (n, 3) standard deviation, m.
-        coverage: probability, between 0 and 1, of each axis alone.
+    `coverage` is the probability (0..1) of each axis alone.
     """
     from scipy.special import ndtri  # not every model needs it
 
@@ -68,14 +65,11 @@ class FittedModel(BaseEstimator):  # type: ignore[misc]
         """Set the fitted attributes."""
 
     def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return the deflection of the TCP.
+        """Return the (n, 3) deflection of the TCP, m, base frame.
 
         Args:
             q: (n, n_joints) joint positions, rad or m.
             wrench: (n, 6) N and N m at the TCP, base frame.
-
-        Returns:
-            (n, 3) m, base frame.
 
         Raises:
             NotFittedError: `fit` was not called.
@@ -98,6 +92,7 @@ class FittedModel(BaseEstimator):  # type: ignore[misc]
 
         Raises:
             NotFittedError: `fit` was not called.
+            ModelError: the model is none of stiffbench's own, or holds what no file can.
             StoreError: the file cannot be written.
         """
         saved.save(self, path)
@@ -105,7 +100,7 @@ class FittedModel(BaseEstimator):  # type: ignore[misc]
     def _empty_module(self, name: str) -> torch.nn.Module:
         """Return an untrained module of the shape of the fitted attribute `name`, for loading.
 
-        Called when every other attribute is restored; families that hold a network write it.
+        Called when every other attribute is restored.
         """
         raise NotImplementedError(f"{type(self).__name__} holds no module {name!r}")
 
@@ -114,7 +109,6 @@ class FittedModel(BaseEstimator):  # type: ignore[misc]
         """Return the (n, 3) deflection of checked float64 input."""
 
     def _checked(self, q: FloatArray, wrench: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return both as float64 arrays of the fitted robot's shapes."""
         if not hasattr(self, "robot_"):
             raise NotFittedError(f"{type(self).__name__}: call fit before predict")
         q, wrench = np.asarray(q, dtype=np.float64), np.asarray(wrench, dtype=np.float64)
@@ -128,5 +122,4 @@ class FittedModel(BaseEstimator):  # type: ignore[misc]
 
 
 def _first_not_finite(rows: FloatArray) -> int:
-    """Return the number of the first row that holds a NaN or an infinity."""
     return int(np.isfinite(rows).all(axis=1).argmin())

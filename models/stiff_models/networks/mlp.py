@@ -35,11 +35,11 @@ class Mlp(NetworkModel):
 
     @property
     def curves_(self) -> dict[str, FloatArray]:
-        """Return the training's curve."""
-        return {"training": self.history_.table()}
+        """The training's curve."""
+        return {"training": self.history_.points}
 
     def chooses_epoch(self) -> bool:
-        """Return whether validation rows choose the epoch."""
+        """Whether validation rows choose the epoch."""
         return self.training == "best"
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:

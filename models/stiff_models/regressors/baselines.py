@@ -1,4 +1,4 @@
-"""`mean`: the mean deflection of the training samples, whatever the pose and the load."""
+"""The reference rows `zero` and `mean`, which see neither the pose nor the load."""
 
 from __future__ import annotations
 
@@ -19,10 +19,7 @@ class ZeroModel(FittedModel):
 
 
 class MeanModel(FittedModel):
-    """A constant deflection.
-
-    `fit` sets `mean_`, the (3,) mean deflection of the training samples, m, base frame.
-    """
+    """A constant: the mean deflection of the training samples, `mean_` (3,) m."""
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         self.mean_ = train.deflection.mean(axis=0)

@@ -1,7 +1,4 @@
-"""`gp`: a Gaussian process from pose and load to deflection, one an axis.
-
-See `gaussian_process` for the covariance and `likelihood` for its hyperparameters.
-"""
+"""`gp`: a Gaussian process from pose and load to deflection, one an axis."""
 
 from __future__ import annotations
 
@@ -48,14 +45,7 @@ class GaussianProcessModel(StandardisedModel):
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
         """Return the central interval of each axis' predictive normal, its noise included.
 
-        Args:
-            q: (n, n_joints) joint positions, rad or m.
-            wrench: (n, 6) N and N m at the TCP, base frame.
-            coverage: probability, between 0 and 1.
-
-        Raises:
-            NotFittedError: `fit` was not called.
-            ModelError: the shapes are not those of the robot fitted for.
+        Arguments and errors as of `predict`; `coverage` (0..1) is of each axis alone.
         """
         q, wrench = self._checked(q, wrench)
         inputs, scaler = self._inputs(self.robot_, q, wrench), self.output_scaler_
@@ -66,11 +56,11 @@ class GaussianProcessModel(StandardisedModel):
         return self.output_scaler_.undo(self._means(self._inputs(self.robot_, q, wrench)))
 
     def _means(self, inputs: FloatArray) -> FloatArray:
-        """Return the predictive means (n, 3), standardised."""
+        """The predictive means (n, 3), standardised."""
         return np.stack([process.mean(inputs) for process in self.processes_], axis=1)
 
     def _deviations(self, inputs: FloatArray) -> FloatArray:
-        """Return the predictive standard deviations (n, 3), standardised."""
+        """The predictive standard deviations (n, 3), standardised."""
         return np.stack([process.deviation(inputs) for process in self.processes_], axis=1)
 
     def _search(self, seed: int) -> Search:
@@ -89,12 +79,7 @@ class GaussianProcessModel(StandardisedModel):
 
 
 def noise_in_mm(processes: Iterable[GaussianProcess], scale: FloatArray) -> dict[str, float]:
-    """Return the standard deviation of each axis' noise term, by name and unit.
-
-    Args:
-        processes: one an axis.
-        scale: (3,) m, what their targets were divided by.
-    """
+    """Standard deviation of each axis' noise; `scale` (3,) m is what targets were divided by."""
     return {
         f"noise {axis.upper()} [mm]": float(np.sqrt(process.covariance.noise) * size * 1e3)
         for axis, process, size in zip(AXES, processes, scale, strict=True)

@@ -18,12 +18,7 @@ from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
 
 @dataclass(frozen=True, eq=False)
 class CoKriging:
-    """A fitted two-fidelity process.
-
-    Attributes:
-        low: process of the low fidelity.
-        delta: process of what `rho` times the low fidelity leaves.
-    """
+    """A fitted two-fidelity process: `delta` is of what `rho` times the low fidelity leaves."""
 
     low: GaussianProcess
     delta: GaussianProcess
@@ -34,14 +29,11 @@ class CoKriging:
         return self.delta.rho
 
     def mean(self, inputs: FloatArray) -> FloatArray:
-        """Return the (n,) predicted high fidelity at (n, n_features) inputs."""
+        """Return the (n,) predicted high fidelity."""
         return self.rho * self.low.mean(inputs) + self.delta.mean(inputs)
 
     def deviation(self, inputs: FloatArray) -> FloatArray:
-        """Return the (n,) predictive standard deviation, delta's noise included.
-
-        rho counts as known.
-        """
+        """Return the (n,) standard deviation, delta's noise included; rho counts as known."""
         low = self.rho * self.low.deviation(inputs)
         return np.asarray(np.hypot(low, self.delta.deviation(inputs)))
 
@@ -61,9 +53,6 @@ def fit_co_kriging(
         cheap: inputs (m, n_features) and low-fidelity outputs (m,).
         dear: inputs (n, n_features) and high-fidelity outputs (n,).
         search: for the hyperparameters of each level.
-
-    Raises:
-        ModelError: a level's covariance cannot be solved.
     """
     below = GaussianProcess.of(search.likeliest(low, *cheap), *cheap)
     trend = below.mean(dear[0])
@@ -72,7 +61,7 @@ def fit_co_kriging(
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class MultiFidelityGp(SourceModel, GaussianProcessModel):
-    """Two-fidelity co-kriging, one an axis; see `co_kriging`.
+    """Two-fidelity co-kriging, one an axis.
 
     Its few simulated samples should lie where the measured ones do, so that the source is a Sobol
     design over the training samples' ranges unless another is asked for. With another robot's

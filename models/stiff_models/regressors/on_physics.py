@@ -1,7 +1,6 @@
-"""The one residual wrapper: physics + learner.
+"""The one residual wrapper: the VJM is identified, and a learner learns what it leaves.
 
-A family is ``class VjmX(OnPhysics, X)``: the physics is identified on the training samples, and X
-learns what it leaves.
+A family is ``class VjmX(OnPhysics, X)``.
 """
 
 from __future__ import annotations
@@ -28,6 +27,8 @@ _FAMILIES: dict[Physics, Any] = {
 @dataclass(kw_only=True, eq=False, repr=False)
 class OnPhysics:
     """Mixin before a learner: the learner's samples are the physics' residuals.
+
+    Validation rows serve the learner alone.
 
     Attributes:
         physics: what is identified first, with its default options.
@@ -60,14 +61,7 @@ class VjmGp(OnPhysics, GaussianProcessModel):
     """Physics plus a Gaussian-process residual."""
 
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
-        """Return the residual's interval around the physics; see `GaussianProcessModel`.
-
-        The physics counts as known: its own uncertainty is not in the width.
-
-        Raises:
-            NotFittedError: `fit` was not called.
-            ModelError: the shapes are not those of the robot fitted for.
-        """
+        """Return the residual's interval around the physics, which counts as known."""
         residual, base = (
             super().predict_interval(q, wrench, coverage),
             self.physics_.predict(q, wrench),

@@ -33,10 +33,9 @@ class RegressorModel(StandardisedModel):
 
     @abstractmethod
     def _regressor(self, seed: int) -> Any:
-        """Return a new regressor of (n, 3) targets with scikit-learn's `fit` and `predict`."""
+        """A new regressor of (n, 3) targets with scikit-learn's `fit` and `predict`."""
 
     def _learn(self, train: StandardisedRows, validation: StandardisedRows | None) -> None:
-        """Fit `regressor_`."""
         with told_as_ours():
             self.regressor_.fit(*train)
 

@@ -28,6 +28,9 @@ HELD_OUT = 0.2  # share of the training poses that the residuals of the interval
 class DeepEnsemble(FtMlp):
     """Mean of `members` fine-tuned MLPs; every option of `ft-mlp` is every member's.
 
+    The residual scatter of the intervals is that of one more network on four fifths of the training
+    poses, on the rest of them.
+
     Attributes:
         members: how many; the first has the seed, and so the pre-training, that ft-mlp has.
     """
@@ -58,14 +61,7 @@ class DeepEnsemble(FtMlp):
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
         """Return normal intervals: variance among the members plus that of the residuals.
 
-        Args:
-            q: (n, n_joints) rad.
-            wrench: (n, 6) N and N m at the TCP, base frame.
-            coverage: probability, between 0 and 1, of each axis alone.
-
-        Raises:
-            NotFittedError: `fit` was not called.
-            ModelError: the shapes are not those of the robot fitted for.
+        Arguments and errors as of `predict`; `coverage` (0..1) is of each axis alone.
         """
         members = self._of_members(*self._checked(q, wrench))
         deviation = np.sqrt(members.var(axis=0) + self.noise_**2)
@@ -85,5 +81,5 @@ class DeepEnsemble(FtMlp):
         return MeanOf(member._torch_module() for member in self.members_)
 
     def _of_members(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return (members, n, 3) m."""
+        """(members, n, 3) m."""
         return np.stack([member.predict(q, wrench) for member in self.members_])

@@ -64,20 +64,16 @@ class FtMlp(MlpPretrained):
 
     @property
     def regime(self) -> str:
-        """Say nothing: the network learns from the measured deflections."""
+        """Nothing to say: the network learns from the measured deflections."""
         return ""
 
     def check_params(self) -> None:
-        """Check what a single option's type cannot.
-
-        Raises:
-            ConfigError: the device is not there, or the freeze strategy does not fit the network.
-        """
+        """Raise ConfigError where there is no such device, or no such layer to train."""
         super().check_params()
         self._stages(epochs=1)
 
     def chooses_epoch(self) -> bool:
-        """Return whether validation rows choose the epoch."""
+        """Whether validation rows choose the epoch."""
         return self.training == "best"
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
@@ -98,11 +94,11 @@ class FtMlp(MlpPretrained):
 
     @property
     def curves_(self) -> dict[str, FloatArray]:
-        """Return the pre-training's curve and that of each stage of the fine-tuning."""
+        """The pre-training's curve and that of each stage of the fine-tuning."""
         found = super().curves_
         for number, curve in enumerate(self.fine_tuning_, start=1):
             stage = "" if len(self.fine_tuning_) == 1 else f" {number}"
-            found[f"fine-tuning{stage}"] = curve.table()
+            found[f"fine-tuning{stage}"] = curve.points
         return found
 
     def _fine_tuning_plan(self, *, keep_best: bool) -> TrainingPlan:

@@ -68,7 +68,7 @@ class MlpPretrained(SourceModel, NetworkModel):
 
     @property
     def regime(self) -> str:
-        """Say that no measured deflection trains the network."""
+        """No measured deflection trains the network."""
         return self._unlabelled()
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
@@ -91,12 +91,12 @@ class MlpPretrained(SourceModel, NetworkModel):
 
     @property
     def curves_(self) -> dict[str, FloatArray]:
-        """Return the pre-training's curve."""
-        return {"pre-training": self.history_.table()}
+        """The pre-training's curve."""
+        return {"pre-training": self.history_.points}
 
     @property
     def hidden_activation(self) -> Activation:
-        """Return the option's activation, or the recipe's."""
+        """The option's activation, or the recipe's."""
         by_recipe = self.activation == "auto" and self.recipe == "best"
         return "gelu" if by_recipe else super().hidden_activation
 
@@ -127,13 +127,7 @@ def source_errors(model: FittedModel, learn: SourceDomain, test: SourceDomain) -
 
 
 def source_report(n_samples: int, seconds: float, errors: FloatArray) -> dict[str, float]:
-    """Return the diagnostics of a pre-training.
-
-    Args:
-        n_samples: of the source.
-        seconds: that the training took when it was computed.
-        errors: (7,) as `source_errors` gives them, m.
-    """
+    """Return the diagnostics of a pre-training, from its wall time and (7,) errors, m."""
     return {
         "source samples": float(n_samples),
         "pre-training, when it was computed [s]": seconds,

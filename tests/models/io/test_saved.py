@@ -18,7 +18,7 @@ from sklearn.preprocessing import FunctionTransformer
 
 from quick_models import KEYS, quick_model, twin_data
 from stiff_models import load
-from stiff_models.io.saved import save
+from stiff_models.io.saved import FORMAT, save
 from stiff_models.networks.mlp import Mlp
 from stiff_protocols.contract.errors import (
     DataError,
@@ -76,7 +76,7 @@ def test_a_fresh_process_predicts_the_same_bits_and_imports_nothing_heavy_before
 
 def test_a_file_says_which_model_it_holds_and_names_no_class_of_a_shipped_model(tmp_path):
     content = opened(saved_model(tmp_path, "vjm"))
-    assert content["format"] == 2
+    assert content["format"] == FORMAT
     assert content["model"]["class"] == "vjm"
 
 
@@ -218,7 +218,7 @@ def object_of(kind, name, **parts):
 
 
 CHANGES = {
-    "has format 3": lambda content: content.update(format=3),
+    "has format 4": lambda content: content.update(format=4),
     "unknown model 'vjn'": lambda content: content["model"].update({"class": "vjn"}),
     "KeyError: 'class'": lambda content: content["model"].pop("class"),
     "KeyError: 'params'": lambda content: content["model"].pop("params"),

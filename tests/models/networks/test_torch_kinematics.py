@@ -9,8 +9,13 @@ import torch
 from made_robots import random_chain
 from stiff_models.networks.features import Scaler, encode
 from stiff_models.networks.network import build_network
-from stiff_models.networks.torch_kinematics import TorchJacobian
-from stiff_models.networks.torch_parts import EncodedNetwork, JointSprings, MeanOf, SumOf
+from stiff_models.networks.torch_parts import (
+    EncodedNetwork,
+    JointSprings,
+    MeanOf,
+    SumOf,
+    TorchJacobian,
+)
 from stiff_models.physics.kinematics import jacobian
 
 CHAINS = [
