@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import KW_ONLY, dataclass
 from typing import Self
 
 import numpy as np
@@ -37,6 +38,7 @@ def calibration_samples_needed(coverage: float) -> int:
     return math.ceil(1.0 / (1.0 - coverage + ROUNDING)) - 1
 
 
+@dataclass(eq=False, repr=False)
 class SplitConformal(BaseEstimator):  # type: ignore[misc]
     """A model with split-conformal intervals.
 
@@ -49,13 +51,10 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
         residuals_: (n, 3) m, absolute errors on one row of each calibration pose.
     """
 
-    def __init__(
-        self, model: StiffnessModel, *, coverage: float = 0.9, share: float = SHARE
-    ) -> None:
-        """Store the arguments."""
-        self.model = model
-        self.coverage = coverage
-        self.share = share
+    model: StiffnessModel
+    _: KW_ONLY
+    coverage: float = 0.9
+    share: float = SHARE
 
     def fit(
         self,

@@ -13,7 +13,7 @@ import itertools
 import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import KW_ONLY, dataclass, fields
 from typing import Any, Self
 
 import numpy as np
@@ -133,6 +133,7 @@ class Tried:
     failure: str = ""
 
 
+@dataclass(eq=False, repr=False)
 class InnerSearch(BaseEstimator):  # type: ignore[misc]
     """A model with the best of several candidate options; it stands in the model's place.
 
@@ -149,23 +150,13 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
         diagnostics_: the model's, how many candidates were tried, and the best one's inner error.
     """
 
-    def __init__(
-        self,
-        model: StiffnessModel,
-        grid: Grid,
-        *,
-        search: Search = "grid",
-        trials: int = 20,
-        folds: int = 3,
-        validation_fraction: float = 0.2,
-    ) -> None:
-        """Store the arguments."""
-        self.model = model
-        self.grid = grid
-        self.search = search
-        self.trials = trials
-        self.folds = folds
-        self.validation_fraction = validation_fraction
+    model: StiffnessModel
+    grid: Grid
+    _: KW_ONLY
+    search: Search = "grid"
+    trials: int = 20
+    folds: int = 3
+    validation_fraction: float = 0.2
 
     @property
     def regime(self) -> str:
