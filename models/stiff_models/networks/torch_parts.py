@@ -125,20 +125,3 @@ class MeanOf(SumOf):
     def forward(self, q: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
         """Return the deflection."""
         return super().forward(q, wrench) / len(self.parts)
-
-
-def bent_joints(
-    jacobian: torch.Tensor, compliance: torch.Tensor, wrench: torch.Tensor
-) -> torch.Tensor:
-    """Return ``J_v diag(c) J^T w``.
-
-    Args:
-        jacobian: (n, 6, n_joints).
-        compliance: (n_joints,) or (n, n_joints), rad/(N m) or m/N.
-        wrench: (n, 6) N and N m.
-
-    Returns:
-        (n, 3) m, base frame.
-    """
-    torque = (wrench[:, None, :] @ jacobian)[:, 0]  # (n, n_joints)
-    return (jacobian[:, :3] @ (compliance * torque)[:, :, None])[:, :, 0]

@@ -51,16 +51,12 @@ def forward_kinematics(robot: Robot, q: FloatArray) -> ChainPoses:
 
 
 def tcp_position(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return the (n, 3) position of the TCP [m]; arguments and errors as `forward_kinematics`."""
+    """Return the (n, 3) position of the TCP [m]; as `forward_kinematics`."""
     return forward_kinematics(robot, q).points[:, -1]
 
 
 def checked_positions(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return the joint positions as (n, n_joints) float64.
-
-    Raises:
-        DataError: `q` has another number of joints than the robot.
-    """
+    """Return the joint positions as (n, n_joints) float64; DataError where they are not."""
     q = np.asarray(q, dtype=np.float64)
     if q.ndim != 2 or q.shape[1] != robot.n_joints:
         raise DataError(f"q has shape {q.shape}, expected (n, {robot.n_joints})")

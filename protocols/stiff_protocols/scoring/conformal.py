@@ -66,11 +66,8 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
     ) -> Self:
         """Divide `train` by pose, fit a copy of the model to one part, calibrate on the other.
 
-        Args:
-            train: samples to divide.
-            robot: that was measured.
-            validation: given to the model as it is; never calibrated on.
-            seed: of the division and of the model.
+        `validation` is given to the model as it is, never calibrated on; `seed` is of the division
+        and of the model.
 
         Raises:
             TooFewToCalibrate: `coverage` needs more calibration samples than half of the poses.
@@ -87,12 +84,7 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
         return self
 
     def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return the (n, 3) deflection [m] by the copy that the intervals are centred on.
-
-        Raises:
-            NotFittedError: `fit` was not called.
-            ModelError: what the model returns is no prediction.
-        """
+        """Return the (n, 3) deflection [m] by the copy that the intervals are centred on."""
         if not hasattr(self, "model_"):
             raise NotFittedError("SplitConformal: call fit before predict")
         predicted = np.asarray(self.model_.predict(q, wrench))
@@ -102,10 +94,7 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
         """Return where each deflection lies with probability `coverage`, axis by axis.
 
-        Args:
-            q: (n, n_joints) rad or m.
-            wrench: (n, 6) N and N m at the TCP, base frame.
-            coverage: 0..1; may differ from what `fit` was prepared for.
+        `coverage` (0..1) may differ from what `fit` was prepared for.
 
         Raises:
             NotFittedError: `fit` was not called.
@@ -145,7 +134,6 @@ def _one_row_a_pose(samples: Samples, rows: IntArray, seed: int) -> IntArray:
 
 
 def _bounds(predicted: FloatArray, residuals: FloatArray, coverage: float) -> FloatArray:
-    """Return (2, n) lower and upper bounds of one axis, m."""
     with warnings.catch_warnings():  # crepes changes the filters of the whole process on import
         from crepes import ConformalRegressor
     regressor = ConformalRegressor().fit(residuals)

@@ -67,7 +67,6 @@ class SampleEfficiency:
         return LazySplits(divided, (n_splits or 1) * len(sizes))
 
     def _sizes(self, available: int) -> list[int]:
-        """Return the numbers of poses, ascending."""
         try:
             asked = [int(word) for word in self.sizes.split(",")]
         except ValueError:

@@ -44,11 +44,7 @@ class SensorNoise(Holdout):
     bias: NonNegative = 1.0
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
-        """Return `n_splits` (default 1) divisions, `holdout`'s of the same seed, at every level.
-
-        Raises:
-            ConfigError: `levels` are no numbers from 0, or there are too few poses.
-        """
+        """Return `n_splits` (default 1) divisions, `holdout`'s of the same seed, at every level."""
         levels = self._levels()
         divisions = super().splits(samples, n_splits=n_splits, seed=seed)
 
@@ -73,7 +69,6 @@ class SensorNoise(Holdout):
             )
 
     def _levels(self) -> list[float]:
-        """Return the multiples, ascending."""
         try:
             asked = {float(word) + 0.0 for word in self.levels.split(",")}  # -0.0 is 0.0
         except ValueError:

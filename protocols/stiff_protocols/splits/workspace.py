@@ -69,7 +69,7 @@ class WorkspaceExtrapolation(Extrapolation):
 
 
 def _mean_of(values: FloatArray, part_of: IntArray, parts: int) -> FloatArray:
-    """Return the (parts, 3) means of the (n, 3) values of each part; `part_of` is (n,)."""
+    """Return the (parts, 3) means of the (n, 3) values of each part."""
     sums = np.zeros((parts, 3))
     np.add.at(sums, part_of, values)
     return sums / np.bincount(part_of, minlength=parts)[:, None]

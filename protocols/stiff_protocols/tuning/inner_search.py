@@ -52,18 +52,15 @@ def inner_error(
     validates: bool,
     seed: int,
 ) -> float:
-    """Return the mean Euclidean error over the rows of all test parts, m.
+    """Return the mean Euclidean error [m] over the rows of all test parts.
 
     Args:
-        make: returns a new model.
+        make: returns a new model; what its fit raises passes through.
         rows: the training side.
         parts: of `rows`.
         robot: that was measured.
         validates: the parts' validation rows may choose the epoch; else they are training rows.
         seed: of every fit.
-
-    Raises:
-        ModelError: what the model returns is no prediction; what a fit raises passes through.
     """
     distances = []
     for part in parts:
@@ -97,7 +94,7 @@ def fit_to(
 
 
 def chooses_epoch(model: StiffnessModel) -> bool:
-    """Return whether a model that is given validation rows chooses its epoch by them."""
+    """Whether a model that is given validation rows chooses its epoch by them."""
     return model.chooses_epoch() if isinstance(model, ChoosesEpoch) else True
 
 
@@ -119,14 +116,7 @@ MOST_CHECKED = 256
 
 @dataclass(frozen=True)
 class Tried:
-    """A candidate and how it did.
-
-    Attributes:
-        params: its options.
-        error: mean Euclidean error over the rows of all inner test parts, m; infinite where it
-            failed.
-        failure: why it failed; "" otherwise.
-    """
+    """A candidate's options and inner error, m; infinite where it failed, and why."""
 
     params: Mapping[str, Any]
     error: float
@@ -194,17 +184,13 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
             )
 
     def check_robot(self, robot: Robot) -> None:
-        """Check that every candidate can serve the robot.
-
-        Raises:
-            ConfigError: one cannot.
-        """
+        """Raise ConfigError where a candidate cannot serve the robot."""
         for _, model in self._candidates():
             if isinstance(model, ChecksRobot):
                 model.check_robot(robot)
 
     def chooses_epoch(self) -> bool:
-        """Return whether validation rows choose the epoch of any candidate."""
+        """Whether validation rows choose the epoch of any candidate."""
         return any(chooses_epoch(model) for _, model in self._candidates())
 
     def missing(self) -> str:
@@ -225,13 +211,8 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
         """Choose the options on training and validation rows together, then fit the model.
 
         Rows are divided by pose. Where validation rows are given, every inner training part gives
-        some of its own to a candidate that chooses an epoch; the last fit gets those given.
-
-        Args:
-            train: samples to learn from.
-            robot: that was measured.
-            validation: samples that may choose an epoch; None: none, and inside none either.
-            seed: of the divisions, of the search, and of every fit.
+        some of its own to a candidate that chooses an epoch; the last fit gets those given. `seed`
+        is of the divisions, of the search, and of every fit.
 
         Raises:
             ConfigError: there are too few poses for the inner parts.
@@ -257,11 +238,7 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
         return self
 
     def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return the chosen model's (n, 3) deflection [m] for `q` [rad] and `wrench` [N, N m].
-
-        Raises:
-            NotFittedError: `fit` was not called.
-        """
+        """Return the chosen model's (n, 3) deflection [m] for `q` [rad] and `wrench` [N, N m]."""
         return self._fitted().predict(q, wrench)
 
     def _fitted(self) -> StiffnessModel:
@@ -329,7 +306,6 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
         return tuple(found.values())
 
     def _with(self, params: Mapping[str, Any]) -> StiffnessModel:
-        """Return an unfitted copy of the model with these options."""
         made: StiffnessModel = clone(self.model).set_params(**params)
         return made
 
@@ -338,11 +314,7 @@ class InnerSearchWithIntervals(InnerSearch):
     """The same for a model that gives intervals of its own."""
 
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
-        """Return the chosen model's interval; see `PredictsInterval`.
-
-        Raises:
-            NotFittedError: `fit` was not called.
-        """
+        """Return the chosen model's interval; see `PredictsInterval`."""
         fitted = self._fitted()
         if not isinstance(fitted, PredictsInterval):
             raise ModelError(f"{type(fitted).__name__} gives no intervals")
