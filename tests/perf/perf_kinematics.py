@@ -17,8 +17,7 @@ import torch
 from made_samples import samples_with
 from perf_case import figure, needed, ours, peer
 from stiff_datasets.robots.robot import shipped_chain, shipped_robot
-from stiff_models.physics.joint_springs import deflections, joint_deflection
-from stiff_models.physics.kinematics import jacobian
+from stiff_models.physics.kinematics import deflections, jacobian, joint_deflection
 from stiff_models.physics.straight_line import CHUNK
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_protocols.contract.types import FloatArray

@@ -163,11 +163,7 @@ class Interval:
     coverage: float
 
     def __post_init__(self) -> None:
-        """Freeze and check the arrays.
-
-        Raises:
-            DataError: a bound is not finite, or a lower one lies above its upper one.
-        """
+        """Freeze and check the arrays."""
         for name in ("lower", "upper"):
             object.__setattr__(self, name, frozen_array(getattr(self, name), name, (None, 3)))
         if self.lower.shape != self.upper.shape or (self.lower > self.upper).any():
