@@ -27,7 +27,7 @@ class ChainPoses:
     """Where a robot stands at n joint positions, base frame.
 
     Attributes:
-        points: (n, n_joints + 1, 3) origins of the joints' frames after their motion, then the TCP, m.
+        points: (n, n_joints + 1, 3) origins of the joints' frames after their motion and TCP, m.
         rotations: (n, n_joints, 3, 3) orientation of every joint's frame after its motion.
     """
 
