@@ -6,29 +6,19 @@ from pathlib import Path
 
 import click
 
-from stiff_bench.cli.options import FILE, debug_option
+from stiff_bench.cli.options import FILE, output_option
 from stiff_bench.console import say
-
-MOST_LINES = 20
-"""So many damaged rows are named."""
 
 
 @click.command()
 @click.argument("folders", metavar="DIR...", type=FILE, nargs=-1, required=True)
-@click.option(
-    "--output",
-    type=FILE,
-    required=True,
-    metavar="DIR",
-    help="Folder that takes all results: a new one, or one that holds some.",
-)
+@output_option("DIR", "Folder that takes all results: a new one, or one that holds some.")
 @click.option(
     "--allow",
     multiple=True,
     type=click.Choice(["data", "split", "code"]),
     help="Merge though the folders differ in this; may be repeated.",
 )
-@debug_option
 def merge(folders: tuple[Path, ...], output: Path, allow: tuple[str, ...]) -> int:
     """Join the results of several machines in one folder.
 
@@ -40,10 +30,8 @@ def merge(folders: tuple[Path, ...], output: Path, allow: tuple[str, ...]) -> in
     merged = merging.merge(folders, output, allow)  # type: ignore[arg-type]
     for line in merged.disagreements:
         say(f"merged all the same: {line}")
-    for line in merged.damaged[:MOST_LINES]:
+    for line in merged.damaged:
         say(f"left out: {line}")
-    if len(merged.damaged) > MOST_LINES:
-        say(f"left out: {len(merged.damaged) - MOST_LINES} more")
     for folder, (n_cells, n_taken) in merged.taken.items():
         others = "" if n_taken == n_cells else "; the others are there, or newer in another folder"
         say(f"{folder}: {n_taken} of {n_cells} cells taken{others}")
@@ -63,7 +51,6 @@ def cache() -> None:
 
 
 @cache.command()
-@debug_option
 def info() -> None:
     """Say where the cache lies and what it holds."""
     from stiff_models.networks.cache import cache_info
@@ -72,7 +59,6 @@ def info() -> None:
 
 
 @cache.command()
-@debug_option
 def clear() -> None:
     """Delete every pre-trained network; the next run trains anew."""
     from stiff_models.networks.cache import clear_cache

@@ -65,10 +65,12 @@ class Finished:
     Attributes:
         results: of every cell, in the order of the plan.
         cached: keys of the cells whose results or failures were there.
+        wall_s: how long it took, s.
     """
 
     results: tuple[CellResult, ...]
-    cached: Set[str]
+    cached: frozenset[str]
+    wall_s: float
 
 
 def run_cells(
@@ -93,6 +95,7 @@ def run_cells(
         StoreError: a result cannot be written.
         ConfigError: the cluster does not answer.
     """
+    started = time.perf_counter()
     found = _stored(tasks, store, execution.rerun)
     cached = set(found)
     missing = [task for task in tasks if task.cell.key not in found]
@@ -112,12 +115,13 @@ def run_cells(
     display.begin(len(missing), len(cached), expected)
     with _described(tasks, command, store, execution) as run_id:
         _keep_data(tasks, store)
-        with closing(execution.executor.results(waiting(), run_id, display)) as results:
-            for result in results:
+        with closing(execution.executor.results(waiting(), run_id, display)) as ended:
+            for result in ended:
                 store.write_cell(result)
                 found[result.cell.key] = result
                 display.end(result)
-    return Finished(tuple(found[task.cell.key] for task in tasks), cached)
+    results = tuple(found[task.cell.key] for task in tasks)
+    return Finished(results, frozenset(cached), time.perf_counter() - started)
 
 
 def _stored(tasks: Sequence[CellTask], store: ResultStore, rerun: Rerun) -> dict[str, CellResult]:
