@@ -11,7 +11,7 @@ from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.request import RunPlan
 from stiff_bench.run.execution import IN_THIS_PROCESS, Execution
 from stiff_bench.run.progress import display
-from stiff_bench.run.runner import Finished, run_cells, tally
+from stiff_bench.run.runner import Finished, run_cells
 from stiff_bench.store.database import ResultStore
 from stiff_bench.tables.metric_table import build_tables
 from stiff_bench.tables.render import render
@@ -46,8 +46,7 @@ def computed(plans: Sequence[RunPlan], execution: Execution) -> Finished:
 
 def say_summary(finished: Finished, folder: Path) -> None:
     """Say what became of the cells, where results are, and how old failures are computed again."""
-    counts = tally(finished.results, finished.cached)
-    say(f"{counts}; {finished.wall_s:.1f} s; stored in {folder}")
+    say(f"{finished.tally}; {finished.wall_s:.1f} s; stored in {folder}")
     failed = [one.cell.key for one in finished.results if one.status == "failed"]
     if old := len(finished.cached.intersection(failed)):
         say(f"{old} of the failures are of earlier runs; --rerun failed computes them again")
