@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import locale
 import os
 import platform
 import re
@@ -22,15 +21,15 @@ from stiff_bench.run.machine import usable_cores
 _OURS = "stiffbench"
 _NOT_LOADED = "not loaded"
 _VARIABLES = re.compile(
-    r"(OMP|GOMP|KMP|MKL|OPENBLAS|BLIS|ONEDNN|DNNL|ATEN|TORCH|PYTORCH|CUDA|CUBLAS|NVIDIA|STIFFBENCH|"
-    r"LC)_\w+|LANG|LANGUAGE|PYTHONHASHSEED|PYTHONOPTIMIZE"
+    r"(OMP|GOMP|KMP|MKL|OPENBLAS|BLIS|ONEDNN|DNNL|ATEN|TORCH|PYTORCH|CUDA|CUBLAS|NVIDIA|STIFFBENCH)"
+    r"_\w+|PYTHONHASHSEED|PYTHONOPTIMIZE"
 )
 """Environment variables that the libraries beneath us read."""
 _DEVELOPERS = re.compile(r"""extra\s*==\s*['"](dev|perf)['"]""")
 
 
 def environment() -> dict[str, str]:
-    """Return versions, processor, libraries, threads, locale, plugins, commit and its state.
+    """Return versions, processor, libraries, threads, plugins, commit and its state.
 
     torch is asked where a model has loaded it; it is not loaded for this.
     """
@@ -42,8 +41,6 @@ def environment() -> dict[str, str]:
         "threads": os.environ.get("OMP_NUM_THREADS", "default"),
         "libraries": "; ".join(sorted(_libraries())),
         **_torch(),
-        "locale": f"{locale.setlocale(locale.LC_ALL)}, {locale.getencoding()}",
-        "PYTHONHASHSEED": "random",  # unless the next line has another
         **{name: os.environ[name] for name in sorted(os.environ) if _VARIABLES.fullmatch(name)},
         **{name: _version(name) for name in (_OURS, *sorted(_dependencies()))},
         "plugins": "; ".join(sorted(_plugins())),
