@@ -10,11 +10,12 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
-from importlib.metadata import PackageNotFoundError, entry_points, requires, version
+from importlib.metadata import entry_points, requires
 from pathlib import Path
 
 from threadpoolctl import threadpool_info
 
+from stiff_bench.plan.cells import installed
 from stiff_bench.plan.registry import plugin_files
 from stiff_bench.run.machine import usable_cores
 
@@ -42,7 +43,7 @@ def environment() -> dict[str, str]:
         "libraries": "; ".join(sorted(_libraries())),
         **_torch(),
         **{name: os.environ[name] for name in sorted(os.environ) if _VARIABLES.fullmatch(name)},
-        **{name: _version(name) for name in (_OURS, *sorted(_dependencies()))},
+        **{name: installed(name) for name in (_OURS, *sorted(_dependencies()))},
         "plugins": "; ".join(sorted(_plugins())),
         **_commit(),
     }
@@ -81,13 +82,6 @@ def _dependencies() -> set[str]:
     """Return the names of the packages that stiffbench may compute with, optional ones too."""
     found = (line for line in requires(_OURS) or () if not _DEVELOPERS.search(line))
     return {re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in found} - {_OURS}
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "not installed"
 
 
 def _plugins() -> Iterator[str]:
