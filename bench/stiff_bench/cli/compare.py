@@ -9,15 +9,17 @@ import click
 
 from stiff_bench.cli.options import (
     FILE,
+    PROBABILITY,
     RESULTS,
     FiniteRange,
     command_line,
     contest_options,
-    debug_option,
-    draws_seed_option,
     format_option,
+    output_option,
     ranking_options,
     results_option,
+    seed_option,
+    several_keys,
 )
 from stiff_bench.console import print_text, say
 
@@ -26,14 +28,9 @@ from stiff_bench.console import print_text, say
 @results_option
 @ranking_options
 @click.option(
-    "--figure",
-    type=FILE,
-    default=None,
-    metavar="FILE.png",
-    help="Draw the critical-difference diagrams, too (.png, .pdf or .svg).",
+    "--figure", type=FILE, metavar="FILE.png", help="Draw the critical-difference diagrams, too."
 )
-@format_option("the tables")
-@debug_option
+@format_option
 def leaderboard(
     results: Path, metric: str, axis: str | None, figure: Path | None, fmt: str, **chosen: Any
 ) -> None:
@@ -57,33 +54,18 @@ def leaderboard(
 @click.argument("b", metavar="B")
 @results_option
 @contest_options
-@click.option(
-    "--condition",
-    "conditions",
-    multiple=True,
-    metavar="TEXT",
-    help='A condition of a protocol, as the report names it ("n = 40"); may be repeated.  '
-    "[default: all]",
-)
+@several_keys("--condition", "conditions", help='A protocol\'s condition, such as "n = 40".')
 @click.option(
     "--rope",
     "rope_mm",
     type=FiniteRange(min=0),
     default=0.01,
-    show_default=True,
     metavar="MM",
     help="Largest difference in mean error that makes none in practice.",
 )
-@click.option(
-    "--confidence",
-    type=FiniteRange(0, 1, min_open=True, max_open=True),
-    default=0.95,
-    show_default=True,
-    help="Of intervals and verdicts.",
-)
-@draws_seed_option
-@format_option("the report")
-@debug_option
+@click.option("--confidence", type=PROBABILITY, default=0.95, help="Of intervals and verdicts.")
+@seed_option
+@format_option
 def compare(rope_mm: float, confidence: float, seed: int, fmt: str, **asked: Any) -> None:
     """Say whether model A is better than model B, by how much, how sure that is, and where.
 
@@ -104,13 +86,10 @@ def compare(rope_mm: float, confidence: float, seed: int, fmt: str, **asked: Any
 @click.option(
     "--results",
     type=FILE,
-    default=None,
     metavar="DIR",
-    help="Folder of the results, as `bench reproduce` makes them; tables 2 and 3 need none.  "
-    "[default: results/paper/runs]",
+    help="Results of `bench reproduce`.  [default: results/paper/runs]",
 )
-@format_option("the table")
-@debug_option
+@format_option
 def table(number: str, results: Path | None, fmt: str) -> None:
     """Print a table of the source paper beside ours: 2, 3, 6, 7, 8, 9 or 10.
 
@@ -131,20 +110,11 @@ def table(number: str, results: Path | None, fmt: str) -> None:
     type=FILE,
     multiple=True,
     default=(RESULTS,),
-    show_default=str(RESULTS),
     metavar="DIR",
-    help="Folder of results: the --output of `bench run`; may be repeated. Folders are not "
-    "compared with each other.",
+    help="Folder of results; may be repeated. Folders are not compared with each other.",
 )
-@click.option(
-    "--output",
-    type=FILE,
-    required=True,
-    metavar="FILE.html",
-    help="The page; an older one is replaced.",
-)
+@output_option("FILE.html", "The page; an older one is replaced.")
 @ranking_options
-@debug_option
 def report(folders: tuple[Path, ...], output: Path, **chosen: Any) -> None:
     """Write all that results say as one HTML page that needs no network.
 

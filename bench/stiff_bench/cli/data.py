@@ -9,12 +9,13 @@ import click
 
 from stiff_bench.cli.options import (
     FILE,
-    debug_option,
+    output_option,
     plugin_option,
     robot_options,
     robot_words,
     seed_option,
     settings_option,
+    tcp_option,
 )
 
 
@@ -29,13 +30,11 @@ def data() -> None:
     "--output",
     type=FILE,
     default=Path("results/info"),
-    show_default=True,
     metavar="DIR",
     help="Where the picture KEY.png goes.",
 )
 @settings_option
 @plugin_option
-@debug_option
 def info(key: str, output: Path, settings: tuple[str, ...], plugins: tuple[Path, ...]) -> None:
     """Print a data set's card and facts, and draw its picture."""
     from stiff_bench.data_tools.commands import show_info
@@ -49,8 +48,7 @@ def info(key: str, output: Path, settings: tuple[str, ...], plugins: tuple[Path,
 @click.option(
     "--poses",
     type=click.IntRange(1, 10_000),
-    help="How many to choose.  [default: "
-    "the paper's 151 poses of the KR10; 151 chosen ones of other robots]",
+    help="How many to choose.  [default: the paper's 151 poses of the KR10, or 151 chosen ones]",
 )
 @click.option(
     "--criterion",
@@ -60,22 +58,20 @@ def info(key: str, output: Path, settings: tuple[str, ...], plugins: tuple[Path,
 @click.option(
     "--candidates",
     type=click.IntRange(1, 100_000),
-    help="Random reachable poses to choose from.  [default: 2000, or ten a pose if that is more]",
+    help="Random poses to choose from.  [default: 2000, or ten a pose]",
 )
 @click.option("--payload", type=float, metavar="KG", help="[default: the shipped robot's]")
 @click.option(
     "--clearance",
     type=float,
     default=0.2,
-    show_default=True,
     metavar="M",
-    help="Smallest distance of the arm's centre line from the base column.",
+    help="Smallest distance of the arm from the base column.",
 )
-@seed_option("chance", most=2**32)
-@click.option("--output", type=FILE, required=True, metavar="FILE.csv", help="A new file.")
-@debug_option
+@seed_option
+@output_option("FILE.csv")
 def plan(**words: Any) -> None:
-    """Write a measurement plan to fill in."""
+    """Write a measurement plan to fill in; without a robot, for the KR10."""
     from stiff_bench.data_tools.commands import PlanWords, write_measurement_plan
 
     click.echo(write_measurement_plan(PlanWords(robot=robot_words(words), **words)))
@@ -84,7 +80,6 @@ def plan(**words: Any) -> None:
 @data.command()
 @click.argument("file", type=FILE)
 @robot_options
-@debug_option
 def validate(file: Path, **words: Any) -> int:
     """Check a measured file and say what is odd in it."""
     from stiff_bench.data_tools.commands import validation
@@ -98,33 +93,22 @@ def validate(file: Path, **words: Any) -> int:
 @click.option(
     "--twin",
     default="kr10-r1100-2",
-    show_default=True,
     metavar="NAME|FILE.toml",
-    help="A shipped twin (kr10-r1100-2, ur5) or the constants of your own.",
+    help="kr10-r1100-2, ur5, or the constants of your own.",
 )
-@click.option(
-    "--samples", type=click.IntRange(1), default=10_000, show_default=True, help="How many."
-)
+@click.option("--samples", type=click.IntRange(1), default=10_000, help="How many.")
 @click.option(
     "--loads",
     type=click.Choice(["line", "line-hook", "omni"]),
     default="omni",
-    show_default=True,
-    help="Along the paper's Table 5, its forces at a hook, or every direction at a hook.",
+    help="The paper's loads, its forces at a hook, or every direction at a hook.",
 )
+@click.option("--loads-per-pose", type=click.IntRange(1, 1000), default=1, help="How many.")
 @click.option(
-    "--loads-per-pose", type=click.IntRange(1, 1000), default=1, show_default=True, help="How many."
+    "--specimen", type=click.IntRange(0, 9), default=0, help="Which of ten robots of the type."
 )
-@click.option(
-    "--specimen",
-    type=click.IntRange(0, 9),
-    default=0,
-    show_default=True,
-    help="Which of ten robots of the type.",
-)
-@seed_option("chance", most=2**32)
-@click.option("--output", type=FILE, required=True, metavar="FILE.csv|FILE.parquet")
-@debug_option
+@seed_option
+@output_option("FILE.csv|FILE.parquet")
 def simulate(**words: Any) -> None:
     """Write a simulated data set of any size, block by block."""
     from stiff_bench.data_tools.commands import write_simulation
@@ -135,7 +119,6 @@ def simulate(**words: Any) -> None:
 @data.command()
 @click.argument("key", type=click.Choice(["ur5-pose-error"]))
 @click.option("--from", "source", type=FILE, metavar="DIR", help="A folder with the files.")
-@debug_option
 def fetch(key: str, source: Path | None) -> None:
     """Get and check the files of a data set that is not shipped."""
     from stiff_datasets.measured.ur5_pose_error import fetch as fetch_files
@@ -148,8 +131,7 @@ def fetch(key: str, source: Path | None) -> None:
 @click.argument("key", type=click.Choice(["kr10-measured"]))
 @click.argument("file", type=FILE)
 @click.option("--urdf", type=FILE, metavar="FILE.urdf", help="[default: the shipped KR10]")
-@click.option("--tcp", default="", metavar="X,Y,Z", help="In m.  [default: the shipped tool's]")
-@debug_option
+@tcp_option
 def register(key: str, file: Path, urdf: Path | None, tcp: str) -> None:
     """Make your own measurement a data set with a name."""
     from stiff_bench.data_tools.commands import register_file

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +10,8 @@ import click
 from stiff_bench.cli.options import (
     FILE,
     RESULTS,
-    begin_execution,
     command_line,
     contest_options,
-    debug_option,
-    execution_of,
     execution_options,
     models_option,
 )
@@ -30,28 +26,24 @@ from stiff_protocols.contract.errors import ConfigError, unknown_name
 @click.option(
     "--results",
     type=FILE,
-    default=None,
     metavar="DIR",
-    help=f"Folder of the results.  [default: {PAPER_RESULTS} for the paper's figures, {RESULTS} "
-    "for the others]",
+    help=f"Of the results.  [default: {RESULTS}; {PAPER_RESULTS} for the paper's figures]",
 )
 @click.option(
     "--output",
     type=FILE,
-    default=None,
     metavar="FILE.pdf",
     help="What to write: .png, .pdf or .svg.  [default: figure-NAME.png]",
 )
-@models_option("Not for the paper's figures.  [default: depends on the figure; its caption says]")
+@models_option
 @contest_options
-@debug_option
 def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) -> None:
     """Draw a figure and print its caption.
 
     NAME is one of the source paper's figures (4, 5a, 5b, 5c, 5, 6, 8, 9), or one that any results
     can be drawn as: regression, errors, losses, sweep, freezing, learning-curves, workspace,
-    springs, ranks. Where results of several data sets or protocols could be drawn, a fair protocol
-    comes first, then the one with most models; the caption says which.
+    springs, ranks. The caption says which data set and protocol it shows, where results of several
+    could be drawn.
     """
     from stiff_bench.figures import catalog
     from stiff_bench.figures.source import FigureSource
@@ -67,9 +59,8 @@ def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) 
         for option, words in chosen.items():
             if words:
                 raise ConfigError(
-                    f"--{option[:-1]} {words[0]}: the paper's figure {name} says what it shows "
-                    "(valid: --results, --output; `bench figure regression` and the like take a "
-                    "choice)"
+                    f"--{option[:-1]} {words[0]}: the paper's figure {name} takes no choice "
+                    "(valid: --results, --output)"
                 )
         prepared = papers.prepare_figure(name, results)
     else:
@@ -82,70 +73,55 @@ def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) 
 @click.argument("what", type=click.Choice(["paper", "leaderboard"]), default="paper")
 @click.option(
     "--quick/--full",
-    default=True,
-    show_default=True,
+    default=None,
     help="Of the paper: one split and coarse sweeps, about 7 minutes on 2 cores; or five splits, "
-    "every width, depth and pair of layers, about an hour.",
+    "every width, depth and pair of layers, about an hour.  [default: quick]",
 )
 @click.option(
     "--output",
     type=FILE,
     default=Path("results"),
-    show_default=True,
     metavar="DIR",
-    help="Where paper/, or leaderboard/ with leaderboard.md and leaderboard.csv beside it, are "
-    "written.",
+    help="Where the folder paper/ or leaderboard/ is written.",
 )
-@click.option(
-    "--write-only",
-    is_flag=True,
-    help="Compute nothing; write what the stored results are enough for.",
-)
-@partial(execution_options, usual_jobs="as many as there are cores")
-@debug_option
-@click.pass_context
+@click.option("--write-only", is_flag=True, help="Compute nothing; write what results allow.")
+@execution_options("the number of cores")
 def reproduce(
-    context: click.Context, /, what: str, quick: bool, output: Path, write_only: bool, **words: Any
+    what: str, quick: bool | None, output: Path, write_only: bool, plan_only: bool, **how: Any
 ) -> int:
     """Run all that the paper's tables and figures need, or the committed leaderboard; write them.
 
-    What is to be computed is said first, and how long that takes where stored fits tell. What is
-    stored already is not computed again: stopped in any way, the same command goes on. By default
-    as many cells run at once as there are cores. The leaderboard takes about 2 hours on 2 cores.
+    What is stored already is not computed again: stopped in any way, the same command goes on. The
+    leaderboard takes about 2 hours on 2 cores.
     """
-    given = context.get_parameter_source("quick")
-    if what == "leaderboard" and given is not click.core.ParameterSource.DEFAULT:
-        raise click.UsageError("--quick and --full are of the paper; the leaderboard has one size")
-    by_default = context.get_parameter_source("jobs") is click.core.ParameterSource.DEFAULT
-    if by_default and not words["dask"] and words["isolate"] is not False:
-        words["jobs"] = usable_cores()
-    taken = begin_execution(words)
-
     from stiff_bench.analysis.forecast import forecast_line
-    from stiff_bench.cli.run import computed, foreseen, say_old_failures, show_plan
+    from stiff_bench.cli.run import computed, foreseen, say_summary, show_plan
     from stiff_bench.paper import study
     from stiff_bench.paper.pages import write_leaderboard, write_paper
     from stiff_bench.plan.registry import usable_registry
-    from stiff_bench.run.runner import tally
+    from stiff_bench.run.execution import chosen_execution
     from stiff_bench.store.database import ResultStore
     from stiff_models.catalog import MODELS
 
+    if what == "leaderboard" and quick is not None:
+        raise click.UsageError("--quick and --full are of the paper; the leaderboard has one size")
     if what == "leaderboard":
         write, runs = write_leaderboard, study.leaderboard_study([info.key for info in MODELS])
     else:
-        write, runs = write_paper, study.paper_study(full=not quick)
+        write, runs = write_paper, study.paper_study(full=quick is False)
+    if how["jobs"] is None and not how["dask"] and how["isolate"] is not False:
+        how["jobs"] = usable_cores()
     folder, registry, command = output / what / "runs", usable_registry(), command_line()
     plans = study.study_plans(runs, output=folder, command=command, registry=registry)
-    execution = execution_of(taken, plans[0], registry)
-    if taken["plan"]:
+    execution = chosen_execution(plans[0], registry, **how)
+    if plan_only:
         return show_plan(plans, "github", execution)
     status = 0
     if not write_only:
         ResultStore(folder)  # a folder that cannot be written is said before all else
         say(forecast_line(foreseen(plans, execution)))
         finished = computed(plans, execution)
-        say(f"{tally(finished.results, finished.cached)}; stored in {folder}")
-        say_old_failures(finished)
+        say_summary(finished, folder)
         say("writing tables and figures")
         status = int(any(result.status == "failed" for result in finished.results))
     for path in write(output, command, study.n_missing(plans)):

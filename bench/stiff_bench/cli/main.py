@@ -18,21 +18,21 @@ from stiff_bench.cli.data import data
 from stiff_bench.cli.figures import figure, reproduce
 from stiff_bench.cli.models import check, export, fit, new, predict
 from stiff_bench.cli.options import (
+    EXECUTION,
     FILE,
-    FiniteRange,
-    begin_execution,
+    PROBABILITY,
+    RESULTS,
     chosen,
     command_line,
-    debug_option,
     device_option,
-    execution_of,
     execution_options,
     format_option,
-    output_option,
     plugin_option,
     robot_options,
     seed_option,
     settings_option,
+    several_keys,
+    taken,
 )
 from stiff_bench.cli.results import cache, merge
 from stiff_bench.console import print_text, say
@@ -40,7 +40,7 @@ from stiff_bench.run.machine import keep_libraries_in_our_cache, pin_threads, th
 from stiff_protocols.contract.errors import StiffBenchError
 
 INTERRUPTION = "interrupted; finished cells are kept, and the same command again computes the rest"
-USAGE_ERROR, CELLS_FAILED, INTERRUPTED = 2, 1, 130
+USAGE_ERROR, CELLS_FAILED = 2, 1
 
 
 class Stopped(BaseException):
@@ -57,17 +57,15 @@ def main(arguments: list[str] | None = None) -> None:
     0: done; 1: a cell failed; 2: bad input; 130: interrupted; 143: stopped by SIGTERM.
     """
     words = sys.argv[1:] if arguments is None else arguments
+    debug = "--debug" in words
+    words = [word for word in words if word != "--debug"]
     for number in (signal.SIGTERM, signal.SIGHUP):  # so that temporary files are taken away
         signal.signal(number, _stop)
-    debug = "--debug" in words
     try:
         status = bench.main(args=words, prog_name="bench", standalone_mode=False)
-    except (click.Abort, KeyboardInterrupt):
+    except (click.Abort, KeyboardInterrupt, Stopped) as stopped:
         say(INTERRUPTION)
-        status = INTERRUPTED
-    except Stopped as stopped:
-        say(INTERRUPTION)
-        status = 128 + stopped.number
+        status = 128 + getattr(stopped, "number", signal.SIGINT)
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)
         status = USAGE_ERROR
@@ -89,9 +87,11 @@ def _stop(number: int, _: object) -> None:
     raise Stopped(number)
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
 @click.version_option(package_name="stiffbench", prog_name="bench")
-@debug_option
+@click.option(
+    "--debug", is_flag=True, expose_value=False, help="Show tracebacks; goes with every command."
+)
 def bench() -> None:
     """Benchmark stiffness models of industrial robots."""
     # Read by OpenMP when torch is imported. Threads that spin while they wait make small networks
@@ -103,88 +103,64 @@ def bench() -> None:
 
 
 @bench.command()
-@click.option(
+@several_keys(
     "--model",
     "models",
-    multiple=True,
-    metavar="KEY",
-    help="A model, KEY@OPTION=VALUE for one with options of its own, or 'all' for every one that "
-    "`bench list models` shows; may be repeated.",
+    help="A model, KEY@OPTION=VALUE for one with its own options, or 'all'; may be repeated.",
 )
-@click.option(
+@several_keys(
     "--dataset",
     "datasets",
-    multiple=True,
-    metavar="KEY",
     help="A data set, such as kr10-twin@specimen=3; may be repeated.  [default: kr10-twin]",
 )
-@click.option(
+@several_keys(
     "--protocol",
     "protocols",
-    multiple=True,
-    metavar="KEY",
     default=("holdout",),
-    show_default="holdout",
     help="A protocol, such as kfold@folds=10; may be repeated.",
 )
-@click.option(
+@several_keys(
     "--metric",
     "metrics",
-    multiple=True,
-    metavar="KEY",
     default=("mae", "stde", "me"),
-    show_default="mae, stde, me",
-    help="A metric; may be repeated; `bench list metrics` shows them.",
+    help="A metric of `bench list metrics`; may be repeated.",
 )
+@click.option("--coverage", type=PROBABILITY, help="Of intervals.  [default: 0.9]")
 @click.option(
-    "--coverage",
-    type=FiniteRange(0, 1, min_open=True, max_open=True),
-    default=None,
-    help="Probability that an interval is to hold a sample.  [default: 0.9]",
+    "--splits", type=click.IntRange(1, 10_000), help="How many.  [default: the protocol's]"
 )
-@click.option(
-    "--splits",
-    type=click.IntRange(1, 10_000),
-    default=None,
-    help="Number of splits.  [default: the protocol's]",
-)
-@seed_option("splits and models", most=2**32 - 20_000)
+@seed_option
 @settings_option
-@click.option(
-    "--data",
-    type=FILE,
-    metavar="FILE.csv",
-    help="Your own measurement, with --urdf or --robot.",
-)
+@click.option("--data", type=FILE, metavar="FILE.csv", help="Your own data, with a robot.")
 @robot_options
 @plugin_option
-@device_option("Where networks run.")
-@execution_options
-@output_option("Where results are stored.")
-@format_option("the tables")
-@debug_option
-def run(plugins: tuple[Path, ...], fmt: str, **words: Any) -> int:
+@device_option
+@execution_options("1")
+@click.option(
+    "--output", type=FILE, default=RESULTS, metavar="DIR", help="Where results are stored."
+)
+@format_option
+def run(plugins: tuple[Path, ...], fmt: str, plan_only: bool, **words: Any) -> int:
     """Fit and test models and print a table for each data set and protocol.
 
     Results are kept in --output, each as soon as it is there: the same command again computes what
     is missing.
     """
-    taken = begin_execution(words)
+    from stiff_bench.cli.run import execute, show_plan
     from stiff_bench.plan.registry import usable_registry
     from stiff_bench.plan.request import plan_run
+    from stiff_bench.run.execution import chosen_execution
 
+    how = taken(words, *EXECUTION)
     registry = usable_registry(plugins)
     plan = plan_run(chosen(words, registry), registry, **words, command=command_line())
-    execution = execution_of(taken, plan, registry)
-    from stiff_bench.cli.run import execute, show_plan
-
-    return show_plan([plan], fmt, execution) if taken["plan"] else execute(plan, fmt, execution)
+    execution = chosen_execution(plan, registry, **how)
+    return show_plan([plan], fmt, execution) if plan_only else execute(plan, fmt, execution)
 
 
 @bench.command("list")
 @click.argument("kind", type=click.Choice(["models", "datasets", "protocols", "metrics"]))
 @plugin_option
-@debug_option
 def list_(kind: str, plugins: tuple[Path, ...]) -> None:
     """List what can be named: models, data sets, protocols or metrics."""
     from stiff_bench.cli.show import metrics_overview, overview
@@ -202,7 +178,6 @@ def list_(kind: str, plugins: tuple[Path, ...]) -> None:
 @bench.command()
 @click.argument("key")
 @plugin_option
-@debug_option
 def show(key: str, plugins: tuple[Path, ...]) -> None:
     """Show what a model, data set or protocol is and which options it has."""
     from stiff_bench.cli.show import describe

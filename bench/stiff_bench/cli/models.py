@@ -9,14 +9,15 @@ import click
 
 from stiff_bench.cli.options import (
     FILE,
-    FiniteRange,
+    PROBABILITY,
     chosen,
-    debug_option,
     device_option,
+    output_option,
     plugin_option,
     robot_options,
     seed_option,
     settings_option,
+    several_keys,
 )
 
 model_file_option = click.option(
@@ -25,28 +26,17 @@ model_file_option = click.option(
 
 
 @click.command()
+@several_keys("--model", "models", required=True, help="One model that stiffbench ships.")
+@several_keys("--dataset", "datasets", help="A data set to fit to.")
 @click.option(
-    "--model",
-    "models",
-    required=True,
-    multiple=True,
-    metavar="KEY",
-    help="One model that stiffbench ships.",
-)
-@click.option("--dataset", "datasets", multiple=True, metavar="KEY", help="A data set to fit to.")
-@click.option(
-    "--data",
-    type=FILE,
-    metavar="FILE.csv",
-    help="Your own measurement in its place, with --urdf or --robot.",
+    "--data", type=FILE, metavar="FILE.csv", help="Or your own data, with --urdf or --robot."
 )
 @robot_options
 @settings_option
-@seed_option("the model")
-@device_option("Where networks are trained.")
+@seed_option
+@device_option
 @plugin_option
-@click.option("--output", type=FILE, required=True, metavar="FILE", help="A new file.")
-@debug_option
+@output_option("FILE")
 def fit(plugins: tuple[Path, ...], **words: Any) -> None:
     """Fit a model to all samples of a data set and save it."""
     from stiff_bench.model_tools.saved import fit_model
@@ -68,21 +58,10 @@ def fit(plugins: tuple[Path, ...], **words: Any) -> None:
     type=FILE,
     required=True,
     metavar="FILE.csv",
-    help="Poses and wrenches, in the columns of a measurement; deflections are not read.",
+    help="Poses and wrenches; deflections are not read.",
 )
-@click.option(
-    "--output",
-    type=FILE,
-    required=True,
-    metavar="FILE.csv",
-    help="A new file: the same rows with dx_mm, dy_mm, dz_mm.",
-)
-@click.option(
-    "--coverage",
-    type=FiniteRange(0, 1, min_open=True, max_open=True),
-    help="Write intervals that are to hold each deflection with this probability too.",
-)
-@debug_option
+@output_option("FILE.csv", "A new file: the same rows with dx_mm, dy_mm, dz_mm.")
+@click.option("--coverage", type=PROBABILITY, help="Write intervals of this coverage, too.")
 def predict(model: Path, loads: Path, output: Path, coverage: float | None) -> None:
     """Predict the deflections of a file of poses and wrenches."""
     from stiff_bench.model_tools.saved import predict_file
@@ -92,8 +71,7 @@ def predict(model: Path, loads: Path, output: Path, coverage: float | None) -> N
 
 @click.command()
 @model_file_option
-@click.option("--output", type=FILE, required=True, metavar="FILE.onnx", help="A new file.")
-@debug_option
+@output_option("FILE.onnx")
 def export(model: Path, output: Path) -> None:
     """Write a saved network as ONNX."""
     from stiff_bench.model_tools.saved import export_file
@@ -104,15 +82,10 @@ def export(model: Path, output: Path) -> None:
 @click.command()
 @click.argument("key")
 @click.option(
-    "--dataset",
-    default="fanuc-r2000ic",
-    show_default=True,
-    metavar="KEY",
-    help="What a model or a protocol is checked on.",
+    "--dataset", default="fanuc-r2000ic", metavar="KEY", help="Data for a model or a protocol."
 )
 @settings_option
 @plugin_option
-@debug_option
 def check(key: str, dataset: str, settings: tuple[str, ...], plugins: tuple[Path, ...]) -> int:
     """Check that a model, data set or protocol keeps its contract.
 
@@ -133,10 +106,7 @@ def new() -> None:
 
 @new.command()
 @click.argument("name")
-@click.option(
-    "--output", type=FILE, default=Path(), show_default=True, metavar="DIR", help="Where they go."
-)
-@debug_option
+@click.option("--output", type=FILE, default=Path(), metavar="DIR", help="Where they go.")
 def model(name: str, output: Path) -> None:
     """Write a small working model and its test."""
     from stiff_bench.model_tools.plugins import new_model

@@ -54,16 +54,10 @@ def metrics_overview() -> str:
     from stiff_protocols.contract.types import AXES
     from stiff_protocols.scoring.metrics import METRICS
 
-    rows: list[list[Cell]] = [
-        [
-            item.key,
-            PRINTED[item.unit][0],
-            item.direction,
-            "x, y, z" if item.axes == AXES else "one",
-            item.meaning,
-        ]
-        for item in METRICS.values()
-    ]
+    rows: list[list[Cell]] = []
+    for item in METRICS.values():
+        values = "x, y, z" if item.axes == AXES else "one"
+        rows.append([item.key, PRINTED[item.unit][0], item.direction, values, item.meaning])
     return _plain(["key", "unit", "best", "values", "what it is"], rows)
 
 
@@ -72,18 +66,16 @@ def describe(info: PluginInfo) -> str:
     from stiff_bench.plan.options import options_of
 
     parts = [f"{info.key}: {info.summary}"]
-    if info.reference:
-        parts.append(f"reference: {info.reference}")
+    parts += [f"reference: {info.reference}"] if info.reference else []
     if isinstance(info, DatasetInfo):
         parts.append(f"kind: {info.label}")
         parts += [f"caveat: {caveat}" for caveat in info.caveats]
     if why := info.missing():
         parts.append(f"cannot be used here yet: {why}")
     if isinstance(info, ModelInfo):
-        parts.append(_version(info))
-        parts += [
-            f"grid {name} of `nested`: {_grid_text(grid)}" for name, grid in info.grids.items()
-        ]
+        of_library = f", and the version of {info.library}" if info.library else ""
+        parts.append(f"version: {info.version}{of_library} (part of a result's identity)")
+        parts += [f"grid {name} of `nested`: {_text(grid)}" for name, grid in info.grids.items()]
     if isinstance(info, ProtocolInfo):
         parts += [f"reasoning: {info.reasoning}"] if info.reasoning else []
         parts += [f"warning: {info.warning}"] if info.warning else []
@@ -99,12 +91,7 @@ def describe(info: PluginInfo) -> str:
     return "\n".join([*parts, "", table])
 
 
-def _version(info: ModelInfo) -> str:
-    of_library = f", and the version of {info.library}" if info.library else ""
-    return f"version: {info.version}{of_library} (part of a result's identity)"
-
-
-def _grid_text(grid: Grid) -> str:
+def _text(grid: Grid) -> str:
     return "; ".join(
         f"{option} = {values if isinstance(values, Range) else ' | '.join(map(str, values))}"
         for option, values in grid.items()

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
 
 import numpy as np
 
@@ -50,26 +49,13 @@ def check_source(word: str, source: BenchmarkData, dataset: str, target: Benchma
             f"{target.robot.name!r} of {dataset!r} has {_joints(target.robot)} (valid: a robot "
             "with the same joints, base to tip)"
         )
-    common = _common(source.samples, target.samples)
+    held = {row.tobytes() for row in _numbers(source.samples)}
+    common = sum(row.tobytes() in held for row in _numbers(target.samples))
     if common:
         raise ConfigError(
             f"source {word!r} holds {common} of the {len(target.samples)} samples of its target "
             f"{dataset!r}, whose test part no source may hold (valid: samples of another robot or "
             "another specimen)"
-        )
-
-
-def check_named(splits: Sequence[Split], sources: Collection[str], protocol: str) -> None:
-    """See that a protocol's splits name no source that it did not announce.
-
-    Raises:
-        ConfigError: one does.
-    """
-    unknown = {split.source for split in splits} - {"", *sources}
-    if unknown:
-        raise ConfigError(
-            f"protocol {protocol!r}: a split's source is {min(unknown)!r}, which its "
-            f"source_datasets does not return (valid: {', '.join(sources) or 'none'})"
         )
 
 
@@ -79,14 +65,8 @@ def _joints(robot: Robot) -> str:
     return f"{robot.n_joints} joints ({of})"
 
 
-def _common(source: Samples, target: Samples) -> int:
-    """Return how many of the target's samples the source holds: same pose, load and deflection."""
-    held = {row.tobytes() for row in _numbers(source)}
-    return sum(row.tobytes() in held for row in _numbers(target))
-
-
 def _numbers(samples: Samples) -> FloatArray:
-    # adding 0.0 makes -0.0 and 0.0 one number
+    """Return (n, .) poses, loads and deflections; adding 0.0 makes -0.0 and 0.0 one number."""
     return np.hstack([samples.q, samples.wrench, samples.deflection]) + 0.0
 
 
@@ -138,22 +118,18 @@ def cell_tasks(*plans: RunPlan) -> Iterator[CellTask]:
     """
     seen: set[str] = set()
     for plan in plans:
-        for task in _of_plan(plan):
-            if task.cell.key not in seen:
-                seen.add(task.cell.key)
-                yield task
-
-
-def _of_plan(plan: RunPlan) -> Iterator[CellTask]:
-    tuned = tuned_models(plan.protocols, plan.models)
-    sources = {word: loaded(choice) for word, choice in plan.sources.items()}
-    for dataset in plan.datasets:
-        data = loaded(dataset)
-        for word, source in sources.items():
-            check_source(word, source, dataset.name, data)
-        for protocol in plan.protocols:
-            models = tuned.get(protocol.name, plan.models)
-            yield from _of_protocol(plan, dataset, data, protocol, models, sources)
+        tuned = tuned_models(plan.protocols, plan.models)
+        sources = {word: loaded(choice) for word, choice in plan.sources.items()}
+        for dataset in plan.datasets:
+            data = loaded(dataset)
+            for word, source in sources.items():
+                check_source(word, source, dataset.name, data)
+            for protocol in plan.protocols:
+                models = tuned.get(protocol.name, plan.models)
+                for task in _of_protocol(plan, dataset, data, protocol, models, sources):
+                    if task.cell.key not in seen:
+                        seen.add(task.cell.key)
+                        yield task
 
 
 def _of_protocol(
@@ -166,87 +142,85 @@ def _of_protocol(
 ) -> Iterator[CellTask]:
     """Yield the cells of one data set under one protocol."""
     protocol: EvaluationProtocol = choice.make()
-    divided = _divided(protocol, choice.info.key, dataset.name, data, plan)
-    common = Cell(
-        model="",
-        model_params={},
-        dataset=dataset.info.key,
-        dataset_params=dataset.identity,
-        data_sha256=data.sha256,
-        protocol=choice.info.key,
-        protocol_params=choice.identity,
-        split_index=0,
-        split_sha256="",
-        seed=plan.seed,
-        coverage=plan.coverage,
-        scoring_version=SCORING_VERSION,
-    )
-    shown = Presentation(
-        model="",
-        dataset=dataset.name,
-        protocol=choice.name,
-        kind=dataset.info.kind,
-        task=dataset.info.task,
-        regime="",
-        picked_on_test=False,
-        selects_on_test=protocol.selects_on_test,
-        pooled=protocol.pooled,
-        caveats=dataset.info.caveats,
-        published=dataset.info.published,
-        warning=choice.info.warning,
-    )
-    entered = {}
-    for word in divided.sources:
-        caveats = plan.sources[word].info.caveats if word else ()
-        with_source = replace(shown, caveats=tuple(dict.fromkeys(shown.caveats + caveats)))
-        entered[word] = [_entrant(model, data, sources.get(word), with_source) for model in models]
-    for split in divided.splits:
+    splits, n_splits, first_of_source = _divided(protocol, choice.info.key, dataset, data, plan)
+
+    def on_first_split(model: Choice[ModelInfo], split: Split) -> CellTask:
+        """Return a model's cell on the first split with a source: what is asked once is asked."""
         source = sources.get(split.source)
-        of_split = replace(
-            common,
+        made = model.make()
+        regimes = []
+        if isinstance(made, LearnsFromSource):
+            made.use_source(source)
+        elif source is not None:
+            regimes.append(NO_SOURCE)
+        if isinstance(made, ChecksRobot):
+            made.check_robot(data.robot)
+        chooses = model.info.uses_validation
+        if chooses and isinstance(made, ChoosesEpoch):
+            chooses = made.chooses_epoch()
+        if isinstance(made, StatesRegime):
+            regimes.append(made.regime)
+        cell = Cell(
+            model=model.info.key,
+            model_params=model.identity,
+            dataset=dataset.info.key,
+            dataset_params=dataset.identity,
+            data_sha256=data.sha256,
+            protocol=choice.info.key,
+            protocol_params=choice.identity,
             split_index=split.index,
             split_sha256=split.sha256,
-            condition=split.condition,
-            rows_sha256="" if split.wrench_error is None else split.rows_sha256,
+            seed=plan.seed,
+            coverage=plan.coverage,
             source_sha256="" if source is None else source.sha256,
+            model_version=version_of(model),
+            scoring_version=SCORING_VERSION,
         )
-        for model in entered[split.source]:
-            yield CellTask(
-                cell=replace(
-                    of_split,
-                    model=model.choice.info.key,
-                    model_params=model.identity,
-                    model_version=model.version,
-                ),
-                shown=model.shown,
-                model=model.choice,
-                data=data,
-                split=split,
-                chooses_epoch=model.chooses_epoch,
-                n_splits=divided.n_splits[split.condition],
-                source=source,
+        of_source = plan.sources[split.source].info.caveats if split.source else ()
+        shown = Presentation(
+            model=model.name,
+            dataset=dataset.name,
+            protocol=choice.name,
+            kind=dataset.info.kind,
+            task=dataset.info.task,
+            regime=", ".join(filter(None, regimes)),
+            picked_on_test=protocol.selects_on_test and chooses,
+            selects_on_test=protocol.selects_on_test,
+            pooled=protocol.pooled,
+            caveats=tuple(dict.fromkeys(dataset.info.caveats + of_source)),
+            published=dataset.info.published,
+            warning=choice.info.warning,
+        )
+        return CellTask(cell, shown, model, data, split, chooses, n_splits[split.condition], source)
+
+    firsts = {
+        word: [on_first_split(model, split) for model in models]
+        for word, split in first_of_source.items()
+    }
+    for split in splits:
+        for first in firsts[split.source]:
+            cell = replace(
+                first.cell,
+                split_index=split.index,
+                split_sha256=split.sha256,
+                condition=split.condition,
+                rows_sha256="" if split.wrench_error is None else split.rows_sha256,
             )
-
-
-@dataclass(frozen=True)
-class _Divided:
-    """The splits of a data set, all of them checked.
-
-    Attributes:
-        splits: computed while they are looked at, or held where a stranger's protocol made them.
-        n_splits: of each condition.
-        sources: words of the data sets that source domains come from; "" for the training rows.
-    """
-
-    splits: Sequence[Split]
-    n_splits: Mapping[str, int]
-    sources: Collection[str]
+            yield replace(first, cell=cell, split=split, n_splits=n_splits[split.condition])
 
 
 def _divided(
-    protocol: EvaluationProtocol, key: str, dataset: str, data: BenchmarkData, plan: RunPlan
-) -> _Divided:
-    """Return the splits of a data set, each of which can be used and does not leak.
+    protocol: EvaluationProtocol,
+    key: str,
+    dataset: Choice[DatasetInfo],
+    data: BenchmarkData,
+    plan: RunPlan,
+) -> tuple[Sequence[Split], Mapping[str, int], Mapping[str, Split]]:
+    """Return splits that can be used and do not leak, with what was seen of them.
+
+    Returns:
+        The splits, computed while they are looked at where the protocol is ours; how many each
+        condition has; and the first one of each source, "" for the training rows.
 
     Raises:
         ConfigError: the data cannot be divided, or a split is none.
@@ -270,52 +244,17 @@ def _divided(
             seen(splits), len(data.samples), selects_on_test=protocol.selects_on_test
         )
     except StiffBenchError as error:
-        raise ConfigError(f"{dataset}: {error}") from error
+        raise ConfigError(f"{dataset.name}: {error}") from error
     except Exception as error:  # whatever a stranger's protocol raises
         raise ConfigError(f"protocol {key!r}: {type(error).__name__}: {error}") from error
     if fault:
         raise ConfigError(f"protocol {key!r}: {fault}")
-    check_named(tuple(first_of_source.values()), plan.sources, key)
-    return _Divided(splits, n_splits, tuple(first_of_source))
-
-
-@dataclass(frozen=True)
-class _Entrant:
-    """A model of the plan with a source: what is asked of it once, not once a cell."""
-
-    choice: Choice[ModelInfo]
-    identity: Mapping[str, Any]
-    version: str
-    chooses_epoch: bool
-    shown: Presentation
-
-
-def _entrant(
-    choice: Choice[ModelInfo],
-    data: BenchmarkData,
-    source: BenchmarkData | None,
-    of_all: Presentation,
-) -> _Entrant:
-    made = choice.make()
-    regimes = []
-    if isinstance(made, LearnsFromSource):
-        made.use_source(source)
-    elif source is not None:
-        regimes.append(NO_SOURCE)
-    if isinstance(made, ChecksRobot):
-        made.check_robot(data.robot)
-    chooses = choice.info.uses_validation
-    if chooses and isinstance(made, ChoosesEpoch):
-        chooses = made.chooses_epoch()
-    if isinstance(made, StatesRegime):
-        regimes.append(made.regime)
-    shown = replace(
-        of_all,
-        model=choice.name,
-        regime=", ".join(filter(None, regimes)),
-        picked_on_test=of_all.selects_on_test and chooses,
-    )
-    return _Entrant(choice, choice.identity, version_of(choice), chooses, shown)
+    if unknown := first_of_source.keys() - {"", *plan.sources}:
+        raise ConfigError(
+            f"protocol {key!r}: a split's source is {min(unknown)!r}, which its "
+            f"source_datasets does not return (valid: {', '.join(plan.sources) or 'none'})"
+        )
+    return splits, n_splits, first_of_source
 
 
 def version_of(choice: Choice[ModelInfo]) -> str:
@@ -327,17 +266,15 @@ def version_of(choice: Choice[ModelInfo]) -> str:
     info = choice.info
     bases = {f"{base.__module__}:{base.__qualname__}" for base in choice.cls.__mro__}
     extended = [] if info in MODELS else [line for line in MODELS if line.target in bases]
-    words = [
-        str(info.version),
-        f"{info.library} {_installed(info.library)}" if info.library else "",
-        *(f"{line.key} {line.version}" for line in extended),
-        code_of(choice.cls, type(choice.make())),
-    ]
+    library = f"{info.library} {installed(info.library)}" if info.library else ""
+    code = code_of(choice.cls, type(choice.make()))
+    words = [str(info.version), library, *(f"{one.key} {one.version}" for one in extended), code]
     return ", ".join(filter(None, words))
 
 
-def _installed(library: str) -> str:
+def installed(package: str) -> str:
+    """Return the version of an installed package, or that it is not."""
     try:
-        return version(library)
+        return version(package)
     except PackageNotFoundError:
         return "not installed"

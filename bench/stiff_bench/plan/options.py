@@ -91,21 +91,14 @@ def parse_option(said: str, key: str, cls: type, name: str, text: str) -> Any:
     options = options_of(cls)
     if name not in options:
         raise ConfigError(f"{said}: {unknown_name(f'{key} option', name, options)}")
-    return _value(said, options[name], text)
-
-
-_STORED = (-(2**63), 2**63 - 1)
-
-
-def _value(said: str, option: Option, text: str) -> Any:
-    if not text.isprintable() and any(0xD800 <= ord(letter) <= 0xDFFF for letter in text):
-        raise ConfigError(f"{said}: {text!r} is no UTF-8, which results are stored in")
+    option = options[name]
     try:
+        text.encode()
         adapter = TypeAdapter(option.annotation)
+    except UnicodeEncodeError:
+        raise ConfigError(f"{said}: {text!r} is no UTF-8, which results are stored in") from None
     except PydanticUserError:
-        raise ConfigError(
-            f"{said}: {option.name} is a {option.type_text}, which no text can give"
-        ) from None
+        raise ConfigError(f"{said}: {name} is a {option.type_text}, which no text gives") from None
     if text.lower() == "none" and option.default is None:
         return None
     if get_origin(option.annotation) is Literal:  # pydantic takes no text for a number in it
@@ -114,29 +107,20 @@ def _value(said: str, option: Option, text: str) -> Any:
             return words[text]
     try:
         value = adapter.validate_strings(text)
-        if isinstance(value, float) and not math.isfinite(value):
-            raise ConfigError(f"{said}: {text!r} is not finite (valid: {option.type_text})")
-        if isinstance(value, int) and not _STORED[0] <= value <= _STORED[1]:
-            raise ConfigError(f"{said}: {text} takes more than the 64 bits that a result stores")
-        return value
     except ValidationError as error:
-        reasons = {_lower_first(str(problem["msg"])) for problem in error.errors()}
+        messages = (str(problem["msg"]) for problem in error.errors())
+        reasons = "; ".join(sorted({message[:1].lower() + message[1:] for message in messages}))
         raise ConfigError(
-            f"{said}: {text!r} is no valid {option.name}: "
-            f"{'; '.join(sorted(reasons))} (valid: {option.type_text})"
+            f"{said}: {text!r} is no valid {name}: {reasons} (valid: {option.type_text})"
         ) from None
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ConfigError(f"{said}: {text!r} is not finite (valid: {option.type_text})")
+    if isinstance(value, int) and not -(2**63) <= value < 2**63:
+        raise ConfigError(f"{said}: {text} takes more than the 64 bits that a result stores")
+    return value
 
 
-def _lower_first(message: str) -> str:
-    return message[:1].lower() + message[1:]
-
-
-_SCHEMA_BOUNDS = (
-    ("minimum", ">="),
-    ("exclusiveMinimum", ">"),
-    ("maximum", "<="),
-    ("exclusiveMaximum", "<"),
-)
+_BOUNDS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
 
 
 def _schema_text(schema: Mapping[str, Any]) -> str:
@@ -146,7 +130,7 @@ def _schema_text(schema: Mapping[str, Any]) -> str:
         return str(schema["const"])
     names = {"integer": "whole number", "string": "text", "null": "none", "boolean": "true | false"}
     kind = schema.get("type", "value")
-    bounds = [f"{sign} {schema[word]:g}" for word, sign in _SCHEMA_BOUNDS if word in schema]
+    bounds = [f"{sign} {schema[word]:g}" for word, sign in _BOUNDS.items() if word in schema]
     return " ".join([names.get(kind, kind), *bounds])
 
 
@@ -187,11 +171,12 @@ class Choice(Generic[Info]):
         """
         defaults = {name: option.default for name, option in options_of(self.cls).items()}
         merged = {**defaults, **self.params}
-        return {
-            name: value if _is_json(value) else str(value)
-            for name, value in merged.items()
-            if name not in self.context
-        }
+        found = {name: value for name, value in merged.items() if name not in self.context}
+        for name, value in found.items():
+            plain = isinstance(value, str | int | float | type(None))
+            if not plain or (isinstance(value, float) and not math.isfinite(value)):
+                found[name] = str(value)  # JSON has no infinity and no NaN
+        return found
 
     @classmethod
     def of(cls, info: Info, params: Mapping[str, Any] | None = None) -> Choice[Info]:
@@ -250,10 +235,3 @@ class Chosen:
     models: Sequence[Choice[ModelInfo]]
     datasets: Sequence[Choice[DatasetInfo]]
     protocols: Sequence[Choice[ProtocolInfo]] = ()
-
-
-def _is_json(value: object) -> bool:
-    """Say whether JSON has the value: it has no infinity and no NaN."""
-    if isinstance(value, float):
-        return math.isfinite(value)
-    return isinstance(value, str | int | type(None))

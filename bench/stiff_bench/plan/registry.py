@@ -11,9 +11,10 @@ import traceback
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, entry_points
+from itertools import chain
 from pathlib import Path
 from types import ModuleType
-from typing import Literal, TypeVar
+from typing import Literal, TypeVar, cast
 
 from stiff_bench.console import say
 from stiff_datasets.catalog import DATASETS
@@ -32,6 +33,7 @@ OURS = "stiffbench"
 """Origin of the lines that are shipped."""
 
 Info = TypeVar("Info", bound=PluginInfo)
+Kind = Literal["model", "dataset", "protocol"]
 KEY = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 """What a key of a catalogue line looks like, so that every command line can name it."""
 EVERY_MODEL = "all"
@@ -67,17 +69,18 @@ class Registry:
         """Register catalogue lines.
 
         Raises:
-            ConfigError: a line is none of ours, or its key is taken.
+            ConfigError: a line is none of ours, or its key is taken or no word.
         """
         for info in infos:
-            for kind, line in _KINDS.items():
-                if isinstance(info, line):
-                    self._add_one(getattr(self, kind), info, origin)
-                    break
-            else:
+            if not isinstance(info, ModelInfo | DatasetInfo | ProtocolInfo):
                 raise ConfigError(
                     f"{origin}: {info!r} is no ModelInfo, DatasetInfo or ProtocolInfo"
                 )
+            if why := self._why_not(info.key):
+                raise ConfigError(f"{origin}: key {info.key!r} {why}; rename it")
+            (kind,) = (kind for kind, line in _KINDS.items() if isinstance(info, line))
+            getattr(self, kind)[info.key] = info
+            self.origins[info.key] = origin
 
     def add_file(self, path: Path) -> None:
         """Import a plugin's file and register its lines.
@@ -87,72 +90,41 @@ class Registry:
         """
         self.add(_lines_of(import_plugin_file(path), path), str(path))
 
-    def _add_one(self, table: dict[str, Info], info: Info, origin: str) -> None:
+    def _why_not(self, key: str) -> str:
+        """Return why there can be no such key; "" where there can."""
         # one key, one thing: `bench show KEY` and `--set KEY.option` do not name the kind
-        if info.key in self.origins:
-            raise ConfigError(
-                f"{origin}: key {info.key!r} is taken by {self.origins[info.key]}; rename it"
-            )
-        if info.key == EVERY_MODEL:
-            raise ConfigError(f"{origin}: key {info.key!r} stands for every model; rename it")
-        family = self._family(info.key)
-        if family is not None:
-            raise ConfigError(
-                f"{origin}: key {info.key!r} begins with {family.prefix!r}, which stands for "
-                f"{family.summary}; rename it"
-            )
-        if not KEY.fullmatch(info.key):
-            raise ConfigError(
-                f"{origin}: key {info.key!r} is no word (valid: letters, digits, and . _ -)"
-            )
-        table[info.key] = info
-        self.origins[info.key] = origin
+        if key in self.origins:
+            return f"is taken by {self.origins[key]}"
+        if key == EVERY_MODEL:
+            return "stands for every model"
+        if (family := self._family(key)) is not None:
+            return f"begins with {family.prefix!r}, which stands for {family.summary}"
+        return "" if KEY.fullmatch(key) else "is no word (valid: letters, digits, and . _ -)"
 
     def model(self, key: str) -> ModelInfo:
-        """Return the line of a model's key, which may be a member of a family.
+        """Return the line of a model's key; see `find`."""
+        return cast(ModelInfo, self.find(key, "model"))
+
+    def find(self, key: str, kind: Kind | None = None) -> PluginInfo:
+        """Return the line of a key of one kind, or of any; it may be a member of a family.
 
         Raises:
             ConfigError: there is none.
         """
-        family = self._family(key)
-        if family is not None:
+        kinds: tuple[Kind, ...] = ("model", "dataset", "protocol") if kind is None else (kind,)
+        tables: list[Mapping[str, PluginInfo]] = [getattr(self, f"{one}s") for one in kinds]
+        for table in tables:
+            if key in table:
+                return table[key]
+        families = self.families if "model" in kinds else ()
+        if families and (family := self._family(key)) is not None:
             return family.member(key)
-        if key not in self.models:
-            raise unknown_name("model", key, [*self.models, *self._family_names()])
-        return self.models[key]
-
-    def line(self, kind: Literal["model", "dataset", "protocol"], key: str) -> PluginInfo:
-        """Return the line of a key of one kind.
-
-        Raises:
-            ConfigError: there is none.
-        """
-        if kind == "model":
-            return self.model(key)
-        table: Mapping[str, PluginInfo] = getattr(self, f"{kind}s")
-        if key not in table:
-            raise unknown_name(kind, key, table)
-        return table[key]
-
-    def find(self, key: str) -> PluginInfo:
-        """Return the line of a key of any kind.
-
-        Raises:
-            ConfigError: there is none.
-        """
-        others: dict[str, PluginInfo] = {**self.datasets, **self.protocols}
-        if key in others:
-            return others[key]
-        if key in self.models or self._family(key) is not None:
-            return self.model(key)
-        raise unknown_name("key", key, [*self.models, *others, *self._family_names()])
+        known = [*chain(*tables), *(f"{family.prefix}..." for family in families)]
+        raise unknown_name(kind or "key", key, known)
 
     def _family(self, key: str) -> ModelFamily | None:
         fitting = [family for family in self.families if key.startswith(family.prefix)]
         return max(fitting, key=lambda family: len(family.prefix), default=None)
-
-    def _family_names(self) -> list[str]:
-        return [f"{family.prefix}..." for family in self.families]
 
 
 def build_registry(plugin_files: Sequence[Path] = ()) -> Registry:
@@ -185,12 +157,12 @@ def usable_registry(plugin_files: Sequence[Path] = ()) -> Registry:
 
 def _add_installed(registry: Registry, point: EntryPoint) -> None:
     origin = f"{point.dist.name if point.dist else 'plugin'} ({point.group}: {point.name})"
+    lines: list[object] = []
     try:
         with _guarded(origin):
             lines = _as_list(point.load())
     except ConfigError as error:
         registry.broken.append(str(error))
-        return
     for line in lines:
         try:
             registry.add([line], origin)

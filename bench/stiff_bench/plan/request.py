@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from stiff_bench.plan.options import Choice, Chosen, options_of
-from stiff_bench.plan.registry import Registry
+from stiff_bench.plan.registry import Info, Registry
 from stiff_bench.plan.words import chosen_dataset
 from stiff_protocols.contract.errors import ConfigError, DataError, StiffBenchError
 from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.interfaces import ChecksParams, NamesSources
-from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, PluginInfo, ProtocolInfo
+from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
 from stiff_protocols.contract.types import BenchmarkData
 from stiff_protocols.scoring.metrics import Metric, metric
 
@@ -71,9 +71,9 @@ def plan_run(
     """
     scored = tuple(metric(key) for key in dict.fromkeys(metrics))
     plan = RunPlan(
-        models=tuple(_different([_on_device(choice, device) for choice in asked.models])),
-        datasets=tuple(_different(asked.datasets)),
-        protocols=tuple(_different(asked.protocols)),
+        models=_different([_on_device(choice, device) for choice in asked.models]),
+        datasets=_different(asked.datasets),
+        protocols=_different(asked.protocols),
         metrics=scored,
         splits=splits,
         seed=seed,
@@ -84,15 +84,13 @@ def plan_run(
     for model in plan.models:
         check_model(model)
     for dataset in plan.datasets:
-        _require_methods(dataset.info, dataset.make(), "load")
-    for protocol in plan.protocols:
-        _require_methods(protocol.info, protocol.make(), "splits")
+        _made(dataset, "load")
     return replace(plan, sources=_sources(plan.protocols, registry))
 
 
-def _different(choices: Sequence[Choice[Any]]) -> list[Choice[Any]]:
+def _different(choices: Sequence[Choice[Info]]) -> tuple[Choice[Info], ...]:
     """Return each thing once, however it was spelled."""
-    return list({choice.name: choice for choice in choices}.values())
+    return tuple({choice.name: choice for choice in choices}.values())
 
 
 def _sources(
@@ -101,14 +99,15 @@ def _sources(
     """Return the data sets that protocols name as sources; a word alone sets their options."""
     found = {}
     for protocol in protocols:
-        made = protocol.make()
+        made = _made(protocol, "splits")
         for word in made.source_datasets() if isinstance(made, NamesSources) else ():
             try:
                 found[word] = chosen_dataset(word, (), registry)
-                _require_methods(found[word].info, found[word].make(), "load")
+                _made(found[word], "load")
             except ConfigError as error:
-                said = f"--protocol {protocol.name}: source {word!r}"
-                raise ConfigError(f"{said}: {error}") from error
+                raise ConfigError(
+                    f"--protocol {protocol.name}: source {word!r}: {error}"
+                ) from error
     return found
 
 
@@ -161,13 +160,15 @@ def check_model(choice: Choice[ModelInfo]) -> None:
     Raises:
         ConfigError: it cannot, or an option's value is wrong.
     """
-    model = choice.make()
-    _require_methods(choice.info, model, "fit", "predict")
+    model = _made(choice, "fit", "predict")
     if isinstance(model, ChecksParams) and not choice.missing():
         model.check_params()
 
 
-def _require_methods(info: PluginInfo, made: object, *names: str) -> None:
-    missing = [name for name in names if not callable(getattr(made, name, None))]
+def _made(choice: Choice[Any], *methods: str) -> Any:
+    """Return what a choice stands for, which has these methods."""
+    made = choice.make()
+    missing = [name for name in methods if not callable(getattr(made, name, None))]
     if missing:
-        raise ConfigError(f"{info.key!r} has no {' and no '.join(missing)} method")
+        raise ConfigError(f"{choice.info.key!r} has no {' and no '.join(missing)} method")
+    return made

@@ -9,7 +9,7 @@ A file has a table a model (quoted where the key holds a colon or a dot)::
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -86,21 +86,18 @@ def checked_grid(said: str, model: Choice[ModelInfo], written: Mapping[str, Any]
 def _candidates(
     said: str, model: Choice[ModelInfo], name: str, written: Any
 ) -> tuple[Any, ...] | Range:
+    """Return the values, or the range whose ends have the option's type."""
+
     def value(text: object) -> Any:
         return parse_option(said, model.info.key, model.cls, name, str(text))
 
     if isinstance(written, Range):
         written = asdict(written)
-    if isinstance(written, Mapping):
-        return _range(said, written, value)
-    if not isinstance(written, list | tuple) or not written:
-        raise ConfigError(f"{said} is {written!r} (valid: {VALID})")
-    return tuple(value(each) for each in written)
-
-
-def _range(said: str, written: Mapping[str, Any], value: Callable[[object], Any]) -> Range:
-    """Return the range whose ends have the option's type, as `value` reads it."""
-    wrong = ConfigError(f"{said} is {dict(written)} (valid: {VALID})")
+    if isinstance(written, list | tuple) and written:
+        return tuple(value(each) for each in written)
+    wrong = ConfigError(f"{said} is {written!r} (valid: {VALID})")
+    if not isinstance(written, Mapping):
+        raise wrong
     if not {"low", "high"} <= set(written) <= {"low", "high", "log"}:
         raise wrong
     low, high, log = value(written["low"]), value(written["high"]), written.get("log", False)
@@ -152,14 +149,15 @@ def tuned_models(
         ConfigError: a grid or a file holds nothing for these models, names no option, or holds a
             value that is wrong or does not fit the others.
     """
-    found = {}
+    found: dict[str, list[TunedChoice]] = {}
     for protocol in protocols:
         tuner = protocol.make()
         if isinstance(tuner, TunesModels):
             said = f"{protocol.info.key}.grid={tuner.grid}"
             grids = written_grids(tuner.grid, said, models)
             found[protocol.name] = [
-                _tuned(said, model, tuner, grids.get(model.info.key, {})) for model in models
+                _tuned(f"{said}: {model.info.key}", model, tuner, grids.get(model.info.key, {}))
+                for model in models
             ]
     return found
 
@@ -168,7 +166,6 @@ def _tuned(
     said: str, model: Choice[ModelInfo], tuner: TunesModels, written: Mapping[str, Any]
 ) -> TunedChoice:
     """Return the checked choice; an option that the user set is taken out of the grid."""
-    said = f"{said}: {model.info.key}"
     grid = checked_grid(said, model, written)
     left = {name: grid[name] for name in grid if name not in {**model.params, **model.context}}
     tuned = TunedChoice(model.info, model.cls, model.params, model.context, tuner, left)

@@ -10,10 +10,10 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from stiff_bench.plan.options import Choice, Chosen, options_of, parse_option
-from stiff_bench.plan.registry import EVERY_MODEL, Registry
+from stiff_bench.plan.registry import EVERY_MODEL, Kind, Registry
 from stiff_bench.store.names import split_word
 from stiff_datasets.catalog import MEASURED_FILE
 from stiff_datasets.robots.robot import ChainModel, read_chain, robot_of
@@ -22,7 +22,6 @@ from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.plugin import DatasetInfo
 from stiff_protocols.contract.types import Robot
 
-Kind = Literal["model", "dataset", "protocol"]
 DEFAULT_DATASET = "kr10-twin"
 
 
@@ -74,14 +73,13 @@ def parse_tcp(text: str) -> tuple[float, float, float]:
     Raises:
         ConfigError: it is no such text.
     """
-    words = (text or "0,0,0").split(",")
     try:
-        x, y, z = (float(word) for word in words)
+        x, y, z = (float(word) for word in (text or "0,0,0").split(","))
+        if math.isfinite(x + y + z):
+            return x, y, z
     except ValueError:
-        raise ConfigError(f"--tcp {text!r}: expected three lengths in m, x,y,z") from None
-    if not all(math.isfinite(value) for value in (x, y, z)):
-        raise ConfigError(f"--tcp {text!r}: expected three finite lengths in m, x,y,z")
-    return x, y, z
+        pass
+    raise ConfigError(f"--tcp {text!r}: expected three finite lengths in m, x,y,z")
 
 
 NO_ROBOT = RobotWords(None, None, "")
@@ -102,15 +100,13 @@ def parse_settings(
     """
     parsed: dict[str, dict[str, Any]] = {key: {} for key in classes}
     for setting in settings:
-        said = f"--set {setting!r}"
         target, equals, text = setting.partition("=")
         key, dot, name = target.rpartition(".")
         if not (equals and dot and key and name):
-            raise ConfigError(f"{said}: expected KEY.option=value")
+            raise ConfigError(f"--set {setting!r}: expected KEY.option=value")
         if key not in classes:
-            raise ConfigError(f"{said}: {unknown_name('key', key, classes)} in this run")
-        value = parse_option(said, key, classes[key], name, text)
-        _set(parsed[key], said, key, name, value)
+            raise ConfigError(f"--set {setting!r}: {unknown_name('key', key, classes)} in this run")
+        _parse_one(parsed[key], f"--set {setting!r}", key, classes[key], name, text)
     return parsed
 
 
@@ -124,11 +120,14 @@ def _parse_parts(said: str, key: str, parts: Sequence[str], cls: type) -> dict[s
         if parsed and name not in options_of(cls):
             unknown = unknown_name(f"{key} option", name, options_of(cls))
             raise ConfigError(f"{said}: {unknown}; an @ inside a value is doubled: @@")
-        _set(parsed, said, key, name, parse_option(said, key, cls, name, text))
+        _parse_one(parsed, said, key, cls, name, text)
     return parsed
 
 
-def _set(parsed: dict[str, Any], said: str, key: str, name: str, value: Any) -> None:
+def _parse_one(
+    parsed: dict[str, Any], said: str, key: str, cls: type, name: str, text: str
+) -> None:
+    value = parse_option(said, key, cls, name, text)
     if name in parsed:
         raise ConfigError(f"{said}: {key}.{name} is set twice")
     parsed[name] = value
@@ -148,7 +147,7 @@ def chosen(
         ConfigError: a key, an option or a value is unknown or wrong.
     """
     parts = {kind: [(word, *split_word(word)) for word in of] for kind, of in words.items()}
-    infos = {key: registry.line(kind, key) for kind, of in parts.items() for _, key, _ in of}
+    infos = {key: registry.find(key, kind) for kind, of in parts.items() for _, key, _ in of}
     classes = {key: info.load() for key, info in infos.items()}
     params = parse_settings(settings, classes)
     return {
@@ -195,28 +194,20 @@ def choices(
     if not models:
         raise ConfigError(f"give at least one --model (valid: {', '.join(registry.models)}, all)")
     if data is None and robot.given:
-        raise ConfigError(
-            "--robot, --urdf and --tcp describe the robot of --data FILE.csv; give it too"
-        )
+        raise ConfigError("--robot, --urdf and --tcp describe the robot of --data; give it too")
     every = [key for word in models for key in (registry.models if word == EVERY_MODEL else [word])]
-    usual = [DEFAULT_DATASET] if data is None else []
-    words: dict[Kind, Sequence[str]] = {
-        "model": every,
-        "dataset": list(datasets) or usual,
-        "protocol": protocols,
-    }
+    if data is None and not datasets:
+        datasets = [DEFAULT_DATASET]
+    words: dict[Kind, Sequence[str]] = {"model": every, "dataset": datasets, "protocol": protocols}
     found = chosen(words, settings, registry)
     if data is not None:
         keys = {choice.info.key for of_kind in found.values() for choice in of_kind}
         if data.name in keys:
             raise ConfigError(f"--data {data}: its name is also a key of this run; rename it")
-        found["dataset"].append(_own_file(data, robot))
+        if not (robot.urdf or robot.robot):
+            raise ConfigError(
+                f"--data {data}: needs its robot too: --urdf FILE.urdf or --robot NAME"
+            )
+        own = Choice.of(replace(MEASURED_FILE, key=data.name))
+        found["dataset"].append(replace(own, context={"csv": data, "robot": robot.read()[0]}))
     return Chosen(found["model"], found["dataset"], found["protocol"])
-
-
-def _own_file(data: Path, robot: RobotWords) -> Choice[DatasetInfo]:
-    """Return the data set that stands for the user's own file."""
-    if not (robot.urdf or robot.robot):
-        raise ConfigError(f"--data {data}: needs its robot too: --urdf FILE.urdf or --robot NAME")
-    files = {"csv": data, "robot": robot.read()[0]}
-    return replace(Choice.of(replace(MEASURED_FILE, key=data.name)), context=files)

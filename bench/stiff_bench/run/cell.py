@@ -8,7 +8,6 @@ import time
 import traceback
 import warnings
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
@@ -38,11 +37,8 @@ from stiff_protocols.scoring.sanity import check_prediction, check_units, warn_o
 
 ROWS_FOR_UNITS = 256
 """How many training rows are predicted to see that a model predicts m: enough, and soon done."""
-
-
 CURVE_POINTS = 200
 """Of a training that are stored: more than a figure's width shows."""
-
 LONGEST_MESSAGE, MOST_WARNINGS = 2000, 100
 """Of a failure or warning, characters; and how many warnings of a cell are kept."""
 
@@ -58,17 +54,16 @@ def compute_cell(task: CellTask, run_id: str) -> CellResult:
         warnings.simplefilter("always")
         warnings.simplefilter("ignore", DeprecationWarning)
         try:
-            missing = task.model.missing()
-            if missing:
-                result = unfinished(task, run_id, "skipped", missing)
+            if missing := task.model.missing():
+                result = unfinished(task, run_id, missing)
             else:
                 result = _fit_predict_score(task, run_id)
         except StiffBenchError as error:
-            result = failed(task, run_id, type(error).__name__, short(str(error)))
+            result = unfinished(task, run_id, short(str(error)), type(error).__name__)
         except (Exception, SystemExit) as error:  # a plugin's costs that cell alone
             where = traceback.extract_tb(error.__traceback__)[-1]
             reason = f"{short(said_by(error))} ({where.filename}:{where.lineno})"
-            result = failed(task, run_id, type(error).__name__, reason)
+            result = unfinished(task, run_id, reason, type(error).__name__)
     messages = dict.fromkeys(short(str(warning.message)) for warning in caught)
     return replace(result, warnings=tuple(messages)[:MOST_WARNINGS])
 
@@ -86,18 +81,20 @@ def short(text: str) -> str:
     return text if len(text) <= LONGEST_MESSAGE else f"{text[:LONGEST_MESSAGE]} [...]"
 
 
-def failed(
-    task: CellTask, run_id: str, cause: str, reason: str, log: tuple[str, ...] = ()
-) -> CellResult:
-    """Return the row of a cell that gave no result."""
-    return replace(unfinished(task, run_id, "failed", reason), cause=cause, log=log)
-
-
 def unfinished(
-    task: CellTask, run_id: str, status: Literal["failed", "skipped"], reason: str
+    task: CellTask, run_id: str, reason: str, cause: str = "", log: tuple[str, ...] = ()
 ) -> CellResult:
-    """Return the row of a cell without numbers."""
-    return CellResult(task.cell, task.shown, run_id, status, failure=reason, n_splits=task.n_splits)
+    """Return the row of a cell without numbers: failed for a cause, or skipped."""
+    return CellResult(
+        cell=task.cell,
+        shown=task.shown,
+        run_id=run_id,
+        status="failed" if cause else "skipped",
+        failure=reason,
+        n_splits=task.n_splits,
+        cause=cause,
+        log=log,
+    )
 
 
 def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
@@ -115,17 +112,16 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
     check_prediction(predicted, len(q))
     _check_units(model, train)
     warn_of_rows(train)
-    reported = model.diagnostics_ if isinstance(model, ReportsDiagnostics) else {}
-    diagnostics = {str(name): float(value) for name, value in reported.items()}
-    best = model.best_params_ if isinstance(model, ChoosesOptions) else {}
-    chosen = {name: str(value) for name, value in best.items()}
+    diagnostics = model.diagnostics_ if isinstance(model, ReportsDiagnostics) else {}
+    diagnostics = {str(name): float(value) for name, value in diagnostics.items()}
+    chosen = model.best_params_ if isinstance(model, ChoosesOptions) else {}
     intervals = _interval_source(task, model, train, validation)
     interval = None
     if intervals is not None and task.cell.coverage is not None:
         interval = intervals.predict_interval(q, wrench, task.cell.coverage)
         if not isinstance(interval, Interval):
-            found = type(interval).__name__
-            raise ModelError(f"predict_interval returned {found}, expected Interval")
+            wrong = type(interval).__name__
+            raise ModelError(f"predict_interval returned {wrong}, expected Interval")
     cost = Cost(  # measured last: how often it asks the model depends on the machine's speed
         fit_s=fitted - start,
         predict_s=predict_s,
@@ -133,8 +129,8 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
         throughput_per_s=throughput(model, q, wrench, predict_s),
         memory_bytes=memory_bytes,
     )
-    reference = _reference(task, q, wrench)
     curves = model.curves_ if isinstance(model, KeepsCurves) else {}
+    reference = _reference(task, q, wrench)
     measured = task.data.samples.deflection[task.split.test]
     prediction = Prediction(task.split.test, predicted, measured, interval, reference)
     return CellResult(
@@ -151,7 +147,7 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
         diagnostics=diagnostics,
         n_train=len(_training_rows(task)),
         n_splits=task.n_splits,
-        chosen=chosen,
+        chosen={name: str(value) for name, value in chosen.items()},
         curves={str(name): _thinned(name, curve) for name, curve in curves.items()},
     )
 
@@ -168,9 +164,7 @@ def _thinned(name: str, curve: FloatArray) -> FloatArray:
         points = np.empty(0)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ModelError(f"curves_[{name!r}] is no (n, 3) array of step, loss, validation loss")
-    if len(points) <= CURVE_POINTS:
-        return points
-    return points[np.linspace(0, len(points) - 1, CURVE_POINTS).round().astype(np.int64)]
+    return points[_spread_rows(len(points), CURVE_POINTS)]
 
 
 def metric_records(prediction: Prediction, cost: Cost | None) -> tuple[ResultRecord, ...]:
@@ -218,18 +212,21 @@ def _interval_source(
                 train, robot=task.data.robot, validation=validation, seed=task.cell.model_seed
             )
         except TooFewToCalibrate as error:
-            found, said = None, [f"no intervals: {error}"]
-        else:
-            found = conformal
-            said = [f"fit for the intervals: {w.message}" for w in caught]  # its rows are fewer
-    for message in dict.fromkeys(said):
+            found, messages = None, [f"no intervals: {error}"]
+        else:  # it learned from fewer rows
+            found, messages = conformal, [f"fit for the intervals: {w.message}" for w in caught]
+    for message in dict.fromkeys(messages):
         warnings.warn(message, StiffBenchWarning, stacklevel=1)
     return found
 
 
+def _spread_rows(n_rows: int, most: int) -> IntArray:
+    """Return at most so many row numbers, the first and the last among them."""
+    return np.linspace(0, n_rows - 1, min(n_rows, most)).round().astype(np.int64)
+
+
 def _check_units(model: StiffnessModel, train: Samples) -> None:
-    rows = np.linspace(0, len(train) - 1, min(len(train), ROWS_FOR_UNITS)).astype(np.int64)
-    some = train.take(rows)
+    some = train.take(_spread_rows(len(train), ROWS_FOR_UNITS))
     predicted = np.asarray(model.predict(some.q, some.wrench))
     check_prediction(predicted, len(some))
     check_units(predicted, some.deflection)

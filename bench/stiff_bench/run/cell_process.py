@@ -19,7 +19,7 @@ from pathlib import Path
 
 from stiff_bench.plan.cells import CellTask, version_of
 from stiff_bench.plan.registry import import_plugin_file, plugin_files
-from stiff_bench.run.cell import compute_cell, failed, short
+from stiff_bench.run.cell import compute_cell, short, unfinished
 from stiff_bench.run.machine import pin_threads
 from stiff_bench.store.codec import Content, cell_content, json_text
 from stiff_protocols.contract.errors import said_by
@@ -117,12 +117,7 @@ def _end_with_parent() -> None:
         if connection.wait([parent.sentinel], 0):  # it was gone before
             os.killpg(0, signal.SIGKILL)
     else:
-
-        def wait_and_end() -> None:
-            parent.join()
-            os.killpg(0, signal.SIGKILL)
-
-        threading.Thread(target=wait_and_end, daemon=True).start()
+        threading.Thread(target=lambda: (parent.join(), os.killpg(0, 9)), daemon=True).start()
 
 
 def computed_content(work: Work, folder: Path) -> tuple[Content, bool]:
@@ -146,9 +141,8 @@ def computed_content(work: Work, folder: Path) -> tuple[Content, bool]:
 
 
 def _result(work: Work, folder: Path) -> CellResult:
-    if work.plugins:
-        for path in set(work.plugins).difference(plugin_files()):
-            import_plugin_file(path)
+    for path in set(work.plugins).difference(plugin_files()):
+        import_plugin_file(path)
     found = {sha: pickle.loads(data) if data else _held[sha] for sha, data in work.data.items()}
     _held.clear()
     _held.update(found)
@@ -167,12 +161,12 @@ def _result(work: Work, folder: Path) -> CellResult:
         cell = task.cell
         task = replace(task, data=_held[cell.data_sha256], source=_held.get(cell.source_sha256))
         if not task.model.missing() and version_of(task.model) != cell.model_version:
-            return failed(task, work.run_id, OTHER_CODE, _WHY_OTHER_CODE)
+            return unfinished(task, work.run_id, _WHY_OTHER_CODE, OTHER_CODE)
         try:
             with listening(report):
                 return compute_cell(task, work.run_id)
         except BaseException as error:  # a model may raise what would stop a program
-            return failed(task, work.run_id, type(error).__name__, short(said_by(error)))
+            return unfinished(task, work.run_id, short(said_by(error)), type(error).__name__)
 
 
 _held: dict[str, BenchmarkData] = {}

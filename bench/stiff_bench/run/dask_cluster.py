@@ -17,8 +17,9 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
-from distributed import Client, Future, KilledWorker, LocalCluster, get_worker
+from distributed import Client, Future, KilledWorker, get_worker
 
 import stiff_bench
 import stiff_models
@@ -26,13 +27,7 @@ import stiff_protocols
 from stiff_bench.console import say
 from stiff_bench.plan.cells import CellTask
 from stiff_bench.run.cell_process import Limits, Work
-from stiff_bench.run.isolate import (
-    Crash,
-    compute_isolated,
-    result_of,
-    work_of,
-    work_of_run,
-)
+from stiff_bench.run.isolate import Crash, compute_isolated, result_of, work_of
 from stiff_bench.run.machine import pin_threads
 from stiff_bench.run.progress import Display
 from stiff_bench.run.provenance import environment
@@ -44,8 +39,6 @@ from stiff_protocols.contract.source_code import code_below
 SECONDS_TO_CONNECT = 10.0
 SECONDS_BETWEEN_LOOKS = 0.01
 SECONDS_BETWEEN_COUNTS = 1.0
-SECONDS_UNTIL_SAID = 30.0
-"""How long there is no worker before that is said."""
 
 
 class DaskCluster:
@@ -55,22 +48,20 @@ class DaskCluster:
         words: "tcp://HOST:PORT" of a scheduler, or "local:N" workers of our own.
         limits: of every cell's process.
         output: folder for what workers of our own write.
+
+    Raises:
+        ConfigError: the words name no cluster.
     """
 
     def __init__(self, words: str, limits: Limits, output: Path) -> None:
-        """Check the words; nothing is started yet.
-
-        Raises:
-            ConfigError: they name no cluster.
-        """
-        self._said, self._limits, self._output = f"--dask {words}", limits, output
-        self._address = words if re.fullmatch(r"(tcp|tls)://[^/:]+:\d+", words) else ""
+        """Check the words; nothing is started yet."""
         local = re.fullmatch(r"local:0*([1-9]\d*)", words)
-        if not self._address and not local:
+        if not local and not re.fullmatch(r"(tcp|tls)://[^/:]+:\d+", words):
             raise ConfigError(f"--dask {words!r}: no cluster (valid: tcp://HOST:PORT, local:N)")
+        self._said, self._limits, self._output = f"--dask {words}", limits, output
+        self._address = "" if local else words
         self.at_once = int(local[1]) if local else 1
-        self._machines: dict[str, Mapping[str, str]] = {}
-        self.machines: Mapping[str, Mapping[str, str]] = self._machines
+        self.machines: Mapping[str, Mapping[str, str]] = {}
 
     def results(
         self, tasks: Iterable[CellTask], run_id: str, display: Display
@@ -84,23 +75,20 @@ class DaskCluster:
         task = next(waiting, None)
         if task is None:
             return  # and no cluster is needed
-        common, code = work_of_run(run_id, self._limits), shared_code()
+        code = shared_code()
         given: dict[Future, CellTask] = {}
-        n_workers, counted, last_seen = 0, -SECONDS_BETWEEN_COUNTS, time.monotonic()
+        n_workers, counted = -1, -math.inf
         with ExitStack() as stack:
             client = self._connected(stack)
             while task is not None or given:
-                now = time.monotonic()
-                if now - counted >= SECONDS_BETWEEN_COUNTS:
-                    n_workers, counted = len(client.scheduler_info()["workers"]), now
-                    if n_workers:
-                        last_seen = now
-                    elif now - last_seen > SECONDS_UNTIL_SAID:
-                        last_seen = math.inf
+                if time.monotonic() - counted >= SECONDS_BETWEEN_COUNTS:
+                    before, n_workers = n_workers, len(client.scheduler_info()["workers"])
+                    counted = time.monotonic()
+                    if n_workers == 0 != before:
                         say(f"{self._said}: there is no worker; waiting for one")
                 while task is not None and len(given) < n_workers:
                     display.start(task)
-                    work = work_of(common, task, fresh=True)
+                    work = work_of(task, run_id, self._limits, fresh=True)
                     given[client.submit(compute_beside_worker, work, code, pure=False)] = task
                     task = next(waiting, None)
                 time.sleep(SECONDS_BETWEEN_LOOKS)
@@ -111,21 +99,15 @@ class DaskCluster:
 
     def _connected(self, stack: ExitStack) -> Client:
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters, we say
-        address = self._address
-        if not address:
+        how: dict[str, Any] = {"address": self._address, "timeout": SECONDS_TO_CONNECT}
+        if not self._address:
             scratch = stack.enter_context(TemporaryDirectory(dir=self._output, prefix=".dask-"))
-            cluster = LocalCluster(
-                n_workers=self.at_once,
-                threads_per_worker=1,
-                dashboard_address=":0",
-                local_directory=scratch,
-            )
-            address = stack.enter_context(cluster).scheduler_address
+            how = {"n_workers": self.at_once, "threads_per_worker": 1, "local_directory": scratch}
+            how["dashboard_address"] = ":0"
         try:
-            return stack.enter_context(Client(address, timeout=SECONDS_TO_CONNECT))
+            return stack.enter_context(Client(**how))
         except (OSError, ValueError) as error:
-            said = f"{self._said}: no scheduler answers there ({error})"
-            raise ConfigError(said) from error
+            raise ConfigError(f"{self._said}: no scheduler answers there ({error})") from error
 
     def _outcome(self, future: Future) -> CellResult | Crash:
         """Return what became of a cell.
@@ -137,9 +119,8 @@ class DaskCluster:
         goes_on = "the same command goes on where this run stopped"
         if future.status == "finished":
             worker, machine, found = future.result(timeout=SECONDS_TO_CONNECT)
-            self._machines[worker] = machine
-            outcome: CellResult | Crash = found
-            return outcome
+            self.machines = {**self.machines, worker: machine}
+            return found  # type: ignore[no-any-return]
         if future.status != "error":
             raise ConfigError(f"{self._said}: the scheduler has gone; {goes_on}")
         error = future.exception()
@@ -166,18 +147,14 @@ _environment = cache(environment)
 def compute_beside_worker(
     work: Work, code: str
 ) -> tuple[str, dict[str, str], CellResult | Crash | None]:
-    """Compute a cell in a process of its own beside this worker, which may be a daemon.
-
-    Returns:
-        The worker's address, its environment, and the result.
+    """Compute a cell beside this worker; return the worker's address, its environment, the result.
 
     Raises:
         ConfigError: the worker's code is another than that of who asks.
     """
     worker = get_worker()
     if code != shared_code():
-        said = "has another version of stiffbench or of a library"
-        raise ConfigError(f"{worker.address} {said}")
+        raise ConfigError(f"{worker.address} has another version of stiffbench or of a library")
     pin_threads(work.limits.threads)
     multiprocessing.current_process().daemon = False  # one may not have children; ours end with it
     key = worker.get_current_task()

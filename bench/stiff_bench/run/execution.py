@@ -82,13 +82,15 @@ def chosen_execution(
     plan: RunPlan,
     registry: Registry,
     *,
-    jobs: int,
+    jobs: int | None,
     isolate: bool | None,
-    limits: Limits,
+    timeout: float | None,
+    memory: int | None,
+    threads: int,
     dask: str,
     rerun: Rerun,
 ) -> Execution:
-    """Return how a plan is executed.
+    """Return how a plan is executed, from the options of the command line.
 
     Cells are isolated where several run at once, where a limit is to hold, and where a stranger's
     model takes part.
@@ -96,11 +98,12 @@ def chosen_execution(
     Raises:
         ConfigError: two options contradict each other, or there is no such cluster.
     """
+    jobs = jobs or 1
     reasons = {
         f"--jobs {jobs}": jobs > 1,
         f"--dask {dask}": bool(dask),
-        "--timeout": limits.timeout_s is not None,
-        "--memory": limits.memory_bytes is not None,
+        "--timeout": timeout is not None,
+        "--memory": memory is not None,
     }
     needed = [reason for reason, holds in reasons.items() if holds]
     if isolate is False and needed:
@@ -110,23 +113,12 @@ def chosen_execution(
     keys = {one.info.key for one in plan.models}
     strangers = {key for key in keys if registry.origins.get(key, OURS) != OURS}
     isolated = bool(needed) or (bool(strangers) if isolate is None else isolate)
+    limits = Limits(threads, timeout, memory)
     executor: Executor = LocalProcesses(jobs, limits, strangers) if isolated else InProcess()
     if dask:
-        executor = _on_cluster(dask, limits, plan)
-    return Execution(
-        executor=executor,
-        rerun=rerun,
-        facts={
-            "jobs": str(jobs),
-            "isolated": str(isolated).lower(),
-            "threads": str(limits.threads),
-            "dask": dask,
-        },
-    )
+        require(f"--dask {dask}", "distributed")
+        from stiff_bench.run.dask_cluster import DaskCluster
 
-
-def _on_cluster(words: str, limits: Limits, plan: RunPlan) -> Executor:
-    require(f"--dask {words}", "distributed")
-    from stiff_bench.run.dask_cluster import DaskCluster
-
-    return DaskCluster(words, limits, plan.output)
+        executor = DaskCluster(dask, limits, plan.output)
+    facts = {"jobs": jobs, "isolated": str(isolated).lower(), "threads": threads, "dask": dask}
+    return Execution(executor, rerun, {name: str(fact) for name, fact in facts.items()})

@@ -30,7 +30,7 @@ from pebble import CONSTS, ProcessExpired, ProcessPool
 
 from stiff_bench.plan.cells import CellTask
 from stiff_bench.plan.registry import plugin_files
-from stiff_bench.run.cell import failed
+from stiff_bench.run.cell import unfinished
 from stiff_bench.run.cell_process import (
     LOG,
     PID,
@@ -83,23 +83,20 @@ class Crash:
     innocent: bool = False
 
 
-def work_of_run(run_id: str, limits: Limits) -> Work:
-    """Return what the work of all cells of a run has in common, once its models are imported."""
+def work_of(task: CellTask, run_id: str, limits: Limits, *, fresh: bool) -> Work:
+    """Return what is sent to the process that computes a cell."""
     model_info(REFERENCE_MODEL).load()
     known = list(sys.modules)  # another thread may import meanwhile
     ours = sorted(name for name in known if name.startswith("stiff_models."))
-    imports = (__name__, *(("torch",) if "torch" in known else ()), *ours)
-    return Work(b"", {}, plugin_files(), imports, run_id, limits, fresh=True)
-
-
-def work_of(common: Work, task: CellTask, *, fresh: bool) -> Work:
-    """Return what is sent to the process that computes a cell."""
     without: Any = {"data": None, "source": None}
     data = {task.cell.data_sha256: task.data, task.cell.source_sha256: task.source}
-    return replace(
-        common,
+    return Work(
         task=pickle.dumps(replace(task, **without)),
         data={sha: _pickled(one) for sha, one in data.items() if one is not None},
+        plugins=plugin_files(),
+        imports=(__name__, *(("torch",) if "torch" in known else ()), *ours),
+        run_id=run_id,
+        limits=limits,
         fresh=fresh,
     )
 
@@ -356,7 +353,6 @@ class LocalProcesses:
         A cell whose process ended with the server of all is computed again, alone, after the
         others: whoever killed the server does so to itself then.
         """
-        common = work_of_run(run_id, self._limits)
         waiting, again, seen = iter(tasks), deque[CellTask](), set[str]()
         running: dict[CellProcess, CellTask] = {}
         with tempfile.TemporaryDirectory(prefix="bench-") as scratch:
@@ -374,7 +370,7 @@ class LocalProcesses:
                             break
                         running[place] = task
                         fresh = task.cell.model in self._strangers
-                        place.begin(partial(work_of, common, task, fresh=fresh))
+                        place.begin(partial(work_of, task, run_id, self._limits, fresh=fresh))
                     if not running:
                         return
                     futures = [place.future for place in running]
@@ -402,5 +398,5 @@ def result_of(task: CellTask, run_id: str, found: CellResult | Crash) -> CellRes
     What was computed is what was asked for, whatever a model made of it.
     """
     if isinstance(found, Crash):
-        return failed(task, run_id, found.cause, found.reason, found.log)
+        return unfinished(task, run_id, found.reason, found.cause, found.log)
     return replace(found, cell=task.cell, shown=task.shown, run_id=run_id, n_splits=task.n_splits)

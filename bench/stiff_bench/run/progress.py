@@ -9,11 +9,9 @@ import math
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from datetime import timedelta
-from typing import Protocol
 
 from rich.console import Console
 from rich.progress import (
@@ -33,149 +31,120 @@ from stiff_protocols.contract.progress import Progress, listening
 from stiff_protocols.contract.record import CellResult
 
 SHOWN_LOG_LINES = 6
-
-
-def failure_lines(result: CellResult) -> Iterator[str]:
-    """Yield what is said of a cell that failed: the reason, and the end of its log."""
-    if result.status == "failed":
-        yield f"  {result.shown.model}: FAILED: {result.failure}"
-        for line in result.log[-SHOWN_LOG_LINES:]:
-            yield f"    | {line}"
-
-
 SECONDS_BETWEEN_LINES = 5.0
 SECONDS_BETWEEN_CELLS = 1.0
 
 
-@dataclass(frozen=True)
-class Expected:
-    """How long cells are expected to take: their models' stored fits.
+class Display:
+    """Counts cells and foretells the time that is left; its subclasses show that."""
 
-    Attributes:
-        seconds: of a cell by its model's name with options, s.
-        total_s: of all that are to be computed, one after another, s.
-        at_once: how many are computed side by side.
-    """
+    def __init__(self) -> None:
+        """Expect nothing yet."""
+        self.begin([], 0, {}, 1)
 
-    seconds: Mapping[str, float]
-    total_s: float
-    at_once: int
+    def begin(
+        self, missing: Sequence[CellTask], n_cached: int, seconds: Mapping[str, float], at_once: int
+    ) -> None:
+        """Cells are about to be computed, `at_once` side by side, beside those that are there.
 
-    @classmethod
-    def of(
-        cls, missing: Sequence[CellTask], seconds: Mapping[str, float], at_once: int
-    ) -> Expected | None:
-        """Return what is expected of cells; None where a model has no stored fit."""
+        Args:
+            missing: these.
+            n_cached: how many are there.
+            seconds: model with its options -> mean time of its stored fits, s.
+            at_once: as far as that is known.
+        """
         models = [task.shown.model for task in missing]
-        if not seconds.keys() >= {*models}:
-            return None
-        return cls(seconds, sum(seconds[model] for model in models), at_once)
-
-
-class Display(Protocol):
-    """Shows which cells run, how far they are, and what became of those that ended."""
-
-    def begin(self, total: int, cached: int, expected: Expected | None = None) -> None:
-        """Cells are about to be computed, beside those that are there."""
+        self._known = seconds.keys() >= {*models}
+        self._seconds = seconds if self._known else dict.fromkeys(models, 1.0)
+        self._total_s, self._done_s = sum(self._seconds[model] for model in models), 0.0
+        self._total, self._n_cached, self._at_once = len(missing), n_cached, at_once
+        self._n_started, self._ended = 0, Counter[str]()
+        self._begun = self._last_end = time.monotonic()
+        if n_cached:
+            n_cells = len(missing) + n_cached
+            self.show(f"{n_cached} of {n_cells} cells are there; {len(missing)} to compute")
 
     def start(self, task: CellTask) -> None:
         """A cell starts."""
+        self._n_started += 1
 
     def step(self, progress: Progress) -> None:
         """A cell reports."""
 
     def end(self, result: CellResult) -> None:
-        """A cell has ended."""
+        """A cell has ended; of one that failed, reason and end of the log are shown at once."""
+        self._ended[result.status] += 1
+        self._last_end = time.monotonic()
+        self._done_s += self._seconds.get(result.shown.model, 0.0)
+        if result.status == "failed":
+            self.show(f"  {result.shown.model}: FAILED: {result.failure}")
+            for line in result.log[-SHOWN_LOG_LINES:]:
+                self.show(f"    | {line}")
 
+    def show(self, line: str) -> None:
+        """Show a line that stays."""
+        print(one_line(line), file=sys.stderr, flush=True)
 
-class Count:
-    """How far a run is.
-
-    Attributes:
-        total: number of cells to compute.
-        cached: number of those that were there.
-        started: how many have begun.
-        ended: how many have ended, by their status.
-    """
-
-    def __init__(self, total: int = 0, cached: int = 0, expected: Expected | None = None) -> None:
-        """Start the clock."""
-        self.total, self.cached, self.started = total, cached, 0
-        self.ended: Counter[str] = Counter()
-        self._begun = self._last_end = time.monotonic()
-        self._expected, self._done_s = expected, 0.0
-        self._left_s = 0.0 if expected is None else expected.total_s / expected.at_once
-
-    def start(self, task: CellTask) -> str:
-        """Count a cell that begins, and return its name for people."""
-        self.started += 1
+    def name_of(self, task: CellTask) -> str:
+        """Return the name for people of the cell that has started last."""
         cell = task.cell
         condition = f"({cell.condition}) " if cell.condition else ""
         return (
-            f"[{self.started}/{self.total}] {task.shown.model} on {task.shown.dataset}, "
+            f"[{self._n_started}/{self._total}] {task.shown.model} on {task.shown.dataset}, "
             f"{task.shown.protocol} {condition}split {cell.split_index + 1}/{task.n_splits}"
         )
 
-    def end(self, result: CellResult) -> None:
-        """Count a cell that has ended."""
-        self.ended[result.status] += 1
-        self._last_end = time.monotonic()
-        if self._expected is not None:
-            self._done_s += self._expected.seconds.get(result.shown.model, 0.0)
-            # by the stored fits, until a tenth of their time is done: then by the pace of the
-            # cells so far, since another machine has another one
-            left_s = max(self._expected.total_s - self._done_s, 0.0)
-            if self._done_s < self._expected.total_s / 10:
-                self._left_s = left_s / self._expected.at_once
-            else:
-                self._left_s = left_s * (self._last_end - self._begun) / self._done_s
-
-    def __str__(self) -> str:
-        """Return what became of the cells so far, for people."""
-        shown = dict(self.ended) | ({"cached": self.cached} if self.cached else {})
+    @property
+    def counts(self) -> str:
+        """What became of the cells so far, for people."""
+        shown = dict(self._ended) | ({"cached": self._n_cached} if self._n_cached else {})
         return ", ".join(f"{number} {status}" for status, number in shown.items())
 
-    def seconds_left(self) -> float | None:
-        """Return how long the rest takes; None where nobody knows."""
-        if self._expected is not None:
-            return max(self._left_s - (time.monotonic() - self._last_end), 0.0)
-        done, elapsed = self.ended.total(), self._last_end - self._begun
-        if not done or elapsed < SECONDS_BETWEEN_CELLS:
+    @property
+    def time_left(self) -> timedelta | None:
+        """How long the rest takes; None where nobody knows.
+
+        It follows the stored fits until a tenth of their time is done, and then the pace of the
+        cells so far, since another machine has another one.
+        """
+        left = self._total_s - self._done_s
+        if self._done_s and (not self._known or self._done_s >= self._total_s / 10):
+            left *= (self._last_end - self._begun) / self._done_s
+        elif self._known:
+            left /= self._at_once
+        else:
             return None
-        return elapsed / done * (self.total - done)
+        return timedelta(seconds=round(max(left - (time.monotonic() - self._last_end), 0.0)))
 
 
 class _TimeLeft(TimeRemainingColumn):
-    """The time that we say is left, or what rich makes of the steps so far."""
+    """The time that a display says is left, or what rich makes of the steps so far."""
 
     def render(self, task: Task) -> Text:
         """Return it as a cell of the bar's line."""
-        seconds_left: Callable[[], float | None] = task.fields.get("seconds_left", lambda: None)
-        seconds = seconds_left()
-        if seconds is None or task.finished:
+        display: Display | None = task.fields.get("display")
+        left = None if display is None else display.time_left
+        if left is None or task.finished:
             return super().render(task)
-        return Text(str(timedelta(seconds=round(seconds))), style="progress.remaining")
+        return Text(str(left), style="progress.remaining")
 
 
-class BarDisplay:
+class BarDisplay(Display):
     """Two bars: cells, and the phase of the cell that reported last."""
 
     def __init__(self, bars: Bars) -> None:
         """Add the bars."""
-        self._bars, self._count = bars, Count()
-        self._cells = bars.add_task("cells", total=None, note="", visible=False)
+        self._bars = bars
+        self._cells = bars.add_task("cells", total=None, note="", visible=False, display=self)
         self._phase = bars.add_task("", total=None, visible=False, note="")
         self._shown: tuple[str, int] | None = None
-
-    def begin(self, total: int, cached: int, expected: Expected | None = None) -> None:
-        """Show the first bar."""
-        self._count = Count(total, cached, expected)
-        left = self._count.seconds_left
-        self._bars.update(self._cells, total=total, visible=total > 0, seconds_left=left)
+        super().__init__()
 
     def start(self, task: CellTask) -> None:
         """Name the cell."""
-        self._bars.update(self._cells, description=self._count.start(task))
+        super().start(task)
+        name = self.name_of(task)
+        self._bars.update(self._cells, description=name, total=self._total, visible=True)
         self._bars.update(self._phase, visible=False)
         self._shown = None
 
@@ -184,20 +153,21 @@ class BarDisplay:
         loss = "" if progress.loss is None else f"loss {progress.loss:.3g}"
         if self._shown != (progress.phase, progress.total):
             self._shown = (progress.phase, progress.total)
-            self._bars.reset(
-                self._phase, description=f"  {progress.phase}", total=progress.total, visible=True
-            )
+            name = f"  {progress.phase}"
+            self._bars.reset(self._phase, description=name, total=progress.total, visible=True)
         self._bars.update(self._phase, completed=progress.step, note=loss)
 
     def end(self, result: CellResult) -> None:
         """Move the first bar."""
-        self._count.end(result)
-        self._bars.update(self._cells, advance=1, note=str(self._count))
-        for line in failure_lines(result):
-            self._bars.console.print(one_line(line), markup=False, highlight=False)
+        super().end(result)
+        self._bars.update(self._cells, advance=1, note=self.counts)
+
+    def show(self, line: str) -> None:
+        """Print it above the bars."""
+        self._bars.console.print(one_line(line), markup=False, highlight=False)
 
 
-class LineDisplay:
+class LineDisplay(Display):
     """A line for each cell and phase, and every few seconds in between.
 
     Cells that last less than a second share a line: a leave-one-out run has hundreds.
@@ -205,21 +175,15 @@ class LineDisplay:
 
     def __init__(self) -> None:
         """Start the clocks."""
-        self._count = Count()
         self._phase = self._unsaid = ""
-        self._phase_start = time.monotonic()
-        self._last_line = -math.inf
-
-    def begin(self, total: int, cached: int, expected: Expected | None = None) -> None:
-        """Say what is there, where that is something."""
-        self._count = Count(total, cached, expected)
-        if cached:
-            self._print(f"{cached} of {total + cached} cells are there; {total} to compute")
+        self._phase_start, self._last_line = time.monotonic(), -math.inf
+        super().__init__()
 
     def start(self, task: CellTask) -> None:
         """Print the cell's name, not too often."""
-        self._phase, self._unsaid = "", self._count.start(task)
-        is_last = self._count.started == self._count.total
+        super().start(task)
+        self._phase, self._unsaid = "", self.name_of(task)
+        is_last = self._n_started == self._total
         if is_last or time.monotonic() - self._last_line >= SECONDS_BETWEEN_CELLS:
             self._say_name()
 
@@ -235,25 +199,18 @@ class LineDisplay:
         elapsed, left = now - self._phase_start, ""
         if 0 < progress.step < progress.total and elapsed >= SECONDS_BETWEEN_CELLS:
             left = f", {elapsed / progress.step * (progress.total - progress.step):.0f} s left"
-        self._print(f"  {progress.phase} {progress.step}/{progress.total}{loss}{left}")
+        self.show(f"  {progress.phase} {progress.step}/{progress.total}{loss}{left}")
 
-    def end(self, result: CellResult) -> None:
-        """Count it; a failure is said at once."""
-        self._count.end(result)
-        for line in failure_lines(result):
-            self._print(line)
+    def show(self, line: str) -> None:
+        """Print it, and remember when."""
+        self._last_line = time.monotonic()
+        super().show(line)
 
     def _say_name(self) -> None:
-        if not self._unsaid:
-            return
-        said, left = str(self._count), self._count.seconds_left()
-        time_left = "" if left is None else f"; {timedelta(seconds=round(left))} left"
-        self._print(self._unsaid + (f" ({said}{time_left})" if said else ""))
-        self._unsaid = ""
-
-    def _print(self, line: str) -> None:
-        self._last_line = time.monotonic()
-        print(one_line(line), file=sys.stderr, flush=True)
+        if self._unsaid:
+            left = "" if self.time_left is None else f"; {self.time_left} left"
+            self.show(self._unsaid + (f" ({self.counts}{left})" if self.counts else ""))
+            self._unsaid = ""
 
 
 @contextmanager

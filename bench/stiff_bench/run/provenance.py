@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import locale
 import os
 import platform
 import re
@@ -11,27 +10,27 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
-from importlib.metadata import PackageNotFoundError, entry_points, requires, version
+from importlib.metadata import entry_points, requires
 from pathlib import Path
 
 from threadpoolctl import threadpool_info
 
+from stiff_bench.plan.cells import installed
+from stiff_bench.plan.registry import plugin_files
 from stiff_bench.run.machine import usable_cores
 
 _OURS = "stiffbench"
 _NOT_LOADED = "not loaded"
 _VARIABLES = re.compile(
-    r"(OMP|GOMP|KMP|MKL|OPENBLAS|BLIS|ONEDNN|DNNL|ATEN|TORCH|PYTORCH|CUDA|CUBLAS|NVIDIA|STIFFBENCH|"
-    r"LC)_\w+|LANG|LANGUAGE|PYTHONHASHSEED|PYTHONOPTIMIZE"
+    r"(OMP|GOMP|KMP|MKL|OPENBLAS|BLIS|ONEDNN|DNNL|ATEN|TORCH|PYTORCH|CUDA|CUBLAS|NVIDIA|STIFFBENCH)"
+    r"_\w+|PYTHONHASHSEED|PYTHONOPTIMIZE"
 )
 """Environment variables that the libraries beneath us read."""
-_PLUGIN_MODULE = "stiffbench_plugin_"
-"""What the module of a `--plugin` file is called: see `registry.py`."""
 _DEVELOPERS = re.compile(r"""extra\s*==\s*['"](dev|perf)['"]""")
 
 
 def environment() -> dict[str, str]:
-    """Return versions, processor, libraries, threads, locale, plugins, commit and its state.
+    """Return versions, processor, libraries, threads, plugins, commit and its state.
 
     torch is asked where a model has loaded it; it is not loaded for this.
     """
@@ -43,10 +42,8 @@ def environment() -> dict[str, str]:
         "threads": os.environ.get("OMP_NUM_THREADS", "default"),
         "libraries": "; ".join(sorted(_libraries())),
         **_torch(),
-        "locale": f"{locale.setlocale(locale.LC_ALL)}, {locale.getencoding()}",
-        "PYTHONHASHSEED": "random",  # unless the next line has another
         **{name: os.environ[name] for name in sorted(os.environ) if _VARIABLES.fullmatch(name)},
-        **{name: _version(name) for name in (_OURS, *_dependencies())},
+        **{name: installed(name) for name in (_OURS, *sorted(_dependencies()))},
         "plugins": "; ".join(sorted(_plugins())),
         **_commit(),
     }
@@ -65,50 +62,34 @@ def _torch() -> dict[str, str]:
     torch = sys.modules.get("torch")
     if torch is None:
         return {"gpu": "", "torch threads": _NOT_LOADED, "torch arithmetic": _NOT_LOADED}
-    routes = [
-        f"capability {torch.backends.cpu.get_cpu_capability()}",
-        f"float32 {torch.get_float32_matmul_precision()}",
-        f"oneDNN {_on_or_off(torch.backends.mkldnn.is_available())}",
-        f"deterministic {_on_or_off(torch.are_deterministic_algorithms_enabled())}",
-    ]
-    ours = sys.modules.get("stiff_models.networks.arithmetic")
-    if ours is not None:
-        fast = ours.has_fast_bfloat16(torch.device("cpu"))
-        routes.append(f"bfloat16 {_on_or_off(fast)}")
-        routes.append(f"medium is float32 {_on_or_off(ours.medium_is_float32())}")
+    arithmetic = {
+        "capability": torch.backends.cpu.get_cpu_capability(),
+        "float32": torch.get_float32_matmul_precision(),
+        "oneDNN": torch.backends.mkldnn.is_available(),
+        "deterministic": torch.are_deterministic_algorithms_enabled(),
+    }
+    if (ours := sys.modules.get("stiff_models.networks.arithmetic")) is not None:
+        arithmetic["bfloat16"] = ours.has_fast_bfloat16(torch.device("cpu"))
+        arithmetic["medium is float32"] = ours.medium_is_float32()
     return {
         "gpu": str(torch.cuda.get_device_name()) if torch.cuda.is_available() else "",
         "torch threads": str(torch.get_num_threads()),
-        "torch arithmetic": ", ".join(routes),
+        "torch arithmetic": ", ".join(f"{name} {found}" for name, found in arithmetic.items()),
     }
 
 
-def _on_or_off(on: bool) -> str:
-    return "on" if on else "off"
-
-
-def _dependencies() -> Iterator[str]:
-    """Yield the names of the packages that stiffbench may compute with, optional ones too."""
+def _dependencies() -> set[str]:
+    """Return the names of the packages that stiffbench may compute with, optional ones too."""
     found = (line for line in requires(_OURS) or () if not _DEVELOPERS.search(line))
-    yield from sorted({re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in found} - {_OURS})
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "not installed"
+    return {re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in found} - {_OURS}
 
 
 def _plugins() -> Iterator[str]:
     """Yield every `--plugin` file with its sha256, and every installed plugin with its version."""
-    for name, module in sorted(sys.modules.items()):
-        if name.startswith(_PLUGIN_MODULE) and module.__file__ is not None:
-            file = Path(module.__file__)
-            yield f"{file} sha256 {hashlib.sha256(file.read_bytes()).hexdigest()}"
-    found = entry_points()
+    for file in plugin_files():
+        yield f"{file} sha256 {hashlib.sha256(file.read_bytes()).hexdigest()}"
     for kind in ("models", "datasets", "protocols"):
-        for point in found.select(group=f"{_OURS}.{kind}"):
+        for point in entry_points(group=f"{_OURS}.{kind}"):
             if point.dist is not None:
                 yield f"{point.dist.name} {point.dist.version} ({point.group}: {point.name})"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import uuid
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence, Set
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -16,7 +16,7 @@ from stiff_bench.plan.cells import CellTask
 from stiff_bench.run.costs import peak_memory_bytes
 from stiff_bench.run.execution import COUNTING, Execution, Rerun
 from stiff_bench.run.isolate import OUT_OF_MEMORY, TIMED_OUT
-from stiff_bench.run.progress import Display, Expected
+from stiff_bench.run.progress import Display
 from stiff_bench.run.provenance import environment
 from stiff_bench.store.damage import repair
 from stiff_bench.store.database import DamagedFile, ResultStore, mean_seconds, stored_results
@@ -27,37 +27,6 @@ _OWN_WORDS = (TIMED_OUT, OUT_OF_MEMORY)
 """Causes that are counted by themselves."""
 
 
-def tally(results: Iterable[CellResult], cached: Set[str]) -> str:
-    """Return e.g. "18 ok, 1 failed (SIGKILL), 1 timed out, 3 cached".
-
-    Args:
-        results: of the run.
-        cached: keys of the results that were there before.
-    """
-    counts: Counter[str] = Counter()
-    causes: Counter[str] = Counter()
-    for result in results:
-        if result.status == "failed":
-            own = result.cause in _OWN_WORDS
-            counts[result.cause if own else "failed"] += 1
-            causes.update([] if own else [result.cause or "error"])
-        else:
-            counts["cached" if result.cell.key in cached else result.status] += 1
-    words = [f"{counts['ok']} ok"]
-    for status in ("failed", *_OWN_WORDS, "skipped", "cached"):
-        if counts[status]:
-            why = f" ({_in_words(causes)})" if status == "failed" else ""
-            words.append(f"{counts[status]} {status}{why}")
-    return ", ".join(words)
-
-
-def _in_words(causes: Counter[str]) -> str:
-    """Return causes with their numbers, a single one by its name alone."""
-    if causes.total() == 1 or len(causes) == 1:
-        return next(iter(causes))
-    return ", ".join(f"{number} {cause}" for cause, number in causes.most_common())
-
-
 @dataclass(frozen=True)
 class Finished:
     """What a run has in the end.
@@ -65,10 +34,32 @@ class Finished:
     Attributes:
         results: of every cell, in the order of the plan.
         cached: keys of the cells whose results or failures were there.
+        wall_s: how long it took, s.
     """
 
     results: tuple[CellResult, ...]
-    cached: Set[str]
+    cached: frozenset[str]
+    wall_s: float
+
+    @property
+    def tally(self) -> str:
+        """What became of the cells: "18 ok, 1 failed (SIGKILL), 1 timed out, 3 cached"."""
+        counts, causes = Counter[str](), Counter[str]()
+        for result in self.results:
+            if result.status != "failed":
+                counts["cached" if result.cell.key in self.cached else result.status] += 1
+            elif result.cause in _OWN_WORDS:
+                counts[result.cause] += 1
+            else:
+                counts["failed"] += 1
+                causes[result.cause or "error"] += 1
+        numbered = [f"{number} {cause}" for cause, number in causes.most_common()]
+        why = {"failed": f" ({', '.join(causes if len(causes) == 1 else numbered)})"}
+        words = [f"{counts['ok']} ok"]
+        for status in ("failed", *_OWN_WORDS, "skipped", "cached"):
+            if counts[status]:
+                words.append(f"{counts[status]} {status}{why.get(status, '')}")
+        return ", ".join(words)
 
 
 def run_cells(
@@ -93,6 +84,7 @@ def run_cells(
         StoreError: a result cannot be written.
         ConfigError: the cluster does not answer.
     """
+    started = time.perf_counter()
     found = _stored(tasks, store, execution.rerun)
     cached = set(found)
     missing = [task for task in tasks if task.cell.key not in found]
@@ -108,16 +100,20 @@ def run_cells(
                 cached.add(task.cell.key)
                 display.end(other)
 
-    expected = Expected.of(missing, mean_seconds(store.folder), execution.executor.at_once)
-    display.begin(len(missing), len(cached), expected)
+    seconds = mean_seconds(store.folder)
+    display.begin(missing, len(cached), seconds, execution.executor.at_once)
     with _described(tasks, command, store, execution) as run_id:
-        _keep_data(tasks, store)
-        with closing(execution.executor.results(waiting(), run_id, display)) as results:
-            for result in results:
+        sets = {task.cell.data_sha256: task.data for task in tasks}
+        sets |= {task.source.sha256: task.source for task in tasks if task.source is not None}
+        for data in sets.values():
+            store.write_data(data)
+        with closing(execution.executor.results(waiting(), run_id, display)) as ended:
+            for result in ended:
                 store.write_cell(result)
                 found[result.cell.key] = result
                 display.end(result)
-    return Finished(tuple(found[task.cell.key] for task in tasks), cached)
+    results = tuple(found[task.cell.key] for task in tasks)
+    return Finished(results, frozenset(cached), time.perf_counter() - started)
 
 
 def _stored(tasks: Sequence[CellTask], store: ResultStore, rerun: Rerun) -> dict[str, CellResult]:
@@ -149,13 +145,6 @@ def _as_asked(result: CellResult, task: CellTask) -> CellResult:
     return replace(result, shown=task.shown, n_splits=task.n_splits)
 
 
-def _keep_data(tasks: Sequence[CellTask], store: ResultStore) -> None:
-    kept = {task.cell.data_sha256: task.data for task in tasks}
-    kept |= {task.cell.source_sha256: task.source for task in tasks if task.source is not None}
-    for data in kept.values():
-        store.write_data(data)
-
-
 @contextmanager
 def _described(
     tasks: Sequence[CellTask], command: str, store: ResultStore, execution: Execution
@@ -173,16 +162,14 @@ def _described(
     store.write_manifest(manifest)
 
     def complete(status: Literal["finished", "interrupted"]) -> None:
-        seconds = time.perf_counter() - started
-        store.write_manifest(
-            replace(
-                manifest,
-                status=status,
-                wall_s=seconds,
-                peak_memory_bytes=peak_memory_bytes(),
-                machines=execution.executor.machines,
-            )
+        whole = replace(
+            manifest,
+            status=status,
+            wall_s=time.perf_counter() - started,
+            peak_memory_bytes=peak_memory_bytes(),
+            machines=execution.executor.machines,
         )
+        store.write_manifest(whole)
 
     try:
         yield manifest.run_id

@@ -12,7 +12,6 @@ from command_line import assert_refused, bench_here
 from made_results import MadeResults
 from stiff_bench.cli.compare import table
 from stiff_bench.cli.figures import reproduce
-from stiff_bench.cli.main import bench
 from stiff_bench.paper import PAPER_RESULTS, study
 from stiff_bench.paper.study import StudyRun
 from stiff_bench.paper.tables import TABLES
@@ -103,13 +102,6 @@ def test_a_plan_says_what_would_be_computed_and_writes_nothing(small, tmp_path):
 
 def test_full_asks_for_more_splits_than_quick(small, tmp_path):
     assert "bench: 6 cells" in called("--plan", "--full", "--output", str(tmp_path))[2]
-
-
-def test_the_help_says_that_as_many_cells_run_at_once_as_there_are_cores():
-    said = " ".join(CliRunner().invoke(reproduce, ["--help"]).output.split())
-    assert "own. [default: (as many as there are cores); 1<=x<=1024]" in said
-    of_run = " ".join(CliRunner().invoke(bench, ["run", "--help"]).output.split())
-    assert "own. [default: 1; 1<=x<=1024]" in of_run
 
 
 @pytest.mark.slow

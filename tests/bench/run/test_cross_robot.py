@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from run_requests import planned
-from stiff_bench.plan.cells import NO_SOURCE, check_named, check_source
+from stiff_bench.plan.cells import NO_SOURCE, cell_tasks, check_source
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.request import RunPlan
 from stiff_bench.plan.words import chosen_dataset
@@ -22,6 +22,7 @@ from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.twin.robot_twin import Ur5Twin
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.plugin import ProtocolInfo
 from stiff_protocols.contract.types import BenchmarkData, Samples, Split
 from stiff_protocols.splits.cross_robot import OWN
 from stiff_protocols.splits.random_splits import Holdout
@@ -184,11 +185,17 @@ def test_a_source_with_other_joints_is_refused():
 
 
 def test_a_plugins_split_must_not_name_a_source_that_its_protocol_did_not_announce():
-    rows = np.arange(2)
-    split = Split(0, rows, rows, rows, source="elsewhere")
-    with pytest.raises(ConfigError, match=r"'mine': a split's source is 'elsewhere'.*valid: here"):
-        check_named([split], ["here"], "mine")
-    check_named([replace(split, source="here"), replace(split, source="")], ["here"], "mine")
+    rows = np.arange(30)
+
+    class Theirs(Holdout):
+        def splits(self, samples, *, n_splits, seed):
+            return [Split(0, rows, rows[:0], rows[:5] + 30, source="elsewhere")]
+
+    registry = build_registry()
+    registry.protocols["mine"] = ProtocolInfo(key="mine", target=Theirs, summary="")
+    plan = planned(registry, datasets=("fanuc-r2000ic",), protocols=("mine",))
+    with pytest.raises(ConfigError, match=r"'mine': a split's source is 'elsewhere'.*valid: none"):
+        next(cell_tasks(plan))
 
 
 def test_a_word_inside_a_word_doubles_the_mark_and_its_name_can_be_typed_again(tasks_of):

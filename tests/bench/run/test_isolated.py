@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import time
 from pathlib import Path
 
@@ -12,10 +11,9 @@ import psutil
 import pytest
 
 import hostile_models
-from command_line import assert_refused, bench, started
+from command_line import assert_refused, bench, bench_here, started
 from quick_models import KEYS
 from run_requests import planned
-from stiff_bench.cli.main import main
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.run.cell import compute_cell
@@ -230,19 +228,15 @@ def test_strangers_models_are_isolated_and_ours_are_not(tmp_path):
         (["--no-isolate", "--jobs", "2"], ["--no-isolate: --jobs 2 needs a process"]),
         (["--no-isolate", "--timeout", "3"], ["--no-isolate: --timeout needs a process"]),
         (["--jobs", "2", "--dask", "local:2"], ["--jobs 2: the cluster of --dask says how many"]),
-        (["--memory", "much"], ["--memory 'much': no size (valid: 2GiB, 500MB, ...)"]),
-        (["--memory", "0"], ["--memory '0'"]),
+        (["--memory", "much"], ["--memory", "'much' is no size (valid: 2GiB, 500MB, ...)"]),
+        (["--memory", "0"], ["--memory", "'0'"]),
         (["--dask", "tcp:here"], ["--dask 'tcp:here': no cluster (valid: tcp://HOST:PORT, local"]),
         (["--dask", "local:0"], ["--dask 'local:0': no cluster (valid: tcp://HOST:PORT, local:N)"]),
     ],
 )
-def test_options_that_cannot_be_meant_are_refused(tmp_path, capfd, monkeypatch, words, parts):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("stiff_bench.cli.main.pin_threads", lambda _: None)
-    with pytest.raises(SystemExit) as left:
-        main(["run", "--model", "vjm", *words, "--output", "out"])
-    out, err = capfd.readouterr()
-    assert_refused(subprocess.CompletedProcess([], left.value.code, out, err), *parts)
+def test_options_that_cannot_be_meant_are_refused(tmp_path, words, parts):
+    done = bench_here("run", "--model", "vjm", *words, "--output", "out", cwd=tmp_path)
+    assert_refused(done, *parts)
     assert not (tmp_path / "out").exists()
 
 
