@@ -63,8 +63,8 @@ def test_a_figure_is_written_where_it_is_asked_for_and_its_caption_printed(tmp_p
     compared(tmp_path / "runs")
     done = run("regression", "--results", tmp_path / "runs", "--output", tmp_path / "a.svg")
     assert done.exit_code == 0, done.exception
-    assert "measured dx [mm]" in (tmp_path / "a.svg").read_text()
-    assert done.output.startswith(f"{tmp_path / 'a.svg'}: Measured against predicted.")
+    assert "deflection dx [mm]" in (tmp_path / "a.svg").read_text()
+    assert done.output.startswith(f"{tmp_path / 'a.svg'}: Predicted against true deflection.")
     assert "seed 0" in done.output
 
 
@@ -124,25 +124,23 @@ def test_missing_models_of_the_paper_are_named(tmp_path):
     _, why = can_be_drawn(FIGURES, PaperResults.of(tmp_path))
     assert "dt-cnn" in why["8"]
     assert "ft-mlp" in why["9"]
-    assert all("bench reproduce" in why[name] for name in ("5", "5a", "5b", "5c", "6", "8", "9"))
+    assert all("bench reproduce" in why[name] for name in ("5", "6", "8", "9"))
 
 
 def test_figure_9_shows_both_models_with_the_published_errors(paper):
     titles = [axes.get_title(loc="left") for axes in FIGURES["9"].prepare(paper).draw().axes]
-    assert "ft-mlp" in titles[0] and "(paper 0.045)" in titles[0] and "(paper 0.078)" in titles[0]
+    assert "ft-mlp" in titles[0] and "(paper 0.045)" in titles[0]
+    assert "vjm" in titles[3] and "(paper 0.078)" in titles[3]
 
 
-def test_figure_5a_has_a_line_a_depth_and_the_papers_values_as_stars(paper):
-    (axes,) = FIGURES["5a"].prepare(paper).draw().axes
-    lines = {line.get_label(): line for line in axes.get_lines()}
-    np.testing.assert_allclose(
-        lines["3 hidden layers"].get_xydata(), [[40, 3 / 40], [380, 3 / 380]]
+def test_figure_5_has_a_line_a_depth_and_the_papers_values_as_stars(paper):
+    axes = FIGURES["5"].prepare(paper).draw().axes[0]
+    lines = [line for line in axes.get_lines() if len(line.get_xdata())]
+    of_depth_3 = [[40, 3 / 40], [380, 3 / 380]]
+    assert any(
+        np.array_equal(np.round(line.get_xydata(), 9), np.round(of_depth_3, 9)) for line in lines
     )
-    stars = {
-        tuple(line.get_xydata()[0])
-        for line in axes.get_lines()
-        if line.get_marker() == "*" and len(line.get_xdata())
-    }
+    stars = {tuple(p) for line in lines if line.get_marker() == "*" for p in line.get_xydata()}
     assert stars == {(100.0, 0.2186), (100.0, 0.2090), (100.0, 0.2375), (380.0, 0.1199)}
 
 
@@ -155,7 +153,7 @@ def caption_of(name: str, results: PaperResults) -> str:
     return FIGURES[name].prepare(results).caption
 
 
-@pytest.mark.parametrize("name", ["5", "5a", "5b", "5c", "8"])
+@pytest.mark.parametrize("name", ["5", "8"])
 def test_networks_that_pick_no_epoch_are_not_said_to(paper, name):
     assert "epoch" not in caption_of(name, paper)
 
@@ -174,11 +172,9 @@ def test_figure_8_says_that_no_target_label_trained_its_model(tmp_path):
     assert "dt-cnn: target labels not trained on." in caption
 
 
-@pytest.mark.parametrize("name", ["5", "5c"])
-def test_the_loss_that_is_shown_is_named(paper, name):
-    assert "Huber loss of standardised targets; the paper's is the mean square" in caption_of(
-        name, paper
-    )
+def test_the_loss_that_is_shown_is_named(paper):
+    said = "Huber loss of standardised targets; the paper's is the mean square"
+    assert said in caption_of("5", paper)
 
 
 def test_one_failed_cell_leaves_its_network_out_of_figure_5_and_names_it(changing):
@@ -189,8 +185,8 @@ def test_one_failed_cell_leaves_its_network_out_of_figure_5_and_names_it(changin
     changing.add(
         pretrained(layers=depth, width=width).name, [0.1], failed=[1], options=options, **PAPER
     )
-    for name, lost in (("5a", "width=400"), ("5c", "activation=tanh"), ("5", "sigmoid")):
-        caption = caption_of(name, PaperResults.of(changing.folder))
+    caption = caption_of("5", PaperResults.of(changing.folder))
+    for lost in ("width=400", "activation=tanh", "sigmoid"):
         assert "No numbers: " in caption and "it broke" in caption and lost in caption
 
 
@@ -200,9 +196,9 @@ def test_figure_5_says_how_many_networks_and_splits_it_has(changing):
     changing.add(name, [0.1, 0.1, 0.1], **width, **PAPER)
     errors = {f"source {part} MAE [mm]": 0.1 for part in ("test", "training")}
     with_fields(changing, name, diagnostics=errors)
-    caption = caption_of("5a", PaperResults.of(changing.folder))
+    caption = caption_of("5", PaperResults.of(changing.folder))
     assert "2 to 3 splits a network, seed 0." in caption
-    assert "Not run: 51 of 57 networks" in caption
+    assert "Without a result under paper-holdout: " in caption and " and 48 more;" in caption
 
 
 def test_figure_6_names_the_strategies_that_it_cannot_show(changing):
@@ -210,7 +206,7 @@ def test_figure_6_names_the_strategies_that_it_cannot_show(changing):
     caption = caption_of("6", PaperResults.of(changing.folder))
     assert "No numbers: " in caption and "freeze=layers:2 on" in caption and "it broke" in caption
     assert "Without a result under paper-holdout: ft-mlp@freeze=layers:3" in caption
-    assert "least of the stored points (every tenth epoch)" in caption
+    assert "least of the stored epochs" in caption
 
 
 def test_a_strategy_without_a_finite_loss_has_no_line_in_figure_6(changing):
