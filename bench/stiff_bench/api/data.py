@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stiff_bench.plan.options import Choice, parse_option
-from stiff_bench.plan.registry import Registry, build_registry
+from stiff_bench.plan.registry import Kind, Registry, build_registry
 from stiff_bench.plan.request import loaded
-from stiff_bench.plan.words import Kind, RobotWords, chosen
+from stiff_bench.plan.words import RobotWords, chosen
 from stiff_datasets.catalog import MEASURED_FILE
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import DatasetInfo

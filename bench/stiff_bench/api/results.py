@@ -17,7 +17,6 @@ from stiff_bench.api.model import Model, model_choice
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.options import Chosen
 from stiff_bench.plan.request import plan_run
-from stiff_bench.run.cell_process import Limits
 from stiff_bench.run.execution import chosen_execution
 from stiff_bench.run.machine import pin_threads, threads_asked_for
 from stiff_bench.run.progress import display
@@ -297,7 +296,9 @@ def evaluate(
         registry(),
         jobs=jobs,
         isolate=False if local else None,
-        limits=Limits(threads),
+        timeout=None,
+        memory=None,
+        threads=threads,
         dask="",
         rerun="missing",
     )
