@@ -11,6 +11,7 @@ from sklearn.base import BaseEstimator
 
 from stiff_models.io import saved
 from stiff_protocols.contract.errors import ModelError, NotFittedError
+from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples
 
 if TYPE_CHECKING:
@@ -36,9 +37,11 @@ class FittedModel(BaseEstimator):  # type: ignore[misc]
 
     Attributes:
         robot_: the robot it was fitted for; predictions are valid for that robot alone.
+        training_range_: joint positions and loads that it learned from.
     """
 
     robot_: Robot
+    training_range_: TrainingRange
 
     def fit(
         self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
@@ -57,7 +60,7 @@ class FittedModel(BaseEstimator):  # type: ignore[misc]
             ModelError: these samples identify nothing, or the training diverged.
         """
         self._fit(train, robot, validation, seed)
-        self.robot_ = robot
+        self.robot_, self.training_range_ = robot, TrainingRange.of(train)
         return self
 
     @abstractmethod
