@@ -271,14 +271,8 @@ class Prediction:
         Checking 35,000 of them again takes longer than a leaderboard does.
         """
         made = object.__new__(cls)
-        values = {
-            "rows": rows,
-            "predicted": predicted,
-            "measured": measured,
-            "interval": interval,
-            "reference": reference,
-        }
-        object.__setattr__(made, "__dict__", values)
+        vars(made).update(rows=rows, predicted=predicted, measured=measured)
+        vars(made).update(interval=interval, reference=reference)
         return made
 
 
