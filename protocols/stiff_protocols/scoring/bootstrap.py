@@ -133,7 +133,15 @@ def resampled_means(
         DataError: there is no competitor, one has several columns, or they were not tested on the
             same poses, each equally often.
     """
-    totals, counts = _side_by_side(errors)
+    if not errors:
+        raise DataError("resampled means need at least 1 competitor, there are none")
+    for one in errors:
+        _check_paired(errors[0], one)
+        if one.totals.shape[1] != 1:
+            raise DataError(
+                f"resampled means need one column of errors, there are {one.totals.shape[1]}"
+            )
+    totals, counts = np.concatenate([one.totals for one in errors], axis=1), errors[0].counts
     draws = _pose_draws(len(counts), resamples, seed)  # (B, p)
     means = (draws @ totals) / (draws @ counts.astype(np.float64))[:, None]
     # a matrix product may round equal columns differently, which would break their tie
@@ -149,19 +157,6 @@ def _pose_draws(n_poses: int, resamples: int, seed: int) -> FloatArray:
     exact = draws.astype(np.float64)  # products of integers are not BLAS's
     exact.setflags(write=False)
     return exact
-
-
-def _side_by_side(errors: Sequence[PoseErrors]) -> tuple[FloatArray, IntArray]:
-    """Return the totals (p, m) of the competitors and their common counts (p,)."""
-    if not errors:
-        raise DataError("resampled means need at least 1 competitor, there are none")
-    for one in errors:
-        _check_paired(errors[0], one)
-        if one.totals.shape[1] != 1:
-            raise DataError(
-                f"resampled means need one column of errors, there are {one.totals.shape[1]}"
-            )
-    return np.concatenate([one.totals for one in errors], axis=1), errors[0].counts
 
 
 def _check_paired(a: PoseErrors, b: PoseErrors) -> None:
