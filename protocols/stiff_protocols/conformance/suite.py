@@ -58,13 +58,10 @@ def check_model(
 
     Args:
         make: returns a new model with the options to be checked; the class itself will do.
-        data: at least 10 samples, of which 48 at most are used, and their robot.
+        data: at least 10 samples (else a DataError), of which 48 at most are used, and their robot.
         uses_validation: as in the model's `ModelInfo`.
         load: reads a file that the model's `save` wrote (`stiff_models.load`); None: the round
             trip is not checked.
-
-    Raises:
-        DataError: `data` has too few samples.
     """
     session = Session(make, data, uses_validation=uses_validation, load=load)
     return _MODEL.answers(session)

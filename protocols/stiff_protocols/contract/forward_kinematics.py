@@ -25,11 +25,7 @@ class ChainPoses:
 
 
 def forward_kinematics(robot: Robot, q: FloatArray) -> ChainPoses:
-    """Return where the robot's joints and TCP are.
-
-    Args:
-        robot: the serial chain.
-        q: (n, n_joints) joint positions, rad or m.
+    """Return where the robot's joints and TCP are at (n, n_joints) `q`, rad or m.
 
     Raises:
         DataError: `q` has another number of joints than the robot.

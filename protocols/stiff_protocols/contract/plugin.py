@@ -50,7 +50,7 @@ class PluginInfo:
 
     Attributes:
         key: the word used on the command line.
-        target: "module:Class", or the class.
+        target: "module:Class", imported when it is used, or the class.
         summary: one line for `bench list`.
         reference: where the definition comes from.
         missing_because: "module:function" that returns why the entry cannot be used here yet (data

@@ -58,11 +58,7 @@ class Difference:
 
 
 def pose_errors(pose_id: ArrayLike, errors: ArrayLike) -> PoseErrors:
-    """Sum absolute errors pose by pose.
-
-    Args:
-        pose_id: (n,) pose of each row; a pose may occur many times, in any order.
-        errors: (n, k) error of each row in k directions, m, signed or absolute.
+    """Sum (n, k) errors [m], signed or absolute, pose by pose; `pose_id` is (n,), in any order.
 
     Raises:
         DataError: there are no rows, the lengths differ, or an error is no finite number.
@@ -95,13 +91,8 @@ def bootstrap_difference(
 ) -> Difference:
     """Return MAE of A less MAE of B with its BCa interval over poses (Efron 1987).
 
-    The intervals of different columns are each of its own, not joint.
-
-    Args:
-        a: errors of A.
-        b: errors of B on the same rows.
-        confidence: probability (0..1) that an interval is to have.
-        seed: of the resampling.
+    The intervals of different columns are each of its own, not joint. `confidence` is the
+    probability (0..1) that an interval is to have.
 
     Raises:
         DataError: A and B were not tested on the same poses, each equally often, or on one alone.
@@ -122,12 +113,7 @@ def resampled_means(
 ) -> FloatArray:
     """Return the (B, m) mean errors, m, of m competitors on B draws of the poses, the same for all.
 
-    Competitors with equal errors have exactly equal means.
-
-    Args:
-        errors: m competitors, each with one column of errors, on the same rows.
-        resamples: number of draws B.
-        seed: of the draws.
+    Each competitor has one column of errors; those with equal errors have exactly equal means.
 
     Raises:
         DataError: there is no competitor, one has several columns, or they were not tested on the

@@ -283,10 +283,7 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
         validates: bool,
         seed: int,
     ) -> FloatArray:
-        """Return a candidate's Euclidean errors on the part's test rows, m.
-
-        `validates`: the part's validation rows may choose the epoch; else they are training rows.
-        """
+        """Return a candidate's Euclidean errors on the part's test rows, m."""
         model = self._with(params)
         train, validation = rows.take(part.train), rows.take(part.validation)
         test = rows.take(part.test)
