@@ -46,14 +46,7 @@ class FittedModel(BaseEstimator):  # type: ignore[misc]
     def fit(
         self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
     ) -> Self:
-        """Learn from `train`.
-
-        Args:
-            train: the only samples that parameters are fitted to.
-            robot: that was measured.
-            validation: samples that choose an epoch, in families that choose one; without them
-                the last epoch is kept.
-            seed: of everything random.
+        """Learn as `StiffnessModel.fit` says; without validation rows the last epoch is kept.
 
         Raises:
             ConfigError: the options do not fit each other, the samples or the robot.

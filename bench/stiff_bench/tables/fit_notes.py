@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from stiff_bench.tables.units import percent
+from stiff_protocols.contract.plugin import in_words
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.contract.search_space import in_words
 
 
 def size_notes(results: Sequence[CellResult]) -> list[str]:
