@@ -40,13 +40,13 @@ model_file_option = click.option(
 def fit(plugins: tuple[Path, ...], **words: Any) -> None:
     """Fit a model to all samples of a data set and save it."""
     from stiff_bench.model_tools.saved import fit_model
-    from stiff_bench.plan.registry import usable_registry
+    from stiff_bench.plan.registry import build_registry
     from stiff_bench.plan.request import plan_run
     from stiff_protocols.contract.errors import ConfigError
 
     if len(words["datasets"]) + (words["data"] is not None) != 1:
         raise ConfigError("give one of --dataset KEY and --data FILE.csv")
-    registry = usable_registry(plugins)
+    registry = build_registry(plugins)
     click.echo(fit_model(plan_run(chosen(words, registry), registry, **words)))
 
 
@@ -92,9 +92,9 @@ def check(key: str, dataset: str, settings: tuple[str, ...], plugins: tuple[Path
     Exit status: 0 nothing failed, 1 a check failed, 2 it cannot be checked.
     """
     from stiff_bench.model_tools.plugins import checklist
-    from stiff_bench.plan.registry import usable_registry
+    from stiff_bench.plan.registry import build_registry
 
-    text, kept = checklist(key, dataset, settings, usable_registry(plugins))
+    text, kept = checklist(key, dataset, settings, build_registry(plugins))
     click.echo(text)
     return 0 if kept else 1
 
@@ -110,6 +110,6 @@ def new() -> None:
 def model(name: str, output: Path) -> None:
     """Write a small working model and its test."""
     from stiff_bench.model_tools.plugins import new_model
-    from stiff_bench.plan.registry import usable_registry
+    from stiff_bench.plan.registry import build_registry
 
-    click.echo(new_model(name, output, usable_registry()))
+    click.echo(new_model(name, output, build_registry()))
