@@ -269,7 +269,7 @@ def plans(key: str, recipe: str) -> list[dict[str, Any]]:
         }
         if one not in found:
             found.append(one)
-        return Curve((), plan.steps, np.nan)
+        return Curve(np.empty((0, 3)), plan.steps, np.nan)
 
     lengths = dict.fromkeys({"epochs", "pretrain_steps"} & model_with(key, {}).get_params().keys())
     defaults = model_info(key).load()().get_params()
@@ -294,7 +294,7 @@ def pretrained() -> dict[str, list[float]]:
                 mlp = build_network(8, layers=4, width=16, activation=activation, seed=SEED)
                 short = replace(plan, steps=15, batch=plan.batch and 32)
                 curve = train_network(mlp, rows, short, seed=SEED, phase=recipe)
-                found[f"{recipe} {activation}"] = outputs(mlp, inputs) + losses(curve.table())
+                found[f"{recipe} {activation}"] = outputs(mlp, inputs) + losses(curve.points)
         for alignment, weight in ALIGNMENT_WEIGHTS.items():
             cnn = without_noise(8, pool="none", dropout=0.0, per_sample=False, seed=SEED)
             objective, moving = None, [*cnn.parameters()]
@@ -312,7 +312,7 @@ def pretrained() -> dict[str, list[float]]:
                 trainable=Trainable(dict.fromkeys(moving, 1.0)),
                 objective=objective,
             )
-            found[f"cnn {alignment}"] = outputs(cnn, inputs) + losses(curve.table())
+            found[f"cnn {alignment}"] = outputs(cnn, inputs) + losses(curve.points)
     return found
 
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from made_robots import random_chain
 from made_samples import samples_with
-from stiff_models.physics.joint_springs import joint_deflection
-from stiff_models.physics.kinematics import jacobian
+from stiff_models.physics.kinematics import jacobian, joint_deflection
 from stiff_protocols.contract.types import FloatArray, JointType, Robot, Samples
 
 ELBOW, WRIST = 2, 4  # A3 and A5

@@ -13,10 +13,12 @@ from typing import Any
 
 import pytest
 
+OURS = "stiffbench"
+
 
 def ours(
     benchmark: Any,
-    name: str = "stiffbench",
+    name: str = OURS,
     *,
     work: float = 1.0,
     unit: str = "call",
@@ -31,18 +33,23 @@ def ours(
         unit: of the work, singular.
         at_least: peer's name -> how many times its rate ours is to reach.
     """
-    benchmark.extra_info |= {
-        "who": name,
-        "ours": True,
-        "work": work,
-        "unit": unit,
-        "at_least": dict(at_least or {}),
-    }
+    benchmark.extra_info |= {"who": name, "ours": True, "work": work, "unit": unit}
+    benchmark.extra_info["at_least"] = dict(at_least or {})
 
 
 def peer(benchmark: Any, name: str, *, work: float = 1.0, unit: str = "call") -> None:
     """Say that this benchmark is a peer's; arguments as of `ours`."""
     benchmark.extra_info |= {"who": name, "ours": False, "work": work, "unit": unit}
+
+
+def ours_or_peer(
+    benchmark: Any, name: str, at_least: Mapping[str, float] | None = None, **work: Any
+) -> None:
+    """Say whose benchmark this is: ours where the name begins with "stiffbench"."""
+    if name.startswith(OURS):
+        ours(benchmark, name, at_least=at_least, **work)
+    else:
+        peer(benchmark, name, **work)
 
 
 def needed(module: str, name: str) -> Any:
@@ -53,15 +60,7 @@ def needed(module: str, name: str) -> Any:
         pytest.skip(f"peer {name}: {error} (pip install 'stiffbench[perf]')")
 
 
-def figure(
-    benchmark: Any,
-    what: str,
-    value: float,
-    unit: str,
-    *,
-    at_most: float | None = None,
-    at_least: float | None = None,
-) -> None:
+def figure(benchmark: Any, what: str, value: float, unit: str, **target: float | None) -> None:
     """Add a measured value that is no ratio of times: an error, megabytes, an exponent.
 
     Args:
@@ -69,13 +68,7 @@ def figure(
         what: what was measured.
         value: the value.
         unit: as printed: mm, MB.
-        at_most, at_least: its target; None: it has none.
+        **target: `at_most` or `at_least`.
     """
-    found = {
-        "what": what,
-        "value": float(value),
-        "unit": unit,
-        "at_most": at_most,
-        "at_least": at_least,
-    }
-    benchmark.extra_info.setdefault("figures", []).append(found)
+    found = {"what": what, "value": float(value), "unit": unit, "at_most": None, "at_least": None}
+    benchmark.extra_info.setdefault("figures", []).append(found | target)

@@ -88,8 +88,8 @@ def our_loop(case: Pretrained, freeze: str, plan: TrainingPlan) -> Curve:
 def largest_difference(curve: Curve, plain: PlainCurve) -> float:
     """Return the largest difference of a loss from the plain loop's, as a share of the latter."""
     pairs = [(curve.best_loss, min(plain.held_out))]
-    for point in curve.points:
-        pairs.append((point.train_loss, plain.train[point.step - 1]))
-        pairs.append((point.validation_loss, plain.held_out[point.step - 2]))
+    for step, train_loss, validation_loss in curve.points:
+        pairs.append((train_loss, plain.train[int(step) - 1]))
+        pairs.append((validation_loss, plain.held_out[int(step) - 2]))
     ours, theirs = np.array(pairs).T
     return float((abs(ours - theirs) / theirs).max())

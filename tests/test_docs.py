@@ -1,7 +1,8 @@
-"""The page "Add a model": its code blocks are models that keep the contract and can be run."""
+"""Pages with code: "Add a model" has models that can be run, "In Python" prints what it says."""
 
 from __future__ import annotations
 
+import doctest
 import re
 from pathlib import Path
 
@@ -34,3 +35,12 @@ def test_a_model_of_the_page_keeps_the_contract_and_can_be_run(key, tmp_path):
     result = compute_cell(task, "run")
     assert (result.status, result.failure) == ("ok", "")
     assert bool(result.diagnostics) == (key == "bagged-ridge")
+
+
+def test_the_page_on_python_prints_what_it_says():
+    page = Path(__file__).parents[1] / "docs" / "python.md"
+    found = doctest.testfile(
+        str(page), module_relative=False, optionflags=doctest.NORMALIZE_WHITESPACE
+    )
+    assert found.attempted > 20
+    assert found.failed == 0

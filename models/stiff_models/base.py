@@ -4,26 +4,23 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from sklearn.base import BaseEstimator
 
 from stiff_models.io import saved
 from stiff_protocols.contract.errors import ModelError, NotFittedError
-from stiff_protocols.contract.types import FloatArray, Interval, Robot
+from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples
 
 if TYPE_CHECKING:
     import torch
 
 
 def normal_interval(mean: FloatArray, deviation: FloatArray, coverage: float) -> Interval:
-    """Return the central interval of each axis.
+    """Return the central interval of (n, 3) means and standard deviations, m, axis by axis.
 
-    Args:
-        mean: (n, 3) m.
-        deviation: (n, 3) standard deviation, m.
-        coverage: probability, between 0 and 1, of each axis alone.
+    `coverage` is the probability (0..1) of each axis alone.
     """
     from scipy.special import ndtri  # not every model needs it
 
@@ -34,8 +31,8 @@ def normal_interval(mean: FloatArray, deviation: FloatArray, coverage: float) ->
 class FittedModel(BaseEstimator):  # type: ignore[misc]
     """Base of the built-in families: a prediction that is checked at both ends, and files.
 
-    A family's `fit` sets `robot_` last and keeps everything that a prediction needs in attributes
-    that end in an underscore: those are what a model file holds.
+    A family writes `_fit` and `_predict`, and keeps everything that a prediction needs in
+    attributes that end in an underscore: those are what a model file holds.
 
     Attributes:
         robot_: the robot it was fitted for; predictions are valid for that robot alone.
@@ -43,15 +40,36 @@ class FittedModel(BaseEstimator):  # type: ignore[misc]
 
     robot_: Robot
 
+    def fit(
+        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
+    ) -> Self:
+        """Learn from `train`.
+
+        Args:
+            train: the only samples that parameters are fitted to.
+            robot: that was measured.
+            validation: samples that choose an epoch, in families that choose one; without them
+                the last epoch is kept.
+            seed: of everything random.
+
+        Raises:
+            ConfigError: the options do not fit each other, the samples or the robot.
+            ModelError: these samples identify nothing, or the training diverged.
+        """
+        self._fit(train, robot, validation, seed)
+        self.robot_ = robot
+        return self
+
+    @abstractmethod
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
+        """Set the fitted attributes."""
+
     def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return the deflection of the TCP.
+        """Return the (n, 3) deflection of the TCP, m, base frame.
 
         Args:
             q: (n, n_joints) joint positions, rad or m.
             wrench: (n, 6) N and N m at the TCP, base frame.
-
-        Returns:
-            (n, 3) m, base frame.
 
         Raises:
             NotFittedError: `fit` was not called.
@@ -74,6 +92,7 @@ class FittedModel(BaseEstimator):  # type: ignore[misc]
 
         Raises:
             NotFittedError: `fit` was not called.
+            ModelError: the model is none of stiffbench's own, or holds what no file can.
             StoreError: the file cannot be written.
         """
         saved.save(self, path)
@@ -81,7 +100,7 @@ class FittedModel(BaseEstimator):  # type: ignore[misc]
     def _empty_module(self, name: str) -> torch.nn.Module:
         """Return an untrained module of the shape of the fitted attribute `name`, for loading.
 
-        Called when every other attribute is restored; families that hold a network write it.
+        Called when every other attribute is restored.
         """
         raise NotImplementedError(f"{type(self).__name__} holds no module {name!r}")
 
@@ -90,7 +109,6 @@ class FittedModel(BaseEstimator):  # type: ignore[misc]
         """Return the (n, 3) deflection of checked float64 input."""
 
     def _checked(self, q: FloatArray, wrench: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return both as float64 arrays of the fitted robot's shapes."""
         if not hasattr(self, "robot_"):
             raise NotFittedError(f"{type(self).__name__}: call fit before predict")
         q, wrench = np.asarray(q, dtype=np.float64), np.asarray(wrench, dtype=np.float64)
@@ -104,5 +122,4 @@ class FittedModel(BaseEstimator):  # type: ignore[misc]
 
 
 def _first_not_finite(rows: FloatArray) -> int:
-    """Return the number of the first row that holds a NaN or an infinity."""
     return int(np.isfinite(rows).all(axis=1).argmin())

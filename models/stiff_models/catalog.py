@@ -21,33 +21,28 @@ MODELS = (
     ModelInfo(
         key="zero",
         target="stiff_models.regressors.baselines:ZeroModel",
-        version=1,
         summary="no deflection at all: what an uncorrected path gets",
     ),
     ModelInfo(
         key="mean",
         target="stiff_models.regressors.baselines:MeanModel",
-        version=1,
         summary="mean deflection of the training samples",
     ),
     ModelInfo(
         key="knn",
         target="stiff_models.regressors.regressor_model:NearestNeighbours",
-        version=1,
         summary="mean of the nearest training samples",
         grids={"default": {"neighbours": (1, 3, 5, 10), "weights": ("uniform", "distance")}},
     ),
     ModelInfo(
         key="vjm",
         target="stiff_models.physics.vjm:VirtualJointModel",
-        version=1,
         summary="linear virtual joint model, one torsion spring a joint, least squares",
         reference="deflection = J K^-1 J^T wrench; identified as in the source paper",
     ),
     ModelInfo(
         key="vjm-multisegment",
         target="stiff_models.physics.multi_segment_vjm:MultiSegmentVjm",
-        version=1,
         summary="VJM whose springs get another slope as the torque grows, preloaded by gravity",
         reference="multi-segment joint stiffness after Schneider et al.; see docs/models.md",
         grids={"default": {"segments": (2, 3), "breakpoints": ("quantile", "search")}},
@@ -55,7 +50,6 @@ MODELS = (
     ModelInfo(
         key="vjm-full",
         target="stiff_models.physics.full_vjm:FullVjm",
-        version=1,
         summary="three or six virtual springs a joint, reduced to what the samples identify",
         reference="after Pashkevich, Klimchik and Chablat 2011",
         grids={"default": {"springs": (3, 6), "solver": ("nnls", "ridge")}},
@@ -63,7 +57,6 @@ MODELS = (
     ModelInfo(
         key="mlp",
         target="stiff_models.networks.mlp:Mlp",
-        version=1,
         summary="4 x 380 network from scratch on the measured training samples",
         reference="network of the source paper, without its transfer",
         uses_validation=True,
@@ -73,7 +66,6 @@ MODELS = (
     ModelInfo(
         key="mlp-pretrained",
         target="stiff_models.transfer.mlp_pretrained:MlpPretrained",
-        version=1,
         summary="4 x 380 network trained on the simulated source domain alone",
         reference="pre-training of the source paper",
         quick=_QUICK_SOURCE,
@@ -81,7 +73,6 @@ MODELS = (
     ModelInfo(
         key="ft-mlp",
         target="stiff_models.transfer.ft_mlp:FtMlp",
-        version=1,
         summary="pre-trained on the source domain, fine-tuned on the measurements",
         reference="the method of the source paper",
         uses_validation=True,
@@ -98,7 +89,6 @@ MODELS = (
     ModelInfo(
         key="dt-cnn",
         target="stiff_models.transfer.dt_cnn:DtCnn",
-        version=1,
         summary="1x1-convolution network, its features of simulated and measured inputs aligned",
         reference="Zhao et al., UDTL, 2021; the source paper's DT-CNN",
         uses_validation=True,
@@ -108,7 +98,6 @@ MODELS = (
     ModelInfo(
         key="compliance-net",
         target="stiff_models.transfer.compliance_net:ComplianceNet",
-        version=1,
         summary="network of joint compliances inside the VJM's equation: no load, no deflection",
         uses_validation=True,
         quick=_QUICK_NETWORK,
@@ -116,7 +105,6 @@ MODELS = (
     ModelInfo(
         key="deep-ensemble",
         target="stiff_models.transfer.deep_ensemble:DeepEnsemble",
-        version=1,
         summary="mean of several ft-mlp that differ in their random numbers",
         reference="Lakshminarayanan, Pritzel and Blundell 2017",
         uses_validation=True,
@@ -125,7 +113,6 @@ MODELS = (
     ModelInfo(
         key="residual-mlp",
         target="stiff_models.regressors.residual_mlp:ResidualMlp",
-        version=1,
         summary="VJM, and an MLP for what it leaves",
         uses_validation=True,
         quick=_QUICK_NETWORK,
@@ -137,7 +124,6 @@ MODELS = (
     ModelInfo(
         key="gp",
         target="stiff_models.regressors.gp:GaussianProcessModel",
-        version=1,
         summary="Gaussian process of the deflections, with its own intervals",
         quick=_QUICK_PROCESS,
         grids={"default": _KERNELS},
@@ -145,7 +131,6 @@ MODELS = (
     ModelInfo(
         key="vjm-gp",
         target="stiff_models.regressors.on_physics:VjmGp",
-        version=1,
         summary="VJM, and a Gaussian process for what it leaves, with its own intervals",
         quick=_QUICK_PROCESS,
         grids={"default": _KERNELS, "physics": _PHYSICS},
@@ -153,7 +138,6 @@ MODELS = (
     ModelInfo(
         key="mf-gp",
         target="stiff_models.regressors.mf_gp:MultiFidelityGp",
-        version=1,
         summary="co-kriging of simulated (VJM) and measured samples, with its own intervals",
         reference="Kennedy and O'Hagan 2000; Le Gratiet and Garnier 2014",
         quick=_QUICK_PROCESS | {"source_samples": 16},
@@ -161,7 +145,6 @@ MODELS = (
     ModelInfo(
         key="vjm-boosting",
         target="stiff_models.regressors.on_physics:VjmBoosting",
-        version=1,
         summary="VJM, and gradient-boosted trees for what it leaves",
         quick={"trees": 20},
         grids={
@@ -172,7 +155,6 @@ MODELS = (
     ModelInfo(
         key="realmlp",
         target="stiff_models.regressors.tabular:RealMlp",
-        version=1,
         summary="RealMLP, a tuned network for small tables",
         reference="Holzmueller, Grinsztajn and Steinwart 2024; package pytabkit",
         missing_because="stiff_models.regressors.optional_packages:missing_pytabkit",
@@ -183,7 +165,6 @@ MODELS = (
     ModelInfo(
         key="tabm",
         target="stiff_models.regressors.tabular:TabM",
-        version=1,
         summary="TabM, an ensemble of networks that share most weights",
         reference="Gorishniy, Kotelnikov and Babenko 2025; package pytabkit",
         missing_because="stiff_models.regressors.optional_packages:missing_pytabkit",
@@ -194,7 +175,6 @@ MODELS = (
     ModelInfo(
         key="tabpfn",
         target="stiff_models.regressors.tabular:TabPfn",
-        version=1,
         summary="TabPFN, a network that learned to predict from small tables",
         reference="Hollmann et al. 2025; package tabpfn",
         missing_because="stiff_models.regressors.optional_packages:missing_tabpfn",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
 from typing import Literal
 
 import torch
@@ -12,25 +13,25 @@ from stiff_protocols.contract.errors import ConfigError
 Device = Literal["auto", "cpu", "cuda"]
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class RunsOnDevice:
-    """Mixin of families with the option `device`."""
+    """Mixin of the families with a network.
 
-    device: Device
+    Attributes:
+        device: where the network runs.
+    """
+
+    device: Device = "auto"
 
     def check_params(self) -> None:
-        """Check what a single option's type cannot.
-
-        Raises:
-            ConfigError: the device is not there.
-        """
+        """Raise ConfigError where the device is not there."""
         torch_device(self.device)
 
 
 def torch_device(device: Device) -> torch.device:
     """Return the device a network runs on; "auto" takes a GPU where there is one.
 
-    A GPU's matrix products are told to repeat themselves; `arithmetic` sees to the rest of a
-    training.
+    A GPU's matrix products are told to repeat themselves; `arithmetic` sees to the rest.
 
     Raises:
         ConfigError: "cuda" was asked for and there is none.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import copy
 import re
 from collections.abc import Callable
 from random import Random
@@ -62,22 +62,18 @@ def tokens_replaced(text: str, rng: Random) -> str:
 
 
 def lines_damaged(text: str, rng: Random) -> str:
-    """Remove, double, repeat, move or empty a line, or end all lines otherwise."""
+    """Remove, repeat, move or empty a line, or end all lines otherwise."""
     lines = text.split("\n")
     at = rng.randrange(len(lines))
-    match rng.randrange(7):
+    match rng.randrange(5):
         case 0:
             del lines[at]
         case 1:
-            lines.insert(rng.randrange(len(lines)), lines[at])
+            lines[at:at] = [lines[at]] * rng.choice((1, 100))
         case 2:
-            lines[at:at] = [lines[at]] * 100
-        case 3:
             rng.shuffle(lines)
-        case 4:
-            lines[at] = ""
-        case 5:
-            lines[at] += rng.choice(WORDS)
+        case 3:
+            lines[at] = rng.choice(("", lines[at] + rng.choice(WORDS)))
         case _:
             return rng.choice(("\r", "\r\n", "\n\n", "\x0b")).join(lines)
     return "\n".join(lines)
@@ -87,32 +83,29 @@ def text_damaged(data: bytes, rng: Random) -> bytes:
     """Damage UTF-8 text in tokens, lines, bytes or its encoding."""
     text = data.decode()
     match rng.randrange(10):
-        case 0 | 1 | 2 | 3:
-            return tokens_replaced(text, rng).encode()
-        case 4 | 5:
-            return lines_damaged(text, rng).encode()
-        case 6:
-            return tokens_replaced(lines_damaged(text, rng), rng).encode()
-        case 7:
-            return text.encode(rng.choice(ENCODINGS))
-        case _:
+        case 0 | 1:
             return bytes_damaged(data, rng)
+        case 2:
+            return text.encode(rng.choice(ENCODINGS))
+        case 3 | 4 | 5:
+            text = lines_damaged(text, rng)
+    return tokens_replaced(text, rng).encode()
 
 
 def tree_damaged(tree: Any, rng: Random) -> Any:
     """Return a tree of JSON with one to three nodes replaced, removed, doubled or wrapped."""
-    tree = _copied(tree)
+    tree = copy.deepcopy(tree)
     for _ in range(rng.randint(1, 3)):
         places = list(_places(tree))
         if not places:
-            return _copied(rng.choice(JSON_NONSENSE))
+            return copy.deepcopy(rng.choice(JSON_NONSENSE))
         parent, key = rng.choice(places)
         match rng.randrange(6):
             case 0 | 1:
-                parent[key] = _copied(rng.choice(JSON_NONSENSE))
+                parent[key] = copy.deepcopy(rng.choice(JSON_NONSENSE))
             case 2:
                 other, its_key = rng.choice(places)
-                parent[key] = _copied(other[its_key])
+                parent[key] = copy.deepcopy(other[its_key])
             case 3:
                 del parent[key]
             case 4 if isinstance(parent, list):
@@ -122,10 +115,6 @@ def tree_damaged(tree: Any, rng: Random) -> Any:
             case _:
                 parent[key] = [parent[key]] if rng.random() < 0.5 else {"type": parent[key]}
     return tree
-
-
-def _copied(tree: Any) -> Any:
-    return json.loads(json.dumps(tree))
 
 
 def _places(tree: Any) -> Any:

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from fuzz import hard_cases
 from fuzz.mutations import Mutator, text_damaged
-from fuzz.sealed import model_damaged, npz_damaged, parquet_damaged, results_damaged
+from fuzz.sealed import model_damaged, parquet_damaged, results_damaged
 
-from made_results import MadeResults, made_data
+from made_results import MadeResults
 from quick_models import quick_model, twin_data
 from run_requests import planned
 from stiff_bench.model_tools.saved import predict_file
@@ -20,15 +20,12 @@ from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.search import checked_grid, written_grids
 from stiff_bench.plan.words import parse_tcp
 from stiff_bench.store.database import FILE, read_data, read_manifests, read_results
-from stiff_bench.store.samples import data_content, stored_data
 from stiff_datasets.measured import registered
 from stiff_datasets.measured.load_file import read_loads
 from stiff_datasets.measured.measured import read_samples, write_samples
 from stiff_datasets.robots.robot import load_robot
 from stiff_datasets.twin.constants import read_constants
 from stiff_protocols.contract.types import Robot
-
-ANY_NAME = ("",)
 
 
 @dataclass(frozen=True)
@@ -125,16 +122,6 @@ def _results(folder: Path) -> Prepared:
     return Prepared(path, (valid,), read, hard_cases.results(valid), results_damaged)
 
 
-def _stored_data(folder: Path) -> Prepared:
-    valid = data_content(made_data(0))
-    hard = hard_cases.archives(valid)
-
-    def read(path: Path) -> object:
-        return stored_data(path.read_bytes())
-
-    return Prepared(folder / "data.npz", (valid,), read, hard, npz_damaged, ANY_NAME)
-
-
 MODELS = ("vjm", "mlp", "sklearn:neighbors.KNeighborsRegressor", "vjm-boosting")
 
 
@@ -177,7 +164,7 @@ def _words(folder: Path) -> Prepared:
             settings=(setting,) if setting else (),
         )
 
-    return Prepared(folder / "words.txt", WORDS, read, also_named=ANY_NAME)
+    return Prepared(folder / "words.txt", WORDS, read, also_named=("",))
 
 
 READERS: dict[str, Callable[[Path], Prepared]] = {
@@ -193,5 +180,4 @@ READERS: dict[str, Callable[[Path], Prepared]] = {
     "results": _results,
     "model files": _models,
     "command words": _words,
-    "stored data": _stored_data,
 }

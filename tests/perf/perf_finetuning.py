@@ -10,13 +10,12 @@ import pytest
 import torch
 from joblib import Parallel, delayed, parallel_config
 
-from perf_case import figure, ours, peer
+from perf_case import figure, ours, ours_or_peer
 from plain_fine_tuning import Pretrained, largest_difference, our_loop, plain_loop
 from run_requests import planned
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_datasets.twin.kr10_twin import Kr10Twin
-from stiff_models.networks.arithmetic import arithmetic, has_fast_bfloat16
-from stiff_models.networks.network import linear_layers
+from stiff_models.networks.arithmetic import has_fast_bfloat16
 from stiff_models.networks.training_plan import TrainingPlan
 from stiff_models.transfer.ft_mlp import FINE_TUNING, FtMlp
 from stiff_models.transfer.mlp_pretrained import Recipe
@@ -26,17 +25,16 @@ from stiff_protocols.splits.random_splits import PaperHoldout
 FREEZE = "layers:1,2"  # the paper's
 UPPER = "layers:3,4,out"  # what lies below is computed once
 MOVING = {FREEZE: (0, 1), UPPER: (2, 3, 4)}
-GROUP = {freeze: f"fine-tuning, 121 + 30 rows, freeze={freeze}" for freeze in MOVING}
 PLAIN = "plain eager torch"
 PLAN = TrainingPlan(steps=100, learning_rate=3e-4, loss="mae", optimizer="adam", keep_best=True)
 SAME_EPOCHS = 40
-SAME = {"float32": 1e-4, "bfloat16": 3e-2}
+SAME = {"stiffbench float32": 1e-4, "stiffbench bfloat16": 3e-2}
 """Largest relative difference of a loss from the plain loop's in the first 40 epochs.
 
 Later the sign in the gradient of the mean absolute error makes every difference grow to some per
 cent: the plain loop's own losses do so when its first weights change by 1e-7.
 """
-AT_LEAST = {"float32": 1.6, "bfloat16": 3.0}
+AT_LEAST = {"stiffbench float32": 1.6, "stiffbench bfloat16": 3.0}
 SPLITS = 10
 CHOSEN_ON = 5  # candidates met on splits 0 to 3 and on specimens 5 to 7, on none from here on
 PROCESSES = 2
@@ -57,63 +55,20 @@ def pretrained(model: FtMlp, train: Samples, held_out: Samples) -> Pretrained:
     return Pretrained(model.network_, rows, others)
 
 
-@pytest.fixture()
-def plan(case, freeze, precision) -> TrainingPlan:
-    """The plan, once ours and the plain loop have the same losses with it."""
-    if precision == "bfloat16" and not has_fast_bfloat16(torch.device("cpu")):
+@pytest.mark.parametrize("who", ["stiffbench float32", "stiffbench bfloat16", PLAIN])
+@pytest.mark.parametrize("freeze", MOVING)
+def test_epochs(benchmark, case, freeze, who):
+    plan = replace(PLAN, mixed_precision="bfloat16" in who)
+    if plan.mixed_precision and not has_fast_bfloat16(torch.device("cpu")):
         pytest.skip("bfloat16: this processor has no products of it")
-    chosen = replace(PLAN, mixed_precision=precision == "bfloat16")
-    first = replace(chosen, steps=SAME_EPOCHS)
-    plain = plain_loop(case, MOVING[freeze], first)
-    assert largest_difference(our_loop(case, freeze, first), plain) < SAME[precision]
-    return chosen
-
-
-@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
-@pytest.mark.parametrize(
-    "freeze", [pytest.param(key, marks=pytest.mark.benchmark(group=GROUP[key])) for key in GROUP]
-)
-def test_ours(benchmark, case, freeze, plan, precision):
-    target = {PLAIN: AT_LEAST[precision]}
-    ours(benchmark, f"stiffbench {precision}", work=plan.steps, unit="epoch", at_least=target)
-    benchmark.pedantic(our_loop, (case, freeze, plan), rounds=8, warmup_rounds=1)
-
-
-@pytest.mark.parametrize(
-    "freeze", [pytest.param(key, marks=pytest.mark.benchmark(group=GROUP[key])) for key in GROUP]
-)
-def test_plain(benchmark, case, freeze):
-    peer(benchmark, PLAIN, work=PLAN.steps, unit="epoch")
-    benchmark.pedantic(plain_loop, (case, MOVING[freeze], PLAN), rounds=8, warmup_rounds=1)
-
-
-def products(network: torch.nn.Sequential, moving: tuple[int, ...], kind: torch.dtype):
-    """Return a function that does the matrix products of an epoch, and nothing else."""
-    weights = [layer.weight.detach().to(kind) for layer in linear_layers(network)]
-    first, n_layers = min(moving), len(weights)
-    inputs = [torch.randn(151, weight.shape[1]).to(kind) for weight in weights]
-    slopes = [torch.randn(121, weight.shape[0]).to(kind) for weight in weights]
-    pairs = [(inputs[i], weights[i].T) for i in range(first, n_layers)]
-    pairs += [(slopes[i], weights[i]) for i in range(first + 1, n_layers)]
-    pairs += [(slopes[i].T, inputs[i][:121]) for i in moving]
-    return lambda: [torch.mm(*pair) for pair in pairs]
-
-
-@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
-@pytest.mark.parametrize(
-    "freeze", [pytest.param(key, marks=pytest.mark.benchmark(group=GROUP[key])) for key in GROUP]
-)
-def test_products_alone(benchmark, case, freeze, precision):
-    """The limit: what an epoch takes when everything but its products is free."""
-    low = precision == "bfloat16"
-    kind = arithmetic(torch.device("cpu"), mixed_precision=low)
-    if low and not kind.bfloat16:
-        pytest.skip("bfloat16: this processor has no products of it")
-    dtype = torch.bfloat16 if low else torch.float32
-    peer(benchmark, f"the products alone, {precision}", unit="epoch")
-    with kind.in_force():
-        run = products(case.network, MOVING[freeze], dtype)
-        benchmark.pedantic(run, rounds=8, iterations=50, warmup_rounds=1)
+    way, chosen = (plain_loop, MOVING[freeze]) if who == PLAIN else (our_loop, freeze)
+    if who != PLAIN:  # both have the same losses first
+        first = replace(plan, steps=SAME_EPOCHS)
+        plain = plain_loop(case, MOVING[freeze], first)
+        assert largest_difference(our_loop(case, freeze, first), plain) < SAME[who]
+    benchmark.group = f"fine-tuning, 121 + 30 rows, freeze={freeze}"
+    ours_or_peer(benchmark, who, {PLAIN: AT_LEAST.get(who)}, work=plan.steps, unit="epoch")
+    benchmark.pedantic(way, (case, chosen, plan), rounds=8, warmup_rounds=1)
 
 
 @pytest.mark.benchmark(group="fine-tuning, 121 + 30 rows, two processes of one thread")
@@ -143,17 +98,14 @@ def test_fast_recipe(benchmark):
     compared; the test rows take no part.
     """
     tasks = list(cell_tasks(planned(models=("ft-mlp@epochs=0",), splits=SPLITS)))
+
+    def prepared(task: CellTask) -> Pretrained:
+        parts = [task.data.samples.take(r) for r in (task.split.train, task.split.validation)]
+        model = task.make().fit(parts[0], robot=task.data.robot, seed=task.cell.model_seed)
+        return pretrained(model, *parts)
+
     with parallel_config("loky", inner_max_num_threads=1), Parallel(PROCESSES) as workers:
-        models = workers(
-            delayed(task.make().fit)(
-                learned(task), robot=task.data.robot, seed=task.cell.model_seed
-            )
-            for task in tasks
-        )
-        cases = [
-            pretrained(model, learned(task), task.data.samples.take(task.split.validation))
-            for model, task in zip(models, tasks, strict=True)
-        ]
+        cases = workers(delayed(prepared)(task) for task in tasks)
 
         def lowest_losses(recipe: Recipe) -> FloatArray:
             plan = replace(FINE_TUNING[recipe], keep_best=True)
@@ -163,19 +115,11 @@ def test_fast_recipe(benchmark):
         ours(benchmark, "recipe=fast", work=SPLITS, unit="fine-tuning")
         fast = benchmark.pedantic(lowest_losses, ("fast",), rounds=3, warmup_rounds=1)
         start = time.perf_counter()
-        paper = lowest_losses("paper")
-        seconds = time.perf_counter() - start
-    ratio = fast / paper
+        ratio = fast / lowest_losses("paper")
+        share = 100 * benchmark.stats.stats.min / (time.perf_counter() - start)
     what = "validation MAE, recipe=fast over recipe=paper"
     figure(benchmark, f"{what}, mean of {SPLITS} splits", ratio.mean(), "", at_most=1.02)
-    unseen = ratio[CHOSEN_ON:].mean()
-    said = f"{what}, mean of splits {CHOSEN_ON} to {SPLITS - 1}"
-    figure(benchmark, said, unseen, "", at_most=1.02)
-    for index, one in enumerate(ratio):
-        figure(benchmark, f"{what}, split {index}", one, "")
-    share = 100 * benchmark.stats.stats.min / seconds
+    unseen = f"{what}, mean of splits {CHOSEN_ON} to {SPLITS - 1}"
+    figure(benchmark, unseen, ratio[CHOSEN_ON:].mean(), "", at_most=1.02)
+    figure(benchmark, f"{what}, largest", ratio.max(), "")
     figure(benchmark, "time, recipe=fast of recipe=paper", share, "%", at_most=1.0)
-
-
-def learned(task: CellTask) -> Samples:
-    return task.data.samples.take(task.split.train)

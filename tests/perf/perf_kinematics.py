@@ -1,11 +1,14 @@
-"""Deflections of the linear VJM beside those that kinematics libraries give: batch, stream, one."""
+"""Deflections of the linear VJM beside those that kinematics libraries give.
+
+In a batch, of one sample, and on the paper's source domain: 21,280 poses with five
+wrenches each.
+"""
 
 from __future__ import annotations
 
-import itertools
 import tracemalloc
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib.resources import files
 from typing import Any
 
@@ -15,25 +18,22 @@ import pytest
 import torch
 
 from made_samples import samples_with
-from perf_case import figure, needed, ours, peer
+from perf_case import OURS, figure, needed, ours_or_peer
+from quick_models import twin_data
 from stiff_datasets.robots.robot import shipped_chain, shipped_robot
-from stiff_models.physics.joint_springs import deflections, joint_deflection
-from stiff_models.physics.kinematics import jacobian
-from stiff_models.physics.straight_line import CHUNK
+from stiff_models.physics.kinematics import jacobian, joint_deflection
 from stiff_models.physics.vjm import VirtualJointModel
+from stiff_models.transfer.source import design_deflection, simulate, source_design
 from stiff_protocols.contract.types import FloatArray
 
 ROBOT, TCP = "kr10_r1100_2", (0.06, 0.0, 0.08)
 SAMPLES, FEW = 106_400, 4_000
-STREAMED, STREAMED_SLOWLY = 10_000_000, 100_000_000
-STREAM_CHUNK = 16 * CHUNK
 NANOMETRE = 1e-9
 COMPLIANCE = 1 / np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])
-DEFLECTION = "VJM deflection, random samples"
-JACOBIAN = "Jacobian, random samples"
-STREAM = "VJM deflection, stream"
-LATENCY = "VJM deflection, one sample"
-ROUNDS, STREAM_ROUNDS = 8, 3
+PINOCCHIO, ALONE = "Pinocchio loop", "Pinocchio, arrays in, array out"
+A_SAMPLE, A_POSE = "Pinocchio, every sample", "Pinocchio, every pose"
+WRITTEN_OUT = "stiffbench, poses and wrenches written out"
+ROUNDS = 8
 
 Samples = tuple[FloatArray, FloatArray]
 Way = Callable[[FloatArray, FloatArray], FloatArray]
@@ -93,18 +93,6 @@ def pinocchio_one() -> Way:
         wrench.dot(rows, out=turn)  # the method: np.dot first asks whose function it is to call
         np.multiply(turn, COMPLIANCE, out=turn)
         return rows[:3].dot(turn, out=deflection)
-
-    return way
-
-
-def pinocchio_product_of_each() -> Way:
-    one = pinocchio_one()
-
-    def way(q: FloatArray, wrench: FloatArray) -> FloatArray:
-        deflection = np.empty((len(q), 3))
-        for i, position in enumerate(q):
-            deflection[i] = one(position, wrench[i])
-        return deflection
 
     return way
 
@@ -198,95 +186,79 @@ def roboticstoolbox_loop() -> Way:
 
 
 PEERS: dict[str, tuple[Callable[[], Way], int]] = {
-    "Pinocchio loop": (pinocchio_product_of_all, SAMPLES),
-    "Pinocchio loop, product of each": (pinocchio_product_of_each, SAMPLES),
+    PINOCCHIO: (pinocchio_product_of_all, SAMPLES),
     "CasADi map": (casadi_map, SAMPLES),
     "MuJoCo loop": (mujoco_loop, FEW),
     "pytorch_kinematics batched": (pytorch_kinematics_batch, FEW),
     "roboticstoolbox loop": (roboticstoolbox_loop, FEW),
 }
-AT_LEAST = {"Pinocchio loop": 15.0, "Pinocchio loop, product of each": 15.0, "CasADi map": 2.0}
 
 
-@pytest.mark.benchmark(group=DEFLECTION)
-def test_our_deflections(benchmark):
-    ours(benchmark, work=SAMPLES, unit="sample", at_least=AT_LEAST)
-    benchmark.pedantic(our_way, drawn(SAMPLES), rounds=ROUNDS, warmup_rounds=1)
-
-
-@pytest.mark.benchmark(group=DEFLECTION)
-@pytest.mark.parametrize("name", PEERS)
-def test_a_peers_deflections(benchmark, name):
-    make, n = PEERS[name]
+@pytest.mark.benchmark(group="VJM deflection, random samples")
+@pytest.mark.parametrize("who", [OURS, *PEERS])
+def test_deflections(benchmark, who):
+    make, n = PEERS.get(who, (lambda: our_way, SAMPLES))
     way = make()
     # pytorch_kinematics reads a URDF's numbers in float32
     np.testing.assert_allclose(way(*drawn(50)), our_way(*drawn(50)), rtol=0, atol=NANOMETRE)
-    peer(benchmark, name, work=n, unit="sample")
+    at_least = {PINOCCHIO: 15.0, "CasADi map": 2.0}
+    ours_or_peer(benchmark, who, at_least, work=n, unit="sample")
     benchmark.pedantic(way, drawn(n), rounds=ROUNDS, warmup_rounds=1)
 
 
-@pytest.mark.benchmark(group=JACOBIAN)
-def test_our_jacobians(benchmark):
-    ours(benchmark, work=SAMPLES, unit="sample")
-    benchmark.pedantic(jacobian, (SHIPPED, drawn(SAMPLES)[0]), rounds=ROUNDS, warmup_rounds=1)
+@pytest.mark.benchmark(group="Jacobian, random samples")
+@pytest.mark.parametrize("who", [OURS, PINOCCHIO])
+def test_jacobians(benchmark, who):
+    ways = {OURS: partial(jacobian, SHIPPED), PINOCCHIO: pinocchio_rows()}
+    q, _ = drawn(SAMPLES)
+    np.testing.assert_allclose(*(way(q[:50]) for way in ways.values()), atol=1e-13)
+    ours_or_peer(benchmark, who, work=SAMPLES, unit="sample")
+    benchmark.pedantic(ways[who], (q,), rounds=ROUNDS, warmup_rounds=1)
 
 
-@pytest.mark.benchmark(group=JACOBIAN)
-def test_pinocchios_jacobians(benchmark):
-    q, rows = drawn(SAMPLES)[0], pinocchio_rows()
-    np.testing.assert_allclose(rows(q[:50]), jacobian(SHIPPED, q[:50]), atol=1e-13)
-    peer(benchmark, "Pinocchio loop", work=SAMPLES, unit="sample")
-    benchmark.pedantic(rows, (q,), rounds=ROUNDS, warmup_rounds=1)
-
-
-def streamed(n_chunks: int) -> FloatArray:
-    """The sum of all deflections; one chunk again and again, so that drawing costs no time."""
-    chunk, ones, total = drawn(STREAM_CHUNK), np.ones(STREAM_CHUNK), np.zeros(3)
-    for part in deflections(SHIPPED, COMPLIANCE, itertools.repeat(chunk, n_chunks)):
-        total += ones @ part
-    return total
-
-
-@pytest.mark.benchmark(group=STREAM)
-def test_the_same_samples_at_once(benchmark):
-    peer(benchmark, "at once", work=SAMPLES, unit="sample")
-    benchmark.pedantic(our_way, drawn(SAMPLES), rounds=STREAM_ROUNDS, warmup_rounds=1)
-
-
-@pytest.mark.benchmark(group=STREAM)
-@pytest.mark.parametrize("n", [STREAMED, pytest.param(STREAMED_SLOWLY, marks=pytest.mark.slow)])
-def test_a_stream_of_deflections(benchmark, n):
-    n_chunks = n // STREAM_CHUNK
-    once = our_way(*drawn(STREAM_CHUNK)).sum(axis=0)
-    np.testing.assert_allclose(streamed(3), 3 * once, rtol=1e-9)
-    name = f"stream of {n / 1e6:.0f} million"
-    work = n_chunks * STREAM_CHUNK
-    ours(benchmark, name, work=work, unit="sample", at_least={"at once": 0.9})
-    for share in (10, 1):  # what grows with the stream would show
-        peak = peak_mb(lambda share=share: streamed(n_chunks // share))
-        figure(benchmark, f"peak of {n / share / 1e6:.0f} million", peak, "MB", at_most=40.0)
-    benchmark.pedantic(streamed, (n_chunks,), rounds=STREAM_ROUNDS, warmup_rounds=0)
-
-
-def peak_mb(call: Callable[[], object]) -> float:
+def peak_mb(call: Callable[[], Any]) -> tuple[Any, float]:
+    """A call's result, and the most memory that it took beside it, MB."""
     tracemalloc.start()
-    call()
-    _, peak = tracemalloc.get_traced_memory()
+    result = call()
+    held, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    return peak / 1e6
+    return result, (peak - held) / 1e6
 
 
-@pytest.mark.benchmark(group=LATENCY)
-def test_our_single_prediction(benchmark):
-    ours(benchmark, "stiffbench, predict of one row")
+@pytest.mark.benchmark(group="VJM deflection, one sample")
+@pytest.mark.parametrize("who", ["stiffbench, predict of one row", ALONE])
+def test_a_single_prediction(benchmark, who):
     q, wrench = drawn(100)
     model = VirtualJointModel().fit(samples_with(q, wrench, our_way(q, wrench)), robot=SHIPPED)
-    benchmark.pedantic(model.predict, drawn(1), rounds=ROUNDS, iterations=200, warmup_rounds=1)
+    way, which = (pinocchio_one(), 0) if who == ALONE else (model.predict, slice(1))
+    case = q[which], wrench[which]
+    np.testing.assert_allclose(way(*case).ravel(), our_way(q, wrench)[0], rtol=1e-6)
+    ours_or_peer(benchmark, who)
+    iterations = 2_000 if who == ALONE else 200
+    benchmark.pedantic(way, case, rounds=ROUNDS, iterations=iterations, warmup_rounds=1)
 
 
-@pytest.mark.benchmark(group=LATENCY)
-def test_pinocchios_single_prediction(benchmark):
-    (q,), (wrench,), one = *drawn(1), pinocchio_one()
-    np.testing.assert_allclose(one(q, wrench), our_way(*drawn(1))[0], rtol=1e-6)
-    peer(benchmark, "Pinocchio, arrays in, array out")
-    benchmark.pedantic(one, (q, wrench), rounds=ROUNDS, iterations=2_000, warmup_rounds=1)
+@pytest.mark.benchmark(group="VJM source domain, 21,280 poses x 5 wrenches")
+@pytest.mark.parametrize("who", [OURS, WRITTEN_OUT, A_POSE, A_SAMPLE])
+def test_source(benchmark, who):
+    twin, jacobians = twin_data(), pinocchio_rows()
+    design = source_design("paper", "paper", twin.robot, twin.samples, 0)
+    domain = simulate(twin.robot, COMPLIANCE, design)
+
+    def every_pose() -> FloatArray:
+        rows = jacobians(design.q)
+        return ((design.wrench @ rows) * COMPLIANCE) @ rows[:, :3].transpose(0, 2, 1)
+
+    way: Callable[[], FloatArray] = {
+        OURS: partial(design_deflection, twin.robot, COMPLIANCE, design),
+        WRITTEN_OUT: lambda: simulate(twin.robot, COMPLIANCE, design).deflection,
+        A_POSE: every_pose,
+        A_SAMPLE: lambda: product(jacobians(domain.q), domain.wrench),
+    }[who]
+    found, peak = peak_mb(way)
+    np.testing.assert_allclose(found.reshape(-1, 3), domain.deflection, rtol=0, atol=1e-15)
+    if who in (OURS, WRITTEN_OUT):
+        figure(benchmark, "memory beside the result", peak, "MB", at_most=40.0)
+    targets = {A_SAMPLE: 100.0, A_POSE: 10.0} if who == OURS else {}
+    ours_or_peer(benchmark, who, targets)
+    benchmark.pedantic(way, rounds=10, warmup_rounds=2)

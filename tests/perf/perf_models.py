@@ -10,8 +10,8 @@ from scipy.optimize import nnls
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 
-from perf_case import ours, peer
-from stiff_datasets.twin.kr10_twin import Kr10Twin
+from perf_case import OURS, ours_or_peer
+from quick_models import twin_data
 from stiff_models.networks.features import Scaler, encode
 from stiff_models.physics.congruence import LoadedRobot
 from stiff_models.physics.multi_segment_vjm import search_breakpoints
@@ -19,18 +19,15 @@ from stiff_models.regressors.gaussian_process import Covariance, GaussianProcess
 from stiff_protocols.contract.types import FloatArray
 
 SCIKIT_LEARN = "scikit-learn"
-LIKELIHOOD = "GP likelihood and gradient, 18 length scales, {} rows"
-PREDICTION = "GP prediction of 10,000 rows, 151 training rows"
-SEARCH = "multi-segment breakpoint search, 6 joints, 3,000 samples"
-BUCKLING = "buckling check of 10,000 loaded samples"
 BRUTE_FORCE = "every trial on all samples"
+EIGENVALUES = "eigenvalues of all"
 
 Rows = tuple[FloatArray, FloatArray]
 
 
 def gp_rows(n: int) -> Rows:
     """Standardised rows of the twin, some of them moved a little to make more."""
-    data, rng = Kr10Twin().load(), np.random.default_rng(0)
+    data, rng = twin_data(), np.random.default_rng(0)
     which = np.arange(n) % len(data.samples)
     features = encode(data.robot, data.samples.q, data.samples.wrench, "sincos")[which]
     inputs = Scaler.of(features).apply(features) + 0.3 * rng.normal(size=features.shape)
@@ -38,67 +35,44 @@ def gp_rows(n: int) -> Rows:
     return inputs, Scaler.of(outputs[:, None]).apply(outputs[:, None])[:, 0]
 
 
-def our_covariance() -> Covariance:
-    return Covariance("matern", 1.3, np.linspace(3.0, 6.0, 18), 0.02, jitter=1e-10)
+COVARIANCE = Covariance("matern", 1.3, np.linspace(3.0, 6.0, 18), 0.02, jitter=1e-10)
 
 
 def scikit_learns(inputs: FloatArray, outputs: FloatArray) -> GaussianProcessRegressor:
-    own = our_covariance()
-    kernel = ConstantKernel(own.variance) * Matern(own.lengths, nu=2.5) + WhiteKernel(own.noise)
-    return GaussianProcessRegressor(kernel, alpha=own.jitter, optimizer=None).fit(inputs, outputs)
+    kernel = ConstantKernel(COVARIANCE.variance) * Matern(COVARIANCE.lengths, nu=2.5)
+    kernel += WhiteKernel(COVARIANCE.noise)
+    return GaussianProcessRegressor(kernel, alpha=COVARIANCE.jitter, optimizer=None).fit(
+        inputs, outputs
+    )
 
 
-@pytest.fixture(scope="module", params=[151, 1000])
-def likelihoods(request):
-    """Ours and scikit-learn's, as functions without arguments that give the same."""
-    rows = gp_rows(request.param)
-    process, covariance = scikit_learns(*rows), our_covariance()
-
-    def theirs():
-        return process.log_marginal_likelihood(covariance.theta, eval_gradient=True)
-
-    def own():
-        return log_likelihood(covariance, *rows)
-
-    for found, expected in zip(own(), theirs(), strict=True):
+@pytest.mark.parametrize("who", [OURS, SCIKIT_LEARN])
+@pytest.mark.parametrize("n", [151, 1000])
+def test_likelihood(benchmark, who, n):
+    rows = gp_rows(n)
+    theirs = scikit_learns(*rows)
+    ways = {
+        OURS: lambda: log_likelihood(COVARIANCE, *rows),
+        SCIKIT_LEARN: lambda: theirs.log_marginal_likelihood(COVARIANCE.theta, eval_gradient=True),
+    }
+    for found, expected in zip(ways[OURS](), ways[SCIKIT_LEARN](), strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
-    return request.param, own, theirs
+    benchmark.group = f"GP likelihood and gradient, 18 length scales, {n:,} rows"
+    ours_or_peer(benchmark, who, {SCIKIT_LEARN: 4.0})
+    benchmark.pedantic(ways[who], rounds=5, iterations=10 if n < 1000 else 1, warmup_rounds=1)
 
 
-def test_our_likelihood(benchmark, likelihoods):
-    n, own, _ = likelihoods
-    benchmark.group = LIKELIHOOD.format(f"{n:,}")
-    ours(benchmark, at_least={SCIKIT_LEARN: 4.0})
-    benchmark.pedantic(own, rounds=5, iterations=10 if n < 1000 else 1, warmup_rounds=1)
-
-
-def test_scikit_learns_likelihood(benchmark, likelihoods):
-    n, _, theirs = likelihoods
-    benchmark.group = LIKELIHOOD.format(f"{n:,}")
-    peer(benchmark, SCIKIT_LEARN)
-    benchmark.pedantic(theirs, rounds=5, iterations=10 if n < 1000 else 1, warmup_rounds=1)
-
-
-@pytest.fixture(scope="module")
-def processes():
+@pytest.mark.benchmark(group="GP prediction of 10,000 rows, 151 training rows")
+@pytest.mark.parametrize("who", [OURS, SCIKIT_LEARN])
+def test_prediction(benchmark, who):
     rows, (elsewhere, _) = gp_rows(151), gp_rows(10_000)
-    own, theirs = GaussianProcess.of(our_covariance(), *rows), scikit_learns(*rows)
-    np.testing.assert_allclose(own.mean(elsewhere), theirs.predict(elsewhere), atol=1e-9)
-    return own, theirs, elsewhere
-
-
-@pytest.mark.benchmark(group=PREDICTION)
-def test_our_prediction(benchmark, processes):
-    own, _, elsewhere = processes
-    ours(benchmark, at_least={SCIKIT_LEARN: 2.0}, work=10_000, unit="sample")
-    benchmark.pedantic(own.mean, (elsewhere,), rounds=5, warmup_rounds=1)
-
-
-@pytest.mark.benchmark(group=PREDICTION)
-def test_scikit_learns_prediction(benchmark, processes):
-    _, theirs, elsewhere = processes
-    peer(benchmark, SCIKIT_LEARN, work=10_000, unit="sample")
-    benchmark.pedantic(theirs.predict, (elsewhere,), rounds=5, warmup_rounds=1)
+    ways = {
+        OURS: GaussianProcess.of(COVARIANCE, *rows).mean,
+        SCIKIT_LEARN: scikit_learns(*rows).predict,
+    }
+    np.testing.assert_allclose(*(way(elsewhere) for way in ways.values()), atol=1e-9)
+    ours_or_peer(benchmark, who, {SCIKIT_LEARN: 2.0}, work=10_000, unit="sample")
+    benchmark.pedantic(ways[who], (elsewhere,), rounds=5, warmup_rounds=1)
 
 
 def brute_force(finest: FloatArray, target: FloatArray, start: np.ndarray) -> np.ndarray:
@@ -126,8 +100,9 @@ def brute_force(finest: FloatArray, target: FloatArray, start: np.ndarray) -> np
     return chosen
 
 
-@pytest.fixture(scope="module")
-def springs():
+@pytest.mark.benchmark(group="multi-segment breakpoint search, 6 joints, 3,000 samples")
+@pytest.mark.parametrize("who", [OURS, BRUTE_FORCE])
+def test_search(benchmark, who):
     """Deflection by segments of six springs that are four times as soft below one candidate."""
     rng, n, n_candidates = np.random.default_rng(0), 3000, 9
     finest = rng.normal(size=(n, 3, 6, 1)) * rng.uniform(0.2, 1.0, size=(n, 1, 6, n_candidates + 1))
@@ -136,34 +111,10 @@ def springs():
     target = np.einsum("nkis,is->nk", finest, soft)
     target += 0.1 * rng.normal(size=target.shape)
     case = finest, target, np.full((6, 1), n_candidates // 2)
-    np.testing.assert_array_equal(search_breakpoints(*case), knees)
-    np.testing.assert_array_equal(brute_force(*case), knees)
-    return case
-
-
-@pytest.mark.benchmark(group=SEARCH)
-def test_our_search(benchmark, springs):
-    ours(benchmark, at_least={BRUTE_FORCE: 10.0})
-    benchmark.pedantic(search_breakpoints, springs, rounds=3, warmup_rounds=1)
-
-
-@pytest.mark.benchmark(group=SEARCH)
-def test_a_brute_force_search(benchmark, springs):
-    peer(benchmark, BRUTE_FORCE)
-    benchmark.pedantic(brute_force, springs, rounds=3, warmup_rounds=1)
-
-
-@pytest.fixture(scope="module")
-def loaded():
-    data, rng = Kr10Twin().load(), np.random.default_rng(0)
-    q = rng.uniform(data.robot.lower, data.robot.upper, size=(10_000, 6))
-    wrench = data.samples.wrench[np.arange(10_000) % len(data.samples)]
-    case = LoadedRobot.of(data.robot, q, wrench)
-    for compliance in (np.full(6, 1e-4), np.full(6, 1e-2)):  # the second lets some buckle
-        np.testing.assert_array_equal(
-            case.beyond_buckling(compliance), all_eigenvalues(case, compliance)
-        )
-    return case, np.full(6, 1e-4)
+    way = search_breakpoints if who == OURS else brute_force
+    np.testing.assert_array_equal(way(*case), knees)
+    ours_or_peer(benchmark, who, {BRUTE_FORCE: 10.0})
+    benchmark.pedantic(way, case, rounds=3, warmup_rounds=1)
 
 
 def all_eigenvalues(case: LoadedRobot, compliance: FloatArray) -> np.ndarray:
@@ -173,14 +124,16 @@ def all_eigenvalues(case: LoadedRobot, compliance: FloatArray) -> np.ndarray:
     return np.flatnonzero(np.linalg.eigvalsh(symmetric)[:, -1] >= 1.0)
 
 
-@pytest.mark.benchmark(group=BUCKLING)
-def test_our_buckling_check(benchmark, loaded):
-    case, compliance = loaded
-    ours(benchmark, at_least={"eigenvalues of all": 3.0}, work=10_000, unit="sample")
-    benchmark.pedantic(case.beyond_buckling, (compliance,), rounds=5, warmup_rounds=1)
-
-
-@pytest.mark.benchmark(group=BUCKLING)
-def test_eigenvalues_of_all(benchmark, loaded):
-    peer(benchmark, "eigenvalues of all", work=10_000, unit="sample")
-    benchmark.pedantic(all_eigenvalues, loaded, rounds=5, warmup_rounds=1)
+@pytest.mark.benchmark(group="buckling check of 10,000 loaded samples")
+@pytest.mark.parametrize("who", [OURS, EIGENVALUES])
+def test_buckling_check(benchmark, who):
+    data, rng = twin_data(), np.random.default_rng(0)
+    q = rng.uniform(data.robot.lower, data.robot.upper, size=(10_000, 6))
+    case = LoadedRobot.of(data.robot, q, data.samples.wrench[np.arange(10_000) % len(data.samples)])
+    for compliance in (np.full(6, 1e-2), np.full(6, 1e-4)):  # the first lets some buckle
+        np.testing.assert_array_equal(
+            case.beyond_buckling(compliance), all_eigenvalues(case, compliance)
+        )
+    ours_or_peer(benchmark, who, {EIGENVALUES: 3.0}, work=10_000, unit="sample")
+    way = LoadedRobot.beyond_buckling if who == OURS else all_eigenvalues
+    benchmark.pedantic(way, (case, compliance), rounds=5, warmup_rounds=1)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from pinocchio_twin import elastic_pinocchio, torque_and_tcp
 
-from perf_case import ours, peer
+from perf_case import ours_or_peer
 from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.springs import SpringLaw
 from stiff_datasets.twin.twin import TOLERANCE_NM, DigitalTwin
@@ -16,8 +14,8 @@ from stiff_protocols.contract.types import FloatArray
 
 CONSTANTS = shipped_constants("kr10_r1100_2")
 CHAIN = CONSTANTS.chain()
-GROUP = "digital twin, readings"
-SAMPLES, FEW = 20_000, 200
+SAMPLES = {"stiffbench, 200 samples": 200, "stiffbench, 20,000 samples": 20_000}
+LOOP = "Pinocchio loop"
 
 
 def drawn(n: int) -> tuple[FloatArray, FloatArray]:
@@ -26,7 +24,7 @@ def drawn(n: int) -> tuple[FloatArray, FloatArray]:
     return rng.uniform(-1.5, 1.5, size=(n, 6)), wrench
 
 
-def pinocchio_loop() -> Callable[[FloatArray, FloatArray], FloatArray]:
+def pinocchio_readings(q: FloatArray, wrench: FloatArray) -> FloatArray:
     model, law = elastic_pinocchio(CHAIN), SpringLaw(CONSTANTS.springs)
     data = model.createData()
 
@@ -38,25 +36,16 @@ def pinocchio_loop() -> Callable[[FloatArray, FloatArray], FloatArray]:
             torque, change = found, np.abs(found - torque).max()
         return tcp
 
-    def readings(q: FloatArray, wrench: FloatArray) -> FloatArray:
-        return np.array(
-            [balanced(*one) - balanced(one[0], np.zeros(6)) for one in zip(q, wrench, strict=True)]
-        )
-
-    return readings
+    return np.array(
+        [balanced(*one) - balanced(one[0], np.zeros(6)) for one in zip(q, wrench, strict=True)]
+    )
 
 
-@pytest.mark.benchmark(group=GROUP)
-@pytest.mark.parametrize("n", [FEW, SAMPLES])
-def test_our_readings(benchmark, n):
-    ours(benchmark, f"stiffbench, {n:,} samples", work=n, unit="sample")
-    readings = DigitalTwin(CHAIN, CONSTANTS.springs).readings
-    benchmark.pedantic(readings, drawn(n), rounds=5, warmup_rounds=1)
-
-
-@pytest.mark.benchmark(group=GROUP)
-def test_pinocchios_readings(benchmark):
-    found, readings = DigitalTwin(CHAIN, CONSTANTS.springs).readings(*drawn(20)), pinocchio_loop()
-    np.testing.assert_allclose(found, readings(*drawn(20)), rtol=0, atol=1e-13)
-    peer(benchmark, "Pinocchio loop", work=FEW, unit="sample")
-    benchmark.pedantic(readings, drawn(FEW), rounds=5, warmup_rounds=1)
+@pytest.mark.benchmark(group="digital twin, readings")
+@pytest.mark.parametrize("who", [*SAMPLES, LOOP])
+def test_readings(benchmark, who):
+    twin, n = DigitalTwin(CHAIN, CONSTANTS.springs), SAMPLES.get(who, 200)
+    way = pinocchio_readings if who == LOOP else twin.readings
+    np.testing.assert_allclose(way(*drawn(20)), twin.readings(*drawn(20)), rtol=0, atol=1e-13)
+    ours_or_peer(benchmark, who, work=n, unit="sample")
+    benchmark.pedantic(way, drawn(n), rounds=5, warmup_rounds=1)

@@ -97,10 +97,10 @@ def table(number: str, results: Path | None, fmt: str) -> None:
     errors on the simulated source by depth and by activation; 8: which layers are unfrozen; 9:
     last epoch against best epoch; 10: VJM, FT-MLP and DT-CNN.
     """
-    from stiff_bench.paper.table import render_paper_table
     from stiff_bench.paper.tables import read_table
+    from stiff_bench.tables.render import render
 
-    print_text(render_paper_table(read_table(int(number), results), fmt, command_line()))
+    print_text(render(read_table(int(number), results), fmt, command_line()))
 
 
 @click.command()

@@ -40,7 +40,7 @@ from stiff_protocols.contract.errors import ConfigError, unknown_name
 def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) -> None:
     """Draw a figure and print its caption.
 
-    NAME is one of the source paper's figures (4, 5a, 5b, 5c, 5, 6, 8, 9), or one that any results
+    NAME is one of the source paper's figures (4, 5, 6, 8, 9), or one that any results
     can be drawn as: regression, errors, losses, sweep, freezing, learning-curves, workspace,
     springs, ranks. The caption says which data set and protocol it shows, where results of several
     could be drawn.

@@ -10,7 +10,6 @@ import numpy as np
 from stiff_bench.store.samples import load_torque
 from stiff_bench.tables.picture_file import check_suffix, drawing, save_figure
 from stiff_models.physics.kinematics import gravity_torque
-from stiff_protocols.contract.forward_kinematics import tcp_position
 from stiff_protocols.contract.types import (
     AXES,
     BenchmarkData,
@@ -120,7 +119,7 @@ def _point_area(n: int) -> float:
 def _draw_poses(page: SubFigure, data: BenchmarkData, poses: IntArray) -> None:
     """Draw TCP positions from the side and from above, one point a pose."""
     rows = poses[_thinned(len(poses))]
-    x, y, z = tcp_position(data.robot, data.samples.q[rows]).T
+    x, y, z = data.robot.tcp_position(data.samples.q[rows]).T
     _head(page, f"(a) TCP positions, base frame{_of_all(len(rows), len(poses))}")
     side, above = page.subplots(1, 2)
     groups = data.samples.group[rows]

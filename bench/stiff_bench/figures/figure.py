@@ -9,13 +9,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 
 from stiff_bench.figures.style import DOTS_PER_INCH, STYLE
-from stiff_bench.tables.picture_file import check_suffix, drawing, save_figure, write_picture
+from stiff_bench.tables.picture_file import drawing, save_figure, write_picture
 from stiff_protocols.contract.errors import StiffBenchError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Source = TypeVar("Source")
+
+
+@dataclass(frozen=True)
+class Content:
+    """What a figure is made of, before it has a name."""
+
+    caption: str
+    paint: Callable[[], Figure]
 
 
 @dataclass(frozen=True)
@@ -51,9 +59,8 @@ class Prepared:
             ConfigError: the suffix names none.
             StoreError: the file cannot be written.
         """
-        check_suffix(path)
         with drawing(STYLE):
-            save_figure(self.paint(), path, dots_per_inch=DOTS_PER_INCH)
+            save_figure(self.paint(), path, DOTS_PER_INCH)
 
     def picture(self, kind: Literal["svg", "png", "pdf"]) -> bytes:
         """Return what `save` writes into a file of a kind."""
@@ -61,14 +68,6 @@ class Prepared:
         with drawing(STYLE):
             write_picture(self.paint(), held, f".{kind}", DOTS_PER_INCH)
         return held.getvalue()
-
-
-@dataclass(frozen=True)
-class Content:
-    """What a figure is made of, before it has a name."""
-
-    caption: str
-    paint: Callable[[], Figure]
 
 
 @dataclass(frozen=True)
@@ -94,11 +93,6 @@ class FigureLine(Generic[Source]):
         """
         content = self.gather(source)
         return Prepared(self.name, self.title, content.caption, content.paint)
-
-
-def by_name(lines: tuple[FigureLine[Source], ...]) -> dict[str, FigureLine[Source]]:
-    """Return the lines by their names."""
-    return {line.name: line for line in lines}
 
 
 def can_be_drawn(

@@ -1,9 +1,9 @@
-"""Learning curves: how a model's error falls with the number of measured poses."""
+"""Learning curves: how a model's error falls with the number of training poses."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -17,13 +17,11 @@ from stiff_bench.analysis.same_robot import family_of
 from stiff_bench.figures.figure import Content
 from stiff_bench.figures.source import FigureSource, between, marks_in, mean_length, with_linear
 from stiff_bench.figures.style import (
-    COLUMN_INCH,
-    PAGE_INCH,
-    Look,
     looks,
     name_panels,
-    new_figure,
+    new_panels,
     plain_numbers,
+    seaborn_looks,
     share_legend,
     short,
 )
@@ -31,7 +29,6 @@ from stiff_bench.store.names import grouped
 from stiff_bench.tables.units import MM, counted
 from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
-from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.splits.sample_efficiency import condition_of
 
 if TYPE_CHECKING:
@@ -42,7 +39,6 @@ LEVEL = 0.95
 FEWEST_FOR_INTERVAL = 3
 LEAST = 1e-12  # m: an error of nothing has no place on a logarithmic axis
 MOST_MODELS = 5
-N_COLUMNS = 3
 PANEL_INCH, LEGEND_LINE_INCH = 2.2, 0.17
 _NEEDS = (
     "learning curves; `bench run --protocol sample-efficiency --model "
@@ -50,85 +46,63 @@ _NEEDS = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class LearningCurve:
-    """One model on the data sets of one robot type.
+def learning_figure(panels: Mapping[str, pd.DataFrame], names: Sequence[str]) -> Figure:
+    """Draw a panel for each type of robot: error against training poses, both logarithmic.
 
-    Attributes:
-        name: of the model.
-        sizes: (m,) measured poses, ascending.
-        errors: (m, n_datasets) mean length of the error, m.
+    Args:
+        panels: title -> what `errors_of` returns.
+        names: of the models, in the order of the legend.
     """
-
-    name: str
-    sizes: FloatArray
-    errors: FloatArray
-
-    def interval(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return centre, low and high over the data sets, each (m,) m.
-
-        The centre is the geometric mean, the interval Student's of the errors' logarithms: it
-        stays above zero, and is as wide upwards as downwards on a logarithmic axis. With fewer
-        than three data sets it is NaN.
-        """
-        logs = np.log(np.maximum(self.errors, LEAST))
-        centre, n = logs.mean(axis=1), logs.shape[1]
-        reach = np.full_like(centre, np.nan)
-        if n >= FEWEST_FOR_INTERVAL:
-            quantile = stats.t.ppf((1.0 + LEVEL) / 2.0, n - 1)
-            reach = quantile * logs.std(axis=1, ddof=1) / np.sqrt(n)
-        return np.exp(centre), np.exp(centre - reach), np.exp(centre + reach)
-
-
-def learning_figure(panels: Mapping[str, Sequence[LearningCurve]]) -> Figure:
-    """Draw a panel for each kind of data: error against measured poses, both logarithmic."""
-    names = list(dict.fromkeys(curve.name for curves in panels.values() for curve in curves))
-    look = dict(zip(names, looks(len(names)), strict=True))
-    wide = len(panels) > 1
-    n_columns = N_COLUMNS if wide else 2
-    n_rows = -(-len(panels) // N_COLUMNS)
-    height = PANEL_INCH * n_rows + LEGEND_LINE_INCH * -(-len(names) // n_columns)
-    figure = new_figure(PAGE_INCH if wide else COLUMN_INCH, height)
-    cells = list(figure.subplots(n_rows, min(len(panels), N_COLUMNS), squeeze=False).flat)
-    grid = cells[: len(panels)]
-    for axes in cells[len(panels) :]:
-        axes.set_axis_off()
-    for axes, (title, curves) in zip(grid, panels.items(), strict=True):
-        for curve in curves:
-            _draw(axes, curve, look[curve.name])
-        _frame(axes, curves, short(title))
-    for axes in grid[::N_COLUMNS]:
+    n_columns = 2 if len(panels) == 1 else 3
+    legend = LEGEND_LINE_INCH * -(-len(names) // n_columns)
+    figure, grid = new_panels(len(panels), PANEL_INCH, legend)
+    for axes, (title, errors) in zip(grid, panels.items(), strict=True):
+        _draw(axes, errors, names)
+        axes.set_title(short(title), loc="left")
+    for axes in grid[::3]:
         axes.set_ylabel("mean error length [mm]")
-    if wide:
-        name_panels(grid)
-    share_legend(figure, grid, below=True, ncols=n_columns)
+    for name, look in zip(names, looks(len(names)), strict=True):
+        grid[0].plot([], [], color=look.color, marker=look.marker, label=short(name))
+    name_panels(grid)
+    share_legend(figure, grid[:1], below=True, ncols=n_columns)
     return figure
 
 
-def _draw(axes: Axes, curve: LearningCurve, look: Look) -> None:
-    centre, low, high = curve.interval()
-    axes.fill_between(curve.sizes, low * MM, high * MM, color=look.color, alpha=0.15, linewidth=0)
-    axes.plot(
-        *(curve.sizes, centre * MM),
-        **look.connected(),
-        marker=look.marker,
-        label=short(curve.name),
-    )
-
-
-def _frame(axes: Axes, curves: Sequence[LearningCurve], title: str) -> None:
+def _draw(axes: Axes, errors: pd.DataFrame, names: Sequence[str]) -> None:
+    import seaborn
     from matplotlib.ticker import NullLocator
 
-    sizes = sorted({int(size) for curve in curves for size in curve.sizes})
-    axes.set(xscale="log", yscale="log", xlabel="measured poses")
-    axes.set_xticks(sizes, [str(size) for size in sizes])
+    # first of all: seaborn then averages logarithms, so that the mean is the geometric one
+    axes.set(xscale="log", yscale="log")
+    seaborn.lineplot(
+        (errors.clip(lower=LEAST) * MM).melt(ignore_index=False).reset_index(),
+        x="size",
+        y="value",
+        hue="model",
+        style="model",
+        errorbar=_interval,
+        err_kws={"alpha": 0.15, "linewidth": 0.0},
+        legend=False,
+        ax=axes,
+        **seaborn_looks(names),
+    )
+    axes.set(xlabel="training poses", ylabel="")
+    axes.set_xticks(errors.columns, map(str, errors.columns))
     axes.xaxis.set_minor_locator(NullLocator())
     plain_numbers(axes.yaxis)
-    axes.set_title(title, loc="left")
+
+
+def _interval(values: pd.Series) -> tuple[float, float]:
+    """Return Student's interval of the mean; NaN of few values."""
+    if len(values) < FEWEST_FOR_INTERVAL:
+        return np.nan, np.nan
+    error = float(np.std(values, ddof=1)) / np.sqrt(len(values))
+    low, high = stats.t.interval(LEVEL, len(values) - 1, float(np.mean(values)), error)
+    return float(low), float(high)
 
 
 def size_of(contest: Contest) -> int:
-    """Return how many measured poses a contest's condition gives; 0: it varies another thing."""
+    """Return how many training poses a contest's condition gives; 0: it varies another thing."""
     results = [one for name in contest.competitors for one in contest.results(name)]
     n_most = max((one.n_train for one in results), default=0)
     sizes = range(1, n_most + 1)  # no pose has less than one row
@@ -149,25 +123,26 @@ def errors_of(names: Sequence[str], contests: Sequence[Contest]) -> pd.DataFrame
         if (results := contest.results_of_all_slots(name))
     ]
     table = pd.DataFrame(found, columns=["model", "data set", "size", "error"])
-    sizes = sorted({size_of(one) for one in contests})
+    sizes = pd.Index(sorted({size_of(one) for one in contests}), name="size")
     by_size = table.pivot(index=["model", "data set"], columns="size", values="error")
     return by_size.reindex(columns=sizes).dropna()
 
 
-def curves_of(errors: pd.DataFrame, models: Sequence[str]) -> list[LearningCurve]:
-    """Return the models' curves, over the data sets that all have that have any."""
-    of_model = {name: errors.xs(name) for name in models if name in errors.index.unique("model")}
-    shared = set.intersection(*(set(of.index) for of in of_model.values())) if of_model else set()
-    return [
-        LearningCurve(name, of.columns.to_numpy(), of.loc[sorted(shared)].to_numpy().T)
-        for name, of in of_model.items()
-        if shared
-    ]
+def _shared(errors: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
+    """Return the models' errors on the data sets that all of them have that have any."""
+    shown = errors[errors.index.isin(models, level="model")]
+    n_models = shown.groupby("data set").size()
+    shared = n_models.index[n_models == len(shown.index.unique("model"))]
+    return shown[shown.index.isin(shared, level="data set")]
 
 
 def gather(source: FigureSource) -> Content:
     """Take the models that have every draw of every size on the data sets of a robot type."""
-    contests = [one for one in source.newest if size_of(one) and _n_done(one)]
+    contests = [
+        one
+        for one in source.newest
+        if size_of(one) and any(found.done for found in one.competitors.values())
+    ]
     if not contests:
         raise StoreError(f"--results {source.folder}: no result of {_NEEDS}")
     protocol = max(contests, key=lambda one: one.newest_run).name.protocol
@@ -178,20 +153,20 @@ def gather(source: FigureSource) -> Content:
         for family, members in sorted(grouped(of_protocol, lambda one: family_of(one.name)).items())
     }
     models = names if source.models else _best(families.values())
-    panels = {
-        title: curves for title, one in families.items() if (curves := curves_of(one, models))
-    }
+    panels = {title: _shared(errors, models) for title, errors in families.items()}
+    panels = {title: errors for title, errors in panels.items() if len(errors)}
     if not panels:
         raise StoreError(
             f"--results {source.folder}: no data set on which {', '.join(models) or 'any model'} "
             f"has every draw of every size of {protocol}; the `bench run` that made them goes on"
         )
-    caption = f"{_caption(panels, of_protocol)} {_choice(panels, names, asked=bool(source.models))}"
-    return Content(caption.strip(), partial(learning_figure, panels))
-
-
-def _n_done(contest: Contest) -> int:
-    return sum(bool(one.done) for one in contest.competitors.values())
+    drawn = {name for errors in panels.values() for name in errors.index.unique("model")}
+    others = [name for name in names if name not in drawn]
+    caption = _caption(panels, of_protocol, drawn) + (
+        f" Not shown: {', '.join(others)}." if others else ""
+    )
+    shown = [name for name in models if name in drawn]
+    return Content(caption, partial(learning_figure, panels, shown))
 
 
 def _best(families: Iterable[pd.DataFrame]) -> list[str]:
@@ -205,36 +180,18 @@ def _best(families: Iterable[pd.DataFrame]) -> list[str]:
     return with_linear(list(mean[n_sets == n_sets.max()].sort_values().index), MOST_MODELS)
 
 
-def _choice(
-    panels: Mapping[str, Sequence[LearningCurve]], names: Sequence[str], *, asked: bool
+def _caption(
+    panels: Mapping[str, pd.DataFrame], contests: Sequence[Contest], models: Collection[str]
 ) -> str:
-    """Say which models are shown, where there are more."""
-    shown = {curve.name for curves in panels.values() for curve in curves}
-    others = [name for name in names if name not in shown]
-    if not others:
-        return ""
-    if asked:
-        return f"Without every draw of every size: {', '.join(others)}."
-    linear = f", {REFERENCE_MODEL} in any case" * (REFERENCE_MODEL in shown)
-    return (
-        f"Shown: {len(shown)} of {len(names)} models: of those with most data sets, the best at "
-        f"the largest size{linear}."
-    )
-
-
-def _caption(panels: Mapping[str, Sequence[LearningCurve]], contests: Sequence[Contest]) -> str:
     n_sets = ", ".join(
-        f"{title}: {counted(curves[0].errors.shape[1], 'data set')}"
-        for title, curves in panels.items()
+        f"{title}: {counted(len(errors.index.unique('data set')), 'data set')}"
+        for title, errors in panels.items()
     )
-    shown = {curve.name for curves in panels.values() for curve in curves}
-    said = marks_in(contests, shown)
     n_draws = between([len(one.slots) for one in contests], "draw")
     seeds = ", ".join(str(seed) for seed in sorted({one.name.seed for one in contests}))
     return (
-        "Mean length of the error on the same test poses against the number of measured poses that "
-        f"a model is given, poses that choose an epoch included ({contests[0].name.protocol}, "
-        f"{n_draws} a size and data set, seed {seeds}). Lines: geometric mean over the data sets "
-        f"of a robot type ({n_sets}); bands: {LEVEL:.0%} interval of that mean (Student's t, of "
-        f"logarithms), where there are at least {FEWEST_FOR_INTERVAL}.{said}"
+        f"{contests[0].name.protocol}: mean length of the error on the same test poses, "
+        f"{n_draws} a size and data set, seed {seeds}. Lines: geometric mean over data sets "
+        f"({n_sets}); bands: its {LEVEL:.0%} interval, from {FEWEST_FOR_INTERVAL} data sets on."
+        f"{marks_in(contests, models)}"
     )

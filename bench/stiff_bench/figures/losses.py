@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +14,13 @@ from stiff_bench.figures.figure import Content
 from stiff_bench.figures.source import FigureSource
 from stiff_bench.figures.style import (
     COLUMN_INCH,
-    PAGE_INCH,
     REFERENCE_COLOR,
     Look,
     looks,
     name_panels,
-    new_figure,
-    powers,
+    new_panels,
+    plain_numbers,
+    share_legend,
     short,
 )
 from stiff_bench.store.names import grouped
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_MODELS = 4
-MOST_PHASES = 3
 PANEL_INCH, LEGEND_LINE_INCH = 2.3, 0.16
+DASHED = (0, (3, 1.2))
 _NEEDS = "a training curve; `bench run --model ft-mlp` makes one"
 
 
@@ -52,29 +52,27 @@ class LossCurve:
     phase: str
     points: FloatArray
 
+    @property
+    def is_judged(self) -> bool:
+        """Whether it has a validation loss."""
+        return bool(has_place(self.points[:, 2]).any())
+
 
 def losses_figure(curves: Sequence[LossCurve]) -> Figure:
     """Draw a panel for each phase; models are colours, training solid, validation dashed."""
     phases = grouped(sorted(curves, key=_order), lambda curve: curve.phase)
     names = list(dict.fromkeys(curve.name for curve in curves))
     look = dict(zip(names, looks(len(names)), strict=True))
-    n_columns = min(len(phases), MOST_PHASES)
-    n_rows = -(-len(phases) // n_columns)
-    width = COLUMN_INCH if n_columns == 1 else PAGE_INCH
-    height = PANEL_INCH * n_rows + LEGEND_LINE_INCH * (len(names) + 3)
-    figure = new_figure(width, height)
-    panels = list(figure.subplots(n_rows, n_columns, squeeze=False).flat)
-    for axes, (phase, members) in zip(panels, phases.items(), strict=False):
-        places = np.linspace(0.0, 1.0, len(members) + 2)[1:-1]
-        for curve, place in zip(members, places, strict=True):
-            _draw(axes, curve, look[curve.name], place)
-        frame(axes)
+    figure, panels = new_panels(len(phases), PANEL_INCH, LEGEND_LINE_INCH * (len(names) + 3))
+    for axes, (phase, members) in zip(panels, phases.items(), strict=True):
+        draw_losses(axes, members, look)
         axes.set_title(phase, loc="left")
-    for axes in panels[len(phases) :]:
-        axes.set_axis_off()
-    if len(phases) > 1:
-        name_panels(panels[: len(phases)])
-    _legend(figure, look, judged=any(_is_judged(curve.points) for curve in curves))
+    if any(curve.is_judged for curve in curves):
+        panels[0].plot([], [], color=REFERENCE_COLOR, label="training part")
+        panels[0].plot([], [], color=REFERENCE_COLOR, linestyle=DASHED, label="validation part")
+    name_panels(panels)
+    wide = figure.get_size_inches()[0] > COLUMN_INCH
+    share_legend(figure, panels, below=True, ncols=4 if wide else 2)
     return figure
 
 
@@ -83,42 +81,34 @@ def _order(curve: LossCurve) -> tuple[int, str]:
     return (curve.phase.startswith("fine") - curve.phase.startswith("pre"), curve.phase)
 
 
-def _draw(axes: Axes, curve: LossCurve, look: Look, place: float) -> None:
-    """Draw a curve; `place` says where along it the mark of one without validation is."""
-    step, train, validation = curve.points.T
-    axes.plot(step, train, color=look.color, linewidth=1.0)
-    if _is_judged(curve.points):
-        best = least_at(validation)
-        axes.plot(step, validation, color=look.color, linestyle=(0, (3, 1.2)), linewidth=1.0)
-        axes.plot(
-            *(step[best], validation[best]),
-            **look.points() | {"markersize": 5.0, "markeredgecolor": "black"},
-            markeredgewidth=0.6,
-            zorder=4.0,
-        )
-    else:  # the marker tells the lines apart without colour
-        at = int(place * (len(step) - 1))
-        axes.plot(step[at], train[at], **look.points() | {"markersize": 4.0})
+def draw_losses(
+    axes: Axes, curves: Sequence[LossCurve], look: Mapping[str, Look] | None = None
+) -> None:
+    """Draw curves of one phase; ringed: the least validation loss that is stored.
 
-
-def draw_losses(axes: Axes, curves: Sequence[LossCurve]) -> None:
-    """Draw curves of one phase into a panel, named for a legend."""
-    places = np.linspace(0.0, 1.0, len(curves) + 2)[1:-1]
-    for curve, look, place in zip(curves, looks(len(curves)), places, strict=True):
-        _draw(axes, curve, look, place)
-        axes.plot([], [], color=look.color, marker=look.marker, label=short(curve.name))
-    frame(axes)
-
-
-def frame(axes: Axes) -> None:
-    """Make both axes logarithmic and name them."""
+    Args:
+        axes: an empty panel.
+        curves: one a name.
+        look: of each name; None: in their order.
+    """
+    look = look or dict(zip([one.name for one in curves], looks(len(curves)), strict=True))
+    for curve in curves:
+        step, train, validation = curve.points.T
+        shown: dict[str, Any] = {"color": look[curve.name].color, "marker": look[curve.name].marker}
+        axes.plot(step, train, **shown, markevery=0.3, linewidth=1.0, label=short(curve.name))
+        if curve.is_judged:
+            axes.plot(
+                *(step, validation),
+                **shown,
+                linestyle=DASHED,
+                linewidth=1.0,
+                markevery=[least_at(validation)],
+                markersize=5.0,
+                markeredgecolor="black",
+            )
     axes.set(xscale="log", yscale="log", xlabel="iterations", ylabel="loss [standardised]")
-    powers(axes.xaxis)
-    powers(axes.yaxis)
-
-
-def _is_judged(points: FloatArray) -> bool:
-    return bool(has_place(points[:, 2]).any())
+    for axis in (axes.xaxis, axes.yaxis):
+        plain_numbers(axis, (1.0,))
 
 
 def has_place(losses: FloatArray) -> NDArray[np.bool_]:
@@ -129,26 +119,6 @@ def has_place(losses: FloatArray) -> NDArray[np.bool_]:
 def least_at(losses: FloatArray) -> int:
     """Return where the least of the losses is that have a place."""
     return int(np.argmin(np.where(has_place(losses), losses, np.inf)))
-
-
-def _legend(figure: Figure, look: dict[str, Look], *, judged: bool) -> None:
-    from matplotlib.lines import Line2D
-
-    handles = [
-        Line2D([], [], color=one.color, marker=one.marker, label=short(name))
-        for name, one in look.items()
-    ]
-    grey = REFERENCE_COLOR
-    if judged:
-        handles += [
-            Line2D([], [], color=grey, label="training part"),
-            Line2D([], [], color=grey, linestyle=(0, (3, 1.2)), label="validation part"),
-            Line2D(
-                [], [], color="white", marker="o", markeredgecolor="black", label="least stored"
-            ),
-        ]
-    wide = figure.get_size_inches()[0] > COLUMN_INCH
-    figure.legend(handles=handles, loc="outside lower center", ncols=4 if wide else 2)
 
 
 def curves_of(result: CellResult, name: str) -> list[LossCurve]:
@@ -182,10 +152,7 @@ def gather(source: FigureSource) -> Content:
         )
     curves = [curve for name, of in done.items() for curve in curves_of(of[shared[0]], name)]
     caption = (
-        "Loss against iterations of the optimizer, of the first split on which all have a curve; "
-        "solid: the rows that are learned from, dashed: those that choose the epoch, ringed mark: "
-        "least of the stored points (every tenth step, or fewer). Losses are in the network's own "
-        "units, so that they tell nothing across models whose targets are scaled otherwise. "
-        f"{compared.setting} {compared.choice}"
+        "Loss in a network's own units, of the first split on which all have a curve; ringed: the "
+        f"least validation loss of the stored steps. {compared.setting}"
     )
-    return Content(caption.strip(), partial(losses_figure, curves))
+    return Content(caption, partial(losses_figure, curves))

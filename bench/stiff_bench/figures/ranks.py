@@ -75,14 +75,12 @@ def gather(source: FigureSource) -> Content:
             f"--results {source.folder}: there is no critical difference to draw: it {reasons}"
         )
     drawn = ranked[:MOST]
-    models = {name for one in drawn for name in one.models}
-    said = marks_in([one.contest for one in fair], models)
+    shown_here = {name for one in drawn for name in one.models}
     more = f" First {MOST} of {len(ranked)} blocks; `bench leaderboard` has all."
     kinds = " and ".join(dict.fromkeys(presentation(one.contest).kind for one in fair))
     caption = (
-        f"Mean ranks over robots of the mean error length ({key.text}); left is better. Models "
-        f"joined by a bar are not told apart (Nemenyi, {LEVEL:g}); the short line is the critical "
-        f"difference. Data: {kinds}. A robot counts once, however many data sets are of it."
-        f"{said}{more * (len(ranked) > MOST)}"
+        f"Mean ranks over robots of the mean error length ({key.text}), {kinds} data; left is "
+        f"better. Models joined by a bar are not told apart (Nemenyi, {LEVEL:g})."
+        f"{marks_in([one.contest for one in fair], shown_here)}{more * (len(ranked) > MOST)}"
     )
     return Content(caption, partial(ranks_figure, drawn))

@@ -28,8 +28,6 @@ from stiff_protocols.contract.plugin import kind_label
 from stiff_protocols.contract.record import CellResult, Presentation
 from stiff_protocols.contract.types import FloatArray, IntArray
 
-_FEW = 3  # models that a caption names; of more it names the others
-
 
 def between(counts: Collection[int], thing: str) -> str:
     """Return "5 splits", or "1 to 5 splits" where not all are equal."""
@@ -40,15 +38,16 @@ def between(counts: Collection[int], thing: str) -> str:
 def marks(shown: Iterable[Presentation]) -> str:
     """Return a sentence for each mark that stands beside models elsewhere; "" for none."""
     shown = list(shown)
-    everyone = list(dict.fromkeys(one.model for one in shown))
-    marked = grouped(
-        dict.fromkeys((mark_of(one), one.model) for one in shown), lambda pair: pair[0]
-    )
-    return "".join(
-        f" {_which([model for _, model in pairs], everyone)}: {mark}."
-        for mark, pairs in marked.items()
-        if mark
-    )
+    everyone = dict.fromkeys(one.model for one in shown)
+    sentences = []
+    for mark, marked in grouped(shown, mark_of).items():
+        models = dict.fromkeys(one.model for one in marked)
+        others = [name for name in everyone if name not in models]
+        which = ", ".join(models)
+        if len(models) > len(others) + 1:
+            which = " but ".join(filter(None, ("All models shown", ", ".join(others))))
+        sentences += [f" {which}: {mark}."] if mark else []
+    return "".join(sentences)
 
 
 def marks_in(contests: Iterable[Contest], models: Collection[str]) -> str:
@@ -72,17 +71,9 @@ def setting(contest: Contest, models: Collection[str], n_splits: Collection[int]
     shown = presentation(contest)
     data = f"{contest.name.dataset} ({kind_label(shown.kind, shown.task)})"
     protocol = " | ".join(filter(None, (contest.name.protocol, contest.name.condition)))
-    said = marks_in([contest], models)
-    return f"{data}, {protocol}, {between(n_splits, 'split')}, seed {contest.name.seed}.{said}"
-
-
-def _which(models: Sequence[str], everyone: Sequence[str]) -> str:
-    others = [name for name in everyone if name not in models]
-    if not others and len(models) > 1:
-        return "All models shown"
-    if len(models) > _FEW and len(others) <= _FEW:
-        return f"All models shown but {', '.join(others)}"
-    return ", ".join(models)
+    with_them = marks_in([contest], models)
+    splits = between(n_splits, "split")
+    return f"{data}, {protocol}, {splits}, seed {contest.name.seed}.{with_them}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,17 +150,14 @@ class FigureSource:
         """
         models = self.names()
 
-        def n_models(contest: Contest) -> int:
-            return sum(
-                any(map(has, contest.results(m))) for m in models if m in contest.competitors
-            )
-
         def preference(one: Contest) -> tuple[int, tuple[bool, bool, int, int, int, str]]:
-            n_found = n_models(one)
+            n_found = sum(
+                any(map(has, one.results(name))) for name in models if name in one.competitors
+            )
             return n_found if most_first else min(n_found, 1), _preference(one, n_found)
 
         best = max(self.newest, key=preference)
-        if n_models(best) == 0:
+        if preference(best)[0] == 0:
             of = f" of {', '.join(self.models)}" if self.models else ""
             raise StoreError(f"--results {self.folder}: no result{of} has {needs}")
         return best
@@ -229,21 +217,12 @@ class Compared:
         return pooled(self.contest.results(model, self.slots))
 
     @property
-    def choice(self) -> str:
-        """Say which models are shown, where there are more."""
-        if len(self.models) == self.n_all:
-            return ""
-        linear = f"; {REFERENCE_MODEL} in any case" * (REFERENCE_MODEL in self.models)
-        return (
-            f"Shown: {len(self.models)} of {self.n_all} models that have what is shown, "
-            f"least mean error first, among those with most splits{linear}."
-        )
-
-    @property
     def setting(self) -> str:
-        """Say which data, protocol, splits and seed, and what must be read with the numbers."""
+        """Data, protocol, splits, seed, marks of models, and which models and data are left out."""
+        n_shown, about = len(self.models), setting(self.contest, self.models, [len(self.slots)])
+        best = f" Best {n_shown} of {self.n_all} models, and {REFERENCE_MODEL} in any case."
         older = f" Results on older data named {self.contest.name.dataset} are left out."
-        return setting(self.contest, self.models, [len(self.slots)]) + older * self.has_older
+        return about + best * (n_shown < self.n_all) + older * self.has_older
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiff_bench.analysis.collected import Contest
 from stiff_bench.figures.figure import Content
 from stiff_bench.figures.source import FigureSource, setting
-from stiff_bench.figures.style import PAGE_INCH, looks, name_panels, new_figure, share_legend, short
+from stiff_bench.figures.style import looks, name_panels, new_panels, share_legend, short
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.request import loaded
@@ -30,10 +29,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ROW_INCH, HEAD_INCH = 1.75, 0.3
-N_COLUMNS = 3
 _POINTS = 200
 _SHARES = (0.5, 0.95)
-"""Of the samples: up to which torques they load a joint; marked under the curves."""
+"""Of the samples: up to which torques they load a joint; shaded."""
 _NEEDS = (
     f"springs in segments; `bench run --model {REFERENCE_MODEL} --model vjm-multisegment` makes "
     "them"
@@ -80,14 +78,10 @@ class JointCurves:
 
 def springs_figure(joints: Sequence[JointCurves], model: str) -> Figure:
     """Draw a panel a joint."""
-    n_rows = -(-len(joints) // N_COLUMNS)
-    figure = new_figure(PAGE_INCH, ROW_INCH * n_rows + HEAD_INCH)
-    panels = list(figure.subplots(n_rows, N_COLUMNS, squeeze=False).flat)
-    for axes, joint in zip(panels, joints, strict=False):
+    figure, panels = new_panels(len(joints), ROW_INCH, HEAD_INCH)
+    for axes, joint in zip(panels, joints, strict=True):
         _draw(axes, joint, model)
-    for axes in panels[len(joints) :]:
-        axes.set_axis_off()
-    name_panels(panels[: len(joints)])
+    name_panels(panels)
     share_legend(figure, panels[:1])
     return figure
 
@@ -97,29 +91,24 @@ def _draw(axes: Axes, joint: JointCurves, model: str) -> None:
     top = float(joint.torque.max()) or 1.0
     torque = np.linspace(0.0, top, _POINTS)
     curves = np.array([1e3 * one.deflection(torque) for one in joint.segmented])
-    for curve in curves:
-        axes.plot(torque, curve, color=blue.color, linewidth=0.5, alpha=0.45)
-    axes.plot(
-        torque, np.median(curves, axis=0), color=blue.color, linewidth=1.6, label=short(model)
-    )
+    median = np.median(curves, axis=0)
+    axes.plot(torque, curves.T, color=blue.color, linewidth=0.5, alpha=0.45)
+    axes.plot(torque, median, color=blue.color, linewidth=1.6, label=short(model))
     bends = np.median([one.breakpoints for one in joint.segmented], axis=0)
     bends = bends[bends < top]
-    at = np.interp(bends, torque, np.median(curves, axis=0))
-    axes.plot(bends, at, **blue.points() | {"markersize": 4.5}, label="breakpoint", zorder=4)
+    at = np.interp(bends, torque, median)
+    axes.plot(bends, at, **blue.points(), markersize=4.5, label="breakpoint", zorder=4)
     if len(joint.linear):
         straight = 1e3 * float(np.median(joint.linear)) * torque
         axes.plot(torque, straight, color=orange.color, linestyle="--", label=REFERENCE_MODEL)
-    _mark_torques(axes, joint.torque)
-    per = "mrad" if joint.unit == "Nm" else "mm"
-    axes.set(xlim=(0.0, 1.02 * top), ylim=(0.0, None), ylabel=f"deflection [{per}]")
-    axes.set_xlabel(f"torque [{'N m' if joint.unit == 'Nm' else 'N'}]")
-    axes.set_title(short(joint.name), loc="left")
-
-
-def _mark_torques(axes: Axes, torque: FloatArray) -> None:
-    """Shade the torques that half, and nearly all, of the samples stay below."""
     for share in _SHARES:
-        axes.axvspan(0.0, float(np.quantile(torque, share)), color="0.5", alpha=0.1, linewidth=0.0)
+        most = float(np.quantile(joint.torque, share))
+        axes.axvspan(0.0, most, color="0.5", alpha=0.1, linewidth=0.0)
+    turns = joint.unit == "Nm"
+    axes.set(xlim=(0.0, 1.02 * top), ylim=(0.0, None))
+    axes.set_xlabel("torque [N m]" if turns else "force [N]")
+    axes.set_ylabel("deflection [mrad]" if turns else "deflection [mm]")
+    axes.set_title(short(joint.name), loc="left")
 
 
 def gather(source: FigureSource) -> Content:
@@ -136,24 +125,26 @@ def gather(source: FigureSource) -> Content:
     )
     results = [one for one in contest.results(model) if is_segmented(one)]
     stored = data(contest.name.data_sha256)
-    torque, of_what = _torques(contest, stored, results[0])
-    joints = [
-        JointCurves(
-            name=name,
-            unit=stored.torque_units[i],
-            torque=np.abs(torque[:, i]),
-            segmented=[_spring(one.diagnostics, stored, i) for one in results],
-            linear=_linear(contest, _stiffness(stored, i)),
+    torque, of_what = _torques(stored, results[0])
+    linear = contest.results(REFERENCE_MODEL) if REFERENCE_MODEL in contest.competitors else ()
+    joints = []
+    for i, name in enumerate(stored.joint_names):
+        key = _stiffness(stored, i)
+        compliances = [1.0 / one.diagnostics[key] for one in linear if key in one.diagnostics]
+        joints.append(
+            JointCurves(
+                name=name,
+                unit=stored.torque_units[i],
+                torque=np.abs(torque[:, i]),
+                segmented=[_spring(one.diagnostics, stored, i) for one in results],
+                linear=np.array(compliances),
+            )
         )
-        for i, name in enumerate(stored.joint_names)
-    ]
     caption = (
-        f"Deflection of each joint against the torque on it, as {model} identified it: breakpoints "
-        "and slopes, thin: each split, thick: their median; the springs are odd, so that negative "
-        f"torques look alike. Dashed: {REFERENCE_MODEL}, linear, median of its splits. "
-        f"Shaded: the torques ({of_what}) that {_SHARES[0]:.0%} and {_SHARES[1]:.0%} of the "
-        "samples stay below; each panel ends at the largest. "
-        f"{setting(contest, [model], [len(results)])}"
+        f"Deflection of each joint against the torque on it, as {model} identified it (thin: each "
+        f"split, thick: median), for both signs alike; dashed: {REFERENCE_MODEL}. Shaded: torques "
+        f"({of_what}) that {_SHARES[0]:.0%} and {_SHARES[1]:.0%} of the samples stay below; a "
+        f"panel ends at the largest. {setting(contest, [model], [len(results)])}"
     )
     return Content(caption, partial(springs_figure, joints, model))
 
@@ -177,21 +168,14 @@ def _numbered(found: Mapping[str, float], name: Callable[[int], str]) -> FloatAr
     return np.array([found[name(k)] for k in takewhile(lambda k: name(k) in found, count(1))])
 
 
-def _linear(contest: Contest, name: str) -> FloatArray:
-    if REFERENCE_MODEL not in contest.competitors:
-        return np.empty(0)
-    each = [one.diagnostics.get(name, np.nan) for one in contest.results(REFERENCE_MODEL)]
-    return np.array([1.0 / value for value in each if not np.isnan(value)])
-
-
-def _torques(contest: Contest, stored: StoredData, result: CellResult) -> tuple[FloatArray, str]:
+def _torques(stored: StoredData, result: CellResult) -> tuple[FloatArray, str]:
     """Return the (n, n_joints) torques that the model's springs see, and of what they are."""
-    if not result.cell.model_params.get("gravity"):
-        return stored.torque, "of the loads"
-    try:
-        info = build_registry().datasets[result.cell.dataset]
-        data = loaded(Choice.of_stored(info, result.cell.dataset_params))
-        weights = gravity_torque(data.robot, stored.samples.q)
-    except (KeyError, StiffBenchError):  # of a plugin or somebody's file: no robot is stored
-        return stored.torque, "of the loads alone: the robot's masses are not known here"
-    return stored.torque + weights, "of loads and the links' weights"
+    if result.cell.model_params.get("gravity"):
+        try:
+            info = build_registry().datasets[result.cell.dataset]
+            robot = loaded(Choice.of_stored(info, result.cell.dataset_params)).robot
+            weights = gravity_torque(robot, stored.samples.q)
+            return stored.torque + weights, "of loads and the links' weights"
+        except (KeyError, StiffBenchError):  # of a plugin or somebody's file: no robot is stored
+            return stored.torque, "of the loads alone: the robot's masses are not known here"
+    return stored.torque, "of the loads"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from string import ascii_lowercase
@@ -14,31 +13,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-
-def powers(axis: Axis) -> None:
-    """Write the decades of an axis that spans many: 10⁻³, 10⁻²."""
-    from matplotlib.ticker import FuncFormatter, NullFormatter
-
-    axis.set_major_formatter(FuncFormatter(lambda value, _: power_of_ten(value)))
-    axis.set_minor_formatter(NullFormatter())
-
-
-def power_of_ten(value: float) -> str:
-    """Return "10⁻³" for 0.001; other numbers in digits."""
-    if value <= 0.0:
-        return f"{value:g}"
-    exponent = round(math.log10(value))
-    exact = math.isclose(value, 10.0**exponent)
-    return f"10{str(exponent).translate(_RAISED)}" if exact else f"{value:g}"
-
-
-def plain_numbers(axis: Axis) -> None:
-    """Write 0.1, 0.2, 0.5, 1 on an axis that spans few decades."""
+def plain_numbers(axis: Axis, steps: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
+    """Write 0.1, 0.2, 0.5, 1 on a logarithmic axis, or other steps of each decade."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_locator(LogLocator(subs=steps))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())
 
@@ -109,22 +88,32 @@ class Look:
         return {"color": self.color, "linestyle": self.line}
 
 
-MOST_LOOKS = len(_ORDER)
-
-
 def looks(n: int) -> list[Look]:
     """Return `n` looks; beyond eight, colours come again with other markers."""
     import seaborn
 
-    palette = seaborn.color_palette("colorblind").as_hex()
+    palette, n_colors = seaborn.color_palette("colorblind").as_hex(), len(_ORDER)
     return [
         Look(
-            color=palette[_ORDER[number % MOST_LOOKS]],
-            marker=_MARKERS[(number + number // MOST_LOOKS) % len(_MARKERS)],
-            line=_LINES[(number + number // MOST_LOOKS) % len(_LINES)],
+            color=palette[_ORDER[number % n_colors]],
+            marker=_MARKERS[(number + number // n_colors) % len(_MARKERS)],
+            line=_LINES[(number + number // n_colors) % len(_LINES)],
         )
         for number in range(n)
     ]
+
+
+def seaborn_looks(names: Sequence[Any]) -> dict[str, Any]:
+    """Return what gives a seaborn line to each of some names its colour and marker."""
+    found = looks(len(names))
+    return {
+        "hue_order": names,
+        "palette": [one.color for one in found],
+        "style_order": names,
+        "markers": [one.marker for one in found],
+        "dashes": False,
+        "markeredgewidth": 0.0,
+    }
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -134,9 +123,20 @@ def new_figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
+def new_panels(n: int, row_inch: float, legend_inch: float) -> tuple[Figure, list[Axes]]:
+    """Return a figure and its `n` panels, three in a row at most; one alone is a column wide."""
+    n_columns = min(n, 3)
+    n_rows = -(-n // n_columns)
+    figure = new_figure(COLUMN_INCH if n == 1 else PAGE_INCH, n_rows * row_inch + legend_inch)
+    panels = list(figure.subplots(n_rows, n_columns, squeeze=False).flat)
+    for axes in panels[n:]:
+        axes.remove()
+    return figure, panels[:n]
+
+
 def name_panels(panels: Sequence[Axes]) -> None:
-    """Write (a), (b), ... before the titles of panels, from the first to the last."""
-    for number, axes in enumerate(panels):
+    """Write (a), (b), ... before the titles of panels where there are several."""
+    for number, axes in enumerate(panels if len(panels) > 1 else ()):
         letter = ascii_lowercase[number] if number < len(ascii_lowercase) else str(number + 1)
         axes.set_title(f"({letter}) {axes.get_title(loc='left')}".rstrip(), loc="left")
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
-
-import numpy as np
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 from stiff_bench.paper.results import FULL, REPRODUCE, PaperResults
 from stiff_bench.paper.study import (
@@ -14,179 +12,64 @@ from stiff_bench.paper.study import (
     ALL_SINGLES,
     BASE_LAYERS,
     BASE_WIDTH,
-    DATASET,
     DEPTH_WIDTH,
     DEPTHS,
     EARLY_STEPS,
     FT_MLP,
     FT_MLP_LAST_EPOCH,
     PAPER_PROTOCOL,
-    SEED,
     pretrained,
     unfrozen,
 )
-from stiff_bench.paper.table import PAPER_DATA, Group, Labels, Part, Unit
-from stiff_bench.store.names import Variant
+from stiff_bench.paper.table import COMPARE, PUBLISHED_DECIMALS, Group, Labels, paper_table
 from stiff_bench.tables.metric_table import mark_of, mean_over
 from stiff_bench.tables.published import published_lines
-from stiff_bench.tables.table import Quantity
-from stiff_bench.tables.units import MM
+from stiff_bench.tables.table import Table
+from stiff_bench.tables.units import MM, counted
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.metrics import absolute_errors
-
-PUBLISHED, PUBLISHED_DECIMALS = "published", 4
-SIMULATED = f"{DATASET} (simulated)"
-Numbers = Mapping[tuple[Labels, str], Quantity]
-"""(row, column) -> number of one group of columns."""
-
-
-def part_of(
-    caption: str,
-    unit: Unit,
-    headings: Labels,
-    rows: Iterable[Labels],
-    groups: Mapping[Group, Numbers],
-    notes: Iterable[str],
-) -> Part:
-    """Return a part of a table, group by group of its columns."""
-    entries = {
-        (row, group.label, column): entry
-        for group, numbers in groups.items()
-        for (row, column), entry in numbers.items()
-    }
-    return Part(caption, unit, headings, tuple(rows), tuple(groups), entries, tuple(notes))
-
-
-def published_group(columns: Labels, decimals: int = PUBLISHED_DECIMALS) -> Group:
-    """Return the paper's columns."""
-    return Group(PUBLISHED, "published", columns, decimals, PAPER_DATA)
-
-
-def our_group(protocol: str, columns: Labels, decimals: int, label: str = "") -> Group:
-    """Return columns of models that were tested by a protocol."""
-    label = label or f"ours, {protocol}"
-    return Group(label, "ours", columns, decimals, SIMULATED, protocol, SEED)
-
-
-PAPER_PRETRAINING, PAPER_FINE_TUNING = 100_000, 50_000
-"""Steps of the paper's trainings."""
-PRETRAINING = "recipe=fast: Muon, Huber loss, 1,024 samples a step, linear decay"
-FINE_TUNING = "recipe=fast: Adam, all samples a step, linear decay"
-"""How the tables' networks are trained, but for those that are stopped early."""
-
-
-def _pretraining_note(results: Sequence[CellResult]) -> str:
-    return (
-        f"Pre-training: ours {_steps(results, 'pre-training')} ({PRETRAINING}), the paper's "
-        f"{PAPER_PRETRAINING:,} iterations (mean squared error; optimizer and batch not stated)."
-    )
-
-
-def fine_tuning_note(results: Sequence[CellResult]) -> str:
-    """Return a line about both trainings."""
-    return (
-        f"{_pretraining_note(results)} Fine-tuning: ours {_steps(results, 'fine-tuning')} "
-        f"({FINE_TUNING}), the paper's {PAPER_FINE_TUNING:,} epochs at a rate of 0.03; both of the "
-        "mean absolute error."
-    )
-
-
-def _steps(results: Sequence[CellResult], training: str) -> str:
-    """Return how many steps the results' curves of a training go."""
-    lengths = sorted(
-        {int(one.curves[training][-1, 0]) for one in results if len(one.curves.get(training, ()))}
-    )
-    if not lengths:
-        return "of unknown length"
-    return f"{' or '.join(f'{length:,}' for length in lengths)} steps"
-
 
 Values = Mapping[str, float]
 """Column -> mm."""
+Models = Mapping[Labels, str]
+"""Row -> model."""
 
 
-def _network_table(
-    results: PaperResults,
-    caption: str,
-    headings: Labels,
-    *,
-    published: Mapping[Labels, Values],
-    ours: Mapping[Group, Mapping[Labels, str]],
-    errors: Callable[[CellResult], Values],
-    trained: Callable[[Sequence[CellResult]], str],
-    notes: tuple[str, ...],
-    remedy: str = REPRODUCE,
-) -> Part:
-    """Return a table whose rows are variants of a network.
+@dataclass(frozen=True)
+class NetworkTable:
+    """What a table shows.
 
-    Args:
-        results: that ours come from.
+    Attributes:
         caption: of the table.
         headings: of the columns that name a row.
         published: row -> what the paper prints; empty where it is not known.
-        ours: a group of columns -> row -> model; the note on training lengths is of the first.
-        errors: a result -> its values.
-        trained: results -> a note on how long they were trained.
+        ours: rows and models of our first group of columns.
+        errors: a result -> its values by column.
         notes: before those that every table has.
+        decimals: of our first group.
+        early: rows and models of a second group, which were stopped early.
         remedy: the command that makes what is missing.
-
-    Raises:
-        StoreError: the folder has none of the models, or no numbers of any.
     """
-    first, *_ = ours
-    labels = {
-        model: " ".join(row) + ("" if group == first else f" ({group.label})")
-        for group, models in ours.items()
-        for row, model in models.items()
-    }
-    found = results.on_shared_splits(labels, PAPER_PROTOCOL)
-    values, unread = dict[str, list[Values]](), list[StoreError]()
-    for model, of_model in found.results.items():
-        try:
-            values[model] = [errors(result) for result in of_model]
-        except StoreError as error:
-            unread.append(error)
-    if not values:
-        raise unread[0]
-    groups = dict[Group, Numbers]()
-    if published:
-        groups[published_group(first.columns)] = {
-            (row, column): Quantity(value, n=1)
-            for row, of_row in published.items()
-            for column, value in of_row.items()
-        }
-    for group, models in ours.items():
-        groups[group] = {
-            (row, column): mean_over(
-                [of_split[column] for of_split in values[model]],
-                mark_of(found.results[model][0].shown),
-            )
-            for row, model in models.items()
-            if model in values
-            for column in group.columns
-        }
-    rows = [
-        row for row, model in ours[first].items() if row in published or model not in found.missing
-    ]
-    of_first = [one for model in ours[first].values() for one in found.results.get(model, ())]
-    all_notes = [
-        *notes,
-        *found.notes(remedy, labels),
-        *(f"No numbers: {error}." for error in unread),
-        trained(of_first),
-        results.provenance([found]),
-    ]
-    return part_of(caption, "mm", headings, rows, groups, all_notes)
+
+    caption: str
+    headings: Labels
+    published: Mapping[Labels, Values]
+    ours: Models
+    errors: Callable[[CellResult], Values]
+    notes: tuple[str, ...]
+    decimals: int = 5
+    early: Models | None = None
+    remedy: str = REPRODUCE
 
 
-def _published_values(name: str, row: str, columns: Labels) -> dict[Labels, Values]:
+def _published(name: str, row: str, columns: Labels) -> dict[Labels, Values]:
     """Return row -> column -> mm of a published table whose columns are in this order."""
-    lines = published_lines(name)
-    labels = [(line.pop(row),) for line in lines]
-    values = [dict(zip(columns, map(float, line.values()), strict=True)) for line in lines]
-    return dict(zip(labels, values, strict=True))
+    found: dict[Labels, Values] = {}
+    for line in published_lines(name):
+        label = line.pop(row)
+        found[(label,)] = dict(zip(columns, map(float, line.values()), strict=True))
+    return found
 
 
 def _reported(result: CellResult, names: Mapping[str, str]) -> dict[str, float]:
@@ -195,13 +78,13 @@ def _reported(result: CellResult, names: Mapping[str, str]) -> dict[str, float]:
     Raises:
         StoreError: the result has none: an older stiffbench made it.
     """
-    absent = [name for name in names.values() if name not in result.diagnostics]
-    if absent:
-        shown = result.shown
-        raise StoreError(
-            f"{shown.model} on {shown.dataset} under {shown.protocol}: its result has no "
-            f"{absent[0]!r}: an older stiffbench made it; {REPRODUCE} makes it anew"
-        )
+    for name in names.values():
+        if name not in result.diagnostics:
+            shown = result.shown
+            raise StoreError(
+                f"{shown.model} on {shown.dataset} under {shown.protocol}: its result has no "
+                f"{name!r}: an older stiffbench made it; {REPRODUCE} makes it anew"
+            )
     return {column: result.diagnostics[name] for column, name in names.items()}
 
 
@@ -212,154 +95,12 @@ _ON_SOURCE = {
     "test STDE": "source test STDE [mm]",
 }
 """Column -> what a pre-trained network reports."""
-EARLY = "ours, stopped early"
-_SOURCE_NOTES = (
-    f"The source domain is simulated by a VJM: the paper's by that of the measured KR10, ours by "
-    f"that of the simulated {DATASET}, identified on each split's training samples. Not comparable "
-    "in absolute terms.",
-    "70 % / 30 % of 106,400 samples at random; training errors of ours: of as many training "
-    "samples as the test part has.",
-    f"Stopped early: plain Adam, {EARLY_STEPS} steps of 256 samples "
-    f"(`recipe=paper@pretrain_steps={EARLY_STEPS}`); {EARLY_STEPS} was chosen afterwards, because "
-    "the MAEs of Table 6 then are near the paper's. Orders can be compared, errors cannot.",
-)
+_ON_TARGET = ("train MAE", "train STDE", "validation MAE", "validation STDE")
 
 
-def table_6(results: PaperResults) -> Part:
-    """Return the errors on the source domain by depth."""
-    return _source_table(
-        results,
-        "table_6",
-        "layers",
-        f"Hidden layers of {DEPTH_WIDTH} nodes each",
-        {str(depth): pretrained(layers=depth, width=DEPTH_WIDTH).name for depth in DEPTHS},
-        {
-            str(depth): pretrained(layers=depth, width=DEPTH_WIDTH, stopped_early=True).name
-            for depth in DEPTHS
-        },
-    )
-
-
-def table_7(results: PaperResults) -> Part:
-    """Return the errors on the source domain by activation."""
-    return _source_table(
-        results,
-        "table_7",
-        "activation",
-        f"Activation, {BASE_LAYERS} x {BASE_WIDTH} nodes",
-        {name: pretrained(activation=name).name for name in ACTIVATIONS},
-        {name: pretrained(activation=name, stopped_early=True).name for name in ACTIVATIONS},
-    )
-
-
-def _source_table(
-    results: PaperResults,
-    published: str,
-    heading: str,
-    what: str,
-    ours: Mapping[str, str],
-    early: Mapping[str, str],
-) -> Part:
-    """Return the errors of pre-trained networks; rows of `ours` and `early` -> model."""
-    columns = tuple(_ON_SOURCE)
-    part = _network_table(
-        results,
-        f"{what}: errors on the source domain, all axes together",
-        (heading,),
-        published=_published_values(published, heading, columns),
-        ours={
-            our_group(PAPER_PROTOCOL, columns, 5): {(row,): model for row, model in ours.items()},
-            our_group(PAPER_PROTOCOL, columns, PUBLISHED_DECIMALS, EARLY): {
-                (row,): model for row, model in early.items()
-            },
-        },
-        errors=lambda result: _reported(result, _ON_SOURCE),
-        trained=_pretraining_note,
-        notes=_SOURCE_NOTES,
-    )
-    of_table, others = part.notes[: len(_SOURCE_NOTES)], part.notes[len(_SOURCE_NOTES) :]
-    return replace(part, notes=(*of_table, *_nearness(part), *others))
-
-
-def _nearness(part: Part) -> Iterator[str]:
-    """Yield how near the errors of those that were stopped early are to the paper's."""
-    places = [
-        (row, side)
-        for row in part.rows
-        for side in ("train", "test")
-        if (row, EARLY, f"{side} MAE") in part.entries
-    ]
-
-    def of(group: str, error: str) -> FloatArray:
-        return np.array([part.entries[row, group, f"{side} {error}"].value for row, side in places])
-
-    def span(values: FloatArray) -> str:
-        return f"{values.min():.2f} to {values.max():.2f}"
-
-    if places:
-        yield (
-            f"Stopped early: MAE {span(of(EARLY, 'MAE') / of(PUBLISHED, 'MAE'))} of the "
-            f"published; STDE / MAE {span(of(EARLY, 'STDE') / of(EARLY, 'MAE'))}, published "
-            f"{span(of(PUBLISHED, 'STDE') / of(PUBLISHED, 'MAE'))}."
-        )
-
-
-FINE_TUNING_COLUMNS = ("train MAE", "train STDE", "validation MAE", "validation STDE")
-_DECIMALS_9 = 5
-"""In the last epoch 120 samples are learned to about 0.0001 mm."""
-_TOGETHER = "All axes and samples together. Validation is the 20 % test part."
-
-
-def table_8(results: PaperResults) -> Part:
-    """Return the errors by which layers are unfrozen; ours alone."""
-    variants: dict[Labels, Variant] = {
-        **{("1 layer", layers[0]): unfrozen(layers) for layers in ALL_SINGLES},
-        **{("2 layers", " + ".join(layers)): unfrozen(layers) for layers in ALL_PAIRS},
-    }
-    models = {row: variant.name for row, variant in variants.items()}
-    return _network_table(
-        results,
-        "Unfrozen layers of the fine-tuned network",
-        ("moving", "layers"),
-        published={},
-        ours={our_group(PAPER_PROTOCOL, FINE_TUNING_COLUMNS, PUBLISHED_DECIMALS): models},
-        errors=_target_errors,
-        trained=fine_tuning_note,
-        notes=(
-            "Ours alone: the numbers of the paper's Table 8 are not available to us. Its text "
-            "finds two layers much better than one, and 1 + 2 the best pair.",
-            "Ours are from a simulated robot, not comparable with the paper's in absolute terms.",
-            "Layers are counted from the input; out: the output layer.",
-            _TOGETHER,
-        ),
-        remedy=FULL,
-    )
-
-
-def table_9(results: PaperResults) -> Part:
-    """Return the errors of the last epoch's weights and of the best epoch's."""
-    published = _published_values("table_9", "training", FINE_TUNING_COLUMNS)
-    last, best = ("normal (last epoch)",), ("optimized (best epoch)",)
-    return _network_table(
-        results,
-        "Fine-tuning of layers 1 + 2: last epoch and best epoch",
-        ("training",),
-        published={last: published["normal",], best: published["optimized",]},
-        ours={
-            our_group(PAPER_PROTOCOL, FINE_TUNING_COLUMNS, _DECIMALS_9): {
-                last: FT_MLP_LAST_EPOCH.name,
-                best: FT_MLP,
-            }
-        },
-        errors=_target_errors,
-        trained=fine_tuning_note,
-        notes=(
-            "Published: KR10 measured. Ours: simulated. Not comparable in absolute terms.",
-            _TOGETHER,
-            "The paper's validation MAE of the best epoch, 0.1604 mm, is 3.8 times the mean over "
-            "the axes of FT-MLP's MAE in its Table 10, 0.0424 mm.",
-        ),
-    )
+def _source_errors(result: CellResult) -> Values:
+    """Return the errors on both parts of the source domain; raises as `_reported`."""
+    return _reported(result, _ON_SOURCE)
 
 
 def _target_errors(result: CellResult) -> Values:
@@ -373,5 +114,134 @@ def _target_errors(result: CellResult) -> Values:
     if result.prediction is None:
         raise StoreError(f"{result.shown.model}: a result without predictions")
     errors = absolute_errors(result.prediction) * MM
-    validated = {"validation MAE": float(errors.mean()), "validation STDE": float(errors.std())}
-    return trained | validated
+    return trained | {
+        "validation MAE": float(errors.mean()),
+        "validation STDE": float(errors.std()),
+    }
+
+
+_ON_SOURCE_TEXT = ": errors on the source domain, all axes together"
+EARLY = "ours, stopped early"
+_SOURCE_NOTES = (
+    COMPARE,
+    f"Stopped early: {EARLY_STEPS} steps of plain Adam, chosen afterwards to be near the MAEs of "
+    "the paper's Table 6: compare orders, not errors.",
+)
+_TOGETHER = "All axes and samples together; validation is the 20 % test part."
+LAST, BEST = ("normal (last epoch)",), ("optimized (best epoch)",)
+
+
+def _table_9() -> dict[Labels, Values]:
+    published = _published("table_9", "training", _ON_TARGET)
+    return {LAST: published["normal",], BEST: published["optimized",]}
+
+
+NETWORK_TABLES: Mapping[int, Callable[[], NetworkTable]] = {
+    6: lambda: NetworkTable(
+        f"Hidden layers of {DEPTH_WIDTH} nodes each{_ON_SOURCE_TEXT}",
+        ("layers",),
+        _published("table_6", "layers", tuple(_ON_SOURCE)),
+        {(str(d),): pretrained(layers=d, width=DEPTH_WIDTH).name for d in DEPTHS},
+        _source_errors,
+        _SOURCE_NOTES,
+        early={
+            (str(d),): pretrained(layers=d, width=DEPTH_WIDTH, stopped_early=True).name
+            for d in DEPTHS
+        },
+    ),
+    7: lambda: NetworkTable(
+        f"Activation, {BASE_LAYERS} x {BASE_WIDTH} nodes{_ON_SOURCE_TEXT}",
+        ("activation",),
+        _published("table_7", "activation", tuple(_ON_SOURCE)),
+        {(kind,): pretrained(activation=kind).name for kind in ACTIVATIONS},
+        _source_errors,
+        _SOURCE_NOTES,
+        early={
+            (kind,): pretrained(activation=kind, stopped_early=True).name for kind in ACTIVATIONS
+        },
+    ),
+    8: lambda: NetworkTable(
+        "Unfrozen layers of the fine-tuned network",
+        ("moving", "layers"),
+        {},
+        {
+            (counted(len(layers), "layer"), " + ".join(layers)): unfrozen(layers).name
+            for layers in (*ALL_SINGLES, *ALL_PAIRS)
+        },
+        _target_errors,
+        (
+            "Ours alone, simulated: the numbers of the paper's Table 8 are not available to us, "
+            "and would be not comparable in absolute terms.",
+            f"Layers from the input on; out: the output layer. {_TOGETHER}",
+        ),
+        decimals=PUBLISHED_DECIMALS,
+        remedy=FULL,
+    ),
+    9: lambda: NetworkTable(
+        "Fine-tuning of layers 1 + 2: last epoch and best epoch",
+        ("training",),
+        _table_9(),
+        {LAST: FT_MLP_LAST_EPOCH.name, BEST: FT_MLP},
+        _target_errors,
+        (COMPARE, _TOGETHER),
+    ),
+}
+"""Number in the paper -> what it shows."""
+
+
+def network_table(number: int, results: PaperResults) -> Table:
+    """Return one of `NETWORK_TABLES`.
+
+    Raises:
+        StoreError: the folder has none of the models, or no numbers of any.
+    """
+    wanted = NETWORK_TABLES[number]()
+    columns = tuple(_ON_SOURCE) if wanted.early else _ON_TARGET
+    early = wanted.early or {}
+    labels = {model: " ".join(row) for row, model in wanted.ours.items()}
+    labels |= {model: f"{' '.join(row)} ({EARLY})" for row, model in early.items()}
+    found = results.on_shared_splits(labels, PAPER_PROTOCOL)
+    values, unread = dict[str, list[Values]](), list[StoreError]()
+    for model, of_model in found.results.items():
+        try:
+            values[model] = [wanted.errors(result) for result in of_model]
+        except StoreError as error:
+            unread.append(error)
+    if not values:
+        raise unread[0]
+
+    def group(models: Models, decimals: int, label: str = "") -> Group:
+        numbers = {
+            (row, column): mean_over(
+                [of_split[column] for of_split in values[model]],
+                mark_of(found.results[model][0].shown),
+            )
+            for row, model in models.items()
+            if model in values
+            for column in columns
+        }
+        return Group.ours(PAPER_PROTOCOL, columns, decimals, numbers, label)
+
+    groups = [group(wanted.ours, wanted.decimals)]
+    if wanted.published:
+        of_paper = {
+            (row, column): value
+            for row, of_row in wanted.published.items()
+            for column, value in of_row.items()
+        }
+        groups.insert(0, Group.published(columns, of_paper))
+    if wanted.early:
+        groups.append(group(wanted.early, PUBLISHED_DECIMALS, EARLY))
+    rows = [
+        row
+        for row, model in wanted.ours.items()
+        if row in wanted.published or model not in found.missing
+    ]
+    notes = [
+        *wanted.notes,
+        found.about,
+        *found.absences(wanted.remedy, labels),
+        *(f"No numbers: {error}." for error in unread),
+        results.provenance([found]),
+    ]
+    return paper_table(number, wanted.caption, "mm", wanted.headings, rows, groups, notes)

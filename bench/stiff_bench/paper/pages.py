@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from datetime import timedelta
 from pathlib import Path
 
 from stiff_bench.analysis.leaderboard_tables import render_leaderboard
@@ -17,29 +16,26 @@ from stiff_bench.figures.source import FigureSource
 from stiff_bench.paper import figures as paper_figures
 from stiff_bench.paper.results import PaperResults
 from stiff_bench.paper.study import NETWORK_STEPS
-from stiff_bench.paper.table import render_paper_table
 from stiff_bench.paper.tables import TABLES, build
 from stiff_bench.store.database import FILE, read_manifests, stored_results
 from stiff_bench.store.versions import sources
-from stiff_bench.tables.render import markdown_code, markdown_text
+from stiff_bench.tables.render import markdown_code, markdown_text, render
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.files import make_folder, written_whole
 
 TABLE_FILES = {"github": "md", "csv": "csv", "latex": "tex"}
 PICTURE_FILES = ("png", "pdf")
-NOT_OF_PAPER = ("5", "learning-curves", "ranks")
-"""Figure 5's panels are drawn one by one; the other two are of the leaderboard."""
 OF_LEADERBOARD = ("ranks", "learning-curves", "errors", "workspace")
 """Figures of its page; the others are the paper's questions."""
+OF_PAPER = tuple(name for name in FIGURES if name not in OF_LEADERBOARD[:2])
+"""General figures that its page has beside the paper's own."""
 _ABOUT_LEADERBOARD = (
     "every model that stiffbench ships, on five specimens of the simulated KR10, on the same twin "
     "pulled in every direction, and on 43 real measurements of a FANUC R-2000iC",
-    f"networks with `pretrain_steps={NETWORK_STEPS}` in their names were pre-trained for that many "
-    "steps in place of their recipe's 1,000 (`dt-cnn`: 3,000), and `deep-ensemble` has 2 members "
-    "in place of 5: at full length the cells would take a day of a small machine. `ft-mlp` hardly "
-    "changes through it, `dt-cnn` becomes better by about 30 % (measured: docs/findings.md). "
-    "docs/models.md has the full recipes on `holdout`",
+    f"`pretrain_steps={NETWORK_STEPS}` in a name: pre-trained for that many steps in place of the "
+    "recipe's; `deep-ensemble` has 2 members in place of 5. What that changes: docs/findings.md; "
+    "the full recipes: docs/models.md",
 )
 
 
@@ -69,12 +65,11 @@ def write_paper(output: Path, command: str, n_missing: int) -> Iterator[Path]:
         again = f"bench table {number}"
         for fmt, suffix in TABLE_FILES.items():
             path = folder / "tables" / f"table_{number}.{suffix}"
-            yield _written(path, render_paper_table(table, fmt, f"{again} --format {fmt}"))
-        tables.append(render_paper_table(table, "github", again))
-    of_paper = {k: v for k, v in paper_figures.FIGURES.items() if k not in NOT_OF_PAPER}
-    general = {k: v for k, v in FIGURES.items() if k not in NOT_OF_PAPER}
-    drawn, not_drawn = can_be_drawn(of_paper, results)
-    others, also = can_be_drawn(general, FigureSource(results.folder, results.contests))
+            yield _written(path, render(table, fmt, f"{again} --format {fmt}"))
+        tables.append(render(table, "github", again))
+    source = FigureSource(results.folder, results.contests)
+    drawn, not_drawn = can_be_drawn(paper_figures.FIGURES, results)
+    others, also = can_be_drawn({name: FIGURES[name] for name in OF_PAPER}, source)
     missing |= {f"Figure {name}": why for name, why in (not_drawn | also).items()}
     yield from _pictures([*drawn, *others], folder / "figures")
     page = [
@@ -124,17 +119,12 @@ def _provenance(folder: Path, command: str, n_missing: int) -> Iterator[str]:
     Raises:
         StoreError: a file of the folder is damaged.
     """
-    runs, fits_s = list(read_manifests(folder)), 0.0
-    n_results: Counter[str] = Counter()
-    for result in stored_results(folder):
-        n_results[result.run_id] += 1
-        fits_s += 0.0 if result.cost is None else result.cost.fit_s
+    runs = list(read_manifests(folder))
     yield f"made by {markdown_code(command)}"
     if n_missing:
         yield f"not finished: {counted(n_missing, 'cell')} of it not computed"
-    for line in sources(folder, runs, n_results):
+    for line in sources(folder, runs, Counter(one.run_id for one in stored_results(folder))):
         yield markdown_text(line)
-    yield f"fits took {timedelta(seconds=round(fits_s))} (h:min:s) of one thread in all"
     machines = Counter(
         f"{known.get('processor', 'unknown processor')}, {known.get('cores', '?')} cores, "
         f"{known.get('platform', 'unknown platform')}, Python {known.get('python', '?')}, "
@@ -142,21 +132,13 @@ def _provenance(folder: Path, command: str, n_missing: int) -> Iterator[str]:
         for known in (run.environment for run in runs)
     )
     for machine, n_runs in machines.items():
-        where = "its manifest is" if n_runs == 1 else "their manifests are"
-        file = f"`{folder.name}/{FILE}`"
-        yield f"{markdown_text(machine)}: {counted(n_runs, 'run')}; {where} in {file}"
+        yield f"{markdown_text(machine)}: {counted(n_runs, 'run')} (`{folder.name}/{FILE}`)"
 
 
 def _figures_and_missing(
     figures: Sequence[Prepared], folder: str, missing: Mapping[str, str]
 ) -> Iterator[str]:
-    """Yield the end of a page: its figures, and what could not be made, with the reason.
-
-    Args:
-        figures: with captions.
-        folder: of the pictures, as seen from the page.
-        missing: table or figure -> why it could not be made.
-    """
+    """Yield the end of a page: its figures, and what could not be made, with the reason."""
     yield "## Figures"
     for figure in figures:
         picture = f"{folder}/{_file_name(figure)}"

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stiff_bench.analysis.collected import Competitor, Contest, collect
+from stiff_bench.figures.source import marks
 from stiff_bench.paper.study import DATASET, SEED
 from stiff_bench.store.database import has_results, read_manifests
-from stiff_bench.store.names import grouped
 from stiff_bench.store.versions import sources
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import StoreError
@@ -18,6 +18,7 @@ from stiff_protocols.contract.record import CellResult
 
 REPRODUCE, FULL = "`bench reproduce`", "`bench reproduce --full`"
 """The commands that make results."""
+MOST_NAMES = 3  # of models that have no result
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,36 +40,29 @@ class Found:
     missing: Sequence[str]
     n_left_out: int = 0
 
-    def notes(
+    @property
+    def each(self) -> list[CellResult]:
+        """All results, model after model."""
+        return [one for of_model in self.results.values() for one in of_model]
+
+    @property
+    def about(self) -> str:
+        """What was run how often, and what must be read with it."""
+        n_splits = max(map(len, self.results.values()))
+        spread = ", mean ± standard deviation over them" if n_splits > 1 else ""
+        with_them = marks(of_model[0].shown for of_model in self.results.values())
+        splits = f"{counted(n_splits, 'split')}{spread}"
+        return f"Ours: {DATASET}, {self.protocol}, {splits}, seed {SEED}.{with_them}"
+
+    def absences(
         self, remedy: str = REPRODUCE, labels: Mapping[str, str] | None = None
     ) -> Iterator[str]:
-        """Yield what was run how often, what must be read with it, and what is not there.
+        """Yield what is not there, and what makes it.
 
         Args:
             remedy: the command that makes what is missing.
             labels: model -> what it is called in the table, if not so.
         """
-        n_splits = len(next(iter(self.results.values())))
-        spread = ", mean ± standard deviation over them" if n_splits > 1 else ""
-        yield (
-            f"Ours: {DATASET} (simulated), {self.protocol}, {counted(n_splits, 'split')}{spread}, "
-            f"seed {SEED}."
-        )
-        shown = {model: found[0].shown for model, found in self.results.items()}
-        pickers = [model for model, one in shown.items() if one.picked_on_test]
-        if pickers:
-            which = "all" if len(pickers) == len(shown) else ", ".join(pickers)
-            yield f"{self.protocol} picks the best epoch on the test part ({which}): optimistic."
-        for regime, models in grouped(shown, lambda model: shown[model].regime).items():
-            if regime:
-                which = "all of ours" if len(models) == len(shown) else ", ".join(models)
-                yield f"{self.protocol}, {which}: {regime}."
-        yield from self.absences(remedy, labels)
-
-    def absences(
-        self, remedy: str = REPRODUCE, labels: Mapping[str, str] | None = None
-    ) -> Iterator[str]:
-        """Yield what is not there, and what makes it; arguments as in `notes`."""
         if self.n_left_out:
             yield (
                 f"Left out: {counted(self.n_left_out, 'split')} of {self.protocol} that only some "
@@ -77,8 +71,10 @@ class Found:
         for reason in self.failures.values():
             yield f"No numbers: {reason}."
         if self.missing:
-            names = ", ".join((labels or {}).get(model, model) for model in self.missing)
-            yield f"Without a result under {self.protocol}: {names}; {remedy} makes it."
+            names = [(labels or {}).get(model, model) for model in self.missing]
+            more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+            first = f"{', '.join(names[:MOST_NAMES])}{more}"
+            yield f"Without a result under {self.protocol}: {first}; {remedy} makes it."
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,9 +153,7 @@ class PaperResults:
 
     def provenance(self, shown: Iterable[Found]) -> str:
         """Return a line that names which stiffbench made the results that are shown."""
-        counts = Counter(
-            one.run_id for found in shown for of_model in found.results.values() for one in of_model
-        )
+        counts = Counter(one.run_id for found in shown for one in found.each)
         (line,) = sources(self.folder, list(read_manifests(self.folder)), counts)
         return line
 

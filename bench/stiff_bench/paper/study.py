@@ -61,15 +61,11 @@ def pretrained(
         stopped_early: it is trained as the paper's recipe says (plain Adam, mean squared error),
             but for `EARLY_STEPS` alone, after which the MAEs of Table 6 are near the paper's.
     """
-    options = {
-        "activation": (activation, "relu"),
-        "layers": (layers, BASE_LAYERS),
-        "pretrain_steps": (EARLY_STEPS if stopped_early else None, None),
-        "recipe": ("paper" if stopped_early else "fast", "fast"),
-        "width": (width, BASE_WIDTH),
-    }
-    changed = {name: value for name, (value, usual) in options.items() if value != usual}
-    return Variant(MLP_PRETRAINED, changed)
+    given = {"activation": activation, "layers": layers, "width": width}
+    usual = {"activation": "relu", "layers": BASE_LAYERS, "width": BASE_WIDTH}
+    changed = {name: value for name, value in given.items() if value != usual[name]}
+    early = {"pretrain_steps": EARLY_STEPS, "recipe": "paper"} if stopped_early else {}
+    return Variant(MLP_PRETRAINED, dict(sorted((changed | early).items())))
 
 
 def unfrozen(layers: Sequence[str]) -> Variant:

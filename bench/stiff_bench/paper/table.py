@@ -1,13 +1,13 @@
-"""A table of the paper beside ours, in parts; each becomes a table like any other."""
+"""A table of the paper beside ours: groups of columns, each with numbers of one origin."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Literal
 
+from stiff_bench.paper.study import DATASET, SEED
 from stiff_bench.tables.metric_table import mean_over
-from stiff_bench.tables.render import render
 from stiff_bench.tables.table import Column, Quantity, Table
 from stiff_bench.tables.units import MM
 from stiff_protocols.contract.errors import StoreError
@@ -16,6 +16,110 @@ from stiff_protocols.scoring.metrics import metric
 
 Errors = Mapping[tuple[str, str], float]
 """(metric key, axis) -> mm."""
+Labels = tuple[str, ...]
+"""Of a row: one under each row heading."""
+Numbers = Mapping[tuple[Labels, str], Quantity]
+"""(row, column) -> number of one group of columns; a missing one is a dash."""
+Unit = Literal["mm", "10^3 Nm/rad", "%"]
+PUBLISHED, PUBLISHED_DECIMALS = "published", 4
+SIMULATED = f"{DATASET} (simulated)"
+COMPARE = (
+    f"Published: KR10 measured. Ours: {SIMULATED}. Not comparable in absolute terms; "
+    "docs/reproduction.md says what differs."
+)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Columns of one origin, that stand together.
+
+    Attributes:
+        label: above them; no other group of the table has it.
+        columns: as the paper heads them.
+        decimals: to print.
+        numbers: of the group.
+        data: what the numbers come from.
+        protocol: that our models were tested by; "" for none.
+        seed: of the run; None: there was none.
+    """
+
+    label: str
+    columns: Labels
+    decimals: int
+    numbers: Numbers
+    data: str = SIMULATED
+    protocol: str = ""
+    seed: int | None = None
+
+    @classmethod
+    def published(
+        cls,
+        columns: Labels,
+        values: Mapping[tuple[Labels, str], float],
+        decimals: int = PUBLISHED_DECIMALS,
+    ) -> Group:
+        """Return the paper's columns."""
+        numbers = {place: Quantity(value, n=1) for place, value in values.items()}
+        return cls(PUBLISHED, columns, decimals, numbers, "KR10 (measured)")
+
+    @classmethod
+    def ours(
+        cls, protocol: str, columns: Labels, decimals: int, numbers: Numbers, label: str = ""
+    ) -> Group:
+        """Return columns of models that were tested by a protocol."""
+        label = label or f"ours, {protocol}"
+        return cls(label, columns, decimals, numbers, SIMULATED, protocol, SEED)
+
+    @property
+    def about(self) -> dict[str, object]:
+        """What csv and json say of each of its columns."""
+        source = PUBLISHED if self.label == PUBLISHED else "ours"
+        facts = {"group": self.label, "source": source, "data": self.data}
+        return facts | {"protocol": self.protocol, "seed": self.seed}
+
+
+def paper_table(
+    number: int,
+    caption: str,
+    unit: Unit,
+    headings: Labels,
+    rows: Iterable[Labels],
+    groups: Sequence[Group],
+    notes: Iterable[str],
+) -> Table:
+    """Return a table.
+
+    Args:
+        number: in the paper.
+        caption: what is shown; the unit is not said there.
+        unit: of all its numbers.
+        headings: of the columns that name a row.
+        rows: labels of each.
+        groups: of the other columns.
+        notes: what must be read with it.
+    """
+    columns = [(group, name) for group in groups for name in group.columns]
+    return Table(
+        title=f"Table {number}. {caption} [{unit}]",
+        columns=[
+            *(Column(heading, "text") for heading in headings),
+            *(
+                Column(
+                    name,
+                    unit=unit,
+                    format=f".{group.decimals}f",
+                    group=group.label,
+                    about=group.about,
+                    marks_shown=False,
+                )
+                for group, name in columns
+            ),
+        ],
+        rows=[[*row, *(of.numbers.get((row, name)) for of, name in columns)] for row in rows],
+        notes=list(notes),
+        unit=unit,
+        about={"table": number},
+    )
 
 
 def errors_mm(result: CellResult, metrics: Sequence[str]) -> Errors:
@@ -44,123 +148,3 @@ def mean_reduction(old: Sequence[float], new: Sequence[float], mark: str = "") -
         return None
     each = [reduction(before, after) for before, after in zip(old, new, strict=True)]
     return mean_over(each, mark)
-
-
-Labels = tuple[str, ...]
-"""Of a row: one under each row heading."""
-PAPER_DATA: Final = "KR10 (measured)"
-Unit = Literal["mm", "10^3 Nm/rad", "%"]
-
-
-@dataclass(frozen=True)
-class Group:
-    """Columns of one origin, that stand together.
-
-    Attributes:
-        label: above them; no other group of the part has it.
-        source: whose numbers they are.
-        columns: as the paper heads them.
-        decimals: to print.
-        data: what the numbers come from.
-        protocol: that our models were tested by; "" for none.
-        seed: of the run; None: there was none.
-    """
-
-    label: str
-    source: Literal["published", "ours"]
-    columns: Labels
-    decimals: int
-    data: str
-    protocol: str = ""
-    seed: int | None = None
-
-
-@dataclass(frozen=True)
-class Part:
-    """Rows and groups of columns under one caption.
-
-    Attributes:
-        caption: what is shown; the unit is not said there.
-        unit: of all its numbers.
-        row_headings: of the columns that name a row.
-        rows: labels of each row.
-        groups: of the columns.
-        entries: (row, group's label, column) -> number; a missing one is a dash.
-        notes: what must be read with it.
-    """
-
-    caption: str
-    unit: Unit
-    row_headings: Labels
-    rows: tuple[Labels, ...]
-    groups: tuple[Group, ...]
-    entries: Mapping[tuple[Labels, str, str], Quantity]
-    notes: tuple[str, ...]
-
-    @property
-    def columns(self) -> list[tuple[Group, str]]:
-        """Every column that holds numbers, from left to right."""
-        return [(group, column) for group in self.groups for column in group.columns]
-
-    def entry(self, row: Labels, group: Group, column: str) -> Quantity | None:
-        """Return a number, or None where there is none."""
-        return self.entries.get((row, group.label, column))
-
-
-@dataclass(frozen=True)
-class PaperTable:
-    """A table of the paper beside ours.
-
-    Attributes:
-        number: in the paper.
-        parts: each with a caption and notes of its own.
-    """
-
-    number: int
-    parts: tuple[Part, ...]
-
-    @property
-    def title(self) -> str:
-        """The number and the first part's caption."""
-        return self.title_of(self.parts[0])
-
-    def title_of(self, part: Part) -> str:
-        """Return the title of a part: number, caption and unit."""
-        return f"Table {self.number}. {part.caption} [{part.unit}]"
-
-
-def render_paper_table(table: PaperTable, fmt: str, command: str) -> str:
-    """Return the table as "github", "latex", "csv", "html" or "json".
-
-    Args:
-        table: the table.
-        fmt: the format; csv and json hold full precision.
-        command: that makes it.
-    """
-    return render([_typed(table, part) for part in table.parts], fmt, command)
-
-
-def _typed(table: PaperTable, part: Part) -> Table:
-    return Table(
-        title=table.title_of(part),
-        columns=[
-            *(Column(heading, "text") for heading in part.row_headings),
-            *(_column(part, group, column) for group, column in part.columns),
-        ],
-        rows=[[*row, *(part.entry(row, *place) for place in part.columns)] for row in part.rows],
-        notes=part.notes,
-        unit=part.unit,
-        about={"table": table.number},
-    )
-
-
-def _column(part: Part, group: Group, name: str) -> Column:
-    about = {"group": group.label, "source": group.source, "data": group.data}
-    return Column(
-        name,
-        unit=part.unit,
-        format=f".{group.decimals}f",
-        group=group.label,
-        about=about | {"protocol": group.protocol, "seed": group.seed},
-        marks_shown=False,
-    )

@@ -6,25 +6,14 @@ those of `network_tables`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from stiff_bench.paper import PAPER_RESULTS
-from stiff_bench.paper.network_tables import (
-    SIMULATED,
-    Numbers,
-    fine_tuning_note,
-    our_group,
-    part_of,
-    published_group,
-    table_6,
-    table_7,
-    table_8,
-    table_9,
-)
+from stiff_bench.paper.network_tables import NETWORK_TABLES, network_table
 from stiff_bench.paper.results import REPRODUCE, Found, PaperResults
 from stiff_bench.paper.study import (
     DATASET,
@@ -32,29 +21,28 @@ from stiff_bench.paper.study import (
     FAIR_PROTOCOL,
     FT_MLP,
     FT_MLP_OWN_SOURCE,
+    METRICS,
     PAPER_PROTOCOL,
     VJM,
 )
 from stiff_bench.paper.table import (
+    COMPARE,
+    Errors,
     Group,
     Labels,
-    PaperTable,
-    Part,
+    Numbers,
     Unit,
     errors_mm,
     mean_reduction,
+    paper_table,
     reduction,
 )
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.request import loaded
 from stiff_bench.tables.metric_table import mark_of, mean_over
-from stiff_bench.tables.published import (
-    claimed_reductions,
-    published_rows,
-    published_stiffness,
-)
-from stiff_bench.tables.table import Quantity
+from stiff_bench.tables.published import claimed_reductions, published_rows, published_stiffness
+from stiff_bench.tables.table import Quantity, Table
 from stiff_bench.tables.units import MM
 from stiff_datasets.twin.calibrate import VjmFigures
 from stiff_protocols.contract.errors import ConfigError, StoreError, unknown_name
@@ -67,8 +55,8 @@ FITTED_HERE = frozenset({2, 3})
 """Tables that need no stored results: a model is fitted in a second."""
 
 
-def build(number: int, results: PaperResults | None) -> PaperTable:
-    """Return a table of the paper beside ours.
+def build(number: int, results: PaperResults | None) -> list[Table]:
+    """Return a table of the paper beside ours, in one part or two.
 
     Args:
         number: of the table in the paper.
@@ -81,16 +69,13 @@ def build(number: int, results: PaperResults | None) -> PaperTable:
     if number not in TABLES:
         raise unknown_name("table of the paper", str(number), map(str, TABLES))
     if number in FITTED_HERE:
-        return PaperTable(number, ({2: _table_2, 3: _table_3}[number](),))
+        return [_table_2() if number == 2 else _table_3()]
     if results is None:
         raise ConfigError(f"table {number} needs results; {REPRODUCE} makes them")
-    if number == 10:
-        return PaperTable(number, _table_10(results))
-    of_networks = {6: table_6, 7: table_7, 8: table_8, 9: table_9}
-    return PaperTable(number, (of_networks[number](results),))
+    return [network_table(number, results)] if number in NETWORK_TABLES else _table_10(results)
 
 
-def read_table(number: int, folder: Path | None) -> PaperTable:
+def read_table(number: int, folder: Path | None) -> list[Table]:
     """Return `build`'s table from the results of a folder; None: where `bench reproduce` puts them.
 
     Raises:
@@ -103,60 +88,48 @@ def read_table(number: int, folder: Path | None) -> PaperTable:
     return build(number, None)
 
 
-ERRORS = ("mae", "stde", "me")
 SPECIMENS = range(5)
 KILO = 1e3
 """Of Table 3: it is in 10^3 N m/rad."""
 _IN_SAMPLE = "in-sample fit"
 _VJM_NOTES = (
-    "Published: the VJM of the measured KR10 R1100-2. Ours: of a simulated one. Not comparable in "
-    "absolute terms.",
-    f"Ours: the VJM fitted to all 151 samples of {DATASET} and read on the same "
-    "samples, as in the paper: a fit, not a test; no protocol, data seed 0.",
-    f"Specimens: mean ± standard deviation over {len(SPECIMENS)} robots of the type "
-    f"({DATASET}@specimen={SPECIMENS[0]} to {SPECIMENS[-1]}); {DATASET} alone is specimen 0.",
-    f"The constants of {DATASET} (specimen 0) were calibrated against the published figures of "
-    "Tables 2 and 3: that they are near says nothing about any model.",
+    COMPARE,
+    f"The VJM is fitted to all 151 samples of {DATASET} and read on the same ones, as in the "
+    "paper: a fit, not a test; data seed 0.",
+    f"Specimens: mean ± standard deviation over {len(SPECIMENS)} robots of the type; {DATASET} is "
+    "specimen 0, whose constants were calibrated against the published Tables 2 and 3.",
 )
+Places = Mapping[tuple[Labels, str], float]
+"""(row, column) -> value."""
 
 
-def _table_2() -> Part:
+def _table_2() -> Table:
     """Return the VJM's errors by axis, on the samples it was fitted to."""
-    places = {
+    places: dict[tuple[Labels, str], tuple[str, int]] = {
         ((axis.upper(),), metric(key).label): (key, i)
         for i, axis in enumerate(AXES)
-        for key in ERRORS
+        for key in METRICS
     }
-    published = published_rows("table_2")[0].values_mm
-    return _vjm_table(
-        "VJM on the samples it was identified on: errors by axis",
-        unit="mm",
-        heading="axis",
-        decimals=3,
-        published={place: published[key, AXES[i]] for place, (key, i) in places.items()},
-        ours=[
-            {place: float(getattr(one, key)[i]) * MM for place, (key, i) in places.items()}
-            for one in _vjm_figures()
-        ],
-    )
+    values = published_rows("table_2")[0].values_mm
+    published = {place: values[key, AXES[i]] for place, (key, i) in places.items()}
+    ours: list[Places] = [
+        {place: float(getattr(one, key)[i]) * MM for place, (key, i) in places.items()}
+        for one in _vjm_figures()
+    ]
+    caption = "VJM on the samples it was identified on: errors by axis"
+    return _vjm_table(2, caption, "mm", "axis", 3, [published, *ours])
 
 
-def _table_3() -> Part:
+def _table_3() -> Table:
     """Return the identified joint stiffnesses."""
     published: dict[tuple[Labels, str], float] = {
         ((joint,), "stiffness"): value / KILO for joint, value in published_stiffness().items()
     }
-    return _vjm_table(
-        "VJM: joint stiffness identified on all samples",
-        unit="10^3 Nm/rad",
-        heading="joint",
-        decimals=2,
-        published=published,
-        ours=[
-            dict(zip(published, (one.stiffness / KILO).tolist(), strict=True))
-            for one in _vjm_figures()
-        ],
-    )
+    ours = [
+        dict(zip(published, (one.stiffness / KILO).tolist(), strict=True)) for one in _vjm_figures()
+    ]
+    caption = "VJM: joint stiffness identified on all samples"
+    return _vjm_table(3, caption, "10^3 Nm/rad", "joint", 2, [published, *ours])
 
 
 @cache
@@ -174,41 +147,23 @@ def _vjm_figures() -> tuple[VjmFigures, ...]:
 
 
 def _vjm_table(
-    caption: str,
-    *,
-    unit: Unit,
-    heading: str,
-    decimals: int,
-    published: Mapping[tuple[Labels, str], float],
-    ours: Sequence[Mapping[tuple[Labels, str], float]],
-) -> Part:
-    """Return the paper's VJM beside ours of one specimen and of all.
-
-    Args:
-        caption: of the table.
-        unit: of all its numbers.
-        heading: of the column that names a row.
-        decimals: to print.
-        published: (row, column) -> value, in the unit.
-        ours: the same of each specimen; the first is the data set as it stands.
-    """
+    number: int, caption: str, unit: Unit, heading: str, decimals: int, values: list[Places]
+) -> Table:
+    """Return the paper's VJM, the first of `values`, beside ours of each specimen."""
+    published, *ours = values
     columns = tuple(dict.fromkeys(column for _, column in published))
-    first = Group(f"ours, {DATASET}", "ours", columns, decimals, SIMULATED)
-    label = f"ours, specimens {SPECIMENS[0]} to {SPECIMENS[-1]}"
-    everyone = Group(label, "ours", columns, decimals, f"{DATASET}@specimen=0..4 (simulated)")
 
-    def over(specimens: Sequence[Mapping[tuple[Labels, str], float]]) -> Numbers:
+    def over(specimens: list[Places]) -> Numbers:
         return {at: mean_over([one[at] for one in specimens], _IN_SAMPLE) for at in published}
 
-    groups: dict[Group, Numbers] = {
-        published_group(columns, decimals): {
-            at: Quantity(value, n=1) for at, value in published.items()
-        },
-        first: over(ours[:1]),
-        everyone: over(ours),
-    }
+    label = f"ours, specimens {SPECIMENS[0]} to {SPECIMENS[-1]}"
+    groups = [
+        Group.published(columns, published, decimals),
+        Group(f"ours, {DATASET}", columns, decimals, over(ours[:1])),
+        Group(label, columns, decimals, over(ours), f"{DATASET}@specimen=0..4 (simulated)"),
+    ]
     rows = dict.fromkeys(row for row, _ in published)
-    return part_of(caption, unit, (heading,), rows, groups, _VJM_NOTES)
+    return paper_table(number, caption, unit, (heading,), rows, groups, _VJM_NOTES)
 
 
 OLD, NEW, OWN_SOURCE = "VJM", "FT-MLP", "FT-MLP, own source"
@@ -217,101 +172,89 @@ METHODS = {OLD: VJM, NEW: FT_MLP, OWN_SOURCE: FT_MLP_OWN_SOURCE.name, "DT-CNN": 
 REDUCED = {f"{method} against {OLD}": method for method in (NEW, OWN_SOURCE)}
 """Column of our reductions -> the method that errs less, or not."""
 ROWS_10: dict[Labels, tuple[str, str]] = {
-    (axis.upper(), metric(key).label): (key, axis) for axis in AXES for key in ERRORS
+    (axis.upper(), metric(key).label): (key, axis) for axis in AXES for key in METRICS
 }
 """Labels of a row -> its metric and axis."""
 CLAIMED, RECOMPUTED = "claimed", "from Table 10"
-_METHOD_NOTES = (
-    "Published: KR10 measured, one 80/20 split; FT-MLP's epoch was picked on its test part. Ours: "
-    "simulated. Not comparable in absolute terms.",
-    f"{FAIR_PROTOCOL}: a fifth of the training samples picks FT-MLP's epoch.",
-    f"{OWN_SOURCE}: pre-trained on poses and loads like the training samples' in place of the "
-    "paper's Tables 4 and 5; no published number.",
+_OWN_SOURCE_NOTE = (
+    f"{OWN_SOURCE}: pre-trained on poses and loads like the training samples'. {FAIR_PROTOCOL}: a "
+    "fifth of the training samples picks the epoch; the paper picked it on the test part."
 )
-_REDUCTION_NOTES = (
-    f"100 (1 - {NEW} / {OLD}); of ours split by split, then mean ± standard deviation over the "
-    f"splits. Negative: {NEW} errs more.",
-    "X MAE: 41.4 % is claimed, the published Table 10 gives 42.0 %, more than its rounding "
-    "explains. ME: claimed and recomputed agree if the published maxima were rounded to two "
-    "decimals.",
+_REDUCTION_NOTE = (
+    f"100 (1 - {NEW} / {OLD}); of ours split by split, then mean ± standard deviation. Negative: "
+    f"{NEW} errs more."
 )
 
 
-def _table_10(results: PaperResults) -> tuple[Part, Part]:
+def _table_10(results: PaperResults) -> list[Table]:
     """Return the errors of the paper's methods, and by how much FT-MLP errs less than the VJM.
-
-    Ours have a column more: FT-MLP from a source domain drawn like the training samples.
 
     Raises:
         StoreError: the folder has none of them under either protocol.
     """
     published = {one.method: one.values_mm for one in published_rows("table_10")}
+    of_paper = {
+        (row, method): values[place]
+        for method, values in published.items()
+        for row, place in ROWS_10.items()
+    }
     claimed = claimed_reductions()
-    errors: dict[Group, Numbers] = {
-        published_group(tuple(published)): {
-            (row, method): Quantity(values[place], n=1)
-            for method, values in published.items()
-            for row, place in ROWS_10.items()
-        }
+    reductions = {(row, CLAIMED): claimed[place] for row, place in ROWS_10.items()} | {
+        (row, RECOMPUTED): reduction(published[OLD][place], published[NEW][place])
+        for row, place in ROWS_10.items()
     }
-    reductions: dict[Group, Numbers] = {
-        published_group((CLAIMED, RECOMPUTED), 1): {
-            (row, column): Quantity(value, n=1)
-            for row, place in ROWS_10.items()
-            for column, value in (
-                (CLAIMED, claimed[place]),
-                (RECOMPUTED, reduction(published[OLD][place], published[NEW][place])),
-            )
-        }
-    }
+    of_errors = [Group.published(tuple(published), of_paper)]
+    of_reductions = [Group.published((CLAIMED, RECOMPUTED), reductions, 1)]
     shown, absent = list[Found](), list[StoreError]()
     for protocol in (PAPER_PROTOCOL, FAIR_PROTOCOL):
-        ours = our_group(protocol, tuple(METHODS), 4)
-        reduced = our_group(protocol, tuple(REDUCED), 1)
-        errors[ours], reductions[reduced] = {}, {}
+        errors, reduced = dict[tuple[Labels, str], Quantity](), dict[tuple[Labels, str], Quantity]()
         try:
             found = results.on_shared_splits(METHODS.values(), protocol)
+            shown.append(found)
+            errors, reduced = _of_methods(found)
         except StoreError as error:
             absent.append(error)
-            continue
-        shown.append(found)
-        errors[ours], reductions[reduced] = _of_methods(found)
+        of_errors.append(Group.ours(protocol, tuple(METHODS), 4, errors))
+        of_reductions.append(Group.ours(protocol, tuple(REDUCED), 1, reduced))
     if not shown:
         raise absent[0]
     labels = {model: method for method, model in METHODS.items()}
-    networks = [
-        one
-        for found in shown
-        for model in (FT_MLP, FT_MLP_OWN_SOURCE.name)
-        for one in found.results.get(model, ())
-    ]
-    notes = (
-        *_METHOD_NOTES,
+    notes = [
+        COMPARE,
+        " ".join(found.about for found in shown),
         *(f"{error}." for error in absent),
-        *(note for found in shown for note in found.notes(labels=labels)),
-        f"FT-MLP: {fine_tuning_note(networks)}",
+        *(note for found in shown for note in found.absences(labels=labels)),
         results.provenance(shown),
-    )
-    headings, about_reductions = ("axis", "error"), (*_REDUCTION_NOTES, *notes)
+    ]
+    headings = ("axis", "error")
     caption = "VJM, FT-MLP and DT-CNN: errors on 20 % of the poses"
-    part = part_of(caption, "mm", headings, ROWS_10, errors, notes)
-    caption = "Reduction of FT-MLP's errors against the VJM's"
-    return part, part_of(caption, "%", headings, ROWS_10, reductions, about_reductions)
+    saving = "Reduction of FT-MLP's errors against the VJM's"
+    return [
+        paper_table(
+            *(10, caption, "mm", headings, ROWS_10, of_errors), notes=[_OWN_SOURCE_NOTE, *notes]
+        ),
+        paper_table(
+            *(10, saving, "%", headings, ROWS_10, of_reductions), notes=[_REDUCTION_NOTE, *notes]
+        ),
+    ]
 
 
-def _of_methods(found: Found) -> tuple[Numbers, Numbers]:
+def _of_methods(
+    found: Found,
+) -> tuple[dict[tuple[Labels, str], Quantity], dict[tuple[Labels, str], Quantity]]:
     """Return the errors of the methods under a protocol, and the reductions."""
-    each, mark = dict[str, list[Mapping[tuple[str, str], float]]](), dict[str, str]()
-    for method, model in METHODS.items():
-        if model in found.results:
-            each[method] = [errors_mm(result, ERRORS) for result in found.results[model]]
-            mark[method] = mark_of(found.results[model][0].shown)
+    models = {method: model for method, model in METHODS.items() if model in found.results}
+    each: dict[str, list[Errors]] = {
+        method: [errors_mm(result, METRICS) for result in found.results[model]]
+        for method, model in models.items()
+    }
+    mark = {method: mark_of(found.results[model][0].shown) for method, model in models.items()}
     errors = {
         (row, method): mean_over([one[place] for one in of_method], mark[method])
         for method, of_method in each.items()
         for row, place in ROWS_10.items()
     }
-    reductions = dict[tuple[Labels, str], Quantity]()
+    reductions = {}
     for column, method in REDUCED.items():
         for row, place in ROWS_10.items() if method in each and OLD in each else ():
             was, now = ([one[place] for one in each[name]] for name in (OLD, method))

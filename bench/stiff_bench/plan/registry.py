@@ -80,6 +80,14 @@ class Registry:
             getattr(self, kind)[info.key] = info
             self.origins[info.key] = origin
 
+    def add_file(self, path: Path) -> None:
+        """Import a plugin's file and register its lines.
+
+        Raises:
+            ConfigError: it cannot be imported, defines nothing, or a key is taken.
+        """
+        self.add(_lines_of(import_plugin_file(path), path), str(path))
+
     def _why_not(self, key: str) -> str:
         """Return why there can be no such key; "" where there can."""
         # one key, one thing: `bench show KEY` and `--set KEY.option` do not name the kind
@@ -133,7 +141,7 @@ def build_registry(plugin_files: Sequence[Path] = ()) -> Registry:
         for point in entry_points(group=f"stiffbench.{kind}"):
             _add_installed(registry, point)
     for path in plugin_files:
-        registry.add(_lines_of(import_plugin_file(path), path), str(path))
+        registry.add_file(path)
     return registry
 
 

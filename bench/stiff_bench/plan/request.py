@@ -82,9 +82,7 @@ def plan_run(
         coverage=_coverage(coverage, scored),
     )
     for model in plan.models:
-        made = _made(model, "fit", "predict")
-        if isinstance(made, ChecksParams) and not model.missing():
-            made.check_params()
+        check_model(model)
     for dataset in plan.datasets:
         _made(dataset, "load")
     return replace(plan, sources=_sources(plan.protocols, registry))
@@ -154,6 +152,17 @@ def _on_device(choice: Choice[ModelInfo], device: str) -> Choice[ModelInfo]:
         return choice
     params = dict(choice.params)
     return replace(choice, context={"device": params.pop("device", device)}, params=params)
+
+
+def check_model(choice: Choice[ModelInfo]) -> None:
+    """See that a model can be made, fits and predicts.
+
+    Raises:
+        ConfigError: it cannot, or an option's value is wrong.
+    """
+    model = _made(choice, "fit", "predict")
+    if isinstance(model, ChecksParams) and not choice.missing():
+        model.check_params()
 
 
 def _made(choice: Choice[Any], *methods: str) -> Any:

@@ -56,14 +56,12 @@ class StoredData:
 
 def data_content(data: BenchmarkData) -> bytes:
     """Return what is stored of a data set."""
-    from stiff_protocols.contract.forward_kinematics import tcp_position
-
     arrays = {item.name: getattr(data.samples, item.name) for item in fields(Samples)}
     file = io.BytesIO()
     np.savez_compressed(
         file,
         torque=load_torque(data),
-        tcp=tcp_position(data.robot, data.samples.q),
+        tcp=data.robot.tcp_position(data.samples.q),
         joint_types=np.array(data.robot.joint_types),
         joint_names=np.array(data.robot.joint_names),
         robot=np.array(data.robot.name),

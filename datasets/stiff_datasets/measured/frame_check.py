@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
-from stiff_protocols.contract.forward_kinematics import forward_kinematics
 from stiff_protocols.contract.interfaces import StiffnessModel
 from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
 
@@ -162,7 +161,7 @@ def _all_readings(samples: Samples, robot: Robot) -> Iterator[Reading]:
     for matrix, words in axes:
         yield Reading(f"the wrench{words}", _turned(given, matrix))
     about_flange = ", its torque taken about the flange (the last joint) instead of the TCP"
-    tool = forward_kinematics(robot, samples.q).rotation
+    tool = robot.forward(samples.q).rotation
     lever = tool @ robot.tcp  # (n, 3) last joint to TCP, base frame
     for matrix, words in axes:
         in_tool = _turned(given, tool @ matrix)

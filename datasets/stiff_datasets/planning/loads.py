@@ -55,7 +55,9 @@ def line_wrenches(n: int, payload_kg: float, rng: np.random.Generator) -> FloatA
     row = rng.uniform(0, len(TABLE_5) - 1, size=n)
     wrench = np.stack([np.interp(row, range(len(TABLE_5)), column) for column in TABLE_5.T], axis=1)
     wrench += rng.normal(size=wrench.shape) * SCATTER * np.repeat([100.0, 10.0], 3)
-    return _within(wrench * scale, payload_kg)
+    wrench *= scale
+    size = np.linalg.norm(wrench[:, :3], axis=1, keepdims=True)
+    return np.asarray(wrench * np.minimum(1.0, payload_kg * G / size))
 
 
 def omni_forces(n: int, payload_kg: float, rng: np.random.Generator) -> FloatArray:
@@ -68,9 +70,3 @@ def omni_forces(n: int, payload_kg: float, rng: np.random.Generator) -> FloatArr
 def hook_wrenches(force: FloatArray, lever: FloatArray) -> FloatArray:
     """Return the (n, 6) wrenches at the TCP of (n, 3) `force` [N] on (n, 3) `lever` [m]."""
     return np.hstack([force, np.cross(lever, force)])
-
-
-def _within(wrench: FloatArray, payload_kg: float) -> FloatArray:
-    """Shrink whole wrenches whose force is heavier than the payload."""
-    size = np.linalg.norm(wrench[:, :3], axis=1, keepdims=True)
-    return np.asarray(wrench * np.minimum(1.0, payload_kg * G / size))

@@ -8,9 +8,9 @@ rows stand in the order of their worth: where time runs out, the first rows are 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Self, get_args
+from typing import Literal, get_args
 
 import numpy as np
 import pandas as pd
@@ -24,12 +24,12 @@ from stiff_datasets.measured.sample_files import (
     joint_columns,
 )
 from stiff_datasets.planning.loads import G, stream
-from stiff_datasets.planning.poses import paper_poses
+from stiff_datasets.planning.poses import Poses, paper_poses
 from stiff_datasets.planning.reachable import CLEARANCE, LOWEST_HEIGHT, keeps_clear, reachable_poses
 from stiff_datasets.robots.robot import ChainModel, robot_of
 from stiff_protocols.contract.errors import ConfigError, StoreError, unknown_name
 from stiff_protocols.contract.files import refuse_existing, written_whole
-from stiff_protocols.contract.types import FloatArray, IntArray, Robot, TextArray, frozen_array
+from stiff_protocols.contract.types import FloatArray, Robot
 
 Criterion = Literal["d-optimal", "condition"]
 
@@ -43,35 +43,14 @@ _DECIMALS_DEG, _DECIMALS_N = 4, 3
 
 
 @dataclass(frozen=True, eq=False)
-class MeasurementPlan:
-    """Poses and loads to measure.
+class MeasurementPlan(Poses):
+    """Poses and one load at each to measure.
 
     Attributes:
-        q: (n, n_joints) joint angles, rad (m for prismatic joints).
         wrench: (n, 6) suggested load at the TCP, base frame: a force [N], torque zero [N m].
-        pose_id: (n,) name of the pose.
-        load_id: (n,) name of the load at that pose.
-        group: (n,) name of the part of the plan.
     """
 
-    q: FloatArray
     wrench: FloatArray
-    pose_id: TextArray
-    load_id: TextArray
-    group: TextArray
-
-    def __post_init__(self) -> None:
-        """Freeze and check the numbers."""
-        object.__setattr__(self, "q", frozen_array(self.q, "q", (None, None)))
-        object.__setattr__(self, "wrench", frozen_array(self.wrench, "wrench", (len(self.q), 6)))
-
-    def __len__(self) -> int:
-        """Return the number of samples."""
-        return len(self.q)
-
-    def take(self, rows: IntArray) -> Self:
-        """Return the samples of the given row numbers, in that order."""
-        return type(self)(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
 
 def paper_plan(
@@ -95,13 +74,8 @@ def paper_plan(
             f"{clearance:g} m to the base and {LOWEST_HEIGHT:g} m to the mounting plane with the "
             "TCP given; choose poses with --poses, or ask for a smaller clearance"
         )
-    return MeasurementPlan(
-        q=poses.q,
-        wrench=_forces(len(poses.q), payload_kg, seed),
-        pose_id=poses.pose_id,
-        load_id=np.full(len(poses.q), "1"),
-        group=poses.group,
-    )
+    wrench = _forces(len(poses.q), payload_kg, seed)
+    return MeasurementPlan(poses.q, poses.pose_id, poses.group, wrench)
 
 
 def candidate_plan(
@@ -122,13 +96,8 @@ def candidate_plan(
     wrench = _forces(candidates, payload_kg, seed)
     q = reachable_poses(chain, candidates, stream("plan poses", chain.name, seed), clearance)
     width = len(str(candidates))
-    return MeasurementPlan(
-        q=q,
-        wrench=wrench,
-        pose_id=np.array([f"R{i + 1:0{width}d}" for i in range(candidates)]),
-        load_id=np.full(candidates, "1"),
-        group=np.full(candidates, "random"),
-    )
+    names = np.array([f"R{i + 1:0{width}d}" for i in range(candidates)])
+    return MeasurementPlan(q, names, np.full(candidates, "random"), wrench)
 
 
 def chosen_plan(
@@ -156,10 +125,10 @@ def chosen_plan(
             f"{len(pool.q)} (the candidates)"
         )
     choose = choose_d_optimal if criterion == "d-optimal" else choose_by_condition
-    plan = pool.take(choose(regressor(chain, pool.q, pool.wrench), n_poses))
+    rows = choose(regressor(chain, pool.q, pool.wrench), n_poses)
     width = max(2, len(str(n_poses)))
     names = np.array([f"P{i + 1:0{width}d}" for i in range(n_poses)])
-    return replace(plan, pose_id=names, group=np.full(n_poses, criterion))
+    return MeasurementPlan(pool.q[rows], names, np.full(n_poses, criterion), pool.wrench[rows])
 
 
 def plan_table(plan: MeasurementPlan, robot: Robot) -> pd.DataFrame:
@@ -167,19 +136,11 @@ def plan_table(plan: MeasurementPlan, robot: Robot) -> pd.DataFrame:
 
     Joint angles have 4 decimals of a degree (of a millimetre for prismatic joints) and are never
     rounded out of the limits; forces have 3 decimals.
-
-    Raises:
-        ConfigError: plan and robot differ in the number of joints.
     """
-    if plan.q.shape[1] != robot.n_joints:
-        raise ConfigError(
-            f"the plan has {plan.q.shape[1]} joint angles, robot {robot.name!r} has "
-            f"{robot.n_joints} joints"
-        )
     units = file_units(robot)
     q_file = _rounded_inside(plan.q * units, robot.lower * units, robot.upper * units)
     table = pd.DataFrame(
-        {name: getattr(plan, name) for name in ID_COLUMNS}
+        dict(zip(ID_COLUMNS, (plan.pose_id, "1", plan.group), strict=True))
         | dict(zip(joint_columns(robot), q_file.T, strict=True))
         | dict(zip(WRENCH_COLUMNS, plan.wrench.round(_DECIMALS_N).T + 0.0, strict=True))
     )
@@ -204,7 +165,7 @@ def write_plan(path: Path, plan: MeasurementPlan, robot: Robot) -> None:
     """Write `plan_table` as CSV, whole or not at all.
 
     Raises:
-        ConfigError: see `plan_table` and `check_plan_file`.
+        ConfigError: see `check_plan_file`.
         StoreError: the file cannot be written; see also `check_plan_file`.
     """
     check_plan_file(path)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from stiff_datasets.measured.identifiability import (
-    DEFLECTION_NOISE,
     REFERENCE_COMPLIANCE,
     identifiability,
     per_joint,
@@ -16,9 +16,10 @@ from stiff_datasets.measured.identifiability import (
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray
 
+N_RANDOM = 20
 
-@dataclass(frozen=True)
-class Criteria:
+
+class Criteria(NamedTuple):
     """What a plan is judged by; the attributes are those of `Identifiability`.
 
     Attributes:
@@ -42,9 +43,6 @@ class PlanGain:
         plan: criteria of the plan.
         random_mean: mean of each criterion over the random plans.
         random_best: best of each criterion over the random plans.
-        efficiency: exp(difference of log_det to the mean random plan / number of joints): that
-            plan would have to be measured so many times over to tell as much.
-        efficiency_over_best: the same beside the best random plan.
     """
 
     joints: tuple[str, ...]
@@ -52,8 +50,19 @@ class PlanGain:
     plan: Criteria
     random_mean: Criteria
     random_best: Criteria
-    efficiency: float
-    efficiency_over_best: float
+
+    @property
+    def efficiency(self) -> float:
+        """How often the mean random plan would have to be measured to tell as much."""
+        return self._over(self.random_mean)
+
+    @property
+    def efficiency_over_best(self) -> float:
+        """The same of the best random plan."""
+        return self._over(self.random_best)
+
+    def _over(self, other: Criteria) -> float:
+        return float(np.exp((self.plan.log_det - other.log_det) / len(self.joints)))
 
 
 def plan_gain(
@@ -62,8 +71,6 @@ def plan_gain(
     joint_names: Sequence[str],
     *,
     reference_compliance: float | FloatArray = REFERENCE_COMPLIANCE,
-    deflection_noise: float = DEFLECTION_NOISE,
-    n_random: int = 20,
     seed: int = 0,
 ) -> PlanGain:
     """Compare a plan with random plans of its size.
@@ -73,17 +80,15 @@ def plan_gain(
         candidates: (n_candidates, 3, n_joints) regressors that random plans are drawn from.
         joint_names: base to tip.
         reference_compliance: as `identifiability`.
-        deflection_noise: as `identifiability`.
-        n_random: number of random plans.
         seed: draws the random plans.
 
     Raises:
         DataError: as `identifiability`, or the candidates identify no joint or are too few.
     """
-    if not 1 <= len(plan) <= len(candidates) or n_random < 1:
+    if not 1 <= len(plan) <= len(candidates):
         raise DataError(
-            f"{n_random} random plans of {len(plan)} samples from {len(candidates)} candidates; "
-            "expected at least one plan, of 1 sample up to all candidates"
+            f"random plans of {len(plan)} samples from {len(candidates)} candidates; expected 1 "
+            "sample up to all candidates"
         )
     unknown = identifiability(candidates, joint_names).unidentifiable
     compared = [i for i, name in enumerate(joint_names) if name not in unknown]
@@ -93,29 +98,16 @@ def plan_gain(
     reference = per_joint(reference_compliance, len(joint_names))[compared]
 
     def criteria(samples: FloatArray) -> Criteria:
-        found = identifiability(
-            samples[:, :, compared],
-            names,
-            reference_compliance=reference,
-            deflection_noise=deflection_noise,
-        )
+        found = identifiability(samples[:, :, compared], names, reference_compliance=reference)
         return Criteria(found.log_det, found.condition, float(found.relative_standard_error.max()))
 
     rng = np.random.default_rng(seed)
-    drawn = [
-        criteria(candidates[rng.choice(len(candidates), len(plan), replace=False)])
-        for _ in range(n_random)
-    ]
-    log_dets, conditions, errors = np.array([astuple(each) for each in drawn]).T
-    chosen = criteria(plan)
-    mean = Criteria(float(log_dets.mean()), float(conditions.mean()), float(errors.mean()))
-    best = Criteria(float(log_dets.max()), float(conditions.min()), float(errors.min()))
-    return PlanGain(
-        joints=names,
-        n_random=n_random,
-        plan=chosen,
-        random_mean=mean,
-        random_best=best,
-        efficiency=float(np.exp((chosen.log_det - mean.log_det) / len(names))),
-        efficiency_over_best=float(np.exp((chosen.log_det - best.log_det) / len(names))),
+    drawn = np.array(
+        [
+            criteria(candidates[rng.choice(len(candidates), len(plan), replace=False)])
+            for _ in range(N_RANDOM)
+        ]
     )
+    mean, lowest = Criteria(*drawn.mean(axis=0).tolist()), drawn.min(axis=0).tolist()
+    best = Criteria(float(drawn[:, 0].max()), *lowest[1:])
+    return PlanGain(names, N_RANDOM, criteria(plan), mean, best)

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from stiff_datasets.robots.robot import ChainModel, robot_of
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.forward_kinematics import forward_kinematics
 from stiff_protocols.contract.types import FloatArray, Robot
 
 BoolArray = NDArray[np.bool_]
@@ -70,7 +69,7 @@ def reachable_poses(
 
 def keeps_clear(robot: Robot, q: FloatArray, clearance: float) -> BoolArray:
     """Return (n,) whether poses (n, n_joints) keep `clearance` [m] to the base and the height."""
-    points = forward_kinematics(robot, q).points
+    points = robot.forward(q).points
     return (base_distance(points) >= clearance) & (lowest_height(points) >= LOWEST_HEIGHT)
 
 
@@ -80,7 +79,7 @@ def base_distance(points: FloatArray) -> FloatArray:
     The column is the segment from the base frame's origin to joint 2's.
 
     Args:
-        points: (n, n_joints + 1, 3) as `forward_kinematics` gives, at least three joints.
+        points: (n, n_joints + 1, 3) as `Robot.forward` gives, at least three joints.
     """
     top = points[:, 1:2]
     distance = _segment_distance(points[:, 2:-1], points[:, 3:], np.zeros_like(top), top)
@@ -95,33 +94,18 @@ def lowest_height(points: FloatArray) -> FloatArray:
 def _segment_distance(a0: FloatArray, a1: FloatArray, b0: FloatArray, b1: FloatArray) -> FloatArray:
     """Return the distances of segments a0-a1 and b0-b1, arrays (..., 3) that broadcast.
 
-    The squared distance is convex in the two positions on the segments: its minimum lies inside
-    both, or at an end of one.
+    C. Ericson, Real-Time Collision Detection (2005), 5.1.9: each position on a segment is clipped
+    to it and gives the nearest one on the other.
     """
     along, other, between = a1 - a0, b1 - b0, a0 - b0
     aa, ab, bb = _dot(along, along), _dot(along, other), _dot(other, other)
     da, db = _dot(along, between), _dot(other, between)
-    area = aa * bb - ab**2  # zero for parallel segments, whose minimum lies at an end
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s = np.clip(np.nan_to_num((ab * db - bb * da) / area), 0.0, 1.0)[..., None]
-        t = np.clip(np.nan_to_num((aa * db - ab * da) / area), 0.0, 1.0)[..., None]
-    inside = np.linalg.norm(between + s * along - t * other, axis=-1)
-    ends = [
-        _point_distance(a0, b0, b1),
-        _point_distance(a1, b0, b1),
-        _point_distance(b0, a0, a1),
-        _point_distance(b1, a0, a1),
-    ]
-    return np.asarray(np.minimum.reduce([inside, *ends]))
-
-
-def _point_distance(point: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-    """Return the distances of points to segments, arrays (..., 3) that broadcast."""
-    along = end - start
-    with np.errstate(invalid="ignore"):  # a segment of no length
-        share = np.nan_to_num(_dot(point - start, along) / _dot(along, along))
-    nearest = start + np.clip(share, 0.0, 1.0)[..., None] * along
-    return np.asarray(np.linalg.norm(point - nearest, axis=-1))
+    with np.errstate(divide="ignore", invalid="ignore"):  # parallel, or of no length
+        s = np.clip(np.nan_to_num((ab * db - bb * da) / (aa * bb - ab**2)), 0.0, 1.0)
+        t = np.clip(np.nan_to_num((ab * s + db) / bb), 0.0, 1.0)
+        s = np.clip(np.nan_to_num((ab * t - da) / aa), 0.0, 1.0)
+    gap = between + s[..., None] * along - t[..., None] * other
+    return np.asarray(np.linalg.norm(gap, axis=-1))
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -218,25 +218,18 @@ def _limits(model: pin.Model) -> tuple[FloatArray, FloatArray]:
 
 def _tip_placement(model: pin.Model, urdf: Path) -> pin.SE3:
     """Return the pose of the last link in the last joint's frame."""
-    bodies = [index for index, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY]
-    parents = {_parent_body(model, index) for index in bodies}
+    parents = {frame.parentFrame for frame in model.frames}
     tips = [
-        index
-        for index in bodies
-        if model.frames[index].parentJoint == model.njoints - 1 and index not in parents
+        frame
+        for index, frame in enumerate(model.frames)
+        if frame.parentJoint == model.njoints - 1
+        and frame.type == pin.FrameType.BODY
+        and index not in parents
     ]
     if len(tips) != 1:
-        names = ", ".join(model.frames[index].name for index in tips)
+        names = ", ".join(frame.name for frame in tips)
         raise DataError(
             f"{urdf}: the last link is not unique ({names}); keep one of them, so that the "
             "tool centre point has a frame"
         )
-    return model.frames[tips[0]].placement
-
-
-def _parent_body(model: pin.Model, frame: int) -> int:
-    """Return the nearest body frame above a frame (frames of joints lie between)."""
-    above = model.frames[frame].parentFrame
-    while above != 0 and model.frames[above].type != pin.FrameType.BODY:
-        above = model.frames[above].parentFrame
-    return int(above)
+    return tips[0].placement

@@ -12,20 +12,19 @@ the figures beside the paper's.
 
 from __future__ import annotations
 
-import csv
 import json
 import platform
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
-from typing import Self
+from typing import NamedTuple, Self
 
 import click
 import numpy as np
+import pandas as pd
 from scipy.optimize import Bounds, OptimizeResult, differential_evolution, nnls
 from tabulate import tabulate
 
@@ -50,26 +49,24 @@ from stiff_protocols.contract.types import AXES, FloatArray, Samples
 
 GEAR_SIZES = ((25, 32), (25, 32), (25, 32), (14, 17, 20), (14, 17, 20), (14, 17))
 """What fits the paper's identified stiffnesses and a robot of this class; A1 first."""
-STRUCTURE_RANGE = ((3e4, 3e6),) * 3 + (
-    (1e3, 1e6),
-) * 3  # N m/rad; from softer than the gear to stiff
+STRUCTURE_RANGE = (*((3e4, 3e6),) * 3, *((1e3, 1e6),) * 3)  # N m/rad; softer than the gear to stiff
 LOST_MOTION_RANGE = (0.5, 2.0)  # arcmin: "about 1", a factor of two either way
 SEARCH_SEEDS = tuple(range(10))
 FIGURE_SEEDS = tuple(range(10, 20))
 """Seeds of loads and noise: the search sees ten, the stated figures are means of ten others."""
 POPULATION = 3  # candidates a free constant
 
-WEIGHT_ME, WEIGHT_STIFFNESS = 0.05, 0.1
-"""Beside 1 for MAE and STDE: a maximum is one sample; of the stiffnesses only the order counts."""
+WEIGHTS = (1.0, 1.0, 0.05, 0.1)
+"""Of MAE, STDE, ME (one sample) and the stiffnesses, of which only the order counts."""
 _SIGNIFICANT_DIGITS = 3
 
 COMMAND = "python -m stiff_datasets.twin.calibrate"
 MM = 1000.0
 """Millimetres a metre."""
+ERRORS = ("mae", "stde", "me")
 
 
-@dataclass(frozen=True, eq=False)
-class VjmFigures:
+class VjmFigures(NamedTuple):
     """What the linear VJM shows on all samples it was identified on.
 
     Attributes:
@@ -124,49 +121,18 @@ def line_figures(
             experiments, wrenches, np.split(together, len(wrenches)), strict=True
         )
     ]
-    names = ("mae", "stde", "me", "stiffness")
-    return VjmFigures(*(np.mean([getattr(one, name) for one in each], axis=0) for name in names))
+    return VjmFigures(*(np.mean(kind, axis=0) for kind in zip(*each, strict=True)))
 
 
 def misfit(found: VjmFigures, target: VjmFigures) -> float:
     """Return the weighted sum of squared logarithms of found over target; 0 is agreement."""
-    weights = {"mae": 1.0, "stde": 1.0, "me": WEIGHT_ME, "stiffness": WEIGHT_STIFFNESS}
-    return float(
-        sum(
-            weight * (np.log(getattr(found, name) / getattr(target, name)) ** 2).sum()
-            for name, weight in weights.items()
-        )
-    )
-
-
-@dataclass(frozen=True)
-class Step:
-    """The best candidate after a generation of the search."""
-
-    generation: int
-    misfit: float
-
-
-@dataclass(frozen=True, eq=False)
-class Calibration:
-    """What a calibration found.
-
-    Attributes:
-        constants: the twin's, rounded to three digits.
-        steps: how the search went.
-    """
-
-    constants: TwinConstants
-    steps: tuple[Step, ...]
+    squares = [(np.log(a / b) ** 2).sum() for a, b in zip(found, target, strict=True)]
+    return float(np.dot(WEIGHTS, squares))
 
 
 def calibrate(
-    start: TwinConstants,
-    target: VjmFigures,
-    *,
-    generations: int,
-    seed: int,
-) -> Calibration:
+    start: TwinConstants, target: VjmFigures, *, generations: int, seed: int
+) -> tuple[TwinConstants, list[float]]:
     """Search the free constants by differential evolution.
 
     Args:
@@ -174,22 +140,25 @@ def calibrate(
         target: the paper's figures.
         generations: of the search.
         seed: of the search.
+
+    Returns:
+        The constants, rounded to three digits, and the best misfit after each generation.
     """
-    poses, steps = paper_poses(start.chain()), list[Step]()
+    poses, misfits = paper_poses(start.chain()), list[float]()
 
     def objective(point: FloatArray) -> float:
         constants = _at(start, point)
         return misfit(line_figures(constants, seeds=SEARCH_SEEDS, poses=poses), target)
 
     def after_generation(intermediate_result: OptimizeResult) -> None:
-        steps.append(Step(len(steps) + 1, float(intermediate_result.fun)))
-        report("calibrate", len(steps), generations, steps[-1].misfit)
+        misfits.append(float(intermediate_result.fun))
+        report("calibrate", len(misfits), generations, misfits[-1])
 
-    space = _bounds()
+    lower, upper, whole = zip(*_bounds(), strict=True)
     best = differential_evolution(
         objective,
-        Bounds([low for low, _, _ in space], [high for _, high, _ in space]),
-        integrality=np.array([integral for *_, integral in space]),
+        Bounds(lower, upper),
+        integrality=np.array(whole),
         maxiter=generations,
         popsize=POPULATION,
         mutation=(0.3, 0.9),
@@ -199,7 +168,7 @@ def calibrate(
         rng=seed,
         callback=after_generation,
     )
-    return Calibration(_at(start, best.x), tuple(steps))
+    return _at(start, best.x), misfits
 
 
 def _bounds() -> list[tuple[float, float, bool]]:
@@ -207,16 +176,16 @@ def _bounds() -> list[tuple[float, float, bool]]:
 
     Joint by joint: number of the gear size, log10 of the structure, tilting ratio, lost motion.
     """
-    bounds = list[tuple[float, float, bool]]()
-    for sizes, structure in zip(GEAR_SIZES, STRUCTURE_RANGE, strict=True):
-        low, high = np.log10(structure).tolist()
-        bounds += [
+    return [
+        bound
+        for sizes, structure in zip(GEAR_SIZES, STRUCTURE_RANGE, strict=True)
+        for bound in (
             (0, len(sizes) - 1, True),
-            (low, high, False),
+            (np.log10(structure[0]), np.log10(structure[1]), False),
             (SMALLEST_RATIO, LARGEST_RATIO, False),
             (*LOST_MOTION_RANGE, False),
-        ]
-    return bounds
+        )
+    ]
 
 
 def _at(start: TwinConstants, point: FloatArray) -> TwinConstants:
@@ -241,18 +210,14 @@ def _rounded(value: float) -> float:
 
 def paper_figures() -> VjmFigures:
     """Return the source paper's Tables 2 and 3, SI units."""
-    values = {(line["error"], line["axis"]): line["VJM"] for line in _published("table_2")}
-    mae, stde, me = (
-        np.array([float(values[error, axis]) for axis in AXES]) / MM
-        for error in ("mae", "stde", "me")
-    )
-    stiffness = [float(line["stiffness_Nm_per_rad"]) for line in _published("table_3")]
-    return VjmFigures(mae, stde, me, np.array(stiffness))
+    errors = _published("table_2").pivot(index="error", columns="axis", values="VJM")[list(AXES)]
+    mae, stde, me = (errors.loc[name].to_numpy() / MM for name in ERRORS)
+    return VjmFigures(mae, stde, me, _published("table_3")["stiffness_Nm_per_rad"].to_numpy())
 
 
-def _published(table: str) -> list[dict[str, str]]:
-    text = (files("stiff_published") / f"{table}.csv").read_text(encoding="utf-8")
-    return list(csv.DictReader(text.splitlines()))
+def _published(table: str) -> pd.DataFrame:
+    with (files("stiff_published") / f"{table}.csv").open(encoding="utf-8") as file:
+        return pd.read_csv(file)
 
 
 def figures_text(specimens: Sequence[VjmFigures], target: VjmFigures) -> str:
@@ -263,14 +228,14 @@ def figures_text(specimens: Sequence[VjmFigures], target: VjmFigures) -> str:
         target: the paper's.
     """
     rows = []
-    for error in ("mae", "stde", "me"):
+    for error in ERRORS:
         for i, axis in enumerate(AXES):
             values = np.array([getattr(figures, error)[i] for figures in specimens]) * MM
             paper = getattr(target, error)[i] * MM
             rows.append(_row(f"{axis.upper()} {error.upper()} [mm]", values, paper, 3))
-    for joint, line in enumerate(_published("table_3")):
-        values = np.array([figures.stiffness[joint] for figures in specimens])
-        rows.append(_row(f"{line['joint']} [Nm/rad]", values, target.stiffness[joint], 0))
+    for i, joint in enumerate(_published("table_3")["joint"]):
+        values = np.array([figures.stiffness[i] for figures in specimens])
+        rows.append(_row(f"{joint} [Nm/rad]", values, target.stiffness[i], 0))
     headers = ["VJM on all samples", "paper", "twin", "off", f"{len(specimens)} specimens"]
     align = ["left", *["right"] * 4]
     return tabulate(rows, headers=headers, tablefmt="github", colalign=align, disable_numparse=True)
@@ -284,10 +249,7 @@ def _row(name: str, values: FloatArray, paper: float, decimals: int) -> list[str
 
 def _plain(figures: VjmFigures) -> dict[str, list[float]]:
     """Return the figures for the record: mm and N m/rad, rounded to what is repeatable."""
-    errors = {
-        f"{error}_mm": (getattr(figures, error) * MM).round(4).tolist()
-        for error in ("mae", "stde", "me")
-    }
+    errors = {f"{name}_mm": (getattr(figures, name) * MM).round(4).tolist() for name in ERRORS}
     return errors | {"stiffness_Nm_per_rad": figures.stiffness.round(1).tolist()}
 
 
@@ -303,11 +265,11 @@ def write_calibration(*, generations: int, seed: int, output: Path) -> str:
 
     make_folder(output)  # before the work, not after it
     start, target = time.perf_counter(), paper_figures()
-    found = calibrate(shipped_constants(CONSTANTS), target, generations=generations, seed=seed)
-    specimens = [
-        line_figures(found.constants, specimen=number) for number in range(LAST_SPECIMEN + 1)
-    ]
-    constants = found.constants.model_dump(mode="json")
+    found, misfits = calibrate(
+        shipped_constants(CONSTANTS), target, generations=generations, seed=seed
+    )
+    specimens = [line_figures(found, specimen=number) for number in range(LAST_SPECIMEN + 1)]
+    constants = found.model_dump(mode="json")
     record = {
         "command": f"{COMMAND} --generations {generations} --seed {seed}",
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -320,7 +282,7 @@ def write_calibration(*, generations: int, seed: int, output: Path) -> str:
         "search_seeds": SEARCH_SEEDS,
         "figure_seeds": FIGURE_SEEDS,
         "misfit": misfit(specimens[0], target),
-        "steps": [asdict(step) for step in found.steps],
+        "steps": [{"generation": i + 1, "misfit": one} for i, one in enumerate(misfits)],
         "paper": _plain(target),
         "specimens": [_plain(figures) for figures in specimens],
         "constants": constants,

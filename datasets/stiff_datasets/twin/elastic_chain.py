@@ -90,9 +90,16 @@ class ElasticChain:
                 _mix(frame, (turned + 1) % 3, (turned + 2) % 3, sine[row], cosine[row])
             centre.append(_along(self._centre[joint], frame))
         lever = _along(self._tcp, frame)
-        return Statics(
-            torque=self._torque(axes, arm, centre, lever, wrench), tcp=sum(arm[1:], arm[0] + lever)
-        )
+        torque = np.empty((len(axes), wrench.shape[1]))
+        force, moment = wrench[:3], wrench[3:] + _cross(lever, wrench[:3])
+        for joint in reversed(range(self.n_joints)):  # from the tip, projected on the axes
+            weight = self._weight[joint][:, None]
+            moment = moment + _cross(centre[joint], weight)
+            force = force + weight
+            rows = slice(3 * joint, 3 * joint + 3)
+            torque[rows] = np.einsum("kcn,cn->kn", axes[rows], moment)
+            moment = moment + _cross(arm[joint], force)
+        return Statics(torque, tcp=sum(arm[1:], arm[0] + lever))
 
     def tool_vectors(self, q: FloatArray, vector: FloatArray) -> FloatArray:
         """Return (3, n): `vector` (3,) of the last joint's frame in the base frame, undeformed."""
@@ -101,26 +108,6 @@ class ElasticChain:
             frame = np.tensordot(self._turn[joint], frame, axes=(0, 0))
             _mix(frame, 0, 1, np.sin(q[joint]), np.cos(q[joint]))
         return _along(self._last_basis.T @ vector, frame)
-
-    def _torque(
-        self,
-        axes: FloatArray,
-        arm: list[FloatArray],
-        centre: list[FloatArray],
-        lever: FloatArray,
-        wrench: FloatArray,
-    ) -> FloatArray:
-        """Sum force and moment from the tip to the base and project them on the axes."""
-        torque = np.empty((len(axes), wrench.shape[1]))
-        force, moment = wrench[:3], wrench[3:] + _cross(lever, wrench[:3])
-        for joint in reversed(range(self.n_joints)):
-            weight = self._weight[joint][:, None]
-            moment = moment + _cross(centre[joint], weight)
-            force = force + weight
-            rows = slice(3 * joint, 3 * joint + 3)
-            torque[rows] = np.einsum("kcn,cn->kn", axes[rows], moment)
-            moment = moment + _cross(arm[joint], force)
-        return torque
 
 
 def _basis(model: pin.Model, joint: int) -> FloatArray:

@@ -14,22 +14,19 @@ from annotated_types import Ge
 from stiff_datasets.planning.loads import LoadKind
 from stiff_datasets.planning.poses import paper_poses
 from stiff_datasets.twin.constants import SpecimenNumber, shipped_constants
-from stiff_datasets.twin.twin import measure_poses
+from stiff_datasets.twin.twin import TwinData, TwinExperiment
 from stiff_protocols.contract.types import BenchmarkData
 
 CONSTANTS = "kr10_r1100_2"
-LOADS_PER_POSE = 5  # of `kr10-twin-multiload`
 Torques = Literal["table-5", "hook"]
 
 
-class Kr10Twin:
+class Kr10Twin(TwinData):
     """The 151 planned poses, one load a pose along the line of the source paper's Table 5.
 
     Attributes:
-        specimen: which of ten robots of the type; 0 has the calibrated constants.
         torques: "table-5": they lie along the line too, as in the paper's simulated loads;
             "hook": they are those of one rope that pulls at a hook (see `loads.py`).
-        seed: draws the loads and the noise; the robot itself does not depend on it.
     """
 
     loads_per_pose = 1
@@ -42,48 +39,36 @@ class Kr10Twin:
         seed: Annotated[int, Ge(0)] = 0,
     ) -> None:
         """Store the options."""
-        self.specimen = specimen
+        super().__init__(specimen=specimen, seed=seed)
         self.torques = torques
-        self.seed = seed
 
     def load(self) -> BenchmarkData:
         """Simulate the measurement (well under a second)."""
         loads: LoadKind = "line" if self.torques == "table-5" else "line-hook"
-        return _measured(loads, self.loads_per_pose, self.specimen, self.seed)
+        return _measured(self, loads, self.loads_per_pose)
 
 
 class Kr10TwinMultiload(Kr10Twin):
     """The same with five loads a pose; a fair split keeps them together."""
 
-    loads_per_pose = LOADS_PER_POSE
+    loads_per_pose = 5
 
 
-class Kr10TwinOmni:
-    """The 151 planned poses, one load a pose: any direction, up to the payload, at a hook.
-
-    Attributes:
-        specimen: which of ten robots of the type; 0 has the calibrated constants.
-        seed: draws the loads and the noise; the robot itself does not depend on it.
-    """
-
-    def __init__(self, *, specimen: SpecimenNumber = 0, seed: Annotated[int, Ge(0)] = 0) -> None:
-        """Store the options."""
-        self.specimen = specimen
-        self.seed = seed
+class Kr10TwinOmni(TwinData):
+    """The 151 planned poses, one load a pose: any direction, up to the payload, at a hook."""
 
     def load(self) -> BenchmarkData:
         """Simulate the measurement (well under a second)."""
-        return _measured("omni", 1, self.specimen, self.seed)
+        return _measured(self, "omni", 1)
 
 
-def _measured(loads: LoadKind, loads_per_pose: int, specimen: int, seed: int) -> BenchmarkData:
-    """Return the planned poses under loads of a kind."""
+def _measured(twin: TwinData, loads: LoadKind, loads_per_pose: int) -> BenchmarkData:
     constants = shipped_constants(CONSTANTS)
-    return measure_poses(
+    experiment = TwinExperiment(
         constants,
-        paper_poses(constants.chain()),
         loads=loads,
+        specimen=twin.specimen,
+        seed=twin.seed,
         loads_per_pose=loads_per_pose,
-        specimen=specimen,
-        seed=seed,
     )
+    return experiment.data(paper_poses(constants.chain()))

@@ -17,7 +17,7 @@ from stiff_datasets.twin.constants import (
     read_constants,
     shipped_constants,
 )
-from stiff_datasets.twin.twin import measure_poses
+from stiff_datasets.twin.twin import TwinData, TwinExperiment
 from stiff_protocols.contract.types import BenchmarkData
 
 POSES = 151  # as many as the source paper measured
@@ -59,10 +59,9 @@ class RobotTwin:
         Raises:
             DataError: a file is missing or wrong, or a load is beyond the twin.
         """
-        constants = read_constants(self.constants)
-        return measure_poses(
-            constants,
-            _random_poses(constants, self.poses, self.seed),
+        return _at_random_poses(
+            read_constants(self.constants),
+            self.poses,
             loads=self.loads,
             loads_per_pose=self.loads_per_pose,
             specimen=self.specimen,
@@ -70,34 +69,32 @@ class RobotTwin:
         )
 
 
-class Ur5Twin:
+class Ur5Twin(TwinData):
     """The twin of a UR5, a smaller robot (5 kg), pulled at a hook in every direction.
 
     Attributes:
-        specimen: which of ten robots of the type; 0 has the constants as they stand.
         seed: draws poses, loads and noise; the robot itself does not depend on it.
     """
 
-    def __init__(self, *, specimen: SpecimenNumber = 0, seed: Annotated[int, Ge(0)] = 0) -> None:
-        """Store the options."""
-        self.specimen = specimen
-        self.seed = seed
-
     def load(self) -> BenchmarkData:
         """Simulate the measurement."""
-        constants = shipped_constants("ur5")
-        return measure_poses(
-            constants,
-            _random_poses(constants, POSES, self.seed),
-            loads="omni",
-            loads_per_pose=1,
-            specimen=self.specimen,
-            seed=self.seed,
+        return _at_random_poses(
+            shipped_constants("ur5"), POSES, loads="omni", specimen=self.specimen, seed=self.seed
         )
 
 
-def _random_poses(constants: TwinConstants, n: int, seed: int) -> Poses:
-    """Return `n` random poses that the robot can reach, named P1, P2, ..."""
+def _at_random_poses(
+    constants: TwinConstants,
+    n: int,
+    *,
+    loads: LoadKind,
+    specimen: int,
+    seed: int,
+    loads_per_pose: int = 1,
+) -> BenchmarkData:
     q = reachable_poses(constants.chain(), n, stream("poses", constants.name, seed))
     names = np.array([f"P{i + 1}" for i in range(n)])
-    return Poses(q=q, pose_id=names, group=np.full(n, "random"))
+    experiment = TwinExperiment(
+        constants, loads=loads, specimen=specimen, seed=seed, loads_per_pose=loads_per_pose
+    )
+    return experiment.data(Poses(q=q, pose_id=names, group=np.full(n, "random")))

@@ -76,20 +76,6 @@ class SpringLaw:
         lost = self._half_lost_motion * np.tanh(torque / self._lost_motion_torque)
         return np.asarray(np.copysign(bent, torque) + lost)
 
-    def slope(self, torque: FloatArray) -> FloatArray:
-        """Return d theta / d tau [rad/(N m)] at `torque` [N m]: the tangent compliance."""
-        size = np.abs(torque)
-        first, second = self._breakpoints
-        segment = np.where(
-            size < first,
-            self._compliance[0],
-            np.where(size < second, self._compliance[1], self._compliance[2]),
-        )
-        ratio = np.tanh(torque / self._lost_motion_torque)
-        return np.asarray(
-            segment + self._half_lost_motion / self._lost_motion_torque * (1.0 - ratio**2)
-        )
-
 
 def _rows(joint: JointSprings) -> list[tuple[float, ...]]:
     """Return the constants of a joint's torsion and of its two tilts."""

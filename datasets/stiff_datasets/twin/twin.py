@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge
 
 from stiff_datasets.planning.loads import (
     LoadKind,
@@ -20,7 +22,7 @@ from stiff_datasets.planning.loads import (
 )
 from stiff_datasets.planning.poses import Poses
 from stiff_datasets.robots.robot import ChainModel
-from stiff_datasets.twin.constants import Noise, TwinConstants, specimen_springs
+from stiff_datasets.twin.constants import Noise, SpecimenNumber, TwinConstants, specimen_springs
 from stiff_datasets.twin.elastic_chain import ElasticChain
 from stiff_datasets.twin.springs import JointSprings, SpringLaw
 from stiff_protocols.contract.errors import DataError
@@ -74,6 +76,10 @@ class TwinExperiment:
         wrench = self.wrenches(q, block=block)
         return self.recorded(poses, wrench, self.twin.readings(q, wrench), block=block)
 
+    def data(self, poses: Poses) -> BenchmarkData:
+        """Return the `samples` at the poses with their robot."""
+        return BenchmarkData(self.samples(poses), self._constants.robot())
+
     def logged_q(self, poses: Poses) -> FloatArray:
         """Return (n, n_joints) joint angles [rad] as a log holds them, a row a load."""
         logged = np.deg2rad(np.rad2deg(poses.q).round(DECIMALS_DEG))
@@ -106,22 +112,6 @@ class TwinExperiment:
         )
 
 
-def measure_poses(
-    constants: TwinConstants,
-    poses: Poses,
-    *,
-    loads: LoadKind,
-    loads_per_pose: int,
-    specimen: int,
-    seed: int,
-) -> BenchmarkData:
-    """Return the samples of `loads_per_pose` loads at each of the poses, pose by pose."""
-    experiment = TwinExperiment(
-        constants, loads=loads, specimen=specimen, seed=seed, loads_per_pose=loads_per_pose
-    )
-    return BenchmarkData(experiment.samples(poses), constants.robot())
-
-
 def recorded_wrench(wrench: FloatArray, noise: Noise, rng: np.random.Generator) -> FloatArray:
     """Return (n, 6) `wrench` as the force sensor shows it."""
     noisy = wrench + rng.normal(size=wrench.shape) * np.repeat([noise.force_N, noise.torque_Nm], 3)
@@ -135,6 +125,20 @@ def recorded_deflection(
     readings = rng.normal(scale=noise.tracker_m, size=(2, *deflection.shape))
     measured_mm = (deflection + readings[0] - readings[1]) * 1000.0
     return np.asarray(measured_mm.round(DECIMALS_MM) / 1000.0)
+
+
+class TwinData:
+    """A shipped robot's twin, a data set of its own for each specimen and seed.
+
+    Attributes:
+        specimen: which of ten robots of the type; 0 has the constants as they stand.
+        seed: draws the loads and the noise; the robot itself does not depend on it.
+    """
+
+    def __init__(self, *, specimen: SpecimenNumber = 0, seed: Annotated[int, Ge(0)] = 0) -> None:
+        """Store the options."""
+        self.specimen = specimen
+        self.seed = seed
 
 
 TOLERANCE_NM = 1e-10

@@ -14,6 +14,7 @@ from stiff_protocols.contract.files import make_folder
 VARIABLE = "STIFFBENCH_CACHE"
 """Environment variable that names another folder, or `OFF`."""
 OFF = "off"
+_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def cache_folder() -> Path | None:
@@ -41,7 +42,9 @@ def usable_folder() -> Path | None:
     folder = cache_folder()
     if folder is None:
         return None
-    _make_private(folder)
+    if not folder.exists():
+        make_folder(folder)
+        folder.chmod(stat.S_IRWXU)
     if not os.access(folder, os.W_OK):
         raise StoreError(f"{folder}: cannot be written")
     about = folder.stat()
@@ -50,13 +53,3 @@ def usable_folder() -> Path | None:
             f"{folder}: belongs to another user, or others may write there (chmod go-w ends that)"
         )
     return folder
-
-
-_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
-
-
-def _make_private(folder: Path) -> None:
-    """Make the folder, if it is not there, so that its user alone may read and write."""
-    if not folder.exists():
-        make_folder(folder)
-        folder.chmod(stat.S_IRWXU)

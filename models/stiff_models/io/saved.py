@@ -29,7 +29,7 @@ from stiff_protocols.contract.files import written_whole
 if TYPE_CHECKING:
     import torch
 
-FORMAT = 2
+FORMAT = 3
 _OWN = "stiffbench"
 """Key that marks the dictionary of an object of ours: "model", "record" or "module"."""
 _OWN_PACKAGES = ("stiff_models", "stiff_protocols")
@@ -56,11 +56,7 @@ TRUSTED = (
 
 
 def key_of(model: object) -> str:
-    """Return the catalogue key under which a model is saved.
-
-    Raises:
-        ModelError: it is no model that stiffbench ships.
-    """
+    """Return the catalogue key under which a model is saved; ModelError where it has none."""
     key, cls = _name_of(type(model)), type(model)
     if not _is_own(cls) or key == _full_name(cls):
         raise ModelError(
@@ -71,13 +67,7 @@ def key_of(model: object) -> str:
 
 
 def save(model: BaseEstimator, path: Path) -> None:
-    """Write a fitted model to one file, whole or not at all; one that exists is replaced.
-
-    Raises:
-        NotFittedError: `fit` was not called.
-        ModelError: the model is none of stiffbench's own, or holds what no file can.
-        StoreError: the file cannot be written.
-    """
+    """Write a fitted model to one file, whole or not at all; errors as of `FittedModel.save`."""
     import skops.io  # takes seconds
 
     key = key_of(model)
@@ -123,7 +113,7 @@ def load(path: Path | str) -> BaseEstimator:
 
 
 def _content(data: bytes) -> Mapping[str, Any]:
-    """Return what `save` gave to skops, seen through for what skops does not look at."""
+    """What `save` gave to skops, seen through for what skops does not look at."""
     import skops.io
 
     from stiff_models.io.compiled_trees import check_compiled_trees
@@ -178,7 +168,6 @@ def _plain(value: Any) -> Any:
 
 
 def _restored(value: Any) -> Any:
-    """Return what `_plain` was given."""
     if isinstance(value, list | tuple):
         return type(value)(_restored(item) for item in value)
     if not isinstance(value, dict):
@@ -256,7 +245,7 @@ def _is_own(cls: type) -> bool:
 
 
 def _is_record(cls: type) -> bool:
-    """Say whether objects of `cls` are stored by their fields: frozen dataclasses of ours."""
+    """Objects of frozen dataclasses of ours are stored by their fields."""
     parameters = getattr(cls, "__dataclass_params__", None)
     return _is_own(cls) and parameters is not None and bool(parameters.frozen)
 
@@ -273,11 +262,7 @@ def _name_of(cls: type) -> str:
 
 
 def _class_of(name: str) -> type:
-    """Return the class of a catalogue key or of "module:Name"; only modules of ours are imported.
-
-    Raises:
-        DataError: there is none.
-    """
+    """Return the class of a catalogue key or "module:Name"; only modules of ours are imported."""
     module_name, _, class_name = name.partition(":")
     if module_name.partition(".")[0] not in _OWN_PACKAGES:
         info = model_info(name)

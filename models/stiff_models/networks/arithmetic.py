@@ -45,12 +45,7 @@ class Arithmetic:
 
 
 def arithmetic(device: torch.device, *, mixed_precision: bool) -> Arithmetic:
-    """Return the fastest arithmetic of the device that is as accurate as its name says.
-
-    Args:
-        device: where the training runs.
-        mixed_precision: bfloat16 is wanted.
-    """
+    """Return the fastest arithmetic of a device that is as accurate as its name says."""
     return Arithmetic(
         "medium" if device.type == "cpu" and medium_is_float32() else "highest",
         mixed_precision and has_fast_bfloat16(device),
@@ -67,10 +62,7 @@ def medium_is_float32() -> bool:
 
 @cache
 def has_fast_bfloat16(device: torch.device) -> bool:
-    """Say whether bfloat16 products run in hardware there, and sum up in float32.
-
-    In emulation they only cost.
-    """
+    """Say whether bfloat16 products run in hardware there (emulation costs) and sum in float32."""
     if device.type == "cuda":
         in_hardware = torch.cuda.is_bf16_supported(including_emulation=False)
     else:
@@ -80,7 +72,6 @@ def has_fast_bfloat16(device: torch.device) -> bool:
 
 
 def _relative_error(dtype: torch.dtype, device: torch.device) -> float:
-    """Return the error of a product of the base network's size there."""
     generator = torch.Generator().manual_seed(0)
     left, right = torch.randn(2, 380, 380, generator=generator).to(device, dtype)
     return relative_error(left, right, left @ right)

@@ -1,9 +1,7 @@
 """Trainings that were done before, kept on disk by the content of everything that shapes them.
 
 joblib.Memory keeps the results: one folder an entry, written beside its place and renamed, so that
-two processes may use it at once. The key is a hash of what goes into the training: samples of the
-source domain, first weights, plan, seed, `PRETRAINING_VERSION`, torch's version and threads, and a
-stranger's code. Test data never goes into a training, and so never into a key.
+two processes may use it at once. Test data never go into a training, and so never into a key.
 """
 
 from __future__ import annotations
@@ -49,20 +47,14 @@ class Trained:
 
 @dataclass(frozen=True)
 class CacheInfo:
-    """What the cache holds.
-
-    Attributes:
-        folder: where it lies; None when it is switched off.
-        entries: number of trainings.
-        size_bytes: of all of them.
-    """
+    """How many trainings the cache holds in which folder; None when it is switched off."""
 
     folder: Path | None
     entries: int
     size_bytes: int
 
     def __str__(self) -> str:
-        """Return all three for people."""
+        """Return a line for people."""
         if self.folder is None:
             return f"the cache is switched off ({VARIABLE}={OFF})"
         trainings = "1 training" if self.entries == 1 else f"{self.entries} trainings"
@@ -95,7 +87,7 @@ def remembered(digest: str, compute: Callable[[], Trained]) -> Trained:
 
 
 def _trained(digest: str, compute: Callable[[], Trained]) -> Trained:
-    """Compute. joblib keeps the result under `digest` alone."""
+    """Joblib keeps the result under `digest` alone."""
     return compute()
 
 
@@ -109,11 +101,7 @@ def cache_info() -> CacheInfo:
 
 
 def clear_cache() -> CacheInfo:
-    """Delete every training and return what was there.
-
-    Raises:
-        StoreError: the folder cannot be written.
-    """
+    """Delete every training and return what was there; StoreError where that cannot be done."""
     before = cache_info()
     if before.entries:
         try:
@@ -148,8 +136,7 @@ def training_digest(
         rows: what it learns from.
         plan: how.
         seed: order of the batches.
-        actors: other objects that take part, such as the model; the code of those that are not
-            ours counts, as that of such modules of the network does.
+        actors: other objects that take part; a stranger's code counts, as in the network.
         extra: further tensors that go into it.
         about: further settings, as text.
     """
@@ -174,6 +161,5 @@ def training_digest(
 
 
 def _machine(device: torch.device) -> str:
-    """Return what decides how sums are rounded."""
     name = torch.cuda.get_device_name(device) if device.type == "cuda" else platform.machine()
     return f"{device.type} {name} {torch.get_num_threads()} threads"

@@ -18,14 +18,11 @@ NO_DEFLECTION = 1e-9
 def encode(
     robot: Robot, q: FloatArray, wrench: FloatArray, angle_encoding: AngleEncoding
 ) -> FloatArray:
-    """Return the features of each sample.
+    """Return the features of (n, n_joints) positions, rad or m, and (n, 6) wrenches, N and N m.
 
-    Args:
-        robot: says which joints turn; a prismatic joint's position always stays as it is.
-        q: (n, n_joints) joint positions, rad or m.
-        wrench: (n, 6) N and N m.
-        angle_encoding: "sincos" gives sin q, cos q and the wrench (18 features for six joints;
-            an angle and the same angle a turn later are one pose), "raw" gives q and the wrench.
+    "sincos" gives sin q, cos q and the wrench (18 features for six joints; an angle and the same
+    angle a turn later are one pose), "raw" gives q and the wrench. A prismatic joint's position
+    stays as it is.
     """
     if angle_encoding == "raw":
         return np.hstack([q, wrench])
@@ -36,24 +33,14 @@ def encode(
 
 @dataclass(frozen=True, eq=False)
 class Scaler:
-    """Column means and standard deviations.
-
-    Attributes:
-        mean: (n_columns,)
-        scale: (n_columns,)
-    """
+    """Column means and standard deviations, each (n_columns,)."""
 
     mean: FloatArray
     scale: FloatArray
 
     @classmethod
     def of(cls, values: FloatArray, *, of_constant: float = 1.0) -> Self:
-        """Take the statistics of (n, n_columns) values.
-
-        Args:
-            values: of the training samples.
-            of_constant: scale of a column that does not vary.
-        """
+        """Take those of (n, n_columns) values; a constant column is scaled by `of_constant`."""
         scale = values.std(axis=0)
         constant = scale <= 1e-12 * np.maximum(np.abs(values).max(axis=0), 1e-300)
         return cls(values.mean(axis=0), np.where(constant, of_constant, scale))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 from annotated_types import Ge, Gt
 
@@ -35,21 +35,14 @@ class Mlp(NetworkModel):
 
     @property
     def curves_(self) -> dict[str, FloatArray]:
-        """Return the training's curve."""
-        return {"training": self.history_.table()}
+        """The training's curve."""
+        return {"training": self.history_.points}
 
     def chooses_epoch(self) -> bool:
-        """Return whether validation rows choose the epoch."""
+        """Whether validation rows choose the epoch."""
         return self.training == "best"
 
-    def fit(
-        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
-    ) -> Self:
-        """Train on `train`; `validation` chooses the epoch, and without it the last is kept.
-
-        Raises:
-            ModelError: the training diverged.
-        """
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         self._start(robot, train.q, train.wrench, train.deflection, seed)
         self.history_ = train_network(
             self.network_,
@@ -71,6 +64,5 @@ class Mlp(NetworkModel):
                 "untrained network, which is kept; is a learning rate of "
                 f"{self.learning_rate:g} too high?",
                 StiffBenchWarning,
-                stacklevel=2,
+                stacklevel=3,
             )
-        return self

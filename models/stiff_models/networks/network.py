@@ -29,8 +29,7 @@ def build_network(
 ) -> torch.nn.Sequential:
     """Return a fully connected network with `layers` hidden layers and linear outputs.
 
-    Weights are torch's default initialisation drawn from `seed`; torch's own random state is
-    left as it was.
+    Weights are torch's default initialisation drawn from `seed`; torch's own random state stays.
     """
     sizes = [n_inputs, *[width] * layers]
     with torch.random.fork_rng(devices=[]):

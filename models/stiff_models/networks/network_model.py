@@ -13,7 +13,7 @@ import torch
 from annotated_types import Ge, Le
 
 from stiff_models.base import FittedModel
-from stiff_models.device import Device, RunsOnDevice, torch_device
+from stiff_models.device import RunsOnDevice, torch_device
 from stiff_models.networks.cache import Trained, remembered, training_digest
 from stiff_models.networks.features import AngleEncoding, Scaler, encode
 from stiff_models.networks.network import Activation, ChosenActivation, build_network
@@ -34,11 +34,9 @@ class EncodedNetworkModel(RunsOnDevice, FittedModel):
 
     Attributes:
         angle_encoding: "sincos" (sine and cosine of each angle) or "raw" (the angle).
-        device: where the network runs.
     """
 
     angle_encoding: AngleEncoding = "sincos"
-    device: Device = "auto"
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         return self._network_deflection(self.network_, q, wrench)
@@ -66,7 +64,7 @@ class EncodedNetworkModel(RunsOnDevice, FittedModel):
         """Return an untrained network; the scalers say how many inputs it has."""
 
     def _torch_module(self) -> torch.nn.Module:
-        """Return the fitted prediction as a module, for export; see `onnx_export`."""
+        """The fitted prediction as a module, for export; see `onnx_export`."""
         return EncodedNetwork(
             self.robot_,
             self.network_,
@@ -93,16 +91,9 @@ class EncodedNetworkModel(RunsOnDevice, FittedModel):
     ) -> Trained:
         """Train the network in place, or put in the weights of the same training done before.
 
-        Args:
-            rows: what it learns from.
-            plan: how.
-            seed: order of the batches.
-            phase: name for progress reports.
-            trainable: as for `train_network`.
-            objective: as for `train_network`; `extra` and `about` say what it is made of.
-            judge: measures the trained network, once: the outcome is kept with the weights.
-            extra: tensors that the objective or `judge` uses.
-            about: settings of the objective, as text.
+        `judge` measures the trained network once: the outcome is kept with the weights. `extra`
+        (tensors) and `about` say what `objective` and `judge` are made of; the other arguments are
+        those of `train_network`.
         """
 
         def compute() -> Trained:
@@ -140,7 +131,6 @@ class EncodedNetworkModel(RunsOnDevice, FittedModel):
         return torch.as_tensor(features, dtype=torch.float32, device=torch_device(self.device))
 
     def _rows(self, q: FloatArray, wrench: FloatArray, deflection: FloatArray) -> Rows:
-        """Return standardised rows on the device."""
         inputs = self._inputs(q, wrench)
         targets = self.output_scaler_.apply(deflection)
         return Rows(inputs, torch.as_tensor(targets, dtype=torch.float32, device=inputs.device))
@@ -165,7 +155,7 @@ class NetworkModel(EncodedNetworkModel):
 
     @property
     def hidden_activation(self) -> Activation:
-        """Return the activation that the network gets."""
+        """The activation that the network gets."""
         return "relu" if self.activation == "auto" else self.activation
 
     def _new_network(self, seed: int) -> torch.nn.Module:

@@ -37,8 +37,7 @@ class Muon(torch.optim.Optimizer):
         layers: the layers of it whose weights move.
         sample: (n, n_inputs) inputs of the network, to estimate A from.
         lr: step length: root of the mean square of a weight's change, times the root of the width.
-        low_precision: orthogonalise in bfloat16 (accurate enough: the step's direction alone
-            depends on it).
+        low_precision: orthogonalise in bfloat16: the step's direction alone depends on it.
     """
 
     def __init__(
@@ -74,7 +73,7 @@ class Muon(torch.optim.Optimizer):
         self._steps += 1
 
     def _averaged_gradient(self, weight: torch.Tensor) -> torch.Tensor:
-        """Return Nesterov's."""
+        """Nesterov's."""
         assert weight.grad is not None  # for the type checker; every layer is part of the loss
         average = self.state[weight].setdefault("average", torch.zeros_like(weight))
         average.lerp_(weight.grad, 1.0 - MOMENTUM)
@@ -111,7 +110,6 @@ def whitening(inputs: torch.Tensor) -> torch.Tensor:
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Compute on one thread meanwhile."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -143,12 +141,8 @@ def optimizers(
 ) -> list[torch.optim.Optimizer]:
     """Return the optimizers, each parameter in one group of its own rate.
 
-    Args:
-        network: that is trained.
-        plan: how.
-        trainable: which parameters move.
-        inputs: (n, n_inputs) of the network, of the rows it learns from.
-        bfloat16: low precision is at hand.
+    `inputs` are (n, n_inputs) of the rows that `network` learns from; `bfloat16`: low precision is
+    at hand.
     """
     rates = trainable.rates
     if plan.optimizer == "sgd":

@@ -44,10 +44,7 @@ _ACTIVATIONS = {
 class PlainSequence:
     """Passes through such a network; `backward` follows `outputs`.
 
-    Args:
-        layers: the linear layers.
-        activations: those between them.
-        moving: the parameters that the loss's slope is wanted for.
+    `activations` stand between the `layers`; the loss's slope is wanted for `moving` parameters.
     """
 
     def __init__(

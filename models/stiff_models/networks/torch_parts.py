@@ -6,21 +6,45 @@ base frame. A family returns one from `_torch_module()`; a third party may read 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import torch
 
 from stiff_models.networks.features import AngleEncoding, Scaler
-from stiff_models.networks.torch_kinematics import cos_sin, stacked
-from stiff_models.physics.chain import Chain
+from stiff_models.physics.chain import Chain, Component
 from stiff_protocols.contract.types import FloatArray, Robot
+
+
+class TorchJacobian(torch.nn.Module):
+    """Geometric Jacobian at the TCP, base frame, differentiable, in the dtype of its input."""
+
+    def __init__(self, robot: Robot) -> None:
+        """Take the constants of `robot`."""
+        super().__init__()
+        self.chain = Chain.of(robot)
+
+    def forward(self, q: torch.Tensor) -> torch.Tensor:
+        """Return (n, 6, n_joints): rows 0..2 translation [m/rad or m/m], rows 3..5 rotation."""
+        columns = self.chain.columns(q.unbind(dim=1), _cos_sin)
+        return torch.stack([_stacked([*move, *turn], q) for move, turn in columns], dim=2)
+
+
+def _cos_sin(angle: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    return torch.cos(angle), torch.sin(angle)
+
+
+def _stacked(components: Sequence[Component], q: torch.Tensor) -> torch.Tensor:
+    """Return components, of which some may be plain numbers, as (n, n_components)."""
+    # a sum, not `expand`: a stride of zero makes torch.export take n for a constant
+    zero = torch.zeros_like(q[:, 0])
+    return torch.stack([zero + component for component in components], dim=1)
 
 
 class EncodedNetwork(torch.nn.Module):
     """A network with `stiff_models.networks.features.encode` and the two scalers around it.
 
-    Features are computed in float64 and the network runs in float32, as in `predict`. A network
-    with k outputs gives (n, k), in the unit of `output_scaler`.
+    Features are computed in float64 and the network, (n, n_features) -> (n, k), runs in float32,
+    as in `predict`; the output has the unit of `output_scaler`.
     """
 
     mean: torch.Tensor
@@ -37,7 +61,7 @@ class EncodedNetwork(torch.nn.Module):
         input_scaler: Scaler,
         output_scaler: Scaler,
     ) -> None:
-        """Store the parts; `network` maps (n, n_features) float32 to (n, k) float32."""
+        """Store the parts."""
         super().__init__()
         self.network = network
         self.raw = angle_encoding == "raw"
@@ -52,7 +76,7 @@ class EncodedNetwork(torch.nn.Module):
             self.register_buffer(name, torch.tensor(values, dtype=torch.float64))
 
     def forward(self, q: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
-        """Return the network's output in its own unit; shapes as above."""
+        """Return the (n, k) output."""
         features = (self._encoded(q, wrench) - self.mean) / self.scale
         output: torch.Tensor = self.network(features.to(torch.float32))
         return output.to(torch.float64) * self.output_scale + self.output_mean
@@ -77,9 +101,9 @@ class JointSprings(torch.nn.Module):
         self.compliance: list[float] = compliance.tolist()
 
     def forward(self, q: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
-        """Return the deflection; shapes as above."""
+        """Return the deflection."""
         components = q.unbind(dim=1), wrench.unbind(dim=1)
-        return stacked(self.chain.deflection(self.compliance, *components, cos_sin), q)
+        return _stacked(self.chain.deflection(self.compliance, *components, _cos_sin), q)
 
 
 class SumOf(torch.nn.Module):
@@ -91,7 +115,7 @@ class SumOf(torch.nn.Module):
         self.parts = torch.nn.ModuleList(parts)
 
     def forward(self, q: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
-        """Return the deflection; shapes as above."""
+        """Return the deflection."""
         return torch.stack([part(q, wrench) for part in self.parts]).sum(dim=0)
 
 
@@ -99,22 +123,5 @@ class MeanOf(SumOf):
     """The mean of what its parts predict: an ensemble."""
 
     def forward(self, q: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
-        """Return the deflection; shapes as above."""
+        """Return the deflection."""
         return super().forward(q, wrench) / len(self.parts)
-
-
-def bent_joints(
-    jacobian: torch.Tensor, compliance: torch.Tensor, wrench: torch.Tensor
-) -> torch.Tensor:
-    """Return ``J_v diag(c) J^T w``.
-
-    Args:
-        jacobian: (n, 6, n_joints).
-        compliance: (n_joints,) or (n, n_joints), rad/(N m) or m/N.
-        wrench: (n, 6) N and N m.
-
-    Returns:
-        (n, 3) m, base frame.
-    """
-    torque = (wrench[:, None, :] @ jacobian)[:, 0]  # (n, n_joints)
-    return (jacobian[:, :3] @ (compliance * torque)[:, :, None])[:, :, 0]

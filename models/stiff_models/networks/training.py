@@ -19,36 +19,8 @@ from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.types import FloatArray
 
 RISEN = 10.0
-"""So many times both the first loss and that of no output at all: the training has diverged."""
-ROWS_LOOKED_AT = 256
-
-
-def rose(first: float, last: float, of_nothing: float) -> str:
-    """Return that the loss rose; "" where it did not, or where noise may explain it.
-
-    Args:
-        first: loss before the first step.
-        last: loss at the end.
-        of_nothing: loss of outputs that are all zero, which predict the mean.
-    """
-    if last <= RISEN * max(first, of_nothing):
-        return ""
-    return f"the loss rose from {first:.3g} to {last:.3g}"
-
-
-def dead(inputs: torch.Tensor, outputs: torch.Tensor, targets: torch.Tensor) -> str:
-    """Return that all outputs are the same; "" where they are not, or where they should be.
-
-    Units that a step too far has pushed below zero for every row stay there for ever.
-
-    Args:
-        inputs: (n, n_features), n > 0
-        outputs: (n, 3) of the trained network.
-        targets: (n, 3)
-    """
-    if not _varies(inputs) or not _varies(targets) or _varies(outputs):
-        return ""
-    return "the network gives every row the same output"
+"""So many times both the first loss and that of outputs of zero: the training has diverged."""
+ROWS_LOOKED_AT = 256  # at the end, for signs of divergence
 
 
 def _varies(values: torch.Tensor) -> bool:
@@ -80,39 +52,20 @@ class Rows:
         return len(self.inputs)
 
 
-@dataclass(frozen=True)
-class CurvePoint:
-    """A recorded step of a training.
-
-    Attributes:
-        step: its number.
-        train_loss: the loss before it.
-        validation_loss: mean absolute error of the validation rows, standardised; NaN: none.
-    """
-
-    step: int
-    train_loss: float
-    validation_loss: float
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Curve:
     """What happened in a training.
 
     Attributes:
-        points: the recorded steps.
+        points: (n_points, 3) recorded steps: number, loss before the step, and mean absolute error
+            of the validation rows (standardised; NaN: no rows).
         best_step: the step whose weights were kept (the last one without validation rows).
         best_loss: its validation loss; NaN where there are no validation rows.
     """
 
-    points: tuple[CurvePoint, ...]
+    points: FloatArray
     best_step: int
     best_loss: float
-
-    def table(self) -> FloatArray:
-        """Return (n_points, 3): step, training loss, validation loss (NaN: no rows)."""
-        rows = [(point.step, point.train_loss, point.validation_loss) for point in self.points]
-        return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
 
 def train_network(
@@ -174,15 +127,20 @@ def _steps(run: _Run, plan: TrainingPlan, trainable: Trainable, phase: str) -> C
             pull_back(moving, origin, trainable, plan.learning_rate * plan.rate(step))
         if (step + 1) % REPORT_EVERY == 0 or step + 1 == plan.steps:
             value = finite(loss, step + 1)
-            run.note(step + 1, value)
+            run.points.append((step + 1, value, run.validation_loss))
             report(phase, step + 1, plan.steps, value)
     curve = run.finish()
     if plan.steps:
-        inputs, outputs, targets = run.at_the_end()
-        final = finite(run.loss(outputs, targets), plan.steps)
-        nothing = run.loss(torch.zeros_like(targets), targets).item()
-        finding = rose(first.item(), max(loss.item(), final), nothing)
-        finding = finding or dead(inputs, outputs, targets)
+        inputs, targets = run.rows.inputs[:ROWS_LOOKED_AT], run.rows.targets[:ROWS_LOOKED_AT]
+        outputs = run.predicted(inputs)
+        last = max(loss.item(), finite(run.loss(outputs, targets), plan.steps))
+        of_zeros = run.loss(torch.zeros_like(targets), targets).item()  # which predict the mean
+        finding = ""
+        if last > RISEN * max(first.item(), of_zeros):
+            finding = f"the loss rose from {first.item():.3g} to {last:.3g}"
+        elif _varies(inputs) and _varies(targets) and not _varies(outputs):
+            # units that a step too far has pushed below zero for every row stay there for ever
+            finding = "the network gives every row the same output"
         if finding:
             warnings.warn(f"{phase}: {finding}; {too_high}", StiffBenchWarning, stacklevel=4)
     return curve
@@ -226,13 +184,12 @@ class _Run:
         buffers = [*network.buffers()]
         self.one_pass = objective is None and not buffers
         self.kept = [tensor.detach() for tensor in (*trainable.rates, *buffers)]
-        self.points: list[CurvePoint] = []
+        self.points: list[tuple[float, float, float]] = []
         self.validation_loss = math.nan
         self.best_step, self.best_loss = 0, math.inf
         self.best_weights: list[torch.Tensor] = []
 
     def step(self, step: int) -> torch.Tensor:
-        """Do one optimizer step and return the loss before it."""
         for optimizer, highest in zip(self.optimizers, self.highest, strict=True):
             for group, rate in zip(optimizer.param_groups, highest, strict=True):
                 group["lr"] = rate * self.plan.rate(step)
@@ -247,7 +204,7 @@ class _Run:
         inputs, targets = self._batch()
         low = self.bfloat16 and step < (1.0 - FULL_PRECISION_END) * self.plan.steps
         if self.validation is not None and not self.one_pass:
-            self._judge(step, self._predicted(self.validation.inputs))
+            self._judge(step, self.predicted(self.validation.inputs))
         if self.objective is not None:
             with self._autocast(low):
                 loss = self.objective(step / self.plan.steps, inputs, targets)
@@ -278,7 +235,7 @@ class _Run:
     def _autocast(self, low: bool) -> torch.autocast:
         return torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=low)
 
-    def _predicted(self, inputs: torch.Tensor) -> torch.Tensor:
+    def predicted(self, inputs: torch.Tensor) -> torch.Tensor:
         """Return the outputs as a prediction has them: dropout off, batch statistics fixed."""
         self.network.eval()
         with torch.no_grad():
@@ -286,21 +243,14 @@ class _Run:
         self.network.train()
         return outputs
 
-    def note(self, step: int, train_loss: float) -> None:
-        self.points.append(CurvePoint(step, train_loss, self.validation_loss))
-
     def finish(self) -> Curve:
         """Judge the last weights, put the best ones back, and return what happened."""
+        points = np.array(self.points, dtype=np.float64).reshape(-1, 3)
         if self.validation is None:
-            return Curve(tuple(self.points), self.plan.steps, math.nan)
-        self._judge(self.plan.steps, self._predicted(self.validation.inputs))
+            return Curve(points, self.plan.steps, math.nan)
+        self._judge(self.plan.steps, self.predicted(self.validation.inputs))
         torch._foreach_copy_(self.kept, self.best_weights)
-        return Curve(tuple(self.points), self.best_step, self.best_loss)
-
-    def at_the_end(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Return inputs, outputs and targets of some training rows."""
-        inputs, targets = self.rows.inputs[:ROWS_LOOKED_AT], self.rows.targets[:ROWS_LOOKED_AT]
-        return inputs, self._predicted(inputs), targets
+        return Curve(points, self.best_step, self.best_loss)
 
     def _batch(self) -> tuple[torch.Tensor, torch.Tensor]:
         batch = self.plan.batch

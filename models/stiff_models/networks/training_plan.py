@@ -68,7 +68,7 @@ class Trainable:
 
     @classmethod
     def all_of(cls, network: torch.nn.Module) -> Trainable:
-        """Return every parameter at the plan's own rate."""
+        """Every parameter at the plan's own rate."""
         return cls({parameter: 1.0 for parameter in network.parameters()})
 
 

@@ -2,9 +2,8 @@
 
 The chain is rewritten once so that each joint moves about or along its own z axis; what lies
 between two joints is then a constant rotation and a constant offset. A component is anything that
-can be added and multiplied: a torch tensor, or a symbol of `straight_line.py`, which
-NumPy arrays are computed by. Components that are plain floats 0 or 1 cost
-nothing, and most of a robot's constants are.
+can be added and multiplied: a torch tensor, or a symbol of `straight_line.py`. Plain floats 0 or 1
+cost nothing, and most of a robot's constants are.
 """
 
 from __future__ import annotations
@@ -160,20 +159,12 @@ class Chain:
         wrench: Sequence[Component],
         cos_sin: CosSin,
     ) -> Vector:
-        """Return ``J_v diag(c) J^T w`` without the Jacobian: three sweeps, joint by joint.
+        """Return ``J_v diag(c) J^T w`` [m], base frame, without the Jacobian: three sweeps.
 
         The TCP is carried to the base, the wrench from there to the tip, and the deflection back
         to the base, each in the frame of the joint that is reached. There a joint's torque is
-        ``m_z + (p x f)_z``, and its turn moves the TCP by ``(-p_y, p_x, 0)``.
-
-        Args:
-            compliance: of the joints, rad/(N m) or m/N.
-            q: of the joints, rad or m.
-            wrench: force [N] and torque [N m] at the TCP, base frame.
-            cos_sin: of angles.
-
-        Returns:
-            m, base frame.
+        ``m_z + (p x f)_z``, and its turn moves the TCP by ``(-p_y, p_x, 0)``. Units of the
+        components: rad/(N m) or m/N, rad or m, N and N m at the TCP.
         """
         motions = [
             (0.0, 0.0) if link.prismatic else cos_sin(position)
@@ -250,7 +241,6 @@ def _turned(vector: Vector, motion: tuple[Component, Component]) -> Vector:
 
 
 def _turned_back(vector: Vector, motion: tuple[Component, Component]) -> Vector:
-    """Return a vector of the frame before a turn in the moved frame."""
     (cosine, sine), (x, y, z) = motion, vector
     return (
         _sum(_times(cosine, x), _times(sine, y)),
@@ -265,7 +255,6 @@ def _out_of(axes: Sequence[Vector], vector: Vector) -> Vector:
 
 
 def _into(axes: Sequence[Vector], vector: Vector) -> Vector:
-    """Return a vector in the frame with these axes."""
     return [_dot(axis, vector) for axis in axes]
 
 
@@ -303,14 +292,12 @@ def _times(a: Component, b: Component) -> Component:
 
 
 def _sum(a: Component, b: Component) -> Component:
-    """Return a + b; a term that is the plain number 0 costs no addition."""
     if isinstance(a, float) and a == 0.0:
         return b
     return a if isinstance(b, float) and b == 0.0 else a + b
 
 
 def _less(a: Component, b: Component) -> Component:
-    """Return a - b; a term that is the plain number 0 costs no subtraction."""
     if isinstance(a, float) and a == 0.0:
         return -b
     return a if isinstance(b, float) and b == 0.0 else a - b

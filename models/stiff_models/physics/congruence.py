@@ -54,7 +54,7 @@ class LoadedRobot:
         return cls(rows, joint_torque(rows, wrench), congruence)
 
     def beyond_buckling(self, compliance: FloatArray) -> IntArray:
-        """Return the sample rows, shape (n_unstable,), that the springs cannot hold.
+        """Return the row numbers of the samples that the springs cannot hold.
 
         There K_theta - K_g is not positive definite: its symmetric part is looked at, as a moment
         that keeps its direction in the base frame makes K_g unsymmetric. Rigid joints hold all.
@@ -85,7 +85,7 @@ class LoadedRobot:
         return np.asarray(move * torque[:, None, :])
 
     def _balance(self, compliance: FloatArray) -> FloatArray:
-        """Return I - C K_g, (n, n_joints, n_joints)."""
+        """Return I - C K_g."""
         return np.asarray(np.eye(len(compliance)) - compliance[:, None] * self.congruence)
 
 

@@ -15,12 +15,12 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
 
 from stiff_models.base import FittedModel
-from stiff_models.physics.identification import Identified, Solver, identify, nonnegative, ridge
+from stiff_models.physics.identification import Solver, identify, nonnegative, ridge
 from stiff_models.physics.kinematics import unit_deflections, virtual_jacobian
 from stiff_models.physics.vjm import warn_unexplained
 from stiff_protocols.contract.errors import StiffBenchWarning
@@ -53,14 +53,7 @@ class FullVjm(FittedModel):
     springs: Springs = 3
     solver: Literal["nnls", "ridge"] = "nnls"
 
-    def fit(
-        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
-    ) -> Self:
-        """Identify the springs on `train`; `validation` and `seed` are not used.
-
-        Raises:
-            ModelError: no spring can be identified.
-        """
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         regressor = spring_regressor(robot, train.q, train.wrench, self.springs)
         matrix = regressor.reshape(-1, regressor.shape[2])
         found = identify(matrix, train.deflection.reshape(-1), SOLVERS[self.solver])
@@ -69,11 +62,23 @@ class FullVjm(FittedModel):
         self.unidentifiable_ = tuple(
             name for name, known in zip(self.springs_, found.known, strict=True) if not known
         )
-        self.diagnostics_ = _diagnostics(found)
-        _warn_few(found, len(train))
+        n_springs = len(self.springs_)
+        self.diagnostics_ = {
+            "springs": float(n_springs),
+            "springs not zero": float(np.count_nonzero(found.compliance)),
+            "springs not identifiable": float(len(self.unidentifiable_)),
+            "rank": float(found.rank),
+            "condition number": found.condition,
+        }
+        if len(matrix) < n_springs:
+            warnings.warn(
+                f"{len(train)} training samples give {len(matrix)} equations for {n_springs} "
+                f"springs (regressor rank {found.rank}): predictions at other poses and loads "
+                "mean little",
+                StiffBenchWarning,
+                stacklevel=3,
+            )
         warn_unexplained(found.compliance, train)
-        self.robot_ = robot
-        return self
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         regressor = spring_regressor(self.robot_, q, wrench, self.springs)
@@ -100,9 +105,6 @@ def spring_regressor(
         q: (n, n_joints) joint positions, rad or m.
         wrench: (n, 6) N and N m at the TCP, base frame.
         springs: virtual springs a joint.
-
-    Raises:
-        DataError: `q` has another number of joints than the robot.
     """
     twists = virtual_jacobian(robot, q)  # (n, 6, n_joints, 6)
     rows = np.concatenate(
@@ -118,24 +120,3 @@ def _columns(robot: Robot, springs: Springs) -> list[list[int]]:
     if springs == 6:
         return [turns + slides] * robot.n_joints
     return [turns if kind == "revolute" else slides for kind in robot.joint_types]
-
-
-def _warn_few(found: Identified, n_samples: int) -> None:
-    n_springs = len(found.compliance)
-    if 3 * n_samples < n_springs:
-        warnings.warn(
-            f"{n_samples} training samples give {3 * n_samples} equations for {n_springs} springs "
-            f"(regressor rank {found.rank}): predictions at other poses and loads mean little",
-            StiffBenchWarning,
-            stacklevel=3,
-        )
-
-
-def _diagnostics(found: Identified) -> dict[str, float]:
-    return {
-        "springs": float(len(found.compliance)),
-        "springs not zero": float(np.count_nonzero(found.compliance)),
-        "springs not identifiable": float((~found.known).sum()),
-        "rank": float(found.rank),
-        "condition number": found.condition,
-    }

@@ -92,7 +92,7 @@ def identify(matrix: FloatArray, target: FloatArray, solver: Solver = nonnegativ
     Args:
         matrix: (rows, n_columns) deflection by each spring at unit compliance.
         target: (rows,) measured deflection.
-        solver: see `nonnegative` and `ridge`.
+        solver: `nonnegative` or `ridge`.
 
     Raises:
         ModelError: no spring can be identified (for example, every wrench is zero).

@@ -1,7 +1,9 @@
 """Batched kinematics of a serial chain in NumPy: the hot paths of every physical model.
 
-The closed form is `chain.py`'s. It is written once a robot as a straight-line program,
-which works through the samples in chunks that fit the cache; there is no loop over samples.
+The closed form is `chain.py`'s, written once a robot as a straight-line program; there is no loop
+over samples. Arguments, unless a function says otherwise: the `robot`; `q` (n, n_joints) joint
+positions, rad or m; `wrench` (n, 6) N and N m at the TCP, base frame; `rows` (n, 6, n_joints)
+Jacobians at the TCP. `q` with another number of joints than the robot is a DataError.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ import numpy as np
 
 from stiff_models.physics.chain import Chain, Column, Component
 from stiff_models.physics.straight_line import Program, half_angle, tape_with
-from stiff_protocols.contract.forward_kinematics import checked_positions
+from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray, Robot
 
 PROGRAMS_KEPT = 32  # a program of each kind and robot; a few hundred steps each
@@ -22,17 +24,10 @@ PROGRAMS_KEPT = 32  # a program of each kind and robot; a few hundred steps each
 def jacobian(robot: Robot, q: FloatArray) -> FloatArray:
     """Return the geometric Jacobian at the TCP, base frame.
 
-    Args:
-        robot: the serial chain.
-        q: (n, n_joints) joint positions, rad or m.
-
     Returns:
         (n, 6, n_joints): rows 0..2 translation [m/rad or m/m], rows 3..5 rotation.
-
-    Raises:
-        DataError: `q` has another number of joints than the robot.
     """
-    q = checked_positions(robot, q)
+    q = robot.checked_positions(q)
     columns = np.empty((6, robot.n_joints, len(q)))
     _jacobian_program(robot).run([q], columns.reshape(6 * robot.n_joints, len(q)))
     return columns.transpose(2, 0, 1)
@@ -45,32 +40,22 @@ def virtual_jacobian(robot: Robot, q: FloatArray) -> FloatArray:
     own motion; z is the joint's axis. Where the axis lies along one of the URDF frame's, x and y
     do too; else they are any two across it.
 
-    Args:
-        robot: the serial chain.
-        q: (n, n_joints) joint positions, rad or m.
-
     Returns:
         (n, 6, n_joints, 6): rows as of `jacobian`; the last index is the virtual joint: turns
         about x, y, z, then slides along x, y, z.
-
-    Raises:
-        DataError: `q` has another number of joints than the robot.
     """
-    q = checked_positions(robot, q)
+    q = robot.checked_positions(q)
     columns = np.empty((6, robot.n_joints, 6, len(q)))
     _virtual_program(robot).run([q], columns.reshape(36 * robot.n_joints, len(q)))
     return columns.transpose(3, 0, 1, 2)
 
 
 def kinematic_hessian(rows: FloatArray) -> FloatArray:
-    """Return the derivatives of a geometric Jacobian by the joint positions.
+    """Return the derivatives of Jacobians by the joint positions.
 
     A turn about axis a_i moves all that it carries: column j changes by a_i x J_j for j >= i, and
     the TCP's second derivatives are symmetric; axes do not turn with the joints that they carry
     (Hourtash, "The kinematic Hessian and higher derivatives", 2005).
-
-    Args:
-        rows: (n, 6, n_joints) Jacobians as `jacobian` returns them.
 
     Returns:
         (n, 6, n_joints, n_joints): [:, :, i, j] is dJ_i / dq_j.
@@ -88,15 +73,7 @@ def kinematic_hessian(rows: FloatArray) -> FloatArray:
 
 
 def joint_torque(rows: FloatArray, wrench: FloatArray) -> FloatArray:
-    """Return J^T w: the torque [N m] (force [N] at a prismatic joint) of the load on each joint.
-
-    Args:
-        rows: (n, 6, n_joints) Jacobians at the TCP.
-        wrench: (n, 6) N and N m at the TCP, base frame.
-
-    Returns:
-        (n, n_joints).
-    """
+    """Return J^T w, (n, n_joints): the load's torque [N m] (force [N] at a prismatic joint)."""
     return np.asarray(np.einsum("nki,nk->ni", rows, wrench))
 
 
@@ -105,7 +82,7 @@ def unit_deflections(rows: FloatArray, wrench: FloatArray) -> FloatArray:
 
     Args:
         rows: (n, 6, n_springs) twist of the TCP by a unit turn (or slide) of each spring.
-        wrench: (n, 6) N and N m at the TCP, base frame.
+        wrench: as above.
 
     Returns:
         (n, 3, n_springs) m for a compliance of 1 rad/(N m) (m/N for a slide).
@@ -143,25 +120,65 @@ def _cross(out: FloatArray, a: FloatArray, b: FloatArray) -> None:
 
 
 def gravity_torque(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return the torque that the links' weights exert on the joints.
+    """Return the (n, n_joints) torque [N m] (force [N]) of the links' weights on the joints.
 
     It has the sign of the loads' torque, and so the opposite one of the generalised gravity g(q)
     that drives must balance. Loads and tools that the robot carries are not part of it.
-
-    Args:
-        robot: with masses.
-        q: (n, n_joints) joint positions, rad or m.
-
-    Returns:
-        (n, n_joints) N m, or N at a prismatic joint.
-
-    Raises:
-        DataError: `q` has another number of joints than the robot.
     """
-    q = checked_positions(robot, q)
+    q = robot.checked_positions(q)
     torque = np.empty((robot.n_joints, len(q)))
     _gravity_program(robot).run([q], torque)
     return np.ascontiguousarray(torque.T)
+
+
+def joint_deflection(
+    robot: Robot, compliance: FloatArray, q: FloatArray, wrench: FloatArray
+) -> FloatArray:
+    """Return ``J_v diag(c) J^T w``, (n, 3) m, base frame, without the Jacobian.
+
+    `compliance` is (n_joints,) rad/(N m) or m/N.
+
+    Raises:
+        DataError: a shape is another one, or a compliance is not finite.
+    """
+    q = robot.checked_positions(q)
+    wrench, springs = np.asarray(wrench, dtype=np.float64), _checked_springs(robot, compliance)
+    if wrench.shape != (len(q), 6):
+        raise DataError(f"wrench has shape {wrench.shape}, expected ({len(q)}, 6)")
+    deflection = np.empty((len(q), 3))
+    _deflection_program(robot).run([q, wrench], deflection.T, springs)
+    return deflection
+
+
+def compliance_matrix(robot: Robot, compliance: FloatArray, q: FloatArray) -> FloatArray:
+    """Return ``J_v diag(c) J^T``, (n, 3, 6) m/N, then m/(N m), base frame, as above."""
+    q = robot.checked_positions(q)
+    matrix = np.empty((len(q), 18))
+    _compliance_program(robot).run([q], matrix.T, _checked_springs(robot, compliance))
+    return matrix.reshape(-1, 3, 6)
+
+
+def _checked_springs(robot: Robot, compliance: FloatArray) -> list[float]:
+    compliance = np.asarray(compliance, dtype=np.float64)
+    if compliance.shape != (robot.n_joints,):
+        raise DataError(f"compliance has shape {compliance.shape}, expected ({robot.n_joints},)")
+    if not np.isfinite(compliance).all():
+        raise DataError(f"compliance is {compliance.tolist()}, expected finite numbers")
+    values: list[float] = compliance.tolist()
+    return values
+
+
+@lru_cache(PROGRAMS_KEPT)
+def _deflection_program(robot: Robot) -> Program:
+    tape, (q, wrench, compliance) = tape_with(robot.n_joints, 6, robot.n_joints)
+    return Program.of(tape, Chain.of(robot).deflection(compliance, q, wrench, half_angle))
+
+
+@lru_cache(PROGRAMS_KEPT)
+def _compliance_program(robot: Robot) -> Program:
+    tape, (q, compliance) = tape_with(robot.n_joints, robot.n_joints)
+    matrix = Chain.of(robot).compliance_matrix(compliance, q, half_angle)
+    return Program.of(tape, [component for row in matrix for component in row])
 
 
 @lru_cache(PROGRAMS_KEPT)

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -44,10 +44,8 @@ def search_breakpoints(finest: FloatArray, target: FloatArray, start: IntArray) 
         finest: (n, 3, n_joints, n_candidates + 1) deflection [m] by each of the segments between
             neighbouring candidates at unit slope.
         target: (n, 3) measured deflection, m.
-        start: (n_joints, n_breakpoints) candidates' numbers to start from, increasing.
-
-    Returns:
-        (n_joints, n_breakpoints) candidates' numbers, increasing.
+        start: (n_joints, n_breakpoints) candidates' numbers to start from, increasing; so are
+            those returned.
     """
     _, _, n_joints, n_finest = finest.shape
     rows = finest.reshape(-1, n_joints * n_finest)
@@ -79,7 +77,6 @@ def search_breakpoints(finest: FloatArray, target: FloatArray, start: IntArray) 
 
 
 def _moves(chosen: IntArray, joint: int, number: int, n_candidates: int) -> list[IntArray]:
-    """Return the choices that one breakpoint's move between its neighbours gives."""
     around = [-1, *chosen[joint], n_candidates]
     moves = []
     for candidate in range(around[number] + 1, around[number + 2]):
@@ -118,11 +115,7 @@ class MultiSegmentVjm(FittedModel):
     gravity: bool = True
 
     def check_params(self) -> None:
-        """Check what a single option's type cannot.
-
-        Raises:
-            ConfigError: the given breakpoints do not fit the other options.
-        """
+        """Raise ConfigError where the given breakpoints do not fit the other options."""
         if self.breakpoints == "given":
             _parsed(self.given_breakpoints, self.segments)
         elif self.given_breakpoints:
@@ -132,11 +125,7 @@ class MultiSegmentVjm(FittedModel):
             )
 
     def check_robot(self, robot: Robot) -> None:
-        """Check that the given breakpoints fit the robot.
-
-        Raises:
-            ConfigError: there is neither one list nor one a joint.
-        """
+        """Raise ConfigError where the given breakpoints hold neither one list nor one a joint."""
         self.check_params()
         if self.breakpoints == "given":
             lists = len(_parsed(self.given_breakpoints, self.segments))
@@ -146,15 +135,7 @@ class MultiSegmentVjm(FittedModel):
                     f"1 for all joints or {robot.n_joints}, one a joint of {robot.name!r}"
                 )
 
-    def fit(
-        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
-    ) -> Self:
-        """Find breakpoints and slopes on `train`; `validation` and `seed` are not used.
-
-        Raises:
-            ConfigError: the given breakpoints do not fit.
-            ModelError: no joint can be identified.
-        """
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         self.check_robot(robot)
         loaded = _loaded_joints(robot, train.q, train.wrench, gravity=self.gravity)
         self.breakpoints_ = self._breakpoints(loaded, train)
@@ -164,15 +145,12 @@ class MultiSegmentVjm(FittedModel):
         self.diagnostics_ = _diagnostics(robot, found, self.breakpoints_)
         self._warn(robot, found)
         warn_unexplained(found.compliance, train)
-        self.robot_ = robot
-        return self
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         loaded = _loaded_joints(self.robot_, q, wrench, gravity=self.gravity)
         return np.asarray(np.einsum("nkis,is->nk", loaded.effects(self.breakpoints_), self.slopes_))
 
     def _breakpoints(self, loaded: _LoadedJoints, train: Samples) -> FloatArray:
-        """Return the (n_joints, segments - 1) breakpoints, N m."""
         if self.breakpoints == "given":
             given = np.array(_parsed(self.given_breakpoints, self.segments))
             n_joints = loaded.torque.shape[1]
@@ -192,7 +170,7 @@ class MultiSegmentVjm(FittedModel):
                 f"robot {robot.name!r} has no masses: its springs are fitted as if nothing but "
                 "the load turned them (gravity preload 0)",
                 StiffBenchWarning,
-                stacklevel=3,
+                stacklevel=4,
             )
         known = found.known.reshape(robot.n_joints, self.segments)
         unknown = [
@@ -206,7 +184,7 @@ class MultiSegmentVjm(FittedModel):
                 f"(regressor rank {found.rank} of {known.size}); no value is given, and where "
                 "no training torque reaches, predictions take the joint as rigid",
                 StiffBenchWarning,
-                stacklevel=3,
+                stacklevel=4,
             )
 
 
@@ -228,13 +206,7 @@ def segment_torques(torque: FloatArray, breakpoints: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class _LoadedJoints:
-    """What samples do to the joints.
-
-    Attributes:
-        move: (n, 3, n_joints) J_v, m/rad.
-        preload: (n, n_joints) torque without the load, N m.
-        torque: (n, n_joints) torque with it, N m.
-    """
+    """J_v (n, 3, n_joints), m/rad, and the joints' torques without the load and with it, N m."""
 
     move: FloatArray
     preload: FloatArray
@@ -242,9 +214,8 @@ class _LoadedJoints:
 
     def effects(self, breakpoints: FloatArray) -> FloatArray:
         """Return the (n, 3, n_joints, segments) deflection [m] by each segment at unit slope."""
-        parts = segment_torques(self.torque, breakpoints) - segment_torques(
-            self.preload, breakpoints
-        )
+        unloaded = segment_torques(self.preload, breakpoints)
+        parts = segment_torques(self.torque, breakpoints) - unloaded
         return np.asarray(self.move[..., None] * parts[:, None])
 
     def quantiles(self, shares: FloatArray) -> FloatArray:
@@ -262,11 +233,7 @@ def _loaded_joints(
 
 
 def _parsed(text: str, segments: int) -> list[list[float]]:
-    """Return the lists of `given_breakpoints`.
-
-    Raises:
-        ConfigError: a list is not `segments` - 1 positive, increasing numbers.
-    """
+    """Return the lists of `given_breakpoints`; ConfigError for any that does not fit."""
     if not text:
         raise ConfigError("breakpoints=given needs given_breakpoints, in N m")
     example = ",".join(str(20 * number) for number in range(1, segments))

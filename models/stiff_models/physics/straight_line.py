@@ -70,7 +70,7 @@ class Symbol:
     negative: bool = False
 
     def __neg__(self) -> Symbol:
-        """Return the opposite; no step is written."""
+        """Write no step: the sign waits."""
         return Symbol(self.tape, self.number, not self.negative)
 
     def __add__(self, other: Symbol | float) -> Symbol:
@@ -119,7 +119,6 @@ def tape_with(*sizes: int) -> tuple[Tape, list[list[Symbol]]]:
 
 
 def _operand(value: Symbol | float) -> tuple[Operand, bool]:
-    """Return an operand without its sign, and whether that is negative."""
     if isinstance(value, Symbol):
         return value.number, value.negative
     return repr(abs(float(value))), value < 0.0
@@ -230,7 +229,7 @@ class _Arrangement:
         return self._numbered(steps)
 
     def _own_results(self) -> dict[int, int]:
-        """Return the values that can be written straight to where the caller wants them."""
+        """Values that can be written straight to where the caller wants them."""
         return {
             result.number: i
             for i, result in enumerate(self._results)
@@ -251,7 +250,6 @@ class _Arrangement:
         return "buffer", self._n_buffers - 1
 
     def _numbered(self, steps: list[tuple[Any, list[tuple[str, int]]]]) -> Program:
-        """Return the program with one row of numbers for all kinds of places."""
         first = {"input": 0, "result": self._tape.n_inputs}
         first["constant"] = first["result"] + len(self._results)
         first["buffer"] = first["constant"] + len(self._constants)

@@ -9,43 +9,34 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
 from stiff_models.base import FittedModel
 from stiff_models.physics.congruence import linearised_at_best, loaded_deflection
-from stiff_models.physics.identification import identify, stiffness_error
-from stiff_models.physics.joint_springs import joint_deflection
-from stiff_models.physics.kinematics import jacobian, unit_deflections
+from stiff_models.physics.identification import Identified, identify, stiffness_error
+from stiff_models.physics.kinematics import jacobian, joint_deflection, unit_deflections
 from stiff_protocols.contract.errors import StiffBenchWarning
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
 
 @dataclass(frozen=True, eq=False)
-class IdentifiedJoints:
-    """Joint springs identified from samples.
+class IdentifiedJoints(Identified):
+    """One spring a joint, base to tip.
 
     Attributes:
-        names: joint names, base to tip.
-        compliance: (n_joints,) rad/(N m), non-negative. Of joints that the data cannot tell apart
-            only the sum of their effects on the samples means anything.
-        stiffness: (n_joints,) N m/rad; infinite for a joint found rigid, NaN where the data
-            cannot tell.
+        names: of the joints.
         standard_error: (n_joints,) of the stiffness, N m/rad, from the residual variance; NaN
             where there is none (not identifiable, rigid, or no degree of freedom left).
-        rank: rank of the regressor.
-        condition: condition number of the column-scaled regressor over its identifiable part.
-        unidentifiable: names of the joints that the data cannot identify.
     """
 
     names: tuple[str, ...]
-    compliance: FloatArray
-    stiffness: FloatArray
     standard_error: FloatArray
-    rank: int
-    condition: float
-    unidentifiable: tuple[str, ...]
+
+    @property
+    def unidentifiable(self) -> tuple[str, ...]:
+        """Names of the joints that the data cannot identify."""
+        return tuple(name for name, known in zip(self.names, self.known, strict=True) if not known)
 
 
 def compliance_regressor(robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
@@ -65,7 +56,7 @@ def identify_joints(
             condition number and standard errors are then those of the problem at its solution.
 
     Raises:
-        ModelError: no joint can be identified (for example, every wrench is zero).
+        ModelError: no joint can be identified.
     """
     if congruence:
         problem = linearised_at_best(robot, samples)
@@ -76,17 +67,9 @@ def identify_joints(
     found = identify(matrix, target)
     error = stiffness_error(matrix, target, found.compliance)
     return IdentifiedJoints(
+        **vars(found),
         names=robot.joint_names,
-        compliance=found.compliance,
-        stiffness=found.stiffness,
         standard_error=np.where(found.known, error, np.nan),
-        rank=found.rank,
-        condition=found.condition,
-        unidentifiable=tuple(
-            name
-            for name, identified in zip(robot.joint_names, found.known, strict=True)
-            if not identified
-        ),
     )
 
 
@@ -96,35 +79,21 @@ class VirtualJointModel(FittedModel):
 
     Attributes:
         congruence: whether the load's own stiffness counts (conservative congruence, K - K_g);
-            predictions then are no longer linear in the wrench.
-        robot_: the robot it was fitted for; `predict` is valid for that robot alone.
+            predictions then are no longer linear in the wrench, and a load beyond buckling is a
+            ModelError.
         joints_: what was identified.
         diagnostics_: stiffnesses, rank and condition number, by name and unit.
     """
 
     congruence: bool = False
 
-    def fit(
-        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
-    ) -> Self:
-        """Identify the springs on `train`; `validation` and `seed` are not used.
-
-        Raises:
-            ModelError: no joint can be identified.
-        """
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         self.joints_ = identify_joints(robot, train, congruence=self.congruence)
         self.diagnostics_ = _diagnostics(self.joints_, robot)
         warn_unidentifiable(self.joints_)
         warn_unexplained(self.joints_.compliance, train)
-        self.robot_ = robot
-        return self
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return the (n, 3) deflection.
-
-        Raises:
-            ModelError: with `congruence`, a load is beyond buckling.
-        """
         deflection = loaded_deflection if self.congruence else joint_deflection
         return deflection(self.robot_, self.joints_.compliance, q, wrench)
 
@@ -146,14 +115,14 @@ def warn_unidentifiable(joints: IdentifiedJoints, samples: str = "training sampl
             f"{', '.join(joints.unidentifiable)} (regressor rank {joints.rank} of "
             f"{len(joints.names)}); no value is given, predictions use their joint effect alone",
             StiffBenchWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
 
 
 def warn_unexplained(compliance: FloatArray, samples: Samples) -> None:
     """Warn where every spring was found rigid."""
     if not compliance.any():
-        warnings.warn(why_rigid(samples), StiffBenchWarning, stacklevel=3)
+        warnings.warn(why_rigid(samples), StiffBenchWarning, stacklevel=4)
 
 
 def why_rigid(samples: Samples) -> str:

@@ -1,8 +1,6 @@
-"""`mean`: the mean deflection of the training samples, whatever the pose and the load."""
+"""The reference rows `zero` and `mean`, which see neither the pose nor the load."""
 
 from __future__ import annotations
-
-from typing import Self
 
 import numpy as np
 
@@ -13,30 +11,18 @@ from stiff_protocols.contract.types import FloatArray, Robot, Samples
 class ZeroModel(FittedModel):
     """A rigid robot."""
 
-    def fit(
-        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
-    ) -> Self:
-        """Learn nothing."""
-        self.robot_ = robot
-        return self
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
+        pass
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         return np.zeros((len(q), 3))
 
 
 class MeanModel(FittedModel):
-    """A constant deflection.
+    """A constant: the mean deflection of the training samples, `mean_` (3,) m."""
 
-    `fit` sets `mean_`, the (3,) mean deflection of the training samples, m, base frame.
-    """
-
-    def fit(
-        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
-    ) -> Self:
-        """Take the mean of `train`."""
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         self.mean_ = train.deflection.mean(axis=0)
-        self.robot_ = robot
-        return self
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         return np.tile(self.mean_, (len(q), 1))

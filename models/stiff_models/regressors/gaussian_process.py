@@ -3,8 +3,11 @@
 The covariance is ``s^2 k(r) + noise``, r the distance of two rows in units of the length scales,
 and k a Matern 5/2, ``(1 + x + x^2/3) exp(-x)`` with ``x = sqrt(5) r``, or a squared exponential,
 ``exp(-r^2/2)``: C. E. Rasmussen and C. K. I. Williams, Gaussian Processes for Machine Learning,
-2006, ch. 2 and 4. scikit-learn's process is the same and the tests hold ours against it; it is not
-used because its likelihood takes several times as long, and its fit a second factorisation.
+2006, ch. 2 and 4. The tests hold it against scikit-learn's, whose likelihood takes several times
+as long, and its fit a second factorisation.
+
+Shapes: inputs (n, n_features), outputs (n,), and where an unknown multiple of a trend is in the
+outputs, that trend (n,).
 """
 
 from __future__ import annotations
@@ -36,12 +39,8 @@ class Search:
     """How hyperparameters are looked for.
 
     A step takes a time that grows as the cube of the rows, and a thousand rows say nearly what
-    more would of a dozen or so hyperparameters: the search sees at most `rows` of them.
-
-    Attributes:
-        restarts: searches from random starts, after the first.
-        rows: at most so many of the training rows are looked at, drawn at random.
-        seed: of both.
+    more would of a dozen or so hyperparameters: the search sees at most `rows` of them, drawn at
+    random. `restarts` searches from random starts follow the first; `seed` is of both.
     """
 
     restarts: int
@@ -55,14 +54,7 @@ class Search:
         outputs: FloatArray,
         trend: FloatArray | None = None,
     ) -> Covariance:
-        """Return the likeliest covariance that was found.
-
-        Args:
-            start: where the first search starts; its kind, too.
-            inputs: (n, n_features)
-            outputs: (n,)
-            trend: (n,) that an unknown multiple of is in the outputs.
-        """
+        """Return the likeliest covariance that was found, of the kind of `start`."""
         if len(inputs) > self.rows:
             chosen = np.random.default_rng(self.seed).permutation(len(inputs))[: self.rows]
             inputs, outputs = inputs[chosen], outputs[chosen]
@@ -98,12 +90,6 @@ def log_likelihood(
     """Return the log marginal likelihood and its gradient by `Covariance.theta`.
 
     Minus infinity, and zeros, where rounding leaves the covariance without a Cholesky factor.
-
-    Args:
-        covariance: of the outputs.
-        inputs: (n, n_features)
-        outputs: (n,)
-        trend: (n,), as for `Search.likeliest`.
     """
     scaled, n = covariance.scaled(inputs), len(inputs)
     of_rows, slope = covariance.with_slope(scaled)
@@ -136,7 +122,6 @@ def log_likelihood(
 
 
 def _log_bounds(covariance: Covariance) -> FloatArray:
-    """Return (n_theta, 2) bounds of `Covariance.theta`."""
     noise = [NOISE_BOUNDS] if covariance.noise else []
     return np.log([VARIANCE_BOUNDS, *[LENGTH_BOUNDS] * len(covariance.lengths), *noise])
 
@@ -172,7 +157,7 @@ class Covariance:
         return np.asarray(np.log([self.variance, *self.lengths, *noise]))
 
     def with_theta(self, theta: FloatArray) -> Covariance:
-        """Return the same covariance with other hyperparameters."""
+        """The same covariance with other hyperparameters."""
         variance, *others = np.exp(theta)
         n_lengths = len(self.lengths)
         noise = float(others[-1]) if self.noise else 0.0
@@ -190,13 +175,8 @@ class Covariance:
     ) -> Iterator[tuple[slice, FloatArray]]:
         """Yield rows of the (m, n) covariance without noise of `scaled` rows, block by block.
 
-        Args:
-            first: (m, n_features)
-            second: (n, n_features)
-            fewest: rows of a block, at least.
-
-        Yields:
-            Which rows of `first`, and their (rows, n) covariance; the next block overwrites it.
+        A block has at least `fewest` rows. What is yielded says which rows of `first` it holds; the
+        next block overwrites it.
         """
         left, right = _factors(first, second)
         size = max(1, min(len(first), max(fewest, _BLOCK // len(second))))
@@ -232,20 +212,14 @@ class Covariance:
     def factor(self, of_rows: FloatArray) -> FloatArray:
         """Return the (n, n) lower Cholesky factor of training outputs' covariance.
 
-        Args:
-            of_rows: (n, n) covariance of the rows without noise; it is written over.
-
-        Raises:
-            numpy.linalg.LinAlgError: rounding leaves none.
+        `of_rows` is the (n, n) covariance of the rows without noise; it is written over.
+        LinAlgError: rounding leaves none.
         """
         of_rows[np.diag_indices(len(of_rows))] += self.noise + self.jitter
         return np.asarray(cholesky(of_rows.T, lower=True, overwrite_a=True, check_finite=False))
 
     def _correlate(self, squares: FloatArray, slope: FloatArray, decay: FloatArray) -> None:
-        """Turn squared distances of `scaled` rows into k, and fill its slope; `decay` is scratch.
-
-        All have the same shape.
-        """
+        """Turn squared distances of `scaled` rows into k and fill its slope; `decay` is scratch."""
         np.maximum(squares, 0.0, out=squares)
         if self.kernel == "rbf":
             squares *= -0.5
@@ -288,11 +262,7 @@ class GaussianProcess:
         outputs: FloatArray,
         trend: FloatArray | None = None,
     ) -> GaussianProcess:
-        """Return the process given (n, n_features) inputs, (n,) outputs and their (n,) trend.
-
-        Raises:
-            ModelError: the rows' covariance has no Cholesky factor.
-        """
+        """Return the process given these rows; ModelError where they cannot be solved."""
         rows = covariance.scaled(inputs)
         try:
             factor = covariance.factor(covariance.between(rows, rows))
@@ -305,7 +275,7 @@ class GaussianProcess:
         return cls(covariance, rows, factor, weights, rho)
 
     def mean(self, inputs: FloatArray) -> FloatArray:
-        """Return the (n,) predicted outputs, less their trend, at (n, n_features) inputs."""
+        """Return the (n,) predicted outputs, less their trend."""
         scaled, mean = self.covariance.scaled(inputs), np.empty(len(inputs))
         for part, between in self.covariance.blocks(scaled, self.rows):
             mean[part] = between @ self.weights
@@ -325,14 +295,9 @@ class GaussianProcess:
 def weights_and_rho(
     factor: FloatArray, outputs: FloatArray, trend: FloatArray | None
 ) -> tuple[FloatArray, float]:
-    """Return the (n,) weights of a process and the scale of its trend.
+    """Return the (n,) weights of a process and the generalised least-squares scale of its trend.
 
-    The scale is the generalised least-squares one; 0 where the trend does not move at all.
-
-    Args:
-        factor: (n, n) lower Cholesky factor of the outputs' covariance.
-        outputs: (n,)
-        trend: (n,), or None.
+    `factor` is the lower Cholesky factor of the outputs' covariance; 0 is the scale of no trend.
     """
     weights = cho_solve((factor, True), outputs, check_finite=False)
     if trend is None:

@@ -1,13 +1,10 @@
-"""`gp`: a Gaussian process from pose and load to deflection, one an axis.
-
-See `gaussian_process` for the covariance and `likelihood` for its hyperparameters.
-"""
+"""`gp`: a Gaussian process from pose and load to deflection, one an axis."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Annotated, Self
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge
@@ -36,14 +33,7 @@ class GaussianProcessModel(StandardisedModel):
     restarts: Annotated[int, Ge(0)] = 1
     search_rows: Annotated[int, Ge(2)] = 1000
 
-    def fit(
-        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
-    ) -> Self:
-        """Choose the hyperparameters by the marginal likelihood of `train`.
-
-        Raises:
-            ModelError: the rows' covariance cannot be solved.
-        """
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         inputs, targets = self._standardised(robot, train)
         start, search = self._start(inputs.shape[1]), self._search(seed)
         self.processes_ = tuple(
@@ -51,20 +41,11 @@ class GaussianProcessModel(StandardisedModel):
             for axis in targets.T
         )
         self.diagnostics_ = noise_in_mm(self.processes_, self.output_scaler_.scale)
-        self.robot_ = robot
-        return self
 
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
         """Return the central interval of each axis' predictive normal, its noise included.
 
-        Args:
-            q: (n, n_joints) joint positions, rad or m.
-            wrench: (n, 6) N and N m at the TCP, base frame.
-            coverage: probability, between 0 and 1.
-
-        Raises:
-            NotFittedError: `fit` was not called.
-            ModelError: the shapes are not those of the robot fitted for.
+        Arguments and errors as of `predict`; `coverage` (0..1) is of each axis alone.
         """
         q, wrench = self._checked(q, wrench)
         inputs, scaler = self._inputs(self.robot_, q, wrench), self.output_scaler_
@@ -75,11 +56,11 @@ class GaussianProcessModel(StandardisedModel):
         return self.output_scaler_.undo(self._means(self._inputs(self.robot_, q, wrench)))
 
     def _means(self, inputs: FloatArray) -> FloatArray:
-        """Return the predictive means (n, 3), standardised."""
+        """The predictive means (n, 3), standardised."""
         return np.stack([process.mean(inputs) for process in self.processes_], axis=1)
 
     def _deviations(self, inputs: FloatArray) -> FloatArray:
-        """Return the predictive standard deviations (n, 3), standardised."""
+        """The predictive standard deviations (n, 3), standardised."""
         return np.stack([process.deviation(inputs) for process in self.processes_], axis=1)
 
     def _search(self, seed: int) -> Search:
@@ -98,12 +79,7 @@ class GaussianProcessModel(StandardisedModel):
 
 
 def noise_in_mm(processes: Iterable[GaussianProcess], scale: FloatArray) -> dict[str, float]:
-    """Return the standard deviation of each axis' noise term, by name and unit.
-
-    Args:
-        processes: one an axis.
-        scale: (3,) m, what their targets were divided by.
-    """
+    """Standard deviation of each axis' noise; `scale` (3,) m is what targets were divided by."""
     return {
         f"noise {axis.upper()} [mm]": float(np.sqrt(process.covariance.noise) * size * 1e3)
         for axis, process, size in zip(AXES, processes, scale, strict=True)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Self
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge
 
-from stiff_models.physics.joint_springs import joint_deflection
+from stiff_models.physics.kinematics import joint_deflection
 from stiff_models.regressors.gaussian_process import Covariance, GaussianProcess, Search
 from stiff_models.regressors.gp import GaussianProcessModel, noise_in_mm
 from stiff_models.transfer.source import PoseDesign, WrenchDesign, drawn_from
@@ -18,12 +18,7 @@ from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
 
 @dataclass(frozen=True, eq=False)
 class CoKriging:
-    """A fitted two-fidelity process.
-
-    Attributes:
-        low: process of the low fidelity.
-        delta: process of what `rho` times the low fidelity leaves.
-    """
+    """A fitted two-fidelity process: `delta` is of what `rho` times the low fidelity leaves."""
 
     low: GaussianProcess
     delta: GaussianProcess
@@ -34,14 +29,11 @@ class CoKriging:
         return self.delta.rho
 
     def mean(self, inputs: FloatArray) -> FloatArray:
-        """Return the (n,) predicted high fidelity at (n, n_features) inputs."""
+        """Return the (n,) predicted high fidelity."""
         return self.rho * self.low.mean(inputs) + self.delta.mean(inputs)
 
     def deviation(self, inputs: FloatArray) -> FloatArray:
-        """Return the (n,) predictive standard deviation, delta's noise included.
-
-        rho counts as known.
-        """
+        """Return the (n,) standard deviation, delta's noise included; rho counts as known."""
         low = self.rho * self.low.deviation(inputs)
         return np.asarray(np.hypot(low, self.delta.deviation(inputs)))
 
@@ -61,9 +53,6 @@ def fit_co_kriging(
         cheap: inputs (m, n_features) and low-fidelity outputs (m,).
         dear: inputs (n, n_features) and high-fidelity outputs (n,).
         search: for the hyperparameters of each level.
-
-    Raises:
-        ModelError: a level's covariance cannot be solved.
     """
     below = GaussianProcess.of(search.likeliest(low, *cheap), *cheap)
     trend = below.mean(dear[0])
@@ -72,7 +61,7 @@ def fit_co_kriging(
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class MultiFidelityGp(SourceModel, GaussianProcessModel):
-    """Two-fidelity co-kriging, one an axis; see `co_kriging`.
+    """Two-fidelity co-kriging, one an axis.
 
     Its few simulated samples should lie where the measured ones do, so that the source is a Sobol
     design over the training samples' ranges unless another is asked for. With another robot's
@@ -88,15 +77,7 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
     restarts: Annotated[int, Ge(0)] = 0
     source_samples: Annotated[int, Ge(1)] = 256
 
-    def fit(
-        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
-    ) -> Self:
-        """Identify the VJM on `train`, simulate it, and fit both levels.
-
-        Raises:
-            ConfigError: the source cannot be made for the robot.
-            ModelError: no joint can be identified, or a level cannot be solved.
-        """
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         inputs, targets = self._standardised(robot, train)
         origin = self._origin(train, robot)
         compliance = self._source_compliance(origin.samples, origin.robot)
@@ -123,8 +104,6 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
             **{f"rho {a.upper()}": c.rho for a, c in zip(AXES, self.levels_, strict=True)},
             **noise_in_mm([level.delta for level in self.levels_], self.output_scaler_.scale),
         }
-        self.robot_ = robot
-        return self
 
     def _means(self, inputs: FloatArray) -> FloatArray:
         return np.stack([level.mean(inputs) for level in self.levels_], axis=1)

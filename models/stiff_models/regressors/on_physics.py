@@ -1,13 +1,12 @@
-"""The one residual wrapper: physics + learner.
+"""The one residual wrapper: the VJM is identified, and a learner learns what it leaves.
 
-A family is ``class VjmX(OnPhysics, X)``: the physics is identified on the training samples, and X
-learns what it leaves.
+A family is ``class VjmX(OnPhysics, X)``.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 from stiff_models.physics.full_vjm import FullVjm
 from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
@@ -29,34 +28,22 @@ _FAMILIES: dict[Physics, Any] = {
 class OnPhysics:
     """Mixin before a learner: the learner's samples are the physics' residuals.
 
+    Validation rows serve the learner alone.
+
     Attributes:
         physics: what is identified first, with its default options.
     """
 
     physics: Physics = "vjm"
 
-    def fit(
-        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
-    ) -> Self:
-        """Identify the physics on `train`, then let the learner learn the residuals.
-
-        `validation` serves the learner alone; the physics never sees it.
-
-        Raises:
-            ModelError: the physics cannot be identified or the learner cannot be fitted.
-        """
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         vars(self).pop("diagnostics_", None)  # an earlier fit's
         self.physics_ = _FAMILIES[self.physics]().fit(train, robot=robot, seed=seed)
         learner: Any = super()
-        learner.fit(
-            self._residual(train),
-            robot=robot,
-            validation=None if validation is None else self._residual(validation),
-            seed=seed,
-        )
+        residuals = None if validation is None else self._residual(validation)
+        learner._fit(self._residual(train), robot, residuals, seed)
         learned: dict[str, float] = vars(self).get("diagnostics_", {})
         self.diagnostics_ = {**self.physics_.diagnostics_, **learned}
-        return self
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         learner: Any = super()
@@ -74,14 +61,7 @@ class VjmGp(OnPhysics, GaussianProcessModel):
     """Physics plus a Gaussian-process residual."""
 
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
-        """Return the residual's interval around the physics; see `GaussianProcessModel`.
-
-        The physics counts as known: its own uncertainty is not in the width.
-
-        Raises:
-            NotFittedError: `fit` was not called.
-            ModelError: the shapes are not those of the robot fitted for.
-        """
+        """Return the residual's interval around the physics, which counts as known."""
         residual, base = (
             super().predict_interval(q, wrench, coverage),
             self.physics_.predict(q, wrench),

@@ -15,24 +15,18 @@ def missing_pytabkit() -> str:
 def missing_tabpfn(model_path: str = "") -> str:
     """Return why `tabpfn` cannot be used here: no package, or no weights; "" where it can.
 
-    Args:
-        model_path: the file of weights; "": the package's default in its own cache folder.
+    `model_path` is the file of weights; "": the package's default in its own cache folder.
     """
-    return missing("tabpfn") or missing_weights(model_path)
-
-
-def missing_weights(model_path: str) -> str:
-    """Return which file of weights is missing; "" where it is there.
-
-    Args:
-        model_path: the file; "": the package's default in its own cache folder.
-    """
+    if reason := missing("tabpfn"):
+        return reason
     file = Path(model_path) if model_path else _default_weights()
-    if file.is_file():
-        return ""
     return (
-        f"needs its weights, {file} is not there (nothing is downloaded at run time): "
-        "set tabpfn.model_path to a file of a TabPFN regressor"
+        ""
+        if file.is_file()
+        else (
+            f"needs its weights, {file} is not there (nothing is downloaded at run time): "
+            "set tabpfn.model_path to a file of a TabPFN regressor"
+        )
     )
 
 

@@ -7,7 +7,7 @@ from abc import abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt
@@ -25,27 +25,17 @@ from stiff_protocols.contract.types import FloatArray, Robot, Samples
 class RegressorModel(StandardisedModel):
     """Base of the families whose learner has scikit-learn's `fit` and `predict`."""
 
-    def fit(
-        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
-    ) -> Self:
-        """Fit the regressor to `train`; few families look at `validation`.
-
-        Raises:
-            ModelError: the regressor cannot be fitted.
-        """
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         rows = self._standardised(robot, train)
         self.regressor_ = self._regressor(seed)
         with numpys_seed(seed):
             self._learn(rows, None if validation is None else self._rows(robot, validation))
-        self.robot_ = robot
-        return self
 
     @abstractmethod
     def _regressor(self, seed: int) -> Any:
-        """Return a new regressor of (n, 3) targets with scikit-learn's `fit` and `predict`."""
+        """A new regressor of (n, 3) targets with scikit-learn's `fit` and `predict`."""
 
     def _learn(self, train: StandardisedRows, validation: StandardisedRows | None) -> None:
-        """Fit `regressor_`."""
         with told_as_ours():
             self.regressor_.fit(*train)
 

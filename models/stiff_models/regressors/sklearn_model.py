@@ -31,19 +31,15 @@ _DOT = "/"
 class SklearnModel(RegressorModel):
     """A regressor of scikit-learn on standardised features and deflections.
 
-    A regressor of one output is fitted once an axis. A regressor that has a `random_state` gets
-    the seed of the fit, unless the option is set.
+    A regressor of one output is fitted once an axis. One that has a `random_state` gets the seed of
+    the fit, unless the option is set.
     """
 
     key: ClassVar[str]
     estimator_class: ClassVar[type[BaseEstimator]]
 
     def check_params(self) -> None:
-        """Check the options as the regressor itself would when it is fitted.
-
-        Raises:
-            ConfigError: a value has the wrong type or range.
-        """
+        """Check the options as the regressor itself does in a fit; ConfigError for a wrong one."""
         try:
             self._regressor(0)
             self._estimator()._validate_params()
@@ -129,7 +125,7 @@ def __getattr__(name: str) -> type[SklearnModel]:
 
 
 def _documented_types(estimator: type) -> dict[str, str]:
-    """Return what a class's numpydoc "Parameters" say of each: types, range, default."""
+    """What a class's numpydoc "Parameters" say of each: types, range, default."""
     text = inspect.cleandoc(estimator.__doc__ or "").partition("Parameters\n---")[2]
     found = re.findall(r"^(\w+) ?: (.+(?:\n {12,}\S.*)*)", text, re.MULTILINE)
     return {name: " ".join(kind.split()) for name, kind in reversed(found)}
@@ -152,7 +148,6 @@ def literal(value: Any) -> Any:
 
 
 def _regressor_class(key: str, path: str) -> type[BaseEstimator]:
-    """Return scikit-learn's class of a path such as "ensemble.RandomForestRegressor"."""
     module, _, name = path.rpartition(".")
     try:
         found = getattr(importlib.import_module(f"sklearn.{module}"), name) if module else None

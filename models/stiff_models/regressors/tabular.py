@@ -1,4 +1,4 @@
-"""What the families share that wrap a network of the package pytabkit."""
+"""Networks for tables: `realmlp` and `tabm` of the package pytabkit, and `tabpfn`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ import torch
 from annotated_types import Ge
 from sklearn.multioutput import MultiOutputRegressor
 
-from stiff_models.device import Device, RunsOnDevice, torch_device
+from stiff_models.device import RunsOnDevice, torch_device
 from stiff_models.regressors.optional_packages import missing_tabpfn
 from stiff_models.regressors.regressor_model import RegressorModel, for_three_outputs
 from stiff_models.regressors.standardised_model import StandardisedRows
@@ -35,18 +35,12 @@ class PytabkitModel(RunsOnDevice, RegressorModel):
 
     Attributes:
         epochs: length of the training; None: pytabkit's default.
-        device: where the network runs.
     """
 
     epochs: Annotated[int, Ge(1)] | None = None
-    device: Device = "auto"
 
     def save(self, path: Path) -> None:
-        """Refuse: a fitted pytabkit object can only be pickled.
-
-        Raises:
-            NotSavable: always.
-        """
+        """Raise NotSavable: a fitted pytabkit object can only be pickled."""
         raise NotSavable(f"{type(self).__name__} cannot be saved: pytabkit only pickles")
 
     @abstractmethod
@@ -124,22 +118,16 @@ class TabPfn(RunsOnDevice, RegressorModel):
     Attributes:
         model_path: file of weights of a TabPFN regressor (.ckpt); empty: the package's default
             file in its own cache folder.
-        device: where the network runs.
     """
 
     model_path: str = ""
-    device: Device = "auto"
 
     def missing(self) -> str:
         """Return why it cannot be used here: no package, or no weights; "" where it can."""
         return missing_tabpfn(self.model_path)
 
     def save(self, path: Path) -> None:
-        """Refuse: the weights' licence is not ours to pass on.
-
-        Raises:
-            NotSavable: always.
-        """
+        """Raise NotSavable: the weights' licence is not ours to pass on."""
         raise NotSavable("a TabPFN cannot be saved: its weights are not ours to pass on")
 
     def _regressor(self, seed: int) -> Any:

@@ -1,10 +1,11 @@
-"""Two distances between feature samples that were made for regression: RSD and DARE-GRAM.
+"""Distances of source and target features, and the objective of `dt-cnn` that is made of them.
 
-Both compare subspaces, not distributions: adapting the scale of the features, as the other
-distances do, harms a regression. They are defined on batches of equal length that have fewer rows
-than features (36 in both papers): more rows than features span the whole space.
-
+RSD and DARE-GRAM were made for regression: they compare subspaces, not distributions, as adapting
+the scale of the features harms a regression. They are defined on batches of equal length that have
+fewer rows than features (36 in both papers): more rows than features span the whole space.
 Singular vectors have no finite derivative where singular values meet; `smooth_svd` bounds it.
+
+`source` is (n_s, d) and `target` (n_t, d) features, unless a function says otherwise.
 """
 
 from __future__ import annotations
@@ -66,13 +67,8 @@ def domain_loss(
 ) -> torch.Tensor:
     """Return the discriminator's binary cross-entropy, each domain with half of the weight.
 
-    ``-(mean log D(s) + mean log(1 - D(t))) / 2`` with D the probability of the source.
-
-    Args:
-        discriminator: (n, d) features -> (n, 1) logits.
-        source: (n_s, d)
-        target: (n_t, d)
-        strength: of the reversed gradient that reaches the features.
+    ``-(mean log D(s) + mean log(1 - D(t))) / 2`` with D the probability of the source; `strength`
+    is of the reversed gradient that reaches the features.
     """
     logits = discriminator(reverse_gradient(torch.cat([source, target]), strength))
     softplus = torch.nn.functional.softplus
@@ -91,10 +87,6 @@ def mk_mmd(source: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
     ``k(x, y) = sum_u exp(-|x - y|^2 / (b 2^u))``, u = -2..2, and b the mean squared distance of two
     different rows of both samples together, which carries no gradient. Long et al., "Learning
     Transferable Features with Deep Adaptation Networks", ICML 2015, in the form of UDTL.
-
-    Args:
-        source: (n_s, d)
-        target: (n_t, d)
     """
     return _mean_discrepancy(_kernel(source, target, KERNEL_FACTORS), len(source))
 
@@ -103,14 +95,9 @@ def jmmd(source: Sequence[torch.Tensor], target: Sequence[torch.Tensor]) -> torc
     """Return the squared joint maximum mean discrepancy of bottleneck features and outputs.
 
     `mk_mmd` with the product of one kernel a layer: the five Gaussian kernels on the features and
-    one, with the mean squared distance as its bandwidth, on the outputs. Long et al., "Deep
+    one, with the mean squared distance as its bandwidth, on the (n, m) outputs. Long et al., "Deep
     Transfer Learning with Joint Adaptation Networks", ICML 2017. (UDTL fixes the bandwidth of the
-    last kernel at 1.68, which fits class probabilities; outputs of a regression have no such
-    scale.)
-
-    Args:
-        source: features (n_s, d) and outputs (n_s, m).
-        target: features (n_t, d) and outputs (n_t, m).
+    last kernel at 1.68, which fits class probabilities alone.)
     """
     features = _kernel(source[0], target[0], KERNEL_FACTORS)
     outputs = _kernel(source[1], target[1], (1.0,))
@@ -121,11 +108,7 @@ def coral(source: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
     """Return ``|C_s - C_t|_F^2 / (4 d^2)`` of the features' covariances, with 1/(n-1).
 
     Sun and Saenko, "Deep CORAL", ECCV Workshops 2016. (UDTL's own variant works on the logits and
-    leaves out 1/(n-1).)
-
-    Args:
-        source: (n_s, d), n_s > 1
-        target: (n_t, d), n_t > 1
+    leaves out 1/(n-1).) Both domains need two rows.
     """
     difference = _covariance(source) - _covariance(target)
     return difference.square().sum() / (4 * source.shape[1] ** 2)
@@ -165,13 +148,9 @@ EIGENVALUE_TOLERANCE = 1e-10  # eigenvalues below this share of the largest are 
 def rsd(source: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
     """Return the representation subspace distance with its bases mismatch penalty.
 
-    With the left singular vectors U_s, U_t of the transposed features and
+    With the left singular vectors U_s, U_t of the transposed features (n < d rows in both) and
     ``U_s^T U_t = P_s diag(cos theta) P_t^T``, it is ``sum sin theta_i + 0.1 | |P_s| - |P_t| |_F``.
     Chen et al., "Representation Subspace Distance for Domain Adaptation Regression", ICML 2021.
-
-    Args:
-        source: (n, d), n < d
-        target: (n, d)
     """
     bases = [smooth_svd(values.double().T)[0] for values in (source, target)]  # (d, n)
     left, cosine, right = smooth_svd(bases[0].T @ bases[1])
@@ -189,11 +168,8 @@ def dare_gram(source: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
     ``0.05 mean_j (1 - cos(G_s^+[:, j], G_t^+[:, j])) + 0.001 |l_s[:k] - l_t[:k]| / k``.
     k is the larger one of both domains' numbers of leading eigenvalues with a share of at most 0.9,
     less one as in the published code, and at least 1. Nejjar et al., "DARE-GRAM: Unsupervised
-    Domain Adaptation Regression by Aligning Inversed Gram Matrices", CVPR 2023.
-
-    Args:
-        source: (n, d), n > 1
-        target: (n, d)
+    Domain Adaptation Regression by Aligning Inversed Gram Matrices", CVPR 2023. Both domains have n
+    rows.
     """
     spectra, axes = [], []
     for values in (source.double(), target.double()):
@@ -227,11 +203,7 @@ def _leading(spectrum: torch.Tensor) -> int:
 
 
 def smooth_svd(matrix: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Return U, S and V of ``matrix = U diag(S) V^T``, thin, with bounded derivatives.
-
-    Args:
-        matrix: (m, n), float64.
-    """
+    """Return U, S and V of a float64 ``matrix = U diag(S) V^T``, thin, with bounded derivatives."""
     left, singular, right = _SmoothSvd.apply(matrix)  # type: ignore[no-untyped-call]
     return left, singular, right
 
@@ -285,11 +257,8 @@ def uses_target(alignment: Alignment) -> bool:
 def ramp(progress: float) -> float:
     """Return lambda, the weight of the alignment: ``2 / (1 + exp(-10 p)) - 1``.
 
-    p goes from 0 to 1 over the part of the training that follows `SOURCE_ONLY`; before it lambda
-    is 0. Ganin et al. 2016; in the form of UDTL.
-
-    Args:
-        progress: share of the training that is done, 0..1.
+    p goes from 0 to 1 over the part of the training (`progress` 0..1) that follows `SOURCE_ONLY`;
+    before it lambda is 0. Ganin et al. 2016; in the form of UDTL.
     """
     aligned = max(0.0, (progress - SOURCE_ONLY) / (1.0 - SOURCE_ONLY))
     return 2.0 / (1.0 + math.exp(-10.0 * aligned)) - 1.0
@@ -316,16 +285,7 @@ class AlignedObjective:
         loss: Loss,
         seed: int,
     ) -> None:
-        """Store the parts.
-
-        Args:
-            network: that is being trained.
-            target: (n, n_inputs) inputs of the target's training rows.
-            alignment: which distance; one that `uses_target`.
-            weight: of the distance.
-            loss: on the source batch.
-            seed: order of the target's batches and first weights of a discriminator.
-        """
+        """Store the parts; `target` is (n, n_inputs), `seed` of its batches and a discriminator."""
         self.network = network
         self.target = target
         self.alignment = alignment

@@ -134,14 +134,11 @@ def build_cnn(n_inputs: int, *, pool: Pool, dropout: float, per_sample: bool, se
 
 @torch.no_grad()
 def adapt_statistics(network: Cnn, inputs: torch.Tensor) -> None:
-    """Take the batch statistics anew from `inputs` alone; nothing else in the network changes.
+    """Take the batch statistics anew from (n > 1, n_inputs) `inputs` of the target alone, in place.
 
     AdaBN: Li et al., "Adaptive Batch Normalization for Practical Domain Adaptation", 2018. All
     rows pass at once, so that every layer sees what the layer before it gives after adaptation.
-
-    Args:
-        network: changed in place, left in evaluation mode.
-        inputs: (n, n_inputs), of the target domain; n > 1.
+    The network is left in evaluation mode.
     """
     network.eval()
     for module in network.norms():

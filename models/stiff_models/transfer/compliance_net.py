@@ -18,8 +18,7 @@ from annotated_types import Ge
 from stiff_models.device import torch_device
 from stiff_models.networks.features import Scaler, encode
 from stiff_models.networks.network import build_network, linear_layers
-from stiff_models.networks.torch_kinematics import TorchJacobian
-from stiff_models.networks.torch_parts import EncodedNetwork, bent_joints
+from stiff_models.networks.torch_parts import EncodedNetwork, TorchJacobian
 from stiff_models.networks.training_plan import TrainingPlan
 from stiff_models.physics.kinematics import jacobian, joint_torque
 from stiff_models.transfer.ft_mlp import GENTLE, FtMlp
@@ -31,9 +30,7 @@ _SOFTPLUS_0 = math.log(2.0)
 class ComplianceNetwork(torch.nn.Module):
     """Turns features and the VJM's regressor into deflections.
 
-    Args:
-        body: maps (n, n_features) to (n, n_joints); its output layer starts at zero.
-        n_joints: number of joints.
+    `body` maps (n, n_features) to (n, n_joints); its output layer starts at zero.
     """
 
     def __init__(self, body: torch.nn.Sequential, n_joints: int) -> None:
@@ -66,38 +63,20 @@ class ComplianceNet(FtMlp):
     source_stiffness=nominal. From another robot's source come the compliances that training begins
     with, and a pre-training in that robot's own kinematics; predictions and fine-tuning are in the
     kinematics of the robot that is fitted for.
-
-    Attributes:
-        freeze: which layers move in fine-tuning: "layers:1,2" (hidden layers from 1, "out" for the
-            output layer; any set), "first:k", "last:k", "full", "head", "gradual",
-            "discriminative", "l2sp", "lp-ft", "bias".
-        pretrain_steps: length of the pre-training; none: the recipe's.
     """
 
     freeze: str = "full"
     pretrain_steps: Annotated[int, Ge(0)] | None = 0
 
     def compliance(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return the (n, n_joints) compliance of each joint, rad/(N m), at each sample.
-
-        Args:
-            q: (n, n_joints) rad.
-            wrench: (n, 6) N and N m at the TCP, base frame.
-
-        Raises:
-            NotFittedError: `fit` was not called.
-            ModelError: the shapes are not those of the robot fitted for.
-        """
+        """Return the (n, n_joints) joint compliances, rad/(N m); arguments as of `predict`."""
         features = self._inputs(*self._checked(q, wrench))[:, : -3 * self.robot_.n_joints]
         with torch.no_grad():
-            relative = self._compliances().compliance(features)
+            relative = cast(ComplianceNetwork, self.network_).compliance(features)
         return np.asarray(relative.cpu().double().numpy() * self.reference_compliance_)
 
     def _fine_tuning_recipe(self) -> TrainingPlan:
         return super()._fine_tuning_recipe() if self.recipe == "paper" else GENTLE
-
-    def _compliances(self) -> ComplianceNetwork:
-        return cast(ComplianceNetwork, self.network_)
 
     def _source_compliance(self, samples: Samples, robot: Robot) -> FloatArray:
         compliance = super()._source_compliance(samples, robot)
@@ -133,7 +112,7 @@ class ComplianceNet(FtMlp):
         n_joints = self.robot_.n_joints
         compliance = EncodedNetwork(
             self.robot_,
-            torch.nn.Sequential(self._compliances().body, torch.nn.Softplus()),
+            torch.nn.Sequential(cast(ComplianceNetwork, self.network_).body, torch.nn.Softplus()),
             angle_encoding=self.angle_encoding,
             input_scaler=self.input_scaler_,
             output_scaler=Scaler(np.zeros(n_joints), self.reference_compliance_ / _SOFTPLUS_0),
@@ -141,7 +120,7 @@ class ComplianceNet(FtMlp):
         return _NonlinearSprings(self.robot_, compliance)
 
     def _inputs(self, q: FloatArray, wrench: FloatArray) -> torch.Tensor:
-        """Return features of pose and joint torque, then the regressor in the network's units."""
+        """Features of pose and joint torque, then the regressor in the network's units."""
         translation, torque = _translation_and_torque(self.robot_, q, wrench)
         features = encode(self.robot_, q, torque, self.angle_encoding)
         regressor = translation * (torque * self.reference_compliance_)[:, None, :]
@@ -151,7 +130,7 @@ class ComplianceNet(FtMlp):
 
 
 class _NonlinearSprings(torch.nn.Module):
-    """Joint springs whose compliance is a module's: the prediction as one module."""
+    """Joint springs whose compliance is a module's."""
 
     def __init__(self, robot: Robot, compliance: EncodedNetwork) -> None:
         super().__init__()
@@ -160,13 +139,15 @@ class _NonlinearSprings(torch.nn.Module):
 
     def forward(self, q: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
         rows = self.jacobian(q)
-        torque = (wrench[:, None, :] @ rows)[:, 0]
-        return bent_joints(rows, self.compliance(q, torque), wrench)
+        torque = (wrench[:, None, :] @ rows)[:, 0]  # (n, n_joints)
+        turn = self.compliance(q, torque) * torque
+        deflection: torch.Tensor = rows[:, :3] @ turn[:, :, None]
+        return deflection[:, :, 0]
 
 
 def _translation_and_torque(
     robot: Robot, q: FloatArray, wrench: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return J_v (n, 3, n_joints) and J^T w (n, n_joints)."""
+    """J_v (n, 3, n_joints) and J^T w (n, n_joints)."""
     rows = jacobian(robot, q)
     return rows[:, :3], joint_torque(rows, wrench)

@@ -8,7 +8,7 @@ they have learned little. Here the members are `ft-mlp`, each with its own pre-t
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Annotated, Self
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -28,25 +28,16 @@ HELD_OUT = 0.2  # share of the training poses that the residuals of the interval
 class DeepEnsemble(FtMlp):
     """Mean of `members` fine-tuned MLPs; every option of `ft-mlp` is every member's.
 
+    The residual scatter of the intervals is that of one more network on four fifths of the training
+    poses, on the rest of them.
+
     Attributes:
         members: how many; the first has the seed, and so the pre-training, that ft-mlp has.
     """
 
     members: Annotated[int, Ge(2)] = 5
 
-    def fit(
-        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
-    ) -> Self:
-        """Fit each member as `ft-mlp`, with seeds drawn from `seed`.
-
-        The residual scatter of the intervals is that of one more network on a fifth of the
-        training poses, which it did not learn from.
-
-        Raises:
-            ConfigError: the freeze strategy does not fit the network, or the source the robot.
-            ModelError: no joint can be identified, a training diverged, or all training samples
-                are of one pose.
-        """
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         self.check_params()
         parts = inner_validation(train, np.arange(len(train)), HELD_OUT, seed)
         if not len(parts.validation):
@@ -65,21 +56,12 @@ class DeepEnsemble(FtMlp):
         )
         error = probe.predict(held_out.q, held_out.wrench) - held_out.deflection
         self.noise_ = np.sqrt((error**2).mean(axis=0))  # (3,) m
-        self.robot_ = robot
         self.diagnostics_ = {"members": float(self.members)} | self.members_[0].diagnostics_
-        return self
 
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
         """Return normal intervals: variance among the members plus that of the residuals.
 
-        Args:
-            q: (n, n_joints) rad.
-            wrench: (n, 6) N and N m at the TCP, base frame.
-            coverage: probability, between 0 and 1, of each axis alone.
-
-        Raises:
-            NotFittedError: `fit` was not called.
-            ModelError: the shapes are not those of the robot fitted for.
+        Arguments and errors as of `predict`; `coverage` (0..1) is of each axis alone.
         """
         members = self._of_members(*self._checked(q, wrench))
         deviation = np.sqrt(members.var(axis=0) + self.noise_**2)
@@ -99,5 +81,5 @@ class DeepEnsemble(FtMlp):
         return MeanOf(member._torch_module() for member in self.members_)
 
     def _of_members(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return (members, n, 3) m."""
+        """(members, n, 3) m."""
         return np.stack([member.predict(q, wrench) for member in self.members_])

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 import numpy as np
 import torch
@@ -58,14 +58,10 @@ def udtl_plan(n_source: int) -> TrainingPlan:
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class DtCnn(SourceModel, EncodedNetworkModel):
-    """Deep-transfer CNN.
+    """Deep-transfer CNN, in two regimes that cannot be compared; a table says in which a row is.
 
-    Two regimes that are not the same contest; a table says in which a row is:
-
-    - `supervision="none"`, as in UDTL: no label of a measured sample trains the network. Even so
-      the training labels identify the joint stiffnesses that make the source, unless
-      `source_stiffness="nominal"` or the source is another robot's.
-    - `supervision="fine-tune"`: afterwards every layer learns from the measured training samples.
+    Even with `supervision="none"`, as in UDTL, the training labels identify the joint stiffnesses
+    that make the source, unless `source_stiffness="nominal"` or the source is another robot's.
 
     Attributes:
         preset: "ours" (no dropout, every feature standardised with the source's statistics) or
@@ -91,24 +87,14 @@ class DtCnn(SourceModel, EncodedNetworkModel):
 
     @property
     def regime(self) -> str:
-        """Say whether measured deflections train the network."""
+        """Whether measured deflections train the network."""
         return self._unlabelled() if self.supervision == "none" else ""
 
     def chooses_epoch(self) -> bool:
-        """Return whether validation rows choose the epoch: only of the fine-tuning."""
+        """Whether validation rows choose the epoch: only of the fine-tuning."""
         return self.supervision == "fine-tune"
 
-    def fit(
-        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
-    ) -> Self:
-        """Learn 70 % of the simulated source, aligned with the inputs of `train`.
-
-        `validation` chooses the epoch of the fine-tuning, and without it the last is kept.
-
-        Raises:
-            ConfigError: the source cannot be made for the robot.
-            ModelError: no joint can be identified, or a training diverged.
-        """
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         origin = self._origin(train, robot)
         domain = self._simulated(origin.samples, origin.robot, seed)
         learn, test = divided(domain, seed)
@@ -119,18 +105,17 @@ class DtCnn(SourceModel, EncodedNetworkModel):
         some = test.take(np.arange(min(len(test), SOURCE_TEST_ROWS)))
         self.source_errors_ = source_errors(self, learn, some)
         self.diagnostics_ = source_report(len(domain), trained.seconds, self.source_errors_)
-        self.robot_ = robot
+        self.robot_ = robot  # predictions are of the target from here on
         if self.supervision == "fine-tune":
             held_out = None if validation is None else self._measured_rows(validation)
             self._fine_tune(self._measured_rows(train), held_out, seed)
-        return self
 
     @property
     def curves_(self) -> dict[str, FloatArray]:
-        """Return the curve of the training on the source, and of a fine-tuning."""
-        found = {"pre-training": self.history_.table()}
+        """The curve of the training on the source, and of a fine-tuning."""
+        found = {"pre-training": self.history_.points}
         if self.supervision == "fine-tune":
-            found["fine-tuning"] = self.fine_tuning_.table()
+            found["fine-tuning"] = self.fine_tuning_.points
         return found
 
     def _transfer(self, rows: Rows, target: torch.Tensor, seed: int) -> Trained:
@@ -173,8 +158,7 @@ class DtCnn(SourceModel, EncodedNetworkModel):
     def _fine_tune(self, rows: Rows, validation: Rows | None, seed: int) -> None:
         """Train every layer on measured rows, with the batch statistics of the pre-training.
 
-        The measured rows are few, and would move the statistics away from what the layers behind
-        them have learned.
+        The measured rows are few, and would move the statistics away from what the layers know.
         """
         self._cnn().freeze_statistics()
         with _seeded(seed):

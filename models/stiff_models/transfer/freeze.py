@@ -46,17 +46,10 @@ class Stage:
 def stages(
     freeze: str, *, hidden_layers: int, epochs: int, unfreeze_every: int, l2sp_alpha: float
 ) -> tuple[Stage, ...]:
-    """Return the stages of a strategy.
+    """Return the stages of a strategy, see above; ConfigError for no such strategy or layer.
 
-    Args:
-        freeze: the strategy, see above.
-        hidden_layers: of the network.
-        epochs: in all stages together.
-        unfreeze_every: epochs between two layers of `gradual`.
-        l2sp_alpha: strength of `l2sp`.
-
-    Raises:
-        ConfigError: no such strategy, or no such layer.
+    `epochs` are those of all stages together, `unfreeze_every` is of `gradual`, `l2sp_alpha` of
+    `l2sp`.
     """
     out = hidden_layers
     everything = dict.fromkeys(range(out + 1), 1.0)
@@ -92,7 +85,6 @@ def _gradual(out: int, epochs: int, unfreeze_every: int) -> tuple[Stage, ...]:
 
 
 def _layers(freeze: str, name: str, argument: str, hidden_layers: int) -> list[int]:
-    """Return the layer numbers, from 0, of `layers:`, `first:` and `last:`."""
     if name != "layers":
         count = _number(freeze, argument, hidden_layers + 1)
         everything = list(range(hidden_layers + 1))

@@ -11,7 +11,7 @@ import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 import numpy as np
 import torch
@@ -64,35 +64,21 @@ class FtMlp(MlpPretrained):
 
     @property
     def regime(self) -> str:
-        """Say nothing: the network learns from the measured deflections."""
+        """Nothing to say: the network learns from the measured deflections."""
         return ""
 
     def check_params(self) -> None:
-        """Check what a single option's type cannot.
-
-        Raises:
-            ConfigError: the device is not there, or the freeze strategy does not fit the network.
-        """
+        """Raise ConfigError where there is no such device, or no such layer to train."""
         super().check_params()
         self._stages(epochs=1)
 
     def chooses_epoch(self) -> bool:
-        """Return whether validation rows choose the epoch."""
+        """Whether validation rows choose the epoch."""
         return self.training == "best"
 
-    def fit(
-        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
-    ) -> Self:
-        """Pre-train as `mlp-pretrained`, then fine-tune on `train`.
-
-        `validation` chooses the epoch, and without it the last is kept.
-
-        Raises:
-            ConfigError: the freeze strategy does not fit the network.
-            ModelError: no joint can be identified, or a training diverged.
-        """
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         self.check_params()
-        super().fit(train, robot=robot, seed=seed)
+        super()._fit(train, robot, None, seed)
         self.source_network_ = copy.deepcopy(self.network_)
         rows = self._measured_rows(train)
         held_out = None if validation is None else self._measured_rows(validation)
@@ -105,15 +91,14 @@ class FtMlp(MlpPretrained):
             "training MAE [mm]": float(learned.mean()) * 1000.0,  # of all axes together
             "training STDE [mm]": float(learned.std()) * 1000.0,
         }
-        return self
 
     @property
     def curves_(self) -> dict[str, FloatArray]:
-        """Return the pre-training's curve and that of each stage of the fine-tuning."""
+        """The pre-training's curve and that of each stage of the fine-tuning."""
         found = super().curves_
         for number, curve in enumerate(self.fine_tuning_, start=1):
             stage = "" if len(self.fine_tuning_) == 1 else f" {number}"
-            found[f"fine-tuning{stage}"] = curve.table()
+            found[f"fine-tuning{stage}"] = curve.points
         return found
 
     def _fine_tuning_plan(self, *, keep_best: bool) -> TrainingPlan:

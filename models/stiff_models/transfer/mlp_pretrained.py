@@ -7,7 +7,7 @@ supplies the source domain's deflections; with another robot's source it does no
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 import numpy as np
 import torch
@@ -68,20 +68,10 @@ class MlpPretrained(SourceModel, NetworkModel):
 
     @property
     def regime(self) -> str:
-        """Say that no measured deflection trains the network."""
+        """No measured deflection trains the network."""
         return self._unlabelled()
 
-    def fit(
-        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
-    ) -> Self:
-        """Identify the VJM on `train`, simulate the source domain, train on 70 % of it.
-
-        `validation` is not used, nor is `train` with another robot's source.
-
-        Raises:
-            ConfigError: the source cannot be made for the robot.
-            ModelError: no joint can be identified, or the training diverged.
-        """
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         origin = self._origin(train, robot)
         domain = self._simulated(origin.samples, origin.robot, seed)
         learn, test = divided(domain, seed)
@@ -97,17 +87,16 @@ class MlpPretrained(SourceModel, NetworkModel):
         self.history_ = trained.curve
         self.source_errors_ = trained.judged
         self.diagnostics_ = source_report(len(domain), trained.seconds, self.source_errors_)
-        self.robot_ = robot
-        return self
+        self.robot_ = robot  # predictions are of the target from here on
 
     @property
     def curves_(self) -> dict[str, FloatArray]:
-        """Return the pre-training's curve."""
-        return {"pre-training": self.history_.table()}
+        """The pre-training's curve."""
+        return {"pre-training": self.history_.points}
 
     @property
     def hidden_activation(self) -> Activation:
-        """Return the option's activation, or the recipe's."""
+        """The option's activation, or the recipe's."""
         by_recipe = self.activation == "auto" and self.recipe == "best"
         return "gelu" if by_recipe else super().hidden_activation
 
@@ -138,13 +127,7 @@ def source_errors(model: FittedModel, learn: SourceDomain, test: SourceDomain) -
 
 
 def source_report(n_samples: int, seconds: float, errors: FloatArray) -> dict[str, float]:
-    """Return the diagnostics of a pre-training.
-
-    Args:
-        n_samples: of the source.
-        seconds: that the training took when it was computed.
-        errors: (7,) as `source_errors` gives them, m.
-    """
+    """Return the diagnostics of a pre-training, from its wall time and (7,) errors, m."""
     return {
         "source samples": float(n_samples),
         "pre-training, when it was computed [s]": seconds,

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
-from stiff_models.physics.joint_springs import compliance_matrix
+from stiff_models.physics.kinematics import compliance_matrix
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 
@@ -61,13 +61,7 @@ class SourceDesign:
 
 @dataclass(frozen=True, eq=False)
 class SourceDomain:
-    """Simulated samples, pose by pose: every array has n_poses * n_wrenches rows.
-
-    Attributes:
-        q: (n, n_joints) rad.
-        wrench: (n, 6) N and N m.
-        deflection: (n, 3) m.
-    """
+    """Simulated samples, pose by pose: `q` (n, n_joints), `wrench` (n, 6), `deflection` (n, 3)."""
 
     q: FloatArray
     wrench: FloatArray
@@ -78,7 +72,7 @@ class SourceDomain:
         return len(self.q)
 
     def take(self, rows: IntArray) -> SourceDomain:
-        """Return the samples of the given row numbers, in that order."""
+        """Return the samples of these row numbers."""
         return SourceDomain(self.q[rows], self.wrench[rows], self.deflection[rows])
 
 
@@ -94,9 +88,9 @@ def source_design(
         wrenches: "paper" (Table 5), "data" (drawn like the training samples'), "uniform" (evenly
             over the range of each of their components), "sobol" (a Sobol sequence over the same
             ranges); "auto" as for the poses.
-        robot: the robot.
+        robot: that is simulated.
         train: the training samples; no other part of a data set may shape the source.
-        seed: seed of everything drawn.
+        seed: of everything drawn.
 
     Raises:
         ConfigError: the paper's poses were asked for a robot without six joints.
@@ -119,13 +113,7 @@ def check_poses(poses: PoseDesign, robot: Robot) -> None:
 
 
 def simulate(robot: Robot, compliance: FloatArray, design: SourceDesign) -> SourceDomain:
-    """Return the deflections of joint springs over a design.
-
-    Args:
-        robot: the robot.
-        compliance: (n_joints,) rad/(N m).
-        design: poses and wrenches.
-    """
+    """Return the deflections of joint springs, (n_joints,) rad/(N m), over a design."""
     n_poses, n_wrenches = len(design.q), design.wrench.shape[1]
     wrench = np.broadcast_to(design.wrench, (n_poses, n_wrenches, 6))
     return SourceDomain(
@@ -136,13 +124,7 @@ def simulate(robot: Robot, compliance: FloatArray, design: SourceDesign) -> Sour
 
 
 def design_deflection(robot: Robot, compliance: FloatArray, design: SourceDesign) -> FloatArray:
-    """Return the (n_poses, n_wrenches, 3) deflections [m] of joint springs over a design.
-
-    Args:
-        robot: the robot.
-        compliance: (n_joints,) rad/(N m).
-        design: poses and wrenches.
-    """
+    """Return the (n_poses, n_wrenches, 3) deflections [m] of joint springs over a design."""
     if design.first_values is not None and len(design.wrench) == 1:
         return _on_grid(robot, compliance, design.q, design.first_values, design.wrench[0])
     matrices = compliance_matrix(robot, compliance, design.q)  # (p, 3, 6)
@@ -161,16 +143,6 @@ def _on_grid(
     A turn R of the first joint turns the whole chain: ``C(q) = R C(0, q2, ...) R^T``, and a slide
     leaves C as it is. The deflection ``d = R C' R^T w`` is linear in the 18 components of C', with
     factors that depend on the first joint and the wrench alone.
-
-    Args:
-        robot: the robot.
-        compliance: (n_joints,) rad/(N m).
-        q: (n_poses, n_joints) rad, see `SourceDesign`.
-        first_values: (k,) rad or m.
-        wrenches: (w, 6) N and N m.
-
-    Returns:
-        (n_poses, w, 3) m.
     """
     k, n_others = len(first_values), len(q) // len(first_values)
     others = q[:n_others].copy()
@@ -190,11 +162,7 @@ def _on_grid(
 def drawn_from(
     design: SourceDesign, n: int, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Return `n` poses of a design (at most all of them) and one wrench each.
-
-    Returns:
-        (n, n_joints) rad, and (n, 6) N and N m.
-    """
+    """Return `n` poses of a design (at most all of them), rad, and one wrench each, N and N m."""
     chosen = rng.permutation(len(design.q))[:n]
     wrench = np.broadcast_to(design.wrench, (len(design.q), *design.wrench.shape[1:]))
     which = rng.integers(wrench.shape[1], size=len(chosen))
@@ -210,7 +178,7 @@ def _grid(axes: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
 def _poses(
     design: Literal["paper", "data", "sobol"], train: Samples, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray | None]:
-    """Return the (n_poses, n_joints) poses of a design, and of a grid the first joint's values."""
+    """Return the poses of a design, and of a grid the first joint's values."""
     if design == "paper":
         return _grid([np.deg2rad(axis) for axis in _PAPER_GRID_DEG])
     lower, upper = train.q.min(axis=0), train.q.max(axis=0)
@@ -233,7 +201,6 @@ def _wrenches(
     n_poses: int,
     rng: np.random.Generator,
 ) -> FloatArray:
-    """Return the (n_poses or 1, 5, 6) wrenches of a design."""
     if design == "paper":
         return PAPER_WRENCHES[None]
     shape = (n_poses, WRENCHES_A_POSE, 6)
@@ -247,7 +214,7 @@ def _wrenches(
 
 
 def _wrenches_like(train: Samples, n_poses: int, rng: np.random.Generator) -> FloatArray:
-    """Return (n_poses, 5, 6) loads drawn like the samples': a smoothed bootstrap.
+    """Loads drawn like the samples': a smoothed bootstrap.
 
     A training wrench drawn at random plus normal scatter with the training wrenches' covariance,
     narrowed by Scott's factor n^(-1/(d+4)), d = 6.

@@ -94,20 +94,12 @@ class SourceModel:
             )
 
     def _unlabelled(self) -> str:
-        """Return the regime of a network that no measured deflection of the target trains."""
         return NO_TARGET_LABELS if self._source is None else NO_TARGET_LABELS_AT_ALL
 
     def _origin(self, train: Samples, robot: Robot) -> BenchmarkData:
-        """Return the samples and the robot that make the source domain."""
         return BenchmarkData(train, robot) if self._source is None else self._source
 
     def _simulated(self, samples: Samples, robot: Robot, seed: int) -> SourceDomain:
-        """Return the source domain that belongs to the samples.
-
-        Raises:
-            ConfigError: see `check_robot`.
-            ModelError: no joint can be identified.
-        """
         compliance = self._source_compliance(samples, robot)
         return simulate(robot, compliance, self._design(samples, robot, seed))
 
@@ -117,7 +109,7 @@ class SourceModel:
         return design
 
     def _source_compliance(self, samples: Samples, robot: Robot) -> FloatArray:
-        """Return the (n_joints,) compliance, rad/(N m), of the joints that make the source."""
+        """The (n_joints,) compliance, rad/(N m), of the joints that make the source."""
         if self.source_stiffness == "nominal":
             return np.asarray(1.0 / self._nominal(robot))
         joints = identify_joints(robot, samples)

@@ -20,11 +20,7 @@ class NotApplicable(Exception):
 
 
 class Failed(Exception):
-    """The answer is no.
-
-    Attributes:
-        advice: how to mend it; "" where the question's own advice does.
-    """
+    """The answer is no; `advice` says how to mend it, "" where the question's own does."""
 
     def __init__(self, reason: str, advice: str = "") -> None:
         """Store both."""
@@ -33,12 +29,7 @@ class Failed(Exception):
 
 
 class StageFailed(Exception):
-    """A stage that several questions need failed.
-
-    Attributes:
-        stage: "fit", ...
-        error: what was raised.
-    """
+    """A stage that several questions need ("fit", ...) failed with an error."""
 
     def __init__(self, stage: str, error: BaseException) -> None:
         """Store both."""
@@ -79,11 +70,8 @@ class Checklist(Generic[Subject]):
         """Return the decorator that adds a function to the questions.
 
         The function returns what there is to say, if anything, or raises: NotApplicable, Failed,
-        or whatever the checked thing raises, which is a failure too.
-
-        Args:
-            name: what must hold.
-            advice: how to mend it.
+        or whatever the checked thing raises, which is a failure too. `name` is what must hold,
+        `advice` how to mend it.
         """
 
         def add(question: Question) -> Question:
@@ -122,7 +110,7 @@ def _failed(name: str, error: BaseException, advice: str) -> Check:
 
 
 def _in_words(error: BaseException) -> str:
-    """Return an error for people: our own speak for themselves, others need type and place."""
+    """Our own errors speak for themselves, others need type and place."""
     if isinstance(error, Failed | StiffBenchError):
         return str(error)
     place = traceback.extract_tb(error.__traceback__)[-1]

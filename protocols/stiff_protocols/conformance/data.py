@@ -34,11 +34,7 @@ _DATASET: Checklist[MakeDataset] = Checklist()
 
 
 def check_dataset(make: MakeDataset) -> list[Check]:
-    """Check what a data set loads; it is loaded twice.
-
-    Args:
-        make: returns a new data set with the options to be checked.
-    """
+    """Check what a data set loads, twice; `make` returns a new one with its options."""
     return _DATASET.answers(make)
 
 
@@ -81,12 +77,7 @@ _PROTOCOL: Checklist[DividedRows] = Checklist()
 
 
 class DividedRows:
-    """A protocol's divisions of a small data set.
-
-    Attributes:
-        samples: the data.
-        protocol: what divides it; it knows the robot if it asks for one.
-    """
+    """A protocol, told of the robot if it asks for one, and a small data set that it divides."""
 
     def __init__(self, make: Callable[[], EvaluationProtocol], data: BenchmarkData) -> None:
         """Make the protocol."""
@@ -96,11 +87,7 @@ class DividedRows:
             self.protocol.use_robot(data.robot)
 
     def splits(self, samples: Samples | None = None) -> Sequence[Split]:
-        """Return the divisions of these samples, or others.
-
-        Raises:
-            StageFailed: the protocol raised.
-        """
+        """Return the divisions of these samples or others; StageFailed where there are none."""
         chosen = self.samples if samples is None else samples
         try:
             return self.protocol.splits(chosen, n_splits=None, seed=0)
@@ -112,12 +99,7 @@ class DividedRows:
 
 
 def check_protocol(make: Callable[[], EvaluationProtocol], data: BenchmarkData) -> list[Check]:
-    """Check how a protocol divides samples.
-
-    Args:
-        make: returns a new protocol with the options to be checked.
-        data: to be divided.
-    """
+    """Check how a protocol divides samples; `make` returns a new one with its options."""
     return _PROTOCOL.answers(DividedRows(make, data))
 
 

@@ -30,7 +30,9 @@ Value = TypeVar("Value")
 
 
 class Session:
-    """A model and the rows it is checked on.
+    """A model and the rows it is checked on; each fit is made once, when it is first needed.
+
+    Where a model cannot be made, fitted or asked, every property raises StageFailed.
 
     Attributes:
         make: returns a new model.
@@ -57,11 +59,7 @@ class Session:
         uses_validation: bool,
         load: Callable[[Path], StiffnessModel] | None,
     ) -> None:
-        """Divide the rows.
-
-        Raises:
-            DataError: there are too few.
-        """
+        """Divide the rows; DataError where there are too few."""
         if len(data.samples) < FEWEST_ROWS:
             raise DataError(
                 f"{len(data.samples)} samples are too few to check a model with "
@@ -84,39 +82,23 @@ class Session:
         self._outcomes: dict[str, Any] = {}
 
     def new(self) -> StiffnessModel:
-        """Return a new model.
-
-        Raises:
-            StageFailed: the constructor raised.
-        """
+        """Return a new model."""
         self._once("the constructor", self.make)
         return self.make()
 
     @property
     def fitted(self) -> StiffnessModel:
-        """The model after its first fit, on `train`.
-
-        Raises:
-            StageFailed: it could not be made or fitted.
-        """
+        """The model after its first fit, on `train`."""
         return self._once("fit", self._first_fit)
 
     @property
     def prediction(self) -> FloatArray:
-        """The (n, 3) prediction [m] of the test rows after the first fit.
-
-        Raises:
-            StageFailed: there is none, or it is no prediction.
-        """
+        """The (n, 3) prediction [m] of the test rows after the first fit."""
         return self._once("predict", lambda: self.predict_test(self.fitted))
 
     @property
     def prediction_elsewhere(self) -> FloatArray:
-        """The (n, 3) prediction [m] of the test rows by `fitted_elsewhere`, before it is refitted.
-
-        Raises:
-            StageFailed: there is none, or it is no prediction.
-        """
+        """The (n, 3) prediction [m] of the test rows by `fitted_elsewhere`, before a refit."""
         stage = "predict after the fit to other rows"
         return self._once(stage, lambda: self.predict_test(self.fitted_elsewhere))
 
@@ -150,11 +132,7 @@ class Session:
         return self.predict_test(self.fitted_elsewhere)
 
     def predict_test(self, model: StiffnessModel) -> FloatArray:
-        """Return the checked (n, 3) prediction [m] of the test rows.
-
-        Raises:
-            ModelError: it is no prediction.
-        """
+        """Return the checked (n, 3) prediction [m] of the test rows."""
         predicted = self.predict(model, self.test.q, self.test.wrench)
         check_prediction(predicted, len(self.test))
         return predicted
@@ -186,7 +164,6 @@ class Session:
         return model
 
     def _new(self, train: Samples, validation: Samples | None, seed: int = 0) -> StiffnessModel:
-        """Return a new model, fitted."""
         model = self.new()
         self._fit(model, train, validation, seed)
         return model
@@ -194,7 +171,6 @@ class Session:
     def _fit(
         self, model: StiffnessModel, train: Samples, validation: Samples | None, seed: int = 0
     ) -> object:
-        """Return what `fit` returns."""
         try:
             return self._watched(
                 lambda: model.fit(train, robot=self.robot, validation=validation, seed=seed)

@@ -1,9 +1,8 @@
 """The conformance suite: what a model must do before its row in a table means anything.
 
-Nothing here trusts the model: whatever it raises is the answer to one question, and the suite goes
-on. The questions stand in the order of the checklist; those about what a model does on the side
-come last, when there is something to have been seen. `conformance.data` does the same for data
-sets and protocols.
+Whatever a model raises is the answer to one question, and the suite goes on. The questions about
+what a model does on the side come last, when there is something to have been seen.
+`conformance.data` does the same for data sets and protocols.
 """
 
 from __future__ import annotations
@@ -123,7 +122,6 @@ def _same_option(one: object, other: object) -> bool:
     "annotate every option with a type that can be imported, or give it a plain default",
 )
 def _lists_options(session: Session) -> None:
-    """See that the command line can read every option's type."""
     cls = type(session.new())
     source: Any = cls if hasattr(cls, "__dataclass_fields__") else cls.__init__
     hints = typing.get_type_hints(source, include_extras=True)
@@ -160,7 +158,6 @@ def _fits(session: Session) -> str:
 
 @_MODEL.asks("fit returns the model", "end fit with: return self")
 def _fit_returns_model(session: Session) -> None:
-    """See that `make().fit(...).predict(...)` can be written."""
     if session.fitted is not session.returned_by_fit:
         raise Failed(f"fit returned {type(session.returned_by_fit).__name__}")
 
@@ -249,7 +246,6 @@ def _leaves_validation(session: Session) -> str:
 
 @_MODEL.asks("fits without validation rows", "validation may be None: keep the last epoch then")
 def _fits_without_validation(session: Session) -> None:
-    """Fit with validation=None, which every protocol may give."""
     _ = session.prediction
     session.predict_test(session.fitted_elsewhere)
 
@@ -286,7 +282,6 @@ def _forgets(session: Session) -> None:
     "keep the number of joints in fit and raise ValueError if q.shape[1] is another",
 )
 def _refuses_other_robot(session: Session) -> None:
-    """Predict at joint angles of a robot with one joint more or less."""
     _ = session.prediction
     q, wrench = session.test.q, session.test.wrench
     for other in (q[:, :-1], np.hstack([q, q[:, :1]])):
@@ -383,7 +378,6 @@ def _saves(session: Session) -> None:
 
 @_MODEL.asks("prints nothing", "use stiff_protocols.contract.progress.report or logging")
 def _silent(session: Session) -> None:
-    """Look at what went to standard output, which belongs to the tables."""
     _ = session.prediction
     if session.printed:
         raise Failed(f"printed {session.printed.strip().splitlines()[0][:60]!r} and the like")
@@ -391,14 +385,12 @@ def _silent(session: Session) -> None:
 
 @_MODEL.asks("leaves global random states alone", _MEND_SEED)
 def _leaves_random_state(session: Session) -> None:
-    """Look at the global random states, which belong to everybody."""
     _ = session.prediction
     if session.disturbed:
         raise Failed(f"changes the global random state of {', '.join(sorted(session.disturbed))}")
 
 
 def _same(what: str, first: FloatArray, second: FloatArray) -> None:
-    """See that two predictions are equal to the bit."""
     if not np.array_equal(first, second):
         far = float(np.abs(first - second).max())
         raise Failed(f"{what} differs by up to {1e3 * far:.3g} mm")
@@ -412,8 +404,7 @@ def _see_no_neighbours(
 ) -> None:
     """Predict rows one by one and in reverse order: a row must not see the others.
 
-    `together` is (n, k) m, predicted from all n rows at once; `predict` returns (m, k) m for
-    (m, n_joints) q and (m, 6) wrench.
+    `together` is (n, k) m, predicted from all n rows at once.
     """
     q, wrench = rows.q, rows.wrench
     alone = np.concatenate([predict(q[i : i + 1], wrench[i : i + 1]) for i in range(len(q))])

@@ -53,10 +53,7 @@ def said_by(error: BaseException) -> str:
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> ConfigError:
     """Return the error for a name that is not registered, with the nearest valid one.
 
-    Args:
-        kind: what the name should have been, e.g. "model".
-        name: what the user wrote.
-        valid: every name that would have been accepted.
+    `kind` is what the name should have been, e.g. "model"; `valid` all names that would do.
     """
     names = sorted(valid)
     near = difflib.get_close_matches(name, names, n=1)

@@ -25,10 +25,7 @@ EXTRAS = {
 def missing(*packages: str) -> str:
     """Return why what needs these packages cannot be used; "" where they are installed.
 
-    Nothing is imported, so that lists come at once.
-
-    Args:
-        packages: import names, in `EXTRAS`.
+    They are import names in `EXTRAS`. Nothing is imported, so that lists come at once.
     """
     absent = [name for name in packages if importlib.util.find_spec(name) is None]
     if not absent:
@@ -39,11 +36,7 @@ def missing(*packages: str) -> str:
 
 
 def require(feature: str, *packages: str) -> None:
-    """See that the packages of a feature are installed.
-
-    Args:
-        feature: what needs them, as the message is to name it.
-        packages: import names, in `EXTRAS`.
+    """See that the packages of a feature, as the message is to name it, are installed.
 
     Raises:
         ConfigError: one is not; the message names the extra.

@@ -14,11 +14,7 @@ from stiff_protocols.contract.errors import StoreError
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder for output, with its parents.
-
-    Raises:
-        StoreError: it cannot be made.
-    """
+    """Make a folder for output, with its parents; StoreError where that cannot be done."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -26,11 +22,7 @@ def make_folder(folder: Path) -> None:
 
 
 def refuse_existing(path: Path) -> None:
-    """See that a file of data is a new one.
-
-    Raises:
-        StoreError: it exists.
-    """
+    """See that a file of data is a new one; StoreError where it exists."""
     if path.exists():
         raise StoreError(
             f"{path}: exists, and nothing is written over it; give the name of a new file"

@@ -24,7 +24,7 @@ from stiff_protocols.contract.types import (
 
 @runtime_checkable
 class StiffnessModel(Protocol):
-    """Predicts the deflection of a robot's end-effector under a known wrench."""
+    """Predicts the deflection of a robot's TCP under a known wrench."""
 
     def fit(
         self,
@@ -55,11 +55,7 @@ class StiffnessModel(Protocol):
 
 @runtime_checkable
 class ReportsDiagnostics(Protocol):
-    """Optional power: numbers worth printing under a table, such as identified stiffnesses.
-
-    Attributes:
-        diagnostics_: name with unit -> value, available after `fit`.
-    """
+    """Optional power: numbers such as stiffnesses; `diagnostics_`: name with unit -> value."""
 
     diagnostics_: Mapping[str, float]
 
@@ -70,7 +66,7 @@ class KeepsCurves(Protocol):
 
     Attributes:
         curves_: name of each training -> (n_points, 3) array of step, training loss and validation
-            loss (NaN: none), available after `fit`. Losses are in the network's own units.
+            loss (NaN: none), in the network's own units.
     """
 
     curves_: Mapping[str, FloatArray]
@@ -102,11 +98,7 @@ class ChoosesEpoch(Protocol):
 
 @runtime_checkable
 class ChoosesOptions(Protocol):
-    """Optional power: choose options in the fit; what was chosen stands under the table.
-
-    Attributes:
-        best_params_: option -> chosen value, available after `fit`.
-    """
+    """Optional power: choose options in the fit; `best_params_`: option -> chosen value."""
 
     best_params_: Mapping[str, Any]
 
@@ -123,14 +115,12 @@ class PredictsInterval(Protocol):
 class StatesRegime(Protocol):
     """Optional power: say what a row must say of how the training labels were used.
 
-    Attributes:
-        regime: printed beside the model's name; "" for nothing. Transfer without target labels
-            and transfer with them cannot be compared.
+    Transfer without target labels and transfer with them cannot be compared.
     """
 
     @property
     def regime(self) -> str:
-        """Return the words; they follow from the options and from `use_source` alone."""
+        """Words that follow from the options and from `use_source` alone; "" for nothing."""
 
 
 @runtime_checkable
@@ -142,11 +132,10 @@ class LearnsFromSource(Protocol):
     """
 
     def use_source(self, source: BenchmarkData | None) -> None:
-        """Store what the next `fit` makes its source domain of.
+        """Store what the next `fit` makes its source domain of; None: the training samples.
 
-        Args:
-            source: another robot or specimen with as many joints of the same types; all of its
-                samples may be learned from. None: the training samples.
+        The other robot or specimen has as many joints of the same types; all of its samples may be
+        learned from.
         """
 
 
@@ -216,11 +205,9 @@ class TunesModels(Protocol):
     grid: str
 
     def tuned(self, model: StiffnessModel, grid: Grid) -> StiffnessModel:
-        """Return what is fitted in the model's place and chooses from the grid in its fit.
+        """Return what is fitted in an unfitted model's place and chooses from the grid in its fit.
 
-        Args:
-            model: unfitted; the options that are not in the grid stay as they are.
-            grid: its candidates; empty where it has none.
+        Options that are not in the grid stay as they are; it is empty where a model has none.
         """
 
 

@@ -36,19 +36,11 @@ class PluginInfo:
     missing_because: str = ""
 
     def missing(self) -> str:
-        """Return why the entry cannot be used yet; "" where it can.
-
-        Raises:
-            ConfigError: the function that knows cannot be imported.
-        """
+        """Return why the entry cannot be used yet; "" where it can."""
         return str(_imported(self.key, self.missing_because)()) if self.missing_because else ""
 
     def load(self) -> Any:
-        """Import and return the class.
-
-        Raises:
-            ConfigError: the target cannot be imported.
-        """
+        """Import and return the class; ConfigError where that fails."""
         if isinstance(self.target, type):
             return self.target
         if not isinstance(self.target, str):
@@ -122,11 +114,7 @@ class ModelFamily:
     summary: str
 
     def member(self, key: str) -> ModelInfo:
-        """Return the catalogue line of a key with this prefix.
-
-        Raises:
-            ConfigError: the key names nothing.
-        """
+        """Return the catalogue line of a key with this prefix; ConfigError where there is none."""
         line = _imported(self.prefix, self.target)(key)
         assert isinstance(line, ModelInfo)  # ours to keep: families are not plugins
         return line

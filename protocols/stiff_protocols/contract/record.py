@@ -51,8 +51,7 @@ class Cell:
         coverage: nominal coverage of the intervals that are computed too; None: none are.
         condition: which of its protocol's; "" where that has but one.
         rows_sha256: hash of the split's rows alone, where sensor errors are in the other; else "".
-        source_sha256: hash of the other robot's data that the source domain comes from; "" for
-            none.
+        source_sha256: of the other robot's data that the source domain comes from; else "".
         model_version: of a built-in model its `ModelInfo.version`, with the version of the library
             that it wraps; of a plugin's the hash of its files; "" where it is not known.
         scoring_version: the `SCORING_VERSION` that it is computed with; 0 where it is not known.
@@ -123,11 +122,7 @@ class ResultRecord(NamedTuple):
 
 
 class Measures:
-    """What the values of a cell are of; many cells share one.
-
-    Args:
-        names: metric, axis and unit of each value.
-    """
+    """What the values of a cell are of (metric, axis and unit of each); many cells share one."""
 
     def __init__(self, names: Sequence[tuple[str, str, str]]) -> None:
         """Store the names."""
@@ -143,12 +138,7 @@ class Measures:
 
 
 class StoredRecords(Sequence[ResultRecord]):
-    """Records that are made when somebody asks for one: a folder holds a million of them.
-
-    Args:
-        measures: what the values are of.
-        numbers: (n,) the values.
-    """
+    """Records that are made when somebody asks for one: a folder holds a million of them."""
 
     def __init__(self, measures: Measures, numbers: FloatArray) -> None:
         """Store both."""
@@ -166,7 +156,7 @@ class StoredRecords(Sequence[ResultRecord]):
         return ResultRecord(metric, axis, float(self._numbers[place]), unit)
 
     def __eq__(self, other: object) -> bool:
-        """Say whether another sequence has the same records."""
+        """Compare the records with another sequence's."""
         return isinstance(other, Sequence) and tuple(self) == tuple(other)
 
     __hash__ = None  # type: ignore[assignment]
@@ -255,7 +245,7 @@ class CellResult:
 
     @property
     def why_none(self) -> str:
-        """Status and reason of a cell without numbers, for people."""
+        """Status and reason of a cell without numbers."""
         return f"{self.status}: {self.failure}"
 
     def values(self, metric: str) -> dict[str, float]:

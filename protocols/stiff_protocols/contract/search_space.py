@@ -12,11 +12,9 @@ DEFAULT_GRID = "default"
 
 @dataclass(frozen=True)
 class Range:
-    """All numbers from `low` to `high`, whole ones where both are.
+    """All numbers from `low` to `high`, both included, whole ones where both are.
 
-    Attributes:
-        low, high: ends, both included, in the option's unit.
-        log: drawn evenly on a logarithmic scale.
+    With `log` they are drawn evenly on a logarithmic scale.
     """
 
     low: float

@@ -55,7 +55,7 @@ def file_code(path: Path) -> str:
 
 @cache
 def _code_of_state(path: Path, _mtime_ns: int, _size: int) -> str:
-    """Return a hash of a file as it stands now; it is read anew where it was changed."""
+    """It is read anew where it was changed."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 

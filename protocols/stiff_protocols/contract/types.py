@@ -7,47 +7,34 @@ force first, acts at the tool centre point (TCP) and is expressed in the robot b
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiff_protocols.contract.arrays import FloatArray, IntArray, TextArray, frozen_array
 from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.robot import JointType, Robot
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-TextArray = NDArray[np.str_]
-JointType = Literal["revolute", "prismatic"]
+__all__ = [
+    "AXES",
+    "BenchmarkData",
+    "FloatArray",
+    "IntArray",
+    "Interval",
+    "JointType",
+    "Prediction",
+    "Robot",
+    "Samples",
+    "Split",
+    "TextArray",
+    "frozen_array",
+]
 
 AXES = ("x", "y", "z")
 """Names of the three components of a deflection, robot base frame."""
-
-GRAVITY = (0.0, 0.0, -9.81)  # (3,) m/s2, base frame; Pinocchio's default
-
-
-def frozen_array(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> FloatArray:
-    """Return `value` as a read-only float64 copy of the given shape (None: any length).
-
-    Raises:
-        DataError: the shape differs, or an entry is no real number, NaN or infinite.
-    """
-    given = np.asarray(value)
-    if given.dtype.kind not in "fiub":  # complex numbers and dates would lose a part
-        raise DataError(f"{name} holds {given.dtype}, expected real numbers")
-    with np.errstate(over="ignore", invalid="ignore"):  # what is too large is refused below
-        array = np.array(given, dtype=np.float64, order="C")
-    if array.ndim != len(shape) or any(
-        want is not None and want != have for want, have in zip(shape, array.shape, strict=True)
-    ):
-        wanted = "x".join("n" if size is None else str(size) for size in shape)
-        raise DataError(f"{name} has shape {array.shape}, expected {wanted}")
-    if not np.isfinite(array).all():
-        row = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise DataError(f"{name}{list(row)} is {array[row]}, expected a finite number")
-    array.flags.writeable = False
-    return array
 
 
 def _frozen_text(value: ArrayLike, name: str, length: int) -> TextArray:
@@ -92,69 +79,24 @@ class Samples:
         """Return the number of samples."""
         return len(self.q)
 
+    def __repr__(self) -> str:
+        """Return how many there are, and how large loads and deflections are."""
+        poses = len(np.unique(self.pose_id))
+        return (
+            f"Samples: {len(self)} at {poses} poses, {self.q.shape[1]} joints\n"
+            f"  force {_range(self.wrench[:, :3])} N, torque {_range(self.wrench[:, 3:])} N m\n"
+            f"  deflection {_range(1000.0 * self.deflection)} mm"
+        )
+
     def take(self, rows: IntArray) -> Self:
         """Return the samples of the given row numbers, in that order."""
         return type(self)(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
 
-@dataclass(frozen=True, eq=False)
-class Robot:
-    """A serial chain of revolute or prismatic joints with a tool centre point.
-
-    Attributes:
-        name: name of the robot.
-        joint_names: names from the base to the tip.
-        joint_types: "revolute" or "prismatic", one a joint.
-        placements: (n_joints, 4, 4) pose of each joint frame in the previous joint's
-            frame (the base for the first) at zero joint position; lengths in m.
-        axes: (n_joints, 3) unit axis of each joint in its own frame.
-        lower, upper: (n_joints,) joint limits, rad or m; infinite where there are none.
-        masses: (n_joints,) mass of what each joint carries up to the next one, kg.
-        centres_of_mass: (n_joints, 3) its centre of mass in the joint's frame, m.
-        tcp: (3,) tool centre point in the last joint's frame, m.
-        gravity: (3,) acceleration of gravity in the base frame, m/s2.
-    """
-
-    name: str
-    joint_names: tuple[str, ...]
-    joint_types: tuple[JointType, ...]
-    placements: FloatArray
-    axes: FloatArray
-    lower: FloatArray
-    upper: FloatArray
-    masses: FloatArray
-    centres_of_mass: FloatArray
-    tcp: FloatArray
-    gravity: FloatArray = field(default_factory=lambda: np.array(GRAVITY))
-
-    def __post_init__(self) -> None:
-        """Freeze and check every array."""
-        n = len(self.joint_names)
-        if n == 0 or len(self.joint_types) != n:
-            raise DataError(f"robot {self.name!r}: {n} joint names, {len(self.joint_types)} types")
-        shapes: dict[str, tuple[int | None, ...]] = {
-            "placements": (n, 4, 4),
-            "axes": (n, 3),
-            "masses": (n,),
-            "centres_of_mass": (n, 3),
-            "tcp": (3,),
-            "gravity": (3,),
-        }
-        for name, shape in shapes.items():
-            object.__setattr__(self, name, frozen_array(getattr(self, name), name, shape))
-        for name in ("lower", "upper"):  # limits alone may be infinite
-            limits = np.array(getattr(self, name), dtype=np.float64)
-            if limits.shape != (n,) or np.isnan(limits).any():
-                raise DataError(f"robot {self.name!r}: {name} limits are {limits}, expected {n}")
-            limits.flags.writeable = False
-            object.__setattr__(self, name, limits)
-        if not np.allclose(np.linalg.norm(self.axes, axis=1), 1.0, atol=1e-9):
-            raise DataError(f"robot {self.name!r}: joint axes must have unit length")
-
-    @property
-    def n_joints(self) -> int:
-        """Number of joints."""
-        return len(self.joint_names)
+def _range(vectors: FloatArray) -> str:
+    """Return the smallest and the largest length of (n, 3) vectors."""
+    lengths = np.linalg.norm(vectors, axis=1)
+    return f"{lengths.min():.3g} to {lengths.max():.3g}" if len(lengths) else "-"
 
 
 @dataclass(frozen=True)
@@ -221,11 +163,7 @@ class Interval:
     coverage: float
 
     def __post_init__(self) -> None:
-        """Freeze and check the arrays.
-
-        Raises:
-            DataError: a bound is not finite, or a lower one lies above its upper one.
-        """
+        """Freeze and check the arrays."""
         for name in ("lower", "upper"):
             object.__setattr__(self, name, frozen_array(getattr(self, name), name, (None, 3)))
         if self.lower.shape != self.upper.shape or (self.lower > self.upper).any():

@@ -50,12 +50,7 @@ class PoseErrors:
 
 @dataclass(frozen=True, eq=False)
 class Difference:
-    """MAE of A less MAE of B, and its confidence interval.
-
-    Attributes:
-        mean: (k,) m; negative where A is better.
-        low, high: (k,) bounds, m.
-    """
+    """MAE of A less MAE of B and the bounds of its interval, (k,) m; below 0 A is better."""
 
     mean: FloatArray
     low: FloatArray
@@ -100,8 +95,7 @@ def bootstrap_difference(
 ) -> Difference:
     """Return MAE of A less MAE of B with its BCa interval over poses (Efron 1987).
 
-    It holds the fitted models fixed: the spread over training sets is not in it. The intervals of
-    different columns are each of its own, not joint.
+    The intervals of different columns are each of its own, not joint.
 
     Args:
         a: errors of A.
@@ -126,15 +120,14 @@ def bootstrap_difference(
 def resampled_means(
     errors: Sequence[PoseErrors], *, resamples: int = RANK_RESAMPLES, seed: int = 0
 ) -> FloatArray:
-    """Return the mean error of m competitors on `resamples` draws of the poses, the same for all.
+    """Return the (B, m) mean errors, m, of m competitors on B draws of the poses, the same for all.
+
+    Competitors with equal errors have exactly equal means.
 
     Args:
         errors: m competitors, each with one column of errors, on the same rows.
         resamples: number of draws B.
         seed: of the draws.
-
-    Returns:
-        (B, m) m. Competitors with equal errors have exactly equal means.
 
     Raises:
         DataError: there is no competitor, one has several columns, or they were not tested on the
@@ -150,7 +143,7 @@ def resampled_means(
 
 @lru_cache(maxsize=8)
 def _pose_draws(n_poses: int, resamples: int, seed: int) -> FloatArray:
-    """Return (B, p) how often each pose was drawn; read-only, as many contests share it."""
+    """Return (B, p) how often each pose was drawn; read-only, as many calls share it."""
     shares = np.full(n_poses, 1.0 / n_poses)
     draws = np.random.default_rng(seed).multinomial(n_poses, shares, size=resamples)
     exact = draws.astype(np.float64)  # products of integers are not BLAS's

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import KW_ONLY, dataclass
 from typing import Self
 
 import numpy as np
@@ -37,6 +38,7 @@ def calibration_samples_needed(coverage: float) -> int:
     return math.ceil(1.0 / (1.0 - coverage + ROUNDING)) - 1
 
 
+@dataclass(eq=False, repr=False)
 class SplitConformal(BaseEstimator):  # type: ignore[misc]
     """A model with split-conformal intervals.
 
@@ -49,13 +51,10 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
         residuals_: (n, 3) m, absolute errors on one row of each calibration pose.
     """
 
-    def __init__(
-        self, model: StiffnessModel, *, coverage: float = 0.9, share: float = SHARE
-    ) -> None:
-        """Store the arguments."""
-        self.model = model
-        self.coverage = coverage
-        self.share = share
+    model: StiffnessModel
+    _: KW_ONLY
+    coverage: float = 0.9
+    share: float = SHARE
 
     def fit(
         self,
@@ -67,11 +66,8 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
     ) -> Self:
         """Divide `train` by pose, fit a copy of the model to one part, calibrate on the other.
 
-        Args:
-            train: samples to divide.
-            robot: that was measured.
-            validation: given to the model as it is; never calibrated on.
-            seed: of the division and of the model.
+        `validation` is given to the model as it is, never calibrated on; `seed` is of the division
+        and of the model.
 
         Raises:
             TooFewToCalibrate: `coverage` needs more calibration samples than half of the poses.
@@ -88,12 +84,7 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
         return self
 
     def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return the (n, 3) deflection [m] by the copy that the intervals are centred on.
-
-        Raises:
-            NotFittedError: `fit` was not called.
-            ModelError: what the model returns is no prediction.
-        """
+        """Return the (n, 3) deflection [m] by the copy that the intervals are centred on."""
         if not hasattr(self, "model_"):
             raise NotFittedError("SplitConformal: call fit before predict")
         predicted = np.asarray(self.model_.predict(q, wrench))
@@ -103,10 +94,7 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
         """Return where each deflection lies with probability `coverage`, axis by axis.
 
-        Args:
-            q: (n, n_joints) rad or m.
-            wrench: (n, 6) N and N m at the TCP, base frame.
-            coverage: 0..1; may differ from what `fit` was prepared for.
+        `coverage` (0..1) may differ from what `fit` was prepared for.
 
         Raises:
             NotFittedError: `fit` was not called.
@@ -146,7 +134,6 @@ def _one_row_a_pose(samples: Samples, rows: IntArray, seed: int) -> IntArray:
 
 
 def _bounds(predicted: FloatArray, residuals: FloatArray, coverage: float) -> FloatArray:
-    """Return (2, n) lower and upper bounds of one axis, m."""
     with warnings.catch_warnings():  # crepes changes the filters of the whole process on import
         from crepes import ConformalRegressor
     regressor = ConformalRegressor().fit(residuals)

@@ -54,10 +54,7 @@ class Metric:
     def values(self, prediction: Prediction, cost: Cost | None = None) -> dict[str, float]:
         """Return axis -> value; an axis without a finite value is left out.
 
-        Args:
-            prediction: of the test rows.
-            cost: of the fit and the prediction; None where it is not known, as for the predictions
-                of several splits together.
+        `cost` is None where it is not known, as for the predictions of several splits together.
         """
         found: FloatArray | float | None = None
         if self.of_prediction is not None:
@@ -247,11 +244,7 @@ METRICS = {
 
 
 def metric(key: str) -> Metric:
-    """Return the metric of that key.
-
-    Raises:
-        ConfigError: there is none.
-    """
+    """Return the metric of that key; ConfigError where there is none."""
     if key not in METRICS:
         raise unknown_name("metric", key, METRICS)
     return METRICS[key]

@@ -21,10 +21,9 @@ from stiff_protocols.contract.types import FloatArray, frozen_array
 
 
 def ranked(values: ArrayLike) -> FloatArray:
-    """Return the ranks within each row: 1 is the smallest value, ties share their mean rank.
+    """Return the ranks within each row of (..., m): 1 is the smallest, ties share their mean rank.
 
-    Args:
-        values: (..., m); a row that holds NaN has NaN ranks.
+    A row that holds NaN has NaN ranks.
     """
     each = np.asarray(values, dtype=np.float64)
     order = np.argsort(each, axis=-1)
@@ -49,24 +48,14 @@ MOST_EXACT = 50
 
 
 def check_share(name: str, value: float) -> None:
-    """See that a confidence, a level or a part of the samples lies between 0 and 1.
-
-    Raises:
-        ConfigError: it does not.
-    """
+    """Raise ConfigError where a confidence, a level or a part does not lie between 0 and 1."""
     if not 0.0 < value < 1.0:
         raise ConfigError(f"{name} is {value:g}, expected a number between 0 and 1")
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """Probabilities (0..1, sum 1) of what the mean difference is.
-
-    Attributes:
-        a_better: that A is better by more than the region of practical equivalence.
-        equivalent: that the difference lies inside it.
-        b_better: that B is better by more than it.
-    """
+    """Probabilities that A, neither or B is better by more than a region of equivalence; sum 1."""
 
     a_better: float
     equivalent: float
@@ -95,11 +84,7 @@ class CorrectedT:
     test_share: float
 
     def interval(self, confidence: float = 1.0 - LEVEL) -> tuple[float, float]:
-        """Return the bounds of the mean difference, m.
-
-        Raises:
-            ConfigError: `confidence` does not lie between 0 and 1.
-        """
+        """Return the bounds of the mean difference, m."""
         check_share("confidence", confidence)
         half = self.scale * float(special.stdtrit(self.df, 0.5 + 0.5 * confidence))
         return self.mean - half, self.mean + half
@@ -125,11 +110,8 @@ class CorrectedT:
     def posterior(self, rope: float = ROPE_M) -> Posterior:
         """Return the probabilities that A is better, that it makes no difference, that B is.
 
-        Args:
-            rope: largest difference that makes none in practice, m.
-
-        Raises:
-            ConfigError: `rope` is negative or no number.
+        `rope` is the largest difference that makes none in practice, m; ConfigError where it is
+        negative or no number.
         """
         if not rope >= 0.0:
             raise ConfigError(f"rope is {rope:g} m, expected 0 or more")
@@ -213,13 +195,10 @@ def _ways_to_sum(ranks: tuple[int, ...]) -> FloatArray:
 
 
 def holm(p_values: ArrayLike) -> FloatArray:
-    """Return the (m,) p-values after Holm's (1979) step-down correction for m comparisons.
+    """Return the (m,) p-values (0..1) after Holm's (1979) step-down correction.
 
     statsmodels' function collects garbage in each call, which takes longer than all the rest of a
     leaderboard; the tests compare with it.
-
-    Args:
-        p_values: (m,) 0..1.
     """
     values = np.asarray(p_values, dtype=np.float64)
     order = np.argsort(values)

@@ -70,8 +70,7 @@ def why_not(n_datasets: int, n_models: int) -> str:
 def compare_over_datasets(scores: ArrayLike) -> OverDatasets:
     """Return ranks and tests of m models over n data sets.
 
-    Args:
-        scores: (n, m) error of each model on each data set; smaller is better.
+    `scores` are (n, m) errors; smaller is better.
 
     Raises:
         DataError: there are too few data sets or models, or a score is missing or not finite.
@@ -103,7 +102,7 @@ def critical_difference(n_datasets: int, n_models: int) -> float:
 
 
 def _rank_scale(n_datasets: int, n_models: int) -> float:
-    """Return the standard deviation of a mean rank, which the studentised range is in units of."""
+    """The standard deviation of a mean rank, which the studentised range is in units of."""
     return math.sqrt(n_models * (n_models + 1) / (12.0 * n_datasets))
 
 
@@ -133,7 +132,7 @@ def _range_probability(size: FloatArray, n_models: int) -> FloatArray:
 
 
 def _friedman(ranks: FloatArray) -> float:
-    """Return the p-value of Friedman's test, with the correction for ties."""
+    """The p-value of Friedman's test, with the correction for ties."""
     n, m = ranks.shape
     spread = float(((ranks - 0.5 * (m + 1)) ** 2).sum())
     if spread == 0.0:  # all models tie everywhere: the statistic is 0/0
@@ -143,7 +142,7 @@ def _friedman(ranks: FloatArray) -> float:
 
 
 def _nemenyi(ranks: FloatArray) -> FloatArray:
-    """Return the p-values of the pairs, from the studentised range (Demsar 2006)."""
+    """The p-values of the pairs, from the studentised range (Demsar 2006)."""
     n, m = ranks.shape
     first, second = np.triu_indices(m, 1)
     sums = ranks.sum(axis=0)  # whole or half, so that many of their differences are the same
@@ -168,7 +167,6 @@ def _conover(ranks: FloatArray) -> FloatArray | None:
 
 
 def _of_pairs(p_values: FloatArray, n_models: int) -> FloatArray:
-    """Return the (m, m) matrix of the p-values of the pairs; 1 on the diagonal."""
     matrix = np.eye(n_models)
     matrix[np.triu_indices(n_models, 1)] = p_values
     return np.maximum(matrix, matrix.T)

@@ -1,7 +1,5 @@
 """What a prediction must be before it is scored, and what training rows cannot teach any model.
 
-A prediction has its shape, finite numbers, and metres.
-
 A stranger's model may predict mm. Nobody sees that in a table of its own, so it is an error.
 """
 
@@ -32,11 +30,7 @@ DEFLECTIONS = (1e-7, 0.1)
 
 
 def check_prediction(predicted: FloatArray, n: int) -> None:
-    """See that `predicted` is (n, 3) finite real numbers.
-
-    Raises:
-        ModelError: it is not.
-    """
+    """Raise ModelError unless `predicted` is (n, 3) finite real numbers."""
     array = np.asarray(predicted)
     wanted = f"expected ({n}, 3) finite numbers"
     if predicted is None or array.dtype.kind not in "fiu":
@@ -53,11 +47,7 @@ def check_units(predicted: FloatArray, measured: FloatArray) -> None:
     """See that predictions of the rows a model was fitted to are not in mm or the like.
 
     Predictions that are merely small are left alone (zero is a legitimate model) unless they
-    become right when multiplied by about 1000.
-
-    Args:
-        predicted: (n, 3) m.
-        measured: (n, 3) m, of the same rows.
+    become right when multiplied by about 1000. Both arrays are (n, 3) m.
 
     Raises:
         ModelError: they are off by about the factor between m and mm.

@@ -36,9 +36,7 @@ def fault_of_rows(split: Split, n_samples: int) -> str:
 def leak_of(split: Split, *, selects_on_test: bool) -> str:
     """Return how test rows of a split reach the training side; "" where they do not.
 
-    Args:
-        split: to be judged; its rows are row numbers.
-        selects_on_test: its protocol says that the validation rows are test rows.
+    `selects_on_test`: the protocol says that the validation rows are test rows.
     """
     learned = np.intersect1d(split.train, np.concatenate([split.validation, split.test]))
     if len(learned):

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from stiff_protocols.contract.types import Samples, Split
 from stiff_protocols.splits.generators import LazySplits
-from stiff_protocols.splits.random_splits import Fraction, Holdout
+from stiff_protocols.splits.random_splits import Holdout
 
 OWN = "own source"
 """Condition in which the source is the target's own, as under `holdout`; seeds are other ones."""
 
 
+@dataclass(kw_only=True, eq=False)
 class CrossRobot(Holdout):
     """`holdout` twice on the same rows: with the target's own source, and with a foreign one.
 
@@ -23,20 +24,9 @@ class CrossRobot(Holdout):
     Attributes:
         source: data set of the other robot or specimen, as for --dataset; its @ is doubled where
             this option stands in a word (cross-robot@source=kr10-twin@@specimen=3).
-        test_fraction: of all poses.
-        validation_fraction: of the training side's poses, chooses the epoch.
     """
 
-    def __init__(
-        self,
-        *,
-        source: str = "kr10-twin@specimen=9",
-        test_fraction: Fraction = 0.2,
-        validation_fraction: Fraction = 0.2,
-    ) -> None:
-        """Store the options."""
-        super().__init__(test_fraction=test_fraction, validation_fraction=validation_fraction)
-        self.source = source
+    source: str = "kr10-twin@specimen=9"
 
     def source_datasets(self) -> Sequence[str]:
         """Return the one foreign source."""

@@ -8,12 +8,13 @@ trains on a random part of the training side's poses, so that the spread over tr
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.types import FloatArray, IntArray, Samples, Split, TextArray
+from stiff_protocols.contract.types import FloatArray, IntArray, Samples, Split
 from stiff_protocols.splits.generators import LazySplits, divided_inside
 from stiff_protocols.splits.random_splits import Fraction
 
@@ -33,28 +34,25 @@ def _part(samples: Samples, rows: IntArray, fraction: float, rng: np.random.Gene
     return rows[np.isin(samples.pose_id[rows], kept)]
 
 
+@dataclass(kw_only=True, eq=False)
 class Extrapolation:
     """What the protocols of this kind share: each division is drawn once or several times.
 
     The two are different conditions: they train on different numbers of poses.
+
+    Attributes:
+        train_fraction: of the training poses, drawn anew in each of several splits.
+        validation_fraction: of the training poses, chooses the epoch.
     """
 
     selects_on_test = False
     pooled = False
 
-    def __init__(
-        self, *, train_fraction: Fraction = 0.8, validation_fraction: Fraction = 0.2
-    ) -> None:
-        """Store the options."""
-        self.train_fraction = train_fraction
-        self.validation_fraction = validation_fraction
+    train_fraction: Fraction = 0.8
+    validation_fraction: Fraction = 0.2
 
     def divisions(self, samples: Samples, seed: int) -> Iterable[Division]:
-        """Return every condition with its rows.
-
-        Raises:
-            ConfigError: the samples cannot be divided.
-        """
+        """Return every condition with its rows; ConfigError where there is none."""
         raise NotImplementedError
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
@@ -81,20 +79,12 @@ class Extrapolation:
         return LazySplits(divided, (n_splits or 1) * len(divisions))
 
 
+@dataclass(kw_only=True, eq=False)
 class SpaceTransfer(Extrapolation):
-    """Train on one group of the measurement plan, test on the others, and the other way round.
-
-    Attributes:
-        train_fraction: of the training group's poses, drawn anew in each of several splits.
-        validation_fraction: of the training poses, chooses the epoch.
-    """
+    """Train on one group of the measurement plan, test on the others, and the other way round."""
 
     def divisions(self, samples: Samples, seed: int) -> Iterator[Division]:
-        """Yield a condition for each group that is trained on.
-
-        Raises:
-            ConfigError: all samples are of one group, or the groups have the same poses.
-        """
+        """Yield a condition for each group that is trained on; ConfigError for fewer than two."""
         groups = list(dict.fromkeys(samples.group.tolist()))
         if len(groups) < 2:
             raise ConfigError(
@@ -117,6 +107,7 @@ class SpaceTransfer(Extrapolation):
             )
 
 
+@dataclass(kw_only=True, eq=False)
 class LoadExtrapolation(Extrapolation):
     """Train on light loads, test on heavy ones; train on some directions, test on others.
 
@@ -125,30 +116,15 @@ class LoadExtrapolation(Extrapolation):
         test_fraction: of the samples: those with the heaviest forces, or with the directions
             farthest along the line on which the directions differ most. More, where more share
             the largest value.
-        train_fraction: of the training poses, drawn anew in each of several splits.
-        validation_fraction: of the training poses, chooses the epoch.
     """
 
-    def __init__(
-        self,
-        *,
-        by: Literal["size", "direction", "both"] = "both",
-        test_fraction: Fraction = 0.3,
-        train_fraction: Fraction = 0.8,
-        validation_fraction: Fraction = 0.2,
-    ) -> None:
-        """Store the options."""
-        super().__init__(train_fraction=train_fraction, validation_fraction=validation_fraction)
-        self.by = by
-        self.test_fraction = test_fraction
+    by: Literal["size", "direction", "both"] = "both"
+    test_fraction: Fraction = 0.3
 
     def divisions(self, samples: Samples, seed: int) -> Iterator[Division]:
-        """Yield one condition or both.
+        """Yield one condition or both; ConfigError where the samples' loads do not differ.
 
         A pose with loads on both sides keeps those of one side, which is drawn.
-
-        Raises:
-            ConfigError: the samples' loads do not differ.
         """
         force = samples.wrench[:, :3]
         measures = {"light -> heavy loads": _size(force), "other directions": _along(force)}
@@ -171,18 +147,14 @@ class LoadExtrapolation(Extrapolation):
             )
         beyond = measure > min(np.quantile(measure, 1.0 - self.test_fraction), different[-2])
         torn = np.intersect1d(samples.pose_id[beyond], samples.pose_id[~beyond])
-        tested = _drawn_half(torn, seed)
+        drawn = np.random.default_rng(seed).permutation(torn)
         of_torn = np.isin(samples.pose_id, torn)
-        of_tested = np.isin(samples.pose_id, tested)
+        of_tested = np.isin(samples.pose_id, drawn[: (len(drawn) + 1) // 2])
         train = ~beyond & ~of_tested
         test = beyond & (~of_torn | of_tested)
         if not train.any() or not test.any():
             raise ConfigError(f"load-extrapolation: {condition}: too few poses to part the loads")
         return np.flatnonzero(train), np.flatnonzero(test)
-
-
-def _drawn_half(poses: TextArray, seed: int) -> TextArray:
-    return np.random.default_rng(seed).permutation(poses)[: (len(poses) + 1) // 2]
 
 
 def _size(force: FloatArray) -> FloatArray:

@@ -20,12 +20,8 @@ _RANDOM, _LOCK = np.random.RandomState(0), Lock()
 class LazySplits(Sequence[Split]):
     """Splits that are computed while they are looked at: any number of them takes no memory.
 
-    Args:
-        make: gives all of them, the same ones at every call.
-        n: how many these are.
-
-    Raises:
-        ConfigError: the first one cannot be made.
+    `make` gives all `n` of them, the same ones at every call; ConfigError: the first cannot be
+    made.
     """
 
     def __init__(self, make: Callable[[], Iterator[Split]], n: int) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -16,6 +17,7 @@ from stiff_protocols.splits.generators import LazySplits, divided_by, divided_in
 Fraction = Annotated[float, Gt(0.0), Lt(1.0)]
 
 
+@dataclass(kw_only=True, eq=False)
 class Holdout:
     """Random 80/20 division by pose; a fifth of the training side chooses the epoch.
 
@@ -27,18 +29,15 @@ class Holdout:
     selects_on_test = False
     pooled = False
 
-    def __init__(
-        self, *, test_fraction: Fraction = 0.2, validation_fraction: Fraction = 0.2
-    ) -> None:
-        """Store the options."""
-        self.test_fraction = test_fraction
-        self.validation_fraction = validation_fraction
+    test_fraction: Fraction = 0.2
+    validation_fraction: Fraction = 0.2
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
         """Return `n_splits` (default 1) divisions."""
         return _shuffled(samples, n_splits, self.test_fraction, self.validation_fraction, seed)
 
 
+@dataclass(kw_only=True, eq=False)
 class RepeatedHoldout(Holdout):
     """`holdout` drawn many times, enough for a corrected t test.
 
@@ -46,22 +45,14 @@ class RepeatedHoldout(Holdout):
         repetitions: how many divisions; --splits has the last word.
     """
 
-    def __init__(
-        self,
-        *,
-        repetitions: Annotated[int, Ge(2)] = 15,
-        test_fraction: Fraction = 0.2,
-        validation_fraction: Fraction = 0.2,
-    ) -> None:
-        """Store the options."""
-        super().__init__(test_fraction=test_fraction, validation_fraction=validation_fraction)
-        self.repetitions = repetitions
+    repetitions: Annotated[int, Ge(2)] = 15
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
         """Return the divisions; the first ones are `holdout`'s of the same seed."""
         return super().splits(samples, n_splits=n_splits or self.repetitions, seed=seed)
 
 
+@dataclass(kw_only=True, eq=False)
 class KFold:
     """Poses in k parts of about one size; each part is tested by models of the others.
 
@@ -73,12 +64,8 @@ class KFold:
     selects_on_test = False
     pooled = False
 
-    def __init__(
-        self, *, folds: Annotated[int, Ge(2)] = 5, validation_fraction: Fraction = 0.2
-    ) -> None:
-        """Store the options."""
-        self.folds = folds
-        self.validation_fraction = validation_fraction
+    folds: Annotated[int, Ge(2)] = 5
+    validation_fraction: Fraction = 0.2
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
         """Return one division a part.
@@ -101,6 +88,7 @@ class KFold:
         )
 
 
+@dataclass(kw_only=True, eq=False)
 class PaperHoldout:
     """The source paper's division: 80/20 by pose, and the 20 % also picks the best epoch.
 
@@ -111,15 +99,14 @@ class PaperHoldout:
     selects_on_test = True
     pooled = False
 
-    def __init__(self, *, test_fraction: Fraction = 0.2) -> None:
-        """Store the options."""
-        self.test_fraction = test_fraction
+    test_fraction: Fraction = 0.2
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
         """Return `n_splits` (default 1) divisions."""
         return _shuffled(samples, n_splits, self.test_fraction, None, seed)
 
 
+@dataclass(kw_only=True, eq=False)
 class LeaveOneOut:
     """Each pose is tested once; the metrics are computed over the predictions of all poses.
 
@@ -130,9 +117,7 @@ class LeaveOneOut:
     selects_on_test = False
     pooled = True
 
-    def __init__(self, *, validation_fraction: Fraction = 0.2) -> None:
-        """Store the options."""
-        self.validation_fraction = validation_fraction
+    validation_fraction: Fraction = 0.2
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
         """Return one division a pose, in the order of the poses' first rows.
@@ -145,20 +130,20 @@ class LeaveOneOut:
             raise ConfigError(
                 f"--splits {n_splits}: leave-one-out has one split a pose; leave --splits out"
             )
-        poses, first_rows = np.unique(samples.pose_id, return_index=True)
-        if len(poses) < 2:
+        first_rows = np.sort(np.unique(samples.pose_id, return_index=True)[1])
+        if len(first_rows) < 2:
             raise ConfigError(
                 f"{len(samples)} samples of one pose cannot be divided: leave-one-out needs two "
                 "poses"
             )
 
         def divided() -> Iterator[Split]:
-            for index, row in enumerate(np.sort(first_rows)):
+            for index, row in enumerate(first_rows):
                 tested = samples.pose_id == samples.pose_id[row]
                 rows = np.flatnonzero(~tested), np.flatnonzero(tested)
                 yield divided_inside(samples, index, *rows, self.validation_fraction, seed)
 
-        return LazySplits(divided, len(poses))
+        return LazySplits(divided, len(first_rows))
 
 
 def _shuffled(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,14 +12,13 @@ from stiff_protocols.contract.types import IntArray, Samples, Split, TextArray
 from stiff_protocols.splits.generators import LazySplits, divided_inside
 from stiff_protocols.splits.random_splits import Fraction
 
-PAPER_SIZES = "5,10,20,40,80,121"
-
 
 def condition_of(n_poses: int) -> str:
     """Return the condition of splits that give a model so many measured poses."""
     return f"n = {n_poses}"
 
 
+@dataclass(kw_only=True, eq=False)
 class SampleEfficiency:
     """A learning curve over nested subsets of the training poses, tested on the same poses.
 
@@ -35,17 +35,9 @@ class SampleEfficiency:
     selects_on_test = False
     pooled = False
 
-    def __init__(
-        self,
-        *,
-        sizes: str = PAPER_SIZES,
-        test_fraction: Fraction = 0.2,
-        validation_fraction: Fraction = 0.2,
-    ) -> None:
-        """Store the options."""
-        self.sizes = sizes
-        self.test_fraction = test_fraction
-        self.validation_fraction = validation_fraction
+    sizes: str = "5,10,20,40,80,121"
+    test_fraction: Fraction = 0.2
+    validation_fraction: Fraction = 0.2
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
         """Return `n_splits` (default 1) draws of every size.
@@ -67,21 +59,14 @@ class SampleEfficiency:
                 order = np.random.default_rng([seed, index]).permutation(poses)
                 test = _rows(samples, order[:n_test])
                 for size in sizes:
-                    train = _rows(samples, order[n_test : n_test + size])
+                    train, condition = _rows(samples, order[n_test:][:size]), condition_of(size)
                     yield divided_inside(
-                        samples,
-                        index,
-                        train,
-                        test,
-                        self.validation_fraction,
-                        seed,
-                        condition_of(size),
+                        samples, index, train, test, self.validation_fraction, seed, condition
                     )
 
         return LazySplits(divided, (n_splits or 1) * len(sizes))
 
     def _sizes(self, available: int) -> list[int]:
-        """Return the numbers of poses, ascending."""
         try:
             asked = [int(word) for word in self.sizes.split(",")]
         except ValueError:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -13,15 +13,15 @@ from annotated_types import Ge
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, Samples, Split
 from stiff_protocols.splits.generators import LazySplits
-from stiff_protocols.splits.random_splits import Fraction, Holdout
+from stiff_protocols.splits.random_splits import Holdout
 
 SENSOR = (0.04, 0.04, 0.04, 0.002, 0.002, 0.002)
 """N and N m: the figures of the ATI Axia80-M8 in the source paper."""
-LEVELS = "0,1,5,20"
 
 NonNegative = Annotated[float, Ge(0.0)]
 
 
+@dataclass(kw_only=True, eq=False)
 class SensorNoise(Holdout):
     """`holdout` whose test wrenches are read off a force sensor with noise and bias.
 
@@ -37,31 +37,14 @@ class SensorNoise(Holdout):
         levels: multiples of the sensor's figures, separated by commas.
         noise: factor on the noise; 0: bias alone.
         bias: factor on the bias; 0: noise alone.
-        test_fraction: of all poses.
-        validation_fraction: of the training side's poses, chooses the epoch.
     """
 
-    def __init__(
-        self,
-        *,
-        levels: str = LEVELS,
-        noise: NonNegative = 1.0,
-        bias: NonNegative = 1.0,
-        test_fraction: Fraction = 0.2,
-        validation_fraction: Fraction = 0.2,
-    ) -> None:
-        """Store the options."""
-        super().__init__(test_fraction=test_fraction, validation_fraction=validation_fraction)
-        self.levels = levels
-        self.noise = noise
-        self.bias = bias
+    levels: str = "0,1,5,20"
+    noise: NonNegative = 1.0
+    bias: NonNegative = 1.0
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
-        """Return `n_splits` (default 1) divisions, `holdout`'s of the same seed, at every level.
-
-        Raises:
-            ConfigError: `levels` are no numbers from 0, or there are too few poses.
-        """
+        """Return `n_splits` (default 1) divisions, `holdout`'s of the same seed, at every level."""
         levels = self._levels()
         divisions = super().splits(samples, n_splits=n_splits, seed=seed)
 
@@ -86,7 +69,6 @@ class SensorNoise(Holdout):
             )
 
     def _levels(self) -> list[float]:
-        """Return the multiples, ascending."""
         try:
             asked = {float(word) + 0.0 for word in self.levels.split(",")}  # -0.0 is 0.0
         except ValueError:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
@@ -10,15 +11,14 @@ from annotated_types import Ge
 from sklearn.cluster import KMeans
 
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.forward_kinematics import tcp_position
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 from stiff_protocols.splits.extrapolation import Division, Extrapolation
-from stiff_protocols.splits.random_splits import Fraction
 
 STARTS, START_SEED = 50, 0  # of k-means; the best one counts
 DECIMALS = 6  # m: positions that differ by less than a micrometre are one
 
 
+@dataclass(kw_only=True, eq=False)
 class WorkspaceExtrapolation(Extrapolation):
     """Parts the poses by where the TCP is, and tests each region by models of the others.
 
@@ -28,21 +28,10 @@ class WorkspaceExtrapolation(Extrapolation):
 
     Attributes:
         regions: how many.
-        train_fraction: of the other regions' poses, drawn anew in each of several splits.
-        validation_fraction: of the training poses, chooses the epoch.
     """
 
-    def __init__(
-        self,
-        *,
-        regions: Annotated[int, Ge(2)] = 4,
-        train_fraction: Fraction = 0.8,
-        validation_fraction: Fraction = 0.2,
-    ) -> None:
-        """Store the options."""
-        super().__init__(train_fraction=train_fraction, validation_fraction=validation_fraction)
-        self.regions = regions
-        self._robot: Robot | None = None
+    regions: Annotated[int, Ge(2)] = 4
+    _robot: Robot | None = field(default=None, init=False)
 
     def use_robot(self, robot: Robot) -> None:
         """Remember whose TCP it is."""
@@ -60,7 +49,7 @@ class WorkspaceExtrapolation(Extrapolation):
                 "workspace-extrapolation: the robot is not known; call use_robot before splits"
             )
         poses, pose_of_row = np.unique(samples.pose_id, return_inverse=True)
-        position = _mean_of(tcp_position(self._robot, samples.q), pose_of_row, len(poses))
+        position = _mean_of(self._robot.tcp_position(samples.q), pose_of_row, len(poses))
         position = position.round(DECIMALS)
         different = len(np.unique(position, axis=0))
         if different < self.regions:
@@ -79,7 +68,7 @@ class WorkspaceExtrapolation(Extrapolation):
 
 
 def _mean_of(values: FloatArray, part_of: IntArray, parts: int) -> FloatArray:
-    """Return the (parts, 3) means of the (n, 3) values of each part; `part_of` is (n,)."""
+    """Return the (parts, 3) means of the (n, 3) values of each part."""
     sums = np.zeros((parts, 3))
     np.add.at(sums, part_of, values)
     return sums / np.bincount(part_of, minlength=parts)[:, None]

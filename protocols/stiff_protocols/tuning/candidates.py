@@ -37,9 +37,6 @@ def try_candidates(
         search: "grid" visits the combinations in an order of its own.
         trials: how many TPE draws; one may be drawn again.
         seed: of the draws.
-
-    Raises:
-        ConfigError: optuna is not installed.
     """
     require("tuning", "optuna")
     import optuna

@@ -13,7 +13,7 @@ import itertools
 import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import KW_ONLY, dataclass, fields
 from typing import Any, Self
 
 import numpy as np
@@ -52,18 +52,15 @@ def inner_error(
     validates: bool,
     seed: int,
 ) -> float:
-    """Return the mean Euclidean error over the rows of all test parts, m.
+    """Return the mean Euclidean error [m] over the rows of all test parts.
 
     Args:
-        make: returns a new model.
+        make: returns a new model; what its fit raises passes through.
         rows: the training side.
         parts: of `rows`.
         robot: that was measured.
         validates: the parts' validation rows may choose the epoch; else they are training rows.
         seed: of every fit.
-
-    Raises:
-        ModelError: what the model returns is no prediction; what a fit raises passes through.
     """
     distances = []
     for part in parts:
@@ -97,7 +94,7 @@ def fit_to(
 
 
 def chooses_epoch(model: StiffnessModel) -> bool:
-    """Return whether a model that is given validation rows chooses its epoch by them."""
+    """Whether a model that is given validation rows chooses its epoch by them."""
     return model.chooses_epoch() if isinstance(model, ChoosesEpoch) else True
 
 
@@ -119,20 +116,14 @@ MOST_CHECKED = 256
 
 @dataclass(frozen=True)
 class Tried:
-    """A candidate and how it did.
-
-    Attributes:
-        params: its options.
-        error: mean Euclidean error over the rows of all inner test parts, m; infinite where it
-            failed.
-        failure: why it failed; "" otherwise.
-    """
+    """A candidate's options and inner error, m; infinite where it failed, and why."""
 
     params: Mapping[str, Any]
     error: float
     failure: str = ""
 
 
+@dataclass(eq=False, repr=False)
 class InnerSearch(BaseEstimator):  # type: ignore[misc]
     """A model with the best of several candidate options; it stands in the model's place.
 
@@ -149,23 +140,13 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
         diagnostics_: the model's, how many candidates were tried, and the best one's inner error.
     """
 
-    def __init__(
-        self,
-        model: StiffnessModel,
-        grid: Grid,
-        *,
-        search: Search = "grid",
-        trials: int = 20,
-        folds: int = 3,
-        validation_fraction: float = 0.2,
-    ) -> None:
-        """Store the arguments."""
-        self.model = model
-        self.grid = grid
-        self.search = search
-        self.trials = trials
-        self.folds = folds
-        self.validation_fraction = validation_fraction
+    model: StiffnessModel
+    grid: Grid
+    _: KW_ONLY
+    search: Search = "grid"
+    trials: int = 20
+    folds: int = 3
+    validation_fraction: float = 0.2
 
     @property
     def regime(self) -> str:
@@ -203,17 +184,13 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
             )
 
     def check_robot(self, robot: Robot) -> None:
-        """Check that every candidate can serve the robot.
-
-        Raises:
-            ConfigError: one cannot.
-        """
+        """Raise ConfigError where a candidate cannot serve the robot."""
         for _, model in self._candidates():
             if isinstance(model, ChecksRobot):
                 model.check_robot(robot)
 
     def chooses_epoch(self) -> bool:
-        """Return whether validation rows choose the epoch of any candidate."""
+        """Whether validation rows choose the epoch of any candidate."""
         return any(chooses_epoch(model) for _, model in self._candidates())
 
     def missing(self) -> str:
@@ -234,13 +211,8 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
         """Choose the options on training and validation rows together, then fit the model.
 
         Rows are divided by pose. Where validation rows are given, every inner training part gives
-        some of its own to a candidate that chooses an epoch; the last fit gets those given.
-
-        Args:
-            train: samples to learn from.
-            robot: that was measured.
-            validation: samples that may choose an epoch; None: none, and inside none either.
-            seed: of the divisions, of the search, and of every fit.
+        some of its own to a candidate that chooses an epoch; the last fit gets those given. `seed`
+        is of the divisions, of the search, and of every fit.
 
         Raises:
             ConfigError: there are too few poses for the inner parts.
@@ -266,11 +238,7 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
         return self
 
     def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return the chosen model's (n, 3) deflection [m] for `q` [rad] and `wrench` [N, N m].
-
-        Raises:
-            NotFittedError: `fit` was not called.
-        """
+        """Return the chosen model's (n, 3) deflection [m] for `q` [rad] and `wrench` [N, N m]."""
         return self._fitted().predict(q, wrench)
 
     def _fitted(self) -> StiffnessModel:
@@ -338,7 +306,6 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
         return tuple(found.values())
 
     def _with(self, params: Mapping[str, Any]) -> StiffnessModel:
-        """Return an unfitted copy of the model with these options."""
         made: StiffnessModel = clone(self.model).set_params(**params)
         return made
 
@@ -347,11 +314,7 @@ class InnerSearchWithIntervals(InnerSearch):
     """The same for a model that gives intervals of its own."""
 
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
-        """Return the chosen model's interval; see `PredictsInterval`.
-
-        Raises:
-            NotFittedError: `fit` was not called.
-        """
+        """Return the chosen model's interval; see `PredictsInterval`."""
         fitted = self._fitted()
         if not isinstance(fitted, PredictsInterval):
             raise ModelError(f"{type(fitted).__name__} gives no intervals")

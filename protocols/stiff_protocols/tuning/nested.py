@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated
 
 from annotated_types import Ge
 
 from stiff_protocols.contract.interfaces import PredictsInterval, StiffnessModel
 from stiff_protocols.contract.search_space import DEFAULT_GRID, Grid
-from stiff_protocols.splits.random_splits import Fraction, Holdout
+from stiff_protocols.splits.random_splits import Holdout
 from stiff_protocols.tuning.candidates import Search
 from stiff_protocols.tuning.inner_search import InnerSearch, InnerSearchWithIntervals
 
 
+@dataclass(kw_only=True, eq=False)
 class Nested(Holdout):
     """`holdout`'s divisions; an inner cross-validation by pose chooses the options.
 
@@ -23,26 +25,12 @@ class Nested(Holdout):
             package optuna.
         trials: of search=optuna.
         inner_folds: parts of the training side's poses.
-        test_fraction: of all poses.
-        validation_fraction: of a training side's poses, chooses the epoch.
     """
 
-    def __init__(
-        self,
-        *,
-        grid: str = DEFAULT_GRID,
-        search: Search = "grid",
-        trials: Annotated[int, Ge(1)] = 20,
-        inner_folds: Annotated[int, Ge(2)] = 3,
-        test_fraction: Fraction = 0.2,
-        validation_fraction: Fraction = 0.2,
-    ) -> None:
-        """Store the options."""
-        super().__init__(test_fraction=test_fraction, validation_fraction=validation_fraction)
-        self.grid = grid
-        self.search = search
-        self.trials = trials
-        self.inner_folds = inner_folds
+    grid: str = DEFAULT_GRID
+    search: Search = "grid"
+    trials: Annotated[int, Ge(1)] = 20
+    inner_folds: Annotated[int, Ge(2)] = 3
 
     def tuned(self, model: StiffnessModel, grid: Grid) -> StiffnessModel:
         """Return the model that chooses from `grid` in its own fit."""

@@ -11,7 +11,6 @@ from stiff_bench.analysis.comparison_text import place_text
 from stiff_bench.analysis.verdict import Question
 from stiff_bench.analysis.where import FEWEST_POSES, factors, where_better
 from stiff_bench.store.samples import data_content, stored_data
-from stiff_protocols.contract.forward_kinematics import tcp_position
 from stiff_protocols.contract.types import BenchmarkData
 from stiff_protocols.scoring.paired import LEVEL
 
@@ -107,7 +106,7 @@ def test_a_sample_that_several_splits_test_counts_once(tmp_path):
 def test_stored_data_hold_where_the_tcp_is_and_units_of_the_torques():
     data = made_data()
     back = stored_data(data_content(data))
-    np.testing.assert_array_equal(back.tcp, tcp_position(data.robot, data.samples.q))
+    np.testing.assert_array_equal(back.tcp, data.robot.tcp_position(data.samples.q))
     assert back.torque_units == ("Nm",) * 6
     assert isinstance(data, BenchmarkData)
     reach = next(factor for factor in factors(back) if factor.name.startswith("TCP reach"))

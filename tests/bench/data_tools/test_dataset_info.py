@@ -25,7 +25,6 @@ from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.robots.robot import load_robot, read_chain
 from stiff_models.physics.kinematics import gravity_torque
 from stiff_protocols.contract.errors import ConfigError, DataError, StoreError
-from stiff_protocols.contract.forward_kinematics import tcp_position
 from stiff_protocols.contract.plugin import DatasetInfo
 from stiff_protocols.contract.types import BenchmarkData, Robot, Samples
 
@@ -134,7 +133,7 @@ def test_statics_of_a_sliding_and_turning_arm_equal_pinocchios(tmp_path, rng):
     assert robot.joint_types == ("prismatic", "revolute")
     model, data = truth.model, truth.model.createData()
     q = rng.uniform(-1.0, 1.0, size=(20, 2))
-    gravity, position = gravity_torque(robot, q), tcp_position(robot, q)
+    gravity, position = gravity_torque(robot, q), robot.tcp_position(q)
     for pose, torque, tip in zip(q, gravity, position, strict=True):
         expected = -pin.computeGeneralizedGravity(model, data, pose)
         np.testing.assert_allclose(torque, expected, atol=1e-12)
@@ -151,7 +150,7 @@ def test_load_torque_does_the_work_of_the_wrench(kr10, rng):
     step, q = 1e-6, data.samples.q
     for joint in range(6):
         turn = step * np.eye(6)[joint]
-        moved = (tcp_position(kr10, q + turn) - tcp_position(kr10, q - turn)) / (2 * step)
+        moved = (kr10.tcp_position(q + turn) - kr10.tcp_position(q - turn)) / (2 * step)
         work = (moved * force[:, :3]).sum(axis=1)
         np.testing.assert_allclose(load_torque(data)[:, joint], work, atol=1e-6)
 

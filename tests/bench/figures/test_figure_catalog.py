@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from figure_results import CURVE, compared, learned, ranked, with_fields
-from made_results import TWINS, MadeResults
+from made_results import TWINS
 from stiff_bench.figures import losses
 from stiff_bench.figures.catalog import FIGURES
 from stiff_bench.figures.figure import can_be_drawn
 from stiff_bench.figures.source import FigureSource
-from stiff_bench.figures.style import COLUMN_INCH, DOTS_PER_INCH, PAGE_INCH
+from stiff_bench.figures.style import COLUMN_INCH, DOTS_PER_INCH
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
 FROM_PREDICTIONS = ["regression", "errors", "workspace"]
@@ -35,12 +35,6 @@ def test_what_predictions_alone_show_can_be_drawn_of_any_results(tmp_path):
     compared(tmp_path)
     prepared, _ = can_be_drawn(FIGURES, FigureSource.of(tmp_path))
     assert [one.name for one in prepared] == FROM_PREDICTIONS
-
-
-@pytest.mark.parametrize("name", FROM_PREDICTIONS)
-def test_a_figure_of_panels_is_as_wide_as_a_page(tmp_path, name):
-    compared(tmp_path)
-    assert drawn(name, FigureSource.of(tmp_path)).get_size_inches()[0] == PAGE_INCH
 
 
 def test_a_figure_of_one_panel_is_as_wide_as_a_column_at_300_dots_an_inch(tmp_path):
@@ -95,18 +89,6 @@ def test_ranks_over_five_robots_name_every_model(tmp_path):
         assert shown in text
 
 
-def test_the_best_models_are_shown_and_the_linear_one_in_any_case(tmp_path):
-    compared(tmp_path)
-    source = FigureSource.of(tmp_path)
-    assert source.compared(source.contest(), 3).models == ("gp", "mlp", "vjm")
-
-
-def test_models_that_were_asked_for_are_the_ones_shown(tmp_path):
-    compared(tmp_path)
-    source = FigureSource.of(tmp_path, models=["mlp"])
-    assert source.compared(source.contest(), 3).models == ("mlp",)
-
-
 def test_an_unknown_model_is_refused_by_name(tmp_path):
     compared(tmp_path)
     with pytest.raises(ConfigError, match="'nobody'"):
@@ -133,7 +115,7 @@ def test_the_caption_says_data_protocol_splits_and_seed(tmp_path):
     compared(tmp_path)
     caption = caption_of("regression", FigureSource.of(tmp_path))
     assert "twin (simulated), holdout, 2 splits, seed 0." in caption
-    assert "3 of 4 models" in caption
+    assert "Best 3 of 4 models, and vjm in any case." in caption
 
 
 def test_a_caption_names_the_models_whose_epoch_the_test_part_picked(tmp_path):
@@ -145,32 +127,6 @@ def test_a_caption_names_the_models_whose_epoch_the_test_part_picked(tmp_path):
     assert "seed 0. net: epoch picked on test part." in caption_of("errors", source)
     alone = FigureSource.of(tmp_path, models=["vjm"], protocols=["paper-holdout"])
     assert "epoch" not in caption_of("errors", alone)
-
-
-@pytest.mark.parametrize("name", ["regression", "errors", "workspace"])
-def test_a_caption_names_the_models_that_no_target_label_trained(tmp_path, name):
-    compared(tmp_path).add("unlabelled", [0.05, 0.05], regime="target labels not trained on")
-    source = FigureSource.of(tmp_path)
-    assert "unlabelled: target labels not trained on." in caption_of(name, source)
-    assert "target labels" not in caption_of(name, FigureSource.of(tmp_path, models=["gp", "vjm"]))
-
-
-def test_ranks_and_learning_curves_name_the_models_that_no_target_label_trained(tmp_path):
-    made = ranked(tmp_path / "ranks")
-    for twin in TWINS:
-        made.add("free", [0.3], dataset=twin, regime="no labels")
-    assert " free: no labels." in caption_of("ranks", FigureSource.of(tmp_path / "ranks"))
-    learned(tmp_path / "curves", regime="no labels")
-    caption = caption_of("learning-curves", FigureSource.of(tmp_path / "curves"))
-    assert "All models shown: no labels." in caption
-
-
-def test_the_caption_says_that_the_best_are_of_the_models_with_most_splits(tmp_path):
-    compared(tmp_path).add("quick", [0.01])
-    source = FigureSource.of(tmp_path)
-    assert source.compared(source.contest(), 3).models == ("gp", "mlp", "vjm")
-    assert "3 of 5 models" in caption_of("regression", source)
-    assert "among those with most splits; vjm in any case" in caption_of("regression", source)
 
 
 def test_ranks_say_how_many_blocks_are_not_drawn(tmp_path):
@@ -186,14 +142,6 @@ def test_ranks_say_how_many_blocks_are_not_drawn(tmp_path):
     assert "First 3 of 5 blocks; `bench leaderboard` has all." in caption
 
 
-def test_ranks_of_models_that_lack_other_blocks_can_be_drawn(tmp_path):
-    made = ranked(tmp_path)
-    for twin in TWINS:
-        for name in ("vjm", "gp", "late"):
-            made.add(name, [0.1 + len(name)], dataset=twin, protocol="moved")
-    assert "Mean ranks" in caption_of("ranks", FigureSource.of(tmp_path))
-
-
 def test_figures_show_the_newest_data_though_more_models_met_on_older_ones(tmp_path):
     made = compared(tmp_path)
     for name in ("vjm", "gp"):
@@ -201,40 +149,6 @@ def test_figures_show_the_newest_data_though_more_models_met_on_older_ones(tmp_p
     source = FigureSource.of(tmp_path)
     assert set(source.compared(source.contest(), 9).models) == {"vjm", "gp"}
     assert "Results on older data named twin are left out." in caption_of("errors", source)
-
-
-def test_samples_of_the_first_row_alone_can_be_drawn(tmp_path):
-    MadeResults(tmp_path).add("vjm", [0.1], rows=[0])
-    assert len(drawn("errors", FigureSource.of(tmp_path)).axes) == 6
-
-
-def test_the_text_for_who_sees_no_picture_does_not_repeat_the_caption(tmp_path):
-    compared(tmp_path)
-    prepared = FIGURES["errors"].prepare(FigureSource.of(tmp_path))
-    assert prepared.alt == "Error of every test sample; described below"
-
-
-def test_losses_mark_the_step_of_the_least_validation_loss(tmp_path):
-    made = compared(tmp_path)
-    with_fields(made, "mlp", curves={"training": CURVE})
-    (axes,) = drawn("losses", FigureSource.of(tmp_path)).axes
-    train, validation, best = axes.get_lines()
-    np.testing.assert_array_equal(train.get_xydata(), CURVE[:, :2])
-    np.testing.assert_array_equal(validation.get_ydata(), CURVE[:, 2])
-    np.testing.assert_array_equal(best.get_xydata(), [[20.0, 0.3]])
-
-
-def test_losses_are_of_the_first_split_on_which_all_models_have_a_curve(tmp_path):
-    made = compared(tmp_path)
-    for index in (0, 1):
-        made.add(f"net-{index}", [0.1, 0.1])
-        with_fields(made, f"net-{index}", curves={"training": CURVE})
-    with_fields(made, "net-0", split=0, curves={})
-    content = losses.gather(FigureSource.of(tmp_path))
-    assert {curve.name for curve in content.paint.args[0]} == {"net-0", "net-1"}
-    with_fields(made, "net-1", split=1, curves={})
-    with pytest.raises(StoreError, match="no split on which all have a training curve"):
-        losses.gather(FigureSource.of(tmp_path))
 
 
 @pytest.mark.parametrize("value", [np.nan, 0.0, np.inf])
@@ -245,11 +159,45 @@ def test_a_curve_without_a_finite_positive_loss_is_none(tmp_path, value):
         losses.gather(FigureSource.of(tmp_path))
 
 
-def test_the_least_loss_is_marked_among_those_that_have_a_place(tmp_path):
+def test_the_best_of_the_models_with_most_splits_are_shown_and_the_linear_one_in_any_case(tmp_path):
+    compared(tmp_path).add("quick", [0.01])
+    source = FigureSource.of(tmp_path)
+    assert source.compared(source.contest(), 3).models == ("gp", "mlp", "vjm")
+    asked = FigureSource.of(tmp_path, models=["mlp"])
+    assert asked.compared(asked.contest(), 3).models == ("mlp",)
+
+
+@pytest.mark.parametrize("name", ["regression", "ranks", "learning-curves"])
+def test_captions_name_the_models_that_no_target_label_trained(tmp_path, name):
+    if name == "learning-curves":
+        learned(tmp_path, regime="no labels")
+    else:
+        made = ranked(tmp_path)
+        for twin in TWINS:
+            made.add("free", [0.05], dataset=twin, regime="no labels")
+    said = "All models shown" if name == "learning-curves" else "free"
+    assert f" {said}: no labels." in caption_of(name, FigureSource.of(tmp_path))
+
+
+def test_losses_mark_the_least_validation_loss_that_has_a_place(tmp_path):
     made = compared(tmp_path)
-    odd = CURVE.copy()
-    odd[:, 2] = [0.0, np.nan, 0.4]
-    with_fields(made, "mlp", curves={"training": odd})
-    assert "least of the stored points" in caption_of("losses", FigureSource.of(tmp_path))
-    *_, least = drawn("losses", FigureSource.of(tmp_path)).axes[0].get_lines()
-    np.testing.assert_array_equal(least.get_xydata(), [[30.0, 0.4]])
+    curve = np.vstack([CURVE, [40.0, 0.1, 0.0], [50.0, 0.1, np.nan]])
+    with_fields(made, "mlp", curves={"training": curve})
+    (axes,) = drawn("losses", FigureSource.of(tmp_path)).axes
+    train, validation, *_ = axes.get_lines()
+    np.testing.assert_array_equal(train.get_xydata(), curve[:, :2])
+    np.testing.assert_array_equal(validation.get_ydata(), curve[:, 2])
+    assert validation.get_markevery() == [1]
+
+
+def test_losses_are_of_the_first_split_on_which_all_models_have_a_curve(tmp_path):
+    made = compared(tmp_path)
+    for index in (0, 1):
+        made.add(f"net-{index}", [0.1, 0.1])
+        with_fields(made, f"net-{index}", curves={"training": CURVE})
+    with_fields(made, "net-0", split=0, curves={})
+    labels = drawn("losses", FigureSource.of(tmp_path)).axes[0].get_legend_handles_labels()[1]
+    assert {"net-0", "net-1"} <= set(labels)
+    with_fields(made, "net-1", split=1, curves={})
+    with pytest.raises(StoreError, match="no split on which all have a training curve"):
+        losses.gather(FigureSource.of(tmp_path))

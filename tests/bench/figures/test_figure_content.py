@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy import stats
 
@@ -10,14 +11,9 @@ from figure_results import SIZES, compared, learned, with_fields
 from made_results import TWINS, MadeResults, made_data
 from stiff_bench.figures import learning_curves, springs, variants
 from stiff_bench.figures.catalog import FIGURES
-from stiff_bench.figures.samples import (
-    Series,
-    WorkspaceErrors,
-    regression_figure,
-    workspace_figure,
-)
+from stiff_bench.figures.samples import Series, regression_figure
 from stiff_bench.figures.source import FigureSource, Predicted
-from stiff_bench.figures.style import looks, power_of_ten, short
+from stiff_bench.figures.style import looks, short
 from stiff_bench.store.database import read_data
 
 NET = {"name": "net"}  # the same model, whatever its options
@@ -29,7 +25,7 @@ def some_samples(n: int = 20) -> Predicted:
     return Predicted(np.arange(n), measured, measured + rng.normal(size=(n, 3)) * 1e-4)
 
 
-def test_a_regression_diagram_has_millimetres_measured_across_and_predicted_up():
+def test_a_regression_diagram_has_millimetres_true_across_and_predicted_up():
     samples = some_samples()
     figure = regression_figure([Series("a", samples)])
     for axis, axes in enumerate(figure.axes):
@@ -44,13 +40,6 @@ def test_a_regression_diagrams_lines_hold_95_percent_of_the_samples():
     heights = sorted(line.get_xy1()[1] for line in axes.get_lines() if hasattr(line, "get_xy1"))
     half = np.quantile(samples.error[:, 2], 0.95) * 1e3
     np.testing.assert_allclose(heights, [-half, 0.0, half])
-
-
-def test_overlaid_models_share_three_panels():
-    figure = regression_figure(
-        [Series("a", some_samples()), Series("b", some_samples())], overlaid=True
-    )
-    assert len(figure.axes) == 3
 
 
 def test_a_published_error_stands_beside_ours():
@@ -79,13 +68,6 @@ def test_a_workspace_colours_each_pose_by_the_length_of_its_error(tmp_path):
         np.testing.assert_allclose(points.get_array(), [0.1, 0.2, 0.3, 0.4])
 
 
-def test_all_models_of_a_workspace_share_one_scale_of_colours(tmp_path):
-    compared(tmp_path)
-    figure = FIGURES["workspace"].prepare(FigureSource.of(tmp_path)).draw()
-    scales = {id(points.norm) for axes in figure.axes[:6] for points in axes.collections}
-    assert len(scales) == 1
-
-
 def test_a_springs_deflection_adds_up_the_segments_below_the_torque():
     spring = springs.Spring(np.array([10.0]), np.array([2e-5, 1e-5]))
     torque = np.array([0.0, 5.0, 10.0, 30.0])
@@ -108,68 +90,56 @@ def test_springs_are_read_from_what_the_models_reported(tmp_path):
     np.testing.assert_allclose(deflection, 1e3 * torque / 2e4)
 
 
+EFFICIENCY = {"protocol": "sample-efficiency", "n_train": 40}
+
+
+def errors_of(folder, **asked):
+    """The errors [m] that learning curves show, a row a model and data set, a column a size."""
+    ((_, errors),) = learning_curves.gather(FigureSource.of(folder, **asked)).paint.args[0].items()
+    return errors
+
+
 def test_a_learning_curve_is_the_geometric_mean_with_students_interval(tmp_path):
     learned(tmp_path)
-    content = learning_curves.gather(FigureSource.of(tmp_path))
-    ((_, curves),) = content.paint.args[0].items()
-    linear = next(curve for curve in curves if curve.name == "vjm")
-    centre, low, high = linear.interval()
-    np.testing.assert_allclose(centre, np.e * 1e-3 / np.array(SIZES))  # e^0, e^1, e^2
-    reach = stats.t.ppf(0.975, 2) / np.sqrt(3.0)
-    np.testing.assert_allclose(high / centre, np.exp(reach))
-    np.testing.assert_allclose(centre / low, np.exp(reach))
+    (axes,) = FIGURES["learning-curves"].prepare(FigureSource.of(tmp_path)).draw().axes
+    mean = np.e / np.array(SIZES)  # mm; of e^0, e^1 and e^2
+    line = next(one for one in axes.get_lines() if np.allclose(one.get_ydata()[:3], mean))
+    np.testing.assert_allclose(line.get_xdata(), SIZES)
+    reach = np.exp(stats.t.ppf(0.975, 2) / np.sqrt(3.0))
+    bands = [band.get_paths()[0].vertices[:, 1] for band in axes.collections]
+    assert any(
+        np.isclose([band.max(), band.min()], [mean[0] * reach, mean[-1] / reach]).all()
+        for band in bands
+    )
 
 
-def test_two_data_sets_make_a_learning_curve_without_an_interval(tmp_path):
-    learned(tmp_path, n_twins=2)
-    content = learning_curves.gather(FigureSource.of(tmp_path))
-    ((_, curves),) = content.paint.args[0].items()
-    assert np.isnan(curves[0].interval()[1]).all()
+def test_two_data_sets_make_a_learning_curve_without_an_interval():
+    assert np.isnan(learning_curves._interval(pd.Series([1.0, 2.0]))).all()
 
 
 def test_a_data_set_that_lacks_a_size_is_no_part_of_a_learning_curve(tmp_path):
     made = learned(tmp_path)
-    made.add(
-        "vjm", [9.0], dataset="twin@specimen=4", protocol="sample-efficiency", condition="n = 5"
-    )
-    ((_, curves),) = learning_curves.gather(FigureSource.of(tmp_path)).paint.args[0].items()
-    assert {curve.errors.shape for curve in curves} == {(3, 3)}
-
-
-EFFICIENCY = {"protocol": "sample-efficiency", "n_train": 40}
-
-
-def curves_of(folder, **asked):
-    ((_, curves),) = learning_curves.gather(FigureSource.of(folder, **asked)).paint.args[0].items()
-    return {curve.name: curve for curve in curves}
+    made.add("vjm", [9.0], dataset="twin@specimen=4", condition="n = 5", **EFFICIENCY)
+    assert errors_of(tmp_path).groupby("model").size().to_dict() == {"vjm": 3, "gp": 3}
 
 
 def test_a_model_that_lacks_a_draw_has_no_learning_curve(tmp_path):
     made = learned(tmp_path)
     for twin in TWINS[:3]:
         made.add("vjm", [0.1, 0.1], dataset=twin, condition="n = 5", **EFFICIENCY)
-    assert set(curves_of(tmp_path)) == {"vjm"}
     content = learning_curves.gather(FigureSource.of(tmp_path, models=["vjm", "gp"]))
+    assert content.paint.args[1] == ["vjm"]
     assert "1 to 2 draws a size and data set" in content.caption
-    assert "Without every draw of every size: gp." in content.caption
+    assert "Not shown: gp." in content.caption
 
 
 def test_learning_curves_are_over_the_data_sets_that_all_models_have(tmp_path):
     made = learned(tmp_path)
     for size in SIZES:
-        made.add("other", [0.1], dataset=TWINS[0], condition=f"n = {size}", **EFFICIENCY)
-    found = curves_of(tmp_path, models=["vjm", "other"])
-    assert {one.errors.shape for one in found.values()} == {(3, 1)}
-    np.testing.assert_allclose(found["vjm"].errors[:, 0], 1e-3 / np.array(SIZES))  # of TWINS[0]
-
-
-def test_the_best_learning_curves_are_of_the_models_with_most_data_sets(tmp_path):
-    made = learned(tmp_path)
-    for size in SIZES:
         made.add("lucky", [1e-3], dataset=TWINS[0], condition=f"n = {size}", **EFFICIENCY)
-    assert set(curves_of(tmp_path)) == {"gp", "vjm"}
-    caption = learning_curves.gather(FigureSource.of(tmp_path)).caption
-    assert "Shown: 2 of 3 models: of those with most data sets" in caption
+    assert set(errors_of(tmp_path).index.unique("model")) == {"gp", "vjm"}  # most data sets first
+    found = errors_of(tmp_path, models=["vjm", "lucky"])
+    np.testing.assert_allclose(found.xs("vjm"), [1e-3 / np.array(SIZES)])  # of TWINS[0]
 
 
 def test_a_learning_curve_is_of_one_version_of_the_data_the_newest(tmp_path):
@@ -177,9 +147,9 @@ def test_a_learning_curve_is_of_one_version_of_the_data_the_newest(tmp_path):
     for size in SIZES:
         about = {"condition": f"n = {size}", "version": 1, "run_id": "run-2"}
         made.add("vjm", [7.0], dataset=TWINS[0], **about, **EFFICIENCY)
-    errors = curves_of(tmp_path, models=["vjm"])["vjm"].errors
-    np.testing.assert_allclose(errors[:, 0], 7e-3)
+    errors = errors_of(tmp_path, models=["vjm"])
     assert errors.shape == (3, 3)
+    assert np.isclose(errors, 7e-3).all(axis=1).sum() == 1
 
 
 def swept(folder) -> None:
@@ -192,58 +162,48 @@ def swept(folder) -> None:
             with_fields(made, name, diagnostics={"source test MAE [mm]": error})
 
 
-def test_a_map_has_the_mean_error_of_each_depth_and_width(tmp_path):
+def test_a_map_has_the_mean_error_of_networks_that_differ_in_size_alone(tmp_path):
     swept(tmp_path)
-    found = variants.sweep(FigureSource.of(tmp_path)).paint.args[0]
-    assert (found.depths, found.widths) == ([3, 4], [40, 80])
-    np.testing.assert_allclose(found.grid() * 1e3, [[0.12, 0.24], [0.16, 0.32]])
-
-
-def test_networks_that_differ_in_more_than_size_are_no_part_of_a_map(tmp_path):
-    swept(tmp_path)
+    other = {"layers": 3, "width": 40, "activation": "tanh"}
     made = MadeResults(tmp_path)
-    made.add(
-        "net@activation=tanh", [0.1], options=NET | {"layers": 3, "width": 40, "activation": "tanh"}
-    )
+    made.add("net@activation=tanh", [0.1], options=NET | other)
     with_fields(made, "net@activation=tanh", diagnostics={"source test MAE [mm]": 99.0})
-    found = variants.sweep(FigureSource.of(tmp_path)).paint.args[0]
-    assert max(map(np.max, found.values.values())) < 1e-3
+    made.add("net@layers=4@width=80", [0.1] * 3, options=NET | {"layers": 4, "width": 80})
+    with_fields(made, "net@layers=4@width=80", diagnostics={"source test MAE [mm]": 0.32})
+    content = variants.sweep(FigureSource.of(tmp_path))
+    lines, heat, _ = content.paint().axes
+    np.testing.assert_allclose(heat.collections[0].get_array(), [[0.12, 0.24], [0.16, 0.32]])
+    assert [line.get_ydata().tolist() for line in lines.get_lines()[:2]] == [
+        pytest.approx([0.12, 0.24]),
+        pytest.approx([0.16, 0.32]),
+    ]
+    assert "2 to 3 splits, seed 0." in content.caption
+
+
+def frozen(folder, **errors_of_strategies):
+    made = MadeResults(folder)
+    made.add("vjm", [0.9, 0.3])
+    for freeze, errors in errors_of_strategies.items():
+        made.add(f"net@freeze={freeze}", errors, options=NET | {"freeze": freeze})
+    return variants.freezing(FigureSource.of(folder))
 
 
 def test_freeze_strategies_stand_with_single_layers_first_and_their_splits(tmp_path):
-    made = MadeResults(tmp_path)
-    made.add("vjm", [0.9, 0.9])
-    for freeze, errors in (("layers:1,2", [0.3, 0.6]), ("layers:4", [0.6, 0.6]), ("full", [3, 3])):
-        made.add(f"net@freeze={freeze}", errors, options=NET | {"freeze": freeze})
-    content = variants.freezing(FigureSource.of(tmp_path))
-    strategies, linear, _ = content.paint.args
-    assert [one.label for one in variants.in_order(strategies)] == ["4", "1 + 2", "full"]
-    of_pair = next(one.error for one in strategies if one.freeze == "layers:1,2")
-    np.testing.assert_allclose(of_pair, [1e-4, 2e-4])  # all axes together: the error is along z
-    assert linear == pytest.approx(3e-4)
+    pair = {"layers:1,2": [0.3, 0.6], "layers:4": [0.6, 0.6], "full": [3, 3]}
+    errors, linear = frozen(tmp_path, **pair).paint.args
+    assert errors["layers"].unique().tolist() == ["4", "1 + 2", "full"]
+    of_pair = errors.loc[errors["layers"] == "1 + 2", "error"]
+    np.testing.assert_allclose(of_pair, [0.1, 0.2])  # all axes together: the error is along z
+    assert linear == pytest.approx(2e-4)
 
 
 def test_freeze_strategies_are_compared_on_the_splits_that_all_have(tmp_path):
-    made = MadeResults(tmp_path)
-    made.add("vjm", [0.9, 0.3])
-    for freeze, errors in (("layers:1", [0.3]), ("layers:4", [0.6, 6.0])):
-        made.add(f"net@freeze={freeze}", errors, options=NET | {"freeze": freeze})
-    content = variants.freezing(FigureSource.of(tmp_path))
-    strategies, linear, _ = content.paint.args
-    np.testing.assert_allclose([one.error for one in strategies], [[1e-4], [2e-4]])
+    content = frozen(tmp_path, **{"layers:1": [0.3], "layers:4": [0.6, 6.0]})
+    errors, linear = content.paint.args
+    np.testing.assert_allclose(errors["error"], [0.1, 0.2])
     assert linear == pytest.approx(3e-4)
     assert "1 split, seed 0." in content.caption
     assert "Splits that only some strategies have are left out." in content.caption
-
-
-def test_a_sweep_says_the_least_and_the_largest_number_of_splits(tmp_path):
-    swept(tmp_path)
-    more = {"options": NET | {"layers": 4, "width": 80}}
-    made = MadeResults(tmp_path)
-    made.add("net@layers=4@width=80", [0.1] * 3, **more)
-    error = {"source test MAE [mm]": 0.1}
-    with_fields(made, "net@layers=4@width=80", diagnostics=error)
-    assert "2 to 3 splits, seed 0." in variants.sweep(FigureSource.of(tmp_path)).caption
 
 
 def test_looks_differ_without_colour_as_well():
@@ -255,14 +215,3 @@ def test_long_names_lose_their_middle_and_no_control_character_is_drawn():
     assert short("a" * 40 + "end").endswith("aend")
     assert len(short("a" * 99)) == 28
     assert short("a\x1b[2J") == "a\\x1b[2J"
-
-
-@pytest.mark.parametrize(("value", "text"), [(1e-3, "10⁻³"), (100.0, "10²"), (0.5, "0.5")])
-def test_decades_are_written_as_powers_of_ten(value, text):
-    assert power_of_ten(value) == text
-
-
-def test_one_pose_alone_can_be_drawn():
-
-    alone = WorkspaceErrors("a", np.array([[0.5, 0.0, 0.5]]), np.array([0.0]))
-    assert len(workspace_figure([alone]).axes) == 3

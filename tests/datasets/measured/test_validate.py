@@ -23,7 +23,6 @@ from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.kr10_twin import Kr10Twin, Kr10TwinMultiload, Kr10TwinOmni
 from stiff_datasets.twin.robot_twin import Ur5Twin
 from stiff_models.physics.vjm import VirtualJointModel, joint_deflection
-from stiff_protocols.contract.forward_kinematics import forward_kinematics
 from stiff_protocols.contract.types import BenchmarkData, Robot, Samples
 
 TOOL = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
@@ -115,7 +114,7 @@ def test_a_wrench_in_another_frame_of_the_base_is_named(measurement, words, matr
     [(": residual", np.eye(3)), (" with x, y, z read from its columns y, z, x", TOOL)],
 )
 def test_a_wrench_in_the_tool_frame_is_named(measurement, words, matrix):
-    tool = forward_kinematics(measurement.robot, measurement.samples.q).rotation
+    tool = measurement.robot.forward(measurement.samples.q).rotation
     to_tool = matrix.T @ tool.transpose(0, 2, 1)
     report = measurement.report(wrench=turned(measurement.samples.wrench, to_tool))
     found = only(report.warnings, "wrong frame or sign?")

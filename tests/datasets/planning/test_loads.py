@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from stiff_datasets.planning.loads import TABLE_5, hook_wrenches, line_wrenches, omni_forces
+from stiff_models.transfer.source import PAPER_WRENCHES
 
 
 def test_the_line_is_that_of_the_simulated_source_domain():
-    from stiff_models.transfer.source import PAPER_WRENCHES
-
     np.testing.assert_array_equal(TABLE_5, PAPER_WRENCHES)
 
 

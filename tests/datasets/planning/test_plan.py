@@ -31,10 +31,8 @@ from stiff_datasets.robots.robot import (
     read_chain,
     robot_of,
     shipped_chain,
-    shipped_robot,
 )
 from stiff_protocols.contract.errors import ConfigError, DataError, StoreError
-from stiff_protocols.contract.forward_kinematics import forward_kinematics
 
 FANUC_TCP = (0.0069, 0.2453, 0.3193)
 ROBOTS = {  # name: TCP m, payload kg, clearance m
@@ -54,11 +52,8 @@ def case(request):
     """Robot, chain, and what its plans are made with."""
     tcp, payload, clearance = ROBOTS[request.param]
     options = {"candidates": 300, "seed": 4, "payload_kg": payload, "clearance": clearance}
-    return (
-        shipped_robot(request.param, tcp=tcp),
-        shipped_chain(request.param, tcp=tcp),
-        options,
-    )
+    chain = shipped_chain(request.param, tcp=tcp)
+    return robot_of(chain), chain, options
 
 
 def between(start, end, n=150):
@@ -67,13 +62,10 @@ def between(start, end, n=150):
 
 def sampled_clearances(robot, q):
     """Distance to the base column and height of points sampled on the arm from joint 3 on."""
-    (points,) = forward_kinematics(robot, q[None]).points
+    (points,) = robot.forward(q[None]).points
     arm = np.concatenate([between(*ends) for ends in itertools.pairwise(points[2:])])
     column = between(np.zeros(3), points[1])
     return np.linalg.norm(arm[:, None] - column, axis=2).min(), arm[:, 2].min()
-
-
-# ---- what a plan keeps -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("criterion", CRITERIA)
@@ -94,7 +86,7 @@ def test_a_chosen_plan_keeps_limits_clearances_and_payload(case, criterion):
 def test_clearances_are_those_of_points_sampled_on_the_arm(case, rng):
     robot, _, _ = case
     q = rng.uniform(np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi), size=(60, 6))
-    points = forward_kinematics(robot, q).points
+    points = robot.forward(q).points
     sampled = np.array([sampled_clearances(robot, row) for row in q])
     reach = 3.0  # m, longer than either robot; sampling is coarser than this over 150
     np.testing.assert_allclose(base_distance(points), sampled[:, 0], atol=reach / 150)
@@ -118,33 +110,22 @@ def test_the_distance_to_a_column_of_one_metre_has_its_closed_form(elbow, tcp, e
     assert base_distance(points)[0] == pytest.approx(expected, abs=1e-12)
 
 
-# ---- what it gains ---------------------------------------------------------------------------
-
-
-def test_a_d_optimal_plan_tells_more_than_every_random_plan(case):
+def test_a_plan_is_better_than_every_random_one_by_the_criterion_it_was_chosen_by(case):
     robot, chain, options = case
     pool = candidate_plan(chain, **options)
-    plan = plan_of(chain, 30, **options)
-    gain = plan_gain(
-        regressor(chain, plan.q, plan.wrench),
-        regressor(chain, pool.q, pool.wrench),
-        robot.joint_names,
+    d_optimal, by_condition = (
+        plan_gain(
+            regressor(chain, plan.q, plan.wrench),
+            regressor(chain, pool.q, pool.wrench),
+            robot.joint_names,
+        )
+        for plan in (plan_of(chain, 30, criterion=criterion, **options) for criterion in CRITERIA)
     )
-    assert gain.n_random == 20
-    assert gain.efficiency > gain.efficiency_over_best > 1.2
-    assert gain.plan.worst_error < gain.random_best.worst_error
-
-
-def test_a_plan_by_condition_has_a_smaller_condition_number_than_any_other(case):
-    robot, chain, options = case
-    pool = candidate_plan(chain, **options)
-    by_condition, by_determinant = (
-        regressor(chain, plan.q, plan.wrench)
-        for plan in (plan_of(chain, 30, criterion=c, **options) for c in reversed(CRITERIA))
-    )
-    gain = plan_gain(by_condition, regressor(chain, pool.q, pool.wrench), robot.joint_names)
-    assert gain.plan.condition < gain.random_best.condition
-    assert gain.plan.condition < identifiability(by_determinant, robot.joint_names).condition
+    assert d_optimal.n_random == 20
+    assert d_optimal.efficiency > d_optimal.efficiency_over_best > 1.2
+    assert d_optimal.plan.worst_error < d_optimal.random_best.worst_error
+    assert by_condition.plan.condition < by_condition.random_best.condition
+    assert by_condition.plan.condition < d_optimal.plan.condition
 
 
 @pytest.mark.parametrize("criterion", CRITERIA)
@@ -161,33 +142,28 @@ def test_the_same_seed_gives_the_same_plan_and_another_seed_another(case, criter
         np.testing.assert_array_equal(smaller.q, first.q[:5])
 
 
-def test_a_plan_serves_the_other_joints_where_the_tcp_is_on_a6s_axis():
+@pytest.mark.parametrize("criterion", CRITERIA)
+def test_a_plan_serves_the_other_joints_where_the_tcp_is_on_a6s_axis(criterion):
     chain = shipped_chain("kr10_r1100_2", tcp=(0.0, 0.0, 0.08))
-    for criterion in CRITERIA:
-        plan = plan_of(chain, 30, criterion=criterion, candidates=100, payload_kg=10.0, seed=0)
-        found = identifiability(
-            regressor(chain, plan.q, plan.wrench), ("A1", "A2", "A3", "A4", "A5", "A6")
-        )
-        assert found.unidentifiable == ("A6",)
+    plan = plan_of(chain, 30, criterion=criterion, candidates=100, payload_kg=10.0, seed=0)
+    names = robot_of(chain).joint_names
+    found = identifiability(regressor(chain, plan.q, plan.wrench), names)
+    assert found.unidentifiable == ("A6",)
 
 
-# ---- other robots ----------------------------------------------------------------------------
-
-
-def arm_urdf(tmp_path, kinds, names="abcdef"):
-    """An arm of 0.5 m links, alternating axes; the limits are -1..5 rad or m."""
-    body, parent = "", "base"
+def arm_urdf(tmp_path, kinds):
+    """An arm of 0.5 m links, alternating axes; the limits are -1..5.5 rad or m."""
+    body = ""
     for i, kind in enumerate(kinds):
         axis = "0 0 1" if i == 0 else "0 1 0" if i % 2 else "1 0 0"
         body += (
-            f'<joint name="{names[i]}" type="{kind}"><parent link="{parent}"/>'
-            f'<child link="l{i}"/><origin xyz="0 0 0.5"/><axis xyz="{axis}"/>'
+            f'<joint name="j{i}" type="{kind}"><parent link="l{i}"/><child link="l{i + 1}"/>'
+            f'<origin xyz="0 0 0.5"/><axis xyz="{axis}"/>'
             '<limit lower="-1" upper="5.5" effort="1" velocity="1"/></joint>'
-            f'<link name="l{i}"/>'
+            f'<link name="l{i + 1}"/>'
         )
-        parent = f"l{i}"
     path = tmp_path / "arm.urdf"
-    path.write_text(f'<robot name="arm"><link name="base"/>{body}</robot>')
+    path.write_text(f'<robot name="arm"><link name="l0"/>{body}</robot>')
     return path
 
 
@@ -202,9 +178,6 @@ def test_joints_of_more_than_a_turn_are_drawn_within_half_a_turn_of_their_middle
     table = plan_table(plan, load_robot(path, tcp=(0.1, 0.2, 0.3)))
     assert table["q2_deg"].abs().max() <= 180.0
     np.testing.assert_allclose(table["q4_mm"], q[:, 3] * 1000, atol=1e-4)
-
-
-# ---- file ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("source", ["paper", *CRITERIA])
@@ -222,8 +195,9 @@ def test_every_row_of_a_filled_in_plan_is_a_valid_sample(tmp_path, kr10, kr10_ch
     samples = read_samples(path, kr10)
     np.testing.assert_allclose(samples.q, plan.q, atol=np.deg2rad(1e-4))
     np.testing.assert_allclose(samples.wrench, plan.wrench, atol=1e-3)
-    for name in ("pose_id", "load_id", "group"):
+    for name in ("pose_id", "group"):
         assert getattr(samples, name).tolist() == getattr(plan, name).tolist()
+    assert set(samples.load_id) == {"1"}
     np.testing.assert_allclose(samples.deflection, 0.25e-3)
 
 
@@ -234,7 +208,7 @@ def test_the_papers_plan_has_its_61_and_90_poses_and_keeps_the_default_clearance
     assert len(set(plan.pose_id.tolist())) == 151
     np.testing.assert_allclose(np.linalg.norm(plan.wrench[:, :3], axis=1), 78.48)
     np.testing.assert_array_equal(plan.wrench, paper_plan(kr10_chain, 10.0, 3).wrench)
-    points = forward_kinematics(robot_of(kr10_chain), plan.q).points
+    points = robot_of(kr10_chain).forward(plan.q).points
     assert base_distance(points).min() == pytest.approx(0.2234, abs=1e-4)
     assert lowest_height(points).min() == pytest.approx(0.2, abs=1e-4)
 
@@ -243,7 +217,7 @@ def test_angles_are_not_rounded_out_of_the_limits(kr10):
     """0.785398163397448 rad, the upper limit of A2, is a hair less than 45 deg."""
     q = np.stack([kr10.lower, kr10.upper])
     ids = np.array(["1", "2"])
-    table = plan_table(MeasurementPlan(q, np.zeros((2, 6)), ids, ids, ids), kr10)
+    table = plan_table(MeasurementPlan(q, ids, ids, np.zeros((2, 6))), kr10)
     angles = table[[f"q{i}_deg" for i in range(1, 7)]].to_numpy()
     assert (angles[0] >= np.rad2deg(kr10.lower)).all()
     assert (angles[1] <= np.rad2deg(kr10.upper)).all()
@@ -268,19 +242,13 @@ def test_a_file_that_exists_is_not_overwritten_and_others_are_refused_before_the
     assert [file.name for file in tmp_path.iterdir()] == ["plan.csv"]
 
 
-# ---- what is refused -------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"n_poses": 101}, r"n_poses is 101, expected 2 \(for 6 joints\) to 100"),
-        ({"n_poses": 1}, r"n_poses is 1, expected 2 \(for 6 joints\) to 100"),
         ({"candidates": 0}, "candidates is 0, expected a number above 0"),
-        ({"criterion": "doptimal"}, "unknown criterion 'doptimal'; did you mean 'd-optimal'"),
         ({"criterion": "e"}, r"unknown criterion 'e' \(valid: condition, d-optimal\)"),
         ({"payload_kg": 0.0}, "payload_kg is 0, expected a number above 0"),
-        ({"payload_kg": -1.0}, "payload_kg is -1"),
         ({"payload_kg": np.nan}, "payload_kg is nan"),
         ({"seed": -1}, "seed is -1, expected 0 or more"),
         ({"clearance": -0.1}, "clearance is -0.1, expected m, 0 or more"),
@@ -299,7 +267,6 @@ def test_what_cannot_be_planned_is_refused(kr10_chain, changes, message):
     ("name", "tcp", "payload", "message"),
     [
         ("fanuc_r2000ic", FANUC_TCP, 10.0, "is for kr10_r1100_2, not for fanuc_r2000ic"),
-        ("kr10_r1100_2", (0.06, 0.0, 0.08), 0.0, "payload_kg is 0"),
         *(
             ("kr10_r1100_2", tcp, 10.0, r"of the paper's poses \(.*\) do not keep a clearance")
             for tcp in [(0.0, 0.0, 0.3), (0.3, 0.0, 0.1)]  # a long tool: base or ground
@@ -313,9 +280,6 @@ def test_the_papers_plan_is_for_its_own_robot_and_a_tool_that_hits_nothing(
         paper_plan(shipped_chain(name, tcp=tcp), payload, 0)
 
 
-def test_a_robot_without_an_elbow_and_a_plan_of_other_joints_are_refused(kr10_chain, tmp_path):
-    path = arm_urdf(tmp_path, ["revolute"] * 2)
+def test_a_robot_without_an_elbow_is_refused(tmp_path):
     with pytest.raises(ConfigError, match="arm has 2 joints; expected at least three"):
-        candidate_plan(read_chain(path), 10, seed=0, payload_kg=5.0)
-    with pytest.raises(ConfigError, match="plan has 6 joint angles, robot 'arm' has 2 joints"):
-        plan_table(paper_plan(kr10_chain, 10.0, 0), load_robot(path))
+        candidate_plan(read_chain(arm_urdf(tmp_path, ["revolute"] * 2)), 10, seed=0, payload_kg=5.0)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -11,10 +9,13 @@ import pytest
 from stiff_datasets.robots.robot import load_robot, read_chain
 from stiff_protocols.contract.errors import DataError
 
-JOINT = (
-    '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/><axis xyz="0 0 1"/>'
-    '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint><link name="{3}"/>'
-)
+
+def joint(parent="base", child="l1", kind="revolute", inside=""):
+    return (
+        f'<joint name="to_{child}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'{inside}<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        f'<link name="{child}"/>'
+    )
 
 
 def urdf(tmp_path, body):
@@ -54,8 +55,7 @@ def test_the_kr10_has_its_data_sheets_limits_and_masses_and_the_default_tcp(kr10
 
 
 def test_continuous_joints_have_no_limits(tmp_path):
-    path = urdf(tmp_path, JOINT.format("a", "continuous", "base", "l1"))
-    robot = load_robot(path)
+    robot = load_robot(urdf(tmp_path, joint(kind="continuous")))
     assert robot.joint_types == ("revolute",)
     assert np.isinf(robot.lower).all() and np.isinf(robot.upper).all()
 
@@ -64,83 +64,50 @@ def test_continuous_joints_have_no_limits(tmp_path):
     ("body", "message"),
     [
         ("", "no moving joint"),
+        (joint() + joint("l1", "l2") + joint("l1", "l3"), "branches off"),
         (
-            JOINT.format("a", "revolute", "base", "l1")
-            + JOINT.format("b", "revolute", "l1", "l2")
-            + JOINT.format("c", "revolute", "l1", "l3"),
-            "branches off",
-        ),
-        (
-            JOINT.format("a", "revolute", "base", "l1")
-            + '<joint name="x" type="fixed"><parent link="l1"/><child link="t1"/></joint>'
-            '<link name="t1"/>'
-            '<joint name="y" type="fixed"><parent link="l1"/><child link="t2"/></joint>'
-            '<link name="t2"/>',
+            joint() + joint("l1", "t1", "fixed") + joint("l1", "t2", "fixed"),
             r"last link is not unique \(t1, t2\)",
         ),
-        (JOINT.format("a", "floating", "base", "l1"), "6 degrees of freedom"),
+        (joint(kind="floating"), "6 degrees of freedom"),
         (
-            JOINT.format("a", "revolute", "base", "l1").replace('lower="-1"', 'lower="2"'),
-            r"joint 'a' has limits 2..1; expected lower below upper",
+            joint().replace('lower="-1"', 'lower="2"'),
+            r"joint 'to_l1' has limits 2..1; expected lower below upper",
         ),
+        (joint() + joint("l1", "l2", inside='<mimic joint="to_l1"/>'), "mimic joint"),
+        # what would end the parser's stack or the memory
         (
-            JOINT.format("a", "revolute", "base", "l1")
-            + JOINT.format("b", "revolute", "l1", "l2").replace("<axis", '<mimic joint="a"/><axis'),
-            "mimic joint",
+            joint("base", "A") + joint("A", "B") + joint("B", "A"),
+            "link 'A' is the child of 2 joints",
         ),
+        ("".join(joint(f"L{i}", f"L{i + 1}") for i in range(1001)), "more than 1000 joints"),
+        ("<a>" * 60 + "</a>" * 60, "more than 50 elements inside each other"),
+        ("<!--" + "x" * 2**24 + "-->", "larger than 16777216 bytes"),
+        # what Pinocchio takes and no robot has
+        (joint().replace("0 0 1", "1e308 0 1e308"), "unit length"),
+        (joint(inside='<origin xyz="nan 0 0"/>'), ""),
     ],
 )
 def test_what_is_no_serial_chain_is_refused(tmp_path, body, message):
-    with pytest.raises(DataError, match=message):
+    with pytest.raises(DataError, match=rf"r(obot\.urdf)?: .*{message}"):
         load_robot(urdf(tmp_path, body))
 
 
 @pytest.mark.parametrize("tcp", [(80.0, 0.0, 60.0), (np.nan, 0.0, 0.0), (0.0, 0.0)])
 def test_a_tcp_in_millimetres_or_with_gaps_is_refused(tmp_path, tcp):
     with pytest.raises(DataError, match="in m"):
-        load_robot(urdf(tmp_path, JOINT.format("a", "revolute", "base", "l1")), tcp=tcp)
-
-
-def joints(*pairs, origin="0 0 0"):
-    return "".join(
-        f'<joint name="J{i}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="{origin}"/><axis xyz="0 0 1"/>'
-        f'<limit lower="-1" upper="1" effort="1" velocity="1"/></joint><link name="{child}{i}"/>'
-        for i, (parent, child) in enumerate(pairs)
-    )
+        load_robot(urdf(tmp_path, joint()), tcp=tcp)
 
 
 @pytest.mark.parametrize(
-    ("body", "message"),
+    ("name", "message"),
     [
-        (joints(("base", "A"), ("A", "B"), ("B", "A")), "link 'A' is the child of 2 joints"),
-        (joints(*((f"L{i}", f"L{i + 1}") for i in range(1001))), "more than 1000 joints"),
-        ("<a>" * 60 + "</a>" * 60, "more than 50 elements inside each other"),
-        ("<!--" + "x" * 2**24 + "-->", "larger than 16777216 bytes"),
-        (
-            JOINT.format("J", "revolute", "base", "A").replace("0 0 1", "1e308 0 1e308"),
-            "unit length",
-        ),
-        (
-            JOINT.format("J", "revolute", "base", "A").replace(
-                "<axis", '<origin xyz="nan 0 0"/><axis'
-            ),
-            "",  # what Pinocchio takes and no robot has
-        ),
+        ("x.urdf", "not a robot description"),
+        ("absent", "cannot read"),
+        ("/dev/zero", "larger than"),
     ],
 )
-def test_what_would_end_the_parsers_stack_or_the_memory_is_refused(tmp_path, body, message):
-    with pytest.raises(DataError, match=rf"robot\.urdf: .*{message}"):
-        load_robot(urdf(tmp_path, body))
-
-
-def test_a_file_that_is_no_urdf_is_missing_or_without_end_is_refused(tmp_path):
-    path = tmp_path / "x.urdf"
-    path.write_text("<notrobot/>")
-    for file, message in (
-        (path, r"x\.urdf: not a robot description"),
-        (tmp_path / "absent.urdf", "cannot read"),
-        (Path("/dev/zero"), r"/dev/zero: larger than"),
-    ):
-        with pytest.raises(DataError, match=message):
-            read_chain(file)
+def test_a_file_that_is_no_urdf_is_missing_or_without_end_is_refused(tmp_path, name, message):
+    (tmp_path / "x.urdf").write_text("<notrobot/>")
+    with pytest.raises(DataError, match=f"{name}: {message}"):
+        read_chain(tmp_path / name)

@@ -3,25 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from stiff_datasets.planning.poses import Poses, paper_poses
 from stiff_datasets.twin.constants import Noise, shipped_constants, specimen_springs
-from stiff_datasets.twin.twin import (
-    DigitalTwin,
-    TwinExperiment,
-    recorded_deflection,
-    recorded_wrench,
-)
+from stiff_datasets.twin.twin import TwinExperiment, recorded_deflection, recorded_wrench
 
 CONSTANTS = shipped_constants("kr10_r1100_2")
 REPEATS = 10_000
-
-
-def at(q):
-    """Poses without a plan."""
-    names = np.array([f"P{i}" for i in range(len(q))])
-    return Poses(q=q, pose_id=names, group=np.full(len(q), "all"))
 
 
 def test_noise_has_the_data_sheets_size_over_10000_repeats(rng):
@@ -34,15 +22,6 @@ def test_noise_has_the_data_sheets_size_over_10000_repeats(rng):
     np.testing.assert_allclose(deflection.std(axis=0), np.sqrt(2) * 1e-5, rtol=0.03)
     for readings in (wrench, deflection):
         assert np.abs(readings.mean(axis=0) / readings.std(axis=0)).max() < 0.04
-
-
-def test_repeated_readings_of_one_sample_scatter_by_the_noise_alone(kr10_chain):
-    # the same pose 10,000 times: what differs between reading and twin is the tracker
-    q = np.tile(paper_poses(kr10_chain).q[:1], (REPEATS, 1))
-    found = TwinExperiment(CONSTANTS, loads="omni", specimen=0, seed=3).samples(at(q))
-    exact = DigitalTwin(kr10_chain, CONSTANTS.springs).readings(found.q, found.wrench)
-    # the sensor's 0.04 N moves the twin by micrometres at most beside the tracker's 14
-    np.testing.assert_allclose((found.deflection - exact).std(axis=0), np.sqrt(2) * 1e-5, rtol=0.05)
 
 
 def test_another_block_has_other_loads_and_one_rope_the_forces_of_the_line(kr10_chain):
@@ -58,26 +37,9 @@ def test_another_block_has_other_loads_and_one_rope_the_forces_of_the_line(kr10_
     assert (first[:, 3:] != hook.wrenches(q)[:, 3:]).all()
 
 
-@pytest.mark.parametrize("loads", ["line", "line-hook", "omni"])
-def test_the_loads_of_an_experiment_do_not_depend_on_the_specimens_springs(kr10_chain, loads):
-    q = paper_poses(kr10_chain).q[:5]
-    soft = CONSTANTS.model_copy(
-        update={
-            "joint": tuple(
-                joint.model_copy(update={"structure_Nm_per_rad": joint.structure_Nm_per_rad / 2})
-                for joint in CONSTANTS.joint
-            )
-        }
-    )
-    wrenches = [
-        TwinExperiment(constants, loads=loads, specimen=0, seed=0).wrenches(q)
-        for constants in (CONSTANTS, soft)
-    ]
-    np.testing.assert_array_equal(*wrenches)
-
-
 def test_data_sets_that_share_a_seed_share_no_random_numbers():
-    poses = at(np.zeros((50, 6)))
+    names = np.arange(50).astype(str)
+    poses = Poses(np.zeros((50, 6)), names, names)
     variants = [
         TwinExperiment(constants, loads="omni", specimen=specimen, seed=0, loads_per_pose=loads)
         for constants, specimen, loads in (

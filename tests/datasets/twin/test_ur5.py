@@ -31,12 +31,7 @@ CENTRES_OF_MASS = [  # m, link i in Denavit-Hartenberg frame i
     (0, 0, -0.001159),
 ]
 TOOL_M = 0.031  # along the flange axis; found from the targets of the real data
-SOURCE_D5_M = 0.09456  # what the source of the real data computed its joint angles with
 SHARED = Path(__file__).parents[4] / "shared" / "data" / "ur5_wam_jacobi" / "UR5"
-
-real_data = pytest.mark.skipif(
-    not SHARED.is_dir(), reason="the UR5 readings are not beside this checkout"
-)
 
 
 def dh_step(row, angle):
@@ -52,10 +47,10 @@ def dh_step(row, angle):
     )
 
 
-def dh_flange(q, rows=DH_ROWS):
+def dh_flange(q):
     """The flange by the published distal Denavit-Hartenberg rows, without a URDF."""
     pose = np.eye(4)
-    for row, angle in zip(rows, q, strict=True):
+    for row, angle in zip(DH_ROWS, q, strict=True):
         pose = pose @ dh_step(row, angle)
     return pose
 
@@ -116,24 +111,18 @@ def test_it_has_the_published_limits_efforts_masses_and_centres_of_mass():
     np.testing.assert_allclose(robot.centres_of_mass, in_joint_frames, atol=1e-12)
 
 
-@real_data
-@pytest.mark.parametrize("part", ["grid", "random"])
-def test_commanded_angles_give_the_targets_within_a_tenth_of_a_millimetre(part):
-    q, target, _ = readings(part)
-    tool = np.r_[np.zeros(6), 0, 0, TOOL_M]  # no frame is fitted: signs and zeros must be right
-    rms, largest = size_mm(placed(tool, flange_poses(q)) - target)
-    assert largest < 0.1
-    # all of it is one number of the source's model, so no sign or zero hides below a millimetre
-    rows = [*DH_ROWS[:4], (SOURCE_D5_M, *DH_ROWS[4][1:]), DH_ROWS[5]]
-    with_its_d5 = placed(tool, np.stack([dh_flange(angles, rows) for angles in q]))
-    assert size_mm(with_its_d5 - target)[0] < 0.0015 < 0.09 < rms
-
-
-@real_data
-def test_measured_positions_fit_the_urdf_as_those_of_an_uncalibrated_ur5_do():
-    (q, target, error), (q_new, target_new, error_new) = readings("grid"), readings("random")
-    poses, measured = flange_poses(q), target + error
-    fit = least_squares(lambda p: (placed(p, poses) - measured).ravel(), np.zeros(9), x_scale=0.1)
-    assert size_mm(placed(fit.x, poses) - measured) == pytest.approx((0.701, 2.287), abs=0.002)
-    new = placed(fit.x, flange_poses(q_new)) - (target_new + error_new)
-    assert size_mm(new) == pytest.approx((0.561, 1.139), abs=0.002)
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the UR5 readings are not beside this checkout")
+def test_real_angles_give_the_targets_and_real_positions_an_uncalibrated_ur5s_errors():
+    measured, poses = {}, {}
+    for part in ("grid", "random"):
+        q, target, error = readings(part)
+        measured[part], poses[part] = target + error, flange_poses(q)
+        # no frame is fitted: signs and zeros must be right
+        tool = np.r_[np.zeros(6), 0, 0, TOOL_M]
+        assert size_mm(placed(tool, poses[part]) - target)[1] < 0.1
+    fit = least_squares(
+        lambda p: (placed(p, poses["grid"]) - measured["grid"]).ravel(), np.zeros(9), x_scale=0.1
+    )
+    for part, expected in (("grid", (0.701, 2.287)), ("random", (0.561, 1.139))):
+        error = placed(fit.x, poses[part]) - measured[part]
+        assert size_mm(error) == pytest.approx(expected, abs=0.002)

@@ -18,7 +18,7 @@ from sklearn.preprocessing import FunctionTransformer
 
 from quick_models import KEYS, quick_model, twin_data
 from stiff_models import load
-from stiff_models.io.saved import save
+from stiff_models.io.saved import FORMAT, save
 from stiff_models.networks.mlp import Mlp
 from stiff_protocols.contract.errors import (
     DataError,
@@ -76,7 +76,7 @@ def test_a_fresh_process_predicts_the_same_bits_and_imports_nothing_heavy_before
 
 def test_a_file_says_which_model_it_holds_and_names_no_class_of_a_shipped_model(tmp_path):
     content = opened(saved_model(tmp_path, "vjm"))
-    assert content["format"] == 2
+    assert content["format"] == FORMAT
     assert content["model"]["class"] == "vjm"
 
 
@@ -87,43 +87,10 @@ def there_and_back(value, folder):
     return load(folder / "model.stiff").value_
 
 
-@pytest.mark.parametrize(
-    "value",
-    [
-        None,
-        True,
-        7,
-        -0.0,
-        0.1,
-        "text",
-        np.float32(0.1),
-        np.int64(3),
-        np.bool_(True),
-        np.array([np.nan, np.inf, -0.0]),
-        np.array(["A1", "Gelenk ü"]),
-        np.array([], dtype=np.int16),
-        np.array([[True, False]]),
-        np.array([1 + 2j]),
-        np.array(5.0),
-    ],
-)
-def test_plain_values_come_back_as_they_were(value, tmp_path):
-    back = there_and_back(value, tmp_path)
-    assert type(back) is type(value)
-    np.testing.assert_array_equal(back, value)
-    assert np.asarray(back).dtype == np.asarray(value).dtype
-    assert np.asarray(back).tobytes() == np.asarray(value).tobytes()
-
-
 def test_numbers_that_json_has_not_and_nested_containers_come_back(tmp_path):
     nested = {1: (float("inf"), [float("-inf"), {"a": (2,)}])}
     assert there_and_back(nested, tmp_path) == nested
     assert np.isnan(there_and_back(float("nan"), tmp_path))
-
-
-def test_arrays_keep_their_order_in_memory(rng, tmp_path):
-    back = there_and_back(rng.normal(size=(4, 3)).T, tmp_path)
-    assert back.flags.f_contiguous and not back.flags.c_contiguous
 
 
 @pytest.mark.parametrize(
@@ -218,7 +185,7 @@ def object_of(kind, name, **parts):
 
 
 CHANGES = {
-    "has format 3": lambda content: content.update(format=3),
+    "has format 4": lambda content: content.update(format=4),
     "unknown model 'vjn'": lambda content: content["model"].update({"class": "vjn"}),
     "KeyError: 'class'": lambda content: content["model"].pop("class"),
     "KeyError: 'params'": lambda content: content["model"].pop("params"),

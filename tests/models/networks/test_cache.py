@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import joblib
@@ -210,37 +207,3 @@ def test_a_damaged_entry_is_trained_again(data, trainings, empty_cache):
     again = fit(data).predict(data.samples.q, data.samples.wrench)
     np.testing.assert_array_equal(first, again)
     assert len(trainings) == 2
-
-
-def test_a_folder_that_cannot_be_made_is_a_warning_and_no_failure(data, tmp_path, monkeypatch):
-    (tmp_path / "file").write_text("")
-    monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path / "file" / "cache"))
-    with pytest.warns(StiffBenchWarning, match="neither kept nor taken"):
-        fit(data)
-
-
-@pytest.mark.slow
-def test_two_processes_may_use_it_at_once(empty_cache):
-    program = (
-        "import numpy as np, hashlib\n"
-        "from stiff_datasets.twin.kr10_twin import Kr10Twin\n"
-        "from stiff_models.transfer.mlp_pretrained import MlpPretrained\n"
-        "d = Kr10Twin().load()\n"
-        f"m = MlpPretrained(**{SMALL!r})\n"
-        "for seed in range(2):\n"
-        "    m.fit(d.samples, robot=d.robot, seed=seed)\n"
-        "    p = m.predict(d.samples.q, d.samples.wrench)\n"
-        "    print(hashlib.sha256(p.tobytes()).hexdigest())\n"
-    )
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-
-    def run(_):
-        return subprocess.run(
-            [sys.executable, "-c", program], env=environment, capture_output=True, text=True
-        )
-
-    with ThreadPoolExecutor(2) as pool:
-        one, two = pool.map(run, range(2))
-    assert one.returncode == two.returncode == 0, one.stderr + two.stderr
-    assert one.stdout == two.stdout and len(set(one.stdout.split())) == 2
-    assert cache_info().entries == 2

@@ -66,24 +66,6 @@ def test_a_constant_feature_is_not_divided_by_zero():
     np.testing.assert_allclose(scaler.undo(scaler.apply(values)), values)
 
 
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda: Mlp(**SMALL, epochs=20),
-        lambda: MlpPretrained(**SMALL_SOURCE),
-        lambda: FtMlp(**SMALL_SOURCE, epochs=10),
-    ],
-)
-def test_the_same_seed_gives_the_same_predictions_and_another_seed_others(make, parts):
-    _, _, _, test = parts
-    first, again, other = (
-        fit(make(), parts, seed=seed).predict(test.q, test.wrench) for seed in (1, 1, 2)
-    )
-    np.testing.assert_array_equal(first, again)
-    assert first.shape == (len(test), 3) and first.dtype == np.float64
-    assert np.abs(first - other).max() > 0
-
-
 @pytest.mark.parametrize("freeze", STRATEGIES)
 def test_every_strategy_moves_its_own_parameters_and_no_others(freeze, parts):
     model = fit(

@@ -9,8 +9,11 @@ import torch
 from made_robots import random_chain
 from stiff_models.networks.features import Scaler, encode
 from stiff_models.networks.network import build_network
-from stiff_models.networks.torch_kinematics import TorchJacobian
-from stiff_models.networks.torch_parts import EncodedNetwork, JointSprings, MeanOf, SumOf
+from stiff_models.networks.torch_parts import (
+    EncodedNetwork,
+    JointSprings,
+    TorchJacobian,
+)
 from stiff_models.physics.kinematics import jacobian
 
 CHAINS = [
@@ -72,12 +75,3 @@ def test_an_encoded_network_sees_the_features_that_training_saw(encoding, rng):
         truth = scalers[1].undo(network(inputs).double().numpy())
         ours = module(torch.tensor(q), torch.tensor(wrench)).numpy()
     np.testing.assert_allclose(ours, truth, atol=1e-6)
-
-
-def test_sum_and_mean_of_parts(rng):
-    robot = random_chain(rng, CHAINS[0])
-    q, wrench = torch.tensor(rng.normal(size=(4, 6))), torch.tensor(rng.normal(size=(4, 6)))
-    parts = [JointSprings(robot, rng.uniform(size=6)) for _ in range(3)]
-    separate = torch.stack([part(q, wrench) for part in parts])
-    torch.testing.assert_close(SumOf(parts)(q, wrench), separate.sum(dim=0))
-    torch.testing.assert_close(MeanOf(parts)(q, wrench), separate.mean(dim=0))

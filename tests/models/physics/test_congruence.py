@@ -146,16 +146,6 @@ def test_a_joint_that_is_rigid_is_found_rigid(kr10, rng):
     np.testing.assert_allclose(found.compliance, compliance, rtol=1e-9, atol=1e-16)
 
 
-def test_its_standard_errors_are_the_scatter_of_repeated_identifications(kr10, rng):
-    samples, found, stated = loaded_samples(kr10, rng), [], []
-    for _ in range(100):
-        noisy = samples.deflection + rng.normal(scale=1e-4, size=(len(samples), 3))
-        joints = identify_joints(kr10, replace(samples, deflection=noisy), congruence=True)
-        found.append(joints.stiffness)
-        stated.append(joints.standard_error)
-    np.testing.assert_allclose(np.mean(stated, axis=0), np.std(found, axis=0), rtol=0.3)
-
-
 def test_at_small_loads_it_is_the_linear_model(kr10, rng):
     samples = loaded_samples(kr10, rng)
     wrench = samples.wrench * 1e-6

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from made_robots import random_chain
-from stiff_models.physics.joint_springs import compliance_matrix, joint_deflection
-from stiff_models.physics.kinematics import jacobian
+from stiff_models.physics.kinematics import compliance_matrix, jacobian, joint_deflection
 from stiff_protocols.contract.errors import DataError
 
 KINDS = [

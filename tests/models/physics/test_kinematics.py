@@ -74,22 +74,6 @@ def test_jacobian_equals_pinocchio_on_random_chains(n_joints, rng, tmp_path):
         assert_relatively_equal(jacobian(robot, q), truth)
 
 
-def test_translational_rows_are_the_central_difference_of_the_tcp_position(kr10, kr10_chain, rng):
-    model, data = kr10_chain.model, kr10_chain.model.createData()
-
-    def position(q):
-        pin.forwardKinematics(model, data, q)
-        return data.oMi[6].act(kr10_chain.tcp)
-
-    step = 1e-6
-    for q in rng.uniform(kr10.lower, kr10.upper, size=(20, 6)):
-        difference = np.stack(
-            [(position(q + step * e) - position(q - step * e)) / (2 * step) for e in np.eye(6)],
-            axis=1,
-        )
-        np.testing.assert_allclose(jacobian(kr10, q[None])[0, :3], difference, atol=1e-8)
-
-
 def test_a_batch_of_several_chunks_equals_its_rows_one_at_a_time(kr10, rng):
     q = rng.uniform(kr10.lower, kr10.upper, size=(CHUNK + 7, 6))
     batch = jacobian(kr10, q)
@@ -127,18 +111,6 @@ def test_no_pose_has_no_jacobian(function, kr10):
 def test_wrong_number_of_joint_angles_is_refused(function, kr10):
     with pytest.raises(DataError, match=r"\(2, 5\), expected \(n, 6\)"):
         function(kr10, np.zeros((2, 5)))
-
-
-def test_kinematic_hessian_is_the_central_difference_of_the_jacobian(kr10, rng):
-    step = 1e-5
-    for robot in (kr10, random_chain(rng, MIXED)):
-        q = rng.uniform(-1.5, 1.5, size=(20, robot.n_joints))
-        hessian = kinematic_hessian(jacobian(robot, q))
-        assert hessian.shape == (20, 6, robot.n_joints, robot.n_joints)
-        for j in range(robot.n_joints):
-            turn = step * np.eye(robot.n_joints)[j]
-            difference = (jacobian(robot, q + turn) - jacobian(robot, q - turn)) / (2 * step)
-            np.testing.assert_allclose(hessian[..., j], difference, atol=2e-9)
 
 
 def test_kinematic_hessian_equals_pinocchios_time_variation_of_the_jacobian(kr10, kr10_chain, rng):
@@ -206,14 +178,6 @@ def test_virtual_joints_move_the_tcp_as_pinocchios_model_with_42_joints(kr10, rn
             frame = model.getFrameId("tcp")
             truth = pin.computeFrameJacobian(model, data, position, frame, pin.LOCAL_WORLD_ALIGNED)
             assert_relatively_equal(twists, truth[:, virtual])
-
-
-def test_the_joints_own_virtual_joint_moves_the_tcp_as_the_joint(rng):
-    robot = random_chain(rng, MIXED)
-    q = rng.uniform(-1.5, 1.5, size=(CHUNK + 3, robot.n_joints))
-    own = [2 if kind == "revolute" else 5 for kind in robot.joint_types]
-    found = virtual_jacobian(robot, q)[:, :, range(robot.n_joints), own]
-    np.testing.assert_allclose(found, jacobian(robot, q), atol=1e-15)
 
 
 def test_virtual_axes_are_those_of_the_urdf_frame_where_the_joints_axis_is_one_of_them(kr10, rng):

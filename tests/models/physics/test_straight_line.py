@@ -31,21 +31,6 @@ def test_a_program_computes_its_formula_in_chunks(n, rng):
     np.testing.assert_allclose(out, truth(*columns.T, angles[:, 0]), atol=1e-13)
 
 
-def test_inputs_that_all_rows_share_are_given_once(rng):
-    tape, ((x,), shared) = tape_with(1, 2)
-    program = Program.of(tape, [x * shared[0] + shared[1], shared[1]])
-    column, out = rng.normal(size=(9, 1)), np.empty((2, 9))
-    program.run([column], out, shared=[3.0, -2.0])
-    np.testing.assert_array_equal(out, [3.0 * column[:, 0] - 2.0, np.full(9, -2.0)])
-
-
-def test_results_may_be_written_into_the_columns_of_a_table(rng):
-    tape, (pair,) = tape_with(2)
-    table, rows = np.empty((7, 2)), rng.normal(size=(7, 2))
-    Program.of(tape, [pair[0] + pair[1], pair[0] * pair[1]]).run([rows], table.T)
-    np.testing.assert_array_equal(table, np.column_stack([rows.sum(axis=1), rows.prod(axis=1)]))
-
-
 def test_a_step_is_written_once_and_a_change_of_sign_never():
     tape, (pair,) = tape_with(2)
     a, b = pair
@@ -59,14 +44,6 @@ def test_steps_that_no_result_needs_are_left_out():
     unused = pair[0] * pair[1]
     assert len(Program.of(tape, [pair[0] + pair[1]]).steps) == 1
     assert len(Program.of(tape, [unused]).steps) == 1
-
-
-def test_constants_are_told_apart_from_the_numbers_of_values(rng):
-    tape, (pair,) = tape_with(2)
-    program = Program.of(tape, [pair[0] * 1.5 + 1.0, pair[0] * 1.5 + pair[1]])
-    rows, out = rng.normal(size=(4, 2)), np.empty((2, 4))
-    program.run([rows], out)
-    np.testing.assert_allclose(out, [rows[:, 0] * 1.5 + 1.0, rows[:, 0] * 1.5 + rows[:, 1]])
 
 
 def test_cosine_and_sine_by_the_half_angle_are_as_exact_as_rounding(rng):

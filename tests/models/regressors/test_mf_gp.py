@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from stiff_datasets.twin.kr10_twin import Kr10Twin
-from stiff_models.physics.vjm import VirtualJointModel
 from stiff_models.regressors.gaussian_process import (
     Covariance,
     GaussianProcess,
@@ -137,13 +136,6 @@ def test_smts_co_kriging_is_the_same_joint_process_with_constant_means():
     np.testing.assert_allclose(smt.predict_values(LINE)[:, 0], mean, atol=1e-9)
 
 
-def test_the_uncertainty_is_small_at_dear_points_and_grows_between_them():
-    waves = high(DEAR) + 3.0 * np.sin(20.0 * DEAR[:, 0])  # nothing of the low fidelity's
-    fitted = co_kriging(0.2, 0.2, waves)
-    between = fitted.deviation(np.array([[0.2], [0.8]]))
-    assert fitted.deviation(DEAR).max() < 0.1 * between.min()
-
-
 def test_its_simulated_samples_come_from_the_one_source_builder(data):
     model = MultiFidelityGp(source_samples=16, restarts=0, ard=False, source_stiffness="nominal")
     few = data.samples.take(np.arange(0, 150, 8))
@@ -153,20 +145,3 @@ def test_its_simulated_samples_come_from_the_one_source_builder(data):
     # the low fidelity is the softer robot's: what it predicts at the same rows is larger
     rows = own.rows / np.sqrt(5.0) * own.covariance.lengths
     assert np.abs(other.mean(rows)).max() > 5 * np.abs(own.mean(rows)).max()
-
-
-def test_co_kriging_beats_the_vjm_on_its_training_samples_and_leaves_numpys_seed_alone(data):
-    train = data.samples.take(np.arange(0, 150, 3))
-    state = np.random.get_state()[1].copy()  # noqa: NPY002
-    model = MultiFidelityGp(source_samples=40, ard=False).fit(train, robot=data.robot, seed=4)
-    np.testing.assert_array_equal(state, np.random.get_state()[1])  # noqa: NPY002
-    vjm = VirtualJointModel().fit(train, robot=data.robot)
-    errors = [
-        np.abs(m.predict(train.q, train.wrench) - train.deflection).mean() for m in (model, vjm)
-    ]
-    assert errors[0] < errors[1]
-    interval = model.predict_interval(train.q, train.wrench, 0.9)
-    np.testing.assert_allclose(
-        (interval.lower + interval.upper) / 2, model.predict(train.q, train.wrench), atol=1e-12
-    )
-    assert {"rho X", "noise Y [mm]"} <= set(model.diagnostics_)

@@ -55,17 +55,6 @@ def test_samples_of_a_vjm_give_the_vjm_back(make, parts):
     np.testing.assert_allclose(stiffness, 1.0 / COMPLIANCE, rtol=1e-6)
 
 
-def test_the_learner_improves_the_fit_of_its_own_training_samples(parts):
-    robot, train, _, _ = parts
-    errors = [
-        np.abs(
-            model.fit(train, robot=robot).predict(train.q, train.wrench) - train.deflection
-        ).mean()
-        for model in (VirtualJointModel(), VjmBoosting(trees=50))
-    ]
-    assert errors[1] < 0.5 * errors[0]
-
-
 def test_the_interval_of_the_residual_lies_around_the_whole_prediction(parts):
     robot, train, _, test = parts
     model = VjmGp(restarts=0, ard=False).fit(train, robot=robot)

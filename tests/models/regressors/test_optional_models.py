@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import importlib.util
 
-import numpy as np
 import pytest
 
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.regressors import optional_packages
-from stiff_models.regressors.tabular import RealMlp, TabM, TabPfn
+from stiff_models.regressors.tabular import RealMlp, TabPfn
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
 
@@ -28,35 +27,15 @@ def test_without_tabpfn_its_family_names_the_extra(monkeypatch):
         TabPfn(device="cpu").fit(data.samples, robot=data.robot)
 
 
-def test_weights_that_are_not_there_are_named_and_never_fetched(tmp_path):
+def test_weights_that_are_not_there_are_named_and_never_fetched(tmp_path, monkeypatch):
+    monkeypatch.setattr(optional_packages, "missing", lambda package: "")
     file = tmp_path / "weights.ckpt"
-    assert f"{file} is not there" in optional_packages.missing_weights(str(file))
+    assert f"{file} is not there" in optional_packages.missing_tabpfn(str(file))
     file.touch()
-    assert optional_packages.missing_weights(str(file)) == ""
+    assert optional_packages.missing_tabpfn(str(file)) == ""
 
 
 @pytest.mark.parametrize("model", [RealMlp(), TabPfn()])
 def test_what_cannot_be_saved_says_so(model, tmp_path):
     with pytest.raises(StoreError, match="cannot be saved"):
         model.save(tmp_path / "model")
-
-
-@pytest.mark.skipif(
-    bool(optional_packages.missing_pytabkit()),
-    reason=optional_packages.missing_pytabkit() or "there",
-)
-@pytest.mark.filterwarnings("ignore")  # at import of pytabkit
-@pytest.mark.parametrize("family", [RealMlp, TabM])
-def test_pytabkits_networks_learn_with_and_without_validation_rows(family):
-    data = Kr10Twin().load()
-    train, held_out, test = (data.samples.take(np.arange(start, 150, 3)) for start in range(3))
-    for validation in (None, held_out):
-        fits = [
-            family(epochs=3, device="cpu").fit(
-                train, robot=data.robot, validation=validation, seed=2
-            )
-            for _ in range(2)
-        ]
-        first, again = (fit.predict(test.q, test.wrench) for fit in fits)
-        np.testing.assert_array_equal(first, again)
-        assert first.shape == (len(test), 3) and first.dtype == np.float64

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import qmc
 
 from made_robots import random_chain
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
@@ -84,14 +83,6 @@ def test_every_design_gives_what_its_samples_give_alone(poses, wrenches, twin, r
     np.testing.assert_allclose(domain.deflection[rows], truth, rtol=0, atol=1e-17)
 
 
-def test_a_joint_that_stands_still_leaves_the_first_joints_values_to_a_grid(twin):
-    still = twin.samples.q.copy()
-    still[:, 0] = 0.25
-    samples = replace(twin.samples, q=still)
-    design = source_design("data", "paper", twin.robot, samples, 0)
-    np.testing.assert_array_equal(design.first_values, [0.25])
-
-
 def test_another_robots_source_spans_its_own_poses_and_loads():
     data = FanucR2000iC().load()
     design = source_design("auto", "auto", data.robot, data.samples, 0)
@@ -114,25 +105,6 @@ def test_drawn_wrenches_fill_the_range_of_the_training_samples_components(twin, 
     assert (loads >= lower).all() and (loads <= upper).all()
     np.testing.assert_allclose(loads.mean(axis=0), (lower + upper) / 2, atol=0.5)
     assert np.linalg.matrix_rank(loads) == 6
-
-
-def test_sobol_poses_fill_the_joint_ranges_more_evenly_than_chance(twin, rng):
-    design = source_design("sobol", "paper", twin.robot, twin.samples, 0)
-    assert design.q.shape == (21_280, 6)
-    lower, upper = twin.samples.q.min(axis=0), twin.samples.q.max(axis=0)
-    moving = upper > lower
-    assert (design.q[:, ~moving] == lower[~moving]).all()
-    unit = ((design.q - lower)[:, moving] / (upper - lower)[moving])[:512]
-    assert qmc.discrepancy(unit) < 0.5 * qmc.discrepancy(rng.random(unit.shape))
-
-
-def test_the_same_seed_draws_the_same_source_and_another_seed_another(twin):
-    first, again, other = (
-        source_design("sobol", "sobol", twin.robot, twin.samples, seed) for seed in (1, 1, 2)
-    )
-    np.testing.assert_array_equal(first.q, again.q)
-    np.testing.assert_array_equal(first.wrench, again.wrench)
-    assert (first.q != other.q).any() and (first.wrench != other.wrench).any()
 
 
 def model_with(**options):

@@ -91,15 +91,6 @@ def test_no_pose_both_teaches_and_calibrates_and_validation_rows_only_validate(r
     assert not hasattr(given, "given_")  # a copy was fitted
 
 
-def test_the_division_follows_the_seed(rng):
-    train = samples(rng.normal(size=(40, 3)))
-    first, again, other = (
-        SplitConformal(Rest()).fit(train, robot=None, seed=seed).residuals_ for seed in (1, 1, 2)
-    )
-    np.testing.assert_array_equal(first, again)
-    assert not np.array_equal(first, other)
-
-
 @pytest.mark.parametrize(
     ("coverage", "needed"), [(0.5, 1), (0.8, 4), (0.9, 9), (0.95, 19), (0.99, 99), (0.91, 11)]
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from made_samples import assert_no_pose_is_parted, learned, unloaded
+from made_samples import learned, unloaded
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.splits.sample_efficiency import SampleEfficiency
 
@@ -40,23 +40,10 @@ def test_validation_poses_come_out_of_the_subset_and_count(size, loads, rows):
     assert [len(split.train), len(split.validation)] == rows
 
 
-def test_sizes_count_poses_and_no_pose_stands_on_two_sides():
-    samples = unloaded(30, 4)
-    splits = SampleEfficiency(sizes="3,12").splits(samples, n_splits=2, seed=1)
-    assert_no_pose_is_parted(samples, splits)
-    for split in splits:
-        assert len(learned(split)) == 4 * int(split.condition.removeprefix("n = "))
-
-
 def test_sizes_beyond_the_training_side_become_one_with_all_of_it():
     splits = SampleEfficiency().splits(unloaded(43), n_splits=None, seed=0)
     assert [split.condition for split in splits] == ["n = 5", "n = 10", "n = 20", "n = 35"]
     assert len(learned(splits[-1])) + len(splits[-1].test) == 43
-
-
-def test_a_draw_does_not_depend_on_how_many_draws_there_are():
-    one, three = (SampleEfficiency().splits(unloaded(60), n_splits=n, seed=5) for n in (1, 3))
-    assert [s.sha256 for s in one] == [s.sha256 for s in three[: len(one)]]
 
 
 @pytest.mark.parametrize("sizes", ["few", "5,,10", "5;10", "", "0,5", "-3", "2.5"])

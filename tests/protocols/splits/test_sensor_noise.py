@@ -83,15 +83,6 @@ def test_levels_are_paired_multiples_of_the_same_draws(many):
     )
 
 
-def test_the_same_seed_gives_the_same_errors_and_splits_and_seeds_their_own(many):
-    few = many.take(np.arange(30))
-    drawn = [
-        {s.wrench_error.tobytes() for s in SensorNoise(levels="1").splits(few, n_splits=2, seed=k)}
-        for k in (7, 7, 8)
-    ]
-    assert drawn[0] == drawn[1] and not drawn[0] & drawn[2] and len(drawn[0]) == 2
-
-
 @pytest.mark.parametrize("levels", ["loud", "1,,5", "", "-1", "0,inf", "nan"])
 def test_levels_that_are_no_numbers_from_0_are_refused_by_name(levels, many):
     with pytest.raises(ConfigError) as refused:
@@ -99,20 +90,6 @@ def test_levels_that_are_no_numbers_from_0_are_refused_by_name(levels, many):
     assert str(refused.value) == (
         f"sensor-noise.levels={levels!r}: valid are numbers from 0, separated by commas"
     )
-
-
-def test_without_noise_predictions_are_those_of_holdout_and_with_it_they_move(tasks_of):
-    (plain,) = tasks_of(("vjm",), "fanuc-r2000ic", "holdout")
-    levels = tasks_of(("vjm",), "fanuc-r2000ic", "sensor-noise")
-    truth = compute_cell(plain, "r").prediction
-    found = [compute_cell(task, "r").prediction for task in levels]
-    np.testing.assert_array_equal(found[0].predicted, truth.predicted)
-    moved = [np.abs(each.predicted - truth.predicted).max() for each in found]
-    assert moved[1] > 0.0
-    np.testing.assert_allclose(moved, moved[1] * np.array([0, 1, 5, 20]))  # the VJM is linear
-    for each in found:
-        np.testing.assert_array_equal(each.measured, truth.measured)
-        np.testing.assert_array_equal(each.reference, each.predicted)  # it too is told the errors
 
 
 def test_fits_are_the_same_at_every_level_and_know_no_error(tasks_of):

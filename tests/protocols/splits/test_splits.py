@@ -9,11 +9,8 @@ import numpy as np
 import pytest
 from sklearn.model_selection import GroupShuffleSplit
 
-from made_samples import assert_no_pose_is_parted, unloaded
-from stiff_datasets.twin.kr10_twin import Kr10TwinMultiload
-from stiff_protocols.catalog import PROTOCOLS
+from made_samples import unloaded
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.interfaces import DividesByRobot
 from stiff_protocols.contract.types import Split
 from stiff_protocols.splits.checks import first_fault
 from stiff_protocols.splits.generators import LazySplits, inner_validation
@@ -28,46 +25,6 @@ from stiff_protocols.splits.sample_efficiency import SampleEfficiency
 from stiff_protocols.splits.sensor_noise import SensorNoise
 
 BY_POSE = [Holdout(), RepeatedHoldout(), KFold(), LeaveOneOut()]
-DRAWN = [info for info in PROTOCOLS if info.key not in ("leave-one-out", "kfold")]
-
-
-@pytest.fixture(scope="module")
-def twin():
-    """Five loads at each of 151 poses in two groups: what every protocol can divide."""
-    return Kr10TwinMultiload().load()
-
-
-def divided(info, data, **how):
-    protocol = info.load()()
-    if isinstance(protocol, DividesByRobot):
-        protocol.use_robot(data.robot)
-    return protocol.splits(data.samples, **how)
-
-
-@pytest.mark.parametrize("info", PROTOCOLS, ids=lambda info: info.key)
-def test_no_shipped_protocol_parts_a_pose_or_tests_a_row_that_was_learned_from(info, twin):
-    splits = [*divided(info, twin, n_splits=None, seed=3)][:40]
-    if info.key == "paper-holdout":  # its validation rows are test rows, as it says
-        splits = [replace(split, validation=split.train[:0]) for split in splits]
-    assert_no_pose_is_parted(twin.samples, splits)
-
-
-@pytest.mark.parametrize("info", DRAWN, ids=lambda info: info.key)
-def test_the_same_seed_gives_the_same_splits_and_another_seed_others(info, twin):
-    first, again, other = (
-        [split.sha256 for split in divided(info, twin, n_splits=2, seed=seed)] for seed in (1, 1, 2)
-    )
-    assert first == again and not set(first) & set(other)
-    drawn_once = 2 if info.key == "cross-robot" else 1  # each division has two conditions
-    assert len(set(first)) * drawn_once == len(first)
-
-
-@pytest.mark.parametrize("protocol", BY_POSE)
-def test_every_row_stands_in_exactly_one_part_and_no_part_is_empty(protocol):
-    for split in protocol.splits(unloaded(20, 2), n_splits=None, seed=0):
-        parts = split.train, split.validation, split.test
-        assert all(map(len, parts))
-        np.testing.assert_array_equal(np.sort(np.concatenate(parts)), np.arange(40))
 
 
 def test_holdout_tests_a_fifth_of_the_poses_and_validates_on_a_fifth_of_the_rest():

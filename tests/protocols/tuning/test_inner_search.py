@@ -105,13 +105,6 @@ def test_every_pose_is_scored_once_by_fits_that_did_not_see_it(samples):
         assert poses(fit) | poses(chooses) < everything
 
 
-def test_a_candidate_that_knows_its_own_rows_by_heart_gains_nothing_by_it(samples):
-    """One neighbour is never wrong at rows it has seen; at others, in noise, a mean is better."""
-    search = InnerSearch(NearestNeighbours(), {"neighbours": (1, 12)})
-    robot = FanucR2000iC().load().robot
-    assert search.fit(samples(0, 20), robot=robot).best_params_ == {"neighbours": 12}
-
-
 def test_a_candidate_that_chooses_no_epoch_learns_from_the_validation_rows(samples):
     train, validation = samples(0, 12), samples(12, 3)
     search = InnerSearch(Shifted(level=3.0), {"epochs": (True, False), "level": (3.0,)})
@@ -134,16 +127,6 @@ def test_without_validation_rows_no_fit_gets_any(samples):
 def test_the_first_of_equally_good_candidates_is_chosen(samples):
     grid = {"other": ("b", "a"), "level": (7.0, 5.0, 1.0)}  # the last two are as far from 3
     assert chosen(InnerSearch(Shifted(), grid), samples(0, 12)) == {"other": "b", "level": 5.0}
-
-
-def test_the_same_seed_divides_and_chooses_alike(samples):
-    train = samples(0, 15)
-    largest = 2**32 - 1  # that a cell can have
-    scores = [
-        InnerSearch(Shifted(), {"level": (2.9, 3.0)}).fit(train, robot=None, seed=seed).scores_
-        for seed in (1, 1, largest)
-    ]
-    assert scores[0] == scores[1] != scores[2]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,1 @@
+"""What `import stiffbench` offers, and all that the commands call."""

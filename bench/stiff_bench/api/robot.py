@@ -1,0 +1,41 @@
+"""Robots by their descriptions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from stiff_protocols.contract import robot as contract
+
+
+class Robot(contract.Robot):
+    """A serial robot, see `stiff_protocols.contract.robot.Robot`, with the ways to get one."""
+
+    @staticmethod
+    def from_urdf(file: Path | str, *, tcp: Sequence[float] = (0.0, 0.0, 0.0)) -> contract.Robot:
+        """Read a robot description; its meshes are not needed.
+
+        Args:
+            file: URDF.
+            tcp: (3,) tool centre point in the frame of the last link, m.
+
+        Raises:
+            DataError: it is no URDF, or its joints are no single serial chain.
+        """
+        from stiff_datasets.robots.robot import load_robot
+
+        return load_robot(Path(file), tcp=tcp)
+
+    @staticmethod
+    def shipped(name: str) -> contract.Robot:
+        """Return a robot that stiffbench ships, with the tool of its data set.
+
+        Args:
+            name: "kr10-r1100-2", "ur5" or "fanuc-r2000ic".
+
+        Raises:
+            ConfigError: there is no such robot.
+        """
+        from stiff_datasets.robots.shipped import named_robot
+
+        return named_robot(name).robot()

@@ -1,0 +1,35 @@
+"""Arrays that are checked once, where they enter, and read-only from then on."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stiff_protocols.contract.errors import DataError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+TextArray = NDArray[np.str_]
+
+
+def frozen_array(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> FloatArray:
+    """Return `value` as a read-only float64 copy of the given shape (None: any length).
+
+    Raises:
+        DataError: the shape differs, or an entry is no real number, NaN or infinite.
+    """
+    given = np.asarray(value)
+    if given.dtype.kind not in "fiub":  # complex numbers and dates would lose a part
+        raise DataError(f"{name} holds {given.dtype}, expected real numbers")
+    with np.errstate(over="ignore", invalid="ignore"):  # what is too large is refused below
+        array = np.array(given, dtype=np.float64, order="C")
+    if array.ndim != len(shape) or any(
+        want is not None and want != have for want, have in zip(shape, array.shape, strict=True)
+    ):
+        wanted = "x".join("n" if size is None else str(size) for size in shape)
+        raise DataError(f"{name} has shape {array.shape}, expected {wanted}")
+    if not np.isfinite(array).all():
+        row = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise DataError(f"{name}{list(row)} is {array[row]}, expected a finite number")
+    array.flags.writeable = False
+    return array

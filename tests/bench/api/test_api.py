@@ -1,0 +1,237 @@
+"""`import stiffbench`: data, models and results as a script or a notebook uses them."""
+
+from __future__ import annotations
+
+import gc
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stiffbench as sb
+from stiff_datasets.measured.measured import write_samples
+from stiff_protocols.contract.errors import ConfigError, DataError, NotFittedError
+
+
+@pytest.fixture(scope="module")
+def twin():
+    return sb.load_dataset("kr10-twin", specimen=3)
+
+
+class Halved:
+    """A notebook's own model: half of the mean training deflection."""
+
+    def __init__(self, *, factor: float = 0.5) -> None:
+        self.factor = factor
+
+    def fit(self, train, *, robot, validation=None, seed=0):
+        self.mean_ = self.factor * train.deflection.mean(axis=0)
+        return self
+
+    def predict(self, q, wrench):
+        return np.tile(self.mean_, (len(q), 1))
+
+
+def script(tmp_path: Path, text: str) -> subprocess.CompletedProcess[str]:
+    path = tmp_path / "script.py"
+    path.write_text(text)
+    command = [sys.executable, path]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
+def test_importing_the_package_imports_nothing_heavy_and_every_name_is_there(tmp_path):
+    done = script(
+        tmp_path,
+        "import sys, stiffbench\n"
+        "print(sorted({'numpy', 'torch', 'pandas', 'pinocchio'} & sys.modules.keys()))\n"
+        "data = stiffbench.load_dataset('kr10-twin')\n"
+        "stiffbench.evaluate('vjm', data, splits=1)\n"
+        "print('torch' in sys.modules)\n",
+    )
+    assert done.stdout.splitlines() == ["[]", "False"], done.stderr
+    assert all(getattr(sb, name) is not None for name in dir(sb))
+    with pytest.raises(AttributeError, match="nothing_such"):
+        _ = sb.nothing_such
+
+
+def test_options_are_checked_and_become_part_of_the_name():
+    assert sb.load_dataset("kr10-twin", specimen=3).name == "kr10-twin@specimen=3"
+    assert sb.make_model("knn", neighbours=3).name == "knn@neighbours=3"
+    assert sb.make_model("knn@neighbours=3").name == sb.make_model("knn", neighbours=3).name
+    with pytest.raises(ConfigError, match="neighbours"):
+        sb.make_model("knn", neighbors=3)
+    with pytest.raises(ConfigError, match="many"):
+        sb.make_model("knn", neighbours="many")
+    with pytest.raises(ConfigError, match="kr10-twin"):
+        sb.load_dataset("kr10-twn")
+
+
+def test_a_model_fits_predicts_scores_and_is_the_same_after_a_file(twin, tmp_path):
+    model = sb.make_model("vjm")
+    with pytest.raises(NotFittedError):
+        model.predict(twin.samples.q, twin.samples.wrench)
+    predicted = model.fit(twin).predict(twin.samples.q, twin.samples.wrench)
+    assert predicted.shape == (len(twin), 3)
+    assert model.diagnostics["rank"] == 6.0
+    errors = model.score(twin).set_index(["metric", "axis"])
+    mean_x = 1000.0 * np.abs(predicted - twin.samples.deflection)[:, 0].mean()
+    assert errors.loc[("mae", "x"), "value"] == pytest.approx(mean_x, rel=1e-12)
+    assert errors.loc[("mae", "x"), "unit"] == "mm"
+    model.save(tmp_path / "vjm.stiff")
+    again = sb.load_model(tmp_path / "vjm.stiff")
+    np.testing.assert_array_equal(again.predict(twin.samples.q, twin.samples.wrench), predicted)
+    assert again.name == "vjm"
+
+
+def test_a_model_that_chooses_its_epoch_gets_poses_to_choose_by_and_says_so(twin, monkeypatch):
+    model, seen = sb.make_model("mlp"), {}
+
+    def fit(self, train, *, robot, validation, seed):
+        seen.update(train=train, validation=validation)
+
+    monkeypatch.setattr(model.choice.cls, "fit", fit)
+    model.fit(twin, seed=5)
+    parts = [set(seen[name].pose_id) for name in ("train", "validation")]
+    assert not parts[0] & parts[1]
+    assert parts[0] | parts[1] == set(twin.samples.pose_id)
+    assert f"{len(parts[1])} poses" in model.note
+    assert sb.make_model("vjm").fit(twin).note == ""
+
+
+def test_frames_files_and_arrays_hold_the_same_samples(twin, tmp_path):
+    file = tmp_path / "mine.csv"
+    write_samples(file, twin.samples, twin.robot)
+    of_file = sb.read_samples(file, robot=twin.robot)
+    of_frame = sb.Dataset.from_frame(twin.frame(), twin.robot)
+    of_arrays = sb.Dataset.from_samples(of_file.samples, twin.robot, name="arrays")
+    assert of_file.data.sha256 == of_frame.data.sha256 == of_arrays.data.sha256
+    assert (of_file.name, of_arrays.name) == ("mine.csv", "arrays")
+    wrong = twin.frame().drop(columns="fx_N")
+    with pytest.raises(DataError, match="fx_N"):
+        sb.Dataset.from_frame(wrong, twin.robot)
+    with pytest.raises(ConfigError, match="robot"):
+        sb.read_samples(file)
+    with pytest.raises(ConfigError, match="tcp"):
+        sb.read_samples(file, robot=twin.robot, tcp=(0, 0, 0))
+
+
+def test_data_of_the_users_own_are_evaluated_like_shipped_ones(twin):
+    own = sb.Dataset.from_samples(twin.samples, twin.robot)
+    numbers = [
+        sb.evaluate("vjm", data, splits=2).frame().query("metric in ['mae', 'stde']")["value"]
+        for data in (own, twin)
+    ]
+    np.testing.assert_allclose(*numbers, rtol=1e-12)
+
+
+def test_results_are_tidy_data_tables_comparisons_and_ranks(twin, tmp_path):
+    results = sb.evaluate(["vjm", "knn"], [twin, "kr10-twin"], protocol="kfold@folds=3")
+    assert len(results) == 2 * 2 * 3
+    frame = results.frame()
+    one = frame[(frame.model == "vjm") & (frame.metric == "mae") & (frame.split == 0)]
+    assert sorted(one["axis"]) == ["x", "x", "y", "y", "z", "z"]
+    assert set(one["unit"]) == {"mm"}
+    predictions = results.predictions()
+    assert len(predictions) == 2 * 2 * len(twin)
+    of_split = predictions[(predictions.model == "vjm") & (predictions.split == 0)]
+    of_split = of_split[of_split.dataset == twin.name]
+    mae = (of_split.dx_predicted_mm - of_split.dx_mm).abs().mean()
+    stored = one[(one.axis == "x") & (one.dataset == twin.name)]["value"].item()
+    assert mae == pytest.approx(stored, rel=1e-12)
+    assert "vjm" in repr(results)
+    assert "<table" in results._repr_html_()
+    assert "vjm" in repr(results.compare("vjm", "knn"))
+    board = results.leaderboard().tables[0]
+    assert str(board.rows[0][0]) == "vjm"
+    assert len(results.leaderboard(metric="mae", axis="x").frame())
+    assert "stiffness A1 [Nm/rad]" in set(results.diagnostics()["diagnostic"])
+    assert "vjm" in results.report(tmp_path / "page.html").read_text()
+
+
+def test_kept_results_are_read_again_and_not_computed_again(twin, tmp_path):
+    first = sb.evaluate("vjm", twin, splits=2, output=tmp_path)
+    again = sb.evaluate("vjm", twin, splits=2, output=tmp_path)
+    runs = [{one.run_id for one in found.cells} for found in (first, again)]
+    assert runs[0] == runs[1]
+    columns = ["split", "metric", "axis"]
+    frames = [found.frame().sort_values(columns) for found in (again, sb.open_results(tmp_path))]
+    np.testing.assert_array_equal(frames[0]["value"], frames[1]["value"])
+
+
+def test_results_that_nobody_keeps_leave_no_folder(twin):
+    results = sb.evaluate("zero", twin, splits=1)
+    folder = results.folder
+    assert folder.exists()
+    del results
+    gc.collect()
+    assert not folder.exists()
+
+
+def test_a_failure_is_a_row_with_its_reason(twin):
+    class Broken(Halved):
+        def predict(self, q, wrench):
+            raise RuntimeError("no luck")
+
+    frame = sb.evaluate([Broken, "vjm"], twin, splits=1).frame()
+    (row,) = frame[frame.model == "Broken"].itertuples()
+    assert row.status == "failed"
+    assert "no luck" in row.failure
+
+
+def test_classes_of_a_script_run_but_are_never_kept(tmp_path):
+    text = (
+        "import numpy as np, stiffbench as sb\n"
+        "class Mine:\n"
+        "    def fit(self, train, *, robot, validation=None, seed=0): return self\n"
+        "    def predict(self, q, wrench): return np.zeros((len(q), 3))\n"
+        "data = sb.load_dataset('kr10-twin')\n"
+        "print(len(sb.evaluate([Mine, 'vjm'], data, splits=1).leaderboard().frame()) > 0)\n"
+        "for option in ({'output': 'kept'}, {'jobs': 2}):\n"
+        "    try: sb.evaluate(Mine, data, splits=1, **option)\n"
+        "    except Exception as error: print(type(error).__name__, *option)\n"
+    )
+    done = script(tmp_path, text)
+    said = ["True", "ConfigError output", "ConfigError jobs"]
+    assert done.stdout.splitlines() == said, done.stderr
+    assert not Path("kept").exists()
+
+
+def test_several_jobs_work_in_a_script_without_a_main_guard(tmp_path):
+    done = script(
+        tmp_path,
+        "print('begun')\n"
+        "import stiffbench as sb\n"
+        "found = sb.evaluate(['vjm', 'knn'], splits=2, jobs=2)\n"
+        "print({one.status for one in found.cells}, len(found))\n",
+    )
+    assert done.stdout.splitlines() == ["begun", "{'ok'} 4"], done.stderr
+    assert done.returncode == 0
+
+
+def test_a_plugins_file_is_named_after_use_plugin(tmp_path, monkeypatch, twin):
+    from stiff_bench.api import data
+
+    monkeypatch.setattr(data, "registry", data.cache(data.build_registry))
+    file = tmp_path / "my_plugin.py"
+    file.write_text(
+        "from stiff_protocols.contract.plugin import ModelInfo\n"
+        "import numpy as np\n"
+        "class Still:\n"
+        "    def fit(self, train, *, robot, validation=None, seed=0): return self\n"
+        "    def predict(self, q, wrench): return np.zeros((len(q), 3))\n"
+        "MODELS = [ModelInfo(key='still', target=Still, summary='none')]\n"
+    )
+    sb.use_plugin(file)
+    assert sb.make_model("still").fit(twin).predict(np.zeros((2, 6)), np.zeros((2, 6))).any() == 0
+
+
+def test_robots_come_from_descriptions_and_by_name(kr10):
+    from importlib.resources import as_file, files
+
+    with as_file(files("stiff_datasets.robots") / "kr10_r1100_2.urdf") as urdf:
+        robot = sb.Robot.from_urdf(urdf, tcp=(0.06, 0.0, 0.08))
+    shipped = sb.Robot.shipped("kr10-r1100-2")
+    np.testing.assert_array_equal(robot.tcp, shipped.tcp)
+    np.testing.assert_array_equal(robot.placements, kr10.placements)
