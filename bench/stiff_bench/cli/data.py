@@ -38,9 +38,9 @@ def data() -> None:
 def info(key: str, output: Path, settings: tuple[str, ...], plugins: tuple[Path, ...]) -> None:
     """Print a data set's card and facts, and draw its picture."""
     from stiff_bench.data_tools.commands import show_info
-    from stiff_bench.plan.registry import usable_registry
+    from stiff_bench.plan.registry import build_registry
 
-    click.echo(show_info(key, settings, usable_registry(plugins), output))
+    click.echo(show_info(key, settings, build_registry(plugins), output))
 
 
 @data.command()

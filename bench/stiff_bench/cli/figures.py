@@ -98,7 +98,7 @@ def reproduce(
     from stiff_bench.cli.run import computed, foreseen, say_summary, show_plan
     from stiff_bench.paper import study
     from stiff_bench.paper.pages import write_leaderboard, write_paper
-    from stiff_bench.plan.registry import usable_registry
+    from stiff_bench.plan.registry import build_registry
     from stiff_bench.run.execution import chosen_execution
     from stiff_bench.store.database import ResultStore
     from stiff_models.catalog import MODELS
@@ -111,7 +111,7 @@ def reproduce(
         write, runs = write_paper, study.paper_study(full=quick is False)
     if how["jobs"] is None and not how["dask"] and how["isolate"] is not False:
         how["jobs"] = usable_cores()
-    folder, registry, command = output / what / "runs", usable_registry(), command_line()
+    folder, registry, command = output / what / "runs", build_registry(), command_line()
     plans = study.study_plans(runs, output=folder, command=command, registry=registry)
     execution = chosen_execution(plans[0], registry, **how)
     if plan_only:

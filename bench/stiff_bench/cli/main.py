@@ -147,12 +147,12 @@ def run(plugins: tuple[Path, ...], fmt: str, plan_only: bool, **words: Any) -> i
     is missing.
     """
     from stiff_bench.cli.run import execute, show_plan
-    from stiff_bench.plan.registry import usable_registry
+    from stiff_bench.plan.registry import build_registry
     from stiff_bench.plan.request import plan_run
     from stiff_bench.run.execution import chosen_execution
 
     how = taken(words, *EXECUTION)
-    registry = usable_registry(plugins)
+    registry = build_registry(plugins)
     plan = plan_run(chosen(words, registry), registry, **words, command=command_line())
     execution = chosen_execution(plan, registry, **how)
     return show_plan([plan], fmt, execution) if plan_only else execute(plan, fmt, execution)
@@ -164,13 +164,13 @@ def run(plugins: tuple[Path, ...], fmt: str, plan_only: bool, **words: Any) -> i
 def list_(kind: str, plugins: tuple[Path, ...]) -> None:
     """List what can be named: models, data sets, protocols or metrics."""
     from stiff_bench.cli.show import metrics_overview, overview
-    from stiff_bench.plan.registry import usable_registry
+    from stiff_bench.plan.registry import build_registry
 
     if kind == "metrics":
         print_text(metrics_overview())
         return
 
-    registry = usable_registry(plugins)
+    registry = build_registry(plugins)
     families = registry.families if kind == "models" else ()
     print_text(overview(getattr(registry, kind).values(), families))
 
@@ -181,9 +181,9 @@ def list_(kind: str, plugins: tuple[Path, ...]) -> None:
 def show(key: str, plugins: tuple[Path, ...]) -> None:
     """Show what a model, data set or protocol is and which options it has."""
     from stiff_bench.cli.show import describe
-    from stiff_bench.plan.registry import usable_registry
+    from stiff_bench.plan.registry import build_registry
 
-    print_text(describe(usable_registry(plugins).find(key)))
+    print_text(describe(build_registry(plugins).find(key)))
 
 
 for command in (

@@ -46,14 +46,14 @@ def fit(plugins: tuple[Path, ...], **words: Any) -> None:
     """
     from stiff_bench.api.data import Dataset
     from stiff_bench.api.model import Model, check_new_file
-    from stiff_bench.plan.registry import usable_registry
+    from stiff_bench.plan.registry import build_registry
     from stiff_bench.plan.request import plan_run
     from stiff_bench.run.progress import display
     from stiff_protocols.contract.errors import ConfigError
 
     if len(words["datasets"]) + (words["data"] is not None) != 1:
         raise ConfigError("give one of --dataset KEY and --data FILE.csv")
-    registry = usable_registry(plugins)
+    registry = build_registry(plugins)
     plan = plan_run(chosen(words, registry), registry, **words)
     if len(plan.models) != 1:
         raise ConfigError(f"--model: {len(plan.models)} models; a file holds one model")
@@ -94,10 +94,10 @@ def predict(
     The column outside_training says which joints or loads lie far outside of the training data.
     """
     from stiff_bench.api.model import check_new_file, read_model
-    from stiff_bench.plan.registry import usable_registry
+    from stiff_bench.plan.registry import build_registry
 
     check_new_file(output)
-    found = read_model(model, usable_registry(plugins))
+    found = read_model(model, build_registry(plugins))
     rows = found.predict_file(loads, output, coverage=coverage)
     number = "1 row" if rows == 1 else f"{rows} rows"
     click.echo(f"{output}: {number} predicted by {found.name}, robot {found.fitted.robot_.name}")
@@ -133,9 +133,9 @@ def check(key: str, dataset: str, settings: tuple[str, ...], plugins: tuple[Path
     Exit status: 0 nothing failed, 1 a check failed, 2 it cannot be checked.
     """
     from stiff_bench.model_tools.plugins import checklist
-    from stiff_bench.plan.registry import usable_registry
+    from stiff_bench.plan.registry import build_registry
 
-    text, kept = checklist(key, dataset, settings, usable_registry(plugins))
+    text, kept = checklist(key, dataset, settings, build_registry(plugins))
     click.echo(text)
     return 0 if kept else 1
 
@@ -151,6 +151,6 @@ def new() -> None:
 def model(name: str, output: Path) -> None:
     """Write a small working model and its test."""
     from stiff_bench.model_tools.plugins import new_model
-    from stiff_bench.plan.registry import usable_registry
+    from stiff_bench.plan.registry import build_registry
 
-    click.echo(new_model(name, output, usable_registry()))
+    click.echo(new_model(name, output, build_registry()))

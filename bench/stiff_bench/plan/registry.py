@@ -55,7 +55,6 @@ class Registry:
         models, datasets, protocols: key -> line.
         families: lines of models without number, such as every scikit-learn regressor.
         origins: key -> where the line came from.
-        broken: one line for each installed plugin that could not be loaded.
     """
 
     models: dict[str, ModelInfo] = field(default_factory=dict)
@@ -63,7 +62,6 @@ class Registry:
     protocols: dict[str, ProtocolInfo] = field(default_factory=dict)
     families: tuple[ModelFamily, ...] = ()
     origins: dict[str, str] = field(default_factory=dict)
-    broken: list[str] = field(default_factory=list)
 
     def add(self, infos: Iterable[object], origin: str) -> None:
         """Register catalogue lines.
@@ -131,7 +129,7 @@ def build_registry(plugin_files: Sequence[Path] = ()) -> Registry:
     """Collect the shipped catalogues, installed plugins, and plugin files.
 
     What an installed plugin cannot give (it raises on import, a line is no line of ours, a key is
-    taken) is noted in `broken`, and the rest is there; a file that the user named must load.
+    taken) is said and left out; a file that the user named must load.
 
     Raises:
         ConfigError: a plugin file cannot be used, or its key is taken.
@@ -147,14 +145,6 @@ def build_registry(plugin_files: Sequence[Path] = ()) -> Registry:
     return registry
 
 
-def usable_registry(plugin_files: Sequence[Path] = ()) -> Registry:
-    """Return `build_registry`'s, after saying which installed plugins it leaves out."""
-    registry = build_registry(plugin_files)
-    for line in registry.broken:
-        say(f"warning: plugin left out: {line}")
-    return registry
-
-
 def _add_installed(registry: Registry, point: EntryPoint) -> None:
     origin = f"{point.dist.name if point.dist else 'plugin'} ({point.group}: {point.name})"
     lines: list[object] = []
@@ -162,12 +152,12 @@ def _add_installed(registry: Registry, point: EntryPoint) -> None:
         with _guarded(origin):
             lines = _as_list(point.load())
     except ConfigError as error:
-        registry.broken.append(str(error))
+        say(f"warning: plugin left out: {error}")
     for line in lines:
         try:
             registry.add([line], origin)
         except ConfigError as error:
-            registry.broken.append(str(error))
+            say(f"warning: plugin left out: {error}")
 
 
 @contextlib.contextmanager

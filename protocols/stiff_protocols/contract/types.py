@@ -12,7 +12,6 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from stiff_protocols.contract.arrays import FloatArray, IntArray, TextArray, frozen_array
 from stiff_protocols.contract.errors import DataError

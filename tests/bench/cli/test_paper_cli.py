@@ -16,7 +16,7 @@ from stiff_bench.paper import PAPER_RESULTS, study
 from stiff_bench.paper.study import StudyRun
 from stiff_bench.paper.tables import TABLES
 from stiff_bench.store.names import Variant
-from stiff_protocols.contract.errors import ConfigError, StoreError
+from stiff_protocols.contract.errors import ConfigError
 
 
 def printed(*words: str) -> str:
@@ -32,16 +32,6 @@ def test_every_number_that_can_be_made_is_a_choice_and_no_other(tmp_path):
     for number in range(1, 12):
         done = CliRunner().invoke(table, [str(number), "--results", str(tmp_path / "none")])
         assert ("is not one of" in done.output) == (number not in TABLES)
-
-
-@pytest.mark.parametrize("kind", ["is not there", "is empty"])
-def test_a_folder_without_results_is_refused_naming_the_command_that_makes_them(tmp_path, kind):
-    if kind == "is empty":
-        (tmp_path / "runs").mkdir()
-    with pytest.raises(StoreError, match="runs: holds no results; `bench reproduce` makes them"):
-        CliRunner().invoke(
-            table, ["6", "--results", str(tmp_path / "runs")], catch_exceptions=False
-        )
 
 
 def test_it_reads_the_folder_that_is_named_and_prints_the_format_that_is_asked_for(tmp_path):
@@ -62,11 +52,6 @@ def test_tables_2_and_3_are_fitted_on_the_spot_and_refuse_results():
     for folder in ("some", str(PAPER_RESULTS)):
         with pytest.raises(ConfigError, match="table 3 is fitted here and reads none"):
             printed("3", "--results", folder)
-
-
-def test_the_help_names_the_folder_that_is_read_by_default():
-    done = CliRunner().invoke(table, ["--help"])
-    assert f"[default: {PAPER_RESULTS}]" in " ".join(done.output.split())
 
 
 def test_the_command_refuses_in_one_line_with_status_2_and_prints_nothing(tmp_path):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from sklearn.base import BaseEstimator
@@ -57,15 +56,6 @@ def test_a_new_model_passes_its_own_test_and_the_suite_and_can_be_run_as_it_stan
         assert "my-spring" in done.stdout
 
 
-def test_a_generated_class_name_and_key_come_from_the_name(tmp_path):
-    registry = build_registry()
-    said = new_model("Gear2_model", tmp_path / "deep" / "folder", registry)
-    assert "gear2-model" in said
-    assert "class Gear2Model(BaseEstimator)" in (
-        tmp_path / "deep" / "folder" / "gear2_model.py"
-    ).read_text(encoding="utf-8")
-
-
 @pytest.mark.parametrize(
     ("name", "message"),
     [
@@ -95,20 +85,6 @@ def test_a_file_that_exists_is_left_as_it_is_and_no_other_is_written(tmp_path):
     assert test.read_text() == "mine"
 
 
-def test_when_the_second_file_cannot_be_put_in_place_the_first_is_taken_away(tmp_path, monkeypatch):
-    put = Path.replace
-
-    def refuse(self, target):
-        if not target.name.startswith("test_"):
-            raise OSError(28, "No space left on device")
-        return put(self, target)
-
-    monkeypatch.setattr(Path, "replace", refuse)
-    with pytest.raises(StoreError, match="No space left"):
-        new_model("spring", tmp_path, build_registry())
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.fixture()
 def bad(tmp_path):
     path = tmp_path / "bad.py"
@@ -127,16 +103,6 @@ def test_a_bad_plugin_is_told_what_failed_why_and_how_to_mend_it_with_status_1(b
     assert lines[metres + 1].startswith("    to mend it: ")
     assert "3 failed" in lines[-1]
     assert list(tmp_path.iterdir()) == [bad]
-
-
-def test_options_are_set_and_named(bad):
-    registry = build_registry([bad])
-    text, kept = checklist("bad", "fanuc-r2000ic", ["bad.shape=2"], registry)
-    assert not kept
-    assert text.startswith("bad (shape=2) on fanuc-r2000ic")
-    assert "shape (10, 2)" in text
-    with pytest.raises(ConfigError, match="unknown bad option 'size'"):
-        checklist("bad", "fanuc-r2000ic", ["bad.size=2"], registry)
 
 
 def test_a_lines_quick_options_are_used_unless_others_are_set(bad):

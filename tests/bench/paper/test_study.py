@@ -17,7 +17,7 @@ from stiff_bench.paper.study import (
     unfrozen,
 )
 from stiff_bench.plan.cells import cell_tasks
-from stiff_bench.plan.registry import usable_registry
+from stiff_bench.plan.registry import build_registry
 from stiff_bench.run.execution import IN_THIS_PROCESS
 from stiff_models.catalog import MODELS
 
@@ -29,7 +29,7 @@ def different(variants):
 
 
 def study_of(runs, folder):
-    registry = usable_registry()
+    registry = build_registry()
     return study_plans(runs, output=folder, command="bench reproduce", registry=registry)
 
 

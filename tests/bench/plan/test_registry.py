@@ -44,21 +44,6 @@ def test_two_plugin_files_of_one_name_do_not_disturb_each_other(tmp_path, plugin
     assert len(modules) == 2 and modules <= set(sys.modules)
 
 
-def test_a_key_that_is_taken_is_refused_naming_both_owners(plugin_file):
-    with pytest.raises(ConfigError, match=r"my_model\.py: key 'vjm' is taken by stiffbench"):
-        build_registry([plugin_file("vjm")])
-
-
-def test_a_key_that_no_command_line_could_name_is_refused(plugin_file):
-    with pytest.raises(ConfigError, match=r"key 'Bad Key!' is no word \(valid: letters"):
-        build_registry([plugin_file("Bad Key!")])
-
-
-def test_the_word_for_every_model_is_no_key(plugin_file):
-    with pytest.raises(ConfigError, match="key 'all' stands for every model"):
-        build_registry([plugin_file("all")])
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -126,11 +111,6 @@ def test_an_unknown_key_is_told_the_families_too(registry_with_family):
             look_up("vjn")
 
 
-def test_a_plugin_cannot_take_a_familys_keys(registry_with_family):
-    with pytest.raises(ConfigError, match="begins with '~', which stands for every letter"):
-        registry_with_family.add([ModelInfo(key="~x", target=dict, summary="")], "plugin")
-
-
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory) -> dict[str, str]:
     """The example package, installed beside stiffbench."""
@@ -194,3 +174,17 @@ def test_a_model_whose_module_raises_when_it_is_used_is_a_config_error(tmp_path,
     info = ModelInfo(key="late", target="raises_late:Late", summary="")
     with pytest.raises(ConfigError, match=r"'late': cannot import .*RuntimeError: no licence"):
         info.load()
+
+
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        ("vjm", "key 'vjm' is taken by stiffbench"),
+        ("Bad Key!", r"key 'Bad Key!' is no word \(valid: letters"),
+        ("all", "key 'all' stands for every model"),
+        ("~x", "begins with '~', which stands for every letter"),
+    ],
+)
+def test_a_key_that_cannot_serve_is_refused(key, message, registry_with_family):
+    with pytest.raises(ConfigError, match=f"mine.py: key .*{message[4:]}"):
+        registry_with_family.add([ModelInfo(key=key, target=dict, summary="")], "mine.py")

@@ -115,11 +115,6 @@ def test_rows_say_what_the_source_means_for_them(cross_tasks):
     assert set(foreign) > set(own) and not any("ur5-twin" in caveat for caveat in own)
 
 
-def test_a_model_without_a_source_learns_the_same_under_both_conditions(cross_tasks):
-    own, foreign, *_ = (compute_cell(task, "r").prediction for task in cross_tasks("vjm")[:2])
-    np.testing.assert_array_equal(own.predicted, foreign.predicted)
-
-
 def test_the_sources_samples_are_stored_beside_the_targets(cross_tasks, tmp_path):
     plan = RunPlan((), (), (), (), None, 0, tmp_path, "bench run", None)
     tasks = cross_tasks("vjm")
@@ -209,9 +204,3 @@ def test_a_word_inside_a_word_doubles_the_mark_and_its_name_can_be_typed_again(t
     assert task.cell.condition == "source kr10-twin@specimen=3@seed=1"
     choice = chosen_dataset("kr10-twin@specimen=3@seed=1", (), build_registry())
     assert task.cell.source_sha256 == choice.make().load().sha256
-
-
-def test_an_option_of_the_source_can_be_set_apart_from_the_word():
-    setting = "cross-robot.source=kr10-twin@specimen=3"
-    (choice,) = planned(protocols=("cross-robot",), settings=(setting,)).sources.values()
-    assert choice.name == "kr10-twin@specimen=3"

@@ -109,12 +109,6 @@ def test_a_process_gives_the_bits_of_this_one_whatever_it_computed_before(comput
         assert there.prediction.predicted.tobytes() == here.prediction.predicted.tobytes()
 
 
-def test_a_choice_of_options_crosses_to_a_process(computed):
-    words = ("sklearn:linear_model.Ridge@alpha=2", "knn")
-    _, results = computed(*words, protocols=("nested",), splits=1)
-    assert [result.status for result in results] == ["ok", "ok"]
-
-
 @pytest.mark.slow
 def test_every_model_of_the_catalogue_runs_in_a_process(computed):
     keys = [key for key in KEYS if not model_info(key).missing()]
@@ -194,18 +188,6 @@ def test_a_failure_keeps_the_end_of_its_log(run):
         assert any(words in line for line in results[key].log), key
     assert not any("multiprocessing" in line for one in results.values() for line in one.log)
     assert results["Good"].log == () and "    | about to raise" in done.stderr
-
-
-@pytest.mark.slow
-def test_the_manifest_says_how_it_was_run(run):
-    *_, folder = run
-    (manifest,) = read_manifests(folder / "out")
-    assert {name: manifest.environment[name] for name in ("jobs", "isolated", "threads")} == {
-        "jobs": "4",
-        "isolated": "true",
-        "threads": "1",
-    }
-    assert manifest.status == "finished" and len(manifest.cells) == len(EXPECTED)
 
 
 @pytest.mark.slow
@@ -294,6 +276,15 @@ def test_a_model_that_kills_the_server_of_all_processes_costs_its_own_row_alone(
 
 
 @pytest.mark.slow
+def test_a_long_temporary_folder_is_no_obstacle(tmp_path):
+    deep = tmp_path / ("d" * 60) / ("e" * 60)
+    deep.mkdir(parents=True)
+    words = ["run", "--model", "knn", "--isolate", "--output", "out"]
+    done = bench(*words, cwd=tmp_path, env={**os.environ, "TMPDIR": str(deep)})
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
 def test_a_module_beside_a_plugin_is_part_of_the_key(tmp_path):
     helper, plugin = tmp_path / "helper.py", tmp_path / "mine.py"
     begin = "import os, sys\nsys.path.insert(0, os.path.dirname(__file__))\nimport helper\n"
@@ -304,12 +295,3 @@ def test_a_module_beside_a_plugin_is_part_of_the_key(tmp_path):
     helper.write_text("factor = 22\n")
     said.append(bench(*words, cwd=tmp_path).stderr)
     assert ["bench: 1 ok; " in text for text in said] == [True, False, True]
-
-
-@pytest.mark.slow
-def test_a_long_temporary_folder_is_no_obstacle(tmp_path):
-    deep = tmp_path / ("d" * 60) / ("e" * 60)
-    deep.mkdir(parents=True)
-    words = ["run", "--model", "knn", "--isolate", "--output", "out"]
-    done = bench(*words, cwd=tmp_path, env={**os.environ, "TMPDIR": str(deep)})
-    assert done.returncode == 0, done.stderr

@@ -15,7 +15,7 @@ import pytest
 
 import hostile_models
 from command_line import bench, started
-from made_results import change, damage, tear
+from made_results import damage, tear
 from run_requests import planned
 from stiff_bench.analysis.collected import collect
 from stiff_bench.cli.run import execute
@@ -94,13 +94,6 @@ def test_more_splits_compute_those_that_are_missing(run, tmp_path):
     assert table == run(splits=5)[1]
 
 
-@pytest.mark.parametrize("change", [{"seed": 1}, {"settings": ("knn.neighbours=2",)}])
-def test_what_shapes_a_result_makes_it_another_one(run, change):
-    run()
-    _, _, said = run(**change)
-    assert tally_of(said) == ("6 ok" if "seed" in change else "3 ok, 3 cached")
-
-
 def test_a_damaged_row_is_named_and_computed_again(run, tmp_path):
     _, table, _ = run()
     whole = bytes_of_results(tmp_path)
@@ -126,15 +119,6 @@ def test_a_torn_file_is_said_its_readable_rows_count_and_the_rest_is_computed_ag
     assert f"warning: {tmp_path / FILE}: damaged" in said
     assert bytes_of_results(tmp_path) == whole and fault_of(tmp_path) is None
     assert (tmp_path / f"{FILE}.damaged").exists()
-
-
-def test_the_row_of_another_cell_under_this_key_does_not_count(run, tmp_path):
-    run()
-    first, second, *_ = sorted(stored_statuses(tmp_path))
-    change(tmp_path, "DELETE FROM cell WHERE key = ?", first)
-    change(tmp_path, "UPDATE cell SET key = ? WHERE key = ?", first, second)
-    _, _, said = run()
-    assert tally_of(said) == "2 ok, 4 cached" and first in said
 
 
 def test_rerun_all_computes_everything_and_gives_the_same_numbers(run, tmp_path):

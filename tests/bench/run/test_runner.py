@@ -142,16 +142,6 @@ def test_costs_are_measured_and_a_slow_model_is_not_asked_for_a_thousand_rows(ta
     assert cost.memory_bytes is None or cost.memory_bytes > 25 * 2**20
 
 
-def test_an_interval_that_is_none_is_a_failure(task_of):
-    class Odd(Scaled):
-        def predict_interval(self, q, wrench, coverage):
-            return np.zeros((len(q), 2))
-
-    result = compute_cell(task_of(Odd, 0.9), "r")
-    assert result.status == "failed"
-    assert "predict_interval returned ndarray, expected Interval" in result.failure
-
-
 @pytest.mark.parametrize(("factor", "part"), [(1e3, "are these mm?"), (1e-3, "times smaller")])
 def test_a_model_a_thousand_times_off_fails_and_is_told_the_unit(task_of, factor, part):
     result = compute_cell(task_of(Scaled, factor=factor), "r")
@@ -166,20 +156,6 @@ def test_a_model_that_cannot_be_used_here_is_skipped_with_the_reason(task_of, mo
     result = compute_cell(replace(task, model=replace(task.model, info=info)), "r")
     assert result.status == "skipped" and result.failure == "no weights here"
     assert result.records == () and not FITS
-
-
-def test_all_models_on_a_split_get_the_same_seed_and_splits_get_their_own(tasks_of):
-    tasks = tasks_of(("vjm", "ft-mlp"), "fanuc-r2000ic", splits=2)
-    seeds = {(task.cell.split_index, task.cell.model_seed) for task in tasks}
-    assert len(tasks) == 4 and len(seeds) == 2 and len({seed for _, seed in seeds}) == 2
-
-
-def test_an_option_that_is_infinite_can_be_stored(tasks_of, tmp_path):
-    key = "sklearn:linear_model.RANSACRegressor"  # stop_score=inf
-    task = tasks_of((key,), "fanuc-r2000ic")[0]
-    store = ResultStore(tmp_path)
-    store.write_cell(compute_cell(task, "r"))
-    assert store.result(task.cell.key).cell.model_params["stop_score"] == "inf"
 
 
 def test_a_model_whose_prediction_draws_gives_the_same_interval_however_often_it_is_timed(
@@ -267,11 +243,6 @@ def a_split(train, test):
     return Split(0, np.asarray(train), np.empty(0, dtype=int), np.asarray(test))
 
 
-def test_a_protocol_may_yield_its_splits():
-    (task,) = tasks_under(lambda: iter([a_split(range(30), range(30, 43))]))
-    assert compute_cell(task, "r").status == "ok"
-
-
 @pytest.mark.parametrize(
     ("splits", "message"),
     [
@@ -282,3 +253,21 @@ def test_a_protocol_may_yield_its_splits():
 def test_a_protocol_that_leaks_by_negative_rows_or_raises_is_refused_by_name(splits, message):
     with pytest.raises(ConfigError, match=f"protocol 'theirs': {message}"):
         tasks_under(splits)
+
+
+def test_an_interval_that_is_none_is_a_failure(task_of):
+    class Odd(Scaled):
+        def predict_interval(self, q, wrench, coverage):
+            return np.zeros((len(q), 2))
+
+    result = compute_cell(task_of(Odd, 0.9), "r")
+    assert result.status == "failed"
+    assert "predict_interval returned ndarray, expected Interval" in result.failure
+
+
+def test_an_option_that_is_infinite_can_be_stored(tasks_of, tmp_path):
+    key = "sklearn:linear_model.RANSACRegressor"  # stop_score=inf
+    task = tasks_of((key,), "fanuc-r2000ic")[0]
+    store = ResultStore(tmp_path)
+    store.write_cell(compute_cell(task, "r"))
+    assert store.result(task.cell.key).cell.model_params["stop_score"] == "inf"
