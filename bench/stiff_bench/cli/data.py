@@ -76,9 +76,9 @@ def info(key: str, output: Path, settings: tuple[str, ...], plugins: tuple[Path,
 @debug_option
 def plan(**words: Any) -> None:
     """Write a measurement plan to fill in."""
-    from stiff_bench.data_tools.commands import PlanWords, write_measurement_plan
+    from stiff_bench.data_tools.commands import write_measurement_plan
 
-    click.echo(write_measurement_plan(PlanWords(robot=robot_words(words), **words)))
+    click.echo(write_measurement_plan(robot=robot_words(words), **words))
 
 
 @data.command()

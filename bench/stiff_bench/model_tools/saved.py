@@ -10,6 +10,7 @@ from pathlib import Path
 from stiff_bench.console import say
 from stiff_bench.plan.request import RunPlan, loaded
 from stiff_bench.run.progress import display
+from stiff_bench.tables.units import counted
 from stiff_datasets.measured.load_file import read_loads, write_predictions
 from stiff_models import load
 from stiff_models.io.saved import key_of, save
@@ -78,20 +79,19 @@ def predict_file(model_file: Path, loads: Path, output: Path, coverage: float | 
         table = read_loads(loads, model.robot_)
     for oddity in table.oddities:
         say(f"warning: {oddity}")
+    if coverage is not None and not isinstance(model, PredictsInterval):
+        raise ConfigError(
+            f"--coverage {coverage:g}: {key_of(model)} has no intervals of its own (those of "
+            "`bench run` come from samples that were held out)"
+        )
     interval = None
-    if coverage is not None:
-        if not isinstance(model, PredictsInterval):
-            raise ConfigError(
-                f"--coverage {coverage:g}: {key_of(model)} has no intervals of its own (those of "
-                "`bench run` come from samples that were held out)"
-            )
-        with _blamed_on(model_file):
-            interval = model.predict_interval(table.q, table.wrench, coverage)
     with _blamed_on(model_file):
+        if coverage is not None and isinstance(model, PredictsInterval):
+            interval = model.predict_interval(table.q, table.wrench, coverage)
         predicted = model.predict(table.q, table.wrench)
         deflection = frozen_array(predicted, "the prediction", (len(table.q), 3))
     write_predictions(output, table, deflection, interval)
-    rows = "1 row" if len(table.q) == 1 else f"{len(table.q)} rows"
+    rows = counted(len(table.q), "row")
     return f"{output}: {rows} predicted by {key_of(model)} for robot {model.robot_.name}"
 
 
