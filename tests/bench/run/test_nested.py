@@ -122,7 +122,7 @@ def test_numbers_that_only_some_choices_report_are_means_over_those_splits():
     results = [compute_cell(task, "r") for task in tasks("vjm", splits=3)]
     results[1] = replace(results[1], diagnostics={**results[1].diagnostics, "extra": 8.0})
     (table,) = build_tables(results, METRICS)
-    (note,) = [note for note in table.notes if note.startswith("vjm (means")]
+    (note,) = [note for note in table.details if note.startswith("vjm (means")]
     assert note.endswith("extra 8 (in 1 of 3 splits).") and "rank 6, " in note
 
 
