@@ -8,9 +8,10 @@ of it, and a model that lacks a slot is incomplete there.
 from __future__ import annotations
 
 import difflib
+import gc
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from stiff_bench.store.newest import (
     slot_of,
 )
 from stiff_protocols.contract.errors import ConfigError, StoreError, unknown_name
-from stiff_protocols.contract.record import Cell, CellResult, Presentation
+from stiff_protocols.contract.record import Cell, CellResult, Presentation, RunManifest
 
 
 @dataclass(frozen=True)
@@ -121,19 +122,6 @@ class Contest:
     coverages: tuple[float, ...]
     left_out: tuple[str, ...]
 
-    @cached_property
-    def rows_sha256(self) -> Mapping[Slot, str]:
-        """Split -> hash of its rows alone, as its cells have it; "" where nobody has a result."""
-        found = dict.fromkeys(self.slots, "")
-        for competitor in self.competitors.values():
-            found |= {slot: one.cell.rows_sha256 for slot, one in competitor.done.items()}
-        return found
-
-    @property
-    def n_results(self) -> int:
-        """How many results and failures it holds."""
-        return sum(len(found.done) + len(found.failures) for found in self.competitors.values())
-
     def options(self, kind: str) -> Mapping[str, Any]:
         """Return every option of its "dataset" or "protocol", defaults too."""
         options: Mapping[str, Any] = getattr(self.cell, f"{kind}_params")
@@ -159,23 +147,61 @@ class Contest:
         return sorted(shared)
 
 
-def collect(folder: Path) -> list[Contest]:
-    """Read every result of a folder and sort them into contests.
+@dataclass(frozen=True, eq=False)
+class StoredResults:
+    """What a folder of results holds.
 
-    Where results contradict each other, those of the newest run count: see `newest.py`.
-
-    Raises:
-        StoreError: the folder holds no results, or a file of it is damaged: what it held would be
-            missing unnoticed.
+    Attributes:
+        folder: that was read.
+        contests: all of its results, sorted.
+        runs: whose manifests it holds.
     """
+
+    folder: Path
+    contests: tuple[Contest, ...]
+    runs: tuple[RunManifest, ...] = ()
+
+    @classmethod
+    def read(cls, folder: Path) -> StoredResults:
+        """Read every result of a folder and sort them into contests.
+
+        Where results contradict each other, those of the newest run count: see `newest.py`.
+
+        Raises:
+            StoreError: the folder holds no results, or a file of it is damaged: what it held would
+                be missing unnoticed.
+        """
+        with no_garbage_collection():
+            try:
+                manifests = tuple(read_manifests(folder))
+                by_name = grouped(read_results(folder), _names_and_data)
+            except DamagedFile as error:
+                raise StoreError(f"{error}; {_REMEDY}" if error.key else str(error)) from error
+            if not by_name:
+                raise StoreError(
+                    f"--results {folder}: holds no results; `bench run --output` makes them"
+                )
+            runs = Runs.of(manifests)
+            contests = tuple(_contest(results, runs) for results in by_name.values())
+            return cls(folder, contests, manifests)
+
+
+@contextmanager
+def no_garbage_collection() -> Iterator[None]:
+    """Look for no garbage among a million records, none of which is any: a quarter of the time."""
+    enabled = gc.isenabled()
+    gc.disable()
     try:
-        runs = Runs.of(read_manifests(folder))
-        by_name = grouped(read_results(folder), _names_and_data)
-    except DamagedFile as error:
-        raise StoreError(f"{error}; {_REMEDY}" if error.key else str(error)) from error
-    if not by_name:
-        raise StoreError(f"--results {folder}: holds no results; `bench run --output` makes them")
-    return [_contest(results, runs) for results in by_name.values()]
+        yield
+    finally:
+        gc.freeze()  # nor later
+        if enabled:
+            gc.enable()
+
+
+def collect(folder: Path) -> list[Contest]:
+    """Return the contests of a folder: see `StoredResults.read`."""
+    return list(StoredResults.read(folder).contests)
 
 
 def contest_name_of(result: CellResult) -> ContestName:
@@ -312,8 +338,21 @@ def left_out_notes(contests: Sequence[Contest]) -> Iterator[str]:
     reasons = [(reason, names[one.name]) for one in contests for reason in one.left_out]
     for reason, found in grouped(reasons, lambda pair: pair[0]).items():
         places = list(dict.fromkeys(place for _, place in found))
-        where = places[0] if len(places) == 1 else f"{len(places)} contests"
+        where = places[0] if len(places) == 1 else f"{len(places)} comparisons"
         yield f"{where}: {reason} are left out."
+
+
+FEW_NOTES = 4
+"""So many notes stand under a table for people."""
+
+
+def few_notes(notes: Iterable[str]) -> list[str]:
+    """Return the first notes, each once; where there are more, the last counts the others."""
+    every = list(dict.fromkeys(filter(None, notes)))
+    if len(every) <= FEW_NOTES:
+        return every
+    n_more = len(every) - FEW_NOTES + 1
+    return [*every[: FEW_NOTES - 1], f"{n_more} more notes: `--format json`"]
 
 
 def competitor_meant(word: str, contests: Sequence[Contest], folder: Path) -> str:

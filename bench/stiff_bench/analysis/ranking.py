@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from stiff_bench.analysis.collected import Competitor, Contest, split_sizes
 from stiff_bench.analysis.sort_key import SortKey
-from stiff_bench.analysis.verdict import Question, SharedErrors, decide_pairs
+from stiff_bench.analysis.verdict import Question, SharedErrors, Verdict, decide_pairs
 from stiff_bench.store.database import read_data
 from stiff_bench.store.names import ContestName, grouped
 from stiff_bench.store.newest import Slot
@@ -24,9 +24,6 @@ from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray, IntArray, TextArray
 from stiff_protocols.scoring.bootstrap import PoseErrors, resampled_means
 from stiff_protocols.scoring.paired import ROPE_M, ranked
-
-NOT_RUN = "not run"
-NOT_FINISHED = "run not finished"
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,24 +64,12 @@ class ScoredContest:
     @property
     def left_out(self) -> str:
         """Which splits do not count, for people; "" where all do."""
-        present = {model: self.contest.competitors[model].done for model in self.scores}
-        n_all = len({slot for done in present.values() for slot in done})
-        if n_all == len(self.slots):
-            return ""
-        lacking = [
-            f"{model} lacks {n_all - len(done)}"
-            for model, done in present.items()
-            if len(done) < n_all
-        ]
-        return (
-            f"only the {len(self.slots)} of {n_all} splits count that all models have "
-            f"({', '.join(lacking)})"
-        )
+        every = {slot for model in self.scores for slot in self.contest.competitors[model].done}
+        n_count, n_all = len(self.slots), len(every)
+        return f"only the {n_count} of {n_all} splits that all have count" * (n_all > n_count)
 
 
-def scored_contest(
-    contest: Contest, models: Sequence[str], key: SortKey, asked: Set[str] = frozenset()
-) -> ScoredContest:
+def scored_contest(contest: Contest, models: Sequence[str], key: SortKey) -> ScoredContest:
     """Return who of the models takes part, and with which scores.
 
     A model that was asked for fewer splits, and has them all, takes part, and only the splits that
@@ -95,7 +80,6 @@ def scored_contest(
         contest: the stored results.
         models: by name.
         key: what they are ranked by.
-        asked: keys of the cells that the folder's runs were asked for.
 
     Raises:
         StoreError: two models have no split in common.
@@ -109,11 +93,16 @@ def scored_contest(
     missing = {
         model: reason for model in models if (reason := _why_missing(contest, model, scores, key))
     }
-    missing |= _unfinished(contest, [model for model in models if model not in missing], asked)
+    missing |= _unfinished(contest, [model for model in models if model not in missing])
     present = [model for model in models if model not in missing]
     slots = tuple(contest.shared_slots(present)) if present else ()
     if present and not slots:
-        _refuse(contest, present)
+        pairs = combinations(present, 2)
+        apart = next((pair for pair in pairs if not contest.shared_slots(pair)), present)
+        raise StoreError(
+            f"{contest.name.text}: {' and '.join(apart)} were run on different splits and share "
+            "none, so they cannot be compared; leave one out (--model) or run it anew"
+        )
     for model in present:
         if len(results[model]) > len(slots):
             results[model] = contest.results(model, slots)
@@ -134,13 +123,11 @@ def _why_missing(
 ) -> str:
     competitor = contest.competitors.get(model)
     if competitor is None:
-        return NOT_RUN
+        return "not run"
     if competitor.failures:
-        usual = _usual_failure(competitor)
-        n_failed = len(competitor.failures)
-        n_all = n_failed + len(competitor.done)
-        said = " ".join(usual.failure.split())
-        return f"{usual.status.upper()} in {n_failed} of {n_all} splits: {said}"
+        usual, n_failed = _usual_failure(competitor), len(competitor.failures)
+        where = f"{n_failed} of {n_failed + len(competitor.done)} splits"
+        return f"{usual.status.upper()} in {where}: {' '.join(usual.failure.split())}"
     return f"no value of {key.text}" if values[model] is None else ""
 
 
@@ -150,46 +137,17 @@ def _usual_failure(competitor: Competitor) -> CellResult:
     return max(alike.values(), key=len)[0]
 
 
-def _unfinished(contest: Contest, models: Sequence[str], asked: Set[str]) -> dict[str, str]:
+def _unfinished(contest: Contest, models: Sequence[str]) -> dict[str, str]:
     """Return which of these models take no part because their run did not come to its end."""
-    why = {model: _why_unfinished(contest, contest.competitors[model], asked) for model in models}
-    finished = [model for model in models if not why[model]]
+    found = {model: contest.competitors[model] for model in models}
+    unfinished = [model for model, one in found.items() if len(one.done) < one.n_asked]
+    finished = [model for model in models if model not in unfinished]
     needed = set(contest.shared_slots(finished))
     return {
-        model: reason
-        for model, reason in why.items()
-        if reason and not (finished and needed <= contest.competitors[model].done.keys())
+        model: f"{len(found[model].done)} of {found[model].n_asked} splits: run not finished"
+        for model in unfinished
+        if not finished or not needed <= found[model].done.keys()
     }
-
-
-def _why_unfinished(contest: Contest, competitor: Competitor, asked: Set[str]) -> str:
-    n_done = len(competitor.done)
-    if n_done < competitor.n_asked:
-        return f"{n_done} of {competitor.n_asked} splits asked for: {NOT_FINISHED}"
-    return NOT_FINISHED if _asked_for_more(contest, competitor, asked) else ""
-
-
-def _asked_for_more(contest: Contest, competitor: Competitor, asked: Set[str]) -> bool:
-    """Say whether a model was to be run on more of the others' splits and was not."""
-    if len(competitor.done) == len(contest.slots):
-        return False
-    own = {result.cell.coverage: result.cell for result in competitor.done.values()}
-    return any(
-        replace(cell, split_index=slot[0], split_sha256=slot[1], rows_sha256=rows_sha256).key
-        in asked
-        for slot, rows_sha256 in contest.rows_sha256.items()
-        if slot not in competitor.done
-        for cell in own.values()
-    )
-
-
-def _refuse(contest: Contest, models: Sequence[str]) -> None:
-    apart = [pair for pair in combinations(models, 2) if not contest.shared_slots(pair)]
-    named = apart[0] if apart else tuple(models)
-    raise StoreError(
-        f"{contest.name.text}: {' and '.join(named)} were run on different splits and share none, "
-        "so they cannot be compared; leave one out (--model) or run it anew"
-    )
 
 
 BoolArray = NDArray[np.bool_]
@@ -267,21 +225,25 @@ class Ranking:
     def like_best(self) -> BoolArray | None:
         """(m,) whether a model is not found worse than the best; None: no test applies.
 
-        It is the verdict on the best and the model (`decide_pairs`), corrected for all models.
+        It is the verdict on the best and the model, corrected for all models (Holm).
         """
-        if self.key.is_cost:
-            return None
         best = int(np.argmax(self.is_best))
         others = [index for index in range(len(self.models)) if index != best]
-        rope = ROPE_M if self.key.metric.unit == "m" else 0.0
-        question = Question(rope=rope, seed=self.seed)
-        pairs = [(best, other) for other in others]
-        decisions = decide_pairs(self._shared_errors, pairs, question, correct=True)
-        if decisions is None:
+        verdicts = self.verdicts([(best, other) for other in others], correct=True)
+        if verdicts is None:
             return None
         like = np.ones(len(self.models), dtype=np.bool_)
-        like[others] = [decision.verdict != "a" for decision in decisions]
+        like[others] = [verdict != "a" for verdict in verdicts]
         return like
+
+    def verdicts(
+        self, pairs: Sequence[tuple[int, int]], *, correct: bool = False
+    ) -> list[Verdict] | None:
+        """Return the verdicts on pairs of models, see `decide_pairs`; None: no test applies."""
+        if self.key.is_cost:
+            return None
+        question = Question(rope=ROPE_M if self.key.metric.unit == "m" else 0.0, seed=self.seed)
+        return decide_pairs(self._shared_errors, pairs, question, correct=correct)
 
     @property
     def _shared_errors(self) -> SharedErrors:

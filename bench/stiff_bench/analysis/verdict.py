@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeVar
+from typing import Literal
 
 import numpy as np
 
@@ -33,8 +33,6 @@ from stiff_protocols.scoring.ranks import OverDatasets
 
 Verdict = Literal["a", "b", "equivalent", "open"]
 """Who is better; "open": they cannot be told apart, which does not mean that they are equal."""
-Test = Literal["corrected t over splits", "Wilcoxon over poses", "Nemenyi over robots"]
-"""Which test a p-value is of."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +57,6 @@ class TestResult:
     Attributes:
         low, high: bounds of the difference, in its unit.
         p_value: of "there is no difference", two-sided.
-        test: that the p-value is of.
     """
 
     __test__ = False  # for pytest: no class of tests
@@ -67,7 +64,6 @@ class TestResult:
     low: float
     high: float
     p_value: float
-    test: Test
 
 
 @dataclass(frozen=True)
@@ -82,25 +78,7 @@ class Estimate(TestResult):
     posterior: Posterior
 
 
-Result = TypeVar("Result", bound=TestResult)
-
-
-@dataclass(frozen=True)
-class Decision:
-    """A verdict and how it was found.
-
-    Attributes:
-        verdict: who is better.
-        p_value: of "there is no difference"; corrected where several were tested together.
-        test: that the p-value is of.
-    """
-
-    verdict: Verdict
-    p_value: float
-    test: Test
-
-
-def decide(results: Sequence[TestResult], confidence: float) -> Decision:
+def decide(results: Sequence[TestResult], confidence: float) -> Verdict:
     """Return the verdict on a difference, A less B.
 
     Equivalent: every result gives the ROPE at least the probability `confidence`. Better: the
@@ -110,11 +88,6 @@ def decide(results: Sequence[TestResult], confidence: float) -> Decision:
         results: at least one, on the same difference.
         confidence: that a verdict needs (0..1).
     """
-    first = results[0]
-    return Decision(_verdict(results, confidence), first.p_value, first.test)
-
-
-def _verdict(results: Sequence[TestResult], confidence: float) -> Verdict:
     if all(_equivalent(result) >= confidence for result in results):
         return "equivalent"
     if results[0].p_value >= 1.0 - confidence:
@@ -129,7 +102,7 @@ def _equivalent(result: TestResult) -> float:
     return result.posterior.equivalent if isinstance(result, Estimate) else 0.0
 
 
-def corrected(results: Sequence[Result]) -> list[Result]:
+def corrected(results: Sequence[Estimate]) -> list[Estimate]:
     """Return results whose p-values are corrected for one another (Holm)."""
     p_values = holm([result.p_value for result in results]).tolist()
     return [replace(result, p_value=p) for result, p in zip(results, p_values, strict=True)]
@@ -142,9 +115,8 @@ def estimates_over_splits(
     estimates = []
     for column in differences.T:
         found = corrected_t(column, test_share)
-        low, high = found.interval(question.confidence)
-        posterior = found.posterior(question.rope)
-        estimates.append(Estimate(low, high, found.p_value, "corrected t over splits", posterior))
+        interval, posterior = found.interval(question.confidence), found.posterior(question.rope)
+        estimates.append(Estimate(*interval, found.p_value, posterior))
     return estimates
 
 
@@ -192,7 +164,6 @@ def estimates_over_draws(
             low=float(low[k]),
             high=float(high[k]),
             p_value=p_value,
-            test="Wilcoxon over poses",
             posterior=Posterior(float(a_better[k]), float(equivalent[k]), float(b_better[k])),
         )
         for k, p_value in enumerate(p_values)
@@ -209,7 +180,6 @@ def rank_difference(outcome: OverDatasets, a: int, b: int) -> TestResult:
         low=difference - outcome.critical_difference,
         high=difference + outcome.critical_difference,
         p_value=max(outcome.friedman_p, float(outcome.nemenyi[a, b])),
-        test="Nemenyi over robots",
     )
 
 
@@ -232,7 +202,7 @@ class SharedErrors:
 
 def decide_pairs(
     errors: SharedErrors, pairs: Sequence[tuple[int, int]], question: Question, *, correct: bool
-) -> list[Decision] | None:
+) -> list[Verdict] | None:
     """Return the verdicts on k pairs; None where no test applies: one value, no poses behind it.
 
     A winner needs the corrected t over splits, or Wilcoxon's test over poses where there are no

@@ -38,18 +38,20 @@ def leaderboard(
     results: Path, metric: str, axis: str | None, figure: Path | None, fmt: str, **chosen: Any
 ) -> None:
     """Rank models over data sets and protocols, and say where ranks mean nothing."""
+    from stiff_bench.analysis.leaderboard import stored_leaderboard
     from stiff_bench.analysis.leaderboard_tables import render_leaderboard
     from stiff_bench.analysis.sort_key import sort_key
-    from stiff_bench.analysis.stored_leaderboard import stored_leaderboard
+    from stiff_bench.tables.picture_file import check_suffix
 
-    key = sort_key(metric, axis)
-    board, provenance = stored_leaderboard(results, key=key, **chosen)
     if figure is not None:
-        from stiff_bench.analysis.critical_difference import save_diagrams
+        check_suffix(figure)
+    board = stored_leaderboard(results, key=sort_key(metric, axis), **chosen)
+    print_text(render_leaderboard(board, fmt, command_line()))
+    if figure is not None:
+        from stiff_bench.figures.ranks import save_diagrams
 
         first = board.sections[0]
-        save_diagrams(first.analyses, key.text, first.kinds, figure)
-    print_text(render_leaderboard(board, fmt, command_line(), provenance))
+        save_diagrams(first.analyses, f"{board.key.text} ({' and '.join(first.kinds)})", figure)
 
 
 @click.command()
@@ -84,19 +86,28 @@ def leaderboard(
 @draws_seed_option
 @format_option("the report")
 @debug_option
-def compare(rope_mm: float, confidence: float, seed: int, fmt: str, **asked: Any) -> None:
+def compare(
+    a: str,
+    b: str,
+    results: Path,
+    rope_mm: float,
+    confidence: float,
+    seed: int,
+    fmt: str,
+    **asked: Any,
+) -> None:
     """Say whether model A is better than model B, by how much, how sure that is, and where.
 
     A and B are models with their options, as `bench run` names them: vjm, ft-mlp@freeze=full.
     """
-    from stiff_bench.analysis.compare import CompareWords, compare_folder
+    from stiff_bench.analysis.comparison import compare_folder
     from stiff_bench.analysis.comparison_text import render_report
     from stiff_bench.analysis.verdict import Question
     from stiff_bench.tables.units import MM
 
     question = Question(rope=rope_mm / MM, confidence=confidence, seed=seed)
-    words = CompareWords(question=question, command=command_line(), **asked)
-    print_text(render_report(compare_folder(words), fmt))
+    report = compare_folder(results, a, b, question, **asked)
+    print_text(render_report(report, fmt, command_line()))
 
 
 @click.command()

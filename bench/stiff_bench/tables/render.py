@@ -38,7 +38,7 @@ def render(
         tables: in this order.
         fmt: "github", "latex", "csv", "html" or "json".
         command: that makes them.
-        text: a paragraph above and, as it is what matters, again beneath; csv leaves it out.
+        text: a paragraph above; csv leaves it out.
         about: facts on all tables, for json.
     """
     if fmt == "csv":
@@ -54,7 +54,7 @@ def render(
     said = [paragraph(one_line(text))] if text else []
     parts = [one(table.shown(), one_line(command)) for table in tables]
     head = [LATEX_NEEDS] if fmt == "latex" else []
-    return "\n\n".join([*head, *said, *parts, *said])
+    return "\n\n".join([*head, *said, *parts])
 
 
 def plain_text(table: Table, *, widths: Sequence[int | None] = ()) -> str:
