@@ -7,7 +7,6 @@ of it, and a model that lacks a slot is incomplete there.
 
 from __future__ import annotations
 
-import difflib
 import gc
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
@@ -67,10 +66,6 @@ def split_sizes(results: Sequence[CellResult], n_samples: int) -> SplitSizes:
     return SplitSizes(float(n_train), float(n_test), n_samples)
 
 
-_REMEDY = "the `bench run` that made it computes it again"
-"""What to do about a damaged cell."""
-
-
 @dataclass(frozen=True, eq=False)
 class Competitor:
     """One model, with its options, in one contest.
@@ -110,7 +105,6 @@ class Contest:
         newest_run: the latest of the runs that asked for its results and failures; a run's name
             begins with its time.
         cell: one of its cells; the options of data set and protocol are the same in all.
-        coverages: of the intervals, those of the newest run first; () where there are none.
         left_out: which results do not count, and why.
     """
 
@@ -119,13 +113,7 @@ class Contest:
     competitors: Mapping[str, Competitor]
     newest_run: str
     cell: Cell
-    coverages: tuple[float, ...]
     left_out: tuple[str, ...]
-
-    def options(self, kind: str) -> Mapping[str, Any]:
-        """Return every option of its "dataset" or "protocol", defaults too."""
-        options: Mapping[str, Any] = getattr(self.cell, f"{kind}_params")
-        return options
 
     def results(self, competitor: str, slots: Sequence[Slot] | None = None) -> list[CellResult]:
         """Return a model's results on these slots (default: all that it has), in order."""
@@ -176,7 +164,8 @@ class StoredResults:
                 manifests = tuple(read_manifests(folder))
                 by_name = grouped(read_results(folder), _names_and_data)
             except DamagedFile as error:
-                raise StoreError(f"{error}; {_REMEDY}" if error.key else str(error)) from error
+                remedy = "; the `bench run` that made it computes it again" if error.key else ""
+                raise StoreError(f"{error}{remedy}") from error
             if not by_name:
                 raise StoreError(
                     f"--results {folder}: holds no results; `bench run --output` makes them"
@@ -220,13 +209,8 @@ def _names_and_data(result: CellResult) -> tuple[str, str, str, int, str, str]:
 def _contest(found: Sequence[CellResult], runs: Runs) -> Contest:
     results, left_out = of_newest_splits(found, runs)
     in_order = runs.newest_first(results)
-    coverages = tuple(
-        dict.fromkeys(
-            result.cell.coverage
-            for result in in_order
-            if result.status == "ok" and result.cell.coverage is not None
-        )
-    )
+    done = [one.cell.coverage for one in in_order if one.status == "ok"]
+    coverages = tuple(dict.fromkeys(one for one in done if one is not None))  # newest first
     newest_of = {one.shown.model: one for one in reversed(in_order)}  # the newest is the last set
     competitors = {}
     for model, of_model in sorted(grouped(results, lambda one: one.shown.model).items()):
@@ -250,7 +234,6 @@ def _contest(found: Sequence[CellResult], runs: Runs) -> Contest:
         competitors=competitors,
         newest_run=runs.run_of(in_order[0]),
         cell=results[0].cell,
-        coverages=coverages,
         left_out=tuple(left_out),
     )
 
@@ -261,10 +244,7 @@ def competitor_names(contests: Iterable[Contest]) -> list[str]:
 
 
 def chosen_contests(
-    contests: Sequence[Contest],
-    *,
-    datasets: Sequence[str],
-    protocols: Sequence[str],
+    contests: Sequence[Contest], *, datasets: Sequence[str], protocols: Sequence[str]
 ) -> list[Contest]:
     """Return the contests of these data sets and protocols; none named means all.
 
@@ -276,16 +256,13 @@ def chosen_contests(
     """
     chosen = list(contests)
     for kind, asked in (("dataset", datasets), ("protocol", protocols)):
-        for word in asked:
-            if not any(_stands_for_its(kind, word, contest) for contest in contests):
+        of_words = [[c for c in contests if _stands_for_its(kind, word, c)] for word in asked]
+        for word, found in zip(asked, of_words, strict=True):
+            if not found:
                 names = {getattr(contest.name, kind) for contest in contests}
                 meant = unknown_name(f"{kind} with results", word, names)
                 raise ConfigError(f"--{kind}: {meant}")
-        chosen = [
-            contest
-            for contest in chosen
-            if not asked or any(_stands_for_its(kind, word, contest) for word in asked)
-        ]
+        chosen = [c for c in chosen if not asked or any(c in found for found in of_words)]
     return chosen
 
 
@@ -304,7 +281,7 @@ def _stands_for_its(kind: str, word: str, contest: Contest) -> bool:
     name: str = getattr(contest.name, kind)
     if stands_for(word, name):
         return True
-    asked, options = Variant.of_word(word), contest.options(kind)
+    asked, options = Variant.of_word(word), getattr(contest.cell, f"{kind}_params")
     return (
         bool(asked.options)
         and asked.key == getattr(contest.cell, kind)
@@ -355,32 +332,28 @@ def few_notes(notes: Iterable[str]) -> list[str]:
     return [*every[: FEW_NOTES - 1], f"{n_more} more notes: `--format json`"]
 
 
-def competitor_meant(word: str, contests: Sequence[Contest], folder: Path) -> str:
+def competitor_meant(word: str, contests: Sequence[Contest]) -> str:
     """Return the name of the model with results that a word stands for.
 
     A word may spell out defaults, as for `bench run`: "knn@neighbours=5" is what is stored as
     "knn". The defaults are those that the results were made with.
 
     Raises:
-        ConfigError: there are no results of it in the folder.
+        ConfigError: there are no results of it.
     """
     known = competitor_names(contests)
-    if word in known:
-        return word
     asked = Variant.of_word(word)
     cells = {name: one.cell for contest in contests for name, one in contest.competitors.items()}
-    same_key = [name for name in known if cells[name].model == asked.key]
-    for name in same_key:
-        if _spells_out(asked.options, name, cells[name].model_params):
+    for name in [word] if word in known else known:
+        options = cells[name].model_params
+        shown = Variant.shown("", name, options).options.keys()
+        if name == word or (
+            cells[name].model == asked.key
+            and shown <= asked.options.keys() <= options.keys()
+            and all(_is(options[option], text) for option, text in asked.options.items())
+        ):
             return name
-    raise ConfigError(_no_results(word, known, same_key, folder))
-
-
-def _spells_out(said: Mapping[str, str], name: str, options: Mapping[str, Any]) -> bool:
-    """Say whether options are those of a name and, beyond them, its defaults alone."""
-    return Variant.shown("", name, options).options.keys() <= said.keys() and all(
-        option in options and _is(options[option], text) for option, text in said.items()
-    )
+    raise ConfigError(unknown_name("model with results", word, known))
 
 
 def _is(value: Any, text: str) -> bool:
@@ -389,13 +362,3 @@ def _is(value: Any, text: str) -> bool:
         return float(value) == float(text)
     except (TypeError, ValueError):
         return str(value).lower() == text.lower()
-
-
-def _no_results(word: str, known: Sequence[str], same_key: Sequence[str], folder: Path) -> str:
-    if same_key:
-        options = "" if OPTION_MARK in word else " with its default options"
-        there = ", ".join(map(repr, same_key))
-        return f"no results of {word!r}{options} in {folder}; there are results of {there}"
-    near = difflib.get_close_matches(word, known, n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    return f"no results of {word!r} in {folder}{hint} (there are: {', '.join(known)})"

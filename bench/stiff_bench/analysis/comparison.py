@@ -363,7 +363,7 @@ def compare_folder(
         StoreError: the folder holds no results, or damaged ones.
     """
     stored = StoredResults.read(folder)
-    a, b = (competitor_meant(word, stored.contests, folder) for word in (a, b))
+    a, b = (competitor_meant(word, stored.contests) for word in (a, b))
     if a == b:
         raise ConfigError(f"compare {a!r} with another model than itself")
     chosen = chosen_contests(stored.contests, datasets=datasets, protocols=protocols)

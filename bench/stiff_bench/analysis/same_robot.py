@@ -52,7 +52,7 @@ def robots_of(
     robots = {
         sha256: Specimen(
             robot_name(sha256),
-            max(str(one.options("dataset").get(SPECIMEN, "")) for one in members),
+            max(str(one.cell.dataset_params.get(SPECIMEN, "")) for one in members),
         )
         for sha256, members in of_data.items()
     }
