@@ -13,7 +13,6 @@ import numpy as np
 
 from stiff_bench.analysis.collected import (
     Contest,
-    SplitSizes,
     StoredResults,
     chosen_contests,
     competitor_meant,
@@ -37,10 +36,11 @@ from stiff_bench.store.names import ContestName, grouped, labels, natural_key
 from stiff_bench.store.newest import Slot
 from stiff_bench.store.samples import StoredData
 from stiff_bench.store.versions import differing_libraries, sources
+from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name
-from stiff_protocols.contract.record import CellResult, Presentation
-from stiff_protocols.contract.types import AXES, FloatArray, IntArray, Prediction
+from stiff_protocols.contract.record import Presentation
+from stiff_protocols.contract.types import AXES, FloatArray, IntArray
 from stiff_protocols.scoring.bootstrap import pose_errors
 from stiff_protocols.scoring.metrics import absolute_errors, norm_errors
 from stiff_protocols.scoring.paired import wilcoxon_signed_rank
@@ -99,7 +99,7 @@ class Comparison:
         name: of the contest.
         a, b: what must stand beside their numbers.
         n_splits: that both have.
-        sizes: rows that the splits train and test on.
+        n_train, n_test: rows that a split trains and tests on, means.
         n_poses: that were tested.
         rows: one for each of `ERRORS`.
         missing: what A or B lacks, or both of what was asked for, one line each.
@@ -109,7 +109,8 @@ class Comparison:
     a: Presentation
     b: Presentation
     n_splits: int
-    sizes: SplitSizes
+    n_train: float
+    n_test: float
     n_poses: int
     rows: tuple[Row, ...]
     missing: tuple[str, ...]
@@ -157,21 +158,13 @@ def paired_errors(contest: Contest, a: str, b: str) -> PairedErrors:
         DataError: one has no results there, or they share no split.
     """
     slots = _shared(contest, a, b)
-    of_a, of_b = (_predictions(contest.results(name, slots)) for name in (a, b))
-    return PairedErrors(
-        rows=np.concatenate([one.rows for one in of_a]),
-        split=np.repeat(np.arange(len(slots)), [len(one.rows) for one in of_a]),
-        a=np.concatenate([_sizes(one) for one in of_a]),
-        b=np.concatenate([_sizes(one) for one in of_b]),
+    results = contest.results(a, slots)
+    of_a, of_b = (pooled_prediction(one) for one in (results, contest.results(b, slots)))
+    counts = [len(one.prediction.rows) for one in results if one.prediction is not None]
+    sizes_a, sizes_b = (
+        np.column_stack([absolute_errors(one), norm_errors(one)]) for one in (of_a, of_b)
     )
-
-
-def _predictions(results: Sequence[CellResult]) -> list[Prediction]:
-    return [result.prediction for result in results if result.prediction is not None]
-
-
-def _sizes(prediction: Prediction) -> FloatArray:
-    return np.column_stack([absolute_errors(prediction), norm_errors(prediction)])
+    return PairedErrors(of_a.rows, np.repeat(np.arange(len(slots)), counts), sizes_a, sizes_b)
 
 
 def _shared(contest: Contest, a: str, b: str) -> list[Slot]:
@@ -195,16 +188,18 @@ def compare(contest: Contest, a: str, b: str, data: StoredData, question: Questi
     paired = paired_errors(contest, a, b)
     slots = contest.shared_slots([a, b])
     shown = contest.competitors[a].shown
-    sizes = split_sizes(contest.results(a, slots), len(data.samples))
+    n_train, n_test = split_sizes(contest.results(a, slots))
+    test_share = n_test / len(data.samples)
     by_split = len(slots) > 1 and not shown.pooled
     return Comparison(
         name=contest.name,
         a=shown,
         b=contest.competitors[b].shown,
         n_splits=len(slots),
-        sizes=sizes,
+        n_train=n_train,
+        n_test=n_test,
         n_poses=len(np.unique(data.samples.pose_id[paired.rows])),
-        rows=_rows(paired, data, sizes.test_share if by_split else None, question),
+        rows=_rows(paired, data, test_share if by_split else None, question),
         missing=tuple(_missing(contest, a, b)),
     )
 

@@ -172,12 +172,12 @@ def _estimates(report: Report) -> Table:
     )
     rows: list[list[Cell]] = []
     for one in report.comparisons:
-        name, sizes = one.name, one.sizes
+        name = one.name
         about: list[Cell] = [
             *(name.dataset, name.protocol, name.condition, name.seed, one.n_splits),
             *(name.data_sha256, name.source_sha256, one.selects_on_test),
             *(mark_of(one.a), mark_of(one.b), one.a.task),
-            *(sizes.n_train, sizes.n_test, one.n_poses),
+            *(one.n_train, one.n_test, one.n_poses),
         ]
         rows += [
             [*about, row.error, method, _verdict(row), *_numbers(row, found)]

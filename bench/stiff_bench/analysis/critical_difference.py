@@ -64,10 +64,11 @@ class RankAnalysis:
 
 def rank_analyses(scored: Sequence[ScoredContest], rankings: Rankings) -> list[RankAnalysis]:
     """Return an analysis for each block; where there are several, the one over all comes first."""
-    robots = robots_of([one.contest for one in scored], rankings.robot_name)
+    robots = robots_of([one.contest for one in scored], rankings.data_of)
     blocks = grouped(scored, lambda one: (one.name.protocol, one.name.condition))
     models = complete_models(scored)
-    ranks = {one.name: rankings.of(one, models).ranks for one in scored} if models else {}
+    nobody = np.zeros(0)
+    ranks = {one.name: rankings.of(one, models).ranks if models else nobody for one in scored}
     found = [_analysis("", "", models, ranks, robots, rankings.key)] if len(blocks) > 1 else []
     for block, members in blocks.items():
         models = complete_models(members)

@@ -42,7 +42,7 @@ from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.plugin import STIFFNESS, kind_label
 from stiff_protocols.contract.record import Presentation
 from stiff_protocols.contract.types import FloatArray
-from stiff_protocols.scoring.paired import LEVEL
+from stiff_protocols.scoring.paired import LEVEL, ranked
 
 FEWEST_RANKED = 2
 
@@ -180,7 +180,7 @@ def build_leaderboard(
         scored = [scored_contest(contest, names, key) for contest in shown]
         rankings = Rankings(key, stored.folder, seed)
         sections = tuple(
-            _section(part, selects, rankings)
+            _section(part, names, selects, rankings)
             for selects in (False, True)
             if (part := [f for f in scored if presentation(f.contest).selects_on_test == selects])
         )
@@ -249,27 +249,22 @@ def _order(contest: Contest) -> tuple[Any, ...]:
     return (*map(natural_key, (name.protocol, name.condition, name.dataset)), name.seed)
 
 
-def _section(scored: list[ScoredContest], selects_on_test: bool, rankings: Rankings) -> Section:
+def _section(
+    scored: list[ScoredContest], names: Sequence[str], selects_on_test: bool, rankings: Rankings
+) -> Section:
     complete = complete_models(scored)
     analyses = rank_analyses(scored, rankings)
-    ranked: list[RankedModel] = []
+    models: list[RankedModel] = []
     if len(complete) >= FEWEST_RANKED:
         found = _ranked([rankings.of(one, complete) for one in scored], analyses[0])
-        ranked = sorted(found, key=lambda model: (model.mean_rank, model.name))
+        models = sorted(found, key=lambda model: (model.mean_rank, model.name))
     unranked = {
         name: {one.name: one.missing[name] for one in scored if name in one.missing}
-        for name in competitor_names([one.contest for one in scored])
-        if name not in {model.name for model in ranked} and _takes_part(scored, name)
+        for name in names
+        if name not in {model.name for model in models}
+        and any(name in one.contest.competitors for one in scored)
     }
-    return Section(selects_on_test, tuple(scored), tuple(ranked), unranked, tuple(analyses))
-
-
-def _takes_part(scored: Sequence[ScoredContest], name: str) -> bool:
-    """Say whether the model is shown and was run in one of these contests."""
-    return any(
-        name in one.contest.competitors and (name in one.scores or name in one.missing)
-        for one in scored
-    )
+    return Section(selects_on_test, tuple(scored), tuple(models), unranked, tuple(analyses))
 
 
 def _ranked(rankings: Sequence[Ranking], over_datasets: RankAnalysis) -> list[RankedModel]:
@@ -301,7 +296,7 @@ def _rank_interval(
     poses than the data, so that close models change places more often in them and ranks draw
     nearer to the middle: bounds are widened to hold the mean rank itself.
     """
-    drawn = [ranks for ranking in rankings if (ranks := ranking.drawn_ranks) is not None]
+    drawn = [ranked(means) for one in rankings if (means := one.drawn_means) is not None]
     if not drawn:
         nothing = np.full(len(rankings[0].models), np.nan)
         return nothing, nothing

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,7 +22,7 @@ from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.contract.types import FloatArray, IntArray, TextArray
+from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.bootstrap import PoseErrors, resampled_means
 from stiff_protocols.scoring.paired import ROPE_M, ranked
 
@@ -196,13 +197,14 @@ class Ranking:
         if not self.key.resamples:
             return None
         poses, pose_of_row = np.unique(self.data.samples.pose_id, return_inverse=True)
-        return [self._errors_of(model, poses, pose_of_row) for model in self.models]
-
-    def _errors_of(self, model: str, poses: TextArray, pose_of_row: IntArray) -> PoseErrors:
-        found = pooled_prediction(self.scored.results[model])
-        pose, errors = pose_of_row[found.rows], self.key.of_rows(found)
-        totals = np.bincount(pose, weights=errors, minlength=len(poses)).astype(np.float64)
-        return PoseErrors(poses, totals[:, None], np.bincount(pose, minlength=len(poses)))
+        found = []
+        for model in self.models:
+            prediction = pooled_prediction(self.scored.results[model])
+            pose, errors = pose_of_row[prediction.rows], self.key.of_rows(prediction)
+            totals = np.bincount(pose, weights=errors, minlength=len(poses)).astype(np.float64)
+            counts = np.bincount(pose, minlength=len(poses))
+            found.append(PoseErrors(poses, totals[:, None], counts))
+        return found
 
     @cached_property
     def drawn_means(self) -> FloatArray | None:
@@ -214,12 +216,6 @@ class Ranking:
             return None
         with np.errstate(invalid="ignore"):
             return resampled_means(self._pose_errors, seed=self.seed)
-
-    @cached_property
-    def drawn_ranks(self) -> FloatArray | None:
-        """The (B, m) ranks on the same draws; NaN where a draw holds no tested pose."""
-        means = self.drawn_means
-        return None if means is None else ranked(means)
 
     @cached_property
     def like_best(self) -> BoolArray | None:
@@ -248,10 +244,10 @@ class Ranking:
     @property
     def _shared_errors(self) -> SharedErrors:
         scores = np.column_stack([self.scored.scores[model] for model in self.models])  # (J, m)
-        sizes = split_sizes(self.scored.results[self.models[0]], len(self.data.samples))
+        _, n_test = split_sizes(self.scored.results[self.models[0]])
         return SharedErrors(
             of_splits=self.key.sign * scores if len(scores) > 1 else None,
-            test_share=sizes.test_share,
+            test_share=n_test / len(self.data.samples),
             of_poses=self._pose_errors,
             drawn=self.drawn_means,
         )
@@ -268,25 +264,14 @@ class Rankings:
 
     def __init__(self, key: SortKey, folder: Path, seed: int) -> None:
         """Store the arguments."""
-        self.key = key
-        self._seed = seed
-        self._folder = folder
-        self._data: dict[str, StoredData] = {}
+        self.key, self._seed = key, seed
+        self.data_of = functools.cache(functools.partial(read_data, folder))
         self._found: dict[tuple[ContestName, tuple[str, ...]], Ranking] = {}
 
     def of(self, scored: ScoredContest, models: tuple[str, ...]) -> Ranking:
         """Return the ranks of these models in a contest."""
         place = (scored.name, models)
         if place not in self._found:
-            data = self._data_of(scored.name.data_sha256)
+            data = self.data_of(scored.name.data_sha256)
             self._found[place] = Ranking(scored, models, self.key, data, self._seed)
         return self._found[place]
-
-    def robot_name(self, data_sha256: str) -> str:
-        """Return the name of the robot in a data set."""
-        return self._data_of(data_sha256).robot
-
-    def _data_of(self, sha256: str) -> StoredData:
-        if sha256 not in self._data:
-            self._data[sha256] = read_data(self._folder, sha256)
-        return self._data[sha256]

@@ -51,34 +51,23 @@ class Question:
 
 
 @dataclass(frozen=True)
-class TestResult:
+class Estimate:
     """What one test says about a difference, A less B; smaller is better.
 
     Attributes:
         low, high: bounds of the difference, in its unit.
         p_value: of "there is no difference", two-sided.
+        posterior: probabilities that A is better by more than the ROPE, that the difference lies
+            in it, that B is better; all 0 of mean ranks, which know no such region.
     """
-
-    __test__ = False  # for pytest: no class of tests
 
     low: float
     high: float
     p_value: float
-
-
-@dataclass(frozen=True)
-class Estimate(TestResult):
-    """A test result on a difference of mean errors, m, with its probabilities.
-
-    Attributes:
-        posterior: probabilities that A is better by more than the ROPE, that the difference lies
-            in it, that B is better.
-    """
-
     posterior: Posterior
 
 
-def decide(results: Sequence[TestResult], confidence: float) -> Verdict:
+def decide(results: Sequence[Estimate], confidence: float) -> Verdict:
     """Return the verdict on a difference, A less B.
 
     Equivalent: every result gives the ROPE at least the probability `confidence`. Better: the
@@ -88,18 +77,13 @@ def decide(results: Sequence[TestResult], confidence: float) -> Verdict:
         results: at least one, on the same difference.
         confidence: that a verdict needs (0..1).
     """
-    if all(_equivalent(result) >= confidence for result in results):
+    if all(result.posterior.equivalent >= confidence for result in results):
         return "equivalent"
     if results[0].p_value >= 1.0 - confidence:
         return "open"
     if all(result.high < 0.0 for result in results):
         return "a"
     return "b" if all(result.low > 0.0 for result in results) else "open"
-
-
-def _equivalent(result: TestResult) -> float:
-    """Return the probability that the difference makes none; ranks know no such thing."""
-    return result.posterior.equivalent if isinstance(result, Estimate) else 0.0
 
 
 def corrected(results: Sequence[Estimate]) -> list[Estimate]:
@@ -170,17 +154,16 @@ def estimates_over_draws(
     ]
 
 
-def rank_difference(outcome: OverDatasets, a: int, b: int) -> TestResult:
+def rank_difference(outcome: OverDatasets, a: int, b: int) -> Estimate:
     """Return what Nemenyi's test says about the mean ranks of two columns of an outcome.
 
     It looks at pairs only where Friedman's test finds that the models differ: p is the larger one.
     """
     difference = float(outcome.mean_ranks[a] - outcome.mean_ranks[b])
-    return TestResult(
-        low=difference - outcome.critical_difference,
-        high=difference + outcome.critical_difference,
-        p_value=max(outcome.friedman_p, float(outcome.nemenyi[a, b])),
-    )
+    reach = outcome.critical_difference
+    p_value = max(outcome.friedman_p, float(outcome.nemenyi[a, b]))
+    nothing = Posterior(0.0, 0.0, 0.0)
+    return Estimate(difference - reach, difference + reach, p_value, nothing)
 
 
 @dataclass(frozen=True, eq=False)

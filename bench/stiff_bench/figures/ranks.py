@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 METRIC = "norm"
 MOST = 3
 """Diagrams on one page."""
-LINE_INCH = 0.18  # of a label, or of a bar
-HEAD_INCH = 1.1  # title, critical difference and axis of a diagram
+LINE_INCH = 0.176  # of a label, or of a bar
+HEAD_INCH = 1.12  # title, critical difference and axis of a diagram
 CD_LINE = 2.0  # height of the critical difference above the axis, in lines
 _LINE = "0.2"
 TITLE_WIDTH = 90
