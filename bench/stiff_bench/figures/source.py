@@ -129,7 +129,7 @@ class FigureSource:
 
     def _meant(self, word: str, known: Sequence[str]) -> list[str]:
         found = [name for name in known if stands_for(word, name)]
-        return found or [competitor_meant(word, self.contests, self.folder)]
+        return found or [competitor_meant(word, self.contests)]
 
     def contest(
         self,

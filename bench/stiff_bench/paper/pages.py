@@ -7,9 +7,9 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
+from stiff_bench.analysis.leaderboard import stored_leaderboard
 from stiff_bench.analysis.leaderboard_tables import render_leaderboard
 from stiff_bench.analysis.sort_key import sort_key
-from stiff_bench.analysis.stored_leaderboard import stored_leaderboard
 from stiff_bench.figures.catalog import FIGURES
 from stiff_bench.figures.figure import Prepared, can_be_drawn
 from stiff_bench.figures.source import FigureSource
@@ -98,16 +98,15 @@ def write_leaderboard(output: Path, command: str, n_missing: int) -> Iterator[Pa
         ConfigError: there is nothing to compare.
     """
     folder = output / "leaderboard"
-    board, provenance = stored_leaderboard(folder / "runs", key=sort_key("norm", None))
-    as_csv = render_leaderboard(board, "csv", command, provenance)
-    yield _written(output / "leaderboard.csv", as_csv)
+    board = stored_leaderboard(folder / "runs", key=sort_key("norm", None))
+    yield _written(output / "leaderboard.csv", render_leaderboard(board, "csv", command))
     asked = {name: FIGURES[name] for name in OF_LEADERBOARD}
     figures, missing = can_be_drawn(asked, FigureSource.of(folder / "runs"))
     yield from _pictures(figures, folder / "figures")
     page = [
         "# Leaderboard",
         _listed(*_ABOUT_LEADERBOARD, *_provenance(folder / "runs", command, n_missing)),
-        render_leaderboard(board, "github", command, provenance),
+        render_leaderboard(board, "github", command),
         *_figures_and_missing(figures, "leaderboard/figures", missing),
     ]
     yield _written(output / "leaderboard.md", "\n\n".join(page))

@@ -37,7 +37,7 @@ def told(plan, *, jobs=1, rerun="missing"):
 
 def test_without_stored_results_cells_are_counted_and_nothing_is_written(tmp_path):
     found = told(plan_into(tmp_path / "new", datasets=("kr10-twin", "fanuc-r2000ic")))
-    assert [(part.model, part.n_cells, part.cell_s) for part in found.parts] == [
+    assert [(part.model, part.n_cells, part.seconds) for part in found.parts] == [
         ("zero", 6, None),
         ("vjm", 6, None),
     ]
