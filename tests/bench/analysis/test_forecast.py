@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import tracemalloc
 import weakref
 
 import pytest
@@ -108,25 +107,6 @@ def test_splits_are_made_one_by_one(protocol):
 def test_the_number_of_splits_of_each_condition_is_known_from_the_first_cell():
     tasks = cell_tasks(planned(protocols=("sample-efficiency@sizes=5,10",), splits=4))
     assert next(tasks).n_splits == 4
-
-
-def test_a_plan_of_ten_times_the_cells_takes_no_more_memory(tmp_path):
-    peaks = []
-    told(plan_into(tmp_path, models=("zero",), splits=1))  # what is imported and cached once
-    for splits in (3, 30):
-        tracemalloc.start()
-        told(plan_into(tmp_path, models=("zero",), splits=splits))
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    assert peaks[1] < peaks[0] + 50_000
-
-
-def test_a_cells_key_is_the_same_whatever_the_number_of_cells(tmp_path):
-    keys = [
-        {task.cell.key for task in cell_tasks(plan_into(tmp_path, splits=splits))}
-        for splits in (3, 5)
-    ]
-    assert len(keys[0]) == 6 and keys[0] < keys[1]
 
 
 def test_every_format_has_the_cells(tmp_path):
