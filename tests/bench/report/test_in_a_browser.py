@@ -129,6 +129,12 @@ def test_missing_numbers_stand_last_both_ways(browser, ranks):
         assert column(browser, ranks, "mean rank").index("-") >= N_MORE
 
 
+def test_the_keyboard_sorts_too(browser, ranks):
+    title = heading(ranks, "model")
+    title.find_element("css selector", "[tabindex='0']").send_keys("\ue007")  # Enter
+    wait_until_sorted(browser, title, "ascending")
+
+
 def test_models_sort_as_people_count(browser, ranks):
     title = heading(ranks, "model")
     title.click()
