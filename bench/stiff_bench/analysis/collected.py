@@ -218,6 +218,19 @@ def competitor_names(contests: Iterable[Contest]) -> list[str]:
     return sorted({name for contest in contests for name in contest.competitors})
 
 
+def chosen_models(contests: Sequence[Contest], words: Sequence[str]) -> list[str]:
+    """Return the names of the models that words stand for; no word stands for all.
+
+    Raises:
+        ConfigError: a word has no results.
+    """
+    known = competitor_names(contests)
+    for word in words:
+        if not any(stands_for(word, name) for name in known):
+            raise ConfigError(f"--model: {unknown_name('model with results', word, known)}")
+    return [name for name in known if asked_for(name, words)]
+
+
 def chosen_contests(
     contests: Sequence[Contest], *, datasets: Sequence[str], protocols: Sequence[str]
 ) -> list[Contest]:
@@ -294,17 +307,12 @@ def left_out_notes(contests: Sequence[Contest]) -> Iterator[str]:
         yield f"{where}: {reason} are left out."
 
 
-FEW_NOTES = 4
-"""So many notes stand under a table for people."""
-
-
-def few_notes(notes: Iterable[str]) -> list[str]:
-    """Return the first notes, each once; where there are more, the last counts the others."""
+def few_notes(notes: Iterable[str], most: int = 4) -> list[str]:
+    """Return the notes for people, each once; where there are more, the last counts the others."""
     every = list(dict.fromkeys(filter(None, notes)))
-    if len(every) <= FEW_NOTES:
+    if len(every) <= most:
         return every
-    n_more = len(every) - FEW_NOTES + 1
-    return [*every[: FEW_NOTES - 1], f"{n_more} more notes: `--format json`"]
+    return [*every[: most - 1], f"{len(every) - most + 1} more notes: `--format json`"]
 
 
 def competitor_meant(word: str, contests: Sequence[Contest]) -> str:

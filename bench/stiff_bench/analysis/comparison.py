@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -37,7 +36,6 @@ from stiff_bench.store.newest import Slot
 from stiff_bench.store.samples import StoredData
 from stiff_bench.store.versions import differing_libraries, sources
 from stiff_bench.tables.metric_table import pooled_prediction
-from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name
 from stiff_protocols.contract.record import Presentation
 from stiff_protocols.contract.types import AXES, FloatArray, IntArray
@@ -85,11 +83,6 @@ class Row:
         """The estimate with the wider interval: the one to speak of where one alone is named."""
         return max(self.main, self.over_poses, key=lambda one: one.high - one.low)
 
-    @property
-    def cautious_over(self) -> Literal["splits", "poses"]:
-        """What the cautious estimate's spread is over."""
-        return "splits" if self.cautious is self.over_splits else "poses"
-
 
 @dataclass(frozen=True)
 class Comparison:
@@ -118,11 +111,6 @@ class Comparison:
     def row(self, error: str) -> Row:
         """Return the row of one kind of error."""
         return self.rows[ERRORS.index(error)]
-
-    @property
-    def splits_text(self) -> str:
-        """The number of shared splits, for people."""
-        return counted(self.n_splits, "split")
 
     @property
     def over_splits(self) -> bool:
@@ -362,7 +350,7 @@ def compare_folder(
     if a == b:
         raise ConfigError(f"compare {a!r} with another model than itself")
     chosen = chosen_contests(stored.contests, datasets=datasets, protocols=protocols)
-    chosen = sorted(_under(conditions, chosen), key=lambda one: _in_order(one.name))
+    chosen = _under(conditions, chosen)
     called = labels(one.name for one in chosen)
     run = {name: [called[one.name] for one in chosen if name in one.competitors] for name in (a, b)}
     data_of = functools.cache(functools.partial(read_data, folder))
@@ -395,30 +383,32 @@ def compare_folder(
         )
         for name in (a, b)
     }
-    notes += [
-        *same_name_other_data(shared),
-        *left_out_notes(shared),
-        *differing_libraries(stored.runs, counts),
-    ]
     return Report(
-        *(a, b, question, tuple(comparisons), tuple(across_datasets(comparisons)), where),
-        notes=tuple(notes),
+        a=a,
+        b=b,
+        question=question,
+        comparisons=tuple(comparisons),
+        across=tuple(across_datasets(comparisons)),
+        where=where,
+        notes=(
+            *notes,
+            *same_name_other_data(shared),
+            *left_out_notes(shared),
+            *differing_libraries(stored.runs, counts),
+        ),
         provenance=tuple(sources(folder, stored.runs, counts[a] + counts[b])),
     )
 
 
-def _in_order(name: ContestName) -> tuple[list[tuple[int, str]], int, str, str]:
-    return natural_key(name.text), name.seed, name.data_sha256, name.source_sha256
-
-
 def _under(conditions: Sequence[str], contests: Sequence[Contest]) -> list[Contest]:
-    """Return the contests of these conditions; none named means all."""
+    """Return the contests of these conditions in order; none named means all."""
     known = {contest.name.condition for contest in contests}
     for condition in conditions:
         if condition not in known:
             meant = unknown_name("condition", condition, known - {""})
             raise ConfigError(f"--condition: {meant}")
-    return [one for one in contests if not conditions or one.name.condition in conditions]
+    names = {one.name: one for one in contests if one.name.condition in (conditions or known)}
+    return [names[name] for name in sorted(names, key=lambda one: (natural_key(one.text), one))]
 
 
 def _few(names: Sequence[str], few: int = 3) -> str:

@@ -88,9 +88,10 @@ def _counts(report: Report, found: Sequence[Comparison], kind: str) -> str:
 def _of_one(report: Report, found: Comparison) -> str:
     name, row = found.name, found.row(NORM)
     fits = "" if found.over_splits else "these fits"
-    setting = _joined(name.protocol, name.condition, found.splits_text, fits)
+    setting = _joined(name.protocol, name.condition, counted(found.n_splits, "split"), fits)
     on = f"on {name.dataset} ({setting})"
     level, main = percent(report.question.confidence), row.cautious
+    over = "splits" if main is row.over_splits else "poses"
     if row.verdict == "equivalent":
         return (
             f"{report.a} and {report.b} are equivalent {on}: their mean 3-D errors differ by less "
@@ -101,14 +102,14 @@ def _of_one(report: Report, found: Comparison) -> str:
         return (
             f"{report.a} and {report.b} are not told apart {on}: mean 3-D error of {report.a} "
             f"minus that of {report.b} {MM * row.difference:.3f} mm ({level} interval {interval} "
-            f"over {row.cautious_over})."
+            f"over {over})."
         )
     a_better = row.verdict == "a"
     better, worse = (report.a, report.b) if a_better else (report.b, report.a)
     interval = _range(-main.high, -main.low) if a_better else _range(main.low, main.high)
     return (
         f"{better} is better than {worse} {on}: mean 3-D error {MM * abs(row.difference):.3f} mm "
-        f"smaller ({level} interval {interval} over {row.cautious_over})."
+        f"smaller ({level} interval {interval} over {over})."
     )
 
 
@@ -240,7 +241,7 @@ def _errors(report: Report) -> Table:
     over_poses = Column("interval over poses", unit=_UNIT, format=_DIFFERENCE)
     return Table(
         f"{', '.join(sides)} | {name.dataset} ({kind_label(found.a.kind, found.a.task)}) | "
-        f"{setting}, {found.splits_text}, seed {name.seed} | mean error, mm",
+        f"{setting}, {counted(found.n_splits, 'split')}, seed {name.seed} | mean error, mm",
         [
             *(Column("mean error", "text"), *_number_columns(report)),
             *([over_poses] if found.over_splits else []),

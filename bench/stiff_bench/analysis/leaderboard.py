@@ -18,13 +18,11 @@ import numpy as np
 from stiff_bench.analysis.collected import (
     Contest,
     StoredResults,
-    asked_for,
     chosen_contests,
-    competitor_names,
+    chosen_models,
     left_out_notes,
     no_garbage_collection,
     same_name_other_data,
-    stands_for,
 )
 from stiff_bench.analysis.critical_difference import RankAnalysis, rank_analyses
 from stiff_bench.analysis.ranking import (
@@ -38,13 +36,11 @@ from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.store.names import ContestName, labels, natural_key
 from stiff_bench.store.versions import sources
 from stiff_bench.tables.metric_table import mark_of
-from stiff_protocols.contract.errors import ConfigError, unknown_name
+from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import STIFFNESS, kind_label
 from stiff_protocols.contract.record import Presentation
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.paired import LEVEL, ranked
-
-FEWEST_RANKED = 2
 
 
 @dataclass(frozen=True)
@@ -165,11 +161,15 @@ def build_leaderboard(
     """Return the leaderboard of the results that are given; see `stored_leaderboard`."""
     with no_garbage_collection():
         usable = [c for c in of_newest_data(stored.contests) if presentation(c).task == STIFFNESS]
-        names = _named(usable, models)
+        names = chosen_models(usable, models)
         n_run = {c.name: sum(name in c.competitors for name in names) for c in usable}
-        shown = sorted((c for c in usable if n_run[c.name] >= FEWEST_RANKED), key=_order)
-        lonely = sorted((c for c in usable if n_run[c.name] == 1), key=_order)
-        notes = [*_data_notes(stored.contests), *_lonely_notes(usable, lonely)]
+        shown = sorted((c for c in usable if n_run[c.name] > 1), key=in_order)
+        lonely = sorted((c for c in usable if n_run[c.name] == 1), key=in_order)
+        notes = list(_data_notes(stored.contests))
+        if lonely:
+            first = labels(contest.name for contest in usable)[lonely[0].name]
+            more = f" (and {len(lonely) - 1} more)" if len(lonely) > 1 else ""
+            notes.append(f"{first}{more} is left out: none of the other models was run there.")
         if not shown:
             why = "".join(f"; {note.removesuffix('.')}" for note in notes)
             raise ConfigError(
@@ -189,14 +189,6 @@ def build_leaderboard(
     )
     made_by = tuple(sources(stored.folder, stored.runs, run_ids))
     return Leaderboard(rankings, sections, tuple(notes), made_by)
-
-
-def _lonely_notes(usable: Sequence[Contest], lonely: Sequence[Contest]) -> Iterator[str]:
-    """Yield a line where one of the models alone was run."""
-    if lonely:
-        first = labels(contest.name for contest in usable)[lonely[0].name]
-        more = f" (and {len(lonely) - 1} more)" if len(lonely) > 1 else ""
-        yield f"{first}{more} is left out: none of the other models was run there."
 
 
 def presentation(contest: Contest) -> Presentation:
@@ -224,14 +216,6 @@ def of_newest_data(contests: Sequence[Contest]) -> list[Contest]:
     return list(newest_source.values())
 
 
-def _named(contests: Sequence[Contest], words: Sequence[str]) -> list[str]:
-    known = competitor_names(contests)
-    for word in words:
-        if not any(stands_for(word, name) for name in known):
-            raise ConfigError(f"--model: {unknown_name('model with results', word, known)}")
-    return [name for name in known if asked_for(name, words)]
-
-
 def _data_notes(contests: Sequence[Contest]) -> Iterator[str]:
     for line in same_name_other_data(contests):
         yield f"{line.removesuffix('.')}, those of the newest run count, the others are left out."
@@ -243,10 +227,10 @@ def _data_notes(contests: Sequence[Contest]) -> Iterator[str]:
         yield f"{dataset} is left out: it is {kind_label(shown.kind, shown.task)}."
 
 
-def _order(contest: Contest) -> tuple[Any, ...]:
+def in_order(contest: Contest) -> tuple[Any, ...]:
     """Return a sort key: "n = 5" stands before "n = 10"."""
     name = contest.name
-    return (*map(natural_key, (name.protocol, name.condition, name.dataset)), name.seed)
+    return (*map(natural_key, (name.protocol, name.condition, name.dataset)), name)
 
 
 def _section(
@@ -255,7 +239,7 @@ def _section(
     complete = complete_models(scored)
     analyses = rank_analyses(scored, rankings)
     models: list[RankedModel] = []
-    if len(complete) >= FEWEST_RANKED:
+    if len(complete) > 1:
         found = _ranked([rankings.of(one, complete) for one in scored], analyses[0])
         models = sorted(found, key=lambda model: (model.mean_rank, model.name))
     unranked = {

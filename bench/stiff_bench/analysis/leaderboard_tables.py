@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -44,19 +45,28 @@ def render_leaderboard(board: Leaderboard, fmt: str, command: str) -> str:
         if fmt == "csv":
             tables.append(_ranks(section, board))
             continue
-        tables += section_tables(section, board)
+        tables += section_tables(section, board, every_note=fmt == "json")
         tables += _details(section, board) if fmt == "json" else []
     about = {"sort_key": board.key.text, "direction": board.key.metric.direction}
     return render(tables, fmt, command, about=about)
 
 
-def section_tables(section: Section, board: Leaderboard) -> list[Table]:
-    """Return ranks, scores by protocol, critical differences and costs of one section."""
+def section_tables(
+    section: Section, board: Leaderboard, *, every_note: bool = False
+) -> list[Table]:
+    """Return ranks, scores by protocol, critical differences and costs of one section.
+
+    Args:
+        section: of the leaderboard.
+        board: it.
+        every_note: all notes, not the first few.
+    """
     tables = [_ranks(section, board), *_by_protocol(section, board.rankings)]
     if analyses := [one for one in section.analyses if one.outcome is not None]:
         tables.append(_analyses(section, analyses, board))
-    costs = _costs(section)
-    return [*tables, costs] if costs.rows else tables
+    tables.append(_costs(section))
+    notes = list if every_note else few_notes
+    return [replace(table, notes=notes(table.notes)) for table in tables if table.rows]
 
 
 def _about(section: Section, table: str) -> dict[str, object]:
@@ -93,7 +103,7 @@ def _ranks(section: Section, board: Leaderboard) -> Table:
             *(Column("within CD of the best", "text"), Column("results")),
         ],
         rows=rows,
-        notes=few_notes([*_rank_notes(section, board), *board.provenance]),
+        notes=[*_rank_notes(section, board), *board.provenance],
         about=_about(section, "ranks"),
     )
 
@@ -113,7 +123,7 @@ def _seeds(number: int) -> list[str]:
 def _rank_notes(section: Section, board: Leaderboard) -> Iterator[str]:
     """Yield what must be read with the ranks, most important first."""
     shown = [presentation(field.contest) for field in section.fields]
-    yield from dict.fromkeys(one.warning for one in shown)
+    yield from dict.fromkeys(one.warning for one in shown if one.warning)
     if "measured" in section.kinds and len(section.kinds) > 1:
         simulated = {
             family_of(field.name): ""
@@ -182,7 +192,7 @@ def _by_protocol(section: Section, rankings: Rankings) -> Iterator[Table]:
                 for model in section.models
                 if any(model in column for column in scores)
             ],
-            notes=few_notes([f"{BEST} best mean of a column{like}.", *caveats]),
+            notes=[f"{BEST} best mean of a column{like}.", *caveats],
             unit=unit,
             about=_about(section, "scores by protocol"),
         )
@@ -357,9 +367,41 @@ _COSTS: dict[str, tuple[str, Callable[[Quantity], str]]] = {
 
 def _details(section: Section, board: Leaderboard) -> list[Table]:
     """Return each model's score in each contest, and ranks and pairs of each analysis."""
-    found = [analysis for analysis in section.analyses if analysis.outcome is not None]
-    over_robots = [_mean_ranks(section, found), _pairs(section, found)] if found else []
-    return [_scores(section, board), *over_robots]
+    ranks: list[list[Cell]] = []
+    pairs: list[list[Cell]] = []
+    for one in section.analyses:
+        if (outcome := one.outcome) is None:
+            continue
+        block = (one.protocol, one.condition)
+        robots = ", ".join(robot.text for robot in one.families)
+        for model, rank in zip(one.models, outcome.mean_ranks, strict=True):
+            ranks.append([model, *block, robots, float(rank)])
+        for i, j in combinations(range(len(one.models)), 2):
+            conover = None if outcome.conover is None else float(outcome.conover[i, j])
+            p_values = float(outcome.nemenyi[i, j]), conover
+            pairs.append([one.models[i], one.models[j], *block, *p_values])
+    tables = [
+        _scores(section, board),
+        Table(
+            title="Mean ranks over robots",
+            columns=[
+                *(Column(text, "text") for text in ("model", "protocol", "condition", "robots")),
+                Column("mean rank over robots", format=".2f"),
+            ],
+            rows=ranks,
+            about=_about(section, "mean ranks over robots"),
+        ),
+        Table(
+            title="Pairs over robots",
+            columns=[
+                *(Column(text, "text") for text in ("model", "other", "protocol", "condition")),
+                *(Column(text, format=".2g") for text in ("Nemenyi p", "Conover p")),
+            ],
+            rows=pairs,
+            about=_about(section, "pairs over robots"),
+        ),
+    ]
+    return [table for table in tables if table.rows]
 
 
 def _scores(section: Section, board: Leaderboard) -> Table:
@@ -390,45 +432,4 @@ def _scores(section: Section, board: Leaderboard) -> Table:
         rows=rows,
         notes=board.notes,
         about=_about(section, "scores"),
-    )
-
-
-def _mean_ranks(section: Section, found: Sequence[RankAnalysis]) -> Table:
-    """Return each model's mean rank over the robots of each analysis."""
-    return Table(
-        title="Mean ranks over robots",
-        columns=[
-            *(Column(text, "text") for text in ("model", "protocol", "condition", "robots")),
-            Column("mean rank over robots", format=".2f"),
-        ],
-        rows=[
-            [model, one.protocol, one.condition, robots, float(rank)]
-            for one in found
-            if one.outcome is not None
-            for robots in [", ".join(robot.text for robot in one.families)]
-            for model, rank in zip(one.models, one.outcome.mean_ranks, strict=True)
-        ],
-        about=_about(section, "mean ranks over robots"),
-    )
-
-
-def _pairs(section: Section, found: Sequence[RankAnalysis]) -> Table:
-    """Return the p-values of each pair of models of each analysis."""
-    rows: list[list[Cell]] = []
-    for one in found:
-        outcome = one.outcome
-        assert outcome is not None
-        for i, j in combinations(range(len(one.models)), 2):
-            conover = None if outcome.conover is None else float(outcome.conover[i, j])
-            models = (one.models[i], one.models[j])
-            p_values = float(outcome.nemenyi[i, j]), conover
-            rows.append([*models, one.protocol, one.condition, *p_values])
-    return Table(
-        title="Pairs over robots",
-        columns=[
-            *(Column(text, "text") for text in ("model", "other", "protocol", "condition")),
-            *(Column(text, format=".2g") for text in ("Nemenyi p", "Conover p")),
-        ],
-        rows=rows,
-        about=_about(section, "pairs over robots"),
     )

@@ -173,14 +173,10 @@ class Ranking:
     seed: int
 
     @cached_property
-    def scores(self) -> FloatArray:
-        """The (m,) means over the splits, in the metric's unit."""
-        return np.array([self.scored.mean(model) for model in self.models])
-
-    @cached_property
     def ranks(self) -> FloatArray:
         """The (m,) ranks among these models: 1 is the best, ties share their mean rank."""
-        return ranked(self.key.sign * self.scores)
+        scores = np.array([self.scored.mean(model) for model in self.models])
+        return ranked(self.key.sign * scores)
 
     @cached_property
     def is_best(self) -> BoolArray:

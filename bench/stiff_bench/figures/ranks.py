@@ -37,12 +37,12 @@ TITLE_WIDTH = 90
 """Characters; centred, so that the names beside a diagram push none off the page."""
 
 
-def ranks_figure(analyses: Sequence[RankAnalysis], measure: str) -> Figure:
+def ranks_figure(analyses: Sequence[RankAnalysis], measure: str = "") -> Figure:
     """Draw a diagram for each analysis, one beneath the other.
 
     Args:
         analyses: at least one; all with an outcome.
-        measure: what the ranks are of, and on which kind of data.
+        measure: what the ranks are of, and on which kind of data; "" where a caption says it.
     """
     heights = [HEAD_INCH + LINE_INCH * _n_lines(one) for one in analyses]
     figure = new_figure(PAGE_INCH, sum(heights))
@@ -50,7 +50,8 @@ def ranks_figure(analyses: Sequence[RankAnalysis], measure: str) -> Figure:
     for axes, analysis in zip(panels, analyses, strict=True):
         _draw(analysis, axes)
         axes.grid(visible=False)
-        about = f"{analysis.text}: mean rank of {measure}, {of_robots(analysis.families)}"
+        about = f"{analysis.text}: {of_robots(analysis.families)}"
+        about += f", mean rank of {measure}" if measure else ""
         axes.set_title(textwrap.fill(about, TITLE_WIDTH, break_on_hyphens=False), loc="center")
     return figure
 
@@ -133,4 +134,4 @@ def gather(source: FigureSource) -> Content:
         f"better. Models joined by a bar are not told apart (Nemenyi, {LEVEL:g})."
         f"{marks_in([one.contest for one in fair], shown_here)}{more * (len(ranked) > MOST)}"
     )
-    return Content(caption, partial(ranks_figure, drawn, f"{METRIC} ({kinds})"))
+    return Content(caption, partial(ranks_figure, drawn))

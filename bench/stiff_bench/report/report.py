@@ -11,7 +11,7 @@ from stiff_bench.analysis.collected import (
     StoredResults,
     asked_for,
     chosen_contests,
-    competitor_names,
+    chosen_models,
     left_out_notes,
     same_name_other_data,
 )
@@ -33,12 +33,7 @@ from stiff_bench.report.scores import data_block, score_block
 from stiff_bench.store.database import read_data
 from stiff_bench.tables.metric_table import SELECTION_MARK
 from stiff_bench.tables.units import counted
-from stiff_protocols.contract.errors import (
-    ConfigError,
-    StiffBenchError,
-    StoreError,
-    unknown_name,
-)
+from stiff_protocols.contract.errors import ConfigError, StiffBenchError, StoreError
 from stiff_protocols.contract.files import written_whole
 from stiff_protocols.contract.plugin import kind_label
 
@@ -56,10 +51,7 @@ def part_of(stored: StoredResults, choice: Selection, key: SortKey) -> Part:
         StoreError: a file of the folder is damaged.
     """
     folder = stored.folder
-    known = competitor_names(stored.contests)
-    for word in choice.models:
-        if not any(asked_for(name, [word]) for name in known):
-            raise ConfigError(f"--model: {unknown_name('model with results', word, known)}")
+    chosen_models(stored.contests, choice.models)  # each has results
     chosen = tuple(
         chosen_contests(stored.contests, datasets=choice.datasets, protocols=choice.protocols)
     )

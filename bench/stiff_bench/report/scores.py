@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 
 from stiff_bench.analysis.collected import Competitor, Contest, asked_for
-from stiff_bench.analysis.leaderboard import presentation
+from stiff_bench.analysis.leaderboard import in_order, presentation
 from stiff_bench.report.content import Block, Fold
 from stiff_bench.store.names import labels, natural_key
 from stiff_bench.store.samples import StoredData
@@ -43,7 +43,7 @@ def score_block(contests: Sequence[Contest], models: Sequence[str], metric: str)
     called = labels(contest.name for contest in contests)
     shown = [
         (contest, competitor)
-        for contest in sorted(contests, key=_order)
+        for contest in sorted(contests, key=in_order)
         for name, competitor in contest.competitors.items()
         if asked_for(name, models)
     ]
@@ -63,12 +63,6 @@ def score_block(contests: Sequence[Contest], models: Sequence[str], metric: str)
         ["splits: with a result, of those asked for."],
     )
     return Block("Scores", tables=[table], folds=_fit_notes(notes))
-
-
-def _order(contest: Contest) -> tuple[object, ...]:
-    name = contest.name
-    in_order = map(natural_key, (name.protocol, name.condition, name.dataset))
-    return (*in_order, name.seed, name.data_sha256, name.source_sha256)
 
 
 def _cells(contest: Contest, competitor: Competitor, metrics: Sequence[Metric]) -> list[Cell]:
@@ -134,7 +128,7 @@ _STIFFNESS = re.compile(r"stiffness (\S+ \[.+\])")
 def _stiffnesses(contests: Sequence[Contest]) -> Table:
     """Return the joint stiffnesses that the reference model identified on each data set."""
     found: dict[str, tuple[str, dict[str, Quantity]]] = {}
-    for contest in sorted(contests, key=_order):
+    for contest in sorted(contests, key=in_order):
         if REFERENCE_MODEL in contest.competitors and contest.name.dataset not in found:
             fits = [one.diagnostics for one in contest.results(REFERENCE_MODEL)]
             values = {
