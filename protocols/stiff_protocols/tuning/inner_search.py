@@ -173,12 +173,7 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
         return ""
 
     def fit(
-        self,
-        train: Samples,
-        *,
-        robot: Robot,
-        validation: Samples | None = None,
-        seed: int = 0,
+        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
     ) -> Self:
         """Choose the options on training and validation rows together, then fit the model.
 
