@@ -128,7 +128,7 @@ def training_digest(
     """Return the hash of everything that shapes a training.
 
     That is the network with its first weights, rows, plan and seed (of the batches' order), further
-    tensors (`extra`) and settings as text (`about`), and a stranger's code: of the network's modules
+    tensors (`extra`) and settings as text (`about`), and a stranger's code: of its parts
     and of the `actors` that take part, such as the model.
     """
     device = rows.inputs.device
