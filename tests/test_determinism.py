@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import subprocess
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from quick_models import KEYS
+from quick_models import KEYS, twin_data
 from stiff_bench.run.cell import compute_cell
-from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.catalog import model_info
 
 pytestmark = pytest.mark.xdist_group("processes")  # what they predict is kept
@@ -25,8 +24,6 @@ by LAPACK may divide its work by them, on a machine other than the one where all
 CONVOLUTION_TOLERANCE_M = 2e-5
 """oneDNN sums a convolution's gradients thread by thread, and a training amplifies that: after
 these few steps, 0.003 mm was seen."""
-CONVOLUTIONS = ("dt-cnn",)
-
 
 WIDE = "ft-mlp at its full width"
 WIDE_OPTIONS = {"pretrain_steps": 60, "epochs": 60}
@@ -36,7 +33,7 @@ WIDE_OPTIONS = {"pretrain_steps": 60, "epochs": 60}
 def prediction(key: str) -> np.ndarray:
     """What a model, fitted anew with its quick options, predicts on all of the KR10 twin."""
     info = model_info("ft-mlp" if key == WIDE else key)
-    data = Kr10Twin().load()
+    data = twin_data()
     cls = info.load()
     options = dict(WIDE_OPTIONS if key == WIDE else info.quick)
     if "device" in cls(**options).get_params():
@@ -60,48 +57,28 @@ def write_predictions(path: str, keys: list[str]) -> None:
     np.savez(path, **{key: prediction(key) for key in keys})
 
 
-@dataclass(frozen=True)
-class Process:
-    """How a process differs from others."""
-
-    hash_seed: str
-    threads: int
-    reverse: bool
-
-
-REFERENCE = Process("0", 1, reverse=False)
-OTHER_ORDER = Process("random", 1, reverse=True)
-MORE_THREADS = Process("0", 2, reverse=False)
-
-
-def predictions_of(process: Process, folder: Path, keys: list[str]) -> dict[str, np.ndarray]:
-    path = folder / "predictions.npz"
-    program = (
-        f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
-        f"from test_determinism import write_predictions\n"
-        f"write_predictions({str(path)!r}, {keys[::-1] if process.reverse else keys!r})\n"
-    )
-    threads = dict.fromkeys(
-        ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), str(process.threads)
-    )
-    about = {"PYTHONHASHSEED": process.hash_seed, "STIFFBENCH_CACHE": "off"}
-    done = subprocess.run(
-        [sys.executable, "-c", program], env=os.environ | threads | about, stderr=subprocess.PIPE
-    )
-    assert done.returncode == 0, done.stderr.decode()
-    with np.load(path, allow_pickle=False) as found:
-        return {key: found[key] for key in keys}
+REFERENCE, OTHER_ORDER, MORE_THREADS = ("0", 1, False), ("random", 1, True), ("0", 2, False)
+"""Processes: PYTHONHASHSEED, number of threads, whether the models come in reverse order."""
 
 
 @pytest.fixture(scope="module")
 def of_process(tmp_path_factory):
     """A function that gives every model's predictions in a process of that kind, computed once."""
-    found: dict[Process, dict[str, np.ndarray]] = {}
 
-    def get(process: Process) -> dict[str, np.ndarray]:
-        if process not in found:
-            found[process] = predictions_of(process, tmp_path_factory.mktemp("p"), usable())
-        return found[process]
+    @functools.cache
+    def get(hash_seed: str, threads: int, reverse: bool) -> dict[str, np.ndarray]:
+        path, keys = tmp_path_factory.mktemp("p") / "predictions.npz", usable()
+        program = (
+            f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
+            f"from test_determinism import write_predictions\n"
+            f"write_predictions({str(path)!r}, {keys[::-1] if reverse else keys!r})\n"
+        )
+        names = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+        about = dict.fromkeys(names, str(threads))
+        about |= {"PYTHONHASHSEED": hash_seed, "STIFFBENCH_CACHE": "off"}
+        subprocess.run([sys.executable, "-c", program], env=os.environ | about, check=True)
+        with np.load(path, allow_pickle=False) as found:
+            return {key: found[key] for key in keys}
 
     return get
 
@@ -120,8 +97,7 @@ def test_a_cells_prediction_does_not_depend_on_the_cells_before(models, tasks_of
     (alone,) = tasks_of(models=("vjm",), splits=1)
     expected = compute_cell(alone, "r")
     both = [compute_cell(task, "r") for task in tasks_of(models=models, splits=1)]
-    (found,) = [result for result in both if result.cell.model == "vjm"]
-    assert found.cell.key == expected.cell.key
+    (found,) = [result for result in both if result.cell.key == expected.cell.key]
     np.testing.assert_array_equal(found.prediction.predicted, expected.prediction.predicted)
 
 
@@ -133,7 +109,7 @@ def test_every_model_predicts_the_same_in_another_process_order_and_number_of_th
 ):
     if key not in usable():
         pytest.skip(model_info(key).missing())
-    tolerance = CONVOLUTION_TOLERANCE_M if key in CONVOLUTIONS else TOLERANCE_M
-    expected, found = of_process(REFERENCE)[key], of_process(other)[key]
-    tolerance = tolerance if other.threads > 1 else 0.0
+    tolerance = CONVOLUTION_TOLERANCE_M if key == "dt-cnn" else TOLERANCE_M
+    expected, found = of_process(*REFERENCE)[key], of_process(*other)[key]
+    tolerance = tolerance if other == MORE_THREADS else 0.0
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=tolerance)

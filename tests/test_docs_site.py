@@ -8,12 +8,8 @@ import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
-from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from importlib.util import find_spec
 from pathlib import Path
-from threading import Thread
 
 import click
 import pytest
@@ -29,20 +25,11 @@ DOCS = TOP / "docs"
 DEFINITIONS = (DOCS / "definitions.md").read_text(encoding="utf-8")
 BLOCK = re.compile(r"^```sh\n(.*?)^```", re.MULTILINE | re.DOTALL)
 LOADED = re.compile(r"<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=\"?((?:https?:)?//[^\" >]+)")
-PHONE_WIDTH = 390  # px
-ALLOWED_S = 600.0
 
 
 def _shell(page: Path) -> list[str]:
     """Return the lines of a page's `sh` blocks."""
     return "".join(BLOCK.findall(page.read_text(encoding="utf-8"))).splitlines()
-
-
-def _bench_lines() -> Iterator[tuple[str, str]]:
-    for page in (TOP / "README.md", *sorted(DOCS.rglob("*.md"))):
-        for line in _shell(page):
-            if line.startswith("bench "):
-                yield str(page.relative_to(TOP)), line
 
 
 def test_every_metric_and_protocol_is_defined():
@@ -52,10 +39,11 @@ def test_every_metric_and_protocol_is_defined():
 
 
 def test_every_command_of_the_docs_has_its_options():
-    lines = list(_bench_lines())
-    assert len(lines) > 50  # that they are found at all
-    wrong = [f"{page}: {line}" for page, line in lines if _unknown(line)]
-    assert wrong == []
+    pages = (TOP / "README.md", *sorted(DOCS.rglob("*.md")))
+    lines = [(page.name, line) for page in pages for line in _shell(page)]
+    commands = [(page, line) for page, line in lines if line.startswith("bench ")]
+    assert len(commands) > 50  # that they are found at all
+    assert [one for one in commands if _unknown(one[1])] == []
 
 
 def _unknown(line: str) -> str:
@@ -85,16 +73,13 @@ def site(tmp_path_factory) -> Path:
 
 
 @pytest.mark.slow
-def test_the_site_is_built_without_a_warning(site):
-    pages = {page.relative_to(site).as_posix() for page in site.rglob("*.html")}
+def test_the_site_is_built_without_a_warning_and_loads_nothing_from_elsewhere(site):
+    pages = {
+        page.relative_to(site).as_posix(): page.read_text("utf-8") for page in site.rglob("*.html")
+    }
     ours = {page.relative_to(DOCS).with_suffix(".html").as_posix() for page in DOCS.rglob("*.md")}
-    assert ours <= pages
-
-
-@pytest.mark.slow
-def test_no_page_loads_anything_from_elsewhere(site):
-    pages = sorted(site.rglob("*.html"))
-    assert [page for page in pages if LOADED.search(page.read_text("utf-8"))] == [] != pages
+    assert ours <= pages.keys()
+    assert [name for name, text in pages.items() if LOADED.search(text)] == []
 
 
 @pytest.mark.slow
@@ -106,60 +91,6 @@ def test_equations_are_in_the_pages(site):
     )
     assert "arithmatex" not in page
     assert re.findall(r"\\[a-zA-Z(\[]", text) == []
-
-
-@pytest.fixture(scope="session")
-def address(site) -> Iterator[str]:
-    class Quiet(SimpleHTTPRequestHandler):
-        def log_message(self, *_: object) -> None:
-            pass
-
-    with ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(site))) as server:
-        Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_port}"
-        server.shutdown()
-
-
-@pytest.fixture()
-def browser(tmp_path):
-    webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
-    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
-    if chromium is None or driver is None:
-        pytest.skip("chromium and chromedriver are not installed")
-    options = webdriver.ChromeOptions()
-    options.binary_location = chromium
-    for flag in ("headless=new", "no-sandbox", "disable-gpu", f"user-data-dir={tmp_path}"):
-        options.add_argument(f"--{flag}")
-    for flag in ("quic", "background-networking", "component-update", "sync"):
-        options.add_argument(f"--disable-{flag}")
-    found = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
-    yield found
-    found.quit()
-
-
-@pytest.mark.slow
-def test_no_page_is_wider_than_a_phone(site, address, browser):
-    size = {"width": PHONE_WIDTH, "height": 844, "deviceScaleFactor": 1, "mobile": True}
-    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
-    widths = {}
-    for page in sorted(site.rglob("*.html")):
-        name = page.relative_to(site).as_posix()
-        browser.get(f"{address}/{name}")
-        widths[name] = browser.execute_script("return document.documentElement.scrollWidth")
-    assert widths == dict.fromkeys(widths, PHONE_WIDTH)
-
-
-@pytest.mark.slow
-def test_a_browser_draws_the_equations_and_asks_nobody_but_the_site(address, browser):
-    browser.get(f"{address}/definitions.html")
-    drawn = "[...document.querySelectorAll('math')].map(one => one.getBoundingClientRect().height)"
-    heights = browser.execute_script(f"return {drawn}")
-    assert len(heights) > 20
-    assert min(heights) > 3.0  # px
-    asked = "performance.getEntriesByType('resource').map(one => one.name)"
-    names = browser.execute_script(f"return {asked}")
-    assert names  # its own style sheets and scripts
-    assert [name for name in names if not name.startswith(address)] == []
 
 
 @pytest.mark.slow
@@ -174,7 +105,7 @@ def test_the_tutorial_can_be_followed_to_the_end(tmp_path):
         env=os.environ | {"PATH": path, "STIFFBENCH_HOME": str(tmp_path / "home")},
         capture_output=True,
         text=True,
-        timeout=ALLOWED_S,
+        timeout=600,
         check=False,
     )
     assert done.returncode == 0, done.stderr

@@ -23,14 +23,11 @@ def read(name: str):
 def test_the_citation_names_this_version_its_licence_and_the_source_paper():
     citation = read("CITATION.cff")
     assert citation["cff-version"] == "1.2.0"
-    for name in ("title", "version", "license"):
-        assert citation[name] == PROJECT[{"title": "name"}.get(name, name)]
+    for name, ours in (("title", "name"), ("version", "version"), ("license", "license")):
+        assert citation[name] == PROJECT[ours]
     for work in (citation, *citation["references"]):
         assert work["authors"] and work["title"]
     assert citation["references"][0]["doi"] == "10.1007/s00170-024-14794-z"
-
-
-def test_the_licence_files_are_there():
     assert all((TOP / name).is_file() for name in PROJECT["license-files"])
 
 
@@ -39,14 +36,6 @@ def test_the_workflow_runs_what_a_developer_runs_on_every_supported_python():
     assert "bash .ci/run" in [step.get("run") for step in job["steps"]]
     named = {line.rpartition(" ")[2] for line in PROJECT["classifiers"] if ":: 3." in line}
     assert set(job["strategy"]["matrix"]["python"]) == named
-
-
-def test_every_hook_before_a_commit_is_named_once():
-    hooks = [
-        hook["id"] for repo in read(".pre-commit-config.yaml")["repos"] for hook in repo["hooks"]
-    ]
-    assert len(set(hooks)) == len(hooks)
-    assert {"lint", "end-of-file-fixer", "check-added-large-files"} <= set(hooks)
 
 
 @pytest.mark.parametrize("form", FORMS, ids=lambda form: form.stem)

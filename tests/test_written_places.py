@@ -1,4 +1,7 @@
-"""Files are written under --output, in the cache and in stiffbench's own home, and nowhere else."""
+"""Files are written under --output, in the cache and in stiffbench's own home, and nowhere else.
+
+And Python files that lie in the working directory are not run.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +21,17 @@ DATA = ROOT / "datasets" / "stiff_datasets" / "data"
 SKIPPED = {"PYTHONDONTWRITEBYTECODE", "MPLCONFIGDIR", "STIFFBENCH_HOME"}
 
 
+LIE_ABOUT = (
+    "conftest sitecustomize usercustomize my_model test_my_model numpy torch click signal pickle "
+    "multiprocessing stiff_bench stiff_models stiff_plugins matplotlibrc stiff_bench/__init__"
+)
+
+
 class Place:
-    """A user's whole world: home, working directory, temporary files, cache, output."""
+    """A user's whole world: home, working directory, temporary files, cache, output.
+
+    The working directory is full of Python files, which leave the file `ran` when they run.
+    """
 
     def __init__(self, top: Path) -> None:
         self.top = top
@@ -28,27 +40,25 @@ class Place:
         (top / "cache").chmod(0o700)
         made = MadeResults(top / "results")
         made.add_run("run-1", [*made.add("vjm", [0.1, 0.2]), *made.add("mlp", [0.3, 0.1])])
-        kept = {
+        (top / "work" / "stiff_bench").mkdir()
+        leave_a_mark = f"open({str(top / 'ran')!r}, 'a').write(__file__)"
+        for name in LIE_ABOUT.split():
+            (top / "work" / f"{name}.py").write_text(f"{leave_a_mark}\nMODELS = []\n")
+        (top / "work" / "x.pth").write_text(f"import os; {leave_a_mark}\n")
+        about = {"HOME": "home", "TMPDIR": "tmp", "STIFFBENCH_CACHE": "cache"}
+        self.environment = {
             name: value
             for name, value in os.environ.items()
             if name not in SKIPPED and not name.startswith("XDG_")
-        }
-        self.environment = kept | {
-            "HOME": str(top / "home"),
-            "TMPDIR": str(top / "tmp"),
-            "STIFFBENCH_CACHE": str(top / "cache"),
-        }
+        } | {name: str(top / folder) for name, folder in about.items()}
 
     def bench(self, words: str):
         return bench(*shlex.split(words), cwd=self.top / "work", env=self.environment)
 
     def files(self) -> set[str]:
         """All that is there, but for cache and output."""
-        return {
-            path.relative_to(self.top).as_posix()
-            for path in self.top.rglob("*")
-            if path.relative_to(self.top).parts[0] not in ("cache", "out")
-        }
+        paths = {path.relative_to(self.top) for path in self.top.rglob("*")}
+        return {path.as_posix() for path in paths if path.parts[0] not in ("cache", "out")}
 
 
 @pytest.fixture()
@@ -56,20 +66,12 @@ def place(tmp_path):
     return Place(tmp_path)
 
 
-def assert_writes_there_alone(place: Place, commands: list[str]) -> None:
-    before, shared = place.files(), set(os.listdir("/dev/shm"))
-    for words in commands:
-        done = place.bench(words)
-        assert done.returncode == 0, (words, done.stderr)
-        assert place.files() == before, words
-        ours = {name for name in set(os.listdir("/dev/shm")) - shared if "stiff" in name}
-        assert not ours, words
-
-
 SIMULATE = "data simulate --samples 9 --output ../out/some.csv"
 FIT = "fit --model mlp@width=8@epochs=2 --dataset kr10-twin --output ../out/m.stiff"
+LEADERBOARD = ("leaderboard --results ../results",)
 WRITE_BELOW_OUTPUT = (
-    ("run --model vjm --splits 1 --output ../out", "leaderboard --results ../results"),
+    ("run --model vjm --splits 1 --output ../out",),
+    ("run --model mlp --set mlp.epochs=2 --splits 1 --output ../out --isolate",),
     ("run --model mlp-pretrained@pretrain_steps=3 --splits 1 --output ../out",),
     ("run --model vjm --model knn --splits 2 --output ../out --jobs 2",),
     ("list models", "show vjm", "compare vjm mlp --results ../results"),
@@ -87,33 +89,40 @@ WRITE_BELOW_OUTPUT = (
         SIMULATE,
         FIT,
         "predict --model ../out/m.stiff --input ../out/some.csv --output ../out/all.csv",
+        "export --model ../out/m.stiff --output ../out/mlp.onnx",
     ),
 )
 REGISTER = "data register kr10-measured ../out/mine.csv"
 FETCH = "data fetch ur5-pose-error --from ../out"
-EXPORT = "export --model ../out/m.stiff --output ../out/mlp.onnx"
 
 
 def test_every_command_is_started_here_as_a_user_does():
     """Other tests call it in their own process."""
-    ours = [*itertools.chain(*WRITE_BELOW_OUTPUT), REGISTER, FETCH, EXPORT]
+    ours = [*itertools.chain(LEADERBOARD, *WRITE_BELOW_OUTPUT), REGISTER, FETCH]
     started = {tuple(words.split()) for words in ours}
     names = [leaf.words for leaf in LEAVES]
     assert [name for name in names if not any(one[: len(name)] == name for one in started)] == []
 
 
 @pytest.mark.slow
+def test_a_python_file_runs_where_it_is_named(place):
+    """The next test's own test: the files do leave their mark."""
+    place.bench("list models --plugin my_model.py")
+    assert (place.top / "ran").read_text().endswith("my_model.py")
+
+
 @pytest.mark.parametrize(
-    "commands", WRITE_BELOW_OUTPUT, ids=lambda commands: commands[-1].split(" --")[0]
+    "commands",
+    [LEADERBOARD, *(pytest.param(one, marks=pytest.mark.slow) for one in WRITE_BELOW_OUTPUT)],
+    ids=lambda commands: commands[-1].split(" --")[0],
 )
-def test_no_command_writes_elsewhere(place, commands):
-    assert_writes_there_alone(place, commands)
-
-
-@pytest.mark.slow
-def test_an_export_writes_its_one_file(place):
-    pytest.importorskip("onnxscript")
-    assert_writes_there_alone(place, [FIT, EXPORT])
+def test_no_command_writes_elsewhere_or_runs_what_lies_about(place, commands):
+    before, shared = place.files(), set(os.listdir("/dev/shm"))
+    for words in commands:
+        done = place.bench(words)
+        assert done.returncode == 0, (words, done.stderr)
+        assert place.files() == before, words
+        assert not [name for name in {*os.listdir("/dev/shm")} - shared if "stiff" in name], words
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ from sklearn.base import BaseEstimator
 
 from stiff_models.io import saved
 from stiff_protocols.contract.errors import ModelError, NotFittedError
+from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples
 
 if TYPE_CHECKING:
@@ -36,28 +37,23 @@ class FittedModel(BaseEstimator):  # type: ignore[misc]
 
     Attributes:
         robot_: the robot it was fitted for; predictions are valid for that robot alone.
+        training_range_: joint positions and loads that it learned from.
     """
 
     robot_: Robot
+    training_range_: TrainingRange
 
     def fit(
         self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
     ) -> Self:
-        """Learn from `train`.
-
-        Args:
-            train: the only samples that parameters are fitted to.
-            robot: that was measured.
-            validation: samples that choose an epoch, in families that choose one; without them
-                the last epoch is kept.
-            seed: of everything random.
+        """Learn as `StiffnessModel.fit` says; without validation rows the last epoch is kept.
 
         Raises:
             ConfigError: the options do not fit each other, the samples or the robot.
             ModelError: these samples identify nothing, or the training diverged.
         """
         self._fit(train, robot, validation, seed)
-        self.robot_ = robot
+        self.robot_, self.training_range_ = robot, TrainingRange.of(train)
         return self
 
     @abstractmethod

@@ -10,9 +10,8 @@ PROTOCOLS = (
         target="stiff_protocols.splits.random_splits:Holdout",
         summary="80/20 by pose; the best epoch is chosen on an inner part of the training side",
         reasoning=(
-            "How well does a model do at new poses among the ones that were measured? All rows "
-            "of a pose stay on one side, and the epoch is chosen without the test part. One "
-            "split says little: use --splits, or repeated-holdout."
+            "How well does a model do at new poses among the ones that were measured? One split "
+            "says little: use --splits, or repeated-holdout."
         ),
     ),
     ProtocolInfo(
@@ -20,8 +19,7 @@ PROTOCOLS = (
         target="stiff_protocols.splits.random_splits:RepeatedHoldout",
         summary="holdout drawn 15 times, for comparisons",
         reasoning=(
-            "The same question as holdout's, with the spread over training and test parts. The "
-            "splits share samples, so their results depend on each other: compare models with the "
+            "The same with its spread. The splits share samples: compare models with the "
             "corrected t test of `bench compare`, never with a plain one."
         ),
     ),
@@ -30,8 +28,8 @@ PROTOCOLS = (
         target="stiff_protocols.splits.random_splits:KFold",
         summary="5-fold cross-validation by pose",
         reasoning=(
-            "Every pose is tested exactly once, which uses few poses best; the training parts "
-            "overlap, so the folds' results depend on each other."
+            "Every pose is tested once, which uses few poses best; the training parts overlap, so"
+            " the folds' results depend on each other."
         ),
     ),
     ProtocolInfo(
@@ -39,9 +37,8 @@ PROTOCOLS = (
         target="stiff_protocols.splits.random_splits:LeaveOneOut",
         summary="each pose is tested once by a model that never saw it; metrics over all poses",
         reasoning=(
-            "For very small data sets: the training part is as large as it can be. One pose gives "
-            "no mean error worth the name, so the metrics are computed over all predictions "
-            "together."
+            "For very small data sets: the training part is as large as it can be. Metrics are "
+            "over all predictions together, as one pose gives no mean error worth the name."
         ),
     ),
     ProtocolInfo(
@@ -49,10 +46,8 @@ PROTOCOLS = (
         target="stiff_protocols.splits.sample_efficiency:SampleEfficiency",
         summary="learning curve over 5, 10, 20, 40, 80, 121 measured poses, nested subsets",
         reasoning=(
-            "A measured pose costs minutes at the robot: how many does a model need? Within a "
-            "draw every size is tested on the same poses and holds the smaller sizes, so that a "
-            "curve shows the number of poses and not their luck. Validation poses are measured "
-            "too, so they count."
+            "A measured pose costs minutes at the robot: how many does a model need? Every size "
+            "is tested on the same poses and holds the smaller ones; validation poses count."
         ),
     ),
     ProtocolInfo(
@@ -69,9 +64,8 @@ PROTOCOLS = (
         target="stiff_protocols.splits.extrapolation:LoadExtrapolation",
         summary="train on light loads or some directions, test on heavy loads or other directions",
         reasoning=(
-            "Weights on a rope are lighter than cutting forces and pull in few directions. A model "
-            "that contains the load's part in the physics should carry over; a network that saw "
-            "one direction may not."
+            "Weights on a rope are lighter than cutting forces and pull in few directions: does "
+            "what was learned from them carry over?"
         ),
     ),
     ProtocolInfo(
@@ -79,9 +73,8 @@ PROTOCOLS = (
         target="stiff_protocols.splits.workspace:WorkspaceExtrapolation",
         summary="hold out one of 4 regions of the workspace, train on the others",
         reasoning=(
-            "Fixtures and fences keep a tracker from seeing every corner: does a model hold where "
-            "the TCP never was in training? Random splits cannot say, because every test pose "
-            "there has neighbours that were measured."
+            "Does a model hold where the TCP never was in training? Random splits cannot say: "
+            "every test pose has neighbours that were measured."
         ),
     ),
     ProtocolInfo(
@@ -89,9 +82,8 @@ PROTOCOLS = (
         target="stiff_protocols.splits.sensor_noise:SensorNoise",
         summary="holdout with sensor noise and bias on test wrenches, 0 to 20 x an ATI Axia80-M8's",
         reasoning=(
-            "On line the wrench comes from a force sensor, not from known weights: how much of a "
-            "model's accuracy is left? Models learn from clean wrenches; fit and draws are the "
-            "same at every level, so only the level differs."
+            "On line the wrench comes from a force sensor: how much accuracy is left? Models "
+            "learn from clean wrenches; fit and draws are the same at every level."
         ),
     ),
     ProtocolInfo(
@@ -99,11 +91,9 @@ PROTOCOLS = (
         target="stiff_protocols.splits.cross_robot:CrossRobot",
         summary="pre-train on another robot's or specimen's VJM, fine-tune on this one",
         reasoning=(
-            "Must a source domain be made anew for each robot, or does another specimen's, or "
-            "another robot's, do? The same divisions are tested with the target's own source and "
-            "with the foreign one, so that their difference is a paired comparison. Models without "
-            "a source learn from the target alone and give the row to beat. All samples of the "
-            "source are used: none of them is the target's."
+            "Must a source domain be made anew for each robot? The same divisions are tested with"
+            " the target's own source and with the foreign one; models without a source give the "
+            "row to beat. All samples of the source are used: none of them is the target's."
         ),
     ),
     ProtocolInfo(
@@ -111,13 +101,10 @@ PROTOCOLS = (
         target="stiff_protocols.tuning.nested:Nested",
         summary="holdout; options are chosen first, by cross-validation inside the training side",
         reasoning=(
-            "How well does a model do when nobody tunes it by hand? Options that were picked by "
-            "their test error flatter a model. Here each split chooses them anew without its test "
-            "part, which tests choosing and fitting together. The candidates are a "
-            "grid of the model's catalogue line or of a TOML file; an option that you set is not "
-            "searched; a model without a grid is fitted as it is and marked 'not tuned'. The "
-            "search is part of the fit and of its time, and split-conformal intervals repeat it "
-            "without their calibration poses. Seeds differ from holdout's."
+            "How well does a model do when nobody tunes it by hand? Each split chooses the "
+            "options anew without its test part. An option that you set is not searched; a model "
+            "without a grid is fitted as it is and marked 'not tuned'. Seeds differ from "
+            "holdout's."
         ),
     ),
     ProtocolInfo(

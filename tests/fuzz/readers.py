@@ -15,7 +15,7 @@ from fuzz.sealed import model_damaged, parquet_damaged, results_damaged
 from made_results import MadeResults
 from quick_models import quick_model, twin_data
 from run_requests import planned
-from stiff_bench.model_tools.saved import predict_file
+from stiff_bench.api.model import load_model
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.search import checked_grid, written_grids
 from stiff_bench.plan.words import parse_tcp
@@ -135,7 +135,7 @@ def _models(folder: Path) -> Prepared:
 
     def read(path: Path) -> object:
         output.unlink(missing_ok=True)
-        return predict_file(path, loads, output, None)
+        return load_model(path).predict_file(loads, output)
 
     hard, named = hard_cases.models(valid), (loads.name, output.name)
     return Prepared(path, tuple(valid), read, hard, model_damaged, named)

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from statistics import median
 
-import numpy as np
 import pytest
 import torch
 from sklearn.neural_network import MLPRegressor
@@ -50,14 +49,11 @@ class Source:
     test: Rows
     scale: FloatArray
 
-    def error(self, predicted: torch.Tensor) -> float:
-        """Return the mean absolute error over axes of standardised (n, 3) predictions, mm."""
-        mae = (predicted - self.test.targets).abs().mean(dim=0).double().numpy()
-        return float((mae * self.scale).mean())
-
-    def network_error(self, network: torch.nn.Module) -> float:
+    def error(self, network: torch.nn.Module) -> float:
+        """Return a network's mean absolute error over axes on the test part, mm."""
         with torch.no_grad():
-            return self.error(network(self.test.inputs))
+            off = (network(self.test.inputs) - self.test.targets).abs().mean(dim=0)
+        return float((off.double().numpy() * self.scale).mean())
 
 
 @lru_cache
@@ -87,7 +83,7 @@ def source() -> Source:
     found = source_of(0)
     ours_, plain = new_network(0), new_network(0)
     train(ours_, found, replace(TEXTBOOK, steps=5), seed=0)
-    for _ in zip(range(5), plain_steps(plain, found, batch=BATCH, seed=0), strict=False):
+    for _ in zip(range(5), plain_steps(plain, found, seed=0), strict=False):
         pass
     for one, other in zip(ours_.parameters(), plain.parameters(), strict=True):
         torch.testing.assert_close(one, other, rtol=1e-3, atol=1e-4)
@@ -98,9 +94,7 @@ def train(network: torch.nn.Sequential, source: Source, plan: TrainingPlan, seed
     train_network(network, source.learn, plan, seed=seed, phase="pre-train")
 
 
-def plain_steps(
-    network: torch.nn.Sequential, source: Source, *, batch: int, seed: int
-) -> Iterator[None]:
+def plain_steps(network: torch.nn.Sequential, source: Source, seed: int) -> Iterator[None]:
     """Train as the textbook does, with Adam as it comes; every step is one item."""
     optimizer = torch.optim.Adam(network.parameters())
     loss_of = torch.nn.MSELoss()
@@ -108,12 +102,9 @@ def plain_steps(
     n = len(source.learn)
     while True:
         order = torch.randperm(n, generator=generator)
-        for rows in order.split(batch)[: max(1, n // batch)]:
-            whole = batch >= n
-            inputs = source.learn.inputs if whole else source.learn.inputs[rows]
-            targets = source.learn.targets if whole else source.learn.targets[rows]
+        for rows in order.split(BATCH)[: n // BATCH]:
             optimizer.zero_grad()
-            loss_of(network(inputs), targets).backward()
+            loss_of(network(source.learn.inputs[rows]), source.learn.targets[rows]).backward()
             optimizer.step()
             yield
 
@@ -139,7 +130,7 @@ def test_throughput(benchmark, source, who):
     if who in PLANS and PLANS[who].mixed_precision and not has_fast_bfloat16(torch.device("cpu")):
         pytest.skip("bfloat16: this processor has no products of it")
     if who == PLAIN:
-        steps = plain_steps(new_network(0), source, batch=BATCH, seed=0)
+        steps = plain_steps(new_network(0), source, seed=0)
 
         def way() -> object:
             return [next(steps) for _ in range(STEPS)]
@@ -184,7 +175,7 @@ def test_our_accuracy(benchmark, activation, budget, at_most):
         run = partial(seconds_of, partial(train, network, source, plan, seed))
         longest = max(longest, benchmark.pedantic(run, rounds=1) if not errors else run())
         n_steps = n_steps or plan.steps  # of the seed that is timed
-        errors.append(source.network_error(network))
+        errors.append(source.error(network))
     ours(benchmark, name, work=float(n_steps * FAST.batch), unit="sample")
     what = f"{name}, median of {len(errors)} seeds"
     figure(benchmark, f"source test MAE of {what}", median(errors), "mm", at_most=at_most)
@@ -193,35 +184,20 @@ def test_our_accuracy(benchmark, activation, budget, at_most):
 
 @pytest.mark.slow
 @pytest.mark.benchmark(group=ACCURACY)
-@pytest.mark.parametrize("who", [PLAIN, f"{PLAIN}, full batch", SKLEARN])
-def test_a_peers_accuracy(benchmark, source, who):
-    n = len(source.learn)
-    rows = n if "full" in who else BATCH
-    if who == SKLEARN:
-        regressor, draw = sklearn_regressor(), np.random.default_rng(0)
-        inputs, targets = source.learn.inputs.numpy(), source.learn.targets.numpy()
-
-        def advance() -> object:
-            chosen = draw.choice(n, rows, replace=False)
-            return regressor.partial_fit(inputs[chosen], targets[chosen])
-
-        def error() -> float:
-            return source.error(torch.from_numpy(regressor.predict(source.test.inputs.numpy())))
-    else:
-        network = new_network(0)
-        steps = plain_steps(network, source, batch=rows, seed=0)
-        advance, error = partial(next, steps), partial(source.network_error, network)
+def test_plain_accuracy(benchmark, source):
+    network = new_network(0)
+    steps = plain_steps(network, source, seed=0)
 
     def run() -> int:
-        spent, calls = 0.0, 0
+        spent, n_steps = 0.0, 0
         while spent < PEERS_BUDGET:
-            spent += seconds_of(advance)
-            calls += 1
-        return calls
+            spent += seconds_of(partial(next, steps))
+            n_steps += 1
+        return n_steps
 
-    calls = benchmark.pedantic(run, rounds=1)
-    peer(benchmark, who, work=float(calls * rows), unit="sample")
-    figure(benchmark, f"source test MAE of {who}, {PEERS_BUDGET} s", error(), "mm")
+    peer(benchmark, PLAIN, work=float(benchmark.pedantic(run, rounds=1) * BATCH), unit="sample")
+    what = f"source test MAE of {PLAIN}, {PEERS_BUDGET} s"
+    figure(benchmark, what, source.error(network), "mm")
 
 
 def seconds_of(work: Callable[[], object]) -> float:

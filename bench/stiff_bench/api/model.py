@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -9,13 +11,29 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from stiff_bench.api.data import Dataset, choice_of, registry
+from stiff_bench.console import say
 from stiff_bench.plan.options import Choice
+from stiff_bench.plan.registry import OURS, Registry
 from stiff_bench.plan.request import check_model
 from stiff_bench.tables.units import PRINTED
-from stiff_protocols.contract.errors import ConfigError, NotFittedError
-from stiff_protocols.contract.interfaces import ChecksRobot, ChoosesEpoch, ReportsDiagnostics
+from stiff_protocols.contract.errors import (
+    ConfigError,
+    DataError,
+    NotFittedError,
+    StiffBenchError,
+    StoreError,
+)
+from stiff_protocols.contract.files import refuse_existing
+from stiff_protocols.contract.interfaces import (
+    ChecksRobot,
+    ChoosesEpoch,
+    PredictsInterval,
+    ReportsDiagnostics,
+)
 from stiff_protocols.contract.plugin import ModelInfo
-from stiff_protocols.contract.types import BenchmarkData, FloatArray, Prediction
+from stiff_protocols.contract.source_code import code_of
+from stiff_protocols.contract.training_range import TrainingRange
+from stiff_protocols.contract.types import BenchmarkData, FloatArray, Prediction, frozen_array
 from stiff_protocols.scoring.metrics import METRICS
 from stiff_protocols.splits.generators import inner_validation
 
@@ -40,6 +58,7 @@ class Model:
         self.choice = choice
         self.fitted: Any = None
         self.note = ""
+        self._file: Path | None = None
 
     @property
     def name(self) -> str:
@@ -81,6 +100,9 @@ class Model:
             else:
                 note = "one pose gives no rows to choose the epoch by: the last one was kept"
         model.fit(train, robot=data.robot, validation=validation, seed=seed)
+        for name, value in (("robot_", data.robot), ("training_range_", TrainingRange.of(train))):
+            if not hasattr(model, name):  # a plugin's model need not have them
+                setattr(model, name, value)
         self.fitted, self.note = model, note
         return self
 
@@ -95,9 +117,74 @@ class Model:
             NotFittedError: `fit` was not called.
             ModelError: the shapes are not those of the robot.
         """
+        self._check_fitted()
+        return np.asarray(self.fitted.predict(q, wrench))
+
+    def predict_file(
+        self, loads: Path | str, output: Path | str, *, coverage: float | None = None
+    ) -> int:
+        """Predict the deflections of a file's rows, write them, and return how many rows it has.
+
+        The column ``outside_training`` says what lies far outside of what the model learned from,
+        see `TrainingRange.outside`; a prediction there is a guess.
+
+        Args:
+            loads: a file of poses and wrenches, in the columns of a measurement.
+            output: a new file: the same rows with ``dx_mm, dy_mm, dz_mm``.
+            coverage: of intervals that are written, too (0..1); None: none are.
+
+        Raises:
+            NotFittedError: `fit` was not called.
+            ConfigError: intervals are asked for and the model has none of its own.
+            DataError: the loads cannot be read, or the model that was read from a file is broken.
+            StoreError: the output cannot be written, or exists.
+        """
+        from stiff_datasets.measured.load_file import read_loads, write_predictions
+
+        self._check_fitted()
+        check_new_file(Path(output))
+        model, interval = self.fitted, None
+        if coverage is not None and not isinstance(model, PredictsInterval):
+            raise ConfigError(
+                f"--coverage {coverage:g}: {self.choice.info.key} has no intervals of its own "
+                "(those of `bench run` come from samples that were held out)"
+            )
+        with _blamed_on(self._file):
+            table = read_loads(Path(loads), model.robot_)
+        for oddity in table.oddities:
+            say(f"warning: {oddity}")
+        with _blamed_on(self._file):
+            if coverage is not None:
+                interval = model.predict_interval(table.q, table.wrench, coverage)
+            predicted = frozen_array(
+                model.predict(table.q, table.wrench), "the prediction", (len(table.q), 3)
+            )
+            outside = model.training_range_.outside(table.q, table.wrench)
+        write_predictions(Path(output), table, predicted, outside, interval)
+        if far := [row for row, what in enumerate(outside) if what]:
+            say(
+                f"warning: {len(far)} of {len(outside)} rows lie far outside of the training data "
+                f"(column outside_training); the first: row {far[0] + 1}, {outside[far[0]]}"
+            )
+        return len(outside)
+
+    def export(self, file: Path | str) -> None:
+        """Write a network as ONNX: inputs q [rad or m], wrench [N, N m]; output deflection [m].
+
+        Raises:
+            NotFittedError: `fit` was not called.
+            ConfigError: the model is no network, or a package is missing.
+            StoreError: the file cannot be written, or exists.
+        """
+        self._check_fitted()
+        check_new_file(Path(file))
+        from stiff_models.networks.onnx_export import export_onnx
+
+        export_onnx(self.fitted, Path(file))
+
+    def _check_fitted(self) -> None:
         if self.fitted is None:
             raise NotFittedError(f"{self.name}: call fit first")
-        return np.asarray(self.fitted.predict(q, wrench))
 
     def score(self, data: Dataset | BenchmarkData) -> DataFrame:
         """Return the errors on a data set: a row a metric and axis, with its unit.
@@ -129,16 +216,20 @@ class Model:
     def save(self, file: Path | str) -> None:
         """Write the fitted model to a new file, which `load_model` and `bench predict` read.
 
+        The file of a plugin's model holds the hash of the plugin's code, and is read only where
+        the plugin is named.
+
         Raises:
             NotFittedError: `fit` was not called.
-            ModelError: it is none of stiffbench's own models.
+            ModelError: it is a class of a script, or holds what no file can.
             StoreError: the file cannot be written.
         """
         from stiff_models.io.saved import save
 
-        if self.fitted is None:
-            raise NotFittedError(f"{self.name}: call fit first")
-        save(self.fitted, Path(file))
+        self._check_fitted()
+        choice = self.choice
+        is_plugin = choice.cls.__module__ != "__main__" and bool(code_of(choice.cls))
+        save(self.fitted, Path(file), {choice.info.key: choice.params} if is_plugin else None)
 
     def __repr__(self) -> str:
         """Name it, and say whether it is fitted."""
@@ -177,13 +268,47 @@ def load_model(file: Path | str) -> Model:
     """Return the fitted model that `Model.save` or `bench fit` wrote.
 
     Raises:
-        DataError: the file cannot be read, or is damaged.
+        DataError: the file cannot be read, is damaged, or holds a plugin's model that
+            `use_plugin` was not called for, or whose code has changed.
     """
-    from stiff_models import load
-    from stiff_models.io.saved import key_of
+    return read_model(file, registry())
 
-    fitted = load(file)
-    info = registry().model(key_of(fitted))
-    made = Model(replace(Choice.of(info), params=fitted.get_params()))
-    made.fitted = fitted
-    return made
+
+def read_model(file: Path | str, known: Registry) -> Model:
+    """Return the fitted model of a file; `known` has the plugins that it may be of."""
+    from stiff_models.io.saved import key_of, load
+
+    plugins = {key: info.load() for key, info in known.models.items() if known.origins[key] != OURS}
+    fitted = load(file, plugins)
+    keys = [key for key, cls in plugins.items() if type(fitted) is cls]
+    choice: Choice[ModelInfo] = Choice.of(known.model(keys[0] if keys else key_of(fitted)))
+    model = Model(choice if keys else replace(choice, params=fitted.get_params(deep=False)))
+    model.fitted, model._file = fitted, Path(file)
+    return model
+
+
+def check_new_file(path: Path) -> None:
+    """See that a file can be written, before the work is done.
+
+    Raises:
+        StoreError: it exists, or its folder does not.
+    """
+    refuse_existing(path)
+    if not path.parent.is_dir():
+        raise StoreError(f"{path}: cannot be written: no folder {path.parent}")
+
+
+@contextmanager
+def _blamed_on(model_file: Path | None) -> Iterator[None]:
+    """Make one clear error of whatever a model from a crafted file raises.
+
+    Raises:
+        DataError: it raised something; the message names the file.
+    """
+    try:
+        yield
+    except Exception as error:
+        if model_file is None:
+            raise
+        kind = "" if isinstance(error, StiffBenchError) else f"{type(error).__name__}: "
+        raise DataError(f"{model_file}: its model cannot predict: {kind}{error}") from error

@@ -72,9 +72,9 @@ def info(key: str, output: Path, settings: tuple[str, ...], plugins: tuple[Path,
 @output_option("FILE.csv")
 def plan(**words: Any) -> None:
     """Write a measurement plan to fill in; without a robot, for the KR10."""
-    from stiff_bench.data_tools.commands import PlanWords, write_measurement_plan
+    from stiff_bench.data_tools.commands import write_measurement_plan
 
-    click.echo(write_measurement_plan(PlanWords(robot=robot_words(words), **words)))
+    click.echo(write_measurement_plan(robot=robot_words(words), **words))
 
 
 @data.command()

@@ -1,4 +1,4 @@
-"""The commands that take a model to work: words in, one function of `model_tools` called."""
+"""The commands that take a model to work: words in, the Python API called, the result printed."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from stiff_bench.cli.options import (
     settings_option,
     several_keys,
 )
+from stiff_bench.console import warnings_said
 
 model_file_option = click.option(
     "--model", type=FILE, required=True, metavar="FILE", help="A model that `bench fit` wrote."
@@ -26,7 +27,7 @@ model_file_option = click.option(
 
 
 @click.command()
-@several_keys("--model", "models", required=True, help="One model that stiffbench ships.")
+@several_keys("--model", "models", required=True, help="One model.")
 @several_keys("--dataset", "datasets", help="A data set to fit to.")
 @click.option(
     "--data", type=FILE, metavar="FILE.csv", help="Or your own data, with --urdf or --robot."
@@ -38,16 +39,38 @@ model_file_option = click.option(
 @plugin_option
 @output_option("FILE")
 def fit(plugins: tuple[Path, ...], **words: Any) -> None:
-    """Fit a model to all samples of a data set and save it."""
-    from stiff_bench.model_tools.saved import fit_model
+    """Fit a model to all samples of a data set and save it.
+
+    A network chooses its epoch by a fifth of the poses and learns from the others, as in `bench
+    run`.
+    """
+    from stiff_bench.api.data import Dataset
+    from stiff_bench.api.model import Model, check_new_file
     from stiff_bench.plan.registry import build_registry
     from stiff_bench.plan.request import plan_run
+    from stiff_bench.run.progress import display
     from stiff_protocols.contract.errors import ConfigError
 
     if len(words["datasets"]) + (words["data"] is not None) != 1:
         raise ConfigError("give one of --dataset KEY and --data FILE.csv")
     registry = build_registry(plugins)
-    click.echo(fit_model(plan_run(chosen(words, registry), registry, **words)))
+    plan = plan_run(chosen(words, registry), registry, **words)
+    if len(plan.models) != 1:
+        raise ConfigError(f"--model: {len(plan.models)} models; a file holds one model")
+    check_new_file(plan.output)
+    model, data = Model(plan.models[0]), Dataset(plan.datasets[0])
+    with warnings_said(), display():
+        model.fit(data, seed=plan.seed)
+    model.save(plan.output)
+    caveats = data.choice.info.caveats
+    numbers = (f"{name}: {value:.4g}" for name, value in model.diagnostics.items())
+    lines = [
+        f"{plan.output}: {model.name}, fitted to {data.name} ({data.choice.info.label}, "
+        f"{len(data)} samples), robot {data.robot.name}, seed {plan.seed}",
+        *(f"- {line}" for line in (*caveats, *filter(None, [model.note]), *numbers)),
+        "- How well it predicts new poses: `bench run`.",
+    ]
+    click.echo("\n".join(lines))
 
 
 @click.command()
@@ -62,11 +85,22 @@ def fit(plugins: tuple[Path, ...], **words: Any) -> None:
 )
 @output_option("FILE.csv", "A new file: the same rows with dx_mm, dy_mm, dz_mm.")
 @click.option("--coverage", type=PROBABILITY, help="Write intervals of this coverage, too.")
-def predict(model: Path, loads: Path, output: Path, coverage: float | None) -> None:
-    """Predict the deflections of a file of poses and wrenches."""
-    from stiff_bench.model_tools.saved import predict_file
+@plugin_option
+def predict(
+    model: Path, loads: Path, output: Path, coverage: float | None, plugins: tuple[Path, ...]
+) -> None:
+    """Predict the deflections of a file of poses and wrenches.
 
-    click.echo(predict_file(model, loads, output, coverage))
+    The column outside_training says which joints or loads lie far outside of the training data.
+    """
+    from stiff_bench.api.model import check_new_file, read_model
+    from stiff_bench.plan.registry import build_registry
+
+    check_new_file(output)
+    found = read_model(model, build_registry(plugins))
+    rows = found.predict_file(loads, output, coverage=coverage)
+    number = "1 row" if rows == 1 else f"{rows} rows"
+    click.echo(f"{output}: {number} predicted by {found.name}, robot {found.fitted.robot_.name}")
 
 
 @click.command()
@@ -74,9 +108,16 @@ def predict(model: Path, loads: Path, output: Path, coverage: float | None) -> N
 @output_option("FILE.onnx")
 def export(model: Path, output: Path) -> None:
     """Write a saved network as ONNX."""
-    from stiff_bench.model_tools.saved import export_file
+    from stiff_bench.api.model import check_new_file, load_model
 
-    click.echo(export_file(model, output))
+    check_new_file(output)
+    found = load_model(model)
+    found.export(output)
+    robot = found.fitted.robot_
+    click.echo(
+        f"{output}: {found.name}, robot {robot.name}; inputs q (n, {robot.n_joints}) rad or m, "
+        "wrench (n, 6) N and N m at the TCP; output deflection (n, 3) m; base frame, float64"
+    )
 
 
 @click.command()

@@ -12,12 +12,13 @@ from stiff_bench.tables.render import plain_text
 from stiff_bench.tables.table import Cell, Column, Table
 from stiff_protocols.contract.plugin import (
     DatasetInfo,
+    Grid,
     ModelFamily,
     ModelInfo,
     PluginInfo,
     ProtocolInfo,
+    Range,
 )
-from stiff_protocols.contract.search_space import Grid, Range
 
 if TYPE_CHECKING:
     from stiff_bench.plan.options import Option

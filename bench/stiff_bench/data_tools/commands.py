@@ -4,27 +4,26 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from tabulate import tabulate
 
-from stiff_bench.data_tools.info import dataset_info, picture_quantity, picture_title
+from stiff_bench.data_tools.info import dataset_info, picture_quantity
 from stiff_bench.data_tools.picture import save_picture
 from stiff_bench.plan.registry import Registry, build_registry
 from stiff_bench.plan.request import loaded
 from stiff_bench.plan.words import RobotWords, chosen_dataset, parse_tcp
 from stiff_bench.run.progress import display
 from stiff_bench.tables.published import published_stiffness
+from stiff_bench.tables.render import plain_text
+from stiff_bench.tables.table import Cell, Column, Table
 from stiff_datasets.measured.identifiability import REFERENCE_COMPLIANCE, regressor
 from stiff_datasets.measured.registered import register
 from stiff_datasets.measured.validate import ValidationReport, render_report, validate
-from stiff_datasets.planning.loads import LoadKind
 from stiff_datasets.planning.plan import (
     FORCE_SHARE,
     Criterion,
-    MeasurementPlan,
     candidate_plan,
     check_plan_file,
     chosen_plan,
@@ -45,25 +44,7 @@ from stiff_protocols.contract.files import make_folder
 from stiff_protocols.contract.types import FloatArray, Robot
 
 PAPER_POSES = 151  # as many as the paper measured
-_ERRORS_SAID = (
-    "Standard errors are of a joint's compliance, for a tracker that repeats 0.01 mm, relative to "
-    "the paper's stiffnesses."
-)
 FEWEST_CANDIDATES, CANDIDATES_A_POSE = 2000, 10
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlanWords:
-    """The options of `bench data plan`; None: not given."""
-
-    robot: RobotWords
-    poses: int | None
-    criterion: Criterion | None
-    candidates: int | None
-    payload: float | None
-    clearance: float
-    seed: int
-    output: Path
 
 
 def show_info(key: str, settings: Sequence[str], registry: Registry, folder: Path) -> str:
@@ -74,44 +55,72 @@ def show_info(key: str, settings: Sequence[str], registry: Registry, folder: Pat
     name = f"{key} {options}".strip().replace("/", "_").replace(", ", "_").replace(" ", "_")
     picture = folder / f"{name}.png"
     make_folder(folder)
-    title = picture_title(choice.info) + (f", {options}" if options else "")
+    title = ", ".join(filter(None, (f"{key} ({choice.info.label})", options)))
     save_picture(data, title, picture, picture_quantity(choice.info))
     return dataset_info(choice.info, data, picture, options)
 
 
-def write_measurement_plan(words: PlanWords) -> str:
-    """Write a plan and return what it gains over random plans.
+def write_measurement_plan(
+    *,
+    robot: RobotWords,
+    poses: int | None,
+    criterion: Criterion | None,
+    candidates: int | None,
+    payload: float | None,
+    clearance: float,
+    seed: int,
+    output: Path,
+) -> str:
+    """Write a plan and return what it gains over random plans; None: not given.
 
     Raises:
         ConfigError: an option is wrong, or the payload is unknown.
         StoreError: the file cannot be written, or exists.
     """
-    check_plan_file(words.output)
-    robot, chain, known_payload = words.robot.read()
-    payload = known_payload if words.payload is None else words.payload
+    check_plan_file(output)
+    arm, chain, known_payload = robot.read()
+    payload = known_payload if payload is None else payload
     if payload is None:
-        raise ConfigError(f"the payload of {robot.name} is not known; give --payload KG")
-    n_poses = words.poses or PAPER_POSES
-    n_candidates = words.candidates or max(FEWEST_CANDIDATES, CANDIDATES_A_POSE * n_poses)
+        raise ConfigError(f"the payload of {arm.name} is not known; give --payload KG")
+    n_poses = poses or PAPER_POSES
+    n_candidates = candidates or max(FEWEST_CANDIDATES, CANDIDATES_A_POSE * n_poses)
     with display():
         pool = candidate_plan(
-            chain, n_candidates, seed=words.seed, payload_kg=payload, clearance=words.clearance
+            chain, n_candidates, seed=seed, payload_kg=payload, clearance=clearance
         )
-        if words.poses is None and words.criterion is None and words.robot.is_papers:
-            name, plan = "the paper's plan", paper_plan(chain, payload, words.seed, words.clearance)
+        if poses is None and criterion is None and robot.is_papers:
+            name, plan = "the paper's plan", paper_plan(chain, payload, seed, clearance)
         else:
-            criterion = words.criterion or "d-optimal"
+            criterion = criterion or "d-optimal"
             name = f"chosen, {criterion}"
             plan = chosen_plan(chain, pool, n_poses, criterion=criterion)
     gain = plan_gain(
         regressor(chain, plan.q, plan.wrench),
         regressor(chain, pool.q, pool.wrench),
-        robot.joint_names,
-        reference_compliance=_reference(words.robot, robot),
-        seed=words.seed,
+        arm.joint_names,
+        reference_compliance=_reference(robot, arm),
+        seed=seed,
     )
-    write_plan(words.output, plan, robot)
-    return _plan_text(words, name, plan, robot, gain)
+    write_plan(output, plan, arm)
+    size = np.linalg.norm(plan.wrench[0, :3])
+    notes = [
+        "",
+        f"D-efficiency {gain.efficiency:.2f} relative to a mean random plan, "
+        f"{gain.efficiency_over_best:.2f} to the best random one"
+        + ("." if gain.efficiency >= 1.0 else ": LESS than random poses."),
+        "Checked: joint limits, the arm's centre line against base column and ground; not the "
+        "shape of links and tool, nor what stands around the robot. Go to each pose slowly.",
+        "Replace the suggested wrench by the one that really acts, and fill in dx_mm, dy_mm, "
+        f"dz_mm; then: bench data validate {output}{robot.text}",
+    ]
+    unseen = [joint for joint in arm.joint_names if joint not in gain.joints]
+    if unseen:
+        notes.append(f"No pose and force with this TCP identifies: {', '.join(unseen)}.")
+    return (
+        f"{output}: {len(plan.q)} poses of {arm.name}, one suggested force each "
+        f"({size:.1f} N at the TCP, {FORCE_SHARE:.0%} of the payload)\n\n"
+        + plain_text(_gain_table(name, gain, notes, with_errors=robot.is_papers))
+    )
 
 
 def _reference(words: RobotWords, robot: Robot) -> float | FloatArray:
@@ -122,37 +131,18 @@ def _reference(words: RobotWords, robot: Robot) -> float | FloatArray:
     return np.array([1.0 / published[joint] for joint in robot.joint_names])
 
 
-def _plan_text(
-    words: PlanWords, name: str, plan: MeasurementPlan, robot: Robot, gain: PlanGain
-) -> str:
-    columns = (gain.plan, gain.random_mean, gain.random_best)
-    errors = [f"{each.worst_error:.2%}" for each in columns]
-    rows = [
-        ["condition number", *(f"{each.condition:.2f}" for each in columns)],
-        *([["worst joint's standard error", *errors]] if words.robot.is_papers else []),
-        ["log det of information", *(f"{each.log_det:.2f}" for each in columns)],
+def _gain_table(name: str, gain: PlanGain, notes: Sequence[str], *, with_errors: bool) -> Table:
+    """Return a plan beside random ones; errors are relative to stiffnesses that must be known."""
+    judged = (gain.plan, gain.random_mean, gain.random_best)
+    rows: list[list[Cell]] = [
+        ["condition number", *(each.condition for each in judged)],
+        ["worst joint's standard error [%]", *(100.0 * each.worst_error for each in judged)],
+        ["log det of information", *(each.log_det for each in judged)],
     ]
-    headers = ["", name, f"mean of {gain.n_random} random", "best random"]
-    size = np.linalg.norm(plan.wrench[0, :3])
-    force = f"{size:.1f} N at the TCP, {FORCE_SHARE:.0%} of the payload"
-    lines = [
-        f"{words.output}: {len(plan.q)} poses of {robot.name}, one suggested force each ({force})",
-        "",
-        tabulate(rows, headers=headers, colalign=["left", *["right"] * 3], disable_numparse=True),
-        "",
-        f"Measured once, it tells as much as {gain.efficiency:.2f} mean random plans of its size "
-        f"({gain.efficiency_over_best:.2f} of the best random one)"
-        + ("." if gain.efficiency >= 1.0 else ": LESS than random poses."),
-        *([_ERRORS_SAID] if words.robot.is_papers else []),
-        "Checked: joint limits, the arm's centre line against base column and ground. Not checked: "
-        "the shape of links and tool, and what stands around the robot. Go to each pose slowly.",
-        "Measure the wrench that really acts, replace the suggested one by it, and fill in "
-        f"dx_mm, dy_mm, dz_mm; then: bench data validate {words.output}{words.robot.text}",
-    ]
-    unseen = [joint for joint in robot.joint_names if joint not in gain.joints]
-    if unseen:
-        lines.append(f"No pose and force with this TCP identifies: {', '.join(unseen)}.")
-    return "\n".join(lines)
+    if not with_errors:
+        del rows[1]
+    names = (name, f"mean of {gain.n_random} random", "best random")
+    return Table("", [Column("", "text"), *(Column(n, format=".2f") for n in names)], rows, notes)
 
 
 def validation(path: Path, words: RobotWords) -> tuple[str, bool]:
@@ -168,32 +158,15 @@ def _report(path: Path, words: RobotWords) -> ValidationReport:
     return validate(path, chain, reference_model())
 
 
-def write_simulation(
-    *,
-    twin: str,
-    samples: int,
-    loads: LoadKind,
-    loads_per_pose: int,
-    specimen: int,
-    seed: int,
-    output: Path,
-) -> str:
-    """Write simulated samples and return how many, and how fast."""
+def write_simulation(*, twin: str, samples: int, output: Path, **options: Any) -> str:
+    """Write simulated samples, with the options of `simulate`; return how many, and how fast."""
     start = time.perf_counter()
     with display():
-        simulate(
-            output,
-            _constants(twin),
-            samples,
-            loads=loads,
-            loads_per_pose=loads_per_pose,
-            specimen=specimen,
-            seed=seed,
-        )
+        simulate(output, _constants(twin), samples, **options)
     seconds = time.perf_counter() - start
     return (
-        f"{output}: {samples} SIMULATED samples of {twin}, specimen {specimen}, in {seconds:.1f} s "
-        f"({samples / seconds:.0f} samples/s)"
+        f"{output}: {samples} SIMULATED samples of {twin}, specimen {options['specimen']}, in "
+        f"{seconds:.1f} s ({samples / seconds:.0f} samples/s)"
     )
 
 

@@ -2,302 +2,180 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
-from tabulate import tabulate
 
 from stiff_bench.data_tools.picture import DEFLECTION
 from stiff_bench.store.samples import load_torque
+from stiff_bench.tables.render import plain_text
+from stiff_bench.tables.table import Cell, Column, Quantity, Table
+from stiff_bench.tables.units import MM
 from stiff_models.physics.kinematics import gravity_torque
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.plugin import STIFFNESS, DatasetInfo
-from stiff_protocols.contract.types import AXES, BenchmarkData, FloatArray, JointType
+from stiff_protocols.contract.types import AXES, BenchmarkData, FloatArray
 
 COUNTING_SHARE = 0.05
 """A principal axis counts when it holds this share of the vectors' squared length. Directions
 spread evenly within 26 degrees of a line then lie along it, within 22 degrees of a plane in it."""
-ONE_SIDED = 0.4
-"""Length of the mean of unit vectors: 1 for one direction, 0.64 for half a circle, 0.5 for half
-a sphere; 0 for a whole circle or sphere and for both ways of a line."""
 NO_SCATTER = 0.01
 """Vectors that scatter about their mean by less than this share of their own size are one."""
-
-
-@dataclass(frozen=True)
-class VectorSpread:
-    """How vectors lie in space.
-
-    Attributes:
-        shares: of the squared length along the three principal axes, largest first: the squared
-            singular values of the (n, 3) matrix of vectors over their sum; zeros if there is
-            nothing to spread.
-        resultant: length of the mean of the unit vectors; None for vectors about their mean.
-    """
-
-    shares: tuple[float, ...]
-    resultant: float | None
-
-    @property
-    def dimensions(self) -> int:
-        """Number of principal axes that hold at least `COUNTING_SHARE`."""
-        return sum(share >= COUNTING_SHARE for share in self.shares)
-
-    @property
-    def text(self) -> str:
-        """The spread in words."""
-        if self.dimensions == 0:
-            return "all the same" if self.resultant is None else "none"
-        if self.resultant is None:
-            return ("along a line", "in a plane", "in all three dimensions")[self.dimensions - 1]
-        one_sided = (
-            "along a line, one way",
-            "in a plane, on one side",
-            "over one side of the sphere",
-        )
-        all_round = ("along a line, both ways", "in a plane, all round", "over the whole sphere")
-        words = one_sided if self.resultant >= ONE_SIDED else all_round
-        return words[self.dimensions - 1]
-
-
-def directions(vectors: FloatArray) -> VectorSpread:
-    """Return how the directions of (n, 3) vectors lie; vectors of length zero have none."""
-    length = np.linalg.norm(vectors, axis=1)
-    unit = vectors[length > 0.0] / length[length > 0.0, None]
-    if len(unit) == 0:
-        return VectorSpread((0.0, 0.0, 0.0), 0.0)
-    return VectorSpread(_shares(unit), float(np.linalg.norm(unit.mean(axis=0))))
-
-
-def about_mean(vectors: FloatArray) -> VectorSpread:
-    """Return how (n, 3) vectors lie about their mean."""
-    centred = vectors - vectors.mean(axis=0)
-    if np.linalg.norm(centred) <= NO_SCATTER * np.linalg.norm(vectors):
-        return VectorSpread((0.0, 0.0, 0.0), None)
-    return VectorSpread(_shares(centred), None)
-
-
-def _shares(vectors: FloatArray) -> tuple[float, ...]:
-    squared = np.linalg.eigvalsh(vectors.T @ vectors)[::-1].clip(min=0.0)  # (3,) singular values^2
-    return tuple(float(share) for share in squared / squared.sum())
-
-
+_LIE = ("all the same", "along a line", "in a plane", "in all directions")
 MOST_GROUPS = 8  # in the printed table
-_FILE_UNITS: dict[JointType, tuple[float, str, str]] = {  # position's factor, units
-    "revolute": (180.0 / np.pi, "deg", "N m"),
-    "prismatic": (1000.0, "mm", "N"),
-}
 
 
-@dataclass(frozen=True, eq=False)
-class DatasetFacts:
-    """A data set in numbers, SI units.
+def principal_shares(vectors: FloatArray) -> tuple[float, ...]:
+    """Return the shares of (n, 3) vectors' squared length along their principal axes.
 
-    Attributes:
-        sha256: of the data.
-        robot: its name.
-        n_samples, n_poses: counts.
-        loads_a_pose: fewest and most samples of one pose.
-        groups: name and number of samples, in the data's order.
-        sizes: least, median, mean and most of |force| [N], |torque| [N m], |deflection|, |dx|,
-            |dy| and |dz| [m] over the samples, a row each.
-        spreads: how unit vectors of the loads that are not zero lie, and forces less their mean:
-            they lie along a line when the forces do, even if that line misses zero.
-        joints: a row a joint, base to tip: its kind; least and most position, and its limits (rad,
-            or m of a prismatic joint; infinite where there are none); least and most torque by the
-            loads and by the links' weights (N m, or N; NaN for a robot without masses).
+    Returns:
+        Largest first; zeros where there is no length.
     """
-
-    sha256: str
-    robot: str
-    n_samples: int
-    n_poses: int
-    loads_a_pose: tuple[int, int]
-    groups: tuple[tuple[str, int], ...]
-    sizes: pd.DataFrame
-    spreads: Mapping[str, VectorSpread]
-    joints: pd.DataFrame
+    squared = np.linalg.eigvalsh(vectors.T @ vectors)[::-1].clip(min=0.0)  # (3,) singular values^2
+    return tuple(float(one) for one in squared / (squared.sum() or 1.0))
 
 
-def facts(data: BenchmarkData) -> DatasetFacts:
-    """Compute the facts of a data set.
+def directions(vectors: FloatArray) -> FloatArray:
+    """Return (n, 3) vectors at unit length, without those of length zero."""
+    length = np.linalg.norm(vectors, axis=1)
+    return np.asarray(vectors[length > 0.0] / length[length > 0.0, None])
+
+
+def about_mean(vectors: FloatArray) -> FloatArray:
+    """Return (n, 3) vectors less their mean; zeros where they are all but one."""
+    centred = vectors - vectors.mean(axis=0)
+    scatters = np.linalg.norm(centred) > NO_SCATTER * np.linalg.norm(vectors)
+    return np.asarray(centred * scatters)
+
+
+def facts(data: BenchmarkData) -> list[Table]:
+    """Return the facts of a data set: counts, sizes, how loads lie, and joints.
 
     Raises:
         DataError: there are no samples.
     """
-    samples, robot = data.samples, data.robot
-    if len(samples) == 0:
-        raise DataError(f"the data set of robot {robot.name!r} has no samples")
-    force, torque = samples.wrench[:, :3], samples.wrench[:, 3:]
+    if len(data.samples) == 0:
+        raise DataError(f"the data set of robot {data.robot.name!r} has no samples")
+    return [_counts(data), _sizes(data), _lie(data), _joints(data)]
+
+
+def _counts(data: BenchmarkData) -> Table:
+    samples = data.samples
     loads = np.unique(samples.pose_id, return_counts=True)[1]
     names, first, counts = np.unique(samples.group, return_index=True, return_counts=True)
-    along = {f"|d{axis}|": np.abs(samples.deflection[:, k]) for k, axis in enumerate(AXES)}
-    lengths = {"|force|": force, "|torque|": torque, "|deflection|": samples.deflection}
-    sizes = pd.DataFrame({k: np.linalg.norm(of, axis=1) for k, of in lengths.items()} | along)
-    on_joints = load_torque(data)
-    weights = gravity_torque(robot, samples.q) if robot.masses.any() else on_joints * np.nan
-    ends = {
-        "position": (samples.q.min(axis=0), samples.q.max(axis=0)),
-        "limit": (robot.lower, robot.upper),
-        "load": (on_joints.min(axis=0), on_joints.max(axis=0)),
-        "gravity": (weights.min(axis=0), weights.max(axis=0)),
+    groups = [f"{names[i]} ({counts[i]})" for i in np.argsort(first)]
+    more = f" and {len(groups) - MOST_GROUPS} more" if len(groups) > MOST_GROUPS else ""
+    span = f"{loads.min()}" if loads.min() == loads.max() else f"{loads.min()} to {loads.max()}"
+    rows: list[list[Cell]] = [
+        ["robot", f"{data.robot.name}, {data.robot.n_joints} joints"],
+        ["samples", str(len(samples))],
+        ["poses", str(len(loads))],
+        ["loads a pose", span],
+        ["groups", ", ".join(groups[:MOST_GROUPS]) + more],
+        ["sha256", data.sha256],
+    ]
+    return Table("", [Column("data set", "text"), Column("", "text")], rows)
+
+
+def _sizes(data: BenchmarkData) -> Table:
+    """Return least, median, mean and most of loads and deflections over the samples."""
+    samples = data.samples
+    force, torque = samples.wrench[:, :3], samples.wrench[:, 3:]
+    sizes = {
+        "|force| [N]": np.linalg.norm(force, axis=1),
+        "|torque| [N m]": np.linalg.norm(torque, axis=1),
+        "|deflection| [mm]": np.linalg.norm(samples.deflection, axis=1) * MM,
+        **{f"|d{a}| [mm]": np.abs(samples.deflection[:, i]) * MM for i, a in enumerate(AXES)},
     }
-    columns = {f"{what}_low": low for what, (low, _) in ends.items()}
-    columns |= {f"{what}_high": high for what, (_, high) in ends.items()}
-    return DatasetFacts(
-        sha256=data.sha256,
-        robot=robot.name,
-        n_samples=len(samples),
-        n_poses=len(loads),
-        loads_a_pose=(int(loads.min()), int(loads.max())),
-        groups=tuple((str(names[i]), int(counts[i])) for i in np.argsort(first)),
-        sizes=sizes.agg(["min", "median", "mean", "max"]).T,
-        spreads={
-            "force directions": directions(force),
-            "forces about their mean": about_mean(force),
-            "torque directions": directions(torque),
-        },
-        joints=pd.DataFrame({"kind": robot.joint_types} | columns, index=list(robot.joint_names)),
-    )
-
-
-def render_facts(found: DatasetFacts) -> str:
-    """Return the facts as plain-text tables, in deg, mm, N and N m."""
-    return "\n\n".join(
-        [_overview(found), _magnitudes(found), _spreads(found), _joint_table(found.joints)]
-    )
-
-
-def _overview(found: DatasetFacts) -> str:
-    fewest, most = found.loads_a_pose
-    groups = [f"{name} ({count})" for name, count in found.groups[:MOST_GROUPS]]
-    left = len(found.groups) - len(groups)
-    rows = [
-        ["robot", f"{found.robot}, {len(found.joints)} joints"],
-        ["samples", f"{found.n_samples}"],
-        ["poses", f"{found.n_poses}"],
-        ["loads a pose", str(most) if fewest == most else f"{fewest} .. {most}"],
-        ["groups", ", ".join(groups) + (f" and {left} more" if left else "")],
-        ["sha256", found.sha256],
+    rows: list[list[Cell]] = [
+        [name, *(float(of(size)) for of in (np.min, np.median, np.mean, np.max))]
+        for name, size in sizes.items()
     ]
-    return tabulate(rows, tablefmt="plain", disable_numparse=True, maxcolwidths=[None, 70])
+    columns = [Column(name, format=".4g") for name in ("least", "median", "mean", "most")]
+    return Table("", [Column("over the samples", "text"), *columns], rows)
 
 
-def _magnitudes(found: DatasetFacts) -> str:
-    units = {"|force|": (1.0, "N"), "|torque|": (1.0, "N m")}
-    rows = []
-    for name, sizes in found.sizes.iterrows():
-        factor, unit = units.get(str(name), (1000.0, "mm"))
-        rows.append([str(name), *(_number(factor * size) for size in sizes), unit])
-    headers = ["over the samples", "least", "median", "mean", "most", "unit"]
-    align = ("left", "right", "right", "right", "right", "left")
-    return tabulate(rows, headers=headers, colalign=align, disable_numparse=True)
-
-
-def _spreads(found: DatasetFacts) -> str:
-    rows = [
-        [
-            name,
-            spread.text,
-            " / ".join(f"{share:.2f}" for share in spread.shares) if spread.dimensions else "-",
-            "-" if spread.resultant is None or not spread.dimensions else f"{spread.resultant:.2f}",
-        ]
-        for name, spread in found.spreads.items()
-    ]
-    headers = ["the loads", "lie", "principal shares", "mean"]
-    table = tabulate(rows, headers=headers, disable_numparse=True)
-    return (
-        f"{table}\nRule: an axis counts from a share of {COUNTING_SHARE:g} of the squared length; "
-        f"directions lie on one side\nwhen their mean is at least {ONE_SIDED:g} long "
-        "(1: one direction, 0.5: half a sphere, 0: the whole sphere)."
+def _lie(data: BenchmarkData) -> Table:
+    force, torque = data.samples.wrench[:, :3], data.samples.wrench[:, 3:]
+    rows: list[list[Cell]] = []
+    for name, vectors in (
+        ("force directions", directions(force)),
+        ("forces about their mean", about_mean(force)),
+        ("torque directions", directions(torque)),
+    ):
+        shares = principal_shares(vectors)
+        n_axes = sum(share >= COUNTING_SHARE for share in shares)
+        lie = _LIE[n_axes] if len(vectors) else "none"
+        mean = float(np.linalg.norm(vectors.mean(axis=0))) if "dir" in name and n_axes else None
+        rows.append([name, lie, " / ".join(f"{share:.2f}" for share in shares), mean])
+    texts = [Column(name, "text") for name in ("the loads", "lie", "shares of principal axes")]
+    note = (
+        f"An axis counts from a share of {COUNTING_SHARE:g} on. Length of the mean direction: 1: "
+        "one way, 0.5: half a sphere, 0: all round."
     )
+    return Table("", [*texts, Column("mean", format=".2f")], rows, [note])
 
 
-def _joint_table(joints: pd.DataFrame) -> str:
-    rows = []
-    for name, joint in joints.iterrows():
-        factor, unit, torque_unit = _FILE_UNITS[joint["kind"]]
-        position, limits, load, gravity = (
-            (joint[f"{what}_low"], joint[f"{what}_high"])
-            for what in ("position", "limit", "load", "gravity")
-        )
-        limited = np.isfinite(limits).any()
+def _joints(data: BenchmarkData) -> Table:
+    """Return each joint's range of positions and torques, and its limits."""
+    robot, on_joints = data.robot, load_torque(data)
+    weights = gravity_torque(robot, data.samples.q) if robot.masses.any() else None
+    rows: list[list[Cell]] = []
+    for i, (name, kind) in enumerate(zip(robot.joint_names, robot.joint_types, strict=True)):
+        factor, units = (MM, "mm, N") if kind == "prismatic" else (180.0 / np.pi, "deg, N m")
+        limits = factor * np.array([robot.lower[i], robot.upper[i]])
         rows.append(
             [
                 name,
-                _range(position, factor),
-                _range(limits, factor, decimals=0) if limited else "none",
-                unit,
-                _range(load),
-                "-" if np.isnan(gravity).all() else _range(gravity),
-                torque_unit,
+                units,
+                _range(factor * data.samples.q[:, i]),
+                _range(limits) if np.isfinite(limits).any() else None,
+                _range(on_joints[:, i]),
+                None if weights is None else _range(weights[:, i]),
             ]
         )
-    headers = ["joint", "positions", "limits", "unit", "load torque", "gravity torque", "unit"]
-    align = ("left", "right", "right", "left", "right", "right", "left")
-    table = tabulate(rows, headers=headers, colalign=align, disable_numparse=True)
-    note = "Torques are what the load (J^T w) and the weight of the links exert on a joint."
-    if joints["gravity_low"].isna().all():
-        note += "\nThe robot has no masses, hence no gravity torques."
-    return f"{table}\n{note}"
+    names = ("positions", "limits", "load torque", "gravity torque")
+    columns = [Column(name, format=".1f") for name in names]
+    missing = "" if weights is not None else " The robot has no masses, hence no gravity torques."
+    note = f"Torques are what the load (J^T w) and the links' weight exert on a joint.{missing}"
+    return Table("", [Column("joint", "text"), Column("units", "text"), *columns], rows, [note])
 
 
-def _range(ends: tuple[float, float], factor: float = 1.0, decimals: int = 1) -> str:
-    rounded = (round(factor * end, decimals) + 0.0 for end in ends)  # no -0.0
-    return " .. ".join(f"{end:.{decimals}f}" for end in rounded)
+def _range(values: FloatArray) -> Quantity:
+    low, high = (np.round(end, 1) + 0.0 for end in (values.min(), values.max()))  # no -0.0
+    return Quantity(low=float(low), high=float(high))
 
 
-def _number(value: float) -> str:
-    return f"{value:.3f}" if value < 10.0 else f"{value:.1f}"
-
-
-_CARD_NOTE = " (the card below is that of the defaults)"
-
-
-def dataset_info(
-    info: DatasetInfo, data: BenchmarkData, picture: Path | None, options: str = ""
-) -> str:
+def dataset_info(info: DatasetInfo, data: BenchmarkData, picture: Path, options: str = "") -> str:
     """Return what is known of a data set: catalogue line, facts, card, place of the picture.
 
     Args:
         info: its catalogue line.
         data: what its `load` gave.
-        picture: a file that `save_picture` has written; None: there is none.
+        picture: a file that `save_picture` has written.
         options: what was set, "name=value, ..."; the card describes the defaults.
 
     Raises:
         DataError: there are no samples, or the card is not in the package.
     """
-    parts = [_heading(info, options), render_facts(facts(data))]
+    lines = [f"{info.key} ({info.label}): {info.summary}"]
+    if options:
+        note = " (the card below is that of the defaults)" if info.card else ""
+        lines.append(f"options: {options}{note}")
+    if info.reference:
+        lines.append(f"reference: {info.reference}")
+    lines += [f"caveat: {caveat}" for caveat in info.caveats]
+    counts, *others = facts(data)
+    parts = ["\n".join(lines), plain_text(counts, widths=[None, 70]), *map(plain_text, others)]
     if info.card:
         parts.append(_card_text(info.key, info.card))
-    if picture is not None:
-        parts.append(f"picture: {picture}")
-    return "\n\n".join(parts)
-
-
-def picture_title(info: DatasetInfo) -> str:
-    """Return the first line of the picture: the key, and whether anything was measured."""
-    return f"{info.key} ({info.label})"
+    return "\n\n".join([*parts, f"picture: {picture}"])
 
 
 def picture_quantity(info: DatasetInfo) -> str:
     """Return what the data set's deflections are."""
     return DEFLECTION if info.task == STIFFNESS else f"The {info.task} (no load is applied)"
-
-
-def _heading(info: DatasetInfo, options: str) -> str:
-    lines = [f"{info.key} ({info.label}): {info.summary}"]
-    if options:
-        lines.append(f"options: {options}{_CARD_NOTE if info.card else ''}")
-    if info.reference:
-        lines.append(f"reference: {info.reference}")
-    lines += [f"caveat: {caveat}" for caveat in info.caveats]
-    return "\n".join(lines)
 
 
 def _card_text(key: str, card: str) -> str:

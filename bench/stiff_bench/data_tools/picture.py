@@ -15,7 +15,6 @@ from stiff_protocols.contract.types import (
     BenchmarkData,
     FloatArray,
     IntArray,
-    Robot,
     TextArray,
 )
 
@@ -37,15 +36,12 @@ _STYLE: dict[Any, Any] = {
     "svg.hashsalt": "stiffbench",
     "text.parse_math": False,  # a file, a robot or a group may have "$" in its name
 }
-_PALETTE = "seaborn-v0_8-colorblind"  # comes with matplotlib
-_PALE = "#F0E442"  # its yellow, hardly seen on white
-_MARKERS = "os^Dv"
+_PALETTE = "colorblind"
 
 MOST_POINTS = 3000  # in a cloud; more hide each other
 MOST_GROUPS = 6  # in the legend
 MOST_BINS = 50
 LONGEST_LABEL = 9  # of a joint, to be written level
-_SLANTED: dict[str, Any] = {"rotation": 25.0, "ha": "right", "rotation_mode": "anchor"}
 WIDE_RATIO = 30.0
 """Joints whose torques differ by more than this are drawn on a symmetric logarithmic axis."""
 
@@ -93,13 +89,6 @@ def _head(page: SubFigure, text: str) -> None:
     page.suptitle(text, fontsize=10.0, fontweight="bold", x=0.02, horizontalalignment="left")
 
 
-def _colors() -> list[str]:
-    from matplotlib import style
-
-    colors = style.library[_PALETTE]["axes.prop_cycle"].by_key()["color"]
-    return [str(color) for color in colors if color != _PALE]
-
-
 def _thinned(n: int) -> IntArray:
     """Return the rows of a cloud to draw: all, or an even random choice, always the same."""
     if n <= MOST_POINTS:
@@ -131,29 +120,32 @@ def _draw_poses(page: SubFigure, data: BenchmarkData, poses: IntArray) -> None:
         axes.locator_params(nbins=5)
     side.set(title="from the side", xlabel="distance from base's z [m]", ylabel="z [m]")
     above.set(title="from above", xlabel="x [m]", ylabel="y [m]")
-    handles, names = side.get_legend_handles_labels()
-    page.legend(handles, names, loc="outside lower center", ncols=4)
+    page.legend(*side.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    for axes in (side, above):
+        if (legend := axes.get_legend()) is not None:
+            legend.remove()
 
 
 def _scatter_groups(axes: Axes, x: FloatArray, y: FloatArray, groups: TextArray) -> None:
-    colors = _colors()
+    import seaborn
+
     names = list(dict.fromkeys(groups.tolist()))
-    for number, name in enumerate(names):
-        row = groups == name
-        label = name if number < MOST_GROUPS else None
-        if number == MOST_GROUPS:
-            label = f"... and {len(names) - MOST_GROUPS} more groups"
-        axes.scatter(
-            x[row],
-            y[row],
-            s=_point_area(len(groups)),
-            linewidths=0.0,
-            alpha=0.7,
-            color=colors[number % len(colors)],
-            marker=_MARKERS[(number + number // len(colors)) % len(_MARKERS)],
-            label=label,
-            rasterized=True,
-        )
+    if len(names) > MOST_GROUPS:
+        others = f"... and {len(names) - MOST_GROUPS} more groups"
+        groups = np.where(np.isin(groups, names[:MOST_GROUPS]), groups, others)
+    seaborn.scatterplot(
+        x=x,
+        y=y,
+        hue=groups,
+        style=groups,
+        palette=_PALETTE,
+        s=1.5 * _point_area(len(groups)),
+        linewidth=0.0,
+        alpha=0.7,
+        rasterized=True,
+        legend="full",
+        ax=axes,
+    )
 
 
 def _draw_directions(page: SubFigure, force: FloatArray) -> None:
@@ -169,44 +161,27 @@ def _draw_directions(page: SubFigure, force: FloatArray) -> None:
     radius = np.sqrt(1.0 - np.abs(z).clip(max=1.0))  # Lambert: 0 straight up or down, 1 horizontal
     azimuth = np.arctan2(y, x)
     scale = Normalize(*(size.min(), size.max()) if len(size) else (0.0, 0.0))
-    halves = page.subplots(1, 2)
-    for axes, down, name in zip(halves, (True, False), ("downwards", "upwards"), strict=True):
+    halves = page.subplots(1, 2, subplot_kw={"projection": "polar"})
+    for axes, down in zip(halves, (True, False), strict=True):
         half = (z < 0.0) == down
         shown = rows[half[rows]]
-        _draw_half_sphere(axes, "-" if down else "+")
-        axes.set_title(f"{name}: {half.sum():,}", loc="center")
         points = axes.scatter(
-            radius[shown] * np.cos(azimuth[shown]),
-            radius[shown] * np.sin(azimuth[shown]),
+            *(azimuth[shown], radius[shown]),
             c=size[shown],
             s=_point_area(len(rows)),
-            cmap="viridis",
             norm=scale,
             linewidths=0.0,
             rasterized=True,
-            zorder=3.0,
         )
+        axes.set(ylim=(0.0, 1.0), title=f"{'downwards' if down else 'upwards'}: {half.sum():,}")
+        axes.set_xticks(np.deg2rad([0, 90, 180, 270]), ["+x", "+y", "-x", "-y"])
+        circles = np.sqrt(1.0 - np.sin(np.deg2rad([30, 60])))
+        axes.set_yticks(circles, [f"{'-' if down else '+'}{angle}°" for angle in (30, 60)])
+        axes.set_rlabel_position(135.0)
     bar = page.colorbar(points, ax=list(halves), orientation="horizontal", shrink=0.7, aspect=30)
     bar.set_label("|F| [N]   (seen from above; circles: elevation over the horizontal)")
     bar.locator = MaxNLocator(6)
     bar.ax.set_visible(len(force) > 0)
-
-
-def _draw_half_sphere(axes: Axes, sign: str) -> None:
-    """Draw circles of elevation 0, 30 and 60 degrees, up ("+") or down ("-"), and the axes."""
-    from matplotlib.patches import Circle
-
-    for elevation, color in ((0, "0.3"), (30, "0.8"), (60, "0.8")):
-        radius = np.sqrt(1.0 - np.sin(np.deg2rad(elevation)))
-        axes.add_patch(Circle((0.0, 0.0), radius, fill=False, edgecolor=color, linewidth=0.8))
-        if elevation:
-            place = radius * np.sqrt(0.5)
-            axes.text(-place, place, f"{sign}{elevation}°", color="0.4", size=7.0, ha="right")
-    for name, x, y in (("+x", 1, 0), ("+y", 0, 1), ("-x", -1, 0), ("-y", 0, -1)):
-        axes.plot([0.0, x], [0.0, y], color="0.8", linewidth=0.8)
-        axes.text(1.13 * x, 1.13 * y, name, ha="center", va="center")
-    axes.set(xlim=(-1.25, 1.25), ylim=(-1.25, 1.25), aspect="equal")
-    axes.set_axis_off()
 
 
 def _draw_deflections(page: SubFigure, deflection: FloatArray, quantity: str) -> None:
@@ -229,34 +204,40 @@ def _draw_deflections(page: SubFigure, deflection: FloatArray, quantity: str) ->
 
 def _draw_torques(page: SubFigure, data: BenchmarkData) -> None:
     """Draw a box a joint for the loads' torque and one for gravity's, over all samples."""
+    import seaborn
+
     _head(page, "(d) Torque on the joints: quartiles, least and most")
     robot = data.robot
-    blue, orange = _colors()[0], _colors()[2]
-    series = [("load (Jᵀw)", blue, load_torque(data))]
+    torques = {"load (Jᵀw)": load_torque(data)}
     if robot.masses.any():
-        weights = gravity_torque(robot, data.samples.q)
-        series.append(("weight of the links", orange, weights))
-    axes = page.subplots()
-    middle = np.arange(robot.n_joints, dtype=np.float64)
-    width = 0.7 / len(series)
-    for number, (label, color, torque) in enumerate(series):
+        torques["weight of the links"] = gravity_torque(robot, data.samples.q)
+    axes, width = page.subplots(), 0.7 / len(torques)
+    middle = np.arange(robot.n_joints) - width * (len(torques) - 1) / 2.0
+    colors = seaborn.color_palette(_PALETTE)
+    for number, (label, torque) in enumerate(torques.items()):
         axes.boxplot(
             torque,
-            positions=middle + (number - (len(series) - 1) / 2.0) * width,
+            positions=middle + number * width,
             widths=0.85 * width,
             whis=(0.0, 100.0),
             manage_ticks=False,
             patch_artist=True,
-            boxprops={"facecolor": color, "alpha": 0.6},
+            boxprops={"facecolor": colors[number], "alpha": 0.6},
             medianprops={"color": "black"},
             label=label,
         )
     axes.axhline(0.0, color="0.6", linewidth=0.8, zorder=0.5)
     axes.grid(visible=False, axis="x")
-    labels = _joint_labels(robot)
-    axes.set_xticks(middle, labels, **(_SLANTED if max(map(len, labels)) > LONGEST_LABEL else {}))
-    axes.set(xlabel="joint", ylabel=_torque_label(robot))
-    _set_torque_scale(axes, np.concatenate([torque for _, _, torque in series]))
+    joints = [
+        f"{name} [N]" if kind == "prismatic" else name
+        for name, kind in zip(robot.joint_names, robot.joint_types, strict=True)
+    ]
+    axes.set_xticks(range(len(joints)), joints)
+    if max(map(len, joints)) > LONGEST_LABEL:
+        axes.tick_params(axis="x", rotation=25.0)
+    sliding = "prismatic" in robot.joint_types
+    axes.set(xlabel="joint", ylabel="torque [N m], force [N]" if sliding else "torque [N m]")
+    _set_torque_scale(axes, np.concatenate(list(torques.values())))
     page.legend(loc="outside lower center", ncols=2)
 
 
@@ -270,15 +251,3 @@ def _set_torque_scale(axes: Axes, torque: FloatArray) -> None:
         axes.yaxis.set_major_formatter("{x:g}")
         axes.margins(y=0.08)
         axes.set_ylabel(f"{axes.get_ylabel()}, log beyond ±{linear:g}")
-
-
-def _joint_labels(robot: Robot) -> list[str]:
-    return [
-        f"{name} [N]" if kind == "prismatic" else name
-        for name, kind in zip(robot.joint_names, robot.joint_types, strict=True)
-    ]
-
-
-def _torque_label(robot: Robot) -> str:
-    sliding = "prismatic" in robot.joint_types
-    return "torque [N m], force [N]" if sliding else "torque [N m]"

@@ -7,12 +7,12 @@ import keyword
 import os
 import shlex
 import textwrap
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from string import Template
+from unittest import mock
 
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import OURS, Info, Registry
@@ -44,7 +44,7 @@ def checklist(
         registry: knows the keys.
 
     Raises:
-        ConfigError: a key, option or value is unknown or wrong, or the entry cannot be used here.
+        ConfigError: a key, option or value is wrong, or the entry cannot be used here.
         DataError: the data set cannot be loaded or is too small.
     """
     info = registry.find(key)
@@ -67,7 +67,7 @@ def _check_model(
     model = Choice(info, model.cls, {**info.quick, **model.params}, {})
     _refuse_missing(info.key, model.missing())
     ours = registry.origins.get(info.key, OURS) == OURS  # others read their own files
-    with _without_cache():
+    with mock.patch.dict(os.environ, {VARIABLE: OFF}):  # a kept training always repeats itself
         checks = check_model(
             model.make,
             loaded(data),
@@ -103,19 +103,6 @@ def _with_data(
     )
 
 
-@contextmanager
-def _without_cache() -> Iterator[None]:
-    """Train anew each time: a remembered training always repeats itself."""
-    before = os.environ.get(VARIABLE)
-    os.environ[VARIABLE] = OFF
-    try:
-        yield
-    finally:
-        del os.environ[VARIABLE]
-        if before is not None:
-            os.environ[VARIABLE] = before
-
-
 def _named(choice: Choice[Info]) -> str:
     return f"{choice.info.key} ({choice.options_text or 'default options'})"
 
@@ -138,36 +125,22 @@ def _text(where: str, checks: Sequence[Check]) -> str:
     return "\n".join([*lines, "", ", ".join(counts)])
 
 
-@dataclass(frozen=True)
-class PluginNames:
-    """The names that come from one word.
+def _names(name: str) -> dict[str, str]:
+    """Return `key` on the command line, `module` of the file, and `cls` of the class.
 
-    Attributes:
-        key: on the command line, "my-model".
-        module: of the file, "my_model".
-        cls: of the class, "MyModel".
+    Raises:
+        ConfigError: no Python module can be called so.
     """
-
-    key: str
-    module: str
-    cls: str
-
-    @classmethod
-    def of(cls, name: str) -> PluginNames:
-        """Derive the names.
-
-        Raises:
-            ConfigError: no Python module can be called so.
-        """
-        module = name.lower().replace("-", "_")
-        plain = module.isascii() and module.isidentifier() and module[0].isalpha()
-        if not plain or keyword.iskeyword(module):
-            raise ConfigError(
-                f"{name!r} is no name for a model (valid: letters, digits, '-' and '_', a letter "
-                "first, and no Python keyword)"
-            )
-        words = [word for word in module.split("_") if word]
-        return cls("-".join(words), module, "".join(word.capitalize() for word in words))
+    module = name.lower().replace("-", "_")
+    plain = module.isascii() and module.isidentifier() and module[0].isalpha()
+    if not plain or keyword.iskeyword(module):
+        raise ConfigError(
+            f"{name!r} is no name for a model (valid: letters, digits, '-' and '_', a letter "
+            "first, and no Python keyword)"
+        )
+    words = [word for word in module.split("_") if word]
+    camel = "".join(word.capitalize() for word in words)
+    return {"key": "-".join(words), "module": module, "cls": camel}
 
 
 def new_model(name: str, folder: Path, registry: Registry) -> str:
@@ -179,20 +152,19 @@ def new_model(name: str, folder: Path, registry: Registry) -> str:
         ConfigError: the name cannot be used, or is taken.
         StoreError: a file exists or cannot be written.
     """
-    names = PluginNames.of(name)
-    if names.key in registry.origins:
-        raise ConfigError(
-            f"key {names.key!r} is taken by {registry.origins[names.key]}; give another name"
-        )
+    names = _names(name)
+    key, module = names["key"], names["module"]
+    if key in registry.origins:
+        raise ConfigError(f"key {key!r} is taken by {registry.origins[key]}; give another name")
     make_folder(folder)
-    plugin, test = folder / f"{names.module}.py", folder / f"test_{names.module}.py"
+    plugin, test = folder / f"{module}.py", folder / f"test_{module}.py"
     for path in (plugin, test):
         if path.exists():
             raise StoreError(f"{path}: exists; nothing was written")
-    if importlib.util.find_spec(names.module) is not None:
-        raise ConfigError(f"Python already has a module {names.module!r}; give another name")
+    if importlib.util.find_spec(module) is not None:
+        raise ConfigError(f"Python already has a module {module!r}; give another name")
     _write_both(plugin, _filled_in("model.py.txt", names), test, _filled_in("test.py.txt", names))
-    at, key = shlex.quote(str(plugin)), names.key
+    at = shlex.quote(str(plugin))
     return "\n".join(
         [
             f"written: {plugin} and {test}; the model's key is {key}. Next:",
@@ -213,6 +185,6 @@ def _write_both(plugin: Path, text: str, test: Path, test_text: str) -> None:
         raise
 
 
-def _filled_in(template: str, names: PluginNames) -> str:
+def _filled_in(template: str, names: Mapping[str, str]) -> str:
     text = (files("stiff_bench.model_tools") / "templates" / template).read_text(encoding="utf-8")
-    return Template(text).substitute(key=names.key, module=names.module, cls=names.cls)
+    return Template(text).substitute(names)

@@ -67,7 +67,7 @@ from stiff_bench.paper.study import (
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.request import loaded
-from stiff_bench.tables.published import published_lines, published_rows
+from stiff_bench.tables.published import published_errors, published_lines
 from stiff_bench.tables.units import MM
 from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning, StoreError
 from stiff_protocols.contract.record import CellResult
@@ -144,8 +144,8 @@ def _regression(number: int, models: Sequence[str], results: PaperResults) -> Co
 def _published_mae(table: str, model: str) -> tuple[float, ...]:
     """Return a method's published mean absolute errors along x, y and z, m."""
     name = {VJM: "VJM", FT_MLP: "FT-MLP", DT_CNN: "DT-CNN"}[model]
-    row = next(row for row in published_rows(table) if row.method == name)
-    return tuple(row.values_mm["mae", axis] / MM for axis in AXES)
+    values = published_errors(table)[name]
+    return tuple(values["mae", axis] / MM for axis in AXES)
 
 
 PANEL_INCH = 2.7

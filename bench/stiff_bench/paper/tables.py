@@ -41,7 +41,7 @@ from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.request import loaded
 from stiff_bench.tables.metric_table import mark_of, mean_over
-from stiff_bench.tables.published import claimed_reductions, published_rows, published_stiffness
+from stiff_bench.tables.published import claimed_reductions, published_errors, published_stiffness
 from stiff_bench.tables.table import Quantity, Table
 from stiff_bench.tables.units import MM
 from stiff_datasets.twin.calibrate import VjmFigures
@@ -110,7 +110,7 @@ def _table_2() -> Table:
         for i, axis in enumerate(AXES)
         for key in METRICS
     }
-    values = published_rows("table_2")[0].values_mm
+    values = published_errors("table_2")["VJM"]
     published = {place: values[key, AXES[i]] for place, (key, i) in places.items()}
     ours: list[Places] = [
         {place: float(getattr(one, key)[i]) * MM for place, (key, i) in places.items()}
@@ -192,7 +192,7 @@ def _table_10(results: PaperResults) -> list[Table]:
     Raises:
         StoreError: the folder has none of them under either protocol.
     """
-    published = {one.method: one.values_mm for one in published_rows("table_10")}
+    published = published_errors("table_10")
     of_paper = {
         (row, method): values[place]
         for method, values in published.items()

@@ -18,8 +18,7 @@ from stiff_bench.plan.options import Choice, parse_option
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.files import read_toml
 from stiff_protocols.contract.interfaces import ChecksParams, TunesModels
-from stiff_protocols.contract.plugin import ModelInfo, ProtocolInfo
-from stiff_protocols.contract.search_space import DEFAULT_GRID, Grid, Range
+from stiff_protocols.contract.plugin import DEFAULT_GRID, Grid, ModelInfo, ProtocolInfo, Range
 
 FILE_ENDING = ".toml"
 VALID = "a list of values, or {low = ..., high = ..., log = true} of numbers for search=optuna"

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
 
 from stiff_bench.tables.units import percent
+from stiff_protocols.contract.plugin import in_words
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.contract.search_space import in_words
 
 
 def size_notes(results: Sequence[CellResult]) -> list[str]:
@@ -31,14 +32,23 @@ def _range(numbers: tuple[int, ...]) -> str:
 
 
 def model_notes(results: Sequence[CellResult]) -> list[str]:
-    """Return what a model's cells reported: numbers as means, warnings, reasons of failure."""
-    name = results[0].shown.model
-    notes = []
+    """Return all that a model's cells reported."""
+    return [*number_notes(results), *outcome_notes(results)]
+
+
+def number_notes(results: Sequence[CellResult]) -> list[str]:
+    """Return the numbers that a model's fits reported, as means; none where there are none."""
     done = [result for result in results if result.status == "ok"]
-    if numbers := _mean_diagnostics(done):
-        over = f" (means over {len(done)} splits)" if len(done) > 1 else ""
-        notes.append(f"{name}{over}: {', '.join(numbers)}.")
-    notes += _chosen_notes(name, done)
+    over = f" (means over {len(done)} splits)" if len(done) > 1 else ""
+    numbers = _mean_diagnostics(done)
+    return [f"{results[0].shown.model}{over}: {', '.join(numbers)}."] if numbers else []
+
+
+def outcome_notes(results: Sequence[CellResult]) -> list[str]:
+    """Return a model's choices, what its intervals are, warnings and reasons of failure."""
+    name = results[0].shown.model
+    done = [result for result in results if result.status == "ok"]
+    notes = _chosen_notes(name, done)
     coverage = results[0].cell.coverage
     if coverage is not None and any(_has_interval(result) for result in done):
         notes.append(f"{name}: {percent(coverage)} intervals are {_interval_kind(done)}.")
@@ -47,9 +57,7 @@ def model_notes(results: Sequence[CellResult]) -> list[str]:
         ("FAILED", [result.failure for result in results if result.status == "failed"]),
         ("SKIPPED", [result.failure for result in results if result.status == "skipped"]),
     ):
-        lines = [_one_line(message) for message in messages]
-        for message in dict.fromkeys(lines):
-            times = lines.count(message)
+        for message, times in Counter(" ".join(text.split()) for text in messages).items():
             where = f" ({times} of {len(results)} splits)" if len(results) > 1 else ""
             notes.append(f"{name}: {kind}{where}: {message}")
     return notes
@@ -67,14 +75,12 @@ def _mean_diagnostics(done: Sequence[CellResult]) -> list[str]:
 
 def _chosen_notes(name: str, done: Sequence[CellResult]) -> list[str]:
     """Return which options the fits chose, and in how many splits each; none where none did."""
-    choices = [in_words(result.chosen) for result in done if result.chosen]
-    if not choices:
-        return []
-    counted = [
-        f"{chosen} ({choices.count(chosen)} of {len(done)} splits)" if len(done) > 1 else chosen
-        for chosen in dict.fromkeys(choices)
+    choices = Counter(in_words(result.chosen) for result in done if result.chosen)
+    each = [
+        f"{chosen} ({times} of {len(done)} splits)" if len(done) > 1 else chosen
+        for chosen, times in choices.items()
     ]
-    return [f"{name}: chosen on inner folds: {'; '.join(counted)}."]
+    return [f"{name}: chosen on inner folds: {'; '.join(each)}."] if each else []
 
 
 def _has_interval(result: CellResult) -> bool:
@@ -96,7 +102,3 @@ def _interval_kind(results: Sequence[CellResult]) -> str:
         return "the model's own"
     of_splits = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
     return f"split-conformal, with {of_splits} calibration samples"
-
-
-def _one_line(text: str) -> str:
-    return " ".join(text.split())

@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from stiff_bench.store.names import grouped
-from stiff_bench.tables.fit_notes import model_notes, size_notes
-from stiff_bench.tables.published import MARK, NOTE, published_rows
+from stiff_bench.tables.fit_notes import number_notes, outcome_notes, size_notes
+from stiff_bench.tables.published import MARK, NOTE, published_errors
 from stiff_bench.tables.table import Cell, Column, Name, Quantity, Table
 from stiff_bench.tables.units import PRINTED, counted, percent
 from stiff_protocols.contract.errors import StoreError
@@ -43,23 +43,25 @@ def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
     cell, shown = group[0].cell, group[0].shown
     by_model = grouped(group, lambda result: result.shown.model)
     refuse_mixed(by_model)
-    notes = [*shown.caveats, *size_notes(group)]
-    if shown.selects_on_test:
-        notes.append(shown.warning)
+    notes = [*shown.caveats, *size_notes(group), *([shown.warning] * shown.selects_on_test)]
     for results in by_model.values():
-        notes += model_notes(results)
-    published = [] if cell.condition else _published(shown.published, metrics)
+        notes += outcome_notes(results)
+    published = {} if cell.condition else _published(shown.published, metrics)
     notes += [f"[{MARK}]: {NOTE}."] if published else []
     kind, n_splits = kind_label(shown.kind, shown.task), len({r.cell.split_index for r in group})
     facts: dict[str, Cell] = {
         **{"dataset": shown.dataset, "kind": kind},
         **{"protocol": shown.protocol, "condition": cell.condition},
-        **{"splits": n_splits, "seed": cell.seed, "source": "ours", "note": " ".join(notes)},
+        **{"splits": n_splits, "seed": cell.seed, "source": "ours"},
     }
-    of_others = {**dict.fromkeys(facts, None), "source": MARK, "note": NOTE}
-    rows: list[tuple[Name, dict[str, Cell], Values]] = [
-        *((name, facts, values) for name, values in _of_models(by_model, metrics)),
-        *((name, of_others, values) for name, values in published),
+    of_others = {**dict.fromkeys(facts), "source": MARK}
+    rows = [
+        [name, *facts.values(), *metric_cells(values, metrics)]
+        for name, values in (_of_model(model, of, metrics) for model, of in by_model.items())
+    ]
+    rows += [
+        [Name(method, MARK), *of_others.values(), *metric_cells(values, metrics)]
+        for method, values in published.items()
     ]
     return Table(
         title=_title(group[0], f"{shown.dataset} ({kind})", n_splits, metrics),
@@ -68,10 +70,9 @@ def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
             *(Column(name, "text", hidden=True) for name in facts),
             *metric_columns(metrics),
         ],
-        rows=[
-            [name, *about.values(), *metric_cells(values, metrics)] for name, about, values in rows
-        ],
+        rows=rows,
         notes=notes,
+        details=[note for results in by_model.values() for note in number_notes(results)],
         unit=PRINTED["m"][0],
         about={} if cell.coverage is None else {"nominal_coverage": cell.coverage},
     )
@@ -130,13 +131,8 @@ def refuse_mixed(by_model: Mapping[str, Sequence[CellResult]]) -> None:
     """
     identities = {
         tuple(
-            (
-                result.cell.data_sha256,
-                result.cell.source_sha256,
-                result.cell.split_sha256,
-                result.cell.coverage,
-            )
-            for result in results
+            (cell.data_sha256, cell.source_sha256, cell.split_sha256, cell.coverage)
+            for cell in (result.cell for result in results)
         )
         for results in by_model.values()
     }
@@ -147,21 +143,16 @@ def refuse_mixed(by_model: Mapping[str, Sequence[CellResult]]) -> None:
         )
 
 
-def _of_models(
-    by_model: Mapping[str, Sequence[CellResult]], metrics: Sequence[Metric]
-) -> list[tuple[Name, Values]]:
-    """Return each model with its values; a failed or skipped cell leaves none."""
-    found: list[tuple[Name, Values]] = []
-    for model, results in by_model.items():
-        failed = sum(result.status == "failed" for result in results)
-        if failed:
-            found.append((Name(model, f"FAILED in {failed} of {len(results)} splits"), {}))
-        elif any(result.status == "skipped" for result in results):
-            found.append((Name(model, "SKIPPED"), {}))
-        else:
-            mark = mark_of(results[0].shown)
-            found.append((Name(model, mark), metric_values(results, metrics)))
-    return found
+def _of_model(
+    model: str, results: Sequence[CellResult], metrics: Sequence[Metric]
+) -> tuple[Name, Values]:
+    """Return a model with its values; a failed or skipped cell leaves none."""
+    failed = sum(result.status == "failed" for result in results)
+    if failed:
+        return Name(model, f"FAILED in {failed} of {len(results)} splits"), {}
+    if any(result.status == "skipped" for result in results):
+        return Name(model, "SKIPPED"), {}
+    return Name(model, mark_of(results[0].shown)), metric_values(results, metrics)
 
 
 def metric_values(results: Sequence[CellResult], metrics: Sequence[Metric]) -> Values:
@@ -239,14 +230,11 @@ def _together(intervals: Sequence[Interval]) -> Interval:
     )
 
 
-def _published(table: str, metrics: Sequence[Metric]) -> list[tuple[Name, Values]]:
-    """Return the rows of a published table, "" for none, that have one of these metrics."""
+def _published(table: str, metrics: Sequence[Metric]) -> dict[str, Values]:
+    """Return the methods of a published table, "" for none, that have one of these metrics."""
     keys = {metric.key for metric in metrics}
-    return [
-        (
-            Name(row.method, MARK),
-            {place: Quantity(value) for place, value in row.values_mm.items()},
-        )
-        for row in (published_rows(table) if table else ())
-        if keys & {key for key, _ in row.values_mm}
-    ]
+    return {
+        method: {place: Quantity(value) for place, value in values.items()}
+        for method, values in (published_errors(table) if table else {}).items()
+        if keys & {key for key, _ in values}
+    }

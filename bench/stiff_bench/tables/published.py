@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
-from dataclasses import dataclass
 from importlib.resources import files
 
 MARK = "published"
@@ -14,33 +12,20 @@ NOTE = (
 )
 
 
-@dataclass(frozen=True)
-class PublishedRow:
-    """A method of a published table.
-
-    Attributes:
-        method: its name in the paper.
-        values_mm: (metric key, axis) -> value, mm.
-    """
-
-    method: str
-    values_mm: Mapping[tuple[str, str], float]
-
-
 def published_lines(table: str) -> list[dict[str, str]]:
     """Return the lines of a published table, column -> text as printed in the paper."""
     text = (files("stiff_published") / f"{table}.csv").read_text(encoding="utf-8")
     return list(csv.DictReader(text.splitlines()))
 
 
-def published_rows(table: str) -> list[PublishedRow]:
-    """Return the rows of a published error table, one a method."""
+def published_errors(table: str) -> dict[str, dict[tuple[str, str], float]]:
+    """Return a published error table: method -> (metric key, axis) -> mm."""
     lines = published_lines(table)
-    methods = [name for name in lines[0] if name not in ("axis", "error")]
-    return [
-        PublishedRow(method, {(line["error"], line["axis"]): float(line[method]) for line in lines})
-        for method in methods
-    ]
+    return {
+        method: {(line["error"], line["axis"]): float(line[method]) for line in lines}
+        for method in lines[0]
+        if method not in ("axis", "error")
+    }
 
 
 def published_stiffness() -> dict[str, float]:

@@ -38,7 +38,7 @@ def render(
         tables: in this order.
         fmt: "github", "latex", "csv", "html" or "json".
         command: that makes them.
-        text: a paragraph above and, as it is what matters, again beneath; csv leaves it out.
+        text: a paragraph above; csv leaves it out.
         about: facts on all tables, for json.
     """
     if fmt == "csv":
@@ -54,7 +54,7 @@ def render(
     said = [paragraph(one_line(text))] if text else []
     parts = [one(table.shown(), one_line(command)) for table in tables]
     head = [LATEX_NEEDS] if fmt == "latex" else []
-    return "\n\n".join([*head, *said, *parts, *said])
+    return "\n\n".join([*head, *said, *parts])
 
 
 def plain_text(table: Table, *, widths: Sequence[int | None] = ()) -> str:
@@ -68,7 +68,7 @@ def plain_text(table: Table, *, widths: Sequence[int | None] = ()) -> str:
         table.texts(),
         headers=[table.heading(column) for column in table.columns],
         maxcolwidths=[*widths] or None,
-        colalign=["right" if column.kind == "number" else "left" for column in table.columns],
+        colalign=_alignment(table),
         disable_numparse=True,
     )
     return "\n".join([body, *table.notes])
@@ -93,16 +93,24 @@ def markdown_code(text: str) -> str:
     return f"`{text}`" if longest == 0 else f"{'`' * (longest + 1)} {text} {'`' * (longest + 1)}"
 
 
+def _headings(table: Table) -> list[str]:
+    """Return what stands above each column: its group, name and unit."""
+    return [": ".join(filter(None, (one.group, table.heading(one)))) for one in table.columns]
+
+
+def _alignment(table: Table) -> list[str]:
+    return ["right" if column.kind == "number" else "left" for column in table.columns]
+
+
 def _github(table: Table, command: str) -> str:
-    header = [": ".join(filter(None, (c.group, table.heading(c)))) for c in table.columns]
     body = tabulate(
         [[_markdown_cell(cell) for cell in row] for row in table.texts()],
-        headers=[_markdown_cell(cell) for cell in header],
+        headers=[_markdown_cell(name) for name in _headings(table)],
         tablefmt="github",
-        colalign=["left", *["right"] * (len(header) - 1)],
+        colalign=_alignment(table),
         disable_numparse=True,
     )
-    notes = [*(markdown_text(one_line(note)) for note in table.notes)]
+    notes = [markdown_text(one_line(note)) for note in table.notes]
     listed = [f"- {note}" for note in (*notes, f"made by: {markdown_code(command)}")]
     return "\n".join([f"**{markdown_text(one_line(table.title))}**", "", body, "", *listed])
 
@@ -136,11 +144,11 @@ def latex_text(text: str) -> str:
 
 def _latex(table: Table, command: str) -> str:
     """Return a table environment; the notes are printed beneath, not hidden in comments."""
-    groups = [[*of_group] for _, of_group in groupby(range(len(table.columns)), _group_of(table))]
-    groups = [one for one in groups if table.columns[one[0]].group]
-    names = {tuple(table.columns[number].name for number in one) for one in groups}
-    stacked = len(names) == 1 and sum(map(len, groups)) > _SIDE_BY_SIDE
-    body = _stacked(table, groups) if stacked else _side_by_side(table, groups)
+    every = range(len(table.columns))
+    groups = [[*of] for name, of in groupby(every, lambda k: table.columns[k].group) if name]
+    texts = [number for number in every if not table.columns[number].group]
+    too_wide = sum(map(len, groups)) > _SIDE_BY_SIDE
+    parts = [[*texts, *one] for one in groups] if too_wide else [[*every]]
     return "\n".join(
         [
             r"\begin{table}",
@@ -149,10 +157,7 @@ def _latex(table: Table, command: str) -> str:
             r"\small",
             r"\setlength{\tabcolsep}{4pt}",
             rf"\sisetup{{{_SIUNITX}}}",
-            _NO_WIDER_THAN_THE_LINE,
-            *body,
-            r"\bottomrule",
-            r"\end{tabular}}",
+            "\n\\par\\medskip\n".join("\n".join(_tabular(table, part)) for part in parts),
             r"\par\medskip\raggedright\footnotesize",
             *(rf"{latex_text(note)}\par" for note in table.notes),
             rf"made by: \texttt{{{latex_text(command)}}}\par",
@@ -161,54 +166,34 @@ def _latex(table: Table, command: str) -> str:
     )
 
 
-def _group_of(table: Table) -> Any:
-    return lambda number: table.columns[number].group
-
-
-def _side_by_side(table: Table, groups: Sequence[Sequence[int]]) -> Iterator[str]:
-    """Yield the lines of a table whose groups stand beside each other."""
-    numbers = range(len(table.columns))
-    kinds = [_column_type(table, [number]) for number in numbers]
-    yield _begin(kinds)
-    if groups:
-        labels = [""] * groups[0][0]
-        spans = [
-            rf"\multicolumn{{{len(one)}}}{{c}}{{{latex_text(table.columns[one[0]].group)}}}"
-            for one in groups
-        ]
-        yield _line([*labels, *spans])
-        yield "".join(rf"\cmidrule(lr){{{one[0] + 1}-{one[-1] + 1}}}" for one in groups)
-    headings = [latex_text(table.heading(column)) for column in table.columns]
+def _tabular(table: Table, numbers: Sequence[int]) -> Iterator[str]:
+    """Yield the lines of some columns of a table, beneath the names of their groups."""
+    columns = [table.columns[number] for number in numbers]
+    rows = [[row[number] for number in numbers] for row in table.rows]
+    kinds = [
+        _column_type(column, [row[place] for row in rows]) if place else "l"
+        for place, column in enumerate(columns)
+    ]
+    yield _NO_WIDER_THAN_THE_LINE
+    yield f"\\begin{{tabular}}{{{' '.join(kinds)}}}"
+    yield r"\toprule"
+    if any(column.group for column in columns):
+        spans, rules, end = [], "", 0
+        for name, of_group in groupby(columns, lambda column: column.group):
+            begin, end = end + 1, end + len([*of_group])
+            spans.append(rf"\multicolumn{{{end - begin + 1}}}{{c}}{{{latex_text(name)}}}")
+            rules += rf"\cmidrule(lr){{{begin}-{end}}}" if name else ""
+        yield _line(spans)
+        yield rules
+    headings = [latex_text(table.heading(column)) for column in columns]
     yield _line(
         f"{{{text}}}" if kind != "l" else text for text, kind in zip(headings, kinds, strict=True)
     )
     yield r"\midrule"
-    for row in table.rows:
-        yield _line(_latex_cell(table.columns[n], row[n], kinds[n]) for n in numbers)
-
-
-def _stacked(table: Table, groups: Sequence[Sequence[int]]) -> Iterator[str]:
-    """Yield the lines of a table that has a line a group in each row."""
-    n_texts = groups[0][0]
-    kinds = [_column_type(table, together) for together in zip(*groups, strict=True)]
-    yield _begin([*["l"] * (n_texts + 1), *kinds])
-    headings = [latex_text(table.heading(column)) for column in table.columns]
-    numbers = [f"{{{headings[number]}}}" for number in groups[0]]
-    yield _line([*headings[:n_texts], "numbers", *numbers])
-    for count, row in enumerate(table.rows):
-        yield r"\addlinespace" if count else r"\midrule"
-        labels = [_latex_cell(table.columns[n], row[n], "l") for n in range(n_texts)]
-        for one in groups:
-            cells = (
-                _latex_cell(table.columns[number], row[number], kind)
-                for number, kind in zip(one, kinds, strict=True)
-            )
-            yield _line([*labels, latex_text(table.columns[one[0]].group), *cells])
-            labels = [""] * n_texts
-
-
-def _begin(kinds: Sequence[str]) -> str:
-    return f"\\begin{{tabular}}{{{' '.join(kinds)}}}\n\\toprule"
+    for row in rows:
+        yield _line(map(_latex_cell, columns, row, kinds))
+    yield r"\bottomrule"
+    yield r"\end{tabular}}"
 
 
 def _line(cells: Iterable[str]) -> str:
@@ -217,29 +202,23 @@ def _line(cells: Iterable[str]) -> str:
     return rf"{'{}' if joined.startswith('[') else ''}{joined} \\"
 
 
-def _column_type(table: Table, numbers: Sequence[int]) -> str:
+def _column_type(column: Column, cells: Sequence[Cell]) -> str:
     """Return "l" for texts, "S" with room for the digits of plain numbers, "r" for all else."""
-    columns = [table.columns[number] for number in numbers]
-    if any(column.kind == "text" for column in columns) or 0 in numbers:
+    if column.kind == "text":
         return "l"
-    cells = [
-        (column, quantity(row[number]), row[number])
-        for row in table.rows
-        for number, column in zip(numbers, columns, strict=True)
-    ]
-    if not all(cell is None or _is_plain(column, found) for column, found, cell in cells):
+    if not all(cell is None or _is_plain(column, quantity(cell)) for cell in cells):
         return "r"
-    shown = [(found, column) for column, found, _ in cells if _is_finite(found)]
-    values = [_digits(found.value, column) for found, column in shown]
-    spreads = [_digits(found.spread, column) for found, column in shown if found.spread is not None]
+    shown = [found for found in map(quantity, cells) if _is_finite(found)]
+    values = [_digits(found.value, column) for found in shown]
+    spreads = [_digits(found.spread, column) for found in shown if found.spread is not None]
     whole = max((whole for whole, _ in values), default=1)
     decimals = max((decimals for _, decimals in values), default=0)
-    sign = "-" if any((found.value or 0.0) < 0.0 for found, _ in shown) else ""
+    sign = "-" * any(found.value is not None and found.value < 0 for found in shown)
     spread = f"({max(whole for whole, _ in spreads) + decimals})" if spreads else ""
     return f"S[table-format={sign}{whole}{f'.{decimals}' if decimals else ''}{spread}]"
 
 
-def _is_plain(column: Column, found: Quantity | None) -> TypeGuard[Quantity]:
+def _is_plain(column: Column, found: Quantity | None) -> bool:
     """Whether siunitx can align it: a number, or a number with its deviation."""
     if found is None or callable(column.format) or "+" in column.format:
         return False
@@ -275,45 +254,19 @@ def _html_text(text: str) -> str:
     return re.sub(r"`([^`]+)`", r"<code>\1</code>", escaped)
 
 
-_NUMBER_STYLE = ' style="text-align: right; padding: 0 0.5em"'
-
-
 def _html(table: Table, command: str) -> str:
-    """Return a section; the names of groups stand in a row above those of their columns."""
-    headings = [
-        f'<th scope="col">{_html_text(table.heading(column))}</th>' for column in table.columns
-    ]
-    over = []
-    for name, columns in groupby(table.columns, lambda column: column.group):
-        tag, scope = ("th", ' scope="colgroup"') if name else ("td", "")
-        over.append(f'<{tag}{scope} colspan="{len([*columns])}">{_html_text(name)}</{tag}>')
-    rows = [
-        "".join(
-            f"<td{_NUMBER_STYLE if column.kind == 'number' else ''}>{_html_text(text)}</td>"
-            if number
-            else f'<th scope="row">{_html_text(text)}</th>'
-            for number, (column, text) in enumerate(zip(table.columns, texts, strict=True))
-        )
-        for texts in table.texts()
-    ]
+    body = tabulate(
+        [[_html_text(cell) for cell in row] for row in table.texts()],
+        headers=[_html_text(name) for name in _headings(table)],
+        tablefmt="unsafehtml",  # what is printed is escaped here
+        colalign=_alignment(table),
+        disable_numparse=True,
+    )
     notes = "".join(f"<li>{_html_text(note)}</li>" for note in table.notes)
-    above = [f"<tr>{''.join(over)}</tr>"] if any(column.group for column in table.columns) else []
-    return "\n".join(
-        [
-            "<section>",
-            f"<h2>{_html_text(table.title)}</h2>",
-            "<table>",
-            "<thead>",
-            *above,
-            f"<tr>{''.join(headings)}</tr>",
-            "</thead>",
-            "<tbody>",
-            *(f"<tr>{cells}</tr>" for cells in rows),
-            "</tbody>",
-            "</table>",
-            f"<ul>{notes}<li>made by: <code>{html.escape(command)}</code></li></ul>",
-            "</section>",
-        ]
+    made_by = f"<li>made by: <code>{html.escape(command)}</code></li>"
+    return (
+        f"<section>\n<h2>{_html_text(table.title)}</h2>\n{body}\n<ul>{notes}{made_by}</ul>\n"
+        "</section>"
     )
 
 
@@ -345,7 +298,9 @@ def _plain(table: Table) -> dict[str, object]:
         {**texts, **({"values": [*map(_known, values)]} if values else {})}
         for texts, values in table.records()
     ]
-    return {"title": table.title, **table.about, "notes": list(table.notes), "rows": rows}
+    details = {"details": list(table.details)} if table.details else {}
+    notes = {"notes": list(table.notes), **details}
+    return {"title": table.title, **table.about, **notes, "rows": rows}
 
 
 def _known(value: Mapping[str, object]) -> dict[str, object]:

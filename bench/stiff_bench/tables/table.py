@@ -147,6 +147,7 @@ class Table:
         notes: beneath it.
         unit: that the title names; the names of columns with another one say it.
         about: facts for csv and json, such as data set, protocol and seed.
+        details: too long to stand beneath it; json alone has them.
     """
 
     title: str
@@ -155,6 +156,7 @@ class Table:
     notes: Sequence[str] = ()
     unit: str = ""
     about: Mapping[str, object] = field(default_factory=dict)
+    details: Sequence[str] = ()
 
     def heading(self, column: Column) -> str:
         """Return a column's name, with its unit where neither title nor cells say it."""

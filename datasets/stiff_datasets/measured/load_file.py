@@ -8,6 +8,7 @@ the columns of these names are the predictions.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -103,7 +104,11 @@ def _outside(path: Path, problems: list[Problem]) -> str:
 
 
 def write_predictions(
-    path: Path, table: LoadTable, deflection: FloatArray, interval: Interval | None = None
+    path: Path,
+    table: LoadTable,
+    deflection: FloatArray,
+    outside: Sequence[str],
+    interval: Interval | None = None,
 ) -> None:
     """Write the rows with their predicted deflections, whole or not at all.
 
@@ -111,6 +116,8 @@ def write_predictions(
         path: the file; Parquet if it ends in .parquet, else CSV.
         table: the rows.
         deflection: (n, 3) m, base frame; ``dx_mm, dy_mm, dz_mm``.
+        outside: (n,) what of a row lies far outside of what the model learned from, such as
+            "q3 force"; ``outside_training``.
         interval: of the same rows; ``dx_lower_mm, dx_upper_mm, ...``.
 
     Raises:
@@ -123,4 +130,4 @@ def write_predictions(
             columns[f"d{axis}_lower_mm"] = interval.lower[:, i]
             columns[f"d{axis}_upper_mm"] = interval.upper[:, i]
     in_mm = {name: in_file_units(np.asarray(values), MM_PER_M) for name, values in columns.items()}
-    write_table(path, table.columns.assign(**in_mm))
+    write_table(path, table.columns.assign(**in_mm, outside_training=list(outside)))

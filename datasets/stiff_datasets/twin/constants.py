@@ -66,22 +66,22 @@ def specimen_springs(constants: TwinConstants, specimen: int) -> tuple[JointSpri
     """
     if specimen == 0:
         return constants.springs
-    rng = stream("specimen", constants.name, specimen)
-    return tuple(_drawn(joint, constants.scatter, rng) for joint in constants.springs)
-
-
-def _drawn(joint: JointSprings, scatter: Scatter, rng: np.random.Generator) -> JointSprings:
+    rng, scatter, drawn = stream("specimen", constants.name, specimen), constants.scatter, []
     deviations = (scatter.gear, scatter.structure, scatter.tilting, scatter.tilting)
-    gear, structure, *tilting, lost_motion = np.exp(
-        rng.normal(size=5) * np.array([*deviations, scatter.lost_motion])
-    ).tolist()
-    first, second, third = (slope * gear for slope in joint.gear.slopes)
-    return JointSprings(
-        gear=replace(joint.gear, slopes=(first, second, third)),
-        structure=joint.structure * structure,
-        tilting=(joint.tilting[0] * tilting[0], joint.tilting[1] * tilting[1]),
-        lost_motion=joint.lost_motion * lost_motion,
-    )
+    for joint in constants.springs:
+        gear, structure, *tilting, lost_motion = np.exp(
+            rng.normal(size=5) * np.array([*deviations, scatter.lost_motion])
+        ).tolist()
+        first, second, third = (slope * gear for slope in joint.gear.slopes)
+        drawn.append(
+            JointSprings(
+                gear=replace(joint.gear, slopes=(first, second, third)),
+                structure=joint.structure * structure,
+                tilting=(joint.tilting[0] * tilting[0], joint.tilting[1] * tilting[1]),
+                lost_motion=joint.lost_motion * lost_motion,
+            )
+        )
+    return tuple(drawn)
 
 
 Positive = Annotated[float, Gt(0), Field(allow_inf_nan=False)]

@@ -14,7 +14,7 @@ from annotated_types import Ge
 from stiff_datasets.planning.loads import LoadKind
 from stiff_datasets.planning.poses import paper_poses
 from stiff_datasets.twin.constants import SpecimenNumber, shipped_constants
-from stiff_datasets.twin.twin import TwinData, TwinExperiment
+from stiff_datasets.twin.twin import TwinData
 from stiff_protocols.contract.types import BenchmarkData
 
 CONSTANTS = "kr10_r1100_2"
@@ -45,7 +45,8 @@ class Kr10Twin(TwinData):
     def load(self) -> BenchmarkData:
         """Simulate the measurement (well under a second)."""
         loads: LoadKind = "line" if self.torques == "table-5" else "line-hook"
-        return _measured(self, loads, self.loads_per_pose)
+        constants = shipped_constants(CONSTANTS)
+        return self.measured(constants, paper_poses(constants.chain()), loads, self.loads_per_pose)
 
 
 class Kr10TwinMultiload(Kr10Twin):
@@ -59,16 +60,5 @@ class Kr10TwinOmni(TwinData):
 
     def load(self) -> BenchmarkData:
         """Simulate the measurement (well under a second)."""
-        return _measured(self, "omni", 1)
-
-
-def _measured(twin: TwinData, loads: LoadKind, loads_per_pose: int) -> BenchmarkData:
-    constants = shipped_constants(CONSTANTS)
-    experiment = TwinExperiment(
-        constants,
-        loads=loads,
-        specimen=twin.specimen,
-        seed=twin.seed,
-        loads_per_pose=loads_per_pose,
-    )
-    return experiment.data(paper_poses(constants.chain()))
+        constants = shipped_constants(CONSTANTS)
+        return self.measured(constants, paper_poses(constants.chain()))

@@ -17,13 +17,13 @@ from stiff_datasets.twin.constants import (
     read_constants,
     shipped_constants,
 )
-from stiff_datasets.twin.twin import TwinData, TwinExperiment
+from stiff_datasets.twin.twin import TwinData
 from stiff_protocols.contract.types import BenchmarkData
 
 POSES = 151  # as many as the source paper measured
 
 
-class RobotTwin:
+class RobotTwin(TwinData):
     """A robot's twin at random reachable poses.
 
     Attributes:
@@ -31,7 +31,6 @@ class RobotTwin:
         poses: how many; inside the joint limits, clear of base and ground.
         loads: "line" (along Table 5's line, scaled to the payload), "line-hook" or "omni".
         loads_per_pose: how many.
-        specimen: which of ten robots of the type; 0 has the constants as they stand.
         seed: draws poses, loads and noise; the robot itself does not depend on it.
     """
 
@@ -46,12 +45,11 @@ class RobotTwin:
         seed: Annotated[int, Ge(0)] = 0,
     ) -> None:
         """Store the options."""
+        super().__init__(specimen=specimen, seed=seed)
         self.constants = constants
         self.poses = poses
         self.loads = loads
         self.loads_per_pose = loads_per_pose
-        self.specimen = specimen
-        self.seed = seed
 
     def load(self) -> BenchmarkData:
         """Simulate the measurement.
@@ -59,14 +57,9 @@ class RobotTwin:
         Raises:
             DataError: a file is missing or wrong, or a load is beyond the twin.
         """
-        return _at_random_poses(
-            read_constants(self.constants),
-            self.poses,
-            loads=self.loads,
-            loads_per_pose=self.loads_per_pose,
-            specimen=self.specimen,
-            seed=self.seed,
-        )
+        constants = read_constants(self.constants)
+        poses = _random_poses(constants, self.poses, self.seed)
+        return self.measured(constants, poses, self.loads, self.loads_per_pose)
 
 
 class Ur5Twin(TwinData):
@@ -78,23 +71,11 @@ class Ur5Twin(TwinData):
 
     def load(self) -> BenchmarkData:
         """Simulate the measurement."""
-        return _at_random_poses(
-            shipped_constants("ur5"), POSES, loads="omni", specimen=self.specimen, seed=self.seed
-        )
+        constants = shipped_constants("ur5")
+        return self.measured(constants, _random_poses(constants, POSES, self.seed))
 
 
-def _at_random_poses(
-    constants: TwinConstants,
-    n: int,
-    *,
-    loads: LoadKind,
-    specimen: int,
-    seed: int,
-    loads_per_pose: int = 1,
-) -> BenchmarkData:
+def _random_poses(constants: TwinConstants, n: int, seed: int) -> Poses:
     q = reachable_poses(constants.chain(), n, stream("poses", constants.name, seed))
     names = np.array([f"P{i + 1}" for i in range(n)])
-    experiment = TwinExperiment(
-        constants, loads=loads, specimen=specimen, seed=seed, loads_per_pose=loads_per_pose
-    )
-    return experiment.data(Poses(q=q, pose_id=names, group=np.full(n, "random")))
+    return Poses(q=q, pose_id=names, group=np.full(n, "random"))

@@ -76,10 +76,6 @@ class TwinExperiment:
         wrench = self.wrenches(q, block=block)
         return self.recorded(poses, wrench, self.twin.readings(q, wrench), block=block)
 
-    def data(self, poses: Poses) -> BenchmarkData:
-        """Return the `samples` at the poses with their robot."""
-        return BenchmarkData(self.samples(poses), self._constants.robot())
-
     def logged_q(self, poses: Poses) -> FloatArray:
         """Return (n, n_joints) joint angles [rad] as a log holds them, a row a load."""
         logged = np.deg2rad(np.rad2deg(poses.q).round(DECIMALS_DEG))
@@ -128,7 +124,7 @@ def recorded_deflection(
 
 
 class TwinData:
-    """A shipped robot's twin, a data set of its own for each specimen and seed.
+    """A twin's data set, another one for each specimen and seed.
 
     Attributes:
         specimen: which of ten robots of the type; 0 has the constants as they stand.
@@ -139,6 +135,23 @@ class TwinData:
         """Store the options."""
         self.specimen = specimen
         self.seed = seed
+
+    def measured(
+        self,
+        constants: TwinConstants,
+        poses: Poses,
+        loads: LoadKind = "omni",
+        loads_per_pose: int = 1,
+    ) -> BenchmarkData:
+        """Return the samples of this specimen and seed at the poses, pose by pose."""
+        experiment = TwinExperiment(
+            constants,
+            loads=loads,
+            specimen=self.specimen,
+            seed=self.seed,
+            loads_per_pose=loads_per_pose,
+        )
+        return BenchmarkData(experiment.samples(poses), constants.robot())
 
 
 TOLERANCE_NM = 1e-10

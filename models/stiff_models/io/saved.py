@@ -3,7 +3,8 @@
 A file holds the model's key, its options, its robot and its fitted attributes; `load` gives a
 model with bit-equal predictions on the same machine. Nothing in a file is code: skops builds
 objects of the types in a fixed list alone (no pickle), and a dictionary names models and frozen
-dataclasses of ours alone, whose constructors check what they are given.
+dataclasses of ours alone, whose constructors check what they are given. The file of a plugin's
+model has the hash of the plugin's code, and is read only where the user names the plugin.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from sklearn.base import BaseEstimator
 from stiff_models.catalog import MODELS, model_info
 from stiff_protocols.contract.errors import DataError, ModelError, NotFittedError, StiffBenchError
 from stiff_protocols.contract.files import written_whole
+from stiff_protocols.contract.source_code import code_of
 
 if TYPE_CHECKING:
     import torch
@@ -66,15 +68,22 @@ def key_of(model: object) -> str:
     return key
 
 
-def save(model: BaseEstimator, path: Path) -> None:
-    """Write a fitted model to one file, whole or not at all; errors as of `FittedModel.save`."""
+def save(model: Any, path: Path, plugin: Mapping[str, Mapping[str, Any]] | None = None) -> None:
+    """Write a fitted model to one file, whole or not at all; errors as of `FittedModel.save`.
+
+    Args:
+        model: one of ours, or a plugin's.
+        path: the file; one that exists is replaced.
+        plugin: key of a plugin's model -> its options; None: the model is ours.
+    """
     import skops.io  # takes seconds
 
-    key = key_of(model)
+    key = next(iter(plugin)) if plugin else key_of(model)
     if not hasattr(model, "robot_"):
         raise NotFittedError(f"{type(model).__name__}: call fit before save")
     try:
-        content = {"format": FORMAT, "written_by": version("stiffbench"), "model": _plain(model)}
+        node = _plugin_node(model, key, plugin[key]) if plugin else _plain(model)
+        content = {"format": FORMAT, "written_by": version("stiffbench"), "model": node}
         data = bytes(skops.io.dumps(content))
         unknown = sorted({*skops.io.get_untrusted_types(data=data)} - {*TRUSTED})
     except Exception as error:  # whatever a stranger's object does when it is taken apart
@@ -88,18 +97,32 @@ def save(model: BaseEstimator, path: Path) -> None:
         temporary.write_bytes(data)
 
 
-def load(path: Path | str) -> BaseEstimator:
+def _plugin_node(model: Any, key: str, params: Mapping[str, Any]) -> dict[str, Any]:
+    fitted = {name: part for name, part in vars(model).items() if name not in params}
+    for name, part in fitted.items():
+        if _is_module(part):
+            raise ModelError(f"{name} is a torch module; keep its weights as arrays")
+    about = {"key": key, "code": code_of(type(model)), "params": _plain(dict(params))}
+    return {_OWN: "plugin", **about, "fitted": _plain(fitted)}
+
+
+def load(path: Path | str, plugins: Mapping[str, type] | None = None) -> Any:
     """Return the model that a file holds.
 
     Networks run on the device of the model's options; where that is "cuda" and there is none here,
     on "auto".
+
+    Args:
+        path: the file.
+        plugins: key -> class of the plugins' models that may be built.
 
     Raises:
         DataError: the file cannot be read, is damaged or of another format, or holds a model or an
             object that this version does not know.
     """
     try:
-        return _model(_content(Path(path).read_bytes())["model"])
+        node = _content(Path(path).read_bytes())["model"]
+        return _model(node) if node[_OWN] == "model" else _plugin_model(node, plugins or {})
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
     except Exception as error:  # a crafted or damaged archive can raise anything
@@ -206,6 +229,21 @@ def _model(node: Mapping[str, Any]) -> BaseEstimator:
     return model
 
 
+def _plugin_model(node: Mapping[str, Any], plugins: Mapping[str, type]) -> Any:
+    key = str(node["key"])
+    if key not in plugins:
+        raise DataError(f"holds {key}, a plugin's model; name the plugin's file with --plugin")
+    cls = plugins[key]
+    if code_of(cls) != node["code"]:
+        raise DataError(f"holds {key} of other code than the plugin's file has now; fit it again")
+    model = cls(**_restored(node["params"]))
+    for name, value in node["fitted"].items():
+        if not name.isidentifier() or name.startswith("__"):
+            raise DataError(f"sets {name!r}, which is no fitted attribute")
+        setattr(model, name, _restored(value))
+    return model
+
+
 def _module(model: Any, name: str, state: Mapping[str, Any]) -> torch.nn.Module:
     import torch
 
@@ -274,6 +312,6 @@ def _class_of(name: str) -> type:
         cls = getattr(importlib.import_module(module_name), class_name)
     except (ImportError, AttributeError):
         cls = None
-    if not isinstance(cls, type) or _full_name(cls) != name:
+    if not isinstance(cls, type) or not _is_own(cls):  # it may have moved since
         raise DataError(f"holds {name}, which this version of stiffbench lacks")
     return cls

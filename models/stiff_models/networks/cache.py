@@ -30,13 +30,9 @@ from stiff_protocols.contract.types import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    """The outcome of a training.
+    """The outcome of a training: the network's state, its curve, and the wall time it took.
 
-    Attributes:
-        weights: the network's state, name -> array.
-        curve: what happened.
-        seconds: wall time when it was computed.
-        judged: what was measured with the network right after; empty: nothing.
+    `judged` is what was measured with the network right after; empty: nothing.
     """
 
     weights: dict[str, np.ndarray[Any, Any]]

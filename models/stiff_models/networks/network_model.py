@@ -39,16 +39,10 @@ class EncodedNetworkModel(RunsOnDevice, FittedModel):
     angle_encoding: AngleEncoding = "sincos"
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        return self._network_deflection(self.network_, q, wrench)
-
-    def _network_deflection(
-        self, network: torch.nn.Module, q: FloatArray, wrench: FloatArray
-    ) -> FloatArray:
         inputs = self._inputs(q, wrench)
         with torch.no_grad():
-            outputs = [network(part) for part in torch.split(inputs, PREDICTED_AT_ONCE)]
-        standardised = torch.cat(outputs).cpu().double().numpy()
-        return self.output_scaler_.undo(standardised)
+            outputs = [self.network_(part) for part in torch.split(inputs, PREDICTED_AT_ONCE)]
+        return self.output_scaler_.undo(torch.cat(outputs).cpu().double().numpy())
 
     def _start(
         self, robot: Robot, q: FloatArray, wrench: FloatArray, deflection: FloatArray, seed: int

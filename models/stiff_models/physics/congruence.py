@@ -111,13 +111,10 @@ def loaded_deflection(
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """The least-squares problem near some compliances: target = matrix @ new compliances.
+    """Least squares near some compliances (n_joints,): target (3 n,) m = matrix @ new compliances.
 
-    Attributes:
-        compliance: (n_joints,) where it is linearised.
-        matrix: (3 n, n_joints) derivative of the deflections.
-        target: (3 n,) measured deflections less what is not linear, m.
-        error: sum of squared residuals at `compliance`, m2.
+    `matrix` (3 n, n_joints) is the derivative of the deflections, `error` the sum of squared
+    residuals [m2] at `compliance`.
     """
 
     compliance: FloatArray

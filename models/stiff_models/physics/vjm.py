@@ -89,22 +89,20 @@ class VirtualJointModel(FittedModel):
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         self.joints_ = identify_joints(robot, train, congruence=self.congruence)
-        self.diagnostics_ = _diagnostics(self.joints_, robot)
+        self.diagnostics_: dict[str, float] = {}
+        for i, name in enumerate(robot.joint_names):
+            unit = "Nm/rad" if robot.joint_types[i] == "revolute" else "N/m"
+            error = float(self.joints_.standard_error[i])
+            self.diagnostics_[f"stiffness {name} [{unit}]"] = float(self.joints_.stiffness[i])
+            self.diagnostics_[f"standard error {name} [{unit}]"] = error
+        self.diagnostics_["rank"] = float(self.joints_.rank)
+        self.diagnostics_["condition number"] = self.joints_.condition
         warn_unidentifiable(self.joints_)
         warn_unexplained(self.joints_.compliance, train)
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         deflection = loaded_deflection if self.congruence else joint_deflection
         return deflection(self.robot_, self.joints_.compliance, q, wrench)
-
-
-def _diagnostics(joints: IdentifiedJoints, robot: Robot) -> dict[str, float]:
-    named: dict[str, float] = {}
-    for i, name in enumerate(joints.names):
-        unit = "Nm/rad" if robot.joint_types[i] == "revolute" else "N/m"
-        named[f"stiffness {name} [{unit}]"] = float(joints.stiffness[i])
-        named[f"standard error {name} [{unit}]"] = float(joints.standard_error[i])
-    return named | {"rank": float(joints.rank), "condition number": joints.condition}
 
 
 def warn_unidentifiable(joints: IdentifiedJoints, samples: str = "training samples") -> None:

@@ -67,7 +67,8 @@ class Search:
         def searched(theta: FloatArray) -> Any:
             return minimize(loss, theta, jac=True, method="L-BFGS-B", bounds=bounds.tolist())
 
-        bounds = _log_bounds(start)
+        noise = [NOISE_BOUNDS] if start.noise else []
+        bounds = np.log([VARIANCE_BOUNDS, *[LENGTH_BOUNDS] * len(start.lengths), *noise])
         # legacy numbers: those that scikit-learn's restarts draw
         drawn = check_random_state(self.seed).uniform(*bounds.T, (self.restarts, len(bounds)))
         best = min((searched(theta) for theta in (start.theta, *drawn)), key=lambda one: one.fun)
@@ -119,11 +120,6 @@ def log_likelihood(
         by_lengths = by_lengths.sum(keepdims=True)
     by_noise = [0.5 * covariance.noise * trace] if covariance.noise else []
     return float(value), np.array([by_variance, *by_lengths, *by_noise])
-
-
-def _log_bounds(covariance: Covariance) -> FloatArray:
-    noise = [NOISE_BOUNDS] if covariance.noise else []
-    return np.log([VARIANCE_BOUNDS, *[LENGTH_BOUNDS] * len(covariance.lengths), *noise])
 
 
 Kernel = Literal["matern", "rbf"]

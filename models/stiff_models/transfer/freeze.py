@@ -71,17 +71,13 @@ def stages(
     if freeze == "lp-ft":
         return (Stage(epochs // 2, {out: 1.0}), Stage(epochs - epochs // 2, everything))
     if freeze == "gradual":
-        return _gradual(out, epochs, unfreeze_every)
+        result, left = [], epochs
+        for lowest in range(out, -1, -1):
+            length = left if lowest == 0 else min(unfreeze_every, left)
+            result.append(Stage(length, dict.fromkeys(range(lowest, out + 1), 1.0)))
+            left -= length
+        return tuple(result)
     return (Stage(epochs, everything),)
-
-
-def _gradual(out: int, epochs: int, unfreeze_every: int) -> tuple[Stage, ...]:
-    result, left = [], epochs
-    for lowest in range(out, -1, -1):
-        length = left if lowest == 0 else min(unfreeze_every, left)
-        result.append(Stage(length, dict.fromkeys(range(lowest, out + 1), 1.0)))
-        left -= length
-    return tuple(result)
 
 
 def _layers(freeze: str, name: str, argument: str, hidden_layers: int) -> list[int]:

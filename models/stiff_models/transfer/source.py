@@ -81,16 +81,8 @@ def source_design(
 ) -> SourceDesign:
     """Return the design of a source domain of at most 21,280 poses and five wrenches a pose.
 
-    Args:
-        poses: "paper" (the grid of Table 4), "data" (a grid over the training samples' joint
-            ranges), "sobol" (a Sobol sequence over the same ranges); "auto": the paper's for its
-            own robot, the data's for any other.
-        wrenches: "paper" (Table 5), "data" (drawn like the training samples'), "uniform" (evenly
-            over the range of each of their components), "sobol" (a Sobol sequence over the same
-            ranges); "auto" as for the poses.
-        robot: that is simulated.
-        train: the training samples; no other part of a data set may shape the source.
-        seed: of everything drawn.
+    `poses` and `wrenches` are options of `SourceModel`; `train` alone, of all data, shapes the
+    design; `seed` is of everything drawn.
 
     Raises:
         ConfigError: the paper's poses were asked for a robot without six joints.

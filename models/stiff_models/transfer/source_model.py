@@ -105,7 +105,18 @@ class SourceModel:
 
     def _design(self, samples: Samples, robot: Robot, seed: int) -> SourceDesign:
         design = source_design(self.source_poses, self.source_wrenches, robot, samples, seed)
-        _warn_of_other_loads(design, samples)
+        simulated, measured = (
+            float(np.sqrt(np.mean(wrench[..., :3] ** 2)))
+            for wrench in (design.wrench, samples.wrench)
+        )
+        if measured > 0.0 and not 1.0 / FAR_OFF < simulated / measured < FAR_OFF:
+            warnings.warn(
+                f"the source is simulated under forces of {simulated:.3g} N, the samples were "
+                f"measured under {measured:.3g} N (root mean square): is the file in N? "
+                "source_wrenches=data draws loads like the measured ones",
+                StiffBenchWarning,
+                stacklevel=3,
+            )
         return design
 
     def _source_compliance(self, samples: Samples, robot: Robot) -> FloatArray:
@@ -140,20 +151,3 @@ class SourceModel:
                 f"positive numbers, base to tip, in N m/rad, separated by commas"
             )
         return values
-
-
-def _warn_of_other_loads(design: SourceDesign, samples: Samples) -> None:
-    """Warn where the source's loads are far larger or smaller than the measured ones."""
-    simulated, measured = (_force_size(w) for w in (design.wrench, samples.wrench))
-    if measured > 0.0 and not 1.0 / FAR_OFF < simulated / measured < FAR_OFF:
-        warnings.warn(
-            f"the source is simulated under forces of {simulated:.3g} N, the samples were measured "
-            f"under {measured:.3g} N (root mean square): is the file in N? source_wrenches=data "
-            "draws loads like the measured ones",
-            StiffBenchWarning,
-            stacklevel=4,
-        )
-
-
-def _force_size(wrench: FloatArray) -> float:
-    return float(np.sqrt(np.mean(wrench[..., :3] ** 2)))

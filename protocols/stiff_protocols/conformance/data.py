@@ -120,7 +120,7 @@ def _rows_exist(divided: DividedRows) -> str:
 @_PROTOCOL.asks("splits are told apart", "number the splits of each condition 0, 1, 2, ...")
 def _told_apart(divided: DividedRows) -> str:
     splits = divided.splits()
-    if fault := fault_of_numbers(splits):
+    if fault := fault_of_numbers((split.condition, split.index) for split in splits):
         raise Failed(fault)
     conditions = {split.condition for split in splits}
     return f"{len(conditions)} conditions" if len(conditions) > 1 else ""

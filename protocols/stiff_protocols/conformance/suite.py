@@ -58,13 +58,10 @@ def check_model(
 
     Args:
         make: returns a new model with the options to be checked; the class itself will do.
-        data: at least 10 samples, of which 48 at most are used, and their robot.
+        data: at least 10 samples (else a DataError), of which 48 at most are used, and their robot.
         uses_validation: as in the model's `ModelInfo`.
         load: reads a file that the model's `save` wrote (`stiff_models.load`); None: the round
             trip is not checked.
-
-    Raises:
-        DataError: `data` has too few samples.
     """
     session = Session(make, data, uses_validation=uses_validation, load=load)
     return _MODEL.answers(session)
@@ -109,12 +106,9 @@ def _gives_options_back(session: Session) -> None:
         raise Failed("set_params does not return the model")
     copy = clone(model)
     for name, value in params.items():
-        if not _same_option(copy.get_params(deep=False)[name], value):
+        copied = copy.get_params(deep=False)[name]
+        if copied is not value and repr(copied) != repr(value):
             raise Failed(f"clone changes {name} from {value!r}")
-
-
-def _same_option(one: object, other: object) -> bool:
-    return one is other or repr(one) == repr(other)
 
 
 @_MODEL.asks(

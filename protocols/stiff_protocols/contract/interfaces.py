@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol, Self, runtime_checkable
 
-from stiff_protocols.contract.search_space import Grid
+from stiff_protocols.contract.plugin import Grid
 from stiff_protocols.contract.types import (
     BenchmarkData,
     FloatArray,

@@ -6,14 +6,42 @@ The target is "module:Class", imported only when the entry is used, or the class
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.search_space import Grid
 
 STIFFNESS = "stiffness"
+
+DEFAULT_GRID = "default"
+"""Name of the grid that is searched where no other is asked for."""
+
+
+@dataclass(frozen=True)
+class Range:
+    """All numbers from `low` to `high`, both included, whole ones where both are.
+
+    With `log` they are drawn evenly on a logarithmic scale.
+    """
+
+    low: float
+    high: float
+    log: bool = False
+
+    @property
+    def whole(self) -> bool:
+        """Whether the option takes whole numbers."""
+        return isinstance(self.low, int) and isinstance(self.high, int)
+
+
+Grid = Mapping[str, Sequence[Any] | Range]
+"""Option -> its candidates."""
+
+
+def in_words(params: Mapping[str, Any]) -> str:
+    """Return options with their values for people."""
+    return ", ".join(f"{name}={value}" for name, value in params.items())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,7 +50,7 @@ class PluginInfo:
 
     Attributes:
         key: the word used on the command line.
-        target: "module:Class", or the class.
+        target: "module:Class", imported when it is used, or the class.
         summary: one line for `bench list`.
         reference: where the definition comes from.
         missing_because: "module:function" that returns why the entry cannot be used here yet (data

@@ -12,7 +12,6 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from stiff_protocols.contract.arrays import FloatArray, IntArray, TextArray, frozen_array
 from stiff_protocols.contract.errors import DataError
@@ -35,14 +34,6 @@ __all__ = [
 
 AXES = ("x", "y", "z")
 """Names of the three components of a deflection, robot base frame."""
-
-
-def _frozen_text(value: ArrayLike, name: str, length: int) -> TextArray:
-    array: TextArray = np.array(value, dtype=np.str_)
-    if array.shape != (length,):
-        raise DataError(f"{name} has shape {array.shape}, expected ({length},)")
-    array.flags.writeable = False
-    return array
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +64,11 @@ class Samples:
         object.__setattr__(self, "wrench", frozen_array(self.wrench, "wrench", (n, 6)))
         object.__setattr__(self, "deflection", frozen_array(self.deflection, "deflection", (n, 3)))
         for name in ("pose_id", "load_id", "group"):
-            object.__setattr__(self, name, _frozen_text(getattr(self, name), name, n))
+            text = np.array(getattr(self, name), dtype=np.str_)
+            if text.shape != (n,):
+                raise DataError(f"{name} has shape {text.shape}, expected ({n},)")
+            text.flags.writeable = False
+            object.__setattr__(self, name, text)
 
     def __len__(self) -> int:
         """Return the number of samples."""
@@ -213,14 +208,8 @@ class Prediction:
         Checking 35,000 of them again takes longer than a leaderboard does.
         """
         made = object.__new__(cls)
-        values = {
-            "rows": rows,
-            "predicted": predicted,
-            "measured": measured,
-            "interval": interval,
-            "reference": reference,
-        }
-        object.__setattr__(made, "__dict__", values)
+        vars(made).update(rows=rows, predicted=predicted, measured=measured)
+        vars(made).update(interval=interval, reference=reference)
         return made
 
 

@@ -58,11 +58,7 @@ class Difference:
 
 
 def pose_errors(pose_id: ArrayLike, errors: ArrayLike) -> PoseErrors:
-    """Sum absolute errors pose by pose.
-
-    Args:
-        pose_id: (n,) pose of each row; a pose may occur many times, in any order.
-        errors: (n, k) error of each row in k directions, m, signed or absolute.
+    """Sum (n, k) errors [m], signed or absolute, pose by pose; `pose_id` is (n,), in any order.
 
     Raises:
         DataError: there are no rows, the lengths differ, or an error is no finite number.
@@ -95,13 +91,8 @@ def bootstrap_difference(
 ) -> Difference:
     """Return MAE of A less MAE of B with its BCa interval over poses (Efron 1987).
 
-    The intervals of different columns are each of its own, not joint.
-
-    Args:
-        a: errors of A.
-        b: errors of B on the same rows.
-        confidence: probability (0..1) that an interval is to have.
-        seed: of the resampling.
+    The intervals of different columns are each of its own, not joint. `confidence` is the
+    probability (0..1) that an interval is to have.
 
     Raises:
         DataError: A and B were not tested on the same poses, each equally often, or on one alone.
@@ -122,18 +113,21 @@ def resampled_means(
 ) -> FloatArray:
     """Return the (B, m) mean errors, m, of m competitors on B draws of the poses, the same for all.
 
-    Competitors with equal errors have exactly equal means.
-
-    Args:
-        errors: m competitors, each with one column of errors, on the same rows.
-        resamples: number of draws B.
-        seed: of the draws.
+    Each competitor has one column of errors; those with equal errors have exactly equal means.
 
     Raises:
         DataError: there is no competitor, one has several columns, or they were not tested on the
             same poses, each equally often.
     """
-    totals, counts = _side_by_side(errors)
+    if not errors:
+        raise DataError("resampled means need at least 1 competitor, there are none")
+    for one in errors:
+        _check_paired(errors[0], one)
+        if one.totals.shape[1] != 1:
+            raise DataError(
+                f"resampled means need one column of errors, there are {one.totals.shape[1]}"
+            )
+    totals, counts = np.concatenate([one.totals for one in errors], axis=1), errors[0].counts
     draws = _pose_draws(len(counts), resamples, seed)  # (B, p)
     means = (draws @ totals) / (draws @ counts.astype(np.float64))[:, None]
     # a matrix product may round equal columns differently, which would break their tie
@@ -149,19 +143,6 @@ def _pose_draws(n_poses: int, resamples: int, seed: int) -> FloatArray:
     exact = draws.astype(np.float64)  # products of integers are not BLAS's
     exact.setflags(write=False)
     return exact
-
-
-def _side_by_side(errors: Sequence[PoseErrors]) -> tuple[FloatArray, IntArray]:
-    """Return the totals (p, m) of the competitors and their common counts (p,)."""
-    if not errors:
-        raise DataError("resampled means need at least 1 competitor, there are none")
-    for one in errors:
-        _check_paired(errors[0], one)
-        if one.totals.shape[1] != 1:
-            raise DataError(
-                f"resampled means need one column of errors, there are {one.totals.shape[1]}"
-            )
-    return np.concatenate([one.totals for one in errors], axis=1), errors[0].counts
 
 
 def _check_paired(a: PoseErrors, b: PoseErrors) -> None:

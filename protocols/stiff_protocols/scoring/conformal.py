@@ -24,7 +24,7 @@ from sklearn.base import BaseEstimator, clone
 from stiff_protocols.contract.errors import ModelError, NotFittedError, TooFewToCalibrate
 from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.interfaces import StiffnessModel
-from stiff_protocols.contract.types import AXES, FloatArray, IntArray, Interval, Robot, Samples
+from stiff_protocols.contract.types import AXES, FloatArray, Interval, Robot, Samples
 from stiff_protocols.scoring.sanity import check_prediction
 from stiff_protocols.splits.generators import inner_validation
 
@@ -77,7 +77,9 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
         part = inner_validation(train, np.arange(len(train)), self._fraction(train), seed)
         self.model_ = clone(self.model)
         self.model_.fit(train.take(part.train), robot=robot, validation=validation, seed=seed)
-        calibration = train.take(_one_row_a_pose(train, part.validation, seed))
+        shuffled = np.random.default_rng(seed).permutation(part.validation)
+        _, one_a_pose = np.unique(train.pose_id[shuffled], return_index=True)
+        calibration = train.take(shuffled[one_a_pose])
         self.residuals_ = np.abs(
             self.predict(calibration.q, calibration.wrench) - calibration.deflection
         )
@@ -125,12 +127,6 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
             )
         count = min(max(math.ceil(self.share * poses), needed), poses // 2)
         return (count - 0.5) / poses  # the division rounds up, and must not round past `count`
-
-
-def _one_row_a_pose(samples: Samples, rows: IntArray, seed: int) -> IntArray:
-    shuffled = np.random.default_rng(seed).permutation(rows)
-    _, first = np.unique(samples.pose_id[shuffled], return_index=True)
-    return np.asarray(shuffled[first])
 
 
 def _bounds(predicted: FloatArray, residuals: FloatArray, coverage: float) -> FloatArray:

@@ -122,14 +122,10 @@ class CorrectedT:
 
 
 def corrected_t(differences: ArrayLike, test_share: float) -> CorrectedT:
-    """Return the corrected t of the differences that repeated splits of one data set gave.
+    """Return the corrected t of the (J,) differences [m] that repeated splits of one data set gave.
 
     The variance of their mean is (1/J + n_test/n_train) s^2 for J splits (Nadeau and Bengio 2003,
     equation 19 and below), with n_test/n_train = test_share / (1 - test_share).
-
-    Args:
-        differences: (J,) error(A) - error(B) of each split, m.
-        test_share: part of the samples (0..1) that each split tests on.
 
     Raises:
         DataError: there are fewer than two differences, or one is no finite number.
@@ -149,16 +145,12 @@ def corrected_t(differences: ArrayLike, test_share: float) -> CorrectedT:
 
 
 def wilcoxon_signed_rank(differences: ArrayLike) -> float:
-    """Return the two-sided p-value that the differences are symmetric about zero.
+    """Return the two-sided p-value that (p,) differences [m] are symmetric about zero.
 
-    The differences must be independent: one a pose (`bootstrap.pose_differences`), never one a
-    row or one a split. As the fitted models are held fixed, it says nothing about other training
-    sets.
-
-    Args:
-        differences: (p,) mean difference of each pose, m; zeros are left out (Wilcoxon 1945), equal
-            sizes share their mean rank. Up to `MOST_EXACT` others the p-value is counted over all
-            signs that they could have, beyond it is the normal approximation.
+    They must be independent: one a pose (`bootstrap.pose_differences`), never one a row or one a
+    split. As the fitted models are held fixed, it says nothing about other training sets. Zeros are
+    left out (Wilcoxon 1945), equal sizes share their mean rank. Up to `MOST_EXACT` others the
+    p-value is counted over all signs that they could have, beyond it is the normal approximation.
 
     Raises:
         DataError: there is none, or one is no finite number.

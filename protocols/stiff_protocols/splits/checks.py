@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -63,15 +63,11 @@ def fault_of_sensor_errors(split: Split) -> str:
     return ""
 
 
-def fault_of_numbers(splits: Iterable[Split]) -> str:
-    """Return which condition's splits are not numbered 0, 1, 2, ...; "" for none."""
+def fault_of_numbers(numbers: Iterable[tuple[str, int]]) -> str:
+    """Return which of these conditions' splits are not numbered 0, 1, 2, ...; "" for none."""
     indices: dict[str, list[int]] = {}
-    for split in splits:
-        indices.setdefault(split.condition, []).append(split.index)
-    return _fault_of_indices(indices)
-
-
-def _fault_of_indices(indices: Mapping[str, Sequence[int]]) -> str:
+    for condition, index in numbers:
+        indices.setdefault(condition, []).append(index)
     for condition, found in indices.items():
         if sorted(found) != list(range(len(found))):
             return f"condition {condition!r} has splits of index {found}"
@@ -83,7 +79,7 @@ def first_fault(splits: Iterable[Split], n_samples: int, *, selects_on_test: boo
 
     The splits are looked at once, one by one.
     """
-    indices: dict[str, list[int]] = {}
+    numbers = []
     for split in splits:
         fault = (
             fault_of_rows(split, n_samples)
@@ -92,5 +88,5 @@ def first_fault(splits: Iterable[Split], n_samples: int, *, selects_on_test: boo
         )
         if fault:
             return f"{named(split)} {fault}"
-        indices.setdefault(split.condition, []).append(split.index)
-    return _fault_of_indices(indices) if indices else "made no split of these samples"
+        numbers.append((split.condition, split.index))
+    return fault_of_numbers(numbers) if numbers else "made no split of these samples"

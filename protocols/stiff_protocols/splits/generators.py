@@ -91,9 +91,9 @@ def divided_by(
     """Return scikit-learn's divisions by pose, each with an inner validation part.
 
     Args:
-        splitter: one of scikit-learn's group splitters.
+        splitter: one of scikit-learn's group splitters, which makes `n_splits` divisions.
         samples: to be divided.
-        n_splits: how many divisions the splitter makes.
+        n_splits: see above.
         option: what an error blames.
         validation_fraction: of the training poses; None: the test rows are the validation rows.
         seed: of the inner divisions.

@@ -5,6 +5,9 @@ training side is divided once more by pose: every candidate is fitted to the inn
 and scored on the inner test parts, and the best one is fitted anew. Nothing outside `fit`'s
 arguments is seen, so the outer test part stays untouched.
 See G. C. Cawley and N. L. C. Talbot, On over-fitting in model selection, JMLR 11, 2010.
+
+Candidates come from a study of the package optuna, an extra: every one of a grid, or some that TPE
+draws (Bergstra, Bardenet, Bengio and Kegl, Algorithms for hyper-parameter optimization, 2011).
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, fields
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from sklearn.base import BaseEstimator, clone
@@ -36,47 +39,16 @@ from stiff_protocols.contract.interfaces import (
     StatesRegime,
     StiffnessModel,
 )
-from stiff_protocols.contract.search_space import Grid, Range, in_words
+from stiff_protocols.contract.plugin import Grid, Range, in_words
 from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples, Split
 from stiff_protocols.scoring.sanity import check_prediction
 from stiff_protocols.splits.random_splits import KFold
-from stiff_protocols.tuning.candidates import Search, try_candidates
 
+if TYPE_CHECKING:
+    from optuna import Trial
 
-def inner_error(
-    make: Callable[[], StiffnessModel],
-    rows: Samples,
-    parts: Sequence[Split],
-    *,
-    robot: Robot,
-    validates: bool,
-    seed: int,
-) -> float:
-    """Return the mean Euclidean error [m] over the rows of all test parts.
-
-    Args:
-        make: returns a new model; what its fit raises passes through.
-        rows: the training side.
-        parts: of `rows`.
-        robot: that was measured.
-        validates: the parts' validation rows may choose the epoch; else they are training rows.
-        seed: of every fit.
-    """
-    distances = []
-    for part in parts:
-        model = make()
-        train, validation = rows.take(part.train), rows.take(part.validation)
-        test = rows.take(part.test)
-        with warnings.catch_warnings():  # those of the last fit are the ones to read
-            warnings.simplefilter("ignore")
-            if validates:
-                fit_to(model, train, validation, robot=robot, seed=seed)
-            else:
-                fit_to(model, together(train, validation), None, robot=robot, seed=seed)
-            predicted = np.asarray(model.predict(test.q, test.wrench))
-        check_prediction(predicted, len(test))
-        distances.append(np.linalg.norm(predicted - test.deflection, axis=1))
-    return float(np.concatenate(distances).mean())
+Search = Literal["grid", "optuna"]
+"""grid: every combination of the values; optuna: some that TPE draws, from ranges too."""
 
 
 def fit_to(
@@ -130,7 +102,7 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
     Attributes:
         model: what is copied, set up and fitted; it is left as it is.
         grid: options and their candidates; where it is empty the model is fitted as it is.
-        search: "grid" tries every combination, "optuna" some that TPE draws; see `candidates`.
+        search: "grid" tries every combination, "optuna" some that TPE draws.
         trials: how many are drawn.
         folds: inner parts, by pose.
         validation_fraction: of an inner training part's poses, chooses the epoch.
@@ -276,18 +248,15 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
         found: dict[str, Tried] = {}  # a drawn candidate may come again
 
         def tried(params: Mapping[str, Any]) -> Tried:
+            distances = []
             try:
-                error = inner_error(
-                    lambda: self._with(params),
-                    rows,
-                    parts,
-                    robot=robot,
-                    validates=validation is not None,
-                    seed=seed,
-                )
+                for part in parts:
+                    distances.append(
+                        self._errors(params, rows, part, robot, validation is not None, seed)
+                    )
             except Exception as raised:  # a plugin's, whatever it is: this candidate's alone
                 return Tried(params, math.inf, f"{type(raised).__name__}: {raised}")
-            return Tried(params, error)
+            return Tried(params, float(np.concatenate(distances).mean()))
 
         def error_of(params: Mapping[str, Any]) -> float:
             words = in_words(params)
@@ -295,7 +264,7 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
                 found[words] = tried(params)
             return found[words].error
 
-        try_candidates(self.grid, error_of, search=self.search, trials=self.trials, seed=seed)
+        self._try(error_of, seed)
         if self.search == "grid":  # the first of the grid wins a tie
             order = dict.fromkeys(in_words(params) for params, _ in self._candidates())
             found = {words: found[words] for words in order}
@@ -304,6 +273,51 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
                 left_out = f"candidate {words} left out: {score.failure}"
                 warnings.warn(left_out, StiffBenchWarning, stacklevel=1)
         return tuple(found.values())
+
+    def _errors(
+        self,
+        params: Mapping[str, Any],
+        rows: Samples,
+        part: Split,
+        robot: Robot,
+        validates: bool,
+        seed: int,
+    ) -> FloatArray:
+        """Return a candidate's Euclidean errors on the part's test rows, m."""
+        model = self._with(params)
+        train, validation = rows.take(part.train), rows.take(part.validation)
+        test = rows.take(part.test)
+        with warnings.catch_warnings():  # those of the last fit are the ones to read
+            warnings.simplefilter("ignore")
+            if validates:
+                fit_to(model, train, validation, robot=robot, seed=seed)
+            else:
+                fit_to(model, together(train, validation), None, robot=robot, seed=seed)
+            predicted = np.asarray(model.predict(test.q, test.wrench))
+        check_prediction(predicted, len(test))
+        return np.asarray(np.linalg.norm(predicted - test.deflection, axis=1))
+
+    def _try(self, error_of: Callable[[Mapping[str, Any]], float], seed: int) -> None:
+        """Ask for the error of every combination, or of those that TPE draws."""
+        require("tuning", "optuna")
+        import optuna
+
+        def objective(trial: Trial) -> float:
+            error = error_of({name: _value(trial, name, v) for name, v in self.grid.items()})
+            return error if math.isfinite(error) else math.nan  # a failed trial teaches nothing
+
+        sampler: optuna.samplers.BaseSampler = optuna.samplers.TPESampler(seed=seed)
+        trials = self.trials
+        if self.search == "grid":
+            places = {n: range(len(v)) for n, v in self.grid.items() if not isinstance(v, Range)}
+            sampler = optuna.samplers.GridSampler(places, seed=seed)
+            trials = math.prod(map(len, places.values()))
+        verbosity = optuna.logging.get_verbosity()
+        optuna.logging.set_verbosity(optuna.logging.CRITICAL)
+        try:
+            optuna.create_study(sampler=sampler).optimize(objective, n_trials=trials)
+        finally:
+            optuna.logging.set_verbosity(verbosity)
 
     def _with(self, params: Mapping[str, Any]) -> StiffnessModel:
         made: StiffnessModel = clone(self.model).set_params(**params)
@@ -323,3 +337,17 @@ class InnerSearchWithIntervals(InnerSearch):
 
 def _regime(model: StiffnessModel) -> str:
     return model.regime if isinstance(model, StatesRegime) else ""
+
+
+def _value(trial: Trial, name: str, values: Sequence[Any] | Range) -> Any:
+    """Return the trial's value of an option.
+
+    Optuna draws the place in a list, which may hold anything. Of a number it keeps three digits,
+    so that what is printed is what was tried.
+    """
+    if not isinstance(values, Range):
+        return values[trial.suggest_categorical(name, range(len(values)))]
+    if values.whole:
+        return trial.suggest_int(name, int(values.low), int(values.high), log=values.log)
+    drawn = trial.suggest_float(name, values.low, values.high, log=values.log)
+    return min(max(float(f"{drawn:.3g}"), values.low), values.high)

@@ -8,10 +8,9 @@ from typing import Annotated
 from annotated_types import Ge
 
 from stiff_protocols.contract.interfaces import PredictsInterval, StiffnessModel
-from stiff_protocols.contract.search_space import DEFAULT_GRID, Grid
+from stiff_protocols.contract.plugin import DEFAULT_GRID, Grid
 from stiff_protocols.splits.random_splits import Holdout
-from stiff_protocols.tuning.candidates import Search
-from stiff_protocols.tuning.inner_search import InnerSearch, InnerSearchWithIntervals
+from stiff_protocols.tuning.inner_search import InnerSearch, InnerSearchWithIntervals, Search
 
 
 @dataclass(kw_only=True, eq=False)

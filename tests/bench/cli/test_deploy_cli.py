@@ -12,18 +12,19 @@ import pytest
 from click.testing import CliRunner
 
 from command_line import bench_here
+from stiff_bench.api.model import load_model
 from stiff_bench.cli import models as deploy_cli
-from stiff_bench.model_tools.saved import predict_file
 from stiff_datasets.measured.measured import write_samples
 from stiff_datasets.robots.robot import load_robot
 from stiff_models import load
 from stiff_models.physics.vjm import joint_deflection
-from stiff_protocols.contract.errors import ConfigError, DataError, ModelError, StoreError
+from stiff_protocols.contract.errors import ConfigError, DataError, StoreError
 from stiff_protocols.contract.types import Samples
 
 JOINTS = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg"
 WRENCH = "fx_N,fy_N,fz_N,tx_Nm,ty_Nm,tz_Nm"
 HEADER = f"{JOINTS},{WRENCH}"
+PREDICTED = ("dx_mm", "dy_mm", "dz_mm", "outside_training")
 ROW = "10,-60,70,0,40,0,50,10,-80,1,2,0"
 
 
@@ -62,23 +63,23 @@ def test_fit_predict_and_export_on_the_command_line(tmp_path):
     words = ("--dataset", "kr10-twin", "--output", "vjm.stiff")
     done = bench_here("fit", "--model", "vjm", *words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    for part in ("vjm.stiff: vjm", "all 151 samples of kr10-twin (simulated)", "seed 0",
-                 "No sample was held out", "stiffness A1 [Nm/rad]", "never measured"):  # fmt: skip
+    for part in ("vjm.stiff: vjm", "kr10-twin (simulated, 151 samples)", "seed 0",
+                 "stiffness A1 [Nm/rad]", "never measured"):  # fmt: skip
         assert part in done.stdout
     lines = (f"pose_id,load_id,group,{HEADER},dx_mm,dy_mm,dz_mm", f"P1,1,all,{ROW},,,")
     (tmp_path / "plan.csv").write_text("\n".join(lines))  # as `bench data plan` writes it
     words = ("--input", "plan.csv", "--output", "out.csv")
     done = bench_here("predict", "--model", "vjm.stiff", *words, cwd=tmp_path)
-    assert done.stdout == "out.csv: 1 row predicted by vjm for robot kr10_r1100_2\n"
+    assert done.stdout == "out.csv: 1 row predicted by vjm, robot kr10_r1100_2\n"
     with (tmp_path / "out.csv").open() as file:
         assert next(csv.reader(file)) == [
-            *"pose_id,load_id,group".split(","), *HEADER.split(","), "dx_mm", "dy_mm", "dz_mm",
+            *"pose_id,load_id,group".split(","), *HEADER.split(","), *PREDICTED,
         ]  # fmt: skip
     small = ("--set", "mlp.width=8", "--set", "mlp.layers=1", "--set", "mlp.epochs=3")
     words = ("--dataset", "kr10-twin", "--output", "mlp.stiff")
     done = bench_here("fit", "--model", "mlp", *small, *words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "the last one was kept" in done.stdout
+    assert "of 31 poses chose the number of epochs; 120 samples" in done.stdout
     done = bench_here("export", "--model", "mlp.stiff", "--output", "net.onnx", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert "float64" in done.stdout and (tmp_path / "net.onnx").stat().st_size > 0
@@ -87,7 +88,7 @@ def test_fit_predict_and_export_on_the_command_line(tmp_path):
 def test_predictions_are_the_models_in_millimetres_beside_the_rows(predict, vjm_file):
     table, text = predict(f"pose_id,{HEADER}", f"007,{ROW}", f"008,{ROW}")
     assert "2 rows" in text
-    assert list(table.columns) == f"pose_id,{HEADER},dx_mm,dy_mm,dz_mm".split(",")
+    assert list(table.columns) == [*f"pose_id,{HEADER}".split(","), *PREDICTED]
     assert table["pose_id"].tolist() == ["007", "008"]
     q = np.deg2rad([[10.0, -60, 70, 0, 40, 0]])
     truth = load(vjm_file).predict(q, np.array([[50.0, 10, -80, 1, 2, 0]]))
@@ -97,7 +98,7 @@ def test_predictions_are_the_models_in_millimetres_beside_the_rows(predict, vjm_
 
 def test_measured_deflections_are_not_read_and_not_taken_for_predictions(predict):
     table, _ = predict(f"{HEADER},dx_mm,dy_mm,dz_mm", f"{ROW},99,,nonsense")
-    assert list(table.columns) == f"{HEADER},dx_mm,dy_mm,dz_mm".split(",")
+    assert list(table.columns) == [*HEADER.split(","), *PREDICTED]
     assert (table[["dx_mm", "dy_mm", "dz_mm"]].abs() < 10).all(axis=None)
 
 
@@ -148,10 +149,28 @@ def test_a_fit_needs_one_set_of_data(words, tmp_path):
         run(deploy_cli.fit, "--model", "vjm", *words, "--output", tmp_path / "vjm.stiff")
 
 
-def test_a_plugins_model_is_refused_before_the_fit(plugin_file, tmp_path):
-    words = ["--model", "mine", "--plugin", plugin_file("mine"), "--dataset", "kr10-twin"]
-    with pytest.raises(ModelError, match="no model that stiffbench ships"):
-        run(deploy_cli.fit, *words, "--output", tmp_path / "mine.stiff")
+def test_rows_far_outside_of_the_training_data_are_marked(predict):
+    heavy = ROW.replace("-80", "-800")
+    table, said = predict(HEADER, ROW, heavy, ROW.replace("70", "-119", 1))
+    assert table["outside_training"].fillna("").tolist() == ["", "force", "q3"]
+    assert "2 of 3 rows lie far outside" in said
+
+
+def test_a_plugins_model_is_saved_and_read_where_its_file_is_named(plugin_file, tmp_path):
+    plugin, saved = plugin_file("mine"), tmp_path / "mine.stiff"
+    run(deploy_cli.fit, "--model", "mine", "--plugin", plugin, "--dataset", "kr10-twin",
+        "--output", saved)  # fmt: skip
+    poses = tmp_path / "poses.csv"
+    poses.write_text(f"{HEADER}\n{ROW}\n")
+    words = ("--model", saved, "--input", poses, "--output", tmp_path / "out.csv")
+    with pytest.raises(DataError, match=r"holds mine, a plugin's model.*--plugin"):
+        run(deploy_cli.predict, *words)
+    run(deploy_cli.predict, *words, "--plugin", plugin)
+    assert len(pd.read_csv(tmp_path / "out.csv")) == 1
+    plugin.write_text(plugin.read_text() + "\n# other code\n")
+    (tmp_path / "out.csv").unlink()
+    with pytest.raises(DataError, match="other code"):
+        run(deploy_cli.predict, *words, "--plugin", plugin)
 
 
 SLIDE = (
@@ -184,11 +203,10 @@ def test_ones_own_robot_with_a_rail_from_a_measurement_to_predictions_in_parquet
     np.testing.assert_allclose(ours, deflection, atol=1e-12)
 
 
-def test_whatever_a_crafted_model_raises_is_blamed_on_its_file(vjm_file, tmp_path, monkeypatch):
-    model = load(vjm_file)
-    model.joints_ = "no joints"
-    monkeypatch.setattr("stiff_bench.model_tools.saved.load", lambda path: model)
+def test_whatever_a_crafted_model_raises_is_blamed_on_its_file(vjm_file, tmp_path):
+    model = load_model(vjm_file)
+    model.fitted.joints_ = "no joints"
     poses = tmp_path / "poses.csv"
     poses.write_text(f"{HEADER}\n{ROW}\n")
     with pytest.raises(DataError, match=r"vjm\.stiff: its model cannot predict: AttributeError"):
-        predict_file(vjm_file, poses, tmp_path / "out.csv", None)
+        model.predict_file(poses, tmp_path / "out.csv")

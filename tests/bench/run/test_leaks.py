@@ -11,9 +11,12 @@ import pytest
 
 from sealed_samples import Leak, computed_under_seal
 from stiff_bench.run.cell import compute_cell
+from stiff_bench.tables.metric_table import SELECTION_MARK, build_tables
+from stiff_bench.tables.render import render
 from stiff_models.catalog import FAMILIES, MODELS, model_info
 from stiff_protocols.catalog import PROTOCOLS
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.scoring.metrics import metric
 from stiff_protocols.splits.random_splits import PaperHoldout
 
 SEEN = []
@@ -225,3 +228,16 @@ def test_a_protocol_that_selects_on_test_and_does_not_say_so_is_refused(tasks, m
     monkeypatch.setattr(PaperHoldout, "selects_on_test", False)
     with pytest.raises(ConfigError, match="9 test rows that choose an epoch, and the protocol doe"):
         tasks("vjm", "paper-holdout")
+
+
+@pytest.mark.parametrize("fmt", ["github", "latex", "html", "csv", "json"])
+@pytest.mark.parametrize("protocol", ["holdout", "paper-holdout"])
+def test_rows_that_were_selected_on_test_carry_the_mark_in_every_format(protocol, fmt, tasks_of):
+    tasks = tasks_of(("vjm", "mlp"), "fanuc-r2000ic", protocol)
+    results = [compute_cell(witnessed(task), "r") for task in tasks]
+    text = render(build_tables(results, [metric("mae")]), fmt, "bench run")
+    *before_marks, _ = text.split(SELECTION_MARK)
+    assert bool(before_marks) == (protocol == "paper-holdout")
+    assert all(before.rindex("mlp") > before.rfind("vjm") for before in before_marks)
+    warned = bool(before_marks) and fmt != "csv"  # which has the mark alone
+    assert ("picks the best epoch on the very samples it reports" in text) == warned

@@ -16,7 +16,7 @@ from stiff_bench.store.database import ResultStore
 from stiff_bench.tables.metric_table import build_tables
 from stiff_models.catalog import MODELS
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.search_space import Range
+from stiff_protocols.contract.plugin import Range
 from stiff_protocols.scoring.metrics import metric
 
 METRICS = (metric("mae"),)

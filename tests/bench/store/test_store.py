@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from made_results import MadeResults, change, damage, tear
+from made_results import MadeResults, change, tear
 from stiff_bench.store.damage import fault_of, repair
 from stiff_bench.store.database import (
     FILE,
@@ -33,7 +33,7 @@ from stiff_bench.store.database import (
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_models.physics.kinematics import jacobian
 from stiff_protocols.contract.errors import StoreError
-from stiff_protocols.contract.record import CellResult, Cost
+from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import Interval, Prediction
 from stored_cells import CELL, MANIFEST, VALUES, failure, result
 
@@ -163,15 +163,6 @@ def test_a_folder_without_a_file_or_whose_tables_are_still_to_be_made_holds_noth
     assert only(tmp_path).status == "ok"
 
 
-def test_times_are_means_of_a_models_fits(tmp_path):
-    store = ResultStore(tmp_path)
-    for index, fit_s in enumerate((1.0, 2.0)):
-        cost = Cost(fit_s, 0.5, 0.0, 1.0, None)
-        store.write_cell(result(cell=replace(CELL, split_index=index), cost=cost))
-    store.write_cell(failure(cell=replace(CELL, split_index=2)))
-    assert mean_seconds(tmp_path) == {"m@a=2": 2.0}
-
-
 @pytest.mark.parametrize(
     "statement",
     [
@@ -230,7 +221,7 @@ def test_text_that_no_file_can_hold_is_stored_with_a_question_mark(tmp_path):
     ]
 
 
-def test_a_write_that_fails_leaves_what_was_there(tmp_path):
+def test_a_write_that_fails_leaves_what_was_there_and_no_folder_is_made_in_a_file(tmp_path):
     store = ResultStore(tmp_path)
     store.write_cell(result())
 
@@ -242,12 +233,8 @@ def test_a_write_that_fails_leaves_what_was_there(tmp_path):
         store.write_cells(breaks())
     assert only(tmp_path).warnings == ("careful",)
     assert [path.name for path in tmp_path.iterdir()] == [FILE]
-
-
-def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
-    (tmp_path / "file").write_text("")
     with pytest.raises(StoreError, match="cannot be made"):
-        ResultStore(tmp_path / "file" / "results")
+        ResultStore(tmp_path / FILE / "results")
 
 
 def test_a_folder_that_is_read_stays_as_it_is(tmp_path):
@@ -441,13 +428,3 @@ def test_another_process_that_holds_the_file_too_long_is_said(tmp_path, monkeypa
         pytest.raises(StoreError, match=r"locked.*network file systems"),
     ):
         ResultStore(tmp_path).write_cell(result())
-
-
-def test_damaged_cells_are_taken_out_before_they_are_computed_again(tmp_path):
-    """Else a failure could not take the place of what cannot be read any more."""
-    keys = many(tmp_path, 2)
-    damage(tmp_path, keys[0])
-    store = ResultStore(tmp_path)
-    store.remove([keys[0]])
-    store.write_cell(failure(cell=replace(CELL, split_index=0)))
-    assert sorted(one.status for one in read_results(tmp_path)) == ["failed", "ok"]

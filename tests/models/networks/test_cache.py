@@ -70,12 +70,6 @@ def test_the_source_error_is_measured_once_and_kept_with_the_training(data, monk
     assert first.shape == (7,) and (first > 0).all()
 
 
-def test_a_cached_training_gives_the_same_predictions_to_the_bit(data, trainings):
-    first, again = (fit(data).predict(data.samples.q, data.samples.wrench) for _ in range(2))
-    assert len(trainings) == 1
-    np.testing.assert_array_equal(first, again)
-
-
 @pytest.mark.parametrize(
     "change",
     [

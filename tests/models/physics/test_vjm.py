@@ -55,22 +55,15 @@ def test_a6_cannot_be_identified_with_the_tcp_on_its_axis_and_is_named(rng):
     )
 
 
-def test_joints_that_only_act_together_are_both_named(kr10, rng):
-    samples = simulated(kr10, rng)
-    straight = samples.q.copy()
-    straight[:, 4] = 0.0  # A4 and A6 turn about one line
-    joints = identify_joints(kr10, replace(samples, q=straight))
-    assert joints.unidentifiable == ("A4", "A6")
-    assert np.isnan(joints.stiffness[[3, 5]]).all() and np.isfinite(joints.stiffness[:3]).all()
-
-
-def test_joints_that_cannot_be_told_apart_do_not_bias_the_others(kr10, rng):
+def test_joints_that_cannot_be_told_apart_are_named_and_do_not_bias_the_others(kr10, rng):
     samples = simulated(kr10, rng)
     q = samples.q.copy()
-    q[:, 4] = 0.0
+    q[:, 4] = 0.0  # A4 and A6 turn about one line
     deflection = joint_deflection(kr10, 1 / STIFFNESS, q, samples.wrench)
     straight = replace(samples, q=q, deflection=deflection)
     joints = identify_joints(kr10, straight)
+    assert joints.unidentifiable == ("A4", "A6")
+    assert np.isnan(joints.stiffness[[3, 5]]).all() and (joints.compliance >= 0).all()
     known = [0, 1, 2, 4]
     np.testing.assert_allclose(joints.stiffness[known], STIFFNESS[known], rtol=1e-9)
     again = joint_deflection(kr10, joints.compliance, q, samples.wrench)
@@ -81,11 +74,6 @@ def test_a_single_sample_gives_no_stiffness(kr10, rng):
     joints = identify_joints(kr10, simulated(kr10, rng, n=1))
     assert joints.rank == 3 and len(joints.unidentifiable) == 6
     assert np.isnan(joints.stiffness).all()
-
-
-def test_a_stiffness_is_never_negative(kr10, rng):
-    samples = simulated(kr10, rng, noise=1e-3, n=10)
-    assert (identify_joints(kr10, samples).compliance >= 0).all()
 
 
 @pytest.mark.parametrize("congruence", [False, True])

@@ -1,21 +1,27 @@
-"""The objective of `dt-cnn`: when alignment starts, how strong it is, and what it is made of."""
+"""Distances of domains against sums written out and published code; the objective made of them."""
 
 from __future__ import annotations
 
+import itertools
 import math
 
+import numpy as np
 import pytest
 import torch
+from domain_rows import SOURCE, SOURCE_OUTPUTS, TARGET, TARGET_OUTPUTS, waves
 
 from stiff_models.transfer.alignment import (
     AlignedObjective,
+    build_discriminator,
     coral,
     dare_gram,
     domain_loss,
     jmmd,
     mk_mmd,
     ramp,
+    reverse_gradient,
     rsd,
+    smooth_svd,
     uses_target,
 )
 from stiff_models.transfer.cnn import build_cnn
@@ -121,3 +127,271 @@ def test_target_batches_are_as_long_as_the_sources_and_reach_every_row():
     seen = {tuple(row.tolist()) for batch in batches for row in batch}
     assert seen == {tuple(row.tolist()) for row in OF_TARGET}
     assert len({tuple(row.tolist()) for row in batches[0]}) == 16  # no row twice in a batch
+
+
+def joint(source, target):
+    """JMMD of features whose first two columns serve as outputs."""
+    return jmmd((source, source[:, :2]), (target, target[:, :2]))
+
+
+CASES = [
+    *((distance, SOURCE, TARGET) for distance in (mk_mmd, joint, coral)),
+    *((distance, *waves(5, 12)) for distance in (rsd, dare_gram)),
+]
+
+
+@pytest.mark.parametrize(("distance", "source", "target"), CASES)
+def test_identical_samples_have_no_distance_and_others_the_same_both_ways(distance, source, target):
+    assert distance(source, source).item() == pytest.approx(0.0, abs=1e-6)
+    assert distance(source, source.flip(0)).item() == pytest.approx(0.0, abs=1e-6)
+    assert distance(source, target).item() > 0.01
+    assert distance(source, target).item() == pytest.approx(distance(target, source).item())
+
+
+@pytest.mark.parametrize(
+    ("value", "published"),
+    [
+        # skada 0.6.0, skada.deep.losses._maximum_mean_discrepancy with five Gaussians; UDTL,
+        # loss/DAN.py (commit 9a349e9)
+        (mk_mmd(SOURCE, TARGET), 3.1061729937692517),
+        # UDTL, loss/JAN.py (commit 9a349e9), JAN with fix_sigma_list=[None, None]
+        (jmmd((SOURCE, SOURCE_OUTPUTS), (TARGET, TARGET_OUTPUTS)), 5.0915652118071755),
+        # skada 0.6.0, skada.deep.losses.deepcoral_loss
+        (coral(SOURCE, TARGET), 0.06320981503793319),
+        # TLLIB, tllib/alignment/rsd.py (commit 9fcd99c), with trade_off=0.1
+        (rsd(*waves(3, 8)), 2.71243444628567),
+        # github.com/ismailnejjar/DARE-GRAM, code/dSprites/dare_gram.py (commit 5bbb90d),
+        # DARE_GRAM_LOSS (threshold 0.9, trade-offs 0.05 and 0.001), in float64 on the CPU
+        (dare_gram(*waves(7, 8)), 0.036728754748028815),
+        (dare_gram(*waves(3, 5)), 0.04348716300863118),
+        (dare_gram(*waves(8, 5)), 0.04468708658960039),
+    ],
+)
+def test_values_are_those_of_public_implementations(value, published):
+    assert value.item() == pytest.approx(published, rel=1e-9)
+
+
+@pytest.mark.parametrize("distance", [mk_mmd, joint, coral])
+def test_samples_of_different_length_are_compared(distance):
+    assert torch.isfinite(distance(torch.cat([SOURCE, TARGET]), TARGET[:2]))
+
+
+@pytest.mark.parametrize("distance", [mk_mmd, joint, coral])
+@pytest.mark.parametrize("same", [True, False])
+def test_gradients_are_finite_also_where_all_rows_are_the_same(distance, same):
+    source = torch.ones(4, 6) if same else torch.randn(4, 6)
+    source.requires_grad_()
+    distance(source, torch.ones(3, 6)).backward()
+    assert torch.isfinite(source.grad).all()
+
+
+def squares_by_hand(rows):
+    return {
+        (i, j): sum((a - b) ** 2 for a, b in zip(rows[i], rows[j], strict=True))
+        for i, j in itertools.product(range(len(rows)), repeat=2)
+    }
+
+
+def mean_square(rows):
+    return sum(squares_by_hand(rows).values()) / (len(rows) * (len(rows) - 1))
+
+
+def kernels_by_hand(rows, factors, bandwidth=None):
+    """Kernel values of all ordered pairs of rows, as a dict, pair by pair."""
+    bandwidth = mean_square(rows) if bandwidth is None else bandwidth
+    return {
+        pair: sum(np.exp(-square / (bandwidth * factor)) for factor in factors)
+        for pair, square in squares_by_hand(rows).items()
+    }
+
+
+def discrepancy_by_hand(kernels, n, m):
+    source, target = range(n), range(n, n + m)
+    within = sum(kernels[i, j] for i in source for j in source) / n**2
+    other = sum(kernels[i, j] for i in target for j in target) / m**2
+    return within + other - 2 * sum(kernels[i, j] for i in source for j in target) / (n * m)
+
+
+@pytest.mark.parametrize("n_target", [1, 2, 3])
+def test_mk_mmd_is_the_sum_over_all_pairs(n_target):
+    source, target = SOURCE, TARGET[:n_target]
+    rows = torch.cat([source, target]).tolist()
+    kernels = kernels_by_hand(rows, [1 / 4, 1 / 2, 1, 2, 4])
+    assert mk_mmd(source, target).item() == pytest.approx(
+        discrepancy_by_hand(kernels, 3, n_target), rel=1e-12
+    )
+
+
+def test_jmmd_sees_that_features_and_outputs_belong_together():
+    # the same features and the same outputs, in another pairing: only a joint distance sees it
+    pairs = (SOURCE, SOURCE_OUTPUTS), (SOURCE, SOURCE_OUTPUTS[[1, 2, 0]])
+    assert jmmd(*pairs).item() > 0.1
+
+
+@pytest.mark.parametrize("distance", [mk_mmd, coral])
+def test_shifted_features_differ_in_mean_for_mmd_and_in_nothing_for_coral(distance):
+    shift = distance(SOURCE, SOURCE + 3.0).item()
+    assert shift == pytest.approx(0.0, abs=1e-12) if distance is coral else shift > 1.0
+
+
+def test_the_gradient_of_coral_is_that_of_finite_differences():
+    assert torch.autograd.gradcheck(coral, (SOURCE.clone().requires_grad_(), TARGET))
+
+
+def test_the_gradient_of_mk_mmd_holds_the_bandwidth_fixed():
+    source = SOURCE.clone().requires_grad_()
+    mk_mmd(source, TARGET).backward()
+    rows = torch.cat([SOURCE, TARGET]).tolist()
+    bandwidth = mean_square(rows)
+
+    def value(step):
+        moved = [list(row) for row in rows]
+        moved[1][2] += step
+        return discrepancy_by_hand(kernels_by_hand(moved, [1 / 4, 1 / 2, 1, 2, 4], bandwidth), 3, 3)
+
+    slope = (value(1e-6) - value(-1e-6)) / 2e-6
+    assert source.grad[1, 2].item() == pytest.approx(slope, rel=1e-6)
+
+
+def in_plane(angle):
+    """Two rows that span the first axis and one at `angle` between the second and the third."""
+    return torch.tensor(
+        [[3.0, 0.0, 0.0, 0.0], [0.0, np.cos(angle), np.sin(angle), 0.0]], dtype=torch.float64
+    )
+
+
+@pytest.mark.parametrize("angle", [0.1, 0.7, 1.5])
+def test_rsd_of_two_planes_is_the_sine_of_the_angle_between_them(angle):
+    # one direction in common; the bases match up to signs, so no penalty: 0 + sin(angle)
+    assert rsd(in_plane(0.0), in_plane(angle)).item() == pytest.approx(np.sin(angle), abs=1e-6)
+
+
+def test_rsd_is_finite_where_subspaces_meet():
+    # 3 + 3 dimensions in 5 meet in one; TLLIB's function gives NaN for these rows
+    source, target = waves(3, 5)
+    source.requires_grad_()
+    value = rsd(source, target)
+    value.backward()
+    assert torch.isfinite(value) and torch.isfinite(source.grad).all()
+
+
+@pytest.mark.parametrize("distance", [rsd, dare_gram])
+def test_gradients_are_those_of_finite_differences(distance):
+    source, target = (rows.requires_grad_() for rows in waves(4, 9))
+    assert torch.autograd.gradcheck(distance, (source, target))
+
+
+@pytest.mark.parametrize("distance", [rsd, dare_gram])
+@pytest.mark.parametrize("case", ["zeros", "ones", "repeated rows", "identical domains", "few"])
+def test_gradients_are_finite_where_singular_values_meet(distance, case):
+    generator = torch.Generator().manual_seed(0)
+    source, target = (torch.relu(torch.randn(6, 16, generator=generator)) for _ in range(2))
+    if case in ("zeros", "ones"):
+        source = torch.full((6, 16), float(case == "ones"))
+    elif case == "repeated rows":
+        target = target[[0, 0, 1, 1, 2, 2]]
+    elif case == "identical domains":
+        target = source.clone()
+    else:
+        source, target = source[:2], target[:2]
+    source, target = source.requires_grad_(), target.requires_grad_()
+    distance(source, target).backward()
+    for rows in (source, target):
+        assert rows.grad.dtype == torch.float32
+        assert torch.isfinite(rows.grad).all() and rows.grad.abs().max() < 1e3
+
+
+@pytest.mark.parametrize("shape", [(7, 4), (4, 7), (4, 4)])
+def test_the_smooth_decomposition_is_torchs_where_singular_values_are_apart(shape):
+    matrix = torch.randn(shape, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    weights = torch.arange(1.0, 5.0, dtype=torch.float64)
+
+    def reading(parts):
+        left, singular, right = parts  # absolute values: the signs of singular vectors are free
+        return (left.abs() @ weights).sum() + singular @ weights + (right.abs() @ weights).sum()
+
+    def ours(values):
+        return reading(smooth_svd(values))
+
+    def torchs(values):
+        left, singular, right = torch.linalg.svd(values, full_matrices=False)
+        return reading((left, singular, right.mT))
+
+    gradients = []
+    for function in (ours, torchs):
+        moving = matrix.clone().requires_grad_()
+        function(moving).backward()
+        gradients.append(moving.grad)
+    assert torch.allclose(*gradients, rtol=1e-8)
+
+
+THREE = torch.tensor([[1.0, -2.0], [0.5, 3.0], [2.0, 1.0]])
+ONE = torch.tensor([[-1.0, 0.0]])
+
+
+def logit():
+    """A discriminator whose logit is x - 2 y + 0.25."""
+    layer = torch.nn.Linear(2, 1)
+    with torch.no_grad():
+        layer.weight.copy_(torch.tensor([[1.0, -2.0]]))
+        layer.bias.fill_(0.25)
+    return layer
+
+
+def by_hand(source, target):
+    def probability(x, y):
+        return 1 / (1 + math.exp(-(x - 2 * y + 0.25)))
+
+    of_source = sum(-math.log(probability(*row)) for row in source.tolist()) / len(source)
+    of_target = sum(-math.log(1 - probability(*row)) for row in target.tolist()) / len(target)
+    return (of_source + of_target) / 2
+
+
+def test_reversed_gradients_are_multiplied_by_minus_the_strength():
+    values = THREE.clone().requires_grad_()
+    passed = reverse_gradient(values, 0.3)
+    assert torch.equal(passed, values)
+    (passed * 5.0).sum().backward()
+    assert torch.allclose(values.grad, torch.full_like(values, -1.5))
+
+
+def test_the_loss_is_the_cross_entropy_with_half_of_the_weight_a_domain():
+    value = domain_loss(logit(), THREE, ONE, strength=1.0).item()
+    assert value == pytest.approx(by_hand(THREE, ONE), rel=1e-6)
+
+
+@pytest.mark.parametrize("strength", [0.0, 0.5, 1.0])
+def test_features_climb_where_the_discriminator_descends(strength):
+    discriminator, source = logit(), THREE.clone().requires_grad_()
+    domain_loss(discriminator, source, ONE, strength=strength).backward()
+    step = 1e-3
+
+    def slope(move):
+        upper, lower = THREE.double(), THREE.double()
+        upper[move] += step
+        lower[move] -= step
+        return (by_hand(upper, ONE) - by_hand(lower, ONE)) / (2 * step)
+
+    assert source.grad[1, 0].item() == pytest.approx(-strength * slope((1, 0)), abs=1e-6)
+    # the discriminator itself learns at full weight: d loss / d bias does not know the strength
+    probabilities = torch.sigmoid(discriminator(torch.cat([THREE, ONE])))[:, 0]
+    expected = ((probabilities[:3] - 1.0).mean() + probabilities[3]) / 2
+    assert discriminator.bias.grad.item() == pytest.approx(expected.item(), rel=1e-5)
+
+
+def test_extreme_logits_have_finite_gradients():
+    source = (1e4 * THREE).requires_grad_()
+    domain_loss(logit(), source, -1e4 * ONE, strength=1.0).backward()
+    assert torch.isfinite(source.grad).all()
+
+
+def test_the_discriminator_is_256_1024_1024_1_and_drawn_from_its_seed():
+    first, again, other = (build_discriminator(256, seed=seed) for seed in (1, 1, 2))
+    layers = [m for m in first if isinstance(m, torch.nn.Linear)]
+    assert [(m.in_features, m.out_features) for m in layers] == [
+        (256, 1024),
+        (1024, 1024),
+        (1024, 1),
+    ]
+    assert torch.equal(first[0].weight, again[0].weight)
+    assert not torch.equal(first[0].weight, other[0].weight)

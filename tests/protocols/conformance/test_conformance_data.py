@@ -47,74 +47,55 @@ def test_a_protocol_that_cannot_divide_a_data_set_says_so_once(data):
     assert {check.reason for check in checks if check is not failed} == {"splits failed"}
 
 
-def test_a_protocol_that_trains_on_test_rows_or_by_chance_fails(data):
-    class Careless(Holdout):
+def careless(samples):
+    order = np.random.default_rng().permutation(len(samples))
+    return [Split(0, order[:30], order[:0], order[20:40])]
+
+
+def by_deflection(samples):
+    order = np.argsort(samples.deflection[:, 2])
+    return [Split(0, order[10:], order[:0], order[:10])]
+
+
+def by_row(samples, **changes):
+    """One row in five is tested."""
+    rows = np.arange(len(samples))
+    return replace(Split(0, rows[rows % 5 > 0], rows[:0], rows[rows % 5 == 0]), **changes)
+
+
+def numbered(*indices):
+    return lambda samples: [by_row(samples, index=index, condition="c") for index in indices]
+
+
+def erring(*shape):
+    return lambda samples: [by_row(samples, condition="loud", wrench_error=np.ones(shape))]
+
+
+TOLD_APART, ERRORS = "splits are told apart", "sensor errors are those of the test rows"
+
+
+@pytest.mark.parametrize(
+    ("how", "question", "status", "reason"),
+    [
+        (careless, "no row is learned from and tested", "failed", "trains on 10 rows of its other"),
+        (careless, "the same seed gives the same splits", "failed", "the same seed gave other"),
+        (careless, "every row is used", "not applicable", "leaves out 3 of 43 rows"),
+        (by_deflection, "the division does not look at deflections", "failed", "gave other splits"),
+        (lambda _: [], "splits name existing rows", "failed", "there are no splits"),
+        (numbered(0), "no pose is parted", "not applicable", "warning: 1 of 1 splits test a pose"),
+        (numbered(0, 0), TOLD_APART, "failed", "condition 'c' has splits of index [0, 0]"),
+        (numbered(1, 2), TOLD_APART, "failed", "condition 'c' has splits of index [1, 2]"),
+        (erring(1, 6), ERRORS, "failed", "loud | split 0 has sensor errors of shape (1, 6) for 9"),
+        (erring(9, 3), ERRORS, "failed", "loud | split 0 has sensor errors of shape (9, 3) for 9"),
+    ],
+)
+def test_a_protocol_that_breaks_a_rule_is_told_which(how, question, status, reason, data):
+    class Broken(Holdout):
         def splits(self, samples, *, n_splits, seed):
-            order = np.random.default_rng().permutation(len(samples))
-            return [Split(0, order[:30], order[:0], order[20:40])]
+            return how(samples)
 
-    checks = by_name(Careless, data)
-    assert checks["no row is learned from and tested"].reason == (
-        "split 0 trains on 10 rows of its other parts"
-    )
-    assert checks["the same seed gives the same splits"].reason == "the same seed gave other splits"
-    assert checks["every row is used"].reason == "leaves out 3 of 43 rows"
-
-
-class ByRow(Holdout):
-    """One row in five is tested; what a test changes is an attribute of a subclass."""
-
-    def splits(self, samples, *, n_splits, seed):
-        rows = np.arange(len(samples))
-        return [Split(0, rows[rows % 5 > 0], rows[:0], rows[rows % 5 == 0])]
-
-
-def test_a_protocol_that_parts_poses_is_warned_of(data):
-    parted = by_name(ByRow, data)["no pose is parted"]
-    assert parted.status == "not applicable"
-    assert parted.reason.startswith("warning: 1 of 1 splits test a pose that was trained on")
-
-
-def test_a_protocol_without_splits_fails(data):
-    class Nothing(Holdout):
-        def splits(self, samples, *, n_splits, seed):
-            return []
-
-    assert by_name(Nothing, data)["splits name existing rows"].reason == "there are no splits"
-
-
-def test_a_protocol_that_divides_by_deflections_fails(data):
-    class ByDeflection(Holdout):
-        def splits(self, samples, *, n_splits, seed):
-            order = np.argsort(samples.deflection[:, 2])
-            return [Split(0, order[10:], order[:0], order[:10])]
-
-    check = by_name(ByDeflection, data)["the division does not look at deflections"]
-    assert (check.status, check.reason) == ("failed", "other deflections gave other splits")
-
-
-@pytest.mark.parametrize("shape", [(1, 6), (9, 3)])
-def test_sensor_errors_of_another_shape_than_the_test_rows_fail(shape, data):
-    class Erring(ByRow):
-        def splits(self, samples, **how):
-            (split,) = super().splits(samples, **how)
-            return [replace(split, condition="loud", wrench_error=np.ones(shape))]
-
-    check = by_name(Erring, data)["sensor errors are those of the test rows"]
-    assert check.status == "failed"
-    assert f"loud | split 0 has sensor errors of shape {shape} for 9 test rows" in check.reason
-
-
-@pytest.mark.parametrize("indices", [(0, 0), (1, 2)])
-def test_splits_of_a_condition_that_are_not_numbered_from_0_fail(indices, data):
-    class Numbered(ByRow):
-        def splits(self, samples, **how):
-            (split,) = super().splits(samples, **how)
-            return [replace(split, index=index, condition="c") for index in indices]
-
-    check = by_name(Numbered, data)["splits are told apart"]
-    assert check.status == "failed"
-    assert check.reason == f"condition 'c' has splits of index {list(indices)}"
+    check = by_name(Broken, data)[question]
+    assert check.status == status and reason in check.reason
 
 
 def test_a_data_set_in_mm_or_of_chance_fails(data):

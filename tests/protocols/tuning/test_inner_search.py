@@ -19,7 +19,7 @@ from stiff_protocols.contract.errors import (
     NotFittedError,
     StiffBenchWarning,
 )
-from stiff_protocols.contract.search_space import Range
+from stiff_protocols.contract.plugin import Range
 from stiff_protocols.contract.types import Samples
 from stiff_protocols.tuning.inner_search import InnerSearch
 
