@@ -82,13 +82,13 @@ def chosen_execution(
     plan: RunPlan,
     registry: Registry,
     *,
-    jobs: int | None,
-    isolate: bool | None,
-    timeout: float | None,
-    memory: int | None,
     threads: int,
-    dask: str,
-    rerun: Rerun,
+    jobs: int | None = None,
+    isolate: bool | None = None,
+    timeout: float | None = None,
+    memory: int | None = None,
+    dask: str = "",
+    rerun: Rerun = "missing",
 ) -> Execution:
     """Return how a plan is executed, from the options of the command line.
 
