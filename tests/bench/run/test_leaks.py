@@ -153,7 +153,7 @@ def test_no_fair_protocol_lets_a_test_deflection_be_read_early(protocol, model, 
 
 def test_the_papers_protocol_breaks_the_seal_for_models_that_choose_an_epoch_alone(tasks):
     computed_under_seal(tasks("vjm", "paper-holdout")[0])
-    with pytest.raises(Leak, match=r"read before Mlp\.fit"):
+    with pytest.raises(Leak, match=r"read before .*\.fit"):
         computed_under_seal(tasks("mlp", "paper-holdout")[0])
 
 
@@ -168,7 +168,7 @@ def peek(*_):
 @pytest.mark.parametrize(
     ("name", "leaky", "words"),
     [
-        ("_training_side", lambda task, **_: (all_rows(task), None), r"read before Virtual.*\.fit"),
+        ("_training_side", lambda task, **_: (all_rows(task), None), r"read before .*\.fit"),
         ("_training_side", lambda task, **_: (task.data.samples, None), "read during fit"),
         ("check_prediction", peek, r"read before .*\.predict"),
     ],
