@@ -91,17 +91,8 @@ def evaluate(
         command="stiffbench.evaluate(...)",
     )
     threads = threads_asked_for()
-    execution = chosen_execution(
-        plan,
-        registry(),
-        jobs=jobs,
-        isolate=False if local else None,
-        timeout=None,
-        memory=None,
-        threads=threads,
-        dask="",
-        rerun="missing",
-    )
+    isolate = False if local else None
+    execution = chosen_execution(plan, registry(), threads=threads, jobs=jobs, isolate=isolate)
     pin_threads(threads)
     with _script_not_imported():
         finished = computed([plan], execution)

@@ -117,7 +117,12 @@ def _end_with_parent() -> None:
         if connection.wait([parent.sentinel], 0):  # it was gone before
             os.killpg(0, signal.SIGKILL)
     else:
-        threading.Thread(target=lambda: (parent.join(), os.killpg(0, 9)), daemon=True).start()
+
+        def wait_and_end() -> None:
+            parent.join()
+            os.killpg(0, signal.SIGKILL)
+
+        threading.Thread(target=wait_and_end, daemon=True).start()
 
 
 def computed_content(work: Work, folder: Path) -> tuple[Content, bool]:

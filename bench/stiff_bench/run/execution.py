@@ -11,7 +11,7 @@ from stiff_bench.plan.registry import OURS, Registry
 from stiff_bench.plan.request import RunPlan
 from stiff_bench.run.cell import compute_cell
 from stiff_bench.run.cell_process import Limits
-from stiff_bench.run.isolate import NO_MACHINES, LocalProcesses, result_of
+from stiff_bench.run.isolate import NO_MACHINES, LocalProcesses
 from stiff_bench.run.progress import Display
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.extras import require
@@ -56,7 +56,7 @@ class InProcess:
         """Yield every cell's result, in order."""
         for task in tasks:
             display.start(task)
-            yield result_of(task, run_id, compute_cell(task, run_id))
+            yield compute_cell(task, run_id)
 
 
 @dataclass(frozen=True)
@@ -82,13 +82,13 @@ def chosen_execution(
     plan: RunPlan,
     registry: Registry,
     *,
-    jobs: int | None,
-    isolate: bool | None,
-    timeout: float | None,
-    memory: int | None,
     threads: int,
-    dask: str,
-    rerun: Rerun,
+    jobs: int | None = None,
+    isolate: bool | None = None,
+    timeout: float | None = None,
+    memory: int | None = None,
+    dask: str = "",
+    rerun: Rerun = "missing",
 ) -> Execution:
     """Return how a plan is executed, from the options of the command line.
 

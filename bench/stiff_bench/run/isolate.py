@@ -152,11 +152,7 @@ class CellProcess:
     def outcome(
         self, heard: Callable[[Progress], None] = lambda _: None
     ) -> CellResult | Crash | None:
-        """Return the result of the cell or how it ended, None while it runs.
-
-        Args:
-            heard: is told what the cell reports.
-        """
+        """Return the result of the cell or how it ended, None while it runs and is `heard`."""
         found = self._finished() if self.future.done() else self._looked_at(heard)
         if isinstance(found, Crash) or (found is not None and self._work.fresh):
             self.end()
@@ -166,13 +162,13 @@ class CellProcess:
         try:
             content, left = self.future.result()
             if "result" not in content:
-                return Crash(**content, log=self._last_lines(), innocent=True)
+                return self._crash(**content, innocent=True)
             found = cell_result(content["result"])
         except ProcessExpired as error:
             return self._ended(error.exitcode)
         except (ValueError, KeyError, TypeError, AttributeError, DataError) as error:
-            said = f"its process sent no result: {type(error).__name__}: {error}"
-            return Crash("no result", said, self._last_lines())
+            why = f"{type(error).__name__}: {error}"
+            return self._crash("no result", f"its process sent no result: {why}")
         except Exception as error:
             said = f"no process could be started: {said_by(error)}"
             return Crash(type(error).__name__, said, innocent=True)
@@ -196,8 +192,7 @@ class CellProcess:
             wait([self.future], SECONDS_TO_SAY)
             return None if self.future.done() else self._ended(0)
         if limits.timeout_s is not None and now - self._start > limits.timeout_s:
-            said = f"took longer than --timeout {limits.timeout_s:g} s"
-            return Crash(TIMED_OUT, said, self._last_lines())
+            return self._crash(TIMED_OUT, f"took longer than --timeout {limits.timeout_s:g} s")
         if (self._folder / LOG).stat().st_size > LARGEST_LOG:
             os.truncate(self._folder / LOG, 0)
         if limits.memory_bytes is None or (taken := _resident(pid)) <= limits.memory_bytes:
@@ -206,8 +201,9 @@ class CellProcess:
             self.end()
             self.begin(lambda: self._work)
             return None
-        said = f"took {_mebibytes(taken)}, more than --memory {_mebibytes(limits.memory_bytes)}"
-        return Crash(OUT_OF_MEMORY, said, self._last_lines())
+        mebibytes, most = taken / 2**20, limits.memory_bytes / 2**20
+        said = f"took {mebibytes:.0f} MiB, more than --memory {most:.0f} MiB"
+        return self._crash(OUT_OF_MEMORY, said)
 
     def _ended(self, exit_code: int) -> Crash:
         """Return what became of a process with this exit code (negative: a signal's number)."""
@@ -217,14 +213,16 @@ class CellProcess:
             if exit_code == _SERVER_GONE:
                 cause += ", or its server was killed"
             said = f"its process ended after {seconds:.1f} s without a result ({cause})"
-            return Crash(cause, said, self._last_lines(), innocent=exit_code == _SERVER_GONE)
+            return self._crash(cause, said, innocent=exit_code == _SERVER_GONE)
         try:
             name = signal.Signals(-exit_code).name
         except ValueError:
             name = f"signal {-exit_code}"
         hint = ", as the system does where memory runs out" if name == "SIGKILL" else ""
-        said = f"its process was ended by {name} after {seconds:.1f} s{hint}"
-        return Crash(name, said, self._last_lines())
+        return self._crash(name, f"its process was ended by {name} after {seconds:.1f} s{hint}")
+
+    def _crash(self, cause: str, reason: str, *, innocent: bool = False) -> Crash:
+        return Crash(cause, reason, self._last_lines(), innocent)
 
     def _pass_on(self, heard: Callable[[Progress], None]) -> None:
         with suppress(OSError, ValueError, TypeError):  # none yet, or half written
@@ -272,10 +270,6 @@ def _resident(pid: int) -> int:
     return total
 
 
-def _mebibytes(size: int) -> str:
-    return f"{size / 2**20:.0f} MiB"
-
-
 def _family(pid: int) -> list[psutil.Process]:
     """Return a process and those below it, of other sessions too; none where it is gone."""
     try:
@@ -309,12 +303,7 @@ def _keep_socket_names_short() -> None:
 
 
 def compute_isolated(work: Work, wanted: Callable[[], bool]) -> CellResult | Crash | None:
-    """Compute one cell in a process of its own; None where its result became unwanted.
-
-    Args:
-        work: the cell.
-        wanted: is asked ten times a second whether its result still is.
-    """
+    """Compute one cell in a process of its own; None where its result is no longer `wanted`."""
     with tempfile.TemporaryDirectory(prefix="bench-") as scratch:
         place = CellProcess(Path(scratch))
         try:

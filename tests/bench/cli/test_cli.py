@@ -91,36 +91,6 @@ def test_paper_holdout_warns_and_marks_its_rows(tmp_path):
     assert "| mlp@epochs=5 [epoch picked on test part] |" in done.stdout
 
 
-def test_a_plugin_file_runs_beside_ours(tmp_path, plugin_file):
-    path = plugin_file("mean-deflection")
-    words = ["--model", "mean-deflection", "--plugin", str(path)]
-    done = bench_here("run", *words, "--set", "mean-deflection.factor=2", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "| mean-deflection@factor=2.0 " in done.stdout
-    listed = bench_here("list", "models", "--plugin", str(path), cwd=tmp_path)
-    assert "mean of the training part" in listed.stdout
-
-
-@pytest.mark.parametrize("raised", ["ValueError('no luck')", "SystemError('bad')"])
-def test_a_model_that_raises_is_a_failed_row_and_the_others_finish(tmp_path, raised):
-    path = tmp_path / "bad.py"
-    path.write_text(
-        "from stiff_protocols.contract.plugin import ModelInfo\n"
-        "class Bad:\n"
-        "    def fit(self, train, *, robot, validation=None, seed=0):\n"
-        f"        raise {raised}\n"
-        "    def predict(self, q, wrench): ...\n"
-        "MODELS = [ModelInfo(key='bad', target=Bad, summary='s')]\n"
-    )
-    words = ["--model", "bad", "--model", "vjm", "--plugin", str(path)]
-    done = bench_here("run", *words, cwd=tmp_path)
-    assert done.returncode == 1
-    assert "bad [FAILED in 1 of 1 splits]" in done.stdout
-    assert raised.split("'")[1] in done.stdout and "| vjm  " in done.stdout
-    assert "1 ok, 1 failed (" in done.stderr
-    assert "Traceback" not in done.stderr
-
-
 PLUGIN_HEAD = "from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo\n"
 
 

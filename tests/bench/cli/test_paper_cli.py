@@ -94,7 +94,7 @@ def test_what_was_computed_is_not_computed_again_and_the_files_are_named(small, 
     words = ["--no-isolate", "--output", str(tmp_path)]
     status, out, err = called(*words)
     assert status == 0
-    assert "3 ok; stored in" in err
+    assert "bench: 3 ok; " in err
     assert out.splitlines()[-1] == str(tmp_path / "paper" / "README.md")
     assert "0 ok, 3 cached" in called(*words)[2]
 

@@ -105,17 +105,6 @@ def test_a_bad_plugin_is_told_what_failed_why_and_how_to_mend_it_with_status_1(b
     assert list(tmp_path.iterdir()) == [bad]
 
 
-def test_a_lines_quick_options_are_used_unless_others_are_set(bad):
-    registry = build_registry([bad])
-    quick = ModelInfo(
-        key="quick", target=registry.models["bad"].load(), summary="", quick={"shape": 1}
-    )
-    registry.add([quick], "test")
-    assert "quick (shape=1)" in checklist("quick", "fanuc-r2000ic", (), registry)[0]
-    text, _ = checklist("quick", "fanuc-r2000ic", ["quick.shape=3"], registry)
-    assert "quick (shape=3)" in text
-
-
 class Listens(BaseEstimator):
     """A model that says whether trainings are remembered while it is fitted."""
 

@@ -91,17 +91,6 @@ def test_with_the_foreign_source_a_cell_and_its_intervals_are_those_of_that_sour
     assert (bounds(own)[0] != predicted).any()
 
 
-def test_no_test_label_of_the_target_reaches_a_fine_tuned_network(cross_tasks):
-    task = of_condition(cross_tasks(FT_MLP), FROM_UR5)[0]
-    deflection = task.data.samples.deflection.copy()
-    deflection[task.split.test] += 7.0
-    samples = replace(task.data.samples, deflection=deflection)
-    spoiled = replace(task, data=replace(task.data, samples=samples))
-    first, second = (compute_cell(each, "r").prediction for each in (task, spoiled))
-    np.testing.assert_array_equal(first.predicted, second.predicted)
-    assert (first.measured != second.measured).all()
-
-
 def test_rows_say_what_the_source_means_for_them(cross_tasks):
     tasks = cross_tasks("vjm", "ft-mlp", "mlp-pretrained")
     said = {(task.cell.model, task.cell.condition): task.shown.regime for task in tasks}

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -51,12 +51,15 @@ class Cluster:
         words = (self.address, "--nthreads", 1, "--host", "127.0.0.1")
         return self._run("dask_worker", *words, **options)
 
-    def _python(self, program: str) -> list[str]:
-        return [sys.executable, "-m", f"distributed.cli.{program}"]
-
     def _run(self, program: str, *words: object, **options: Any) -> subprocess.Popen[bytes]:
         command = subprocess.Popen(
-            [*self._python(program), *map(str, words), "--no-dashboard"],
+            [
+                sys.executable,
+                "-m",
+                f"distributed.cli.{program}",
+                *map(str, words),
+                "--no-dashboard",
+            ],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             cwd=self._folder,
@@ -78,16 +81,12 @@ class Cluster:
 
 
 def kill_family(pid: int) -> None:
-    try:
+    with suppress(psutil.NoSuchProcess):
         family = [psutil.Process(pid), *psutil.Process(pid).children(recursive=True)]
-    except psutil.NoSuchProcess:
-        return
-    for process in family:
-        try:
-            process.kill()
-        except psutil.NoSuchProcess:
-            continue
-    psutil.wait_procs(family, timeout=20)
+        for process in family:
+            with suppress(psutil.NoSuchProcess):
+                process.kill()
+        psutil.wait_procs(family, timeout=20)
 
 
 @contextmanager
@@ -292,13 +291,8 @@ def test_the_lines_of_the_docs_start_a_cluster_of_slurm_and_run_on_it(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert "bench: 2 ok; " in done.stderr
-    for line in (
-        "#SBATCH -p cpu",
-        "#SBATCH -A robotics",
-        "#SBATCH -t 08:00:00",
-        "#SBATCH --mem=8G",
-    ):
-        assert line in done.stdout.splitlines()
+    for words in ("-p cpu", "-A robotics", "-t 08:00:00", "--mem=8G"):
+        assert f"#SBATCH {words}" in done.stdout.splitlines()
     assert "-m distributed.cli.dask_worker tcp://" in done.stdout and "--nthreads 1" in done.stdout
     (manifest,) = read_manifests(tmp_path / "out")
     assert manifest.machines

@@ -121,14 +121,6 @@ def test_a_torn_file_is_said_its_readable_rows_count_and_the_rest_is_computed_ag
     assert (tmp_path / f"{FILE}.damaged").exists()
 
 
-def test_rerun_all_computes_everything_and_gives_the_same_numbers(run, tmp_path):
-    run()
-    before = bytes_of_results(tmp_path)
-    _, _, said = run("all")
-    assert tally_of(said) == "6 ok"
-    assert bytes_of_results(tmp_path) == before
-
-
 @pytest.mark.slow
 def test_failures_stay_until_they_are_asked_for_again(tmp_path):
     flag = tmp_path / "mended"

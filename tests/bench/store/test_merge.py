@@ -72,32 +72,27 @@ def test_cells_runs_and_data_of_all_folders_are_in_the_new_one_and_the_folders_s
     assert len(read_data(tmp_path / "c", contest.name.data_sha256).samples) == 12
 
 
+def merged_both_ways(folders, tmp_path):
+    """Merge two folders in both orders; yield each folder and what was merged."""
+    for name, order in (("there", folders), ("back", folders[::-1])):
+        yield tmp_path / name, merge(order, tmp_path / name, NOTHING)
+
+
 def test_a_cell_that_several_folders_have_counts_once_and_of_other_numbers_the_newest(tmp_path):
     old = folder_of(tmp_path / "old", "vjm", (0.1, 0.2, 0.3))
     new = folder_of(tmp_path / "new", "vjm", (0.1, 0.25), run_id=LATE)
-    for number, order in enumerate(((old, new), (new, old))):
-        merged = merge(order, tmp_path / str(number), NOTHING)
+    for folder, merged in merged_both_ways((old, new), tmp_path):
         assert (merged.n_cells, merged.n_other_numbers) == (3, 1)
-        runs = [result.run_id for result in read_results(tmp_path / str(number))]
+        runs = [result.run_id for result in read_results(folder)]
         assert sorted(runs) == [EARLY, LATE, LATE]
-    assert contents(tmp_path / "0") == contents(tmp_path / "1")
 
 
 def test_a_result_stands_before_a_newer_failure(tmp_path):
     done = folder_of(tmp_path / "done", "vjm", (0.1,))
     failed = folder_of(tmp_path / "failed", "vjm", (), failed=(0,), run_id=LATE)
-    for number, order in enumerate(((done, failed), (failed, done))):
-        merge(order, tmp_path / str(number), NOTHING)
-        (result,) = read_results(tmp_path / str(number))
+    for folder, _ in merged_both_ways((done, failed), tmp_path):
+        (result,) = read_results(folder)
         assert (result.status, result.run_id) == ("ok", EARLY)
-
-
-def test_a_cell_that_failed_in_a_folder_after_its_result_is_taken_as_that_result(tmp_path):
-    folder = folder_of(tmp_path / "a", "vjm", (0.1,))
-    expected = contents(folder)
-    folder_of(folder, "vjm", (), failed=(0,), run_id=LATE)
-    merged = merge([folder], tmp_path / "c", NOTHING)
-    assert contents(tmp_path / "c") == expected and merged.taken == {folder: (1, 1)}
 
 
 def test_what_the_output_holds_stays_and_gives_way_to_newer_results(tmp_path):
@@ -146,16 +141,6 @@ def test_other_data_splits_or_code_are_refused_unless_told_otherwise(kind, tmp_p
     assert line.startswith(f"{kind} of ") and all(f"{one}: " in line for one in folders)
     assert contents(tmp_path / "c") == contents(folders[0]) | contents(folders[1])
     assert merge(folders, tmp_path / "c", {kind}).n_cells == 4
-
-
-def test_two_versions_of_stiffbench_are_no_difference(tmp_path):
-    first, second = (
-        folder_of(tmp_path / name, "vjm", run_id=run) for name, run in (("a", EARLY), ("b", LATE))
-    )
-    (run,) = read_manifests(second)
-    other = {"stiffbench": "10.0", "commit": "f" * 40}
-    ResultStore(second).write_manifest(replace(run, environment=run.environment | other))
-    assert merge([first, second], tmp_path / "c", NOTHING).n_cells == 2
 
 
 def test_what_an_older_run_of_a_folder_had_is_its_past(tmp_path):
@@ -212,9 +197,8 @@ def test_of_a_run_that_was_copied_while_it_ran_the_last_state_counts(tmp_path):
     folders = [folder_of(tmp_path / name, "vjm") for name in "ab"]
     (run,) = read_manifests(folders[0])
     ResultStore(folders[0]).write_manifest(replace(run, status="running"))
-    for number, order in enumerate((folders, folders[::-1])):
-        merge(order, tmp_path / str(number), NOTHING)
-        (found,) = read_manifests(tmp_path / str(number))
+    for folder, _ in merged_both_ways(folders, tmp_path):
+        (found,) = read_manifests(folder)
         assert found.status == "finished"
 
 
