@@ -11,7 +11,7 @@ import pandas as pd
 
 from stiff_bench.analysis.collected import Contest
 from stiff_bench.figures.figure import Content
-from stiff_bench.figures.source import FigureSource, pooled, setting
+from stiff_bench.figures.source import FigureSource, setting
 from stiff_bench.figures.style import (
     COLUMN_INCH,
     PAGE_INCH,
@@ -26,10 +26,12 @@ from stiff_bench.figures.style import (
 )
 from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import Slot, slot_of
+from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_bench.tables.units import MM
 from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
+from stiff_protocols.scoring.metrics import absolute_errors
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -82,7 +84,7 @@ def layers_of(result: CellResult) -> str:
 
 def mean_error(result: CellResult) -> float:
     """Return the mean absolute error of the test samples over all axes, m."""
-    return float(pooled([result]).error.mean())
+    return float(absolute_errors(pooled_prediction([result])).mean())
 
 
 def strategies(results: Iterable[CellResult]) -> pd.DataFrame:
