@@ -116,11 +116,7 @@ def errors_by_row(tested: Prediction) -> pd.DataFrame:
 
 
 def errors_figure(models: Mapping[str, pd.DataFrame]) -> Figure:
-    """Draw, for each axis, the errors by sample with their mean, and their distribution.
-
-    Args:
-        models: name -> what `errors_by_row` returns.
-    """
+    """Draw, for each axis, each model's `errors_by_row`, their mean, and their distribution."""
     figure = new_figure(PAGE_INCH, ERRORS_INCH)
     grid = figure.subplots(3, 2, width_ratios=(2.4, 1.0))
     last = max(1, *(int(errors.index.max()) for errors in models.values()))

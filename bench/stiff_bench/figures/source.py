@@ -60,13 +60,7 @@ def marks_in(contests: Iterable[Contest], models: Collection[str]) -> str:
 
 
 def setting(contest: Contest, models: Collection[str], n_splits: Collection[int]) -> str:
-    """Return data, protocol, splits and seed in a sentence, and what must be read with them.
-
-    Args:
-        contest: the results.
-        models: that are shown.
-        n_splits: of which these numbers of splits are shown.
-    """
+    """Return data, protocol, splits and seed of some models, and what must be read with them."""
     shown = presentation(contest)
     data = f"{contest.name.dataset} ({kind_label(shown.kind, shown.task)})"
     protocol = " | ".join(filter(None, (contest.name.protocol, contest.name.condition)))
@@ -112,10 +106,7 @@ class FigureSource:
         return tuple(of_newest_data(self.contests))
 
     def names(self, contests: Iterable[Contest] | None = None) -> list[str]:
-        """Return the models asked for, or all, that have a result in these contests.
-
-        Args:
-            contests: None: all of the newest data.
+        """Return the models asked for, or all, that have a result in these contests, or in any.
 
         Raises:
             ConfigError: a word has no results in the folder.

@@ -62,14 +62,7 @@ def springs_figure(
     results: Sequence[CellResult],
     linear: Sequence[CellResult],
 ) -> Figure:
-    """Draw a panel a joint.
-
-    Args:
-        data: whose joints they are.
-        torque: (n, n_joints) sizes of the torques that the samples load them with.
-        results: of the model with springs in segments, a split each.
-        linear: of the linear model; empty: none.
-    """
+    """Draw a panel a joint, with the (n, n_joints) torques [N m or N] that load it."""
     figure, panels = new_panels(len(data.joint_names), ROW_INCH, HEAD_INCH)
     blue, orange = looks(2)
     for joint, axes in enumerate(panels):

@@ -45,10 +45,6 @@ def variants_of(results: Sequence[CellResult], *options: str) -> tuple[str, list
     """Return the model with most values of some options, and its results.
 
     They differ in nothing else than these options, and in their splits.
-
-    Args:
-        results: at least one.
-        options: names of the model's options.
     """
 
     def others(one: CellResult) -> tuple[str, ...]:
@@ -112,13 +108,7 @@ def freezing_figure(errors: pd.DataFrame, linear: float | None) -> Figure:
 
 
 def draw_strategies(axes: Axes, errors: pd.DataFrame, linear: float | None) -> None:
-    """Draw the mean, the splits and their span of each strategy, from the top to the bottom.
-
-    Args:
-        axes: an empty panel.
-        errors: what `strategies` returns.
-        linear: error of the linear model, m; None: not known.
-    """
+    """Draw mean and splits of each of `strategies`, and the linear model's error [m]."""
     for kind, look in zip(KINDS, looks(len(KINDS)), strict=True):
         of_kind = errors[errors["kind"] == kind]
         axes.plot([], [], **look.points(), label=kind if len(of_kind) else None)
@@ -180,16 +170,11 @@ _NETWORKS = (
 )
 
 
-def source_error(part: str, quantity: str) -> str:
-    """Return the diagnostic that has a network's error on a part of the source domain, mm."""
-    return f"source {part} {quantity} [mm]"
-
-
 def is_swept(result: CellResult) -> bool:
     """Say whether a result is of a network with depth and width and an error on the source."""
     options = result.cell.model_params
     return all(isinstance(options.get(name), int) for name in ("layers", "width")) and (
-        source_error("test", "MAE") in result.diagnostics
+        "source test MAE [mm]" in result.diagnostics
     )
 
 
@@ -197,7 +182,7 @@ def errors_on_source(
     results: Iterable[CellResult], quantity: str = "MAE", part: str = "test"
 ) -> pd.DataFrame:
     """Return depth, width and the error on a part of the source domain [mm], a row a result."""
-    name = source_error(part, quantity)
+    name = f"source {part} {quantity} [mm]"
     rows = [
         (one.cell.model_params["layers"], one.cell.model_params["width"], one.diagnostics[name])
         for one in results
@@ -207,13 +192,7 @@ def errors_on_source(
 
 
 def draw_lines(axes: Axes, errors: pd.DataFrame, **words: object) -> None:
-    """Draw errors on the source over width, a line a depth, with the span over the splits.
-
-    Args:
-        axes: a panel.
-        errors: what `errors_on_source` returns.
-        words: for seaborn, in place of its usual ones.
-    """
+    """Draw `errors_on_source` over width, a line a depth; words for seaborn replace its usual."""
     import seaborn
 
     usual = {"errorbar": LEAST_TO_MOST, "err_kws": {"alpha": 0.2, "linewidth": 0.0}}

@@ -43,8 +43,7 @@ from stiff_bench.figures.variants import (
     mean_error,
     strategies,
 )
-from stiff_bench.paper import PAPER_RESULTS
-from stiff_bench.paper.results import REPRODUCE, Found, PaperResults
+from stiff_bench.paper.results import REPRODUCE, Found, PaperResults, named_results
 from stiff_bench.paper.study import (
     ACTIVATIONS,
     ADJACENT_PAIRS,
@@ -70,7 +69,7 @@ from stiff_bench.plan.request import loaded
 from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_bench.tables.published import published_errors, published_lines
 from stiff_bench.tables.units import MM
-from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning, StoreError
+from stiff_protocols.contract.errors import StiffBenchWarning, StoreError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import AXES, Prediction
 
@@ -82,13 +81,7 @@ DATA = f"{DATASET}, simulated: the paper's measurements are not public"
 
 
 def _setting(found: Found, of: str = "", *others: Found) -> str:
-    """Return data, protocol, splits and seed in a sentence, and what must be read with them.
-
-    Args:
-        found: whose results are shown.
-        of: of what there are so many splits, where the numbers may differ, such as " a network".
-        others: that were looked up, too.
-    """
+    """Return data, protocol, splits (`of` what) and seed, and what must be read with them."""
     n_splits = between([len(results) for results in found.results.values()], "split")
     with_them = marks(results[0].shown for results in found.results.values())
     absent = "".join(f" {note}" for one in (found, *others) for note in one.absences())
@@ -316,18 +309,6 @@ _FITTED_FIGURE = "4"
 
 
 def prepare_figure(name: str, folder: Path | None) -> Prepared:
-    """Return one of the paper's figures from the results of a folder.
-
-    Args:
-        name: of the figure.
-        folder: of the results; None: where `bench reproduce` puts them.
-
-    Raises:
-        ConfigError: a folder was named that is not read.
-        StoreError: the results have nothing of it.
-    """
-    if name != _FITTED_FIGURE:
-        return FIGURES[name].prepare(PaperResults.of(folder or PAPER_RESULTS))
-    if folder is not None:
-        raise ConfigError(f"--results {folder}: figure {name} is fitted here and reads none")
-    return FIGURES[name].prepare(PaperResults(PAPER_RESULTS, ()))
+    """Return one of the paper's figures; folder, None and errors are those of `named_results`."""
+    fitted = name == _FITTED_FIGURE
+    return FIGURES[name].prepare(named_results(folder, f"figure {name}", fitted=fitted))
