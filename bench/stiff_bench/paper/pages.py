@@ -40,13 +40,12 @@ _ABOUT_LEADERBOARD = (
 
 
 def write_paper(output: Path, command: str, n_missing: int) -> Iterator[Path]:
-    """Write the paper's tables and figures beside ours, and yield each file.
+    """Write the paper's tables and figures beside ours into OUTPUT/paper, and yield each file.
 
-    What cannot be made of the results is named on the page, with the reason.
+    What cannot be made of the results in OUTPUT/paper/runs is named on the page, with the reason.
 
     Args:
-        output: PAPER = OUTPUT/paper holds the results in PAPER/runs, and gets PAPER/tables,
-            PAPER/figures and PAPER/README.md.
+        output: the folder.
         command: that made them.
         n_missing: how many of the study's cells are not stored.
 
@@ -85,11 +84,10 @@ def write_paper(output: Path, command: str, n_missing: int) -> Iterator[Path]:
 
 
 def write_leaderboard(output: Path, command: str, n_missing: int) -> Iterator[Path]:
-    """Write the leaderboard as markdown and CSV with its figures, and yield each file.
+    """Write OUTPUT/leaderboard.md and .csv with figures of OUTPUT/leaderboard; yield each file.
 
     Args:
-        output: OUTPUT/leaderboard holds the results in its runs/ and gets figures/; beside it come
-            leaderboard.md and leaderboard.csv.
+        output: the folder; results are in OUTPUT/leaderboard/runs.
         command: that made them.
         n_missing: how many of the study's cells are not stored.
 
