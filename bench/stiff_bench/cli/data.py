@@ -10,6 +10,7 @@ import click
 from stiff_bench.cli.options import (
     FILE,
     debug_option,
+    no_torque_option,
     plugin_option,
     robot_options,
     robot_words,
@@ -84,14 +85,18 @@ def plan(**words: Any) -> None:
 @data.command()
 @click.argument("file", type=FILE)
 @robot_options
+@no_torque_option
 @debug_option
-def validate(file: Path, **words: Any) -> int:
-    """Check a measured file and say what is odd in it."""
+def validate(file: Path, no_torque: bool, **words: Any) -> int:
+    """Check a measured file and name the likeliest mistake in it.
+
+    Exit status: 0 ok; 1 suspicious, the report says why; 2 invalid, no command can use the file.
+    """
     from stiff_bench.data_tools.commands import validation
 
-    text, valid = validation(file, robot_words(words))
+    text, status = validation(file, robot_words(words), no_torque)
     click.echo(text)
-    return 0 if valid else 2
+    return status
 
 
 @data.command()

@@ -44,6 +44,11 @@ class FiniteRange(click.FloatRange):
 debug_option = click.option(
     "--debug", is_flag=True, expose_value=False, help="Show the traceback of an error."
 )
+no_torque_option = click.option(
+    "--no-torque",
+    is_flag=True,
+    help="No torques were measured: the columns tx_Nm.. may be missing, or zero.",
+)
 plugin_option = click.option(
     "--plugin",
     "plugins",

@@ -12,14 +12,14 @@ from tabulate import tabulate
 
 from stiff_bench.data_tools.info import dataset_info, picture_quantity, picture_title
 from stiff_bench.data_tools.picture import save_picture
-from stiff_bench.plan.registry import Registry, build_registry
+from stiff_bench.plan.registry import Registry
 from stiff_bench.plan.request import loaded
 from stiff_bench.plan.words import RobotWords, chosen_dataset, parse_tcp
 from stiff_bench.run.progress import display
 from stiff_bench.tables.published import published_stiffness
 from stiff_datasets.measured.identifiability import REFERENCE_COMPLIANCE, regressor
 from stiff_datasets.measured.registered import register
-from stiff_datasets.measured.validate import ValidationReport, render_report, validate
+from stiff_datasets.measured.validate import render_report, validate
 from stiff_datasets.planning.loads import LoadKind
 from stiff_datasets.planning.plan import (
     FORCE_SHARE,
@@ -155,17 +155,13 @@ def _plan_text(
     return "\n".join(lines)
 
 
-def validation(path: Path, words: RobotWords) -> tuple[str, bool]:
-    """Return the report on a measured file, and whether it is valid."""
-    report = _report(path, words)
+def validation(path: Path, words: RobotWords, no_torque: bool) -> tuple[str, int]:
+    """Return the report on a measured file, and 0: ok, 1: suspicious, 2: invalid."""
+    report = validate(path, words.read()[1], no_torque=no_torque)
     taken = "" if words.given else f"\nNo robot was named: {DEFAULT_ROBOT} was taken."
-    return render_report(report).rstrip() + taken, not report.errors
-
-
-def _report(path: Path, words: RobotWords) -> ValidationReport:
-    _, chain, _ = words.read()
-    reference_model = build_registry().model("vjm").load()
-    return validate(path, chain, reference_model())
+    return render_report(report).rstrip() + taken, ("ok", "suspicious", "invalid").index(
+        report.verdict
+    )
 
 
 def write_simulation(
@@ -212,6 +208,7 @@ def register_file(key: str, csv: Path, urdf: Path | None, tcp: str) -> str:
     words = RobotWords(None, urdf, tcp)
     default = named_robot(DEFAULT_ROBOT).tcp if urdf is None else (0.0, 0.0, 0.0)
     place = register(key, csv, urdf, parse_tcp(tcp) if tcp else default)
-    odd = [f"warning: {finding.message}" for finding in _report(csv, words).warnings]
+    report = validate(csv, words.read()[1])
+    odd = [f"warning: {finding.message}" for finding in report.warnings]
     done = f"{key}: {csv} registered in {place}; use it with: bench run --dataset {key}"
     return "\n".join([*odd, done])

@@ -80,6 +80,6 @@ class MeasuredData:
 
 def _samples(checked: CheckedSamples, hint: str) -> Samples:
     """Return the samples, or raise for the first problem."""
-    if checked.samples is None:
+    if checked.samples is None or checked.problems:
         raise problems_error(checked.path, checked.problems, hint)
     return checked.samples

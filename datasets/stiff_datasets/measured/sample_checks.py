@@ -68,12 +68,12 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class CheckedSamples:
-    """A file's samples if nothing is wrong with it, else its problems.
+    """A file's samples and its problems.
 
     Attributes:
         path: the file.
         problems: those of the whole file first, then by row.
-        samples: None if there are problems.
+        samples: None where a cell is no number or no name; to be used only without problems.
         rows: (n,) row number of every sample, for messages.
     """
 
@@ -95,19 +95,22 @@ def check_sheet(sheet: Sheet, robot: Robot) -> CheckedSamples:
         return CheckedSamples(sheet.path, tuple(problems), None, sheet.lines)
     q_file = sheet.numbers(joint_columns(robot))  # deg, and mm of prismatic joints
     wrench, deflection_mm = sheet.numbers(WRENCH_COLUMNS), sheet.numbers(DEFLECTION_COLUMNS)
-    problems = [
+    unreadable = [
         *_id_problems(sheet),
         *number_problems(sheet, joint_columns(robot), q_file),
         *number_problems(sheet, WRENCH_COLUMNS, wrench),
         *number_problems(sheet, DEFLECTION_COLUMNS, deflection_mm),
+    ]
+    problems = [
+        *unreadable,
         *wrench_problems(sheet, wrench),
         *radian_problems(q_file, robot),
         *limit_problems(sheet, q_file, robot),
         *_deflection_problems(sheet, deflection_mm),
         *_pose_problems(sheet, q_file, robot),
     ]
-    if problems:
-        problems.sort(key=lambda problem: problem.row or 0)
+    problems.sort(key=lambda problem: problem.row or 0)
+    if unreadable:
         return CheckedSamples(sheet.path, tuple(problems), None, sheet.lines)
     samples = Samples(
         q=q_file / file_units(robot),
@@ -115,7 +118,7 @@ def check_sheet(sheet: Sheet, robot: Robot) -> CheckedSamples:
         deflection=deflection_mm / MM_PER_M,
         **{name: sheet.cells[name].to_numpy(dtype=str) for name in ID_COLUMNS},
     )
-    return CheckedSamples(sheet.path, (), samples, sheet.lines)
+    return CheckedSamples(sheet.path, tuple(problems), samples, sheet.lines)
 
 
 def problems_error(path: Path, problems: Sequence[Problem], hint: str) -> DataError:
@@ -227,6 +230,13 @@ def limit_problems(sheet: Sheet, q_file: FloatArray, robot: Robot) -> Iterator[P
 
 def _deflection_problems(sheet: Sheet, deflection_mm: FloatArray) -> Iterator[Problem]:
     size = np.abs(deflection_mm)
+    if len(size) >= 5 and (size.max(axis=1) > LARGEST_DEFLECTION_MM).mean() > 0.5:
+        yield Problem(
+            f"half of the deflections exceed {LARGEST_DEFLECTION_MM:g} mm; the columns dx_mm.. are "
+            "in mm, these look like micrometres",
+            "",
+        )
+        return
     valid = f"mm within +-{LARGEST_DEFLECTION_MM:g}; is the file in another unit?"
     for row, axis in np.argwhere(size > LARGEST_DEFLECTION_MM):
         yield _problem(sheet, row, DEFLECTION_COLUMNS[axis], valid)

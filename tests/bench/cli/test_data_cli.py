@@ -51,7 +51,7 @@ def test_from_the_plan_to_the_leaderboard_with_ones_own_file(tmp_path, home, kr1
     assert len(read_samples(path, kr10)) == 151
     checked = bench_here("data", "validate", "measured.csv", cwd=tmp_path)
     assert checked.returncode == 0, checked.stderr
-    assert checked.stdout.startswith("measured.csv: valid")
+    assert checked.stdout.startswith("measured.csv: ok")
     assert "kr10-r1100-2 was taken" in checked.stdout
     words = ["run", "--model", "vjm", "--format", "csv"]
     by_name = bench_here(*words, "--data", "measured.csv", "--robot", "kr10-r1100-2", cwd=tmp_path)
@@ -145,7 +145,7 @@ def test_validate_lists_every_error_and_leaves_with_2(tmp_path):
     (tmp_path / "my.csv").write_text(text.replace("-0.538", "99", 1))
     done = bench_here("data", "validate", "my.csv", "--robot", "fanuc-r2000ic", cwd=tmp_path)
     assert done.returncode == 2
-    assert done.stdout.startswith("my.csv: NOT valid, 2 errors")
+    assert done.stdout.startswith("my.csv: invalid, 2 errors")
     assert "row 2, column dx_mm: 'nan'" in done.stdout
     assert "row 3, column dx_mm: '99'" in done.stdout
 
@@ -157,9 +157,10 @@ def test_validate_names_a_wrench_with_its_sign_flipped(tmp_path):
             row[i] = str(-float(row[i]))
     with (tmp_path / "my.csv").open("w", newline="") as file:
         csv.writer(file).writerows(rows)
-    done = bench_here("data", "validate", "my.csv", "--robot", "fanuc-r2000ic", cwd=tmp_path)
-    assert done.returncode == 0
-    assert "sign" in done.stdout and "Warnings" in done.stdout
+    words = ["data", "validate", "my.csv", "--robot", "fanuc-r2000ic", "--no-torque"]
+    done = bench_here(*words, cwd=tmp_path)
+    assert done.returncode == 1 and done.stdout.startswith("my.csv: suspicious, ")
+    assert "the wrench looks as if it had the opposite sign" in done.stdout
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
