@@ -25,7 +25,9 @@ def data() -> None:
 
 
 @data.command()
-@click.argument("key")
+@click.argument("key", metavar="KEY|FILE")
+@robot_options
+@no_torque_option
 @click.option(
     "--output",
     type=FILE,
@@ -37,12 +39,28 @@ def data() -> None:
 @settings_option
 @plugin_option
 @debug_option
-def info(key: str, output: Path, settings: tuple[str, ...], plugins: tuple[Path, ...]) -> None:
-    """Print a data set's card and facts, and draw its picture."""
+def info(
+    key: str,
+    no_torque: bool,
+    output: Path,
+    settings: tuple[str, ...],
+    plugins: tuple[Path, ...],
+    **words: Any,
+) -> None:
+    """Print a data set's card and facts, and draw its picture.
+
+    KEY may be your own FILE.csv, .xlsx or .parquet, with --urdf or --robot.
+    """
     from stiff_bench.data_tools.commands import show_info
     from stiff_bench.plan.registry import usable_registry
+    from stiff_bench.plan.words import chosen_dataset, own_file
 
-    click.echo(show_info(key, settings, usable_registry(plugins), output))
+    path = Path(key)
+    if path.suffix in (".csv", ".xlsx", ".parquet"):
+        choice = own_file(path, robot_words(words), no_torque)
+    else:
+        choice = chosen_dataset(key, settings, usable_registry(plugins))
+    click.echo(show_info(choice, output))
 
 
 @data.command()
@@ -154,9 +172,10 @@ def fetch(key: str, source: Path | None) -> None:
 @click.argument("file", type=FILE)
 @click.option("--urdf", type=FILE, metavar="FILE.urdf", help="[default: the shipped KR10]")
 @click.option("--tcp", default="", metavar="X,Y,Z", help="In m.  [default: the shipped tool's]")
+@no_torque_option
 @debug_option
-def register(key: str, file: Path, urdf: Path | None, tcp: str) -> None:
+def register(key: str, file: Path, urdf: Path | None, tcp: str, no_torque: bool) -> None:
     """Make your own measurement a data set with a name."""
     from stiff_bench.data_tools.commands import register_file
 
-    click.echo(register_file(key, file, urdf, tcp))
+    click.echo(register_file(key, file, urdf, tcp, no_torque))

@@ -18,11 +18,11 @@ from stiff_bench.cli.data import data
 from stiff_bench.cli.figures import figure, reproduce
 from stiff_bench.cli.models import check, export, fit, new, predict
 from stiff_bench.cli.options import (
-    FILE,
     FiniteRange,
     begin_execution,
     chosen,
     command_line,
+    data_options,
     debug_option,
     device_option,
     execution_of,
@@ -30,7 +30,6 @@ from stiff_bench.cli.options import (
     format_option,
     output_option,
     plugin_option,
-    robot_options,
     seed_option,
     settings_option,
 )
@@ -150,13 +149,7 @@ def bench() -> None:
 )
 @seed_option("splits and models", most=2**32 - 20_000)
 @settings_option
-@click.option(
-    "--data",
-    type=FILE,
-    metavar="FILE.csv",
-    help="Your own measurement, with --urdf or --robot.",
-)
-@robot_options
+@data_options
 @plugin_option
 @device_option("Where networks run.")
 @execution_options

@@ -11,10 +11,10 @@ from stiff_bench.cli.options import (
     FILE,
     FiniteRange,
     chosen,
+    data_options,
     debug_option,
     device_option,
     plugin_option,
-    robot_options,
     seed_option,
     settings_option,
 )
@@ -34,13 +34,7 @@ model_file_option = click.option(
     help="One model that stiffbench ships.",
 )
 @click.option("--dataset", "datasets", multiple=True, metavar="KEY", help="A data set to fit to.")
-@click.option(
-    "--data",
-    type=FILE,
-    metavar="FILE.csv",
-    help="Your own measurement in its place, with --urdf or --robot.",
-)
-@robot_options
+@data_options
 @settings_option
 @seed_option("the model")
 @device_option("Where networks are trained.")
@@ -54,7 +48,7 @@ def fit(plugins: tuple[Path, ...], **words: Any) -> None:
     from stiff_bench.plan.request import plan_run
     from stiff_protocols.contract.errors import ConfigError
 
-    if len(words["datasets"]) + (words["data"] is not None) != 1:
+    if len(words["datasets"]) + len(words["data"]) != 1:
         raise ConfigError("give one of --dataset KEY and --data FILE.csv")
     registry = usable_registry(plugins)
     click.echo(fit_model(plan_run(chosen(words, registry), registry, **words)))

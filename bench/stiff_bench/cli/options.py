@@ -153,6 +153,19 @@ def command_line() -> str:
     return shlex.join(["bench", *sys.argv[1:]])
 
 
+def data_options(command: Any) -> Any:
+    """Add the options that name one's own measurements and their robot."""
+    data = click.option(
+        "--data",
+        type=FILE,
+        multiple=True,
+        metavar="FILE",
+        help="Your own measurement (.csv, .xlsx or .parquet), with --urdf or --robot; may be "
+        "repeated.",
+    )
+    return data(robot_options(no_torque_option(command)))
+
+
 def robot_options(command: Any) -> Any:
     """Add the three options that name a robot."""
     for option in (
@@ -167,7 +180,8 @@ def robot_options(command: Any) -> Any:
         click.option(
             "--robot",
             metavar="NAME",
-            help="A shipped robot: kr10-r1100-2, ur5 or fanuc-r2000ic.  [default: kr10-r1100-2]",
+            help="A shipped robot: kr10-r1100-2, ur5 or fanuc-r2000ic.  [default: kr10-r1100-2; "
+            "--data needs --robot or --urdf]",
         ),
     ):
         command = option(command)
@@ -182,7 +196,7 @@ def chosen(words: dict[str, Any], registry: Registry) -> Chosen:
     """
     from stiff_bench.plan.words import choices
 
-    names = ("models", "datasets", "protocols", "settings", "data")
+    names = ("models", "datasets", "protocols", "settings", "data", "no_torque")
     given = {name: words.pop(name) for name in names if name in words}
     return choices(registry, robot=robot_words(words), **given)
 

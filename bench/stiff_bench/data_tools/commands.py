@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,9 +11,9 @@ from tabulate import tabulate
 
 from stiff_bench.data_tools.info import dataset_info, picture_quantity, picture_title
 from stiff_bench.data_tools.picture import save_picture
-from stiff_bench.plan.registry import Registry
+from stiff_bench.plan.options import Choice
 from stiff_bench.plan.request import loaded
-from stiff_bench.plan.words import RobotWords, chosen_dataset, parse_tcp
+from stiff_bench.plan.words import RobotWords, parse_tcp
 from stiff_bench.run.progress import display
 from stiff_bench.tables.published import published_stiffness
 from stiff_datasets.measured.identifiability import REFERENCE_COMPLIANCE, regressor
@@ -42,6 +41,7 @@ from stiff_datasets.twin.constants import (
 from stiff_datasets.twin.simulate import simulate
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.files import make_folder
+from stiff_protocols.contract.plugin import DatasetInfo
 from stiff_protocols.contract.types import FloatArray, Robot
 
 PAPER_POSES = 151  # as many as the paper measured
@@ -66,10 +66,9 @@ class PlanWords:
     output: Path
 
 
-def show_info(key: str, settings: Sequence[str], registry: Registry, folder: Path) -> str:
-    """Return the text of `bench data info KEY` after drawing the picture in `folder`."""
-    choice = chosen_dataset(key, settings, registry)
-    data = loaded(choice)
+def show_info(choice: Choice[DatasetInfo], folder: Path) -> str:
+    """Return the text of `bench data info` after drawing the picture in `folder`."""
+    data, key = loaded(choice), choice.info.key
     options = choice.options_text
     name = f"{key} {options}".strip().replace("/", "_").replace(", ", "_").replace(" ", "_")
     picture = folder / f"{name}.png"
@@ -203,12 +202,12 @@ def _constants(twin: str) -> TwinConstants:
     return read_constants(Path(twin))
 
 
-def register_file(key: str, csv: Path, urdf: Path | None, tcp: str) -> str:
+def register_file(key: str, csv: Path, urdf: Path | None, tcp: str, no_torque: bool) -> str:
     """Register a measurement and return what is odd in it and what to do with it."""
     words = RobotWords(None, urdf, tcp)
     default = named_robot(DEFAULT_ROBOT).tcp if urdf is None else (0.0, 0.0, 0.0)
-    place = register(key, csv, urdf, parse_tcp(tcp) if tcp else default)
-    report = validate(csv, words.read()[1])
+    place = register(key, csv, urdf, parse_tcp(tcp) if tcp else default, no_torque=no_torque)
+    report = validate(csv, words.read()[1], no_torque=no_torque)
     odd = [f"warning: {finding.message}" for finding in report.warnings]
     done = f"{key}: {csv} registered in {place}; use it with: bench run --dataset {key}"
     return "\n".join([*odd, done])

@@ -90,7 +90,7 @@ def validate(path: Path, chain: ChainModel, *, no_torque: bool = False) -> Valid
     """
     robot = robot_of(chain)
     try:
-        checked = check_file(path, robot)
+        checked = check_file(path, robot, no_torque=no_torque)
     except DataError as error:
         message = str(error).removeprefix(f"{path}: ")
         return ValidationReport(path, (Finding("error", message),), (), ())
@@ -102,7 +102,9 @@ def validate(path: Path, chain: ChainModel, *, no_torque: bool = False) -> Valid
             errors.append(Finding("error", best.text))
         return ValidationReport(path, tuple(errors), (), ())
     data = reading(chain, samples.q, samples.wrench, samples.deflection)
+    unused = [fact("columns not used", ", ".join(checked.unused))] if checked.unused else []
     found = [
+        *unused,
         *_content_findings(samples, robot, chain, no_torque or _card_says_no_torque(path)),
         *duplicate_findings(samples, robot, lines),
         *range_findings(samples, lines),

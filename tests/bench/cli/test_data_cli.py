@@ -163,6 +163,30 @@ def test_validate_names_a_wrench_with_its_sign_flipped(tmp_path):
     assert "the wrench looks as if it had the opposite sign" in done.stdout
 
 
+def test_files_without_torques_are_used_and_registered_where_that_is_said(tmp_path, home):
+    words = ["data", "simulate", "--samples", "40", "--output", "s.csv"]
+    bench_here(*words, cwd=tmp_path)
+    rows = list(csv.DictReader((tmp_path / "s.csv").read_text().splitlines()))
+    names = [name for name in rows[0] if not name.startswith("t")]
+    for path in (tmp_path / "a.csv", tmp_path / "b.csv"):
+        with path.open("w", newline="") as file:
+            writer = csv.DictWriter(file, names, extrasaction="ignore")
+            writer.writeheader()
+            writer.writerows(row | {"group": "all"} for row in rows)
+    run = ["run", "--model", "vjm", "--data", "a.csv", "--data", "b.csv"]
+    robot = ["--robot", "kr10-r1100-2", "--no-torque"]
+    assert_refused(bench_here(*run, *robot[:2], cwd=tmp_path), "missing tx_Nm", "--no-torque")
+    done = bench_here(*run, *robot, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "**a.csv (user's file)" in done.stdout and "**b.csv (user's file)" in done.stdout
+    shown = bench_here("data", "info", "a.csv", *robot, cwd=tmp_path)
+    assert shown.returncode == 0 and (tmp_path / "results/info/a.csv.png").is_file()
+    words = ["data", "register", "kr10-measured", "a.csv", "--no-torque"]
+    assert bench_here(*words, cwd=tmp_path, env=home).returncode == 0
+    run = ["run", "--model", "vjm", "--dataset", "kr10-measured"]
+    assert bench_here(*run, cwd=tmp_path, env=home).returncode == 0
+
+
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
 def test_simulated_samples_validate_and_run(tmp_path, ending):
     words = ["data", "simulate", "--twin", "ur5", "--samples", "200", "--output", f"s.{ending}"]
@@ -279,6 +303,7 @@ def test_a_folder_without_the_pose_errors_is_refused(tmp_path, home):
         (["simulate", "--twin", "x.toml", "--output", "s.csv"], ["x.toml: cannot be read"]),
         (["simulate", "--output", "s.xls"], ["s.xls", ".csv, .parquet"]),
         (["simulate", "--specimen", "10", "--output", "s.csv"], ["--specimen", "0<=x<=9"]),
+        (["info", "my.csv"], ["my.csv: needs its robot too: --urdf FILE.urdf or --robot NAME"]),
         (["info", "kr10-twn"], ["unknown dataset 'kr10-twn'", "did you mean 'kr10-twin'"]),
         (["info", "robot-twin"], ["robot-twin", "--set robot-twin.constants=..."]),
         (["info", "kr10-twin", "--output", "/dev/null/x"], ["/dev/null/x: cannot be made"]),
