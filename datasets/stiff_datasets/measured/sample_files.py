@@ -266,24 +266,33 @@ def _read_csv(path: Path) -> Sheet:
 
 def _read_excel(path: Path) -> Sheet:
     require(f"{path}: Excel", "openpyxl")
+    import openpyxl
+
     try:
         with zipfile.ZipFile(path) as parts:
             size = sum(part.file_size for part in parts.infolist())
         if size > LARGEST_EXCEL:
             raise ValueError(f"{size} bytes unpacked (valid: at most {LARGEST_EXCEL})")
-        cells = pd.read_excel(path, header=None, dtype=object, engine="openpyxl")
-    except (ValueError, KeyError, TypeError, SyntaxError, zipfile.BadZipFile) as error:
+        sheet = openpyxl.load_workbook(path, read_only=True, data_only=True).worksheets[0]
+        lines = enumerate(sheet.iter_rows(max_col=MOST_COLUMNS, values_only=True), start=1)
+        rows = {
+            number: ["" if cell is None else cell for cell in row]
+            for number, row in lines
+            if any(cell not in (None, "") for cell in row) and not str(row[0]).startswith("#")
+        }
+    except OSError:
+        raise
+    except Exception as error:  # of a damaged file openpyxl raises whatever its parsers do
         reason = " ".join(str(error).split())
         raise DataError(f"{path}: not an Excel table: {reason}") from error
-    cells = cells.astype(object).where(cells.notna(), "")
-    cells = cells.map(lambda cell: cell.strip() if isinstance(cell, str) else cell)
-    comment = [str(row[0]).startswith("#") for row in cells.itertuples(index=False)]
-    cells = cells[(cells != "").any(axis=1) & ~np.array(comment, dtype=bool)]
+    cells = pd.DataFrame(rows.values(), index=list(rows), dtype=object).fillna("")
     if cells.empty:
         raise DataError(f"{path}: the first sheet is empty")
-    header, cells = [str(name) for name in cells.iloc[0]], cells.iloc[1:]
-    cells = cells.set_axis(header, axis="columns")
-    numbers = cells.index.to_numpy(dtype=np.int64) + 1
+    cells = cells.map(lambda cell: cell.strip() if isinstance(cell, str) else cell)
+    cells = cells.loc[:, (cells != "").any()]
+    names = [str(name) or f"column {i + 1}" for i, name in enumerate(cells.iloc[0])]
+    cells = cells.iloc[1:].set_axis(names, axis="columns")
+    numbers = cells.index.to_numpy(dtype=np.int64)
     return Sheet(path, _named(cells.reset_index(drop=True)), numbers, decimal=",")
 
 
