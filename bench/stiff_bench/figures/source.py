@@ -121,6 +121,11 @@ class FigureSource:
         found = [name for name in known if stands_for(word, name)]
         return found or [competitor_meant(word, self.contests, self.folder)]
 
+    def results(self, contest: Contest, has: Callable[[CellResult], bool]) -> list[CellResult]:
+        """Return the results of a contest, of the models asked for, that have what is shown."""
+        each = (one for name in self.names([contest]) for one in contest.results(name))
+        return [one for one in each if has(one)]
+
     def contest(
         self,
         has: Callable[[CellResult], bool] = lambda _: True,

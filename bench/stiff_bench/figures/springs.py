@@ -104,10 +104,9 @@ def gather(source: FigureSource) -> Content:
         return bool(found) and _stiffness(data(result.cell.data_sha256), 0, segment=1) in found
 
     contest = source.contest(is_segmented, needs=_NEEDS)
-    model = next(
-        name for name in source.names([contest]) if any(map(is_segmented, contest.results(name)))
-    )
-    results = [one for one in contest.results(model) if is_segmented(one)]
+    results = source.results(contest, is_segmented)
+    model = results[0].shown.model
+    results = [one for one in results if one.shown.model == model]
     stored = data(contest.name.data_sha256)
     torque, of_what = _torques(stored, results[0])
     linear = contest.results(REFERENCE_MODEL) if REFERENCE_MODEL in contest.competitors else ()

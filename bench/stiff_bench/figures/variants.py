@@ -73,6 +73,11 @@ def freeze_of(result: CellResult) -> str:
     return str(result.cell.model_params.get("freeze") or "")
 
 
+def is_frozen(result: CellResult) -> bool:
+    """Say whether a result is of a model with a freeze strategy."""
+    return bool(freeze_of(result))
+
+
 def layers_of(result: CellResult) -> str:
     """Return the layers that a strategy moves, such as "1 + 2", or its name."""
     return short(freeze_of(result).removeprefix(LAYERS).replace(",", " + "))
@@ -128,11 +133,8 @@ def draw_strategies(axes: Axes, errors: pd.DataFrame, linear: float | None) -> N
 
 def freezing(source: FigureSource) -> Content:
     """Take the variants of one model that differ in the freeze strategy alone."""
-    contest = source.contest(lambda one: bool(freeze_of(one)), needs=_STRATEGIES, most_first=True)
-    frozen = [
-        one for name in source.names([contest]) for one in contest.results(name) if freeze_of(one)
-    ]
-    model, results = variants_of(frozen, "freeze")
+    contest = source.contest(is_frozen, needs=_STRATEGIES, most_first=True)
+    model, results = variants_of(source.results(contest, is_frozen), "freeze")
     each = [set(map(slot_of, of)) for of in grouped(results, freeze_of).values()]
     if len(each) < FEWEST_STRATEGIES:
         raise StoreError(f"--results {source.folder}: no model has results of {_STRATEGIES}")
@@ -173,9 +175,8 @@ _NETWORKS = (
 def is_swept(result: CellResult) -> bool:
     """Say whether a result is of a network with depth and width and an error on the source."""
     options = result.cell.model_params
-    return all(isinstance(options.get(name), int) for name in ("layers", "width")) and (
-        "source test MAE [mm]" in result.diagnostics
-    )
+    sized = isinstance(options.get("layers"), int) and isinstance(options.get("width"), int)
+    return sized and "source test MAE [mm]" in result.diagnostics
 
 
 def errors_on_source(
@@ -249,10 +250,7 @@ def _draw_map(figure: Figure, axes: Axes, mean: pd.DataFrame) -> None:
 def sweep(source: FigureSource) -> Content:
     """Take the networks that differ in depth and width alone."""
     contest = source.contest(is_swept, needs=_NETWORKS, most_first=True)
-    swept = [
-        one for name in source.names([contest]) for one in contest.results(name) if is_swept(one)
-    ]
-    model, results = variants_of(swept, "layers", "width")
+    model, results = variants_of(source.results(contest, is_swept), "layers", "width")
     errors = errors_on_source(results)
     n_splits = errors.groupby(["depth", "width"]).size()
     if len(n_splits) < FEWEST_NETWORKS:

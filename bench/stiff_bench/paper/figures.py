@@ -179,14 +179,15 @@ def _draw_strategies(
     for result, look in zip(first, looks(len(first)), strict=True):
         step, _, loss = result.curves.get("fine-tuning", np.full((1, 3), np.nan)).T
         if has_place(loss).any():
-            pair = "+" in layers_of(result)
+            pair, best = "+" in layers_of(result), least_at(loss)
             left.plot(
                 *(step, loss),
                 **look.points() | {"linestyle": "-" if pair else DASHED},
-                markevery=[least_at(loss)],
+                markevery=[best],
                 markersize=4.5,
                 label=f"layer{'s' * pair} {layers_of(result)}",
             )
+            left.plot(step[best], loss[best], **look.points(), markersize=4.5, zorder=4.0)
     left.set(xscale="log", yscale="log", xlabel="epochs", ylabel="validation loss [standardised]")
     plain_numbers(left.xaxis)
     plain_numbers(left.yaxis)

@@ -44,11 +44,10 @@ class NetworkTable:
         caption: of the table.
         headings: of the columns that name a row.
         published: row -> what the paper prints; empty where it is not known.
-        ours: rows and models of our first group of columns.
+        ours, early: rows and models; those of a second group of columns were stopped early.
         errors: a result -> its values by column.
         notes: before those that every table has.
         decimals: of our first group.
-        early: rows and models of a second group, which were stopped early.
         remedy: the command that makes what is missing.
     """
 
