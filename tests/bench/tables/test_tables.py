@@ -107,12 +107,12 @@ def test_leave_one_out_scores_all_poses_together(tasks_of):
 
 
 def test_a_failed_or_skipped_model_is_a_row_with_its_reason_and_the_others_stay(tasks_of):
-    tasks = tasks_of(models=("vjm", "mlp"), splits=2)
+    tasks = sorted(tasks_of(models=("vjm", "mlp"), splits=2), key=lambda one: one.shown.model)
+    others = [result(task, 1e-4) for task in tasks[:2]]
     broken = {"status": "failed", "records": (), "prediction": None, "failure": "it broke"}
     absent = broken | {"status": "skipped", "failure": "no a|b\nhere"}
-    failed = [result(tasks[0], 1e-4), result(tasks[1], 0, **broken)]
-    skipped = [result(task, 0, **absent) for task in tasks[:2]]
-    others = [result(task, 1e-4) for task in tasks[2:]]
+    failed = [result(tasks[2], 1e-4), result(tasks[3], 0, **broken)]
+    skipped = [result(task, 0, **absent) for task in tasks[2:]]
     for bad, mark, why in (
         (failed, "| vjm [FAILED in 1 of 2 splits]", "- vjm: FAILED (1 of 2 splits): it broke"),
         (skipped, "| vjm [SKIPPED]", "- vjm: SKIPPED (2 of 2 splits): no a|b here"),
