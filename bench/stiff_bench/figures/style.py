@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from string import ascii_lowercase
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -133,8 +133,7 @@ def share_legend(
     handles: dict[str, Any] = {}
     for axes in panels:
         handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    place: Literal["outside lower center", "outside upper center"]
-    place = "outside lower center" if below else "outside upper center"
+    place: Any = f"outside {'lower' if below else 'upper'} center"
     figure.legend(list(handles.values()), list(handles), loc=place, ncols=ncols, **spacing)
 
 

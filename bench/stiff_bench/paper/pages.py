@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -111,11 +110,7 @@ def write_leaderboard(output: Path, command: str, n_missing: int) -> Iterator[Pa
 
 
 def _provenance(folder: Path, command: str, n_missing: int) -> Iterator[str]:
-    """Yield lines of markdown: the command, the versions, the time, and each machine.
-
-    Raises:
-        StoreError: a file of the folder is damaged.
-    """
+    """Yield lines of markdown: the command, the versions, and each machine."""
     runs = list(read_manifests(folder))
     yield f"made by {markdown_code(command)}"
     if n_missing:
@@ -140,9 +135,8 @@ def _figures_and_missing(
     for figure in figures:
         picture = f"{folder}/{_file_name(figure)}"
         number = f"Figure {figure.name}: " if figure.name[0].isdigit() else ""
-        alt = re.sub(r"[\[\]\\]", " ", figure.title)
-        yield f"### {markdown_text(f'{number}{figure.title}')}"
-        yield f"![{alt}]({picture}.png)"
+        yield f"### {number}{figure.title}"
+        yield f"![{figure.title}]({picture}.png)"
         yield f"{markdown_text(figure.caption)} ([PDF]({picture}.pdf))"
     if missing:
         yield "## Not made"
@@ -168,7 +162,6 @@ def _pictures(figures: Sequence[Prepared], folder: Path) -> Iterator[Path]:
 
 
 def _written(path: Path, text: str) -> Path:
-    """Write a text file, whole or not at all, and return its path."""
     make_folder(path.parent)
     with written_whole(path) as temporary:
         temporary.write_text(f"{text}\n", encoding="utf-8")

@@ -11,7 +11,7 @@ import io
 import json
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import Any, TypeGuard
 
@@ -64,14 +64,21 @@ def plain_text(table: Table, *, widths: Sequence[int | None] = ()) -> str:
         table: to print; texts stand left, numbers right.
         widths: of columns that are broken into lines, characters.
     """
-    body = tabulate(
-        table.texts(),
-        headers=[table.heading(column) for column in table.columns],
-        maxcolwidths=[*widths] or None,
-        colalign=_alignment(table),
-        disable_numparse=True,
-    )
+    body = _columns(table, "simple", str, maxcolwidths=[*widths] or None)
     return "\n".join([body, *table.notes])
+
+
+def _columns(table: Table, fmt: str, escape: Callable[[str], str], **words: Any) -> str:
+    """Return headings (group, name and unit) and cells in a format of tabulate's."""
+    names = [": ".join(filter(None, (one.group, table.heading(one)))) for one in table.columns]
+    return tabulate(
+        [[escape(cell) for cell in row] for row in table.texts()],
+        headers=list(map(escape, names)),
+        tablefmt=fmt,
+        colalign=["right" if column.kind == "number" else "left" for column in table.columns],
+        disable_numparse=True,
+        **words,
+    )
 
 
 _MARKDOWN_SIGNS = re.compile(r"<(?=[A-Za-z/!?])|(?<=\])\(")
@@ -93,23 +100,8 @@ def markdown_code(text: str) -> str:
     return f"`{text}`" if longest == 0 else f"{'`' * (longest + 1)} {text} {'`' * (longest + 1)}"
 
 
-def _headings(table: Table) -> list[str]:
-    """Return what stands above each column: its group, name and unit."""
-    return [": ".join(filter(None, (one.group, table.heading(one)))) for one in table.columns]
-
-
-def _alignment(table: Table) -> list[str]:
-    return ["right" if column.kind == "number" else "left" for column in table.columns]
-
-
 def _github(table: Table, command: str) -> str:
-    body = tabulate(
-        [[_markdown_cell(cell) for cell in row] for row in table.texts()],
-        headers=[_markdown_cell(name) for name in _headings(table)],
-        tablefmt="github",
-        colalign=_alignment(table),
-        disable_numparse=True,
-    )
+    body = _columns(table, "github", _markdown_cell)
     notes = [markdown_text(one_line(note)) for note in table.notes]
     listed = [f"- {note}" for note in (*notes, f"made by: {markdown_code(command)}")]
     return "\n".join([f"**{markdown_text(one_line(table.title))}**", "", body, "", *listed])
@@ -255,13 +247,7 @@ def _html_text(text: str) -> str:
 
 
 def _html(table: Table, command: str) -> str:
-    body = tabulate(
-        [[_html_text(cell) for cell in row] for row in table.texts()],
-        headers=[_html_text(name) for name in _headings(table)],
-        tablefmt="unsafehtml",  # what is printed is escaped here
-        colalign=_alignment(table),
-        disable_numparse=True,
-    )
+    body = _columns(table, "unsafehtml", _html_text)  # what is printed is escaped by us
     notes = "".join(f"<li>{_html_text(note)}</li>" for note in table.notes)
     made_by = f"<li>made by: <code>{html.escape(command)}</code></li>"
     return (

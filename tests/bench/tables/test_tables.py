@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 import statistics
@@ -107,7 +105,8 @@ def test_leave_one_out_scores_all_poses_together(tasks_of):
 
 
 def test_a_failed_or_skipped_model_is_a_row_with_its_reason_and_the_others_stay(tasks_of):
-    tasks = tasks_of(models=("vjm", "mlp"), splits=2)
+    tasks = sorted(tasks_of(models=("vjm", "mlp"), splits=2), key=lambda one: one.shown.model)
+    tasks = [*tasks[2:], *tasks[:2]]  # vjm, then mlp
     broken = {"status": "failed", "records": (), "prediction": None, "failure": "it broke"}
     absent = broken | {"status": "skipped", "failure": "no a|b\nhere"}
     failed = [result(tasks[0], 1e-4), result(tasks[1], 0, **broken)]
@@ -150,20 +149,6 @@ def test_the_published_rows_stand_beneath_the_kr10_and_nowhere_else(tasks_of):
     (task,) = tasks_of(splits=1)
     (none,) = build_tables([result(task, 1e-4)], [metric("norm")])  # no published value of it
     assert facts(none, "source") == ["ours"] and "published" not in " ".join(none.notes)
-
-
-def test_every_format_holds_the_same_numbers(tasks_of):
-    tasks = tasks_of(splits=2)
-    results = [result(task, e) for task, e in zip(tasks, (1e-4, 3e-4), strict=True)]
-    tables = build_tables(results, METRICS)
-    texts = {fmt: render(tables, fmt, "bench run") for fmt in ("github", "latex", "html")}
-    assert "0.2000 ± 0.1414" in texts["github"] and "0.2000 ± 0.1414" in texts["html"]
-    assert "0.2000 +- 0.1414" in texts["latex"] and r"\toprule" in texts["latex"]
-    rows = list(csv.DictReader(io.StringIO(render(tables, "csv", "bench run"))))
-    assert len(rows) == 4 * 9
-    assert float(rows[0]["value"]) == pytest.approx(0.2)
-    (table,) = json.loads(render(tables, "json", "bench run"))["tables"]
-    assert table["rows"][0]["values"][0]["value"] == float(rows[0]["value"])
 
 
 def test_a_mean_of_numbers_one_of_which_is_infinite_says_so(tasks_of):

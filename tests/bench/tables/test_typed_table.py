@@ -69,15 +69,11 @@ def test_csv_has_a_line_a_number_at_full_precision_with_all_that_it_is_of():
 
 def test_tables_with_other_columns_stand_in_one_csv():
     other = Table("other", [Column("place", "text"), Column("y")], [["here", 1]])
-    *_, last = lines(SMALL, other)
+    texts = Table("t", [Column("what", "text"), Column("where", "text")], [["x", "y"]])
+    *_, last, of_texts = lines(SMALL, other, texts)
+    assert (of_texts["what"], of_texts["where"], of_texts["value"]) == ("x", "y", "")
     assert (last["place"], last["column"], last["value"], last["model"]) == ("here", "y", "1", "")
     assert list(last)[-len(VALUE_FIELDS) :] == [*VALUE_FIELDS]
-
-
-def test_a_table_of_texts_alone_has_a_line_a_row_in_csv():
-    table = Table("t", [Column("what", "text"), Column("where", "text")], [["x", "y"]])
-    (line,) = lines(table)
-    assert (line["what"], line["where"], line["value"]) == ("x", "y", "")
 
 
 def test_json_has_the_values_of_csv_and_says_nothing_of_what_is_not_there():
