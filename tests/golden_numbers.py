@@ -1,14 +1,9 @@
 """What holds a model's version honest: numbers that every built-in model gave when they were made.
 
 A model's `version` stands in a cell's identity in place of its code, so whoever changes its numbers
-must raise it. `models/test_golden_numbers.py` fits every model of the catalogue anew, with few
-rows, small networks and five steps, and compares
-
-- predictions, and bounds of intervals where a model has its own, to `CLOSED_FORM_M` or `NETWORK_M`;
-- the plan of each training that the model would do, recipe by recipe, in every field;
-- of the pre-training, whose version is `PRETRAINING_VERSION`, what a few steps give.
-
-The numbers are made by
+must raise it. `models/test_golden_numbers.py` fits every model anew, with few rows, small networks
+and five steps, and compares predictions and bounds of intervals, the plan of each training in every
+field, and what a few steps of the pre-training give. The numbers are made by
 
     python tests/golden_numbers.py
 
@@ -179,7 +174,10 @@ def made(key: str) -> dict[str, Any]:
         return {"version": PRETRAINING_VERSION, "library": "", "numbers": pretrained(), "plans": {}}
     info = model_info(key)
     with few_steps():
-        numbers = {words(options): predicted(key, options) for options in VARIANTS.get(key, ({},))}
+        numbers = {
+            " ".join(f"{name}={value}" for name, value in options.items()): predicted(key, options)
+            for options in VARIANTS.get(key, ({},))
+        }
     is_network = issubclass(info.load(), EncodedNetworkModel)
     return {
         "version": info.version,
@@ -193,10 +191,6 @@ def library(key: str) -> str:
     """Return name and version of the library that belongs to a model's identity; "" for none."""
     name = "" if key == PRETRAINING_KEY else model_info(key).library
     return f"{name} {version(name)}" if name else ""
-
-
-def words(options: Options) -> str:
-    return " ".join(f"{name}={value}" for name, value in options.items())
 
 
 def model_with(key: str, options: Options) -> Any:
@@ -380,21 +374,16 @@ def few_steps() -> Iterator[None]:
         yield
 
 
-def tolerance(key: str) -> float:
-    is_network = key == PRETRAINING_KEY or issubclass(model_info(key).load(), NETWORKS)
-    return NETWORK_M if is_network else CLOSED_FORM_M
-
-
 def changed(key: str, kept: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     """Return a line for each variant and recipe that both have and that differ."""
+    is_network = key == PRETRAINING_KEY or issubclass(model_info(key).load(), NETWORKS)
+    tolerance = NETWORK_M if is_network else CLOSED_FORM_M
     lines = []
     for variant in kept["numbers"].keys() & now["numbers"].keys():
         before, after = kept["numbers"][variant], now["numbers"][variant]
         if len(before) != len(after):
             lines.append(f"{variant or 'as it comes'}: {len(before)} became {len(after)} numbers")
-            continue
-        largest = float(np.abs(np.subtract(before, after)).max())
-        if not largest <= tolerance(key):
+        elif not (largest := float(np.abs(np.subtract(before, after)).max())) <= tolerance:
             lines.append(f"{variant or 'as it comes'}: by up to {largest:.2g}")
     for recipe in kept["plans"].keys() & now["plans"].keys():
         before, after = kept["plans"][recipe], now["plans"][recipe]

@@ -67,9 +67,9 @@ def test_two_side_by_side_against_one(benchmark, tmp_path, name, one, two):
 @pytest.mark.slow
 @pytest.mark.benchmark(group="a plan of 100,000 cells")
 def test_plan(benchmark, tmp_path):
-    models = ["zero", "mean", "knn", "vjm", "vjm-full", "vjm-multisegment", "vjm-gp", "gp"]
+    models = [f"knn@neighbours={number}" for number in range(1, 11)]
     words = [BENCH, "run", *(word for key in models for word in ("--model", key))]
-    words += ["--splits", "12500", "--plan", "--output", tmp_path]
+    words += ["--splits", "10000", "--plan", "--output", tmp_path]
     ours(benchmark, "bench run --plan of 100,000 cells", work=100_000, unit="cell")
     peak = benchmark.pedantic(peak_mib, words, rounds=1)
     figure(benchmark, "peak memory", peak, "MiB")

@@ -12,9 +12,9 @@ from joblib import Parallel, delayed, parallel_config
 
 from perf_case import figure, ours, ours_or_peer
 from plain_fine_tuning import Pretrained, largest_difference, our_loop, plain_loop
+from quick_models import twin_data
 from run_requests import planned
-from stiff_bench.plan.cells import CellTask, cell_tasks
-from stiff_datasets.twin.kr10_twin import Kr10Twin
+from stiff_bench.plan.cells import cell_tasks
 from stiff_models.networks.arithmetic import has_fast_bfloat16
 from stiff_models.networks.training_plan import TrainingPlan
 from stiff_models.transfer.ft_mlp import FINE_TUNING, FtMlp
@@ -43,7 +43,7 @@ PROCESSES = 2
 @pytest.fixture(scope="module")
 def case() -> Pretrained:
     """One division of the KR10 twin; a poorly pre-trained network costs the same time."""
-    data = Kr10Twin().load()
+    data = twin_data()
     (split,) = PaperHoldout().splits(data.samples, n_splits=1, seed=0)
     train, held_out = data.samples.take(split.train), data.samples.take(split.validation)
     model = FtMlp(pretrain_steps=30, epochs=0, device="cpu")
@@ -99,13 +99,16 @@ def test_fast_recipe(benchmark):
     """
     tasks = list(cell_tasks(planned(models=("ft-mlp@epochs=0",), splits=SPLITS)))
 
-    def prepared(task: CellTask) -> Pretrained:
-        parts = [task.data.samples.take(r) for r in (task.split.train, task.split.validation)]
-        model = task.make().fit(parts[0], robot=task.data.robot, seed=task.cell.model_seed)
-        return pretrained(model, *parts)
-
+    parts = [
+        [task.data.samples.take(rows) for rows in (task.split.train, task.split.validation)]
+        for task in tasks
+    ]
     with parallel_config("loky", inner_max_num_threads=1), Parallel(PROCESSES) as workers:
-        cases = workers(delayed(prepared)(task) for task in tasks)
+        models = workers(  # which cannot import this module
+            delayed(task.make().fit)(train, robot=task.data.robot, seed=task.cell.model_seed)
+            for task, (train, _) in zip(tasks, parts, strict=True)
+        )
+        cases = [pretrained(model, *both) for model, both in zip(models, parts, strict=True)]
 
         def lowest_losses(recipe: Recipe) -> FloatArray:
             plan = replace(FINE_TUNING[recipe], keep_best=True)

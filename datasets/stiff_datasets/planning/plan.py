@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -27,7 +27,7 @@ from stiff_datasets.planning.loads import G, stream
 from stiff_datasets.planning.poses import Poses, paper_poses
 from stiff_datasets.planning.reachable import CLEARANCE, LOWEST_HEIGHT, keeps_clear, reachable_poses
 from stiff_datasets.robots.robot import ChainModel, robot_of
-from stiff_protocols.contract.errors import ConfigError, StoreError, unknown_name
+from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.files import refuse_existing, written_whole
 from stiff_protocols.contract.types import FloatArray, Robot
 
@@ -92,7 +92,6 @@ def candidate_plan(
         ConfigError: an argument is out of range, or too few random poses keep the clearances.
         DataError: a joint has more than one degree of freedom.
     """
-    _check_positive("candidates", candidates)
     wrench = _forces(candidates, payload_kg, seed)
     q = reachable_poses(chain, candidates, stream("plan poses", chain.name, seed), clearance)
     width = len(str(candidates))
@@ -113,11 +112,9 @@ def chosen_plan(
             (smallest condition number of the column-scaled regressor).
 
     Raises:
-        ConfigError: the criterion is unknown, or `n_poses` is out of range: it takes three
-            components of a deflection a sample to see every joint.
+        ConfigError: `n_poses` is out of range: it takes three components of a deflection a
+            sample to see every joint.
     """
-    if criterion not in get_args(Criterion):
-        raise unknown_name("criterion", criterion, get_args(Criterion))
     fewest = -(-chain.model.nv // 3)
     if not fewest <= n_poses <= len(pool.q):
         raise ConfigError(
@@ -176,9 +173,8 @@ def write_plan(path: Path, plan: MeasurementPlan, robot: Robot) -> None:
 
 def _forces(n: int, payload_kg: float, seed: int) -> FloatArray:
     """Return (n, 6) wrenches: forces in random directions, torque zero."""
-    _check_positive("payload_kg", payload_kg)
-    if seed < 0:
-        raise ConfigError(f"seed is {seed}, expected 0 or more")
+    if not (np.isfinite(payload_kg) and payload_kg > 0):
+        raise ConfigError(f"payload_kg is {payload_kg:g}, expected a number above 0")
     direction = stream("plan forces", seed).normal(size=(n, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     return np.hstack([FORCE_SHARE * payload_kg * G * direction, np.zeros((n, 3))])
@@ -191,8 +187,3 @@ def _rounded_inside(values: FloatArray, lower: FloatArray, upper: FloatArray) ->
     rounded = np.where(rounded > upper, (rounded - step).round(_DECIMALS_DEG), rounded)
     rounded = np.where(rounded < lower, (rounded + step).round(_DECIMALS_DEG), rounded)
     return np.asarray(rounded + 0.0)  # no -0.0
-
-
-def _check_positive(name: str, value: float) -> None:
-    if not (np.isfinite(value) and value > 0):
-        raise ConfigError(f"{name} is {value:g}, expected a number above 0")

@@ -240,11 +240,8 @@ def test_a_file_that_exists_is_not_overwritten_and_others_are_refused_before_the
     ("changes", "message"),
     [
         ({"n_poses": 101}, r"n_poses is 101, expected 2 \(for 6 joints\) to 100"),
-        ({"candidates": 0}, "candidates is 0, expected a number above 0"),
-        ({"criterion": "e"}, r"unknown criterion 'e' \(valid: condition, d-optimal\)"),
         ({"payload_kg": 0.0}, "payload_kg is 0, expected a number above 0"),
         ({"payload_kg": np.nan}, "payload_kg is nan"),
-        ({"seed": -1}, "seed is -1, expected 0 or more"),
         ({"clearance": -0.1}, "clearance is -0.1, expected m, 0 or more"),
         ({"clearance": np.inf}, "clearance is inf"),
         ({"clearance": 5.0}, "0 of 5000 random poses of kr10_r1100_2 keep a clearance of 5 m"),
