@@ -11,6 +11,7 @@ import numpy as np
 from made_results import ROBOT
 from made_samples import samples_with
 from stiff_bench.analysis.collected import Contest, collect
+from stiff_bench.run.cell import metric_records
 from stiff_bench.store.database import ResultStore, read_data
 from stiff_bench.store.names import Variant
 from stiff_bench.store.samples import StoredData
@@ -82,7 +83,10 @@ def store_results(
                 continue
             measured = data.samples.deflection[rows]
             prediction = Prediction(rows, measured + errors(index, rows), measured)
-            store.write_cell(replace(result, prediction=prediction, n_train=n_train))
+            records = metric_records(prediction, None)
+            store.write_cell(
+                replace(result, records=records, prediction=prediction, n_train=n_train)
+            )
     return folder
 
 

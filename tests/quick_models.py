@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,15 +24,25 @@ def twin_data() -> BenchmarkData:
 
 @functools.cache
 def quick_model(key: str) -> FittedModel:
-    """The model of a key on every fourth pose of the KR10 twin; skips where it cannot be used."""
+    """The model of a key with its quick options; skips where it cannot be used."""
     info = model_info(key)
     if info.missing():
         pytest.skip(info.missing())
-    data = twin_data()
+    return fitted(key, info.quick)
+
+
+def fitted(
+    key: str, options: Mapping[str, Any], *, chosen: bool = False, **seed: int
+) -> FittedModel:
+    """A model on every fourth pose of the KR10 twin; `chosen`: by validation rows, if it can."""
+    info, data = model_info(key), twin_data()
     cls = info.load()
-    options = dict(info.quick)
-    if "device" in cls(**options).get_params():
-        options["device"] = "cpu"
+    model = cls(**options)
+    if "device" in model.get_params():
+        model.set_params(device="cpu")
     rows = np.arange(0, len(data.samples), 4)
-    model: FittedModel = cls(**options).fit(data.samples.take(rows), robot=data.robot)
-    return model
+    held_out = data.samples.take(rows + 1) if chosen and info.uses_validation else None
+    found: FittedModel = model.fit(
+        data.samples.take(rows), robot=data.robot, validation=held_out, **seed
+    )
+    return found

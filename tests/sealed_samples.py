@@ -35,13 +35,14 @@ class Seal:
             raise Leak("a test deflection was read during fit or prediction")
         self.broken = True
 
-    def guarded(self, call: Callable[..., Any]) -> Callable[..., Any]:
+    def guarded(self, cls: type, name: str) -> Callable[..., Any]:
         """The same method of a model, which must not be called when the seal is broken."""
+        call = getattr(cls, name)
 
         @functools.wraps(call)
         def asked(*args: Any, **options: Any) -> Any:
             if self.broken:
-                raise Leak(f"a test deflection was read before {call.__qualname__}")
+                raise Leak(f"a test deflection was read before {cls.__name__}.{name}")
             self.asking += 1
             try:
                 return call(*args, **options)
@@ -86,7 +87,7 @@ def computed_under_seal(task: CellTask) -> CellResult:
         for cls in classes:
             for name in CALLS:
                 if hasattr(cls, name):
-                    patch.setattr(cls, name, seal.guarded(getattr(cls, name)))
+                    patch.setattr(cls, name, seal.guarded(cls, name))
         result = compute_cell(replace(task, data=replace(task.data, samples=samples)), "r")
     # else nothing was scored, or it was scored on something else
     assert result.status == "ok" and seal.broken, result.failure

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from quick_models import KEYS
 from stiff_bench.plan.registry import Registry
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_models.catalog import FAMILIES, MODELS
@@ -13,7 +14,6 @@ from stiff_protocols.conformance.suite import check_model
 from stiff_protocols.contract.types import BenchmarkData
 
 NOT_SAVABLE = ("realmlp", "tabm", "tabpfn")  # pickled by their packages, or another's weights
-KEYS = [*(info.key for info in MODELS), *(family.example for family in FAMILIES)]
 
 
 @pytest.fixture(scope="module")

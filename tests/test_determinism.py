@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quick_models import KEYS, twin_data
+from quick_models import KEYS, fitted, twin_data
 from stiff_bench.run.cell import compute_cell
 from stiff_models.catalog import model_info
 
@@ -32,20 +32,11 @@ WIDE_OPTIONS = {"pretrain_steps": 60, "epochs": 60}
 
 def prediction(key: str) -> np.ndarray:
     """What a model, fitted anew with its quick options, predicts on all of the KR10 twin."""
-    info = model_info("ft-mlp" if key == WIDE else key)
-    data = twin_data()
-    cls = info.load()
-    options = dict(WIDE_OPTIONS if key == WIDE else info.quick)
-    if "device" in cls(**options).get_params():
-        options["device"] = "cpu"
-    rows = np.arange(0, len(data.samples), 4)
-    model = cls(**options).fit(
-        data.samples.take(rows),
-        robot=data.robot,
-        validation=data.samples.take(rows + 1) if info.uses_validation else None,
-        seed=SEED,
+    name, options = ("ft-mlp", WIDE_OPTIONS) if key == WIDE else (key, model_info(key).quick)
+    samples = twin_data().samples
+    return np.asarray(
+        fitted(name, options, chosen=True, seed=SEED).predict(samples.q, samples.wrench)
     )
-    return np.asarray(model.predict(data.samples.q, data.samples.wrench))
 
 
 def usable() -> list[str]:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fuzz.hard_cases import npy_header
 from model_files import archived, members, saved_model
 
 from made_results import ROBOT, MadeResults, made_data
@@ -121,6 +122,15 @@ def test_a_pickle_in_the_samples_of_a_results_folder_is_refused_unread(mark):
 def test_samples_whose_arrays_do_not_fit_together_are_damaged(arrays):
     with pytest.raises(DataError):
         stored_data(npz(**arrays))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [*(npy_header(*of) for of in (((2**40, 6), "<f8"), ((12, 6), "|O"), ((-1, 6), "<f8"))), b"no"],
+)
+def test_samples_that_are_no_arrays_or_promise_too_many_are_damaged(content):
+    with pytest.raises(DataError):
+        stored_data(archived(members(npz()) | {"q.npy": content}))
 
 
 def test_few_bytes_that_stand_for_too_many_samples_are_refused_unread():

@@ -16,15 +16,17 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from stiff_bench.api.data import Dataset, load_dataset, read_samples, use_plugin
+    from stiff_bench.api.evaluation import evaluate
     from stiff_bench.api.model import Model, load_model, make_model
-    from stiff_bench.api.results import Results, Tables, evaluate, open_results
+    from stiff_bench.api.results import Results, Tables, open_results
     from stiff_bench.api.robot import Robot
     from stiff_protocols.contract.types import Samples
 
 _PLACES = {
     "stiff_bench.api.data": ("Dataset", "load_dataset", "read_samples", "use_plugin"),
+    "stiff_bench.api.evaluation": ("evaluate",),
     "stiff_bench.api.model": ("Model", "load_model", "make_model"),
-    "stiff_bench.api.results": ("Results", "Tables", "evaluate", "open_results"),
+    "stiff_bench.api.results": ("Results", "Tables", "open_results"),
     "stiff_bench.api.robot": ("Robot",),
     "stiff_protocols.contract.types": ("Samples",),
 }

@@ -64,6 +64,7 @@ def tomls(valid: bytes) -> tuple[bytes, ...]:
         b"a = " + b"{a=" * 5000,
         b"a = " + b"9" * 100_000,
         b"a" + b".a" * 100_000 + b" = 1",
+        b"[a" + b".a" * 2000 + b"]\nb = 1",
         b"".join(b"[a%d]\n" % i for i in range(20_000)),
         valid + b"#" * LONG,
         valid + b"\n[mlp.width" + b".a" * 900 + b"]\nb = 1",

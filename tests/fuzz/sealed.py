@@ -70,24 +70,20 @@ def _cell_damaged(content: dict[str, Any], rng: Random) -> None:
 
 def array_damaged(array: Any, rng: Random) -> Any:
     """Return an array of another type, shape or content."""
-    match rng.randrange(6):
-        case 0:
-            raw = np.resize(np.frombuffer(array.tobytes(), np.uint8), 16 * max(array.size, 1))
-            dtype = np.dtype(rng.choice(DTYPES))
-            return raw[: len(raw) // dtype.itemsize * dtype.itemsize].view(dtype)
-        case 1:
-            return array.reshape(-1)
-        case 2:
-            return array[: rng.randrange(3)] if array.ndim else array.reshape(1)
-        case 3:
-            return np.resize(array, rng.choice([(0,), (1, 1), (2, 3, 4), (0, 3), ()]))
-        case 4:
-            return np.array([rng.choice(NONSENSE)[:9] or "x"])
-        case _:
-            damaged = np.array(array)
-            if damaged.size and damaged.dtype.kind == "f":
-                damaged.flat[rng.randrange(damaged.size)] = rng.choice((np.nan, np.inf, -1.0))
-            return damaged
+    raw = np.resize(np.frombuffer(array.tobytes(), np.uint8), 16 * max(array.size, 1))
+    dtype = np.dtype(rng.choice(DTYPES))
+    holed = np.array(array)
+    if holed.size and holed.dtype.kind == "f":
+        holed.flat[rng.randrange(holed.size)] = rng.choice((np.nan, np.inf, -1.0))
+    others = (
+        raw[: len(raw) // dtype.itemsize * dtype.itemsize].view(dtype),
+        array.reshape(-1),
+        array[: rng.randrange(3)] if array.ndim else array.reshape(1),
+        np.resize(array, rng.choice([(0,), (1, 1), (2, 3, 4), (0, 3), ()])),
+        np.array([rng.choice(NONSENSE)[:9] or "x"]),
+        holed,
+    )
+    return rng.choice(others)
 
 
 def parquet_damaged(data: bytes, rng: Random) -> bytes:

@@ -7,10 +7,10 @@ of it, and a model that lacks a slot is incomplete there.
 
 from __future__ import annotations
 
-import difflib
+import gc
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -27,47 +27,18 @@ from stiff_bench.store.newest import (
     slot_of,
 )
 from stiff_protocols.contract.errors import ConfigError, StoreError, unknown_name
-from stiff_protocols.contract.record import Cell, CellResult, Presentation
+from stiff_protocols.contract.record import Cell, CellResult, Presentation, RunManifest
 
 
-@dataclass(frozen=True)
-class SplitSizes:
-    """Sizes of the splits of one contest.
+def split_sizes(results: Sequence[CellResult]) -> tuple[float, float]:
+    """Return how many rows a split of a model trains and tests on, means over the splits.
 
-    Attributes:
-        n_train, n_test: rows of one split, means over the splits.
-        n_samples: rows of the data set.
-    """
-
-    n_train: float
-    n_test: float
-    n_samples: int
-
-    @property
-    def test_share(self) -> float:
-        """Part of the data set (0..1) that a split tests on.
-
-        Where a split trains on a part of the rest alone (a learning curve), this still is what ties
-        the splits' results together, not n_test / (n_test + n_train): few training rows hardly
-        overlap from split to split (counted in tests/protocols/scoring/test_false_positives.py).
-        """
-        return self.n_test / self.n_samples
-
-
-def split_sizes(results: Sequence[CellResult], n_samples: int) -> SplitSizes:
-    """Return the sizes of the splits of a model's results.
-
-    Args:
-        results: of one model, at least one of them with a prediction.
-        n_samples: rows of the data set.
+    What ties the splits' results together is n_test / n_samples, also where a split trains on a
+    part of the rest alone (a learning curve): few training rows hardly overlap from split to split
+    (counted in tests/protocols/scoring/test_false_positives.py).
     """
     n_test = np.mean([len(r.prediction.rows) for r in results if r.prediction is not None])
-    n_train = np.mean([result.n_train for result in results])
-    return SplitSizes(float(n_train), float(n_test), n_samples)
-
-
-_REMEDY = "the `bench run` that made it computes it again"
-"""What to do about a damaged cell."""
+    return float(np.mean([result.n_train for result in results])), float(n_test)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +80,6 @@ class Contest:
         newest_run: the latest of the runs that asked for its results and failures; a run's name
             begins with its time.
         cell: one of its cells; the options of data set and protocol are the same in all.
-        coverages: of the intervals, those of the newest run first; () where there are none.
         left_out: which results do not count, and why.
     """
 
@@ -118,26 +88,7 @@ class Contest:
     competitors: Mapping[str, Competitor]
     newest_run: str
     cell: Cell
-    coverages: tuple[float, ...]
     left_out: tuple[str, ...]
-
-    @cached_property
-    def rows_sha256(self) -> Mapping[Slot, str]:
-        """Split -> hash of its rows alone, as its cells have it; "" where nobody has a result."""
-        found = dict.fromkeys(self.slots, "")
-        for competitor in self.competitors.values():
-            found |= {slot: one.cell.rows_sha256 for slot, one in competitor.done.items()}
-        return found
-
-    @property
-    def n_results(self) -> int:
-        """How many results and failures it holds."""
-        return sum(len(found.done) + len(found.failures) for found in self.competitors.values())
-
-    def options(self, kind: str) -> Mapping[str, Any]:
-        """Return every option of its "dataset" or "protocol", defaults too."""
-        options: Mapping[str, Any] = getattr(self.cell, f"{kind}_params")
-        return options
 
     def results(self, competitor: str, slots: Sequence[Slot] | None = None) -> list[CellResult]:
         """Return a model's results on these slots (default: all that it has), in order."""
@@ -159,23 +110,62 @@ class Contest:
         return sorted(shared)
 
 
-def collect(folder: Path) -> list[Contest]:
-    """Read every result of a folder and sort them into contests.
+@dataclass(frozen=True, eq=False)
+class StoredResults:
+    """What a folder of results holds.
 
-    Where results contradict each other, those of the newest run count: see `newest.py`.
-
-    Raises:
-        StoreError: the folder holds no results, or a file of it is damaged: what it held would be
-            missing unnoticed.
+    Attributes:
+        folder: that was read.
+        contests: all of its results, sorted.
+        runs: whose manifests it holds.
     """
+
+    folder: Path
+    contests: tuple[Contest, ...]
+    runs: tuple[RunManifest, ...] = ()
+
+    @classmethod
+    def read(cls, folder: Path) -> StoredResults:
+        """Read every result of a folder and sort them into contests.
+
+        Where results contradict each other, those of the newest run count: see `newest.py`.
+
+        Raises:
+            StoreError: the folder holds no results, or a file of it is damaged: what it held would
+                be missing unnoticed.
+        """
+        with no_garbage_collection():
+            try:
+                manifests = tuple(read_manifests(folder))
+                by_name = grouped(read_results(folder), _names_and_data)
+            except DamagedFile as error:
+                remedy = "; the `bench run` that made it computes it again" if error.key else ""
+                raise StoreError(f"{error}{remedy}") from error
+            if not by_name:
+                raise StoreError(
+                    f"--results {folder}: holds no results; `bench run --output` makes them"
+                )
+            runs = Runs.of(manifests)
+            contests = tuple(_contest(results, runs) for results in by_name.values())
+            return cls(folder, contests, manifests)
+
+
+@contextmanager
+def no_garbage_collection() -> Iterator[None]:
+    """Look for no garbage among a million records, none of which is any: a quarter of the time."""
+    enabled = gc.isenabled()
+    gc.disable()
     try:
-        runs = Runs.of(read_manifests(folder))
-        by_name = grouped(read_results(folder), _names_and_data)
-    except DamagedFile as error:
-        raise StoreError(f"{error}; {_REMEDY}" if error.key else str(error)) from error
-    if not by_name:
-        raise StoreError(f"--results {folder}: holds no results; `bench run --output` makes them")
-    return [_contest(results, runs) for results in by_name.values()]
+        yield
+    finally:
+        gc.freeze()  # nor later
+        if enabled:
+            gc.enable()
+
+
+def collect(folder: Path) -> list[Contest]:
+    """Return the contests of a folder: see `StoredResults.read`."""
+    return list(StoredResults.read(folder).contests)
 
 
 def contest_name_of(result: CellResult) -> ContestName:
@@ -194,13 +184,8 @@ def _names_and_data(result: CellResult) -> tuple[str, str, str, int, str, str]:
 def _contest(found: Sequence[CellResult], runs: Runs) -> Contest:
     results, left_out = of_newest_splits(found, runs)
     in_order = runs.newest_first(results)
-    coverages = tuple(
-        dict.fromkeys(
-            result.cell.coverage
-            for result in in_order
-            if result.status == "ok" and result.cell.coverage is not None
-        )
-    )
+    done = [one.cell.coverage for one in in_order if one.status == "ok"]
+    coverages = tuple(dict.fromkeys(one for one in done if one is not None))  # newest first
     newest_of = {one.shown.model: one for one in reversed(in_order)}  # the newest is the last set
     competitors = {}
     for model, of_model in sorted(grouped(results, lambda one: one.shown.model).items()):
@@ -224,7 +209,6 @@ def _contest(found: Sequence[CellResult], runs: Runs) -> Contest:
         competitors=competitors,
         newest_run=runs.run_of(in_order[0]),
         cell=results[0].cell,
-        coverages=coverages,
         left_out=tuple(left_out),
     )
 
@@ -234,11 +218,21 @@ def competitor_names(contests: Iterable[Contest]) -> list[str]:
     return sorted({name for contest in contests for name in contest.competitors})
 
 
+def chosen_models(contests: Sequence[Contest], words: Sequence[str]) -> list[str]:
+    """Return the names of the models that words stand for; no word stands for all.
+
+    Raises:
+        ConfigError: a word has no results.
+    """
+    known = competitor_names(contests)
+    for word in words:
+        if not any(stands_for(word, name) for name in known):
+            raise ConfigError(f"--model: {unknown_name('model with results', word, known)}")
+    return [name for name in known if asked_for(name, words)]
+
+
 def chosen_contests(
-    contests: Sequence[Contest],
-    *,
-    datasets: Sequence[str],
-    protocols: Sequence[str],
+    contests: Sequence[Contest], *, datasets: Sequence[str], protocols: Sequence[str]
 ) -> list[Contest]:
     """Return the contests of these data sets and protocols; none named means all.
 
@@ -250,16 +244,13 @@ def chosen_contests(
     """
     chosen = list(contests)
     for kind, asked in (("dataset", datasets), ("protocol", protocols)):
-        for word in asked:
-            if not any(_stands_for_its(kind, word, contest) for contest in contests):
+        of_words = [[c for c in contests if _stands_for_its(kind, word, c)] for word in asked]
+        for word, found in zip(asked, of_words, strict=True):
+            if not found:
                 names = {getattr(contest.name, kind) for contest in contests}
                 meant = unknown_name(f"{kind} with results", word, names)
                 raise ConfigError(f"--{kind}: {meant}")
-        chosen = [
-            contest
-            for contest in chosen
-            if not asked or any(_stands_for_its(kind, word, contest) for word in asked)
-        ]
+        chosen = [c for c in chosen if not asked or any(c in found for found in of_words)]
     return chosen
 
 
@@ -278,7 +269,7 @@ def _stands_for_its(kind: str, word: str, contest: Contest) -> bool:
     name: str = getattr(contest.name, kind)
     if stands_for(word, name):
         return True
-    asked, options = Variant.of_word(word), contest.options(kind)
+    asked, options = Variant.of_word(word), getattr(contest.cell, f"{kind}_params")
     return (
         bool(asked.options)
         and asked.key == getattr(contest.cell, kind)
@@ -312,36 +303,40 @@ def left_out_notes(contests: Sequence[Contest]) -> Iterator[str]:
     reasons = [(reason, names[one.name]) for one in contests for reason in one.left_out]
     for reason, found in grouped(reasons, lambda pair: pair[0]).items():
         places = list(dict.fromkeys(place for _, place in found))
-        where = places[0] if len(places) == 1 else f"{len(places)} contests"
+        where = places[0] if len(places) == 1 else f"{len(places)} comparisons"
         yield f"{where}: {reason} are left out."
 
 
-def competitor_meant(word: str, contests: Sequence[Contest], folder: Path) -> str:
+def few_notes(notes: Iterable[str], most: int = 4) -> list[str]:
+    """Return the notes for people, each once; where there are more, the last counts the others."""
+    every = list(dict.fromkeys(filter(None, notes)))
+    if len(every) <= most:
+        return every
+    return [*every[: most - 1], f"{len(every) - most + 1} more notes: `--format json`"]
+
+
+def competitor_meant(word: str, contests: Sequence[Contest]) -> str:
     """Return the name of the model with results that a word stands for.
 
     A word may spell out defaults, as for `bench run`: "knn@neighbours=5" is what is stored as
     "knn". The defaults are those that the results were made with.
 
     Raises:
-        ConfigError: there are no results of it in the folder.
+        ConfigError: there are no results of it.
     """
     known = competitor_names(contests)
-    if word in known:
-        return word
     asked = Variant.of_word(word)
     cells = {name: one.cell for contest in contests for name, one in contest.competitors.items()}
-    same_key = [name for name in known if cells[name].model == asked.key]
-    for name in same_key:
-        if _spells_out(asked.options, name, cells[name].model_params):
+    for name in [word] if word in known else known:
+        options = cells[name].model_params
+        shown = Variant.shown("", name, options).options.keys()
+        if name == word or (
+            cells[name].model == asked.key
+            and shown <= asked.options.keys() <= options.keys()
+            and all(_is(options[option], text) for option, text in asked.options.items())
+        ):
             return name
-    raise ConfigError(_no_results(word, known, same_key, folder))
-
-
-def _spells_out(said: Mapping[str, str], name: str, options: Mapping[str, Any]) -> bool:
-    """Say whether options are those of a name and, beyond them, its defaults alone."""
-    return Variant.shown("", name, options).options.keys() <= said.keys() and all(
-        option in options and _is(options[option], text) for option, text in said.items()
-    )
+    raise ConfigError(unknown_name("model with results", word, known))
 
 
 def _is(value: Any, text: str) -> bool:
@@ -350,13 +345,3 @@ def _is(value: Any, text: str) -> bool:
         return float(value) == float(text)
     except (TypeError, ValueError):
         return str(value).lower() == text.lower()
-
-
-def _no_results(word: str, known: Sequence[str], same_key: Sequence[str], folder: Path) -> str:
-    if same_key:
-        options = "" if OPTION_MARK in word else " with its default options"
-        there = ", ".join(map(repr, same_key))
-        return f"no results of {word!r}{options} in {folder}; there are results of {there}"
-    near = difflib.get_close_matches(word, known, n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    return f"no results of {word!r} in {folder}{hint} (there are: {', '.join(known)})"

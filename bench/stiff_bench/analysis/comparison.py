@@ -1,16 +1,26 @@
-"""Two competitors in one contest: how much they differ, axis by axis, and how sure that is."""
+"""`bench compare A B`: how much two models differ, axis by axis, and how sure that is."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+import functools
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from stiff_bench.analysis.collected import Contest, SplitSizes, split_sizes
+from stiff_bench.analysis.collected import (
+    Contest,
+    StoredResults,
+    chosen_contests,
+    competitor_meant,
+    left_out_notes,
+    same_name_other_data,
+    split_sizes,
+)
+from stiff_bench.analysis.same_robot import dataset_of, family_of
 from stiff_bench.analysis.verdict import (
-    Decision,
     Estimate,
     Question,
     Verdict,
@@ -19,22 +29,20 @@ from stiff_bench.analysis.verdict import (
     estimates_over_poses,
     estimates_over_splits,
 )
-from stiff_bench.store.names import ContestName
+from stiff_bench.analysis.where import Where, where_better
+from stiff_bench.store.database import read_data
+from stiff_bench.store.names import ContestName, grouped, labels, natural_key
 from stiff_bench.store.newest import Slot
 from stiff_bench.store.samples import StoredData
-from stiff_bench.tables.units import counted
-from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.record import CellResult, Presentation
-from stiff_protocols.contract.types import AXES, FloatArray, IntArray, Prediction
+from stiff_bench.store.versions import differing_libraries, sources
+from stiff_bench.tables.metric_table import pooled_prediction
+from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name
+from stiff_protocols.contract.record import Presentation
+from stiff_protocols.contract.types import AXES, FloatArray, IntArray
 from stiff_protocols.scoring.bootstrap import pose_errors
 from stiff_protocols.scoring.metrics import absolute_errors, norm_errors
-
-
-def corrected_over_axes(estimates: Sequence[Estimate]) -> list[Estimate]:
-    """Correct the axes' p-values for one another (Holm); the length is a question of its own."""
-    *of_axes, length = estimates
-    return [*corrected(of_axes), length]
-
+from stiff_protocols.scoring.paired import wilcoxon_signed_rank
+from stiff_protocols.scoring.ranks import FEWEST_DATASETS
 
 NORM = "norm"
 ERRORS = (*AXES, NORM)
@@ -50,7 +58,7 @@ class Row:
         mean_a, mean_b: mean absolute errors, m.
         over_splits: by the corrected t test; None where there is one split or all are pooled.
         over_poses: by the bootstrap over poses, with the fitted models held fixed.
-        decision: on all of them together; without splits it is of the fitted models alone.
+        verdict: of all of them together; without splits it is of the fitted models alone.
     """
 
     error: str
@@ -58,12 +66,7 @@ class Row:
     mean_b: float
     over_splits: Estimate | None
     over_poses: Estimate
-    decision: Decision
-
-    @property
-    def verdict(self) -> Verdict:
-        """Who is better."""
-        return self.decision.verdict
+    verdict: Verdict
 
     @property
     def difference(self) -> float:
@@ -80,11 +83,6 @@ class Row:
         """The estimate with the wider interval: the one to speak of where one alone is named."""
         return max(self.main, self.over_poses, key=lambda one: one.high - one.low)
 
-    @property
-    def cautious_over(self) -> Literal["splits", "poses"]:
-        """What the cautious estimate's spread is over."""
-        return "splits" if self.cautious is self.over_splits else "poses"
-
 
 @dataclass(frozen=True)
 class Comparison:
@@ -94,9 +92,8 @@ class Comparison:
         name: of the contest.
         a, b: what must stand beside their numbers.
         n_splits: that both have.
-        sizes: rows that the splits train and test on.
+        n_train, n_test: rows that a split trains and tests on, means.
         n_poses: that were tested.
-        same_test: several splits test the same rows.
         rows: one for each of `ERRORS`.
         missing: what A or B lacks, or both of what was asked for, one line each.
     """
@@ -105,20 +102,15 @@ class Comparison:
     a: Presentation
     b: Presentation
     n_splits: int
-    sizes: SplitSizes
+    n_train: float
+    n_test: float
     n_poses: int
-    same_test: bool
     rows: tuple[Row, ...]
     missing: tuple[str, ...]
 
     def row(self, error: str) -> Row:
         """Return the row of one kind of error."""
         return self.rows[ERRORS.index(error)]
-
-    @property
-    def splits_text(self) -> str:
-        """The number of shared splits, for people."""
-        return counted(self.n_splits, "split")
 
     @property
     def over_splits(self) -> bool:
@@ -148,89 +140,19 @@ class PairedErrors:
 
 
 def paired_errors(contest: Contest, a: str, b: str) -> PairedErrors:
-    """Return the errors of two competitors of a contest on the splits that both have.
+    """Return the errors of two models of a contest on the splits that both have.
 
     Raises:
         DataError: one has no results there, or they share no split.
     """
     slots = _shared(contest, a, b)
-    of_a, of_b = (_predictions(contest.results(name, slots)) for name in (a, b))
-    counts = [len(one.rows) for one in of_a]
-    return PairedErrors(
-        rows=np.concatenate([one.rows for one in of_a]),
-        split=np.repeat(np.arange(len(slots)), counts),
-        a=np.concatenate([_sizes(one) for one in of_a]),
-        b=np.concatenate([_sizes(one) for one in of_b]),
+    results = contest.results(a, slots)
+    of_a, of_b = (pooled_prediction(one) for one in (results, contest.results(b, slots)))
+    counts = [len(one.prediction.rows) for one in results if one.prediction is not None]
+    sizes_a, sizes_b = (
+        np.column_stack([absolute_errors(one), norm_errors(one)]) for one in (of_a, of_b)
     )
-
-
-def _predictions(results: Sequence[CellResult]) -> list[Prediction]:
-    return [result.prediction for result in results if result.prediction is not None]
-
-
-def _sizes(prediction: Prediction) -> FloatArray:
-    return np.column_stack([absolute_errors(prediction), norm_errors(prediction)])
-
-
-def compare(contest: Contest, a: str, b: str, data: StoredData, question: Question) -> Comparison:
-    """Compare two competitors of a contest on the splits that both have.
-
-    Raises:
-        DataError: one has no results there, they share no split, or one pose alone was tested.
-    """
-    paired = paired_errors(contest, a, b)
-    slots = contest.shared_slots([a, b])
-    shown = contest.competitors[a].shown
-    sizes = split_sizes(contest.results(a, slots), len(data.samples))
-    frame = Comparison(
-        name=contest.name,
-        a=shown,
-        b=contest.competitors[b].shown,
-        n_splits=len(slots),
-        sizes=sizes,
-        n_poses=len(np.unique(data.samples.pose_id[paired.rows])),
-        same_test=len(slots) > 1 and len(np.unique(paired.rows)) == sizes.n_test,
-        rows=(),
-        missing=tuple(_missing(contest, a, b)),
-    )
-    by_split = len(slots) > 1 and not shown.pooled
-    return replace(
-        frame, rows=_rows(paired, data, sizes.test_share if by_split else None, question)
-    )
-
-
-def _rows(
-    paired: PairedErrors, data: StoredData, test_share: float | None, question: Question
-) -> tuple[Row, ...]:
-    """Return the rows with their verdicts; over splits too where these have a test share."""
-    pose_id = data.samples.pose_id[paired.rows]
-    a, b = (pose_errors(pose_id, errors) for errors in (paired.a, paired.b))
-    over_poses = corrected_over_axes(estimates_over_poses(a, b, question))
-    mean_a, mean_b = a.mean, b.mean  # (4,) m
-    over_splits: Sequence[Estimate | None] = [None] * len(ERRORS)
-    if test_share is not None:
-        of_a, of_b = (_split_means(errors, paired.split) for errors in (paired.a, paired.b))
-        over_splits = corrected_over_axes(estimates_over_splits(of_a - of_b, test_share, question))
-        mean_a, mean_b = of_a.mean(axis=0), of_b.mean(axis=0)
-    return tuple(
-        Row(
-            error=error,
-            mean_a=float(mean_a[k]),
-            mean_b=float(mean_b[k]),
-            over_splits=over_splits[k],
-            over_poses=over_poses[k],
-            decision=decide(
-                [one for one in (over_splits[k], over_poses[k]) if one is not None],
-                question.confidence,
-            ),
-        )
-        for k, error in enumerate(ERRORS)
-    )
-
-
-def _split_means(errors: FloatArray, split: IntArray) -> FloatArray:
-    """Return the (J, 4) mean errors of each split."""
-    return np.array([errors[split == number].mean(axis=0) for number in np.unique(split)])
+    return PairedErrors(of_a.rows, np.repeat(np.arange(len(slots)), counts), sizes_a, sizes_b)
 
 
 def _shared(contest: Contest, a: str, b: str) -> list[Slot]:
@@ -245,26 +167,250 @@ def _shared(contest: Contest, a: str, b: str) -> list[Slot]:
     return slots
 
 
-def _missing(contest: Contest, a: str, b: str) -> list[str]:
-    """Say how many splits were never run, on how many A or B has no result, and why."""
-    found = []
-    shared = len(contest.shared_slots([a, b]))
-    asked = {
-        slot
-        for name in (a, b)
-        for slot in (*contest.competitors[name].done, *contest.competitors[name].failures)
-    }
-    wanted = max((one.n_splits for name in (a, b) for one in contest.results(name)), default=0)
-    if len(asked) < wanted:
-        found.append(f"{len(asked)} of {wanted} splits asked for were run")
-    for name in (a, b):
-        competitor = contest.competitors[name]
-        lacking = sorted(asked - set(competitor.done))
+def compare(contest: Contest, a: str, b: str, data: StoredData, question: Question) -> Comparison:
+    """Compare two models of a contest on the splits that both have.
+
+    Raises:
+        DataError: one has no results there, they share no split, or one pose alone was tested.
+    """
+    paired = paired_errors(contest, a, b)
+    slots = contest.shared_slots([a, b])
+    shown = contest.competitors[a].shown
+    n_train, n_test = split_sizes(contest.results(a, slots))
+    test_share = n_test / len(data.samples)
+    by_split = len(slots) > 1 and not shown.pooled
+    return Comparison(
+        name=contest.name,
+        a=shown,
+        b=contest.competitors[b].shown,
+        n_splits=len(slots),
+        n_train=n_train,
+        n_test=n_test,
+        n_poses=len(np.unique(data.samples.pose_id[paired.rows])),
+        rows=_rows(paired, data, test_share if by_split else None, question),
+        missing=tuple(_missing(contest, a, b)),
+    )
+
+
+def _rows(
+    paired: PairedErrors, data: StoredData, test_share: float | None, question: Question
+) -> tuple[Row, ...]:
+    """Return the rows with their verdicts; over splits too where these have a test share."""
+    pose_id = data.samples.pose_id[paired.rows]
+    a, b = (pose_errors(pose_id, errors) for errors in (paired.a, paired.b))
+    over_poses = _corrected_over_axes(estimates_over_poses(a, b, question))
+    mean_a, mean_b = a.mean, b.mean  # (4,) m
+    over_splits: Sequence[Estimate | None] = [None] * len(ERRORS)
+    if test_share is not None:
+        of_a, of_b = (_split_means(errors, paired.split) for errors in (paired.a, paired.b))
+        over_splits = _corrected_over_axes(estimates_over_splits(of_a - of_b, test_share, question))
+        mean_a, mean_b = of_a.mean(axis=0), of_b.mean(axis=0)
+    rows = []
+    for k, error in enumerate(ERRORS):
+        estimates = [one for one in (over_splits[k], over_poses[k]) if one is not None]
+        verdict = decide(estimates, question.confidence)
+        means = float(mean_a[k]), float(mean_b[k])
+        rows.append(Row(error, *means, over_splits[k], over_poses[k], verdict))
+    return tuple(rows)
+
+
+def _corrected_over_axes(estimates: Sequence[Estimate]) -> list[Estimate]:
+    """Correct the axes' p-values for one another (Holm); the length is a question of its own."""
+    *of_axes, length = estimates
+    return [*corrected(of_axes), length]
+
+
+def _split_means(errors: FloatArray, split: IntArray) -> FloatArray:
+    """Return the (J, 4) mean errors of each split."""
+    return np.array([errors[split == number].mean(axis=0) for number in np.unique(split)])
+
+
+def _missing(contest: Contest, a: str, b: str) -> Iterator[str]:
+    """Yield how many splits were never run, on how many A or B has no result, and why."""
+    both = [contest.competitors[name] for name in (a, b)]
+    run = {slot for one in both for slot in (*one.done, *one.failures)}
+    asked = max(one.n_asked for one in both)
+    if len(run) < asked:
+        yield f"{len(run)} of {asked} splits asked for were run"
+    for one in both:
+        lacking = sorted(run - one.done.keys())
+        failures = [one.failures.get(slot) for slot in lacking]
+        reasons = dict.fromkeys(failure.why_none if failure else "not run" for failure in failures)
         if lacking:
-            failures = [competitor.failures.get(slot) for slot in lacking]
-            reasons = dict.fromkeys(one.why_none if one else "not run" for one in failures)
-            found.append(
-                f"{name} lacks {len(lacking)} of {len(asked)} splits ({'; '.join(reasons)}); "
-                f"compared on the {shared} that both have"
-            )
-    return found
+            yield f"{one.name} lacks {len(lacking)} of {len(run)} splits ({'; '.join(reasons)})"
+
+
+@dataclass(frozen=True)
+class Across:
+    """A and B over several data sets of one robot type, under one protocol and condition.
+
+    Attributes:
+        family: the data sets' name without their specimen.
+        protocol, condition, seed: shared.
+        verdicts: of the mean length of the error, one a data set; "open" where repeats of one
+            data set disagree.
+        of_fits: a verdict among them is of fitted models alone (one split, or all scored together).
+        mean_difference: over the data sets, A less B, m.
+        p_value: Wilcoxon over the data sets' differences; None where they are too few.
+        selects_on_test: the protocol lets models choose on the test part.
+    """
+
+    family: str
+    protocol: str
+    condition: str
+    seed: int
+    verdicts: tuple[Verdict, ...]
+    of_fits: bool
+    mean_difference: float
+    p_value: float | None
+    selects_on_test: bool
+
+
+def across_datasets(comparisons: Sequence[Comparison]) -> Iterator[Across]:
+    """Sum up over the data sets of one robot type, wherever there are several.
+
+    Splits of one data set are never counted as data sets, nor are repeats of it with another seed,
+    whose differences are averaged. Where one name stands for different data, there is no sum.
+    """
+    for setting, group in grouped(comparisons, _setting).items():
+        datasets = [*grouped(group, lambda one: dataset_of(one.name)).values()]
+        if len(datasets) < 2 or len({one.name.dataset for one in group}) < len(group):
+            continue
+        rows = [[one.row(NORM) for one in repeats] for repeats in datasets]
+        differences = [float(np.mean([row.difference for row in of_one])) for of_one in rows]
+        verdicts = [{row.verdict for row in of_one} for of_one in rows]
+        enough = len(datasets) >= FEWEST_DATASETS
+        yield Across(
+            *setting,
+            verdicts=tuple(one.pop() if len(one) == 1 else "open" for one in verdicts),
+            of_fits=not all(one.over_splits for one in group),
+            mean_difference=float(np.mean(differences)),
+            p_value=wilcoxon_signed_rank(differences) if enough else None,
+            selects_on_test=any(one.selects_on_test for one in group),
+        )
+
+
+def _setting(comparison: Comparison) -> tuple[str, str, str, int]:
+    """Return what data sets that are summed up share."""
+    name = comparison.name
+    return family_of(name), name.protocol, name.condition, name.seed
+
+
+@dataclass(frozen=True)
+class Report:
+    """Two models wherever both were run.
+
+    Attributes:
+        a, b: names.
+        question: what was asked.
+        comparisons: one a contest; at least one.
+        across: over data sets of one robot type.
+        where: who is better where, if there is one contest.
+        notes: what could not be compared, and what was left out.
+        provenance: which stiffbench made the results.
+    """
+
+    a: str
+    b: str
+    question: Question
+    comparisons: tuple[Comparison, ...]
+    across: tuple[Across, ...]
+    where: Where | None
+    notes: tuple[str, ...]
+    provenance: tuple[str, ...]
+
+
+def compare_folder(
+    folder: Path,
+    a: str,
+    b: str,
+    question: Question,
+    *,
+    datasets: Sequence[str] = (),
+    protocols: Sequence[str] = (),
+    conditions: Sequence[str] = (),
+) -> Report:
+    """Compare two models in every contest in which both have results on the same splits.
+
+    Args:
+        folder: of the results.
+        a: a model, e.g. "ft-mlp@freeze=full".
+        b: another one.
+        question: what is asked of each comparison.
+        datasets: which ones; none named means all.
+        protocols: the same.
+        conditions: the same.
+
+    Raises:
+        ConfigError: a name is unknown, A is B, or they were never run on the same.
+        StoreError: the folder holds no results, or damaged ones.
+    """
+    stored = StoredResults.read(folder)
+    a, b = (competitor_meant(word, stored.contests) for word in (a, b))
+    if a == b:
+        raise ConfigError(f"compare {a!r} with another model than itself")
+    chosen = chosen_contests(stored.contests, datasets=datasets, protocols=protocols)
+    chosen = _under(conditions, chosen)
+    called = labels(one.name for one in chosen)
+    run = {name: [called[one.name] for one in chosen if name in one.competitors] for name in (a, b)}
+    data_of = functools.cache(functools.partial(read_data, folder))
+    comparisons, shared, notes = [], [], []
+    for contest in chosen:
+        if not {a, b} <= contest.competitors.keys():
+            continue
+        data = data_of(contest.name.data_sha256)
+        try:
+            comparisons.append(compare(contest, a, b, data, question))
+            shared.append(contest)
+        except DataError as error:
+            notes.append(f"not compared: {called[contest.name]}: {error}.")
+    if not comparisons:
+        where_run = "; ".join(f"{name} was run in {_few(places)}" for name, places in run.items())
+        raise ConfigError(" ".join(notes) or f"{a} and {b} never met: {where_run}")
+    for name, other in ((a, b), (b, a)):
+        if alone := [place for place in run[name] if place not in run[other]]:
+            notes.append(f"{name} alone was run in {_few(alone)}.")
+    where = None
+    if len(shared) == 1:
+        data = data_of(shared[0].name.data_sha256)
+        paired = paired_errors(shared[0], a, b)
+        where = where_better(paired.rows, paired.a[:, -1], paired.b[:, -1], data, question)
+    counts = {
+        name: Counter(
+            result.run_id
+            for contest in shared
+            for result in contest.results(name, contest.shared_slots([a, b]))
+        )
+        for name in (a, b)
+    }
+    return Report(
+        a=a,
+        b=b,
+        question=question,
+        comparisons=tuple(comparisons),
+        across=tuple(across_datasets(comparisons)),
+        where=where,
+        notes=(
+            *notes,
+            *same_name_other_data(shared),
+            *left_out_notes(shared),
+            *differing_libraries(stored.runs, counts),
+        ),
+        provenance=tuple(sources(folder, stored.runs, counts[a] + counts[b])),
+    )
+
+
+def _under(conditions: Sequence[str], contests: Sequence[Contest]) -> list[Contest]:
+    """Return the contests of these conditions in order; none named means all."""
+    known = {contest.name.condition for contest in contests}
+    for condition in conditions:
+        if condition not in known:
+            meant = unknown_name("condition", condition, known - {""})
+            raise ConfigError(f"--condition: {meant}")
+    names = {one.name: one for one in contests if one.name.condition in (conditions or known)}
+    return [names[name] for name in sorted(names, key=lambda one: (natural_key(one.text), one))]
+
+
+def _few(names: Sequence[str], few: int = 3) -> str:
+    more = f" and {len(names) - few} more" if len(names) > few else ""
+    return ", ".join(f"({name})" for name in names[:few]) + more or "none of these"

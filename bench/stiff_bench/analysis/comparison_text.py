@@ -1,28 +1,23 @@
-"""A comparison as tables, between its sentence above and beneath. Here SI becomes mm."""
+"""A comparison as a headline, tables and notes. Here SI becomes mm.
+
+docs/comparing.md says what the columns and marks mean.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from stiff_bench.analysis.compare import Across, Report
-from stiff_bench.analysis.comparison import NORM, Row
-from stiff_bench.analysis.comparison_words import (
-    SELECTS_ON_TEST,
-    chance_text,
-    contest_marks,
-    error_label,
-    name_with_mark,
-    notes,
-    sentence,
-)
+from stiff_bench.analysis.collected import few_notes
+from stiff_bench.analysis.comparison import NORM, Across, Comparison, Report, Row
 from stiff_bench.analysis.verdict import Estimate, Verdict, decide
 from stiff_bench.analysis.where import Place
-from stiff_bench.store.names import label_parts
+from stiff_bench.store.names import label_parts, labels
 from stiff_bench.tables.metric_table import mark_of
-from stiff_bench.tables.render import DETAILED, render
+from stiff_bench.tables.render import render
 from stiff_bench.tables.table import Cell, Column, Name, Quantity, Table
-from stiff_bench.tables.units import MM, PRINTED, percent
+from stiff_bench.tables.units import MM, PRINTED, counted, marked, percent
 from stiff_protocols.contract.plugin import kind_label
 
 VERDICTS: dict[Verdict, str] = {
@@ -31,51 +26,147 @@ VERDICTS: dict[Verdict, str] = {
     "equivalent": "equivalent",
     "open": "not told apart",
 }
+SELECTS_ON_TEST = "selects on the test part"
+"""Stands beside a contest whose protocol lets models do so."""
 
 
-def verdict_text(verdict: Verdict, *, of_fits: bool) -> str:
-    """Return a verdict for people.
+def render_report(report: Report, fmt: str, command: str) -> str:
+    """Return the report as text of the given format: the headline, the tables.
 
-    Args:
-        verdict: which.
-        of_fits: it is of the fitted models alone, not of how they are trained.
+    csv has the estimates alone, json all tables and all notes.
     """
-    text = VERDICTS[verdict]
-    return f"{text} (these fits)" if of_fits and verdict != "open" else text
-
-
-def place_text(place: Place) -> str:
-    """Return which place it is, with unit."""
-    if place.low is None or place.high is None:
-        return f"{place.factor}: {place.label}"
-    unit, scale = PRINTED["m"] if place.unit == "m" else (place.unit, 1.0)
-    decimals = 0 if abs(scale * place.high) >= 100.0 else 1
-    low, high = (f"{scale * value:.{decimals}f}" for value in (place.low, place.high))
-    return f"{place.factor} {low} to {high} {unit}"
-
-
-def render_report(report: Report, fmt: str) -> str:
-    """Return the report as text of the given format: the sentence, the tables, the sentence."""
     about: dict[str, object] = {"a": report.a, "b": report.b}
-    asked = {"rope_mm": MM * report.question.rope, "confidence": report.question.confidence}
-    named = _tables(report)
-    if fmt in DETAILED:
+    asked = {"equivalence_mm": MM * report.question.rope, "confidence": report.question.confidence}
+    named = comparison_tables(report, every_note=fmt == "json")
+    if fmt == "json":
         named["estimates"] = _estimates(report)
+    elif fmt == "csv":
+        named = {"estimates": _estimates(report)}
     tables = [replace(one, about=about | {"table": name}) for name, one in named.items()]
-    return render(tables, fmt, report.command, text=sentence(report), about=about | asked)
+    return render(tables, fmt, command, text=sentence(report), about=about | asked)
+
+
+def comparison_tables(report: Report, *, every_note: bool = False) -> dict[str, Table]:
+    """Return name -> table; the last one has the notes, the most important or all of them."""
+    named = _tables(report)
+    *_, last = named
+    every = list(dict.fromkeys(_notes(report)))
+    return named | {last: replace(named[last], notes=every if every_note else few_notes(every))}
+
+
+def sentence(report: Report) -> str:
+    """Return the result in one sentence, or more where some verdicts are of one training alone.
+
+    Among several contests those that select on the test part are counted apart.
+    """
+    if len(report.comparisons) == 1:
+        return _of_one(report, report.comparisons[0])
+    fair = [one for one in report.comparisons if not one.selects_on_test]
+    over_splits = [one for one in fair if one.over_splits]
+    of_fits = [one for one in fair if not one.over_splits]
+    parts = []
+    if over_splits:
+        parts.append(_counts(report, over_splits, " over several splits" if of_fits else ""))
+    if of_fits:
+        parts.append(_counts(report, of_fits, " on one split or pooled splits (these fits)"))
+    if n_unfair := len(report.comparisons) - len(fair):
+        parts.append(
+            f"Not counted: {counted(n_unfair, 'comparison')} whose protocol {SELECTS_ON_TEST}."
+        )
+    return " ".join(parts)
+
+
+def _counts(report: Report, found: Sequence[Comparison], kind: str) -> str:
+    count = Counter(one.row(NORM).verdict for one in found)
+    return (
+        f"Of {counted(len(found), 'comparison')}{kind}: {report.a} better in {count['a']}, "
+        f"{report.b} better in {count['b']}, equivalent (within {_rope(report)}) in "
+        f"{count['equivalent']}, not told apart in {count['open']}."
+    )
+
+
+def _of_one(report: Report, found: Comparison) -> str:
+    name, row = found.name, found.row(NORM)
+    fits = "" if found.over_splits else "these fits"
+    setting = _joined(name.protocol, name.condition, counted(found.n_splits, "split"), fits)
+    on = f"on {name.dataset} ({setting})"
+    level, main = percent(report.question.confidence), row.cautious
+    over = "splits" if main is row.over_splits else "poses"
+    if row.verdict == "equivalent":
+        return (
+            f"{report.a} and {report.b} are equivalent {on}: their mean 3-D errors differ by less "
+            f"than {_rope(report)} with probability {_chance(main.posterior.equivalent)}."
+        )
+    if row.verdict == "open":
+        interval = _range(main.low, main.high)
+        return (
+            f"{report.a} and {report.b} are not told apart {on}: mean 3-D error of {report.a} "
+            f"minus that of {report.b} {MM * row.difference:.3f} mm ({level} interval {interval} "
+            f"over {over})."
+        )
+    a_better = row.verdict == "a"
+    better, worse = (report.a, report.b) if a_better else (report.b, report.a)
+    interval = _range(-main.high, -main.low) if a_better else _range(main.low, main.high)
+    return (
+        f"{better} is better than {worse} {on}: mean 3-D error {MM * abs(row.difference):.3f} mm "
+        f"smaller ({level} interval {interval} over {over})."
+    )
+
+
+def _rope(report: Report) -> str:
+    return f"{MM * report.question.rope:g} mm"
+
+
+def _chance(chance: float) -> str:
+    """Return a probability for people; no estimate is certain."""
+    return "> 0.99" if chance > 0.99 else "< 0.01" if chance < 0.01 else f"{chance:.2f}"
+
+
+def _range(low: float, high: float) -> str:
+    return f"{MM * low:.3f} to {MM * high:.3f} mm"
+
+
+def _notes(report: Report) -> Iterator[str]:
+    """Yield what must be read with the numbers, most important first."""
+    for one in report.comparisons:
+        if one.a.regime != one.b.regime:
+            regimes = (
+                f"{shown.model}: {shown.regime or 'measured deflections train it'}"
+                for shown in (one.a, one.b)
+            )
+            yield f"Not the same regime: {'; '.join(regimes)}."
+        if one.a.picked_on_test != one.b.picked_on_test:
+            picked = one.a if one.a.picked_on_test else one.b
+            yield f"{one.name.protocol}: {picked.model} alone picked its epoch on the test part."
+        if one.a.selects_on_test:
+            yield one.a.warning
+    if not all(one.over_splits for one in report.comparisons):
+        yield (
+            "these fits: one split or pooled splits say nothing about another training; "
+            "repeated-holdout with --splits 5 does."
+        )
+    if report.where is not None and report.where.n_places:
+        where = report.where
+        yield (
+            f"where: {where.n_places} subgroups tested, Holm-corrected; {report.a} better in "
+            f"{where.a_better}, {report.b} in {where.b_better}."
+        )
+    called = labels(one.name for one in report.comparisons)
+    for one in report.comparisons:
+        place = f"{called[one.name]}: " if len(report.comparisons) > 1 else ""
+        yield from (f"{place}{line}." for line in one.missing)
+    yield from report.notes
+    yield from (caveat for one in report.comparisons for caveat in one.a.caveats)
+    yield from report.provenance
 
 
 def _tables(report: Report) -> dict[str, Table]:
-    """Return name -> table; the last one has the notes."""
-    places = report.where.places if report.where is not None else ()
+    """Return name -> table."""
     if len(report.comparisons) > 1:
-        tables = {"contests": _contests(report)}
-        tables |= {"over datasets": _over_datasets(report)} if report.across else {}
-    else:
-        tables = {"errors": _errors(report)}
-        tables |= {"where": _places(report, places)} if places else {}
-    *_, last = tables
-    return tables | {last: replace(tables[last], notes=notes(report))}
+        across = {"over datasets": _over_datasets(report)} if report.across else {}
+        return {"contests": _contests(report), **across}
+    places = report.where.places if report.where is not None else ()
+    return {"errors": _errors(report), **({"where": _places(report, places)} if places else {})}
 
 
 def _estimates(report: Report) -> Table:
@@ -87,44 +178,21 @@ def _estimates(report: Report) -> Table:
     )
     rows: list[list[Cell]] = []
     for one in report.comparisons:
-        name, sizes = one.name, one.sizes
+        name = one.name
         about: list[Cell] = [
             *(name.dataset, name.protocol, name.condition, name.seed, one.n_splits),
             *(name.data_sha256, name.source_sha256, one.selects_on_test),
             *(mark_of(one.a), mark_of(one.b), one.a.task),
-            *(sizes.n_train, sizes.n_test, one.n_poses),
+            *(one.n_train, one.n_test, one.n_poses),
         ]
-        for row in one.rows:
-            verdict = verdict_text(row.verdict, of_fits=row.over_splits is None)
-            over = [("over splits", row.over_splits), ("over poses", row.over_poses)]
-            rows += [
-                [*about, row.error, method, verdict, *_numbers(row, found), *_chances(found)]
-                for method, found in over
-                if found is not None
-            ]
-    return Table(
-        title="Estimates by each method | mean error, mm",
-        columns=[
-            *(Column(text, "text") for text in texts),
-            *(*_number_columns(report), *_CHANCES),
-        ],
-        rows=rows,
-        unit=_UNIT,
-    )
-
-
-def _title(report: Report) -> str:
-    if len(report.comparisons) > 1:
-        sides = f"A = {report.a}, B = {report.b}"
-        return f"{sides} | {len(report.comparisons)} contests | mean 3-D error, mm"
-    first = report.comparisons[0]
-    sides = f"A = {name_with_mark(first.a)}, B = {name_with_mark(first.b)}"
-    kind = kind_label(first.a.kind, first.a.task)
-    setting = " | ".join(filter(None, (first.name.protocol, first.name.condition)))
-    return (
-        f"{sides} | {first.name.dataset} ({kind}) | {setting}, {first.splits_text}, seed "
-        f"{first.name.seed} | mean error, mm"
-    )
+        rows += [
+            [*about, row.error, method, _verdict(row), *_numbers(row, found)]
+            for row in one.rows
+            for method, found in (("over splits", row.over_splits), ("over poses", row.over_poses))
+            if found is not None
+        ]
+    columns = [*(Column(text, "text") for text in texts), *_number_columns(report)]
+    return Table("Estimates by each method | mean error, mm", columns, rows, unit=_UNIT)
 
 
 _UNIT, _LENGTH, _DIFFERENCE = PRINTED["m"][0], ".4f", "+.4f"
@@ -136,37 +204,54 @@ def _p_text(found: Quantity) -> str:
 
 
 def _number_columns(report: Report) -> list[Column]:
-    level = percent(report.question.confidence)
     return [
         Column("A", unit=_UNIT, format=_LENGTH),
         Column("B", unit=_UNIT, format=_LENGTH),
         Column("A - B", unit=_UNIT, format=_DIFFERENCE),
-        Column(f"{level} interval", unit=_UNIT, format=_DIFFERENCE),
+        Column(f"{percent(report.question.confidence)} interval", unit=_UNIT, format=_DIFFERENCE),
         Column("p", format=_p_text),
+        *(
+            Column(f"P({outcome})", format=lambda found: _chance(found.value or 0.0))
+            for outcome in ("A better", "equivalent", "B better")
+        ),
     ]
 
 
-_CHANCES = [
-    Column(f"P({outcome})", format=lambda found: chance_text(found.value or 0.0))
-    for outcome in ("A better", "equivalent", "B better")
-]
+def _numbers(row: Row | Place, estimate: Estimate) -> list[Cell]:
+    """Return the cells of `_number_columns`."""
+    posterior = estimate.posterior
+    return [
+        *(MM * length for length in (row.mean_a, row.mean_b, row.difference)),
+        _interval(estimate),
+        *(estimate.p_value, posterior.a_better, posterior.equivalent, posterior.b_better),
+    ]
+
+
+def _interval(estimate: Estimate) -> Quantity:
+    return Quantity(low=MM * estimate.low, high=MM * estimate.high)
 
 
 def _errors(report: Report) -> Table:
     (found,) = report.comparisons
+    name = found.name
+    sides = (
+        f"{side} = {marked(s.model, mark_of(s))}" for side, s in (("A", found.a), ("B", found.b))
+    )
+    setting = " | ".join(filter(None, (name.protocol, name.condition)))
     over_poses = Column("interval over poses", unit=_UNIT, format=_DIFFERENCE)
     return Table(
-        _title(report),
+        f"{', '.join(sides)} | {name.dataset} ({kind_label(found.a.kind, found.a.task)}) | "
+        f"{setting}, {counted(found.n_splits, 'split')}, seed {name.seed} | mean error, mm",
         [
-            *(Column("mean error", "text"), *_number_columns(report), *_CHANCES),
+            *(Column("mean error", "text"), *_number_columns(report)),
             *([over_poses] if found.over_splits else []),
             Column("verdict", "text"),
         ],
         [
             [
-                *(error_label(row.error), *_numbers(row, row.main), *_chances(row.main)),
+                *("3-D" if row.error == NORM else row.error.upper(), *_numbers(row, row.main)),
                 *([_interval(row.over_poses)] if found.over_splits else []),
-                _verdict(row, report),
+                _shown_verdict(row, report),
             ]
             for row in found.rows
         ],
@@ -176,35 +261,49 @@ def _errors(report: Report) -> Table:
 
 def _contests(report: Report) -> Table:
     called = label_parts(one.name for one in report.comparisons)
-    rows = [(one, one.row(NORM)) for one in report.comparisons]
+    kinds = " and ".join(dict.fromkeys(one.a.kind for one in report.comparisons))
     return Table(
-        _title(report),
+        f"A = {report.a}, B = {report.b} | {len(report.comparisons)} comparisons ({kinds}) | "
+        "mean 3-D error, mm",
         [
-            *(Column("contest", "text"), Column("splits")),
-            *(*_number_columns(report), *_CHANCES, Column("verdict", "text")),
+            *(Column("comparison", "text"), Column("splits")),
+            *(*_number_columns(report), Column("verdict", "text")),
         ],
         [
             [
-                *(Name(_joined(*called[one.name]), contest_marks(one)), one.n_splits),
-                *(*_numbers(row, row.main), *_chances(row.main), _verdict(row, report)),
+                *(Name(_joined(*called[one.name]), _marks(one)), one.n_splits),
+                *(*_numbers(row, row.main), _shown_verdict(row, report)),
             ]
-            for one, row in rows
+            for one in report.comparisons
+            for row in [one.row(NORM)]
         ],
         unit=_UNIT,
     )
+
+
+def _marks(found: Comparison) -> str:
+    """Return what must stand beside a contest among others: its own mark, A's and B's."""
+    a, b = mark_of(found.a), mark_of(found.b)
+    marks = [f"A and B: {a}"] if a and a == b else [f"A: {a}" if a else "", f"B: {b}" if b else ""]
+    return "; ".join(filter(None, [SELECTS_ON_TEST if found.selects_on_test else "", *marks]))
 
 
 def _joined(*parts: str) -> str:
     return ", ".join(filter(None, parts))
 
 
-def _verdict(row: Row, report: Report) -> str:
+def _verdict(row: Row) -> str:
+    """Return a row's verdict for people, and whether it is of the fitted models alone."""
+    of_fits = row.over_splits is None and row.verdict != "open"
+    return f"{VERDICTS[row.verdict]}{' (these fits)' if of_fits else ''}"
+
+
+def _shown_verdict(row: Row, report: Report) -> str:
     """Return the verdict; where splits found a winner and the poses did not, that too."""
-    text = verdict_text(row.verdict, of_fits=row.over_splits is None)
     if row.over_splits is None or row.verdict != "open":
-        return text
-    of_splits = decide([row.over_splits], report.question.confidence).verdict
-    return f"{text} (poses)" if of_splits in ("a", "b") else text
+        return _verdict(row)
+    of_splits = decide([row.over_splits], report.question.confidence)
+    return f"{_verdict(row)}{' (poses)' if of_splits in ('a', 'b') else ''}"
 
 
 def _over_datasets(report: Report) -> Table:
@@ -238,19 +337,19 @@ def _across_name(one: Across, among: Sequence[Across]) -> Name:
 
 
 def _places(report: Report, places: Sequence[Place]) -> Table:
+    columns = _number_columns(report)
     return Table(
-        "Where each is better | mean 3-D error, mm",
+        "Where each is better (these fits) | mean 3-D error, mm",
         [
             *(Column("where", "text"), Column("kind", "text", hidden=True)),
-            *(Column("samples"), Column("poses"), *_number_columns(report)),
-            *(replace(column, hidden=True) for column in _CHANCES),
+            *(Column("samples"), Column("poses"), *columns[:5]),
+            *(replace(column, hidden=True) for column in columns[5:]),
             Column("verdict", "text"),
         ],
         [
             [
                 *(place_text(place), place.kind, place.n_samples, place.n_poses),
-                *(*_numbers(place, place.estimate), *_chances(place.estimate)),
-                verdict_text(place.verdict, of_fits=True),
+                *(*_numbers(place, place.estimate), VERDICTS[place.verdict]),
             ]
             for place in places
         ],
@@ -258,15 +357,11 @@ def _places(report: Report, places: Sequence[Place]) -> Table:
     )
 
 
-def _numbers(row: Row | Place, estimate: Estimate) -> list[Cell]:
-    lengths = (row.mean_a, row.mean_b, row.difference)
-    return [*(MM * length for length in lengths), _interval(estimate), estimate.p_value]
-
-
-def _chances(estimate: Estimate) -> list[Cell]:
-    posterior = estimate.posterior
-    return [posterior.a_better, posterior.equivalent, posterior.b_better]
-
-
-def _interval(estimate: Estimate) -> Quantity:
-    return Quantity(low=MM * estimate.low, high=MM * estimate.high)
+def place_text(place: Place) -> str:
+    """Return which place it is, with unit."""
+    if place.low is None or place.high is None:
+        return f"{place.factor}: {place.label}"
+    unit, scale = PRINTED["m"] if place.unit == "m" else (place.unit, 1.0)
+    decimals = 0 if abs(scale * place.high) >= 100.0 else 1
+    low, high = (f"{scale * value:.{decimals}f}" for value in (place.low, place.high))
+    return f"{place.factor} {low} to {high} {unit}"

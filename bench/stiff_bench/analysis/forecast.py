@@ -26,25 +26,13 @@ class ModelForecast:
         model: key with the options that differ from their defaults.
         n_cells: in all.
         n_cached: whose results are there.
-        cell_s: mean time of a stored fit and its predictions, s; None: none is stored.
+        seconds: expected time of the others, one after another, s; None: not known.
     """
 
     model: str
     n_cells: int
     n_cached: int
-    cell_s: float | None
-
-    @property
-    def n_missing(self) -> int:
-        """How many would be computed."""
-        return self.n_cells - self.n_cached
-
-    @property
-    def seconds(self) -> float | None:
-        """Expected time of the missing cells, one after another, s; None: not known."""
-        if not self.n_missing:
-            return 0.0
-        return None if self.cell_s is None else self.n_missing * self.cell_s
+    seconds: float | None
 
 
 @dataclass(frozen=True)
@@ -72,7 +60,7 @@ class Forecast:
     @property
     def n_unknown(self) -> int:
         """How many cells would be computed of which nobody knows how long they take."""
-        return sum(part.n_missing for part in self.parts if part.seconds is None)
+        return sum(one.n_cells - one.n_cached for one in self.parts if one.seconds is None)
 
     @property
     def seconds(self) -> float:
@@ -100,7 +88,11 @@ def forecast(tasks: Iterable[CellTask], output: Path, *, jobs: int, rerun: Rerun
         n_cells[task.shown.model] += 1
         n_cached[task.shown.model] += task.cell.key in cached
     means = mean_seconds(output)
-    parts = (ModelForecast(name, n, n_cached[name], means.get(name)) for name, n in n_cells.items())
+    parts = []
+    for name, n_all in n_cells.items():
+        n_missing, mean = n_all - n_cached[name], means.get(name)
+        seconds = n_missing * mean if mean is not None else None if n_missing else 0.0
+        parts.append(ModelForecast(name, n_all, n_cached[name], seconds))
     return Forecast(tuple(parts), jobs)
 
 
@@ -120,10 +112,7 @@ def forecast_table(found: Forecast) -> Table:
             [*(name, n, cached, n - cached), Quantity(status="unknown") if s is None else s]
             for name, n, cached, s in [*rows, total]
         ],
-        notes=(
-            "times in h:min:s, one cell after another, are means of the model's stored fits; a "
-            "pre-training that the cache held is not in them",
-        ),
+        notes=("times (h:min:s, one after another) are means of the model's stored fits",),
         about={"jobs": found.jobs},
     )
 
@@ -136,9 +125,7 @@ def forecast_line(found: Forecast) -> str:
     if not found.n_unknown:
         return f"{cells}; {time}"
     unknown = f"{counted(found.n_unknown, 'cell')} of models without a stored fit"
-    return f"{cells}; " + (
-        f"{time}, and {unknown}" if found.seconds else f"time unknown: {unknown}"
-    )
+    return f"{cells}; {f'{time}, and' if found.seconds else 'time unknown:'} {unknown}"
 
 
 def _clock(seconds: float | None) -> str:

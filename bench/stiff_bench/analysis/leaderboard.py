@@ -7,9 +7,8 @@ the models that are shown and complete, whoever else has results in the folder.
 
 from __future__ import annotations
 
-import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,11 +17,12 @@ import numpy as np
 
 from stiff_bench.analysis.collected import (
     Contest,
-    asked_for,
-    competitor_names,
+    StoredResults,
+    chosen_contests,
+    chosen_models,
     left_out_notes,
+    no_garbage_collection,
     same_name_other_data,
-    stands_for,
 )
 from stiff_bench.analysis.critical_difference import RankAnalysis, rank_analyses
 from stiff_bench.analysis.ranking import (
@@ -32,176 +32,163 @@ from stiff_bench.analysis.ranking import (
     complete_models,
     scored_contest,
 )
-from stiff_bench.analysis.same_robot import dataset_of, family_of
 from stiff_bench.analysis.sort_key import SortKey
-from stiff_bench.store.names import ContestName, grouped, labels, natural_key
+from stiff_bench.store.names import ContestName, labels, natural_key
+from stiff_bench.store.versions import sources
 from stiff_bench.tables.metric_table import mark_of
-from stiff_protocols.contract.errors import ConfigError, unknown_name
+from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import STIFFNESS, kind_label
 from stiff_protocols.contract.record import Presentation
 from stiff_protocols.contract.types import FloatArray
-from stiff_protocols.scoring.paired import LEVEL
+from stiff_protocols.scoring.paired import LEVEL, ranked
 
 
 @dataclass(frozen=True)
-class ColumnValue:
-    """A model's score over the data sets of a column.
+class RankedModel:
+    """A model with a result in every contest.
 
     Attributes:
-        mean: over the data sets that have it, in the metric's unit; NaN where none has.
-        std: over them; NaN for one.
-        n_datasets: how many have it.
-        failed: "FAILED" or "SKIPPED" where it did in one of them; else "".
-        best: it has the best mean of the models that have all data sets.
-        like_best: it cannot be told from the best in more than half of the contests; None: it
-            lacks a data set, or no test applies.
+        name: of it.
+        mean_rank: over the contests, among the ranked models.
+        low, high: bounds of it over resampled poses, and itself; NaN where the metric cannot be
+            resampled.
+        won: contests in which no model has a better score.
+        like_best: contests in which it is the best or cannot be told from it; None: no test
+            applies to them all.
+        within_cd: it lies within the critical difference of the best; None: there is none.
     """
 
-    mean: float
-    std: float
-    n_datasets: int
-    failed: str
-    best: bool
-    like_best: bool | None
+    name: str
+    mean_rank: float
+    low: float
+    high: float
+    won: int
+    like_best: int | None
+    within_cd: bool | None
 
 
 @dataclass(frozen=True)
-class ScoreColumn:
-    """One protocol and condition on the data sets of one robot type.
+class Section:
+    """The contests that may be ranked together.
 
     Attributes:
-        family: name of the data sets without the options that make another robot of the type.
-        protocol, condition: as shown.
-        datasets: their names.
-        seeds: of the runs' splits.
-        values: by model; one that was run nowhere here is not there.
+        selects_on_test: their protocols let models pick the epoch on the test part.
+        fields: the contests.
+        ranked: by mean rank, then name.
+        unranked: the others by name -> contest -> why it has no result there.
+        analyses: over data sets, the one over all protocols first.
     """
 
-    family: str
-    protocol: str
-    condition: str
-    datasets: tuple[str, ...]
-    seeds: tuple[int, ...]
-    values: Mapping[str, ColumnValue]
+    selects_on_test: bool
+    fields: tuple[ScoredContest, ...]
+    ranked: tuple[RankedModel, ...]
+    unranked: Mapping[str, Mapping[ContestName, str]]
+    analyses: tuple[RankAnalysis, ...]
 
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Kinds of the data, e.g. ("simulated",)."""
+        return tuple(dict.fromkeys(presentation(one.contest).kind for one in self.fields))
 
-def columns(scored: Sequence[ScoredContest], rankings: Rankings) -> Iterator[ScoreColumn]:
-    """Yield a column for each robot type, protocol and condition, in the scored' order."""
-    for (family, protocol, condition), members in grouped(scored, _place).items():
-        datasets = tuple(dict.fromkeys(_dataset(one) for one in members))
-        values = dict(_values(members, rankings))
-        seeds = tuple(sorted({one.name.seed for one in members}))
-        yield ScoreColumn(family, protocol, condition, datasets, seeds, values)
+    @property
+    def models(self) -> tuple[str, ...]:
+        """All models, the ranked ones first."""
+        return (*(model.name for model in self.ranked), *self.unranked)
 
-
-def _place(one: ScoredContest) -> tuple[str, str, str]:
-    return family_of(one.name), one.name.protocol, one.name.condition
-
-
-def _dataset(one: ScoredContest) -> str:
-    return dataset_of(one.name)
-
-
-def _values(
-    scored: Sequence[ScoredContest], rankings: Rankings
-) -> Iterator[tuple[str, ColumnValue]]:
-    complete = complete_models(scored)
-    like = _like_best(scored, complete, rankings)
-    scores = {
-        model: _by_dataset(scored, model)
-        for model in dict.fromkeys(name for one in scored for name in one.contest.competitors)
-        if any(model in one.scores or model in one.missing for one in scored)
-    }
-    sign = rankings.key.sign
-    best = min((sign * np.mean(scores[model]) for model in complete), default=math.nan)
-    for model, found in scores.items():
-        yield (
-            model,
-            ColumnValue(
-                mean=float(np.mean(found)) if found else math.nan,
-                std=float(np.std(found, ddof=1)) if len(found) > 1 else math.nan,
-                n_datasets=len(found),
-                failed=max(one.failed(model) for one in scored),
-                best=model in complete and bool(sign * np.mean(found) == best),
-                like_best=like.get(model),
-            ),
-        )
-
-
-def _by_dataset(scored: Sequence[ScoredContest], model: str) -> list[float]:
-    """Return a model's score on each data set where it lacks no repetition."""
-    return [
-        float(np.mean([one.mean(model) for one in members]))
-        for members in grouped(scored, _dataset).values()
-        if all(model in one.scores for one in members)
-    ]
-
-
-def _like_best(
-    scored: Sequence[ScoredContest], models: tuple[str, ...], rankings: Rankings
-) -> dict[str, bool]:
-    """Return whether each model is like the best in more than half of the contests."""
-    if not models:
-        return {}
-    found = [rankings.of(one, models).like_best for one in scored]
-    tested = [like for like in found if like is not None]
-    if len(tested) < len(scored):
-        return {}
-    share = np.mean(tested, axis=0)
-    return {model: bool(part > 0.5) for model, part in zip(models, share, strict=True)}
-
-
-FEWEST_RANKED = 2
+    def mark_under(self, model: str, protocol: str = "") -> str:
+        """Return what must stand beside a model's numbers, under one protocol or all."""
+        contests = [one.contest for one in self.fields if protocol in ("", one.name.protocol)]
+        found = [mark_of(c.competitors[model].shown) for c in contests if model in c.competitors]
+        return ", ".join(filter(None, dict.fromkeys(found)))
 
 
 @dataclass(frozen=True)
-class ShownContests:
-    """What a leaderboard shows.
+class Leaderboard:
+    """Sections, fair protocols first.
 
     Attributes:
-        contests: of stiffness, in which at least two of the models were run; by protocol,
-            condition and data set.
-        models: that were run in one of them, by name.
+        rankings: what the ranks are of.
+        sections: at least one.
         notes: what is left out, and why.
+        provenance: which stiffbench made the results shown.
     """
 
-    contests: tuple[Contest, ...]
-    models: tuple[str, ...]
+    rankings: Rankings
+    sections: tuple[Section, ...]
     notes: tuple[str, ...]
+    provenance: tuple[str, ...]
+
+    @property
+    def key(self) -> SortKey:
+        """What models are ranked by."""
+        return self.rankings.key
 
 
-def shown_contests(contests: Sequence[Contest], words: Sequence[str]) -> ShownContests:
-    """Return the contests in which models can be ranked.
+def stored_leaderboard(
+    folder: Path,
+    *,
+    models: Sequence[str] = (),
+    datasets: Sequence[str] = (),
+    protocols: Sequence[str] = (),
+    key: SortKey,
+    seed: int = 0,
+) -> Leaderboard:
+    """Return the leaderboard of a folder of results.
 
     Args:
-        contests: of one folder.
-        words: models' names, or keys that stand for all their variants; none means all.
+        folder: of the results.
+        models: names, or keys that stand for all their variants; none: all.
+        datasets: the same.
+        protocols: the same.
+        key: what to rank by.
+        seed: of the draws of poses.
 
     Raises:
-        ConfigError: a model has no results, or there is nothing to rank.
+        ConfigError: a name has no results, or there is nothing to compare.
+        StoreError: the folder holds no results, a file of it is damaged, or two models share no
+            split.
     """
-    usable = [c for c in of_newest_data(contests) if presentation(c).task == STIFFNESS]
-    names = _named(usable, words)
-    ranked = [c for c in usable if _n_run(c, names) >= FEWEST_RANKED]
-    if not ranked:
-        why = "".join(f"; {note.removesuffix('.')}" for note in _data_notes(contests))
-        raise ConfigError(
-            "there is nothing to rank: no two models have results on the same stiffness data, "
-            f"protocol and condition (models with results: {', '.join(names) or 'none'}){why}"
-        )
-    lonely = sorted((c for c in usable if _n_run(c, names) == 1), key=_order)
-    called = labels(contest.name for contest in usable)
-    return ShownContests(
-        contests=tuple(sorted(ranked, key=_order)),
-        models=tuple(name for name in names if any(name in c.competitors for c in ranked)),
-        notes=(
-            *_data_notes(contests),
-            *(
-                f"{called[c.name]} is left out: none of the other models was run there."
-                for c in lonely
-            ),
-        ),
+    stored = StoredResults.read(folder)
+    chosen = chosen_contests(stored.contests, datasets=datasets, protocols=protocols)
+    return build_leaderboard(
+        replace(stored, contests=tuple(chosen)), models=models, key=key, seed=seed
     )
+
+
+def build_leaderboard(
+    stored: StoredResults, *, models: Sequence[str] = (), key: SortKey, seed: int = 0
+) -> Leaderboard:
+    """Return the leaderboard of the results that are given; see `stored_leaderboard`."""
+    with no_garbage_collection():
+        usable = [c for c in of_newest_data(stored.contests) if presentation(c).task == STIFFNESS]
+        names = chosen_models(usable, models)
+        n_run = {c.name: sum(name in c.competitors for name in names) for c in usable}
+        shown = sorted((c for c in usable if n_run[c.name] > 1), key=in_order)
+        lonely = sorted((c for c in usable if n_run[c.name] == 1), key=in_order)
+        notes = list(_data_notes(stored.contests))
+        if lonely:
+            first = labels(contest.name for contest in usable)[lonely[0].name]
+            more = f" (and {len(lonely) - 1} more)" if len(lonely) > 1 else ""
+            notes.append(f"{first}{more} is left out: none of the other models was run there.")
+        if not shown:
+            why = "".join(f"; {note.removesuffix('.')}" for note in notes)
+            raise ConfigError(
+                "there is nothing to rank: no two models have results on the same stiffness data, "
+                f"protocol and condition (models with results: {', '.join(names) or 'none'}){why}"
+            )
+        names = [name for name in names if any(name in c.competitors for c in shown)]
+        scored = [scored_contest(contest, names, key) for contest in shown]
+        rankings = Rankings(key, stored.folder, seed)
+        sections = tuple(
+            _section(part, names, selects, rankings)
+            for selects in (False, True)
+            if (part := [f for f in scored if presentation(f.contest).selects_on_test == selects])
+        )
+    run_ids = Counter(
+        result.run_id for one in scored for model in one.scores for result in one.results[model]
+    )
+    made_by = tuple(sources(stored.folder, stored.runs, run_ids))
+    return Leaderboard(rankings, sections, tuple(notes), made_by)
 
 
 def presentation(contest: Contest) -> Presentation:
@@ -210,14 +197,11 @@ def presentation(contest: Contest) -> Presentation:
 
 
 def caveats_of(contests: Iterable[Contest]) -> tuple[str, ...]:
-    """Return what must be read with the data sets and the protocols of contests, each once."""
+    """Return what must be read with the protocols and the data sets of contests, each once."""
     shown = [presentation(contest) for contest in contests]
-    said = [caveat for one in shown for caveat in (*one.caveats, one.warning)]
+    warnings = [one.warning for one in shown]
+    said = [*warnings, *(caveat for one in shown for caveat in one.caveats)]
     return tuple(filter(None, dict.fromkeys(said)))
-
-
-def _n_run(contest: Contest, names: Sequence[str]) -> int:
-    return sum(name in contest.competitors for name in names)
 
 
 def of_newest_data(contests: Sequence[Contest]) -> list[Contest]:
@@ -228,20 +212,8 @@ def of_newest_data(contests: Sequence[Contest]) -> list[Contest]:
     in_order = sorted(contests, key=lambda one: (one.newest_run, one.name))  # the last ones stay
     newest_data = {one.name.dataset: one.name.data_sha256 for one in in_order}
     current = [c for c in in_order if c.name.data_sha256 == newest_data[c.name.dataset]]
-    newest_source = {_without_source(one): one for one in current}
+    newest_source = {replace(one.name, source_sha256=""): one for one in current}
     return list(newest_source.values())
-
-
-def _without_source(contest: Contest) -> ContestName:
-    return replace(contest.name, source_sha256="")
-
-
-def _named(contests: Sequence[Contest], words: Sequence[str]) -> list[str]:
-    known = competitor_names(contests)
-    for word in words:
-        if not any(stands_for(word, name) for name in known):
-            raise ConfigError(f"--model: {unknown_name('model with results', word, known)}")
-    return [name for name in known if asked_for(name, words)]
 
 
 def _data_notes(contests: Sequence[Contest]) -> Iterator[str]:
@@ -255,204 +227,31 @@ def _data_notes(contests: Sequence[Contest]) -> Iterator[str]:
         yield f"{dataset} is left out: it is {kind_label(shown.kind, shown.task)}."
 
 
-def _order(contest: Contest) -> tuple[Any, ...]:
+def in_order(contest: Contest) -> tuple[Any, ...]:
     """Return a sort key: "n = 5" stands before "n = 10"."""
     name = contest.name
-    return (*map(natural_key, (name.protocol, name.condition, name.dataset)), name.seed)
+    return (*map(natural_key, (name.protocol, name.condition, name.dataset)), name)
 
 
-@dataclass(frozen=True)
-class RankedModel:
-    """A model with a result in every contest.
-
-    Attributes:
-        name, mark: of it, and what must stand beside it.
-        mean_rank: over the contests, among the ranked models.
-        low, high: bounds of it over resampled poses, and itself; NaN where the metric cannot be
-            resampled.
-        won: contests in which no model has a better score.
-        like_best: contests in which it is the best or cannot be told from it; None: no test
-            applies to them all.
-        within_cd: it lies within the critical difference of the best; None: there is none.
-    """
-
-    name: str
-    mark: str
-    mean_rank: float
-    low: float
-    high: float
-    won: int
-    like_best: int | None
-    within_cd: bool | None
-
-
-@dataclass(frozen=True)
-class UnrankedModel:
-    """A model that lacks a result somewhere.
-
-    Attributes:
-        missing: contest -> why it has no result there.
-    """
-
-    name: str
-    mark: str
-    missing: Mapping[ContestName, str]
-
-
-@dataclass(frozen=True)
-class Section:
-    """The contests that may be ranked together.
-
-    Attributes:
-        selects_on_test: their protocols let models pick the epoch on the test part.
-        fields: the contests.
-        ranked: by mean rank, then name.
-        unranked: the others, by name.
-        columns: by protocol and condition.
-        analyses: over data sets, the one over all protocols first.
-    """
-
-    selects_on_test: bool
-    fields: tuple[ScoredContest, ...]
-    ranked: tuple[RankedModel, ...]
-    unranked: tuple[UnrankedModel, ...]
-    columns: tuple[ScoreColumn, ...]
-    analyses: tuple[RankAnalysis, ...]
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        """Kinds of the data, e.g. ("simulated",)."""
-        return tuple(dict.fromkeys(presentation(one.contest).kind for one in self.fields))
-
-    @property
-    def caveats(self) -> tuple[str, ...]:
-        """What must be read with the data sets and the protocols."""
-        return caveats_of(one.contest for one in self.fields)
-
-    def caveats_of(self, family: str, protocol: str) -> tuple[str, ...]:
-        """Return what must be read with the data sets of one robot type and a protocol."""
-        return caveats_of(
-            one.contest
-            for one in self.fields
-            if (family_of(one.name), one.name.protocol) == (family, protocol)
-        )
-
-    @property
-    def marks(self) -> dict[str, str]:
-        """Model -> all its marks under these protocols; the ranked first."""
-        marks = {model.name: model.mark for model in self.ranked}
-        return marks | {model.name: model.mark for model in self.unranked}
-
-    def mark_under(self, protocol: str, model: str) -> str:
-        """Return what must stand beside a model's numbers under one protocol."""
-        contests = [one.contest for one in self.fields if one.name.protocol == protocol]
-        return _mark(contests, model)
-
-
-@dataclass(frozen=True)
-class Leaderboard:
-    """Sections, fair protocols first.
-
-    Attributes:
-        key: what the ranks are of.
-        sections: at least one.
-        notes: what holds for all of them.
-    """
-
-    key: SortKey
-    sections: tuple[Section, ...]
-    notes: tuple[str, ...]
-
-    @property
-    def run_ids(self) -> Counter[str]:
-        """How many of the results shown each run made."""
-        return Counter(
-            result.run_id
-            for section in self.sections
-            for one in section.fields
-            for model in one.scores
-            for result in one.results[model]
-        )
-
-
-def build_leaderboard(
-    contests: Sequence[Contest],
-    *,
-    models: Sequence[str],
-    key: SortKey,
-    folder: Path,
-    asked: Set[str] = frozenset(),
-    seed: int = 0,
-) -> Leaderboard:
-    """Return the ranks of the models of these contests.
-
-    Args:
-        contests: of one folder.
-        models: names, or keys that stand for all their variants; none means all.
-        key: what to rank by.
-        folder: of the results, for the samples.
-        asked: keys of the cells that the folder's runs were asked for.
-        seed: of the draws of poses.
-
-    Raises:
-        ConfigError: a model has no results, or there is nothing to compare.
-        StoreError: two models share no split, or the samples cannot be read.
-    """
-    shown = shown_contests(contests, models)
-    scored = [scored_contest(contest, shown.models, key, asked) for contest in shown.contests]
-    rankings = Rankings(key, folder, seed)
-    sections = tuple(
-        _section(part, selects, rankings)
-        for selects in (False, True)
-        if (part := [f for f in scored if presentation(f.contest).selects_on_test == selects])
-    )
-    return Leaderboard(key, sections, shown.notes)
-
-
-def _section(scored: list[ScoredContest], selects_on_test: bool, rankings: Rankings) -> Section:
-    contests = [one.contest for one in scored]
-    names = [name for name in competitor_names(contests) if _takes_part(scored, name)]
-    marks = {name: _mark(contests, name) for name in names}
+def _section(
+    scored: list[ScoredContest], names: Sequence[str], selects_on_test: bool, rankings: Rankings
+) -> Section:
     complete = complete_models(scored)
     analyses = rank_analyses(scored, rankings)
-    ranked: list[RankedModel] = []
-    if len(complete) >= FEWEST_RANKED:
-        found = _ranked([rankings.of(one, complete) for one in scored], marks, analyses[0])
-        ranked = sorted(found, key=lambda model: (model.mean_rank, model.name))
-    return Section(
-        selects_on_test=selects_on_test,
-        fields=tuple(scored),
-        ranked=tuple(ranked),
-        unranked=tuple(
-            UnrankedModel(name, marks[name], _missing(scored, name))
-            for name in names
-            if name not in {model.name for model in ranked}
-        ),
-        columns=tuple(columns(scored, rankings)),
-        analyses=tuple(analyses),
-    )
+    models: list[RankedModel] = []
+    if len(complete) > 1:
+        found = _ranked([rankings.of(one, complete) for one in scored], analyses[0])
+        models = sorted(found, key=lambda model: (model.mean_rank, model.name))
+    unranked = {
+        name: {one.name: one.missing[name] for one in scored if name in one.missing}
+        for name in names
+        if name not in {model.name for model in models}
+        and any(name in one.contest.competitors for one in scored)
+    }
+    return Section(selects_on_test, tuple(scored), tuple(models), unranked, tuple(analyses))
 
 
-def _takes_part(scored: Sequence[ScoredContest], name: str) -> bool:
-    """Say whether the model is shown and was run in one of these contests."""
-    return any(
-        name in one.contest.competitors and (name in one.scores or name in one.missing)
-        for one in scored
-    )
-
-
-def _mark(contests: Sequence[Contest], name: str) -> str:
-    found = [mark_of(c.competitors[name].shown) for c in contests if name in c.competitors]
-    return ", ".join(filter(None, dict.fromkeys(found)))
-
-
-def _missing(scored: Sequence[ScoredContest], name: str) -> dict[ContestName, str]:
-    return {one.name: one.missing[name] for one in scored if name in one.missing}
-
-
-def _ranked(
-    rankings: Sequence[Ranking], marks: Mapping[str, str], over_datasets: RankAnalysis
-) -> list[RankedModel]:
+def _ranked(rankings: Sequence[Ranking], over_datasets: RankAnalysis) -> list[RankedModel]:
     mean_ranks = np.mean([ranking.ranks for ranking in rankings], axis=0)  # (m,)
     low, high = _rank_interval(rankings, mean_ranks)
     won = np.sum([ranking.is_best for ranking in rankings], axis=0)
@@ -461,7 +260,6 @@ def _ranked(
     return [
         RankedModel(
             name=name,
-            mark=marks[name],
             mean_rank=float(mean_ranks[column]),
             low=float(low[column]),
             high=float(high[column]),
@@ -482,7 +280,7 @@ def _rank_interval(
     poses than the data, so that close models change places more often in them and ranks draw
     nearer to the middle: bounds are widened to hold the mean rank itself.
     """
-    drawn = [ranks for ranking in rankings if (ranks := ranking.drawn_ranks) is not None]
+    drawn = [ranked(means) for one in rankings if (means := one.drawn_means) is not None]
     if not drawn:
         nothing = np.full(len(rankings[0].models), np.nan)
         return nothing, nothing

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from stiff_bench.analysis.collected import Competitor, Contest, split_sizes
 from stiff_bench.analysis.sort_key import SortKey
-from stiff_bench.analysis.verdict import Question, SharedErrors, decide_pairs
+from stiff_bench.analysis.verdict import Question, SharedErrors, Verdict, decide_pairs
 from stiff_bench.store.database import read_data
 from stiff_bench.store.names import ContestName, grouped
 from stiff_bench.store.newest import Slot
@@ -21,12 +22,9 @@ from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.contract.types import FloatArray, IntArray, TextArray
+from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.bootstrap import PoseErrors, resampled_means
 from stiff_protocols.scoring.paired import ROPE_M, ranked
-
-NOT_RUN = "not run"
-NOT_FINISHED = "run not finished"
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,24 +65,12 @@ class ScoredContest:
     @property
     def left_out(self) -> str:
         """Which splits do not count, for people; "" where all do."""
-        present = {model: self.contest.competitors[model].done for model in self.scores}
-        n_all = len({slot for done in present.values() for slot in done})
-        if n_all == len(self.slots):
-            return ""
-        lacking = [
-            f"{model} lacks {n_all - len(done)}"
-            for model, done in present.items()
-            if len(done) < n_all
-        ]
-        return (
-            f"only the {len(self.slots)} of {n_all} splits count that all models have "
-            f"({', '.join(lacking)})"
-        )
+        every = {slot for model in self.scores for slot in self.contest.competitors[model].done}
+        n_count, n_all = len(self.slots), len(every)
+        return f"only the {n_count} of {n_all} splits that all have count" * (n_all > n_count)
 
 
-def scored_contest(
-    contest: Contest, models: Sequence[str], key: SortKey, asked: Set[str] = frozenset()
-) -> ScoredContest:
+def scored_contest(contest: Contest, models: Sequence[str], key: SortKey) -> ScoredContest:
     """Return who of the models takes part, and with which scores.
 
     A model that was asked for fewer splits, and has them all, takes part, and only the splits that
@@ -95,7 +81,6 @@ def scored_contest(
         contest: the stored results.
         models: by name.
         key: what they are ranked by.
-        asked: keys of the cells that the folder's runs were asked for.
 
     Raises:
         StoreError: two models have no split in common.
@@ -109,11 +94,16 @@ def scored_contest(
     missing = {
         model: reason for model in models if (reason := _why_missing(contest, model, scores, key))
     }
-    missing |= _unfinished(contest, [model for model in models if model not in missing], asked)
+    missing |= _unfinished(contest, [model for model in models if model not in missing])
     present = [model for model in models if model not in missing]
     slots = tuple(contest.shared_slots(present)) if present else ()
     if present and not slots:
-        _refuse(contest, present)
+        pairs = combinations(present, 2)
+        apart = next((pair for pair in pairs if not contest.shared_slots(pair)), present)
+        raise StoreError(
+            f"{contest.name.text}: {' and '.join(apart)} were run on different splits and share "
+            "none, so they cannot be compared; leave one out (--model) or run it anew"
+        )
     for model in present:
         if len(results[model]) > len(slots):
             results[model] = contest.results(model, slots)
@@ -134,13 +124,11 @@ def _why_missing(
 ) -> str:
     competitor = contest.competitors.get(model)
     if competitor is None:
-        return NOT_RUN
+        return "not run"
     if competitor.failures:
-        usual = _usual_failure(competitor)
-        n_failed = len(competitor.failures)
-        n_all = n_failed + len(competitor.done)
-        said = " ".join(usual.failure.split())
-        return f"{usual.status.upper()} in {n_failed} of {n_all} splits: {said}"
+        usual, n_failed = _usual_failure(competitor), len(competitor.failures)
+        where = f"{n_failed} of {n_failed + len(competitor.done)} splits"
+        return f"{usual.status.upper()} in {where}: {' '.join(usual.failure.split())}"
     return f"no value of {key.text}" if values[model] is None else ""
 
 
@@ -150,46 +138,17 @@ def _usual_failure(competitor: Competitor) -> CellResult:
     return max(alike.values(), key=len)[0]
 
 
-def _unfinished(contest: Contest, models: Sequence[str], asked: Set[str]) -> dict[str, str]:
+def _unfinished(contest: Contest, models: Sequence[str]) -> dict[str, str]:
     """Return which of these models take no part because their run did not come to its end."""
-    why = {model: _why_unfinished(contest, contest.competitors[model], asked) for model in models}
-    finished = [model for model in models if not why[model]]
+    found = {model: contest.competitors[model] for model in models}
+    unfinished = [model for model, one in found.items() if len(one.done) < one.n_asked]
+    finished = [model for model in models if model not in unfinished]
     needed = set(contest.shared_slots(finished))
     return {
-        model: reason
-        for model, reason in why.items()
-        if reason and not (finished and needed <= contest.competitors[model].done.keys())
+        model: f"{len(found[model].done)} of {found[model].n_asked} splits: run not finished"
+        for model in unfinished
+        if not finished or not needed <= found[model].done.keys()
     }
-
-
-def _why_unfinished(contest: Contest, competitor: Competitor, asked: Set[str]) -> str:
-    n_done = len(competitor.done)
-    if n_done < competitor.n_asked:
-        return f"{n_done} of {competitor.n_asked} splits asked for: {NOT_FINISHED}"
-    return NOT_FINISHED if _asked_for_more(contest, competitor, asked) else ""
-
-
-def _asked_for_more(contest: Contest, competitor: Competitor, asked: Set[str]) -> bool:
-    """Say whether a model was to be run on more of the others' splits and was not."""
-    if len(competitor.done) == len(contest.slots):
-        return False
-    own = {result.cell.coverage: result.cell for result in competitor.done.values()}
-    return any(
-        replace(cell, split_index=slot[0], split_sha256=slot[1], rows_sha256=rows_sha256).key
-        in asked
-        for slot, rows_sha256 in contest.rows_sha256.items()
-        if slot not in competitor.done
-        for cell in own.values()
-    )
-
-
-def _refuse(contest: Contest, models: Sequence[str]) -> None:
-    apart = [pair for pair in combinations(models, 2) if not contest.shared_slots(pair)]
-    named = apart[0] if apart else tuple(models)
-    raise StoreError(
-        f"{contest.name.text}: {' and '.join(named)} were run on different splits and share none, "
-        "so they cannot be compared; leave one out (--model) or run it anew"
-    )
 
 
 BoolArray = NDArray[np.bool_]
@@ -214,14 +173,10 @@ class Ranking:
     seed: int
 
     @cached_property
-    def scores(self) -> FloatArray:
-        """The (m,) means over the splits, in the metric's unit."""
-        return np.array([self.scored.mean(model) for model in self.models])
-
-    @cached_property
     def ranks(self) -> FloatArray:
         """The (m,) ranks among these models: 1 is the best, ties share their mean rank."""
-        return ranked(self.key.sign * self.scores)
+        scores = np.array([self.scored.mean(model) for model in self.models])
+        return ranked(self.key.sign * scores)
 
     @cached_property
     def is_best(self) -> BoolArray:
@@ -238,13 +193,14 @@ class Ranking:
         if not self.key.resamples:
             return None
         poses, pose_of_row = np.unique(self.data.samples.pose_id, return_inverse=True)
-        return [self._errors_of(model, poses, pose_of_row) for model in self.models]
-
-    def _errors_of(self, model: str, poses: TextArray, pose_of_row: IntArray) -> PoseErrors:
-        found = pooled_prediction(self.scored.results[model])
-        pose, errors = pose_of_row[found.rows], self.key.of_rows(found)
-        totals = np.bincount(pose, weights=errors, minlength=len(poses)).astype(np.float64)
-        return PoseErrors(poses, totals[:, None], np.bincount(pose, minlength=len(poses)))
+        found = []
+        for model in self.models:
+            prediction = pooled_prediction(self.scored.results[model])
+            pose, errors = pose_of_row[prediction.rows], self.key.of_rows(prediction)
+            totals = np.bincount(pose, weights=errors, minlength=len(poses)).astype(np.float64)
+            counts = np.bincount(pose, minlength=len(poses))
+            found.append(PoseErrors(poses, totals[:, None], counts))
+        return found
 
     @cached_property
     def drawn_means(self) -> FloatArray | None:
@@ -258,38 +214,36 @@ class Ranking:
             return resampled_means(self._pose_errors, seed=self.seed)
 
     @cached_property
-    def drawn_ranks(self) -> FloatArray | None:
-        """The (B, m) ranks on the same draws; NaN where a draw holds no tested pose."""
-        means = self.drawn_means
-        return None if means is None else ranked(means)
-
-    @cached_property
     def like_best(self) -> BoolArray | None:
         """(m,) whether a model is not found worse than the best; None: no test applies.
 
-        It is the verdict on the best and the model (`decide_pairs`), corrected for all models.
+        It is the verdict on the best and the model, corrected for all models (Holm).
         """
-        if self.key.is_cost:
-            return None
         best = int(np.argmax(self.is_best))
         others = [index for index in range(len(self.models)) if index != best]
-        rope = ROPE_M if self.key.metric.unit == "m" else 0.0
-        question = Question(rope=rope, seed=self.seed)
-        pairs = [(best, other) for other in others]
-        decisions = decide_pairs(self._shared_errors, pairs, question, correct=True)
-        if decisions is None:
+        verdicts = self.verdicts([(best, other) for other in others], correct=True)
+        if verdicts is None:
             return None
         like = np.ones(len(self.models), dtype=np.bool_)
-        like[others] = [decision.verdict != "a" for decision in decisions]
+        like[others] = [verdict != "a" for verdict in verdicts]
         return like
+
+    def verdicts(
+        self, pairs: Sequence[tuple[int, int]], *, correct: bool = False
+    ) -> list[Verdict] | None:
+        """Return the verdicts on pairs of models, see `decide_pairs`; None: no test applies."""
+        if self.key.is_cost:
+            return None
+        question = Question(rope=ROPE_M if self.key.metric.unit == "m" else 0.0, seed=self.seed)
+        return decide_pairs(self._shared_errors, pairs, question, correct=correct)
 
     @property
     def _shared_errors(self) -> SharedErrors:
         scores = np.column_stack([self.scored.scores[model] for model in self.models])  # (J, m)
-        sizes = split_sizes(self.scored.results[self.models[0]], len(self.data.samples))
+        _, n_test = split_sizes(self.scored.results[self.models[0]])
         return SharedErrors(
             of_splits=self.key.sign * scores if len(scores) > 1 else None,
-            test_share=sizes.test_share,
+            test_share=n_test / len(self.data.samples),
             of_poses=self._pose_errors,
             drawn=self.drawn_means,
         )
@@ -306,25 +260,14 @@ class Rankings:
 
     def __init__(self, key: SortKey, folder: Path, seed: int) -> None:
         """Store the arguments."""
-        self.key = key
-        self._seed = seed
-        self._folder = folder
-        self._data: dict[str, StoredData] = {}
+        self.key, self._seed = key, seed
+        self.data_of = functools.cache(functools.partial(read_data, folder))
         self._found: dict[tuple[ContestName, tuple[str, ...]], Ranking] = {}
 
     def of(self, scored: ScoredContest, models: tuple[str, ...]) -> Ranking:
         """Return the ranks of these models in a contest."""
         place = (scored.name, models)
         if place not in self._found:
-            data = self._data_of(scored.name.data_sha256)
+            data = self.data_of(scored.name.data_sha256)
             self._found[place] = Ranking(scored, models, self.key, data, self._seed)
         return self._found[place]
-
-    def robot_name(self, data_sha256: str) -> str:
-        """Return the name of the robot in a data set."""
-        return self._data_of(data_sha256).robot
-
-    def _data_of(self, sha256: str) -> StoredData:
-        if sha256 not in self._data:
-            self._data[sha256] = read_data(self._folder, sha256)
-        return self._data[sha256]

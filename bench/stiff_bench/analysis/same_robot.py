@@ -6,11 +6,12 @@ they say nothing on another one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from stiff_bench.analysis.collected import Contest
 from stiff_bench.store.names import ContestName, grouped
+from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.units import counted
 
 SEED, SPECIMEN = "seed", "specimen"
@@ -36,7 +37,7 @@ class Specimen:
 
 
 def robots_of(
-    contests: Iterable[Contest], robot_name: Callable[[str], str]
+    contests: Sequence[Contest], data_of: Callable[[str], StoredData]
 ) -> dict[ContestName, Specimen]:
     """Return the robot that each contest's data were made on.
 
@@ -45,14 +46,13 @@ def robots_of(
 
     Args:
         contests: of one folder.
-        robot_name: name of the robot in the data with a hash.
+        data_of: the data with a hash.
     """
-    contests = list(contests)
     of_data = grouped(contests, lambda contest: contest.name.data_sha256)
     robots = {
         sha256: Specimen(
-            robot_name(sha256),
-            max(str(one.options("dataset").get(SPECIMEN, "")) for one in members),
+            data_of(sha256).robot,
+            max(str(one.cell.dataset_params.get(SPECIMEN, "")) for one in members),
         )
         for sha256, members in of_data.items()
     }

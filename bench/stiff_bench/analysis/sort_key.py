@@ -71,11 +71,9 @@ class SortKey:
             found = [self.metric.values(pooled_prediction(results))]
         else:
             found = [result.values(self.metric.key) for result in results]
-        axes = self._axes
-        try:
-            of_axes = np.array([[values[axis] for axis in axes] for values in found])
-        except KeyError:  # a value is missing
+        if any(axis not in values for values in found for axis in self._axes):
             return None
+        of_axes = np.array([[values[axis] for axis in self._axes] for values in found])
         return np.asarray(of_axes.mean(axis=1))
 
     def of_rows(self, prediction: Prediction) -> FloatArray:
@@ -95,17 +93,14 @@ def sort_key(key: str, axis: str | None) -> SortKey:
             such axis.
     """
     found = metric(key)
-    ranking = [m for m in METRICS.values() if not m.needs_interval]
-    if found not in ranking:
-        why = (
-            "its best value is the nominal one"
-            if found.direction == "nominal"
-            else "narrower intervals are better only at equal coverage"
-        )
-        valid = ", ".join(m.key for m in ranking)
+    if found.needs_interval:
+        why = "narrower intervals are better only at equal coverage"
+        if found.direction == "nominal":
+            why = "its best value is the nominal one"
+        valid = ", ".join(m.key for m in METRICS.values() if not m.needs_interval)
         raise ConfigError(f"--metric {key}: {why}, so it does not rank models (valid: {valid})")
     if axis is not None and axis not in found.axes:
-        with_axes = ", ".join(m.key for m in ranking if m.axes == AXES)
+        with_axes = ", ".join(m.key for m in METRICS.values() if m.axes == AXES)
         raise ConfigError(
             f"--axis {axis}: {key} is one value in all; metrics with axes are {with_axes}"
         )

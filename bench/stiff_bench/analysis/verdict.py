@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeVar
+from typing import Literal
 
 import numpy as np
 
@@ -33,8 +33,6 @@ from stiff_protocols.scoring.ranks import OverDatasets
 
 Verdict = Literal["a", "b", "equivalent", "open"]
 """Who is better; "open": they cannot be told apart, which does not mean that they are equal."""
-Test = Literal["corrected t over splits", "Wilcoxon over poses", "Nemenyi over robots"]
-"""Which test a p-value is of."""
 
 
 @dataclass(frozen=True)
@@ -53,54 +51,23 @@ class Question:
 
 
 @dataclass(frozen=True)
-class TestResult:
+class Estimate:
     """What one test says about a difference, A less B; smaller is better.
 
     Attributes:
         low, high: bounds of the difference, in its unit.
         p_value: of "there is no difference", two-sided.
-        test: that the p-value is of.
+        posterior: probabilities that A is better by more than the ROPE, that the difference lies
+            in it, that B is better; all 0 of mean ranks, which know no such region.
     """
-
-    __test__ = False  # for pytest: no class of tests
 
     low: float
     high: float
     p_value: float
-    test: Test
-
-
-@dataclass(frozen=True)
-class Estimate(TestResult):
-    """A test result on a difference of mean errors, m, with its probabilities.
-
-    Attributes:
-        posterior: probabilities that A is better by more than the ROPE, that the difference lies
-            in it, that B is better.
-    """
-
     posterior: Posterior
 
 
-Result = TypeVar("Result", bound=TestResult)
-
-
-@dataclass(frozen=True)
-class Decision:
-    """A verdict and how it was found.
-
-    Attributes:
-        verdict: who is better.
-        p_value: of "there is no difference"; corrected where several were tested together.
-        test: that the p-value is of.
-    """
-
-    verdict: Verdict
-    p_value: float
-    test: Test
-
-
-def decide(results: Sequence[TestResult], confidence: float) -> Decision:
+def decide(results: Sequence[Estimate], confidence: float) -> Verdict:
     """Return the verdict on a difference, A less B.
 
     Equivalent: every result gives the ROPE at least the probability `confidence`. Better: the
@@ -110,12 +77,7 @@ def decide(results: Sequence[TestResult], confidence: float) -> Decision:
         results: at least one, on the same difference.
         confidence: that a verdict needs (0..1).
     """
-    first = results[0]
-    return Decision(_verdict(results, confidence), first.p_value, first.test)
-
-
-def _verdict(results: Sequence[TestResult], confidence: float) -> Verdict:
-    if all(_equivalent(result) >= confidence for result in results):
+    if all(result.posterior.equivalent >= confidence for result in results):
         return "equivalent"
     if results[0].p_value >= 1.0 - confidence:
         return "open"
@@ -124,12 +86,7 @@ def _verdict(results: Sequence[TestResult], confidence: float) -> Verdict:
     return "b" if all(result.low > 0.0 for result in results) else "open"
 
 
-def _equivalent(result: TestResult) -> float:
-    """Return the probability that the difference makes none; ranks know no such thing."""
-    return result.posterior.equivalent if isinstance(result, Estimate) else 0.0
-
-
-def corrected(results: Sequence[Result]) -> list[Result]:
+def corrected(results: Sequence[Estimate]) -> list[Estimate]:
     """Return results whose p-values are corrected for one another (Holm)."""
     p_values = holm([result.p_value for result in results]).tolist()
     return [replace(result, p_value=p) for result, p in zip(results, p_values, strict=True)]
@@ -142,9 +99,8 @@ def estimates_over_splits(
     estimates = []
     for column in differences.T:
         found = corrected_t(column, test_share)
-        low, high = found.interval(question.confidence)
-        posterior = found.posterior(question.rope)
-        estimates.append(Estimate(low, high, found.p_value, "corrected t over splits", posterior))
+        interval, posterior = found.interval(question.confidence), found.posterior(question.rope)
+        estimates.append(Estimate(*interval, found.p_value, posterior))
     return estimates
 
 
@@ -192,25 +148,22 @@ def estimates_over_draws(
             low=float(low[k]),
             high=float(high[k]),
             p_value=p_value,
-            test="Wilcoxon over poses",
             posterior=Posterior(float(a_better[k]), float(equivalent[k]), float(b_better[k])),
         )
         for k, p_value in enumerate(p_values)
     ]
 
 
-def rank_difference(outcome: OverDatasets, a: int, b: int) -> TestResult:
+def rank_difference(outcome: OverDatasets, a: int, b: int) -> Estimate:
     """Return what Nemenyi's test says about the mean ranks of two columns of an outcome.
 
     It looks at pairs only where Friedman's test finds that the models differ: p is the larger one.
     """
     difference = float(outcome.mean_ranks[a] - outcome.mean_ranks[b])
-    return TestResult(
-        low=difference - outcome.critical_difference,
-        high=difference + outcome.critical_difference,
-        p_value=max(outcome.friedman_p, float(outcome.nemenyi[a, b])),
-        test="Nemenyi over robots",
-    )
+    reach = outcome.critical_difference
+    p_value = max(outcome.friedman_p, float(outcome.nemenyi[a, b]))
+    nothing = Posterior(0.0, 0.0, 0.0)
+    return Estimate(difference - reach, difference + reach, p_value, nothing)
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +185,7 @@ class SharedErrors:
 
 def decide_pairs(
     errors: SharedErrors, pairs: Sequence[tuple[int, int]], question: Question, *, correct: bool
-) -> list[Decision] | None:
+) -> list[Verdict] | None:
     """Return the verdicts on k pairs; None where no test applies: one value, no poses behind it.
 
     A winner needs the corrected t over splits, or Wilcoxon's test over poses where there are no

@@ -9,23 +9,22 @@ division that explains most of the differences between poses.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from stiff_bench.analysis.comparison import ERRORS, NORM, PairedErrors
 from stiff_bench.analysis.verdict import (
     Estimate,
     Question,
     Verdict,
+    corrected,
     decide,
     estimates_over_poses,
 )
 from stiff_bench.store.samples import StoredData
 from stiff_protocols.contract.types import FloatArray, IntArray, TextArray
 from stiff_protocols.scoring.bootstrap import PoseErrors, pose_differences, pose_errors
-from stiff_protocols.scoring.paired import holm, wilcoxon_signed_rank
 
 Kind = Literal["pose region", "load", "joint torque"]
 PARTS = 3
@@ -91,47 +90,49 @@ class Where:
 
     Attributes:
         places: of the division that explains most, kind by kind.
-        n_factors, n_places: how many divisions and places were looked at.
-        a_better, b_better: in how many of all places the verdict is so.
+        n_places: how many places of all divisions were looked at.
+        a_better, b_better: in how many of them the verdict is so.
     """
 
     places: tuple[Place, ...]
-    n_factors: int
     n_places: int
     a_better: int
     b_better: int
 
 
-def where_better(paired: PairedErrors, data: StoredData, question: Question) -> Where:
+def where_better(
+    rows: IntArray, a: FloatArray, b: FloatArray, data: StoredData, question: Question
+) -> Where:
     """Look for the places where the mean length of the error differs.
 
     A division counts if it has several parts and `FEWEST_POSES` in each.
+
+    Args:
+        rows: (n,) row numbers in the data set that were tested.
+        a: (n,) lengths of A's error there, m.
+        b: the same of B.
+        data: the samples, their loads and TCP positions.
+        question: what is asked of each place.
     """
-    pose_id = data.samples.pose_id[paired.rows]
     divisions = [
-        (factor, parts)
+        parts
         for factor in factors(data)
-        if len(parts := list(_parts(factor, paired, pose_id))) > 1
+        if len(parts := list(_parts(factor, rows, a, b, data))) > 1
         and min(len(part.a.poses) for part in parts) >= FEWEST_POSES
     ]
-    if not divisions:
-        return Where((), 0, 0, 0, 0)
-    p_values = [wilcoxon_signed_rank(part.differences) for _, parts in divisions for part in parts]
-    corrected = iter(holm(p_values).tolist())
-    found = [
-        [_place(factor, part, next(corrected), paired, question) for part in parts]
-        for factor, parts in divisions
-    ]
-    strongest: dict[Kind, int] = {}  # kind -> number of the division that explains most
-    for number, (factor, parts) in enumerate(divisions):
-        best = strongest.setdefault(factor.kind, number)
-        if _explained(parts) > _explained(divisions[best][1]):
-            strongest[factor.kind] = number
-    verdicts = [place.verdict for places in found for place in places]
+    every = [part for parts in divisions for part in parts]
+    estimates = corrected([estimates_over_poses(one.a, one.b, question)[0] for one in every])
+    verdicts = [decide([estimate], question.confidence) for estimate in estimates]
+    strongest: dict[Kind, list[_Part]] = {}  # kind -> the division that explains most
+    for parts in divisions:
+        best = strongest.setdefault(parts[0].factor.kind, parts)
+        if _explained(parts) > _explained(best):
+            strongest[parts[0].factor.kind] = parts
+    shown = [part for parts in strongest.values() for part in parts]
+    numbers = [every.index(part) for part in shown]
     return Where(
-        places=tuple(place for number in strongest.values() for place in found[number]),
-        n_factors=len(divisions),
-        n_places=len(verdicts),
+        places=tuple(_place(every[n], rows, estimates[n], verdicts[n]) for n in numbers),
+        n_places=len(every),
         a_better=verdicts.count("a"),
         b_better=verdicts.count("b"),
     )
@@ -139,73 +140,63 @@ def where_better(paired: PairedErrors, data: StoredData, question: Question) -> 
 
 def factors(data: StoredData) -> list[Factor]:
     """Return what the samples of a data set are divided by."""
-    found = [Factor("pose region", "part of the plan", "", data.samples.group)]
     x, y, z = data.tcp.T
-    found += [
+    force, torque = data.samples.wrench[:, :3], data.samples.wrench[:, 3:]
+    return [
+        Factor("pose region", "part of the plan", "", data.samples.group),
         Factor("pose region", "TCP reach (from the base's z axis)", "m", np.hypot(x, y)),
         Factor("pose region", "TCP height", "m", z),
-    ]
-    force, torque = data.samples.wrench[:, :3], data.samples.wrench[:, 3:]
-    found += [
         Factor("load", "force", "N", np.linalg.norm(force, axis=1)),
         Factor("load", "torque at the TCP", "Nm", np.linalg.norm(torque, axis=1)),
+        *(
+            Factor("joint torque", f"torque on {name}", unit, np.abs(data.torque[:, joint]))
+            for joint, (name, unit) in enumerate(
+                zip(data.joint_names, data.torque_units, strict=True)
+            )
+        ),
     ]
-    found += [
-        Factor("joint torque", f"torque on {name}", unit, np.abs(data.torque[:, joint]))
-        for joint, (name, unit) in enumerate(zip(data.joint_names, data.torque_units, strict=True))
-    ]
-    return found
 
 
 @dataclass(frozen=True, eq=False)
 class _Part:
     """The tested rows of one place, by number in the list of tested rows, and its poses' errors."""
 
+    factor: Factor
     label: str
     chosen: IntArray
     a: PoseErrors
     b: PoseErrors
 
-    @property
-    def differences(self) -> FloatArray:
-        """The (p,) mean difference of each pose, m."""
-        return pose_differences(self.a, self.b)[:, 0]
 
-
-def _parts(factor: Factor, paired: PairedErrors, pose_id: TextArray) -> Iterator[_Part]:
-    values = factor.values[paired.rows]
+def _parts(
+    factor: Factor, rows: IntArray, a: FloatArray, b: FloatArray, data: StoredData
+) -> Iterator[_Part]:
+    values = factor.values[rows]
     if factor.unit:
-        different = factor.values[np.unique(paired.rows)].astype(np.float64)
+        different = factor.values[np.unique(rows)].astype(np.float64)
         edges = np.quantile(different, np.arange(1, PARTS) / PARTS)
         names = np.searchsorted(edges, values).astype(np.str_)
     else:
         names = values.astype(np.str_)
-    norm = [ERRORS.index(NORM)]
     for name in np.unique(names):
         chosen = np.flatnonzero(names == name)
-        a, b = (
-            pose_errors(pose_id[chosen], errors[chosen][:, norm]) for errors in (paired.a, paired.b)
-        )
-        yield _Part("" if factor.unit else str(name), chosen, a, b)
+        pose_id = data.samples.pose_id[rows[chosen]]
+        of_a, of_b = (pose_errors(pose_id, errors[chosen][:, None]) for errors in (a, b))
+        yield _Part(factor, "" if factor.unit else str(name), chosen, of_a, of_b)
 
 
 def _explained(parts: Sequence[_Part]) -> float:
     """Return which share (0..1) of the poses' differences' variance lies between the parts."""
-    together = np.concatenate([part.differences for part in parts])
+    differences = [pose_differences(part.a, part.b)[:, 0] for part in parts]
+    together = np.concatenate(differences)
     total = float(((together - together.mean()) ** 2).sum())
-    between = sum(
-        len(part.differences) * (part.differences.mean() - together.mean()) ** 2 for part in parts
-    )
+    between = sum(len(one) * (one.mean() - together.mean()) ** 2 for one in differences)
     return float(between / total) if total > 0.0 else 0.0
 
 
-def _place(
-    factor: Factor, part: _Part, p_value: float, paired: PairedErrors, question: Question
-) -> Place:
-    rows = paired.rows[part.chosen]
-    values = factor.values[rows]
-    (estimate,) = estimates_over_poses(part.a, part.b, question)
-    estimate = replace(estimate, p_value=p_value)
+def _place(part: _Part, rows: IntArray, estimate: Estimate, verdict: Verdict) -> Place:
+    factor, tested = part.factor, rows[part.chosen]
+    values = factor.values[tested]
     return Place(
         kind=factor.kind,
         factor=factor.name,
@@ -213,10 +204,10 @@ def _place(
         low=float(values.min()) if factor.unit else None,
         high=float(values.max()) if factor.unit else None,
         label=part.label,
-        n_samples=len(np.unique(rows)),
+        n_samples=len(np.unique(tested)),
         n_poses=len(part.a.poses),
         mean_a=float(part.a.mean[0]),
         mean_b=float(part.b.mean[0]),
         estimate=estimate,
-        verdict=decide([estimate], question.confidence).verdict,
+        verdict=verdict,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -11,7 +11,7 @@ from stiff_bench.cli.options import (
     FILE,
     PROBABILITY,
     RESULTS,
-    FiniteRange,
+    Millimetres,
     command_line,
     contest_options,
     format_option,
@@ -22,6 +22,9 @@ from stiff_bench.cli.options import (
     several_keys,
 )
 from stiff_bench.console import print_text, say
+
+if TYPE_CHECKING:
+    from stiff_bench.api.results import Results
 
 
 @click.command()
@@ -35,18 +38,14 @@ def leaderboard(
     results: Path, metric: str, axis: str | None, figure: Path | None, fmt: str, **chosen: Any
 ) -> None:
     """Rank models over data sets and protocols, and say where ranks mean nothing."""
-    from stiff_bench.analysis.leaderboard_tables import render_leaderboard
-    from stiff_bench.analysis.sort_key import sort_key
-    from stiff_bench.analysis.stored_leaderboard import stored_leaderboard
+    from stiff_bench.tables.picture_file import check_suffix
 
-    key = sort_key(metric, axis)
-    board, provenance = stored_leaderboard(results, key=key, **chosen)
     if figure is not None:
-        from stiff_bench.analysis.critical_difference import save_diagrams
-
-        first = board.sections[0]
-        save_diagrams(first.analyses, key.text, first.kinds, figure)
-    print_text(render_leaderboard(board, fmt, command_line(), provenance))
+        check_suffix(figure)
+    ranks = _stored(results).leaderboard(metric, axis, **chosen)
+    print_text(ranks.text_as(fmt))
+    if figure is not None:
+        ranks.save_diagrams(figure)
 
 
 @click.command()
@@ -56,29 +55,29 @@ def leaderboard(
 @contest_options
 @several_keys("--condition", "conditions", help='A protocol\'s condition, such as "n = 40".')
 @click.option(
-    "--rope",
-    "rope_mm",
-    type=FiniteRange(min=0),
-    default=0.01,
-    metavar="MM",
+    "--equivalence",
+    "equivalence_mm",
+    type=Millimetres(min=0),
+    default="0.01mm",
+    metavar="LENGTH",
     help="Largest difference in mean error that makes none in practice.",
 )
 @click.option("--confidence", type=PROBABILITY, default=0.95, help="Of intervals and verdicts.")
 @seed_option
 @format_option
-def compare(rope_mm: float, confidence: float, seed: int, fmt: str, **asked: Any) -> None:
+def compare(a: str, b: str, results: Path, equivalence_mm: float, fmt: str, **asked: Any) -> None:
     """Say whether model A is better than model B, by how much, how sure that is, and where.
 
     A and B are models with their options, as `bench run` names them: vjm, ft-mlp@freeze=full.
     """
-    from stiff_bench.analysis.compare import CompareWords, compare_folder
-    from stiff_bench.analysis.comparison_text import render_report
-    from stiff_bench.analysis.verdict import Question
-    from stiff_bench.tables.units import MM
+    found = _stored(results).compare(a, b, equivalence_mm=equivalence_mm, **asked)
+    print_text(found.text_as(fmt))
 
-    question = Question(rope=rope_mm / MM, confidence=confidence, seed=seed)
-    words = CompareWords(question=question, command=command_line(), **asked)
-    print_text(render_report(compare_folder(words), fmt))
+
+def _stored(folder: Path) -> Results:
+    from stiff_bench.api.results import Results
+
+    return Results(folder, command=command_line())
 
 
 @click.command()

@@ -95,7 +95,8 @@ def reproduce(
     leaderboard takes about 2 hours on 2 cores.
     """
     from stiff_bench.analysis.forecast import forecast_line
-    from stiff_bench.cli.run import computed, foreseen, say_summary, show_plan
+    from stiff_bench.api.evaluation import computed
+    from stiff_bench.cli.run import foreseen, say_summary, show_plan
     from stiff_bench.paper import study
     from stiff_bench.paper.pages import write_leaderboard, write_paper
     from stiff_bench.plan.registry import build_registry

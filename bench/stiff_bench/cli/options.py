@@ -38,6 +38,18 @@ class FiniteRange(click.FloatRange):
         return number
 
 
+class Millimetres(FiniteRange):
+    """A length, such as 0.01 or 0.01mm."""
+
+    name = "mm"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Return the number of millimetres, or refuse it naming what is valid."""
+        return super().convert(str(value).removesuffix("mm"), param, ctx)
+
+
 class Size(click.ParamType[int]):
     """A number of bytes, such as 2GiB."""
 

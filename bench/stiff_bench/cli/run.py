@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from stiff_bench.analysis.forecast import Forecast, forecast, forecast_line, forecast_table
+from stiff_bench.api.evaluation import computed
+from stiff_bench.api.results import Results
 from stiff_bench.console import print_text, say
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.request import RunPlan
 from stiff_bench.run.execution import IN_THIS_PROCESS, Execution
-from stiff_bench.run.progress import display
-from stiff_bench.run.runner import Finished, run_cells
-from stiff_bench.store.database import ResultStore
-from stiff_bench.tables.metric_table import build_tables
+from stiff_bench.run.runner import Finished
 from stiff_bench.tables.render import render
 
 
@@ -24,24 +23,11 @@ def execute(plan: RunPlan, fmt: str, execution: Execution = IN_THIS_PROCESS) -> 
         StiffBenchError: the data cannot be loaded or divided, or the output not written.
     """
     finished = computed([plan], execution)
-    print_text(render(build_tables(finished.results, plan.metrics), fmt, plan.command))
+    metrics = tuple(one.key for one in plan.metrics)
+    results = Results(plan.output, metrics, plan.command, finished.results)
+    print_text(results.table().text_as(fmt))
     say_summary(finished, plan.output)
     return 0 if all(result.status == "ok" for result in finished.results) else 1
-
-
-def computed(plans: Sequence[RunPlan], execution: Execution) -> Finished:
-    """Compute what is missing of plans for one folder, as one run; return all of their results.
-
-    Raises:
-        StiffBenchError: the data cannot be loaded or divided, or the output not written.
-    """
-    tasks = list(cell_tasks(*plans))
-    store = ResultStore(plans[0].output)
-    protocols = (choice.info for plan in plans for choice in plan.protocols)
-    for warning in dict.fromkeys(info.warning for info in protocols if info.warning):
-        say(f"warning: {warning}")
-    with display() as shown:
-        return run_cells(tasks, plans[0].command, store, execution, shown)
 
 
 def say_summary(finished: Finished, folder: Path) -> None:

@@ -150,11 +150,7 @@ def _range(values: FloatArray) -> Quantity:
 def dataset_info(info: DatasetInfo, data: BenchmarkData, picture: Path, options: str = "") -> str:
     """Return what is known of a data set: catalogue line, facts, card, place of the picture.
 
-    Args:
-        info: its catalogue line.
-        data: what its `load` gave.
-        picture: a file that `save_picture` has written.
-        options: what was set, "name=value, ..."; the card describes the defaults.
+    The card describes the data set without options ("name=value, ...").
 
     Raises:
         DataError: there are no samples, or the card is not in the package.

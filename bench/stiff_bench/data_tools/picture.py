@@ -50,20 +50,13 @@ DEFLECTION = "Deflection of the TCP under load"
 
 
 def save_picture(data: BenchmarkData, title: str, path: Path, quantity: str = DEFLECTION) -> None:
-    """Draw the data set and write the page as PNG, PDF or SVG.
-
-    Args:
-        data: at least one sample.
-        title: the data set's key, and whether it is simulated or measured.
-        path: the file; its suffix chooses the format.
-        quantity: what the deflections are.
+    """Draw at least one sample and write the page as PNG, PDF or SVG, as the suffix says.
 
     Raises:
         ConfigError: the suffix is none of the three.
         StoreError: the file cannot be written.
     """
     check_suffix(path)
-
     with drawing(_STYLE):
         save_figure(_draw(data, title, quantity), path)
 

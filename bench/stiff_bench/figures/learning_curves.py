@@ -47,12 +47,7 @@ _NEEDS = (
 
 
 def learning_figure(panels: Mapping[str, pd.DataFrame], names: Sequence[str]) -> Figure:
-    """Draw a panel for each type of robot: error against training poses, both logarithmic.
-
-    Args:
-        panels: title -> what `errors_of` returns.
-        names: of the models, in the order of the legend.
-    """
+    """Draw `errors_of` each type of robot against training poses, both logarithmic."""
     n_columns = 2 if len(panels) == 1 else 3
     legend = LEGEND_LINE_INCH * -(-len(names) // n_columns)
     figure, grid = new_panels(len(panels), PANEL_INCH, legend)
@@ -112,9 +107,7 @@ def size_of(contest: Contest) -> int:
 def errors_of(names: Sequence[str], contests: Sequence[Contest]) -> pd.DataFrame:
     """Return the mean error lengths [m] of models on the data sets of one robot type.
 
-    Returns:
-        A row for each model and data set (its name, with seed and hash) on which it has every draw
-        of every size, a column for each size.
+    A row is a model and a data set on which it has every draw of every size, a column a size.
     """
     found = [
         (name, replace(contest.name, condition=""), size_of(contest), mean_length(results))

@@ -84,13 +84,7 @@ def _order(curve: LossCurve) -> tuple[int, str]:
 def draw_losses(
     axes: Axes, curves: Sequence[LossCurve], look: Mapping[str, Look] | None = None
 ) -> None:
-    """Draw curves of one phase; ringed: the least validation loss that is stored.
-
-    Args:
-        axes: an empty panel.
-        curves: one a name.
-        look: of each name; None: in their order.
-    """
+    """Draw curves of one phase, one a name; ringed: the least validation loss that is stored."""
     look = look or dict(zip([one.name for one in curves], looks(len(curves)), strict=True))
     for curve in curves:
         step, train, validation = curve.points.T

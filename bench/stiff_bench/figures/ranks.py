@@ -5,21 +5,17 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stiff_bench.analysis.critical_difference import (
-    HEAD_INCH,
-    LINE_INCH,
-    RankAnalysis,
-    draw_diagram,
-    n_lines,
-    rank_analyses,
-)
-from stiff_bench.analysis.leaderboard import presentation, shown_contests
-from stiff_bench.analysis.ranking import Rankings, scored_contest
+import numpy as np
+
+from stiff_bench.analysis.collected import StoredResults
+from stiff_bench.analysis.critical_difference import RankAnalysis
+from stiff_bench.analysis.leaderboard import build_leaderboard
 from stiff_bench.analysis.same_robot import of_robots
 from stiff_bench.analysis.sort_key import sort_key
-from stiff_bench.figures.figure import Content
+from stiff_bench.figures.figure import Content, Prepared
 from stiff_bench.figures.source import FigureSource, marks_in
 from stiff_bench.figures.style import PAGE_INCH, new_figure
 from stiff_protocols.contract.errors import ConfigError
@@ -27,32 +23,88 @@ from stiff_protocols.contract.extras import require
 from stiff_protocols.scoring.paired import LEVEL
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 METRIC = "norm"
 MOST = 3
 """Diagrams on one page."""
-SCALE = 0.8
-"""Of the distances that `critical_difference` has for larger type."""
+LINE_INCH = 0.176  # of a label, or of a bar
+HEAD_INCH = 1.12  # title, critical difference and axis of a diagram
+CD_LINE = 2.0  # height of the critical difference above the axis, in lines
+_LINE = "0.2"
 TITLE_WIDTH = 90
 """Characters; centred, so that the names beside a diagram push none off the page."""
 
 
-def ranks_figure(analyses: Sequence[RankAnalysis]) -> Figure:
+def ranks_figure(analyses: Sequence[RankAnalysis], measure: str = "") -> Figure:
     """Draw a diagram for each analysis, one beneath the other.
 
     Args:
         analyses: at least one; all with an outcome.
+        measure: what the ranks are of, and on which kind of data; "" where a caption says it.
     """
-    heights = [SCALE * (HEAD_INCH + LINE_INCH * n_lines(one)) for one in analyses]
+    heights = [HEAD_INCH + LINE_INCH * _n_lines(one) for one in analyses]
     figure = new_figure(PAGE_INCH, sum(heights))
     panels = figure.subplots(len(analyses), 1, squeeze=False, height_ratios=heights)[:, 0]
     for axes, analysis in zip(panels, analyses, strict=True):
-        draw_diagram(analysis, axes)
+        _draw(analysis, axes)
         axes.grid(visible=False)
         about = f"{analysis.text}: {of_robots(analysis.families)}"
+        about += f", mean rank of {measure}" if measure else ""
         axes.set_title(textwrap.fill(about, TITLE_WIDTH, break_on_hyphens=False), loc="center")
     return figure
+
+
+def _n_lines(analysis: RankAnalysis) -> int:
+    """Return how many lines of labels and bars a diagram has beneath its axis."""
+    n_bars = 0 if analysis.outcome is None else len(analysis.outcome.groups)
+    return n_bars + (len(analysis.models) + 1) // 2
+
+
+def _draw(analysis: RankAnalysis, ax: Axes) -> None:
+    from pandas import DataFrame, Series
+    from scikit_posthocs import critical_difference_diagram
+
+    outcome, names = analysis.outcome, list(analysis.models)
+    if outcome is None:
+        return
+    p_values = outcome.nemenyi if analysis.differs else np.ones_like(outcome.nemenyi)
+    critical_difference_diagram(
+        Series(outcome.mean_ranks, index=names),
+        DataFrame(p_values, index=names, columns=names),
+        alpha=LEVEL,
+        ax=ax,
+        label_fmt_left="{label} ({rank:.2f})",
+        label_fmt_right="({rank:.2f}) {label}",
+        elbow_props={"color": _LINE, "linewidth": 0.8},
+        marker_props={"color": _LINE, "s": 12.0},
+        text_h_margin=0.02 * len(names),
+    )
+    start = float(outcome.mean_ranks.min())
+    end = start + outcome.critical_difference
+    ax.plot([start, end], [CD_LINE, CD_LINE], color="black", linewidth=2.0, marker="|")
+    ax.text(end, CD_LINE, f"  critical difference {outcome.critical_difference:.2f}", va="center")
+
+
+def save_diagrams(analyses: Sequence[RankAnalysis], measure: str, path: Path) -> None:
+    """Draw all analyses of a leaderboard that have an outcome.
+
+    Args:
+        analyses: of one section.
+        measure: what the ranks are of, and on which kind of data.
+        path: the file; its suffix chooses PNG, PDF or SVG.
+
+    Raises:
+        ConfigError: no analysis has an outcome, the suffix is not known, or scikit-posthocs is
+            not installed.
+        StoreError: the file cannot be written.
+    """
+    require("a diagram of ranks", "scikit_posthocs")
+    drawn = [one for one in analyses if one.outcome is not None]
+    if not drawn:
+        raise ConfigError(f"--figure {path}: no critical difference: it {analyses[0].why_none}")
+    Prepared("ranks", "", "", partial(ranks_figure, drawn, measure)).save(path)
 
 
 def gather(source: FigureSource) -> Content:
@@ -64,10 +116,9 @@ def gather(source: FigureSource) -> Content:
     """
     require("a diagram of ranks", "scikit_posthocs")
     key = sort_key(METRIC, None)
-    shown = shown_contests(source.contests, source.models)
-    scored = [scored_contest(contest, shown.models, key) for contest in shown.contests]
-    fair = [one for one in scored if not presentation(one.contest).selects_on_test] or scored
-    found = rank_analyses(fair, Rankings(key, source.folder, 0))
+    stored = StoredResults(source.folder, source.contests)
+    section = build_leaderboard(stored, models=source.models, key=key).sections[0]
+    found, fair = section.analyses, section.fields
     ranked = [one for one in found if one.outcome is not None]
     if not ranked:
         reasons = "; ".join(dict.fromkeys(one.why_none for one in found))
@@ -77,7 +128,7 @@ def gather(source: FigureSource) -> Content:
     drawn = ranked[:MOST]
     shown_here = {name for one in drawn for name in one.models}
     more = f" First {MOST} of {len(ranked)} blocks; `bench leaderboard` has all."
-    kinds = " and ".join(dict.fromkeys(presentation(one.contest).kind for one in fair))
+    kinds = " and ".join(section.kinds)
     caption = (
         f"Mean ranks over robots of the mean error length ({key.text}), {kinds} data; left is "
         f"better. Models joined by a bar are not told apart (Nemenyi, {LEVEL:g})."

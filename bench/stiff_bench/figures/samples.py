@@ -8,9 +8,10 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from stiff_bench.figures.figure import Content
-from stiff_bench.figures.source import FigureSource, Predicted
+from stiff_bench.figures.source import FigureSource
 from stiff_bench.figures.style import (
     COLUMN_INCH,
     PAGE_INCH,
@@ -25,7 +26,8 @@ from stiff_bench.figures.style import (
 )
 from stiff_bench.store.database import read_data
 from stiff_bench.tables.units import MM
-from stiff_protocols.contract.types import AXES, FloatArray, IntArray
+from stiff_protocols.contract.types import AXES, FloatArray, Prediction
+from stiff_protocols.scoring.metrics import absolute_errors, norm_errors
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,7 +52,7 @@ class Series:
     """
 
     name: str
-    tested: Predicted
+    tested: Prediction
     published: tuple[float, ...] = ()
 
 
@@ -73,7 +75,7 @@ def regression_figure(series: Sequence[Series]) -> Figure:
 
 def _draw_axis(axes: Axes, one: Series, axis: int, look: Look) -> None:
     x, y = one.tested.measured[:, axis] * MM, one.tested.predicted[:, axis] * MM
-    error = one.tested.error[:, axis] * MM
+    error = absolute_errors(one.tested)[:, axis] * MM
     half = float(np.quantile(error, SHARE))
     axes.axline((0.0, 0.0), slope=1.0, color=REFERENCE_COLOR, linewidth=0.8, zorder=1.5)
     for offset in (half, -half):
@@ -105,21 +107,24 @@ def regression(source: FigureSource) -> Content:
     return Content(caption, partial(regression_figure, series))
 
 
-Errors = tuple[IntArray, FloatArray]
-"""(n,) row numbers in the data set, ascending, and the (n, 3) absolute errors there, m."""
 ERRORS_INCH = 4.95
 
 
-def errors_figure(models: Mapping[str, Errors]) -> Figure:
-    """Draw, for each axis, the errors by sample with their mean, and their distribution."""
+def errors_by_row(tested: Prediction) -> pd.DataFrame:
+    """Return the mean absolute error [m] of each row of the data set, a column an axis."""
+    return pd.DataFrame(absolute_errors(tested), columns=AXES).groupby(tested.rows).mean()
+
+
+def errors_figure(models: Mapping[str, pd.DataFrame]) -> Figure:
+    """Draw, for each axis, each model's `errors_by_row`, their mean, and their distribution."""
     figure = new_figure(PAGE_INCH, ERRORS_INCH)
     grid = figure.subplots(3, 2, width_ratios=(2.4, 1.0))
-    last = max(1, *(int(rows.max()) for rows, _ in models.values()))
+    last = max(1, *(int(errors.index.max()) for errors in models.values()))
     for axis, (by_sample, distribution) in enumerate(grid):
-        for (name, (rows, errors)), look in zip(models.items(), looks(len(models)), strict=True):
-            error, dense = errors[:, axis] * MM, len(rows) > _MANY
+        for (name, errors), look in zip(models.items(), looks(len(models)), strict=True):
+            error, dense = errors[AXES[axis]] * MM, len(errors) > _MANY
             by_sample.plot(
-                *(rows, error),
+                *(errors.index, error),
                 **look.points(),
                 markersize=1.5 if dense else 3.0,
                 markeredgewidth=0.0,
@@ -145,9 +150,8 @@ def errors_figure(models: Mapping[str, Errors]) -> Figure:
 def sample_errors(source: FigureSource) -> Content:
     """Take the errors of the models to compare, averaged over the splits that test a sample."""
     compared = source.compared(source.contest(), MOST_MODELS)
-    tested = {name: compared.tested(name) for name in compared.models}
-    models = {name: found.mean_by_row(found.error) for name, found in tested.items()}
-    n_rows = len(models[compared.models[0]][0])
+    models = {name: errors_by_row(compared.tested(name)) for name in compared.models}
+    n_rows = len(models[compared.models[0]])
     caption = (
         f"Absolute error of each of the {n_rows} tested samples, mean over the splits that test it "
         "(left; lines: means), and the share of samples with at most that error (right). "
@@ -211,9 +215,11 @@ def workspace(source: FigureSource) -> Content:
     models: dict[str, Places] = {}
     for name in compared.models:
         tested = compared.tested(name)
-        rows, lengths = tested.mean_by_row(np.linalg.norm(tested.error, axis=1))
-        _, first, where = np.unique(pose[rows], return_index=True, return_inverse=True)
-        models[name] = stored.tcp[rows[first]], np.bincount(where, lengths) / np.bincount(where)
+        by_row = pd.Series(norm_errors(tested)).groupby(tested.rows).mean()
+        rows = by_row.index.to_numpy()
+        by_pose = by_row.groupby(pose[rows]).mean()
+        _, first = np.unique(pose[rows], return_index=True)
+        models[name] = stored.tcp[rows[first]], by_pose.to_numpy()
     caption = (
         "Length of the error, mean over loads and splits, at the TCP positions of the "
         f"{len(models[compared.models[0]][1])} tested poses, base frame; the colours end at the "

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-import numpy as np
-
 from stiff_bench.analysis.collected import (
     Contest,
     chosen_contests,
@@ -20,13 +18,14 @@ from stiff_bench.analysis.collected import (
 from stiff_bench.analysis.leaderboard import of_newest_data, presentation
 from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import Slot
-from stiff_bench.tables.metric_table import mark_of
+from stiff_bench.tables.metric_table import mark_of, pooled_prediction
 from stiff_bench.tables.units import counted
 from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.plugin import kind_label
 from stiff_protocols.contract.record import CellResult, Presentation
-from stiff_protocols.contract.types import FloatArray, IntArray
+from stiff_protocols.contract.types import Prediction
+from stiff_protocols.scoring.metrics import norm_errors
 
 
 def between(counts: Collection[int], thing: str) -> str:
@@ -61,13 +60,7 @@ def marks_in(contests: Iterable[Contest], models: Collection[str]) -> str:
 
 
 def setting(contest: Contest, models: Collection[str], n_splits: Collection[int]) -> str:
-    """Return data, protocol, splits and seed in a sentence, and what must be read with them.
-
-    Args:
-        contest: the results.
-        models: that are shown.
-        n_splits: of which these numbers of splits are shown.
-    """
+    """Return data, protocol, splits and seed of some models, and what must be read with them."""
     shown = presentation(contest)
     data = f"{contest.name.dataset} ({kind_label(shown.kind, shown.task)})"
     protocol = " | ".join(filter(None, (contest.name.protocol, contest.name.condition)))
@@ -113,10 +106,7 @@ class FigureSource:
         return tuple(of_newest_data(self.contests))
 
     def names(self, contests: Iterable[Contest] | None = None) -> list[str]:
-        """Return the models asked for, or all, that have a result in these contests.
-
-        Args:
-            contests: None: all of the newest data.
+        """Return the models asked for, or all, that have a result in these contests, or in any.
 
         Raises:
             ConfigError: a word has no results in the folder.
@@ -129,7 +119,12 @@ class FigureSource:
 
     def _meant(self, word: str, known: Sequence[str]) -> list[str]:
         found = [name for name in known if stands_for(word, name)]
-        return found or [competitor_meant(word, self.contests, self.folder)]
+        return found or [competitor_meant(word, self.contests)]
+
+    def results(self, contest: Contest, has: Callable[[CellResult], bool]) -> list[CellResult]:
+        """Return the results of a contest, of the models asked for, that have what is shown."""
+        each = (one for name in self.names([contest]) for one in contest.results(name))
+        return [one for one in each if has(one)]
 
     def contest(
         self,
@@ -212,9 +207,9 @@ class Compared:
     n_all: int
     has_older: bool
 
-    def tested(self, model: str) -> Predicted:
+    def tested(self, model: str) -> Prediction:
         """Return a model's test samples of all splits, one after the other."""
-        return pooled(self.contest.results(model, self.slots))
+        return pooled_prediction(self.contest.results(model, self.slots))
 
     @property
     def setting(self) -> str:
@@ -225,46 +220,9 @@ class Compared:
         return about + best * (n_shown < self.n_all) + older * self.has_older
 
 
-@dataclass(frozen=True, eq=False)
-class Predicted:
-    """Test samples and what a model says of them.
-
-    Attributes:
-        rows: (n,) row numbers in the data set.
-        measured, predicted: (n, 3) deflection, m, base frame.
-    """
-
-    rows: IntArray
-    measured: FloatArray
-    predicted: FloatArray
-
-    @property
-    def error(self) -> FloatArray:
-        """The (n, 3) absolute errors, m."""
-        return np.asarray(np.abs(self.predicted - self.measured))
-
-    def mean_by_row(self, values: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return the distinct rows and, for each, the mean of its (n, ...) values."""
-        rows, where, times = np.unique(self.rows, return_inverse=True, return_counts=True)
-        total = np.zeros((len(rows), *values.shape[1:]))
-        np.add.at(total, where, values)
-        return rows, total / times.reshape(-1, *[1] * (values.ndim - 1))
-
-
-def pooled(results: Sequence[CellResult]) -> Predicted:
-    """Return the test samples of some results, one after the other."""
-    found = [one.prediction for one in results if one.prediction is not None]
-    return Predicted(
-        np.concatenate([one.rows for one in found]),
-        np.concatenate([one.measured for one in found]),
-        np.concatenate([one.predicted for one in found]),
-    )
-
-
-def mean_length(results: Iterable[CellResult]) -> float:
+def mean_length(results: Sequence[CellResult]) -> float:
     """Return the mean length of the error over the test samples of some results, m."""
-    tested = pooled(list(results))
-    return float(np.linalg.norm(tested.error, axis=1).mean())
+    return float(norm_errors(pooled_prediction(results)).mean())
 
 
 def _preference(contest: Contest, n_models: int) -> tuple[bool, bool, int, int, int, str]:

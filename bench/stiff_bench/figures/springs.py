@@ -25,7 +25,6 @@ from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 ROW_INCH, HEAD_INCH = 1.75, 0.3
@@ -57,58 +56,43 @@ class Spring:
         return np.asarray((np.where(parts > 0.0, parts * self.compliance, 0.0)).sum(axis=1))
 
 
-@dataclass(frozen=True, eq=False)
-class JointCurves:
-    """What was identified of one joint.
-
-    Attributes:
-        name: of the joint.
-        unit: of its torque, "Nm" or "N".
-        torque: (n,) sizes of the torques that the samples load it with.
-        segmented: of each split.
-        linear: (n_splits,) compliances of the linear model; empty: none.
-    """
-
-    name: str
-    unit: str
-    torque: FloatArray
-    segmented: Sequence[Spring]
-    linear: FloatArray
-
-
-def springs_figure(joints: Sequence[JointCurves], model: str) -> Figure:
-    """Draw a panel a joint."""
-    figure, panels = new_panels(len(joints), ROW_INCH, HEAD_INCH)
-    for axes, joint in zip(panels, joints, strict=True):
-        _draw(axes, joint, model)
+def springs_figure(
+    data: StoredData,
+    torque: FloatArray,
+    results: Sequence[CellResult],
+    linear: Sequence[CellResult],
+) -> Figure:
+    """Draw a panel a joint, with the (n, n_joints) torques [N m or N] that load it."""
+    figure, panels = new_panels(len(data.joint_names), ROW_INCH, HEAD_INCH)
+    blue, orange = looks(2)
+    for joint, axes in enumerate(panels):
+        top = float(torque[:, joint].max()) or 1.0
+        at = np.linspace(0.0, top, _POINTS)
+        springs = [_spring(one.diagnostics, data, joint) for one in results]
+        curves = np.array([1e3 * one.deflection(at) for one in springs])
+        median = np.median(curves, axis=0)
+        axes.plot(at, curves.T, color=blue.color, linewidth=0.5, alpha=0.45)
+        model = short(results[0].shown.model)
+        axes.plot(at, median, color=blue.color, linewidth=1.6, label=model)
+        bends = np.median([one.breakpoints for one in springs], axis=0)
+        bends = bends[bends < top]
+        heights = np.interp(bends, at, median)
+        axes.plot(bends, heights, **blue.points(), markersize=4.5, label="breakpoint", zorder=4)
+        key = _stiffness(data, joint)
+        found = [one.diagnostics[key] for one in linear if key in one.diagnostics]
+        if found:
+            straight = 1e3 * at * np.median(1.0 / np.array(found))
+            axes.plot(at, straight, color=orange.color, linestyle="--", label=REFERENCE_MODEL)
+        for most in np.quantile(torque[:, joint], _SHARES):
+            axes.axvspan(0.0, float(most), color="0.5", alpha=0.1, linewidth=0.0)
+        turns = data.torque_units[joint] == "Nm"
+        axes.set(xlim=(0.0, 1.02 * top), ylim=(0.0, None))
+        axes.set_xlabel("torque [N m]" if turns else "force [N]")
+        axes.set_ylabel("deflection [mrad]" if turns else "deflection [mm]")
+        axes.set_title(short(data.joint_names[joint]), loc="left")
     name_panels(panels)
     share_legend(figure, panels[:1])
     return figure
-
-
-def _draw(axes: Axes, joint: JointCurves, model: str) -> None:
-    blue, orange = looks(2)
-    top = float(joint.torque.max()) or 1.0
-    torque = np.linspace(0.0, top, _POINTS)
-    curves = np.array([1e3 * one.deflection(torque) for one in joint.segmented])
-    median = np.median(curves, axis=0)
-    axes.plot(torque, curves.T, color=blue.color, linewidth=0.5, alpha=0.45)
-    axes.plot(torque, median, color=blue.color, linewidth=1.6, label=short(model))
-    bends = np.median([one.breakpoints for one in joint.segmented], axis=0)
-    bends = bends[bends < top]
-    at = np.interp(bends, torque, median)
-    axes.plot(bends, at, **blue.points(), markersize=4.5, label="breakpoint", zorder=4)
-    if len(joint.linear):
-        straight = 1e3 * float(np.median(joint.linear)) * torque
-        axes.plot(torque, straight, color=orange.color, linestyle="--", label=REFERENCE_MODEL)
-    for share in _SHARES:
-        most = float(np.quantile(joint.torque, share))
-        axes.axvspan(0.0, most, color="0.5", alpha=0.1, linewidth=0.0)
-    turns = joint.unit == "Nm"
-    axes.set(xlim=(0.0, 1.02 * top), ylim=(0.0, None))
-    axes.set_xlabel("torque [N m]" if turns else "force [N]")
-    axes.set_ylabel("deflection [mrad]" if turns else "deflection [mm]")
-    axes.set_title(short(joint.name), loc="left")
 
 
 def gather(source: FigureSource) -> Content:
@@ -120,33 +104,19 @@ def gather(source: FigureSource) -> Content:
         return bool(found) and _stiffness(data(result.cell.data_sha256), 0, segment=1) in found
 
     contest = source.contest(is_segmented, needs=_NEEDS)
-    model = next(
-        name for name in source.names([contest]) if any(map(is_segmented, contest.results(name)))
-    )
-    results = [one for one in contest.results(model) if is_segmented(one)]
+    results = source.results(contest, is_segmented)
+    model = results[0].shown.model
+    results = [one for one in results if one.shown.model == model]
     stored = data(contest.name.data_sha256)
     torque, of_what = _torques(stored, results[0])
     linear = contest.results(REFERENCE_MODEL) if REFERENCE_MODEL in contest.competitors else ()
-    joints = []
-    for i, name in enumerate(stored.joint_names):
-        key = _stiffness(stored, i)
-        compliances = [1.0 / one.diagnostics[key] for one in linear if key in one.diagnostics]
-        joints.append(
-            JointCurves(
-                name=name,
-                unit=stored.torque_units[i],
-                torque=np.abs(torque[:, i]),
-                segmented=[_spring(one.diagnostics, stored, i) for one in results],
-                linear=np.array(compliances),
-            )
-        )
     caption = (
         f"Deflection of each joint against the torque on it, as {model} identified it (thin: each "
         f"split, thick: median), for both signs alike; dashed: {REFERENCE_MODEL}. Shaded: torques "
         f"({of_what}) that {_SHARES[0]:.0%} and {_SHARES[1]:.0%} of the samples stay below; a "
         f"panel ends at the largest. {setting(contest, [model], [len(results)])}"
     )
-    return Content(caption, partial(springs_figure, joints, model))
+    return Content(caption, partial(springs_figure, stored, np.abs(torque), results, linear))
 
 
 def _stiffness(data: StoredData, joint: int, *, segment: int | None = None) -> str:

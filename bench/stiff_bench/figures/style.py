@@ -26,26 +26,12 @@ COLUMN_INCH, PAGE_INCH = 3.46, 7.09
 """One column of a journal (88 mm), and both (180 mm)."""
 DOTS_PER_INCH = 300
 """Of a PNG."""
-SMALL = 7.0
-"""Size of the letters, in points."""
 
 STYLE: dict[str, Any] = {
-    "font.size": SMALL,
+    "font.size": 7.0,
     "axes.titlesize": 7.5,
-    "axes.labelsize": SMALL,
-    "xtick.labelsize": SMALL,
-    "ytick.labelsize": SMALL,
-    "legend.fontsize": SMALL,
     "figure.titlesize": 8.0,
     "axes.linewidth": 0.6,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.minor.width": 0.4,
-    "ytick.minor.width": 0.4,
-    "xtick.major.size": 2.5,
-    "ytick.major.size": 2.5,
-    "xtick.minor.size": 1.5,
-    "ytick.minor.size": 1.5,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.axisbelow": True,
@@ -56,7 +42,6 @@ STYLE: dict[str, Any] = {
     "lines.markersize": 3.0,
     "legend.frameon": False,
     "legend.handlelength": 2.2,
-    "savefig.dpi": DOTS_PER_INCH,
     "pdf.fonttype": 42,  # letters that an editor can change
     "svg.fonttype": "none",  # text stays text
     "svg.hashsalt": "stiffbench",

@@ -11,7 +11,7 @@ import pandas as pd
 
 from stiff_bench.analysis.collected import Contest
 from stiff_bench.figures.figure import Content
-from stiff_bench.figures.source import FigureSource, pooled, setting
+from stiff_bench.figures.source import FigureSource, setting
 from stiff_bench.figures.style import (
     COLUMN_INCH,
     PAGE_INCH,
@@ -26,10 +26,12 @@ from stiff_bench.figures.style import (
 )
 from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import Slot, slot_of
+from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_bench.tables.units import MM
 from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
+from stiff_protocols.scoring.metrics import absolute_errors
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,10 +45,6 @@ def variants_of(results: Sequence[CellResult], *options: str) -> tuple[str, list
     """Return the model with most values of some options, and its results.
 
     They differ in nothing else than these options, and in their splits.
-
-    Args:
-        results: at least one.
-        options: names of the model's options.
     """
 
     def others(one: CellResult) -> tuple[str, ...]:
@@ -75,6 +73,11 @@ def freeze_of(result: CellResult) -> str:
     return str(result.cell.model_params.get("freeze") or "")
 
 
+def is_frozen(result: CellResult) -> bool:
+    """Say whether a result is of a model with a freeze strategy."""
+    return bool(freeze_of(result))
+
+
 def layers_of(result: CellResult) -> str:
     """Return the layers that a strategy moves, such as "1 + 2", or its name."""
     return short(freeze_of(result).removeprefix(LAYERS).replace(",", " + "))
@@ -82,7 +85,7 @@ def layers_of(result: CellResult) -> str:
 
 def mean_error(result: CellResult) -> float:
     """Return the mean absolute error of the test samples over all axes, m."""
-    return float(pooled([result]).error.mean())
+    return float(absolute_errors(pooled_prediction([result])).mean())
 
 
 def strategies(results: Iterable[CellResult]) -> pd.DataFrame:
@@ -110,13 +113,7 @@ def freezing_figure(errors: pd.DataFrame, linear: float | None) -> Figure:
 
 
 def draw_strategies(axes: Axes, errors: pd.DataFrame, linear: float | None) -> None:
-    """Draw the mean, the splits and their span of each strategy, from the top to the bottom.
-
-    Args:
-        axes: an empty panel.
-        errors: what `strategies` returns.
-        linear: error of the linear model, m; None: not known.
-    """
+    """Draw mean and splits of each of `strategies`, and the linear model's error [m]."""
     for kind, look in zip(KINDS, looks(len(KINDS)), strict=True):
         of_kind = errors[errors["kind"] == kind]
         axes.plot([], [], **look.points(), label=kind if len(of_kind) else None)
@@ -136,11 +133,8 @@ def draw_strategies(axes: Axes, errors: pd.DataFrame, linear: float | None) -> N
 
 def freezing(source: FigureSource) -> Content:
     """Take the variants of one model that differ in the freeze strategy alone."""
-    contest = source.contest(lambda one: bool(freeze_of(one)), needs=_STRATEGIES, most_first=True)
-    frozen = [
-        one for name in source.names([contest]) for one in contest.results(name) if freeze_of(one)
-    ]
-    model, results = variants_of(frozen, "freeze")
+    contest = source.contest(is_frozen, needs=_STRATEGIES, most_first=True)
+    model, results = variants_of(source.results(contest, is_frozen), "freeze")
     each = [set(map(slot_of, of)) for of in grouped(results, freeze_of).values()]
     if len(each) < FEWEST_STRATEGIES:
         raise StoreError(f"--results {source.folder}: no model has results of {_STRATEGIES}")
@@ -178,24 +172,18 @@ _NETWORKS = (
 )
 
 
-def source_error(part: str, quantity: str) -> str:
-    """Return the diagnostic that has a network's error on a part of the source domain, mm."""
-    return f"source {part} {quantity} [mm]"
-
-
 def is_swept(result: CellResult) -> bool:
     """Say whether a result is of a network with depth and width and an error on the source."""
     options = result.cell.model_params
-    return all(isinstance(options.get(name), int) for name in ("layers", "width")) and (
-        source_error("test", "MAE") in result.diagnostics
-    )
+    sized = isinstance(options.get("layers"), int) and isinstance(options.get("width"), int)
+    return sized and "source test MAE [mm]" in result.diagnostics
 
 
 def errors_on_source(
     results: Iterable[CellResult], quantity: str = "MAE", part: str = "test"
 ) -> pd.DataFrame:
     """Return depth, width and the error on a part of the source domain [mm], a row a result."""
-    name = source_error(part, quantity)
+    name = f"source {part} {quantity} [mm]"
     rows = [
         (one.cell.model_params["layers"], one.cell.model_params["width"], one.diagnostics[name])
         for one in results
@@ -205,13 +193,7 @@ def errors_on_source(
 
 
 def draw_lines(axes: Axes, errors: pd.DataFrame, **words: object) -> None:
-    """Draw errors on the source over width, a line a depth, with the span over the splits.
-
-    Args:
-        axes: a panel.
-        errors: what `errors_on_source` returns.
-        words: for seaborn, in place of its usual ones.
-    """
+    """Draw `errors_on_source` over width, a line a depth; words for seaborn replace its usual."""
     import seaborn
 
     usual = {"errorbar": LEAST_TO_MOST, "err_kws": {"alpha": 0.2, "linewidth": 0.0}}
@@ -268,10 +250,7 @@ def _draw_map(figure: Figure, axes: Axes, mean: pd.DataFrame) -> None:
 def sweep(source: FigureSource) -> Content:
     """Take the networks that differ in depth and width alone."""
     contest = source.contest(is_swept, needs=_NETWORKS, most_first=True)
-    swept = [
-        one for name in source.names([contest]) for one in contest.results(name) if is_swept(one)
-    ]
-    model, results = variants_of(swept, "layers", "width")
+    model, results = variants_of(source.results(contest, is_swept), "layers", "width")
     errors = errors_on_source(results)
     n_splits = errors.groupby(["depth", "width"]).size()
     if len(n_splits) < FEWEST_NETWORKS:

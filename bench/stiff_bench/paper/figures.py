@@ -25,7 +25,7 @@ from stiff_bench.figures.losses import (
     least_at,
 )
 from stiff_bench.figures.samples import LINES_NOTE, Series, regression_figure
-from stiff_bench.figures.source import Predicted, between, marks, pooled
+from stiff_bench.figures.source import between, marks
 from stiff_bench.figures.style import (
     REFERENCE_COLOR,
     looks,
@@ -43,8 +43,7 @@ from stiff_bench.figures.variants import (
     mean_error,
     strategies,
 )
-from stiff_bench.paper import PAPER_RESULTS
-from stiff_bench.paper.results import REPRODUCE, Found, PaperResults
+from stiff_bench.paper.results import REPRODUCE, Found, PaperResults, named_results
 from stiff_bench.paper.study import (
     ACTIVATIONS,
     ADJACENT_PAIRS,
@@ -67,11 +66,12 @@ from stiff_bench.paper.study import (
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.request import loaded
+from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_bench.tables.published import published_errors, published_lines
 from stiff_bench.tables.units import MM
-from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning, StoreError
+from stiff_protocols.contract.errors import StiffBenchWarning, StoreError
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.contract.types import AXES
+from stiff_protocols.contract.types import AXES, Prediction
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -81,13 +81,7 @@ DATA = f"{DATASET}, simulated: the paper's measurements are not public"
 
 
 def _setting(found: Found, of: str = "", *others: Found) -> str:
-    """Return data, protocol, splits and seed in a sentence, and what must be read with them.
-
-    Args:
-        found: whose results are shown.
-        of: of what there are so many splits, where the numbers may differ, such as " a network".
-        others: that were looked up, too.
-    """
+    """Return data, protocol, splits (`of` what) and seed, and what must be read with them."""
     n_splits = between([len(results) for results in found.results.values()], "split")
     with_them = marks(results[0].shown for results in found.results.values())
     absent = "".join(f" {note}" for one in (found, *others) for note in one.absences())
@@ -102,11 +96,8 @@ def figure_4(_: PaperResults) -> Content:
         warnings.simplefilter("ignore", StiffBenchWarning)
         model = registry.model(VJM).load()().fit(data.samples, robot=data.robot, seed=SEED)
     samples = data.samples
-    tested = Predicted(
-        rows=np.arange(len(samples)),
-        measured=samples.deflection,
-        predicted=model.predict(samples.q, samples.wrench),
-    )
+    predicted = model.predict(samples.q, samples.wrench)
+    tested = Prediction(np.arange(len(samples)), predicted, samples.deflection)
     caption = (
         f"The paper's Figure 4: the linear VJM ({VJM}), fitted to the same {len(samples)} samples "
         f"that are shown (no split). Data: {DATA}. {LINES_NOTE} In brackets: the paper's MAE (its "
@@ -131,7 +122,7 @@ def _regression(number: int, models: Sequence[str], results: PaperResults) -> Co
             f"{PAPER_PROTOCOL}: {why}; {REPRODUCE} makes it"
         )
     series = [
-        Series(name, pooled(of_model), _published_mae("table_10", name))
+        Series(name, pooled_prediction(of_model), _published_mae("table_10", name))
         for name, of_model in found.results.items()
     ]
     caption = (
@@ -174,13 +165,11 @@ def figure_6(results: PaperResults) -> Content:
         "MAE of the test part at the epoch that was kept, all axes together; symbol: mean over the "
         f"splits, bars: splits. {_setting(found)}"
     )
-    first = [next(one for one in tuned if layers_of(one) == name) for name in _unique(errors)]
+    first = [
+        next(one for one in tuned if layers_of(one) == name) for name in errors["layers"].unique()
+    ]
     mean_linear = float(np.mean(linear)) if linear else None
     return Content(caption, partial(_draw_strategies, first, errors, mean_linear))
-
-
-def _unique(errors: pd.DataFrame) -> list[str]:
-    return [str(name) for name in errors["layers"].unique()]
 
 
 def _draw_strategies(
@@ -190,14 +179,15 @@ def _draw_strategies(
     for result, look in zip(first, looks(len(first)), strict=True):
         step, _, loss = result.curves.get("fine-tuning", np.full((1, 3), np.nan)).T
         if has_place(loss).any():
-            pair = "+" in layers_of(result)
+            pair, best = "+" in layers_of(result), least_at(loss)
             left.plot(
                 *(step, loss),
                 **look.points() | {"linestyle": "-" if pair else DASHED},
-                markevery=[least_at(loss)],
+                markevery=[best],
                 markersize=4.5,
                 label=f"layer{'s' * pair} {layers_of(result)}",
             )
+            left.plot(step[best], loss[best], **look.points(), markersize=4.5, zorder=4.0)
     left.set(xscale="log", yscale="log", xlabel="epochs", ylabel="validation loss [standardised]")
     plain_numbers(left.xaxis)
     plain_numbers(left.yaxis)
@@ -210,8 +200,6 @@ def _draw_strategies(
 
 FEWEST_WIDTHS = 2
 QUANTITIES = ("MAE", "STDE")
-Frames = Mapping[str, pd.DataFrame]
-"""A quantity -> what `errors_on_source` returns."""
 
 
 def figure_5(results: PaperResults) -> Content:
@@ -222,8 +210,7 @@ def figure_5(results: PaperResults) -> Content:
     """
     names = [pretrained(layers=d, width=width).name for width in WIDTHS for d in WIDTH_DEPTHS]
     found = results.of_models(names, PAPER_PROTOCOL)
-    test = {quantity: errors_on_source(found.each, quantity) for quantity in QUANTITIES}
-    n_widths = test["MAE"].groupby("depth")["width"].nunique()
+    n_widths = errors_on_source(found.each).groupby("depth")["width"].nunique()
     few = [str(depth) for depth in WIDTH_DEPTHS if n_widths.get(depth, 0) < FEWEST_WIDTHS]
     if few:
         raise StoreError(
@@ -231,11 +218,9 @@ def figure_5(results: PaperResults) -> Content:
             f"hidden layers have results under {PAPER_PROTOCOL}; {REPRODUCE} makes them"
             + "".join(f"; {reason}" for reason in found.failures.values())
         )
-    train = {name: errors_on_source(found.each, name, "training") for name in QUANTITIES}
     stopped = [pretrained(layers=d, width=DEPTH_WIDTH, stopped_early=True) for d in WIDTH_DEPTHS]
     stopped.append(pretrained(stopped_early=True))
     early = results.of_models([one.name for one in stopped], PAPER_PROTOCOL)
-    of_early = {name: errors_on_source(early.each, name) for name in QUANTITIES}
     activations = {pretrained(activation=kind).name: kind for kind in reversed(ACTIVATIONS)}
     trained = results.on_shared_splits(activations, PAPER_PROTOCOL)
     curves = [
@@ -257,7 +242,7 @@ def figure_5(results: PaperResults) -> Content:
         "standardised targets; the paper's is the mean square). "
         f"{_setting(found, ' a network', early, trained)}"
     )
-    return Content(caption, partial(_draw_networks, test, train, of_early, curves))
+    return Content(caption, partial(_draw_networks, found.each, early.each, curves))
 
 
 def _published_on_source(quantity: str) -> pd.DataFrame:
@@ -273,14 +258,17 @@ def _published_on_source(quantity: str) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["depth", "width", "error"])
 
 
-def _draw_networks(test: Frames, train: Frames, early: Frames, curves: list[LossCurve]) -> Figure:
+def _draw_networks(
+    networks: list[CellResult], early: list[CellResult], curves: list[LossCurve]
+) -> Figure:
     figure, panels = new_panels(3, PANEL_INCH, 0.0)
     for axes, quantity in zip(panels, QUANTITIES, strict=False):
-        draw_lines(axes, test[quantity], legend=False)
+        draw_lines(axes, errors_on_source(networks, quantity), legend=False)
         thin = {"errorbar": None, "markers": False, "linestyle": DASHED, "linewidth": 0.8}
-        draw_lines(axes, train[quantity], legend=False, **thin)
+        draw_lines(axes, errors_on_source(networks, quantity, "training"), legend=False, **thin)
         _mark(axes, _published_on_source(quantity), "*", 6.0)
-        _mark(axes, early[quantity].groupby(["depth", "width"], as_index=False).mean(), "o", 4.0)
+        of_early = errors_on_source(early, quantity).groupby(["depth", "width"], as_index=False)
+        _mark(axes, of_early.mean(), "o", 4.0)
         axes.set_ylabel(f"{quantity} on the source [mm]")
     for depth, look in zip(WIDTH_DEPTHS, looks(len(WIDTH_DEPTHS)), strict=True):
         panels[0].plot([], [], color=look.color, marker=look.marker, label=f"{depth} hidden layers")
@@ -322,18 +310,6 @@ _FITTED_FIGURE = "4"
 
 
 def prepare_figure(name: str, folder: Path | None) -> Prepared:
-    """Return one of the paper's figures from the results of a folder.
-
-    Args:
-        name: of the figure.
-        folder: of the results; None: where `bench reproduce` puts them.
-
-    Raises:
-        ConfigError: a folder was named that is not read.
-        StoreError: the results have nothing of it.
-    """
-    if name != _FITTED_FIGURE:
-        return FIGURES[name].prepare(PaperResults.of(folder or PAPER_RESULTS))
-    if folder is not None:
-        raise ConfigError(f"--results {folder}: figure {name} is fitted here and reads none")
-    return FIGURES[name].prepare(PaperResults(PAPER_RESULTS, ()))
+    """Return one of the paper's figures; folder, None and errors are those of `named_results`."""
+    fitted = name == _FITTED_FIGURE
+    return FIGURES[name].prepare(named_results(folder, f"figure {name}", fitted=fitted))

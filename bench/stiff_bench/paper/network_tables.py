@@ -22,7 +22,7 @@ from stiff_bench.paper.study import (
     unfrozen,
 )
 from stiff_bench.paper.table import COMPARE, PUBLISHED_DECIMALS, Group, Labels, paper_table
-from stiff_bench.tables.metric_table import mark_of, mean_over
+from stiff_bench.tables.metric_table import mark_of, mean_over, pooled_prediction
 from stiff_bench.tables.published import published_lines
 from stiff_bench.tables.table import Table
 from stiff_bench.tables.units import MM, counted
@@ -44,11 +44,10 @@ class NetworkTable:
         caption: of the table.
         headings: of the columns that name a row.
         published: row -> what the paper prints; empty where it is not known.
-        ours: rows and models of our first group of columns.
+        ours, early: rows and models; those of a second group of columns were stopped early.
         errors: a result -> its values by column.
         notes: before those that every table has.
         decimals: of our first group.
-        early: rows and models of a second group, which were stopped early.
         remedy: the command that makes what is missing.
     """
 
@@ -111,9 +110,7 @@ def _target_errors(result: CellResult) -> Values:
     """
     of_training = {"train MAE": "training MAE [mm]", "train STDE": "training STDE [mm]"}
     trained = _reported(result, of_training)
-    if result.prediction is None:
-        raise StoreError(f"{result.shown.model}: a result without predictions")
-    errors = absolute_errors(result.prediction) * MM
+    errors = absolute_errors(pooled_prediction([result])) * MM
     return trained | {
         "validation MAE": float(errors.mean()),
         "validation STDE": float(errors.std()),

@@ -7,9 +7,9 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
+from stiff_bench.analysis.leaderboard import stored_leaderboard
 from stiff_bench.analysis.leaderboard_tables import render_leaderboard
 from stiff_bench.analysis.sort_key import sort_key
-from stiff_bench.analysis.stored_leaderboard import stored_leaderboard
 from stiff_bench.figures.catalog import FIGURES
 from stiff_bench.figures.figure import Prepared, can_be_drawn
 from stiff_bench.figures.source import FigureSource
@@ -40,13 +40,12 @@ _ABOUT_LEADERBOARD = (
 
 
 def write_paper(output: Path, command: str, n_missing: int) -> Iterator[Path]:
-    """Write the paper's tables and figures beside ours, and yield each file.
+    """Write the paper's tables and figures beside ours into OUTPUT/paper, and yield each file.
 
-    What cannot be made of the results is named on the page, with the reason.
+    What cannot be made of the results in OUTPUT/paper/runs is named on the page, with the reason.
 
     Args:
-        output: PAPER = OUTPUT/paper holds the results in PAPER/runs, and gets PAPER/tables,
-            PAPER/figures and PAPER/README.md.
+        output: the folder.
         command: that made them.
         n_missing: how many of the study's cells are not stored.
 
@@ -85,11 +84,10 @@ def write_paper(output: Path, command: str, n_missing: int) -> Iterator[Path]:
 
 
 def write_leaderboard(output: Path, command: str, n_missing: int) -> Iterator[Path]:
-    """Write the leaderboard as markdown and CSV with its figures, and yield each file.
+    """Write OUTPUT/leaderboard.md and .csv with figures of OUTPUT/leaderboard; yield each file.
 
     Args:
-        output: OUTPUT/leaderboard holds the results in its runs/ and gets figures/; beside it come
-            leaderboard.md and leaderboard.csv.
+        output: the folder; results are in OUTPUT/leaderboard/runs.
         command: that made them.
         n_missing: how many of the study's cells are not stored.
 
@@ -98,16 +96,15 @@ def write_leaderboard(output: Path, command: str, n_missing: int) -> Iterator[Pa
         ConfigError: there is nothing to compare.
     """
     folder = output / "leaderboard"
-    board, provenance = stored_leaderboard(folder / "runs", key=sort_key("norm", None))
-    as_csv = render_leaderboard(board, "csv", command, provenance)
-    yield _written(output / "leaderboard.csv", as_csv)
+    board = stored_leaderboard(folder / "runs", key=sort_key("norm", None))
+    yield _written(output / "leaderboard.csv", render_leaderboard(board, "csv", command))
     asked = {name: FIGURES[name] for name in OF_LEADERBOARD}
     figures, missing = can_be_drawn(asked, FigureSource.of(folder / "runs"))
     yield from _pictures(figures, folder / "figures")
     page = [
         "# Leaderboard",
         _listed(*_ABOUT_LEADERBOARD, *_provenance(folder / "runs", command, n_missing)),
-        render_leaderboard(board, "github", command, provenance),
+        render_leaderboard(board, "github", command),
         *_figures_and_missing(figures, "leaderboard/figures", missing),
     ]
     yield _written(output / "leaderboard.md", "\n\n".join(page))

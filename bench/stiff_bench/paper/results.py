@@ -9,11 +9,12 @@ from pathlib import Path
 
 from stiff_bench.analysis.collected import Competitor, Contest, collect
 from stiff_bench.figures.source import marks
+from stiff_bench.paper import PAPER_RESULTS
 from stiff_bench.paper.study import DATASET, SEED
 from stiff_bench.store.database import has_results, read_manifests
 from stiff_bench.store.versions import sources
 from stiff_bench.tables.units import counted
-from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.record import CellResult
 
 REPRODUCE, FULL = "`bench reproduce`", "`bench reproduce --full`"
@@ -27,8 +28,7 @@ class Found:
 
     Attributes:
         protocol: its name.
-        results: model -> its results, one a split in the order of the splits; a model that has
-            none, or that failed on a split, is not there.
+        results: model -> its results, one a split; none of models that have none, or failed on one.
         failures: model -> why it has no numbers, though it was run.
         missing: models that were never run.
         n_left_out: splits on which some of the models have a result, and others do not.
@@ -167,3 +167,22 @@ class PaperResults:
             and contest.name.seed == SEED
         ]
         return max(found, key=lambda contest: contest.newest_run, default=None)
+
+
+def named_results(folder: Path | None, what: str, *, fitted: bool) -> PaperResults:
+    """Return the results of a folder; None: where `bench reproduce` puts them.
+
+    Args:
+        folder: that was named.
+        what: is made of them.
+        fitted: it is fitted on the spot, of no results.
+
+    Raises:
+        StoreError: as `PaperResults.of`.
+        ConfigError: a folder was named that is not read.
+    """
+    if not fitted:
+        return PaperResults.of(folder or PAPER_RESULTS)
+    if folder is not None:
+        raise ConfigError(f"--results {folder}: {what} is fitted here and reads none")
+    return PaperResults(PAPER_RESULTS, ())

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from stiff_bench.paper.study import DATASET, SEED
-from stiff_bench.tables.metric_table import mean_over
+from stiff_bench.tables.metric_table import mean_over, pooled_prediction
 from stiff_bench.tables.table import Column, Quantity, Table
 from stiff_bench.tables.units import MM
-from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.scoring.metrics import metric
 
@@ -123,17 +122,12 @@ def paper_table(
 
 
 def errors_mm(result: CellResult, metrics: Sequence[str]) -> Errors:
-    """Return a result's errors by axis.
-
-    Raises:
-        StoreError: it has no predictions.
-    """
-    if result.prediction is None:
-        raise StoreError(f"{result.shown.model}: a result without predictions")
+    """Return a result's errors by axis."""
+    prediction = pooled_prediction([result])
     return {
         (key, axis): value * MM
         for key in metrics
-        for axis, value in metric(key).values(result.prediction).items()
+        for axis, value in metric(key).values(prediction).items()
     }
 
 

@@ -12,9 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from stiff_bench.paper import PAPER_RESULTS
 from stiff_bench.paper.network_tables import NETWORK_TABLES, network_table
-from stiff_bench.paper.results import REPRODUCE, Found, PaperResults
+from stiff_bench.paper.results import Found, PaperResults, named_results
 from stiff_bench.paper.study import (
     DATASET,
     DT_CNN,
@@ -45,7 +44,7 @@ from stiff_bench.tables.published import claimed_reductions, published_errors, p
 from stiff_bench.tables.table import Quantity, Table
 from stiff_bench.tables.units import MM
 from stiff_datasets.twin.calibrate import VjmFigures
-from stiff_protocols.contract.errors import ConfigError, StoreError, unknown_name
+from stiff_protocols.contract.errors import StoreError, unknown_name
 from stiff_protocols.contract.types import AXES
 from stiff_protocols.scoring.metrics import metric
 
@@ -55,12 +54,12 @@ FITTED_HERE = frozenset({2, 3})
 """Tables that need no stored results: a model is fitted in a second."""
 
 
-def build(number: int, results: PaperResults | None) -> list[Table]:
+def build(number: int, results: PaperResults) -> list[Table]:
     """Return a table of the paper beside ours, in one part or two.
 
     Args:
         number: of the table in the paper.
-        results: that ours come from; None for a table of `FITTED_HERE`.
+        results: that ours come from, but for a table of `FITTED_HERE`.
 
     Raises:
         ConfigError: the paper's table of that number is not made here.
@@ -70,22 +69,12 @@ def build(number: int, results: PaperResults | None) -> list[Table]:
         raise unknown_name("table of the paper", str(number), map(str, TABLES))
     if number in FITTED_HERE:
         return [_table_2() if number == 2 else _table_3()]
-    if results is None:
-        raise ConfigError(f"table {number} needs results; {REPRODUCE} makes them")
     return [network_table(number, results)] if number in NETWORK_TABLES else _table_10(results)
 
 
 def read_table(number: int, folder: Path | None) -> list[Table]:
-    """Return `build`'s table from the results of a folder; None: where `bench reproduce` puts them.
-
-    Raises:
-        ConfigError, StoreError: as `build`; a folder was named that is not read.
-    """
-    if number not in FITTED_HERE:
-        return build(number, PaperResults.of(folder or PAPER_RESULTS))
-    if folder is not None:
-        raise ConfigError(f"--results {folder}: table {number} is fitted here and reads none")
-    return build(number, None)
+    """Return `build`'s table; folder, None and errors are those of `named_results`."""
+    return build(number, named_results(folder, f"table {number}", fitted=number in FITTED_HERE))
 
 
 SPECIMENS = range(5)

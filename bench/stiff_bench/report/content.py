@@ -63,18 +63,3 @@ class Part:
 
     folder: str
     blocks: Sequence[Block]
-
-
-@dataclass(frozen=True)
-class Page:
-    """All that the page holds.
-
-    Attributes:
-        command: that makes it.
-        version: of stiffbench.
-        parts: one a folder.
-    """
-
-    command: str
-    version: str
-    parts: Sequence[Part]

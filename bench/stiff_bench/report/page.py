@@ -4,142 +4,47 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import subprocess
-import sys
-import tarfile
-import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from stiff_bench.console import printable
-from stiff_bench.report.content import Page, Picture
+from stiff_bench.report.content import Part, Picture
 from stiff_bench.store.names import OPTION_MARK
 from stiff_bench.tables.table import Cell, Column, Table, natural_order, quantity
 from stiff_protocols.contract.errors import StoreError
-from stiff_protocols.contract.files import written_whole
 
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-
-LEAST_CONTRAST = 4.5
-"""Of text and its ground: WCAG 2.2, success criterion 1.4.3, level AA."""
-
-LIGHT: Mapping[str, str] = {
-    "ink": "#1c2430",
-    "quiet": "#4f5b6b",
-    "ground": "#ffffff",
-    "raised": "#f2f5f9",
-    "line": "#c3ccd8",
-    "link": "#0b57a4",
-    "better": "#d9ecff",
-    "worse": "#ffe6d5",
-}
-DARK: Mapping[str, str] = {
-    "ink": "#e8edf4",
-    "quiet": "#b4c0cf",
-    "ground": "#14181f",
-    "raised": "#1f2630",
-    "line": "#46525f",
-    "link": "#8cc4ff",
-    "better": "#123a5e",
-    "worse": "#5a3016",
-}
-TEXT_ON: tuple[tuple[str, str], ...] = (
-    *(("ink", ground) for ground in ("ground", "raised", "better", "worse")),
-    *(("quiet", ground) for ground in ("ground", "raised")),
-    *(("link", ground) for ground in ("ground", "raised")),
-)
-"""Text colour and ground, wherever one stands on the other."""
-
-
-def contrast(one: str, other: str) -> float:
-    """Return the contrast ratio of two colours, 1..21, as WCAG 2 defines it.
-
-    >>> contrast("#000000", "#ffffff")
-    21.0
-    """
-    dark, light = sorted((_luminance(one), _luminance(other)))
-    return (light + 0.05) / (dark + 0.05)
-
-
-def variables() -> str:
-    """Return the colours as CSS variables; the dark ones where the reader's system is dark."""
-    dark = "@media screen and (prefers-color-scheme: dark) "
-    return f":root {{ {_declared(LIGHT)} }}\n{dark}{{ :root {{ {_declared(DARK)} }} }}\n"
-
-
-def _declared(colours: Mapping[str, str]) -> str:
-    return " ".join(f"--{name}: {colour};" for name, colour in colours.items())
-
-
-def _luminance(colour: str) -> float:
-    channels = (int(colour[start : start + 2], 16) / 255.0 for start in (1, 3, 5))
-    red, green, blue = (
-        c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels
-    )
-    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
-
-
+_HERE = Path(__file__).parent
 PACKAGE, VERSION = "datatables.net", "3.1.5"
 LICENCE = "MIT"
 SHA256 = "38017a5586acd9c6eb6bbfe8b6938e1a25bdc717c5acfcb07e0c9d663282c59d"
-FOLDER = Path(__file__).parent / "npm"
-SCRIPT = FOLDER / "dataTables.min.js"
-_FILES = {"package/js/dataTables.min.js": SCRIPT, "package/License.txt": FOLDER / "LICENSE.txt"}
+SCRIPT = _HERE / "npm" / "dataTables.min.js"
 
 
-def widget_code() -> str:
-    """Return the widget's code.
+def widget_code(script: Path = SCRIPT) -> str:
+    """Return the code of the widget that sorts and filters tables.
 
     Raises:
         StoreError: the file is not the one that was taken from npm.
     """
-    return checked_code(SCRIPT.read_bytes())
-
-
-def checked_code(content: bytes) -> str:
-    """Return a file's content as text, if it has the hash that was recorded.
-
-    Raises:
-        StoreError: it has another one.
-    """
+    content = script.read_bytes()
     found = hashlib.sha256(content).hexdigest()
     if found != SHA256:
         raise StoreError(
-            f"{SCRIPT}: is not {PACKAGE} {VERSION}: its sha256 is {found}, expected {SHA256}; "
+            f"{script}: is not {PACKAGE} {VERSION}: its sha256 is {found}, expected {SHA256}; "
             "install stiffbench again"
         )
     return content.decode()
 
 
-def refresh() -> None:
-    """Fetch the pinned version with npm and write its files.
-
-    Raises:
-        StoreError: what came is not what was recorded.
-    """
-    with tempfile.TemporaryDirectory() as folder:
-        subprocess.run(["npm", "pack", f"{PACKAGE}@{VERSION}"], cwd=folder, check=True)
-        (archive,) = Path(folder).glob("*.tgz")
-        with tarfile.open(archive) as packed:
-            contents = {path: packed.extractfile(name) for name, path in _FILES.items()}
-            read = {path: held.read() for path, held in contents.items() if held is not None}
-    checked_code(read[SCRIPT])
-    for path, content in read.items():
-        with written_whole(path) as temporary:
-            temporary.write_bytes(content)
-
-
-if __name__ == "__main__":
-    refresh()
-    sys.stdout.write(f"{PACKAGE} {VERSION} is in {FOLDER}\n")
-
-
-_HERE = Path(__file__).parent
 MOST_ROWS = 2000
 """So many rows of a table are embedded; the page says where there are more."""
+FEW_ROWS = 12
+"""A table of so many rows is read without search, filters and sorting."""
 _LONG = 40  # characters of a text that needs room
 
 
@@ -166,8 +71,8 @@ def page_table(table: Table) -> PageTable:
     notes = [*table.notes]
     if len(rows) < len(table.rows):
         notes.append(
-            f"The first {len(rows)} of {len(table.rows)} rows are shown; name fewer models, data "
-            "sets or protocols for the others."
+            f"The first {len(rows)} of {len(table.rows)} rows are shown; --model, --dataset and "
+            "--protocol name fewer."
         )
     styles = [
         _style(column, [row[number] for row in rows]) for number, column in enumerate(table.columns)
@@ -175,8 +80,8 @@ def page_table(table: Table) -> PageTable:
     cells = [
         [_page_cell(*each) for each in zip(table.columns, row, styles, strict=True)] for row in rows
     ]
-    can_be_sorted = len(rows) > 1 and not any(column.by_sign for column in table.columns)
-    return PageTable(styles, cells, notes, can_be_sorted)
+    by_sign = any(column.by_sign for column in table.columns)
+    return PageTable(styles, cells, notes, len(rows) > FEW_ROWS and not by_sign)
 
 
 def _style(column: Column, cells: Sequence[Cell]) -> str:
@@ -195,17 +100,21 @@ def _page_cell(column: Column, cell: Cell, style: str) -> PageCell:
     return PageCell(text, order, style + tone * column.by_sign)
 
 
-def render_page(page: Page) -> str:
+def render_page(parts: Sequence[Part], command: str) -> str:
     """Return the page as HTML.
 
     All texts are escaped, and nothing but the two scripts and the style of this package can act in
     it: its content security policy names them by their hashes and allows no request.
+
+    Args:
+        parts: one a folder of results.
+        command: that makes the page.
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from markupsafe import Markup
 
     scripts = [widget_code(), (_HERE / "page.js").read_text(encoding="utf-8")]
-    style = variables() + (_HERE / "page.css").read_text(encoding="utf-8")
+    style = (_HERE / "page.css").read_text(encoding="utf-8")
     environment = Environment(
         loader=FileSystemLoader(_HERE),
         autoescape=True,
@@ -216,7 +125,9 @@ def render_page(page: Page) -> str:
     )
     environment.filters |= {"source": _source, "breakable": _breakable, "laid_out": page_table}
     return environment.get_template("page.html.jinja").render(
-        page=page,
+        parts=parts,
+        command_line=command,
+        version=version("stiffbench"),
         policy=_policy(scripts, style),
         scripts=[Markup(script) for script in scripts],
         style=Markup(style),

@@ -4,151 +4,107 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
-from importlib.metadata import version
 from pathlib import Path
 
 from stiff_bench.analysis.collected import (
     Contest,
+    StoredResults,
     asked_for,
     chosen_contests,
-    competitor_names,
+    chosen_models,
     left_out_notes,
     same_name_other_data,
-    stands_for,
 )
-from stiff_bench.analysis.leaderboard import Leaderboard, Section, caveats_of, presentation
+from stiff_bench.analysis.leaderboard import (
+    Leaderboard,
+    build_leaderboard,
+    caveats_of,
+    presentation,
+)
+from stiff_bench.analysis.leaderboard_tables import section_tables
 from stiff_bench.analysis.sort_key import SortKey, sort_key
-from stiff_bench.analysis.stored_leaderboard import StoredResults
-from stiff_bench.analysis.verdict import Question
+from stiff_bench.figures.catalog import FIGURES
 from stiff_bench.figures.source import FigureSource
-from stiff_bench.report.content import Block, Page, Part
+from stiff_bench.report.content import Block, Part, Picture
 from stiff_bench.report.page import render_page
-from stiff_bench.report.pairs import pair_block
-from stiff_bench.report.pictures import picture_block
+from stiff_bench.report.pairs import pair_table
 from stiff_bench.report.runs import Selection, failure_block, run_block
-from stiff_bench.report.scores import board_block, data_block, score_block
+from stiff_bench.report.scores import data_block, score_block
 from stiff_bench.store.database import read_data
 from stiff_bench.tables.metric_table import SELECTION_MARK
 from stiff_bench.tables.units import counted
-from stiff_protocols.contract.errors import ConfigError, StoreError, unknown_name
+from stiff_protocols.contract.errors import ConfigError, StiffBenchError, StoreError
 from stiff_protocols.contract.files import written_whole
 from stiff_protocols.contract.plugin import kind_label
 
 
-def check_choice(contests: Sequence[Contest], choice: Selection) -> None:
-    """See that each word has results, and that the data sets and protocols meet somewhere.
-
-    Args:
-        contests: of all folders together.
-        choice: what was asked for.
-
-    Raises:
-        ConfigError: a word has none, or they do not meet.
-    """
-    known = competitor_names(contests)
-    for word in choice.models:
-        if not _has_model(contests, word):
-            raise ConfigError(f"--model: {unknown_name('model with results', word, known)}")
-    if not chosen_contests(contests, datasets=choice.datasets, protocols=choice.protocols):
-        raise ConfigError(
-            f"--dataset {', '.join(choice.datasets)} --protocol {', '.join(choice.protocols)}: no "
-            "data set of these has results under a protocol of these"
-        )
-
-
-def narrowed(contests: Sequence[Contest], choice: Selection) -> tuple[Selection, tuple[str, ...]]:
-    """Return the words that one folder has results of, and those that it has not.
-
-    Args:
-        contests: of the folder.
-        choice: what was asked for, see `check_choice`.
-    """
-    models = tuple(word for word in choice.models if _has_model(contests, word))
-    datasets = tuple(word for word in choice.datasets if _has(contests, datasets=(word,)))
-    protocols = tuple(word for word in choice.protocols if _has(contests, protocols=(word,)))
-    here = replace(choice, models=models, datasets=datasets, protocols=protocols)
-    asked = (*choice.models, *choice.datasets, *choice.protocols)
-    present = {*models, *datasets, *protocols}
-    return here, tuple(word for word in asked if word not in present)
-
-
-def chosen_here(contests: Sequence[Contest], asked: Selection, here: Selection) -> list[Contest]:
-    """Return the contests of a folder that were asked for; none where it lacks all of a kind."""
-    for words, present in (
-        (asked.models, here.models),
-        (asked.datasets, here.datasets),
-        (asked.protocols, here.protocols),
-    ):
-        if words and not present:
-            return []
-    return chosen_contests(contests, datasets=here.datasets, protocols=here.protocols)
-
-
-def _has_model(contests: Sequence[Contest], word: str) -> bool:
-    return any(stands_for(word, name) for name in competitor_names(contests))
-
-
-def _has(
-    contests: Sequence[Contest], *, datasets: Sequence[str] = (), protocols: Sequence[str] = ()
-) -> bool:
-    try:
-        return bool(chosen_contests(contests, datasets=datasets, protocols=protocols))
-    except ConfigError:
-        return False
-
-
-_HEADING = "Read this first"
-
-
-def part_of(stored: StoredResults, asked: Selection, key: SortKey) -> Part:
+def part_of(stored: StoredResults, choice: Selection, key: SortKey) -> Part:
     """Return all that the page says of one folder.
 
     Args:
         stored: its results.
-        asked: what the page shows; words that only other folders have results of are left out, and
-            said.
+        choice: what the page shows.
         key: what it ranks by.
 
     Raises:
+        ConfigError: a word has no results in the folder.
         StoreError: a file of the folder is damaged.
     """
-    choice, lacking = narrowed(stored.contests, asked)
-    chosen = chosen_here(stored.contests, asked, choice)
     folder = stored.folder
-    notes = [f"No result of {word} here." for word in lacking]
+    chosen_models(stored.contests, choice.models)  # each has results
+    chosen = tuple(
+        chosen_contests(stored.contests, datasets=choice.datasets, protocols=choice.protocols)
+    )
     if not chosen:
-        said = "Nothing that was asked for has results here."
-        return Part(str(folder), [Block(_HEADING, [said], notes=notes)])
-    board, why_none = _board(stored, chosen, choice, key)
+        raise ConfigError(
+            f"--dataset {', '.join(choice.datasets)} --protocol {', '.join(choice.protocols)}: no "
+            f"data set of these has results under a protocol of these in {folder}"
+        )
+    board, why_none = None, ""
+    try:  # scores need neither other models nor samples
+        shown = StoredResults(folder, chosen, stored.runs)
+        board = build_leaderboard(shown, models=choice.models, key=key, seed=choice.seed)
+    except (ConfigError, StoreError) as error:
+        why_none = f"No ranks: {str(error).removesuffix('.')}."
+    data_of = functools.cache(functools.partial(read_data, folder))
+    pictures = _pictures(FigureSource(folder, chosen, choice.models), choice)
+    first = pictures.pop(FIRST_FIGURE, None)
     return Part(
         str(folder),
         [
-            _summary(chosen, choice, notes),
-            *_ranking(board, why_none, stored, choice),
-            picture_block(FigureSource(folder, tuple(chosen), choice.models), choice),
+            _summary(chosen, choice, _verdict(board) if board is not None else why_none),
+            data_block(chosen, data_of),
+            *([Block("Errors", pictures=[first])] if first is not None else []),
+            *(_ranking(board, folder, choice) if board is not None else ()),
             score_block(chosen, choice.models, key.metric.key),
+            *([Block("Figures", pictures=[*pictures.values()])] if pictures else []),
             failure_block(chosen, choice.models),
-            data_block(chosen),
-            run_block(stored.runs, chosen, stored.provenance(board)),
+            run_block(stored.runs, chosen, board.provenance if board is not None else ()),
         ],
     )
 
 
-def _board(
-    stored: StoredResults, chosen: Sequence[Contest], choice: Selection, key: SortKey
-) -> tuple[Leaderboard | None, str]:
-    """Return the leaderboard, or why there is none: one model alone, or no samples.
+def _verdict(board: Leaderboard) -> str:
+    """Return who is first, and who is not told apart from it."""
+    section = board.sections[0]
+    if not section.ranked:
+        return "No ranks: no two models have all results."
+    first, *others = section.ranked
+    n_contests = len(section.fields)
+    alike = [
+        one.name
+        for one in others
+        if one.within_cd or (one.within_cd is None and one.like_best == n_contests)
+    ]
+    named = ", ".join(alike[:3]) + (f" and {len(alike) - 3} more" if len(alike) > 3 else "")
+    return (
+        f"{first.name} is first of {counted(len(section.ranked), 'model')} by {board.key.text}: "
+        f"mean rank {first.mean_rank:.2f} over {counted(n_contests, 'comparison')}. "
+        f"{f'Not told apart from it: {named}.' if alike else 'No other model is like it.'}"
+    )
 
-    Scores need neither other models nor samples.
-    """
-    try:
-        return stored.board_of(chosen, models=choice.models, key=key, seed=choice.seed), ""
-    except (ConfigError, StoreError) as error:
-        return None, str(error)
 
-
-def _summary(contests: Sequence[Contest], choice: Selection, lacking: Sequence[str]) -> Block:
+def _summary(contests: Sequence[Contest], choice: Selection, verdict: str) -> Block:
     shown = [presentation(contest) for contest in contests]
     competitors = [
         one
@@ -162,15 +118,14 @@ def _summary(contests: Sequence[Contest], choice: Selection, lacking: Sequence[s
     kinds = dict.fromkeys(kind_label(one.kind, one.task) for one in shown)
     n_models = len({one.name for one in competitors})
     return Block(
-        _HEADING,
+        "Summary",
         [
+            verdict,
             f"{counted(n_results, 'result')} of {counted(n_models, 'model')} in "
-            f"{counted(len(contests), 'contest')}; "
-            f"{counted(len(failures) - n_skipped, 'cell')} failed, "
-            f"{counted(n_skipped, 'cell')} skipped. Data: {', '.join(kinds)}."
+            f"{counted(len(contests), 'comparison')}; {len(failures) - n_skipped} failed, "
+            f"{n_skipped} skipped. Data: {', '.join(kinds)}.",
         ],
         notes=[
-            *lacking,
             *caveats_of(contests),
             *same_name_other_data(contests),
             *left_out_notes(contests),
@@ -178,33 +133,38 @@ def _summary(contests: Sequence[Contest], choice: Selection, lacking: Sequence[s
     )
 
 
-def _ranking(
-    board: Leaderboard | None, why_none: str, stored: StoredResults, choice: Selection
-) -> Iterator[Block]:
-    """Yield the leaderboard and the pairs of each section; those that select on test come last."""
-    if board is None:
-        yield Block("Leaderboard", [f"No ranks: {why_none.removesuffix('.')}."])
-        return
-    command = choice.command("leaderboard", folder=stored.folder, ranked=True)
+def _ranking(board: Leaderboard, folder: Path, choice: Selection) -> Iterator[Block]:
+    """Yield the tables of each section; those that select on test come last."""
+    command = choice.command("leaderboard", folder=folder, ranked=True)
     for section in board.sections:
         apart = f" ({SELECTION_MARK})" if section.selects_on_test else ""
-        yield board_block(section, board, heading=f"Leaderboard{apart}", command=command)
-        yield _pairs(section, f"Pairwise comparisons{apart}", stored, choice)
+        yield Block(f"Leaderboard{apart}", tables=section_tables(section, board), command=command)
+        pairs = pair_table(section, board)
+        if pairs.rows:
+            yield Block(f"Pairs of models{apart}", tables=[pairs])
 
 
-def _pairs(section: Section, heading: str, stored: StoredResults, choice: Selection) -> Block:
-    """Return the comparisons, or why there are none: they need the samples, ranks do not."""
-    folder = stored.folder
-    try:
-        return pair_block(
-            section,
-            heading=heading,
-            folder=folder,
-            data_of=functools.cache(functools.partial(read_data, folder)),
-            question=Question(seed=choice.seed),
+FIRST_FIGURE = "errors"
+LARGEST_SVG = 300_000
+"""Bytes; a picture of more is embedded as PNG."""
+
+
+def _pictures(source: FigureSource, choice: Selection) -> dict[str, Picture]:
+    """Return name -> each figure that the results are enough for."""
+    pictures = {}
+    for name, line in FIGURES.items():
+        try:
+            figure = line.prepare(source)
+            media_type, content = "image/svg+xml", figure.picture("svg")
+            if len(content) > LARGEST_SVG:
+                media_type, content = "image/png", figure.picture("png")
+        except (StiffBenchError, ArithmeticError, ValueError):  # must not cost the page
+            continue
+        command = choice.command("figure", name, folder=source.folder)
+        pictures[name] = Picture(
+            figure.title, figure.caption, figure.alt, media_type, content, command
         )
-    except StoreError as error:
-        return Block(heading, [f"No comparisons: {error}."])
+    return pictures
 
 
 SUFFIXES = (".html", ".htm")
@@ -221,7 +181,7 @@ def write_report(folders: Sequence[Path], choice: Selection, output: Path, comma
 
     Raises:
         ConfigError: the file's suffix is none of a page, a folder is named twice, a name has no
-            results in any of them, or the metric cannot rank.
+            results in one of them, or the metric cannot rank.
         StoreError: a folder holds no results or damaged ones, or the file cannot be written.
     """
     if output.suffix.lower() not in SUFFIXES:
@@ -233,9 +193,6 @@ def write_report(folders: Sequence[Path], choice: Selection, output: Path, comma
         if folder.resolve() in {other.resolve() for other in folders[:number]}:
             raise ConfigError(f"--results {folder}: is named twice")
     key = sort_key(choice.metric, choice.axis)
-    stored = [StoredResults.read(folder) for folder in folders]
-    check_choice([contest for one in stored for contest in one.contests], choice)
-    parts = [part_of(one, choice, key) for one in stored]
-    page = Page(command, version("stiffbench"), parts)
+    parts = [part_of(StoredResults.read(folder), choice, key) for folder in folders]
     with written_whole(output) as temporary:
-        temporary.write_text(render_page(page), encoding="utf-8", newline="\n")
+        temporary.write_text(render_page(parts, command), encoding="utf-8", newline="\n")

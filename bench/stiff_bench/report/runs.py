@@ -6,7 +6,6 @@ import shlex
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 
 from stiff_bench.analysis.collected import Contest, asked_for, contest_name_of
@@ -44,29 +43,16 @@ class Selection:
             folder: of the results.
             ranked: the command ranks, and draws poses.
         """
-        options = [
-            ("--results", str(folder)),
-            *_each("--model", self.models),
-            *_each("--dataset", self.datasets),
-            *_each("--protocol", self.protocols),
-        ]
+        options = {"results": (str(folder),), "model": self.models, "dataset": self.datasets}
+        options["protocol"] = self.protocols
         if ranked:
-            options += [("--metric", self.metric)] if self.metric != "norm" else []
-            options += [("--axis", self.axis)] if self.axis is not None else []
-            options += [("--seed", str(self.seed))] if self.seed else []
-        return shell_words("bench", *words, *(word for option in options for word in option))
+            options["metric"] = (self.metric,) if self.metric != "norm" else ()
+            options["axis"] = (self.axis,) if self.axis is not None else ()
+            options["seed"] = (str(self.seed),) if self.seed else ()
+        pairs = ((f"--{name}", value) for name, values in options.items() for value in values)
+        return shlex.join(["bench", *words, *(word for pair in pairs for word in pair)])
 
 
-def shell_words(*words: str) -> str:
-    """Return words as a shell reads them."""
-    return shlex.join(words)
-
-
-def _each(option: str, values: Iterable[str]) -> list[tuple[str, str]]:
-    return [(option, value) for value in values]
-
-
-MOST_RUNS = 100
 MOST_ENVIRONMENTS = 10
 
 
@@ -80,41 +66,32 @@ def run_block(
         contests: whose results are shown.
         provenance: lines that stand beneath the leaderboard.
     """
-    counts = _counts(contests)
+    counts = Counter(
+        result.run_id
+        for contest in contests
+        for competitor in contest.competitors.values()
+        for result in competitor.done.values()
+    )
     newest = sorted(runs, key=lambda run: run.run_id, reverse=True)
-    known = {run.run_id for run in runs}
-    rows: list[list[Cell]] = [_row(run, counts[run.run_id]) for run in newest[:MOST_RUNS]]
-    lost = sum(count for run_id, count in counts.items() if run_id not in known)
-    if lost:
-        rows.append([NO_MANIFEST, *[None] * 4, lost, *[None] * 6])
+    rows: list[list[Cell]] = [_row(run, counts.pop(run.run_id, 0)) for run in newest]
+    if counts:
+        rows.append([NO_MANIFEST, *[None] * 4, counts.total(), *[None] * 6])
     notes = [*provenance]
-    if len(runs) > MOST_RUNS:
-        notes.append(f"The newest {MOST_RUNS} of {len(runs)} runs are shown.")
     if any(run.environment.get("dirty") == "true" for run in runs):
         notes.append("A commit with + had uncommitted changes: its results cannot be made again.")
     columns = [
         *(Column(name, "text") for name in ("run", "started (UTC)", "state")),
         Column("wall time", unit="s", format=".0f"),
-        *(Column("cells asked for"), Column("results shown")),
+        *(Column("results asked for"), Column("results shown")),
         *(Column(name, "text") for name in ("stiffbench", "commit", "Python", "processor")),
         *(Column("cores"), Column("GPU", "text")),
     ]
-    commands = "\n".join(dict.fromkeys(run.command for run in newest[:MOST_RUNS]))
+    commands = "\n".join(dict.fromkeys(run.command for run in newest))
     folds = [Fold("Commands that made these results, newest first", commands)] if runs else []
     return Block(
         "Provenance",
         tables=[Table("Runs", columns, rows, notes)],
         folds=[*folds, *_environments(newest)],
-    )
-
-
-def _counts(contests: Iterable[Contest]) -> Counter[str]:
-    """Return how many of the results each run made."""
-    return Counter(
-        result.run_id
-        for contest in contests
-        for competitor in contest.competitors.values()
-        for result in competitor.done.values()
     )
 
 
@@ -140,21 +117,17 @@ def _environments(runs: Sequence[RunManifest]) -> list[Fold]:
         parts = [_lines(run.environment)]
         parts += [f"machine {name}\n{_lines(one)}" for name, one in sorted(run.machines.items())]
         found.setdefault("\n\n".join(parts), []).append(run.run_id)
-    return [
-        Fold(f"Versions and machine of {_few(names)}", text)
-        for text, names in [*found.items()][:MOST_ENVIRONMENTS]
-    ]
+    folds = []
+    for text, names in [*found.items()][:MOST_ENVIRONMENTS]:
+        more = f" and {counted(len(names) - 1, 'more run')}" if len(names) > 1 else ""
+        folds.append(Fold(f"Versions and machine of {names[0]}{more}", text))
+    return folds
 
 
 def _lines(environment: Mapping[str, str]) -> str:
     return "\n".join(f"{name}: {value}" for name, value in environment.items())
 
 
-def _few(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{names[0]} and {counted(len(names) - 1, 'more run')}"
-
-
-MOST_FAILURES = 500
 MOST_LOGS = 40
 LONGEST_REASON = 2000  # characters
 LONGEST_SPLITS = 60
@@ -162,50 +135,39 @@ LONGEST_LOG = 8000
 
 
 def failure_block(contests: Sequence[Contest], models: Sequence[str]) -> Block:
-    """Return the failures that count among some contests.
+    """Return the failures that count among some contests; those that are alike in one row.
 
     Args:
         contests: to show.
         models: words of the command line; none named means all.
     """
-    found = _failures(contests, models)
-    heading = "Failures and skipped cells"
+    found = sorted(
+        (
+            failure
+            for contest in contests
+            for name, competitor in contest.competitors.items()
+            if asked_for(name, models)
+            for failure in competitor.failures.values()
+        ),
+        key=lambda one: (one.shown.model, contest_name_of(one), slot_of(one)),
+    )
+    heading = "Failed and skipped"
     if not found:
-        return Block(heading, ["No cell failed and none was skipped."])
-    alike = grouped(found, _story)
-    shown = [*islice(alike.values(), MOST_FAILURES)]
+        return Block(heading, ["Nothing failed and nothing was skipped."])
+    alike = grouped(
+        found,
+        lambda one: (one.shown.model, contest_name_of(one), one.status, one.cause, one.failure),
+    )
     header = ("model", "status", "reason", "cause", "data set", "protocol", "condition", "splits")
-    notes = ["A failed cell is no result: its model has no mean rank; the others count."]
-    if len(shown) < len(alike):
-        notes.append(f"The first {len(shown)} of {len(alike)} rows are shown.")
-    logs = [one for members in shown for one in members if one.log]
-    folds = [_fold(one) for one in logs[:MOST_LOGS]]
-    if len(logs) > MOST_LOGS:
-        notes.append(f"The first {MOST_LOGS} of {len(logs)} log ends are shown.")
+    logs = [one for one in found if one.log]
+    cut = [f"The first {MOST_LOGS} of {len(logs)} log ends are shown."]
     table = Table(
-        f"{counted(len(found), 'cell')} without a result",
+        f"{counted(len(found), 'fit')} without a result",
         [Column(name, "text") for name in header],
-        [_failure_row(members) for members in shown],
-        notes,
+        [_failure_row(members) for members in alike.values()],
+        cut if len(logs) > MOST_LOGS else [],
     )
-    return Block(heading, tables=[table], folds=folds)
-
-
-def _failures(contests: Sequence[Contest], models: Sequence[str]) -> list[CellResult]:
-    """Return the records without a result that count, by model, contest and split."""
-    found = (
-        failure
-        for contest in contests
-        for name, competitor in contest.competitors.items()
-        if asked_for(name, models)
-        for failure in competitor.failures.values()
-    )
-    return sorted(found, key=lambda one: (one.shown.model, contest_name_of(one), slot_of(one)))
-
-
-def _story(one: CellResult) -> tuple[object, ...]:
-    """Return what cells share that failed alike."""
-    return one.shown.model, contest_name_of(one), one.status, one.cause, one.failure
+    return Block(heading, tables=[table], folds=[_fold(one) for one in logs[:MOST_LOGS]])
 
 
 def _failure_row(members: Sequence[CellResult]) -> list[str]:

@@ -50,7 +50,8 @@ def outcome_notes(results: Sequence[CellResult]) -> list[str]:
     done = [result for result in results if result.status == "ok"]
     notes = _chosen_notes(name, done)
     coverage = results[0].cell.coverage
-    if coverage is not None and any(_has_interval(result) for result in done):
+    predictions = [result.prediction for result in done]
+    if coverage is not None and any(one and one.interval is not None for one in predictions):
         notes.append(f"{name}: {percent(coverage)} intervals are {_interval_kind(done)}.")
     for kind, messages in (
         ("warning", [message for result in results for message in result.warnings]),
@@ -81,10 +82,6 @@ def _chosen_notes(name: str, done: Sequence[CellResult]) -> list[str]:
         for chosen, times in choices.items()
     ]
     return [f"{name}: chosen on inner folds: {'; '.join(each)}."] if each else []
-
-
-def _has_interval(result: CellResult) -> bool:
-    return result.prediction is not None and result.prediction.interval is not None
 
 
 def _mean_text(values: Sequence[float]) -> str:

@@ -162,31 +162,23 @@ def metric_values(results: Sequence[CellResult], metrics: Sequence[Metric]) -> V
         results: of one model, data set and protocol; none has failed.
         metrics: asked for.
     """
-    pooled = results[0].shown.pooled
-    return _pooled_values(results, metrics) if pooled else _split_values(results, metrics)
+    together = pooled_prediction(results) if results[0].shown.pooled else None
+    found = {}
+    for metric in metrics:
+        if together is not None and metric.of_cost is None:
+            each = [metric.values(together)]
+        else:  # costs are means over the splits
+            each = [dict(result.values(metric.key)) for result in results]
+        _, factor = PRINTED[metric.unit]
+        for axis in metric.axes:
+            if all(axis in values for values in each):  # none where a split lacks it
+                found[metric.key, axis] = mean_over([values[axis] * factor for values in each])
+    return found
 
 
 def mark_of(shown: Presentation) -> str:
     """Return what must stand beside the model's name; "" for nothing."""
     return ", ".join(filter(None, [shown.regime, SELECTION_MARK if shown.picked_on_test else ""]))
-
-
-def _split_values(
-    results: Sequence[CellResult], metrics: Sequence[Metric]
-) -> dict[tuple[str, str], Quantity]:
-    """Return mean and deviation of each value over the splits; none where a split lacks it."""
-    found = {}
-    for metric in metrics:
-        of_splits = [result.values(metric.key) for result in results]
-        for axis in metric.axes:
-            if all(axis in values for values in of_splits):
-                found[metric.key, axis] = _value(metric, [values[axis] for values in of_splits])
-    return found
-
-
-def _value(metric: Metric, values: Sequence[float]) -> Quantity:
-    _, factor = PRINTED[metric.unit]
-    return mean_over([value * factor for value in values])
 
 
 def mean_over(values: Sequence[float], mark: str = "") -> Quantity:
@@ -195,38 +187,23 @@ def mean_over(values: Sequence[float], mark: str = "") -> Quantity:
     return Quantity(float(np.mean(values)), spread, n=len(values), mark=mark)
 
 
-def _pooled_values(
-    results: Sequence[CellResult], metrics: Sequence[Metric]
-) -> dict[tuple[str, str], Quantity]:
-    """Return the values over the predictions of all splits; costs are means over the splits."""
-    together = pooled_prediction(results)
-    of_costs = _split_values(results, [metric for metric in metrics if metric.of_cost is not None])
-    return of_costs | {
-        (metric.key, axis): _value(metric, [value])
-        for metric in metrics
-        for axis, value in metric.values(together).items()
-    }
-
-
 def pooled_prediction(results: Sequence[CellResult]) -> Prediction:
     """Return the predictions of several splits as one; each of them was checked."""
     parts = [result.prediction for result in results if result.prediction is not None]
     intervals = [part.interval for part in parts if part.interval is not None]
     references = [part.reference for part in parts if part.reference is not None]
+    interval = None
+    if intervals and len(intervals) == len(parts):
+        lower, upper = (
+            np.concatenate([getattr(one, end) for one in intervals]) for end in ("lower", "upper")
+        )
+        interval = Interval(lower, upper, intervals[0].coverage)
     return Prediction.of_stored(
         np.concatenate([part.rows for part in parts]),
         np.concatenate([part.predicted for part in parts]),
         np.concatenate([part.measured for part in parts]),
-        _together(intervals) if len(intervals) == len(parts) else None,
+        interval,
         np.concatenate(references) if len(references) == len(parts) else None,
-    )
-
-
-def _together(intervals: Sequence[Interval]) -> Interval:
-    return Interval(
-        np.concatenate([interval.lower for interval in intervals]),
-        np.concatenate([interval.upper for interval in intervals]),
-        intervals[0].coverage,
     )
 
 

@@ -9,12 +9,9 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from stiff_bench.tables.units import marked
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 
 @dataclass(frozen=True)
@@ -200,16 +197,6 @@ class Table:
         for texts, values in self.records():
             for value in values or [{}]:
                 yield {**self.about, **texts, **value}
-
-    def frame(self) -> DataFrame:
-        """Return the lines of the csv as a pandas DataFrame.
-
-        Pandas is imported here alone: that takes half a second, and a leaderboard of a million
-        stored values is to be printed within three.
-        """
-        from pandas import DataFrame
-
-        return DataFrame(list(self.lines()))
 
 
 def _value(column: Column, cell: Cell) -> dict[str, object]:

@@ -127,14 +127,9 @@ def training_digest(
 ) -> str:
     """Return the hash of everything that shapes a training.
 
-    Args:
-        network: with its first weights.
-        rows: what it learns from.
-        plan: how.
-        seed: order of the batches.
-        actors: other objects that take part; a stranger's code counts, as in the network.
-        extra: further tensors that go into it.
-        about: further settings, as text.
+    That is the network with its first weights, rows, plan and seed (of the batches' order), further
+    tensors (`extra`) and settings as text (`about`), and a stranger's code: of its parts
+    and of the `actors` that take part, such as the model.
     """
     device = rows.inputs.device
     digest = hashlib.sha256()

@@ -43,9 +43,7 @@ class TorchPrediction(Protocol):
 def export_onnx(model: FittedModel, path: Path) -> None:
     """Write the prediction of a fitted network as an ONNX file, whole or not at all.
 
-    Args:
-        model: a fitted model of a network family.
-        path: the file; one that exists is replaced.
+    A file that exists is replaced.
 
     Raises:
         ConfigError: the family holds no network, or a package of `stiffbench[onnx]` is missing.

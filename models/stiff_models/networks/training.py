@@ -84,8 +84,8 @@ def train_network(
     Args:
         network: maps (n, n_features) inputs to (n, 3) outputs.
         rows: what it learns from.
-        plan: how.
-        seed: order of the batches.
+        plan: how; `seed` gives the order of the batches.
+        seed: see above.
         phase: name for progress reports.
         trainable: which parameters move; None: all of the network's.
         validation: rows that choose the step when the plan keeps the best; never learned from.

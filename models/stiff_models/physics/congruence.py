@@ -128,9 +128,7 @@ def linearised_at_best(robot: Robot, samples: Samples) -> Linearised:
 
     Gauss-Newton steps with compliances >= 0: the first one leads to the linear model's solution.
     A step is halved until the springs hold every sample and the residual does not grow.
-
-    Raises:
-        ModelError: no joint can be identified.
+    ModelError: no joint can be identified.
     """
     loaded = LoadedRobot.of(robot, samples.q, samples.wrench)
     measured = samples.deflection.reshape(-1)

@@ -80,12 +80,8 @@ def joint_torque(rows: FloatArray, wrench: FloatArray) -> FloatArray:
 def unit_deflections(rows: FloatArray, wrench: FloatArray) -> FloatArray:
     """Return the deflection by each spring alone at unit compliance: J_v,s (J_s^T w).
 
-    Args:
-        rows: (n, 6, n_springs) twist of the TCP by a unit turn (or slide) of each spring.
-        wrench: as above.
-
-    Returns:
-        (n, 3, n_springs) m for a compliance of 1 rad/(N m) (m/N for a slide).
+    `rows` (n, 6, n_springs) is the twist of the TCP by a unit turn (or slide) of each spring; the
+    result (n, 3, n_springs) is in m for a compliance of 1 rad/(N m), or m/N for a slide.
     """
     return np.asarray(rows[:, :3] * joint_torque(rows, wrench)[:, None, :])
 

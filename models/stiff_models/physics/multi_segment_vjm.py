@@ -189,14 +189,10 @@ class MultiSegmentVjm(FittedModel):
 
 
 def segment_torques(torque: FloatArray, breakpoints: FloatArray) -> FloatArray:
-    """Return the parts of the torques that lie in each segment; phi is their sum times the slopes.
+    """Return the (n, n_joints, segments) parts of (n, n_joints) torques [N m] in each segment.
 
-    Args:
-        torque: (n, n_joints) N m.
-        breakpoints: (n_joints, segments - 1) N m, positive and increasing.
-
-    Returns:
-        (n, n_joints, segments) N m, with the sign of the torque.
+    Phi is their sum times the slopes. `breakpoints` (n_joints, segments - 1) are positive and
+    increasing; the parts have the sign of the torque.
     """
     edges = np.pad(breakpoints, ((0, 0), (1, 0)))
     width = np.diff(edges, axis=1, append=np.inf)

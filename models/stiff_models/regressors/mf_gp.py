@@ -45,14 +45,11 @@ def fit_co_kriging(
     dear: tuple[FloatArray, FloatArray],
     search: Search,
 ) -> CoKriging:
-    """Fit both levels.
+    """Fit both levels; ModelError where one cannot be solved.
 
-    Args:
-        low: covariance of the low fidelity that the search starts from.
-        delta: the same of the difference.
-        cheap: inputs (m, n_features) and low-fidelity outputs (m,).
-        dear: inputs (n, n_features) and high-fidelity outputs (n,).
-        search: for the hyperparameters of each level.
+    The search starts from `low`, the covariance of the low fidelity, and from `delta`, that of the
+    difference. `cheap` and `dear` are (n, n_features) inputs and (n,) outputs of the low and the
+    high fidelity.
     """
     below = GaussianProcess.of(search.likeliest(low, *cheap), *cheap)
     trend = below.mean(dear[0])

@@ -70,11 +70,8 @@ class Cnn(torch.nn.Module):
     def __init__(self, n_inputs: int, *, pool: Pool, dropout: float, per_sample: bool) -> None:
         """Draw the weights from torch's random state.
 
-        Args:
-            n_inputs: number of features.
-            pool: "udtl" or "none".
-            dropout: share of the values behind both layers of 256 that a training step drops.
-            per_sample: normalise the features of each sample first.
+        `dropout` is the share of the values behind both layers of 256 that a training step drops;
+        `per_sample`: the features of each sample are normalised first.
         """
         super().__init__()
         modules: list[torch.nn.Module] = [SampleNormalisation()] if per_sample else []

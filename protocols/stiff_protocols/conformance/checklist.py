@@ -39,13 +39,9 @@ class StageFailed(Exception):
 
 @dataclass(frozen=True)
 class Check:
-    """The answer to one question.
+    """The answer to one question: what must hold, and "passed", "failed" or "not applicable".
 
-    Attributes:
-        name: what must hold.
-        status: "passed", "failed" or "not applicable".
-        reason: what was found; "" where there is nothing to say.
-        advice: how to mend a failed check; "" for the others.
+    `reason` is what was found; `advice` how to mend a failed check; both may be "".
     """
 
     name: str

@@ -34,10 +34,8 @@ def written_whole(path: Path) -> Iterator[Path]:
     """Give the path of a temporary file beside `path`; rename it to `path` at the end.
 
     Readers see the old file or the new one, never a part. After an error or an exception that
-    stops the program, the old one stands and nothing else is left.
-
-    Raises:
-        StoreError: the file cannot be written.
+    stops the program, the old one stands and nothing else is left. StoreError: the file cannot be
+    written.
     """
     try:
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=".tmp" + path.suffix)

@@ -27,12 +27,7 @@ class StiffnessModel(Protocol):
     """Predicts the deflection of a robot's TCP under a known wrench."""
 
     def fit(
-        self,
-        train: Samples,
-        *,
-        robot: Robot,
-        validation: Samples | None = None,
-        seed: int = 0,
+        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
     ) -> Self:
         """Learn from `train`.
 

@@ -57,12 +57,7 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
     share: float = SHARE
 
     def fit(
-        self,
-        train: Samples,
-        *,
-        robot: Robot,
-        validation: Samples | None = None,
-        seed: int = 0,
+        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
     ) -> Self:
         """Divide `train` by pose, fit a copy of the model to one part, calibrate on the other.
 

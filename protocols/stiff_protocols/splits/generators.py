@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from threading import Lock
-from typing import Any, overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
 
@@ -46,6 +46,23 @@ class LazySplits(Sequence[Split]):
         if isinstance(index, slice):
             return list(self)[index]
         return next(islice(self, range(self._n)[index], None))
+
+
+Number = TypeVar("Number", int, float)
+
+
+def numbers_in(option: str, text: str, kind: type[Number], *, fewest: int) -> list[Number]:
+    """Return the numbers of an option such as "0,1,5"; ConfigError for none from `fewest`."""
+    try:
+        asked = [kind(word) for word in text.split(",")]
+    except ValueError:
+        asked = [kind(fewest - 1)]
+    if not all(math.isfinite(number) and number >= fewest for number in asked):
+        whole = "whole " if kind is int else ""
+        raise ConfigError(
+            f"{option}={text!r}: valid are {whole}numbers from {fewest}, separated by commas"
+        )
+    return asked
 
 
 def inner_validation(samples: Samples, train: IntArray, fraction: float, seed: int) -> Split:

@@ -9,7 +9,7 @@ import numpy as np
 
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import IntArray, Samples, Split, TextArray
-from stiff_protocols.splits.generators import LazySplits, divided_inside
+from stiff_protocols.splits.generators import LazySplits, divided_inside, numbers_in
 from stiff_protocols.splits.random_splits import Fraction
 
 
@@ -52,7 +52,8 @@ class SampleEfficiency:
                 f"sample-efficiency: {len(poses)} poses cannot be divided with "
                 f"test_fraction {self.test_fraction:g}"
             )
-        sizes = self._sizes(len(poses) - n_test)
+        asked = numbers_in("sample-efficiency.sizes", self.sizes, int, fewest=1)
+        sizes = sorted({min(size, len(poses) - n_test) for size in asked})
 
         def divided() -> Iterator[Split]:
             for index in range(n_splits or 1):
@@ -65,18 +66,6 @@ class SampleEfficiency:
                     )
 
         return LazySplits(divided, (n_splits or 1) * len(sizes))
-
-    def _sizes(self, available: int) -> list[int]:
-        try:
-            asked = [int(word) for word in self.sizes.split(",")]
-        except ValueError:
-            asked = [0]
-        if min(asked) < 1:
-            raise ConfigError(
-                f"sample-efficiency.sizes={self.sizes!r}: valid are whole numbers from 1, "
-                "separated by commas"
-            )
-        return sorted({min(size, available) for size in asked})
 
 
 def _rows(samples: Samples, poses: TextArray) -> IntArray:

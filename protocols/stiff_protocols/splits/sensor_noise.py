@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -10,9 +9,8 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge
 
-from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, Samples, Split
-from stiff_protocols.splits.generators import LazySplits
+from stiff_protocols.splits.generators import LazySplits, numbers_in
 from stiff_protocols.splits.random_splits import Holdout
 
 SENSOR = (0.04, 0.04, 0.04, 0.002, 0.002, 0.002)
@@ -45,7 +43,8 @@ class SensorNoise(Holdout):
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
         """Return `n_splits` (default 1) divisions, `holdout`'s of the same seed, at every level."""
-        levels = self._levels()
+        asked = numbers_in("sensor-noise.levels", self.levels, float, fewest=0)
+        levels = sorted({level + 0.0 for level in asked})  # -0.0 is 0.0
         divisions = super().splits(samples, n_splits=n_splits, seed=seed)
 
         def at_all_levels() -> Iterator[Split]:
@@ -67,15 +66,3 @@ class SensorNoise(Holdout):
                 # an error of nothing is none: the split is holdout's, and so is its hash
                 wrench_error=error if error.any() else None,
             )
-
-    def _levels(self) -> list[float]:
-        try:
-            asked = {float(word) + 0.0 for word in self.levels.split(",")}  # -0.0 is 0.0
-        except ValueError:
-            asked = {-1.0}
-        if not all(math.isfinite(level) and level >= 0.0 for level in asked):
-            raise ConfigError(
-                f"sensor-noise.levels={self.levels!r}: valid are numbers from 0, separated by "
-                "commas"
-            )
-        return sorted(asked)

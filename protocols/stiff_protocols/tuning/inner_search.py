@@ -129,9 +129,8 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
     def check_params(self) -> None:
         """Check every candidate before anything is computed; of a range, both ends.
 
-        Raises:
-            ConfigError: a candidate's options do not fit together, candidates cannot be compared,
-                there is a range where every combination is to be tried, or a package is missing.
+        ConfigError: a candidate's options do not fit together, candidates cannot be compared, there
+        is a range where every combination is to be tried, or a package is missing.
         """
         if self.grid:
             require("tuning", "optuna")
@@ -173,12 +172,7 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
         return ""
 
     def fit(
-        self,
-        train: Samples,
-        *,
-        robot: Robot,
-        validation: Samples | None = None,
-        seed: int = 0,
+        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
     ) -> Self:
         """Choose the options on training and validation rows together, then fit the model.
 

@@ -124,7 +124,7 @@ def test_one_note_stands_for_all_contests_with_the_same_reason(made):
         for run_id in "12":
             made.add("a", [1.0], run_id=run_id, options={"k": run_id}, condition=condition)
     (note,) = left_out_notes(collect(made.folder))
-    assert note.startswith("2 contests: older results of a ")
+    assert note.startswith("2 comparisons: older results of a ")
 
 
 def test_a_model_that_fails_now_has_failed_whatever_it_did_before(made):

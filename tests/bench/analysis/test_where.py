@@ -9,10 +9,9 @@ from compared_results import N_POSES, contest_in, made_data, spread, store_resul
 from stiff_bench.analysis.comparison import paired_errors
 from stiff_bench.analysis.comparison_text import place_text
 from stiff_bench.analysis.verdict import Question
-from stiff_bench.analysis.where import FEWEST_POSES, factors, where_better
+from stiff_bench.analysis.where import factors, where_better
 from stiff_bench.store.samples import data_content, stored_data
 from stiff_protocols.contract.types import BenchmarkData
-from stiff_protocols.scoring.paired import LEVEL
 
 ALL = [np.arange(N_POSES)]
 APART = {"a": spread(1e-4, 1e-5, 1), "b": spread(2e-4, 1e-5, 2)}
@@ -20,7 +19,8 @@ APART = {"a": spread(1e-4, 1e-5, 1), "b": spread(2e-4, 1e-5, 2)}
 
 def found_in(folder, tests=ALL, **models):
     contest, data = contest_in(store_results(folder, models, tests=tests))
-    return where_better(paired_errors(contest, "a", "b"), data, Question()), data
+    paired = paired_errors(contest, "a", "b")
+    return where_better(paired.rows, paired.a[:, -1], paired.b[:, -1], data, Question()), data
 
 
 def worse_where(mask, by=3e-4):
@@ -58,7 +58,7 @@ def test_of_each_kind_the_division_that_explains_most_is_shown(tmp_path):
     assert shown["pose region"] == "part of the plan"
     assert [p.label for p in found.places if p.kind == "pose region"] == ["far", "near"]
     # group, reach, height, force, six joints; the loads have no torque at the TCP to divide by
-    assert (found.n_factors, found.n_places) == (10, 2 + 9 * 3)
+    assert found.n_places == 2 + 9 * 3
 
 
 def test_noise_is_not_sold_as_a_finding(tmp_path):
@@ -77,12 +77,6 @@ def test_p_values_are_corrected_for_all_places_that_were_looked_at(tmp_path):
     largest = 2 * 0.5**13  # A is better at each of 13 poses
     assert min(place.estimate.p_value for place in found.places) > largest
     assert found.a_better == found.n_places
-
-
-def test_a_part_counts_from_so_many_poses_on_that_something_could_be_found_there():
-    n_places = 30
-    smallest = 2 * 0.5**FEWEST_POSES  # A is better at each of them
-    assert n_places * smallest < LEVEL <= n_places * 2 * smallest
 
 
 @pytest.mark.parametrize(("n_tested", "n_places"), [(8, 0), (30, 0), (33, 2 + 9 * 3)])

@@ -47,7 +47,6 @@ def test_a_run_prints_one_table_and_stores_every_cell(tmp_path):
         "X MAE",
         "Z ME",
         "| FT-MLP [published] ",
-        "source samples 1.064e+05",
         "made by",
     ):
         assert part in done.stdout

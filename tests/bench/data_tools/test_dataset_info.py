@@ -12,7 +12,6 @@ import pytest
 
 from stiff_bench.data_tools.info import dataset_info, directions, facts, principal_shares
 from stiff_bench.data_tools.picture import save_picture
-from stiff_bench.store.samples import load_torque
 from stiff_bench.tables.render import plain_text
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.robots.robot import load_robot, read_chain
@@ -156,20 +155,6 @@ def test_statics_of_a_sliding_and_turning_arm_equal_pinocchios(tmp_path, rng):
         np.testing.assert_allclose(torque, expected, atol=1e-12)
         pin.forwardKinematics(model, data, pose)
         np.testing.assert_allclose(tip, data.oMi[2].act(truth.tcp), atol=1e-12)
-
-
-def test_load_torque_does_the_work_of_the_wrench(kr10, rng):
-    # virtual work: tau . dq = F . dx for a pure force, dx by central differences
-    data = made_data(kr10, 5, rng)
-    force = np.array(data.samples.wrench)
-    force[:, 3:] = 0.0
-    data = BenchmarkData(replace(data.samples, wrench=force), kr10)
-    step, q = 1e-6, data.samples.q
-    for joint in range(6):
-        turn = step * np.eye(6)[joint]
-        moved = (kr10.tcp_position(q + turn) - kr10.tcp_position(q - turn)) / (2 * step)
-        work = (moved * force[:, :3]).sum(axis=1)
-        np.testing.assert_allclose(load_torque(data)[:, joint], work, atol=1e-6)
 
 
 def around(axis, degrees, rng, n=4000):

@@ -11,18 +11,20 @@ from figure_results import SIZES, compared, learned, with_fields
 from made_results import TWINS, MadeResults, made_data
 from stiff_bench.figures import learning_curves, springs, variants
 from stiff_bench.figures.catalog import FIGURES
-from stiff_bench.figures.samples import Series, regression_figure
-from stiff_bench.figures.source import FigureSource, Predicted
+from stiff_bench.figures.samples import Series, errors_by_row, regression_figure
+from stiff_bench.figures.source import FigureSource
 from stiff_bench.figures.style import looks, short
 from stiff_bench.store.database import read_data
+from stiff_protocols.contract.types import Prediction
+from stiff_protocols.scoring.metrics import absolute_errors
 
 NET = {"name": "net"}  # the same model, whatever its options
 
 
-def some_samples(n: int = 20) -> Predicted:
+def some_samples(n: int = 20) -> Prediction:
     rng = np.random.default_rng(0)
     measured = rng.normal(size=(n, 3)) * 1e-3
-    return Predicted(np.arange(n), measured, measured + rng.normal(size=(n, 3)) * 1e-4)
+    return Prediction(np.arange(n), measured + rng.normal(size=(n, 3)) * 1e-4, measured)
 
 
 def test_a_regression_diagram_has_millimetres_true_across_and_predicted_up():
@@ -38,7 +40,7 @@ def test_a_regression_diagrams_lines_hold_95_percent_of_the_samples():
     samples = some_samples(200)
     axes = regression_figure([Series("a", samples)]).axes[2]
     heights = sorted(line.get_xy1()[1] for line in axes.get_lines() if hasattr(line, "get_xy1"))
-    half = np.quantile(samples.error[:, 2], 0.95) * 1e3
+    half = np.quantile(absolute_errors(samples)[:, 2], 0.95) * 1e3
     np.testing.assert_allclose(heights, [-half, 0.0, half])
 
 
@@ -49,12 +51,10 @@ def test_a_published_error_stands_beside_ours():
 
 
 def test_a_sample_of_several_splits_has_the_mean_of_its_errors():
-    twice = Predicted(
-        np.array([3, 1, 3]), np.zeros((3, 3)), np.array([[1.0] * 3, [5.0] * 3, [2.0] * 3])
-    )
-    rows, error = twice.mean_by_row(twice.error)
-    np.testing.assert_array_equal(rows, [1, 3])
-    np.testing.assert_array_equal(error, [[5.0] * 3, [1.5] * 3])
+    predicted = np.array([[1.0] * 3, [5.0] * 3, [2.0] * 3])
+    errors = errors_by_row(Prediction(np.array([3, 1, 3]), predicted, np.zeros((3, 3))))
+    assert errors.index.tolist() == [1, 3]
+    np.testing.assert_array_equal(errors, [[5.0] * 3, [1.5] * 3])
 
 
 def test_a_workspace_colours_each_pose_by_the_length_of_its_error(tmp_path):

@@ -7,21 +7,20 @@ from dataclasses import replace
 import pytest
 
 from made_results import TWINS, MadeResults, change
+from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.sort_key import sort_key
-from stiff_bench.analysis.stored_leaderboard import StoredResults
+from stiff_bench.figures.figure import Content, FigureLine
 from stiff_bench.report import pairs as pair_tables
 from stiff_bench.report import report as gather
-from stiff_bench.report import runs as failures
-from stiff_bench.report.content import Block
 from stiff_bench.report.runs import Selection
 from stiff_bench.store.database import ResultStore, stored_results
-from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.errors import ConfigError, StoreError
 
 
 @pytest.fixture(autouse=True)
 def no_figures(monkeypatch):
     """They take seconds; the browser's test has them."""
-    monkeypatch.setattr(gather, "picture_block", lambda *_: Block("Figures"))
+    monkeypatch.setattr(gather, "FIGURES", {})
 
 
 @pytest.fixture()
@@ -43,38 +42,48 @@ def blocks_of(folder, **choice):
     return {block.heading: block for block in part.blocks}
 
 
-def texts(table):
-    return table.texts()
-
-
 def test_every_model_stands_in_ranks_pairs_and_scores(results):
     blocks = blocks_of(results.folder)
     ranks = blocks["Leaderboard"].tables[0]
-    assert [row[0] for row in texts(ranks)] == ["vjm", "gp", "mlp"]
-    matrix, pairs = blocks["Pairwise comparisons"].tables
-    assert [row[0] for row in texts(matrix)] == ["1 vjm", "2 gp", "3 mlp"]
-    assert len(pairs.rows) == 3
-    (scores,) = blocks["Scores in each contest"].tables
+    assert [row[0] for row in ranks.texts()] == ["vjm", "gp", "mlp"]
+    (matrix,) = blocks["Pairs of models"].tables
+    assert [row[0] for row in matrix.texts()] == ["1 vjm", "2 gp", "3 mlp"]
+    (scores,) = blocks["Scores"].tables
     assert len(scores.rows) == 6
     assert [scores.heading(column) for column in scores.columns[:7]] == [
         *("model", "data set", "protocol", "condition", "seed", "splits", "norm [mm]"),
     ]
-    assert texts(scores)[2][5:7] == ["2/2", "0.1500 ± 0.0707"]
+    assert scores.texts()[2][5:7] == ["2/2", "0.1500 ± 0.0707"]
 
 
-def test_caveats_stand_at_the_top_and_with_every_ranking(results):
-    blocks = blocks_of(results.folder)
-    assert "made up, never measured" in blocks["Read this first"].notes
-    assert "made up, never measured" in blocks["Leaderboard"].tables[0].notes
-    assert "made up, never measured" in blocks["Pairwise comparisons"].notes
-    assert (
-        "12 results of 3 models in 2 contests; 0 cells failed" in blocks["Read this first"].texts[0]
-    )
+def test_the_page_opens_with_who_is_first_on_which_data(results):
+    summary, data, *_ = blocks_of(results.folder).values()
+    verdict, counts = summary.texts
+    assert verdict.startswith("vjm is first of 3 models")
+    assert "12 results of 3 models in 2 comparisons; 0 failed, 0 skipped" in counts
+    assert "made up, never measured" in summary.notes
+    first, second = data.tables[0].texts()
+    assert first[:5] == [TWINS[0], "simulated", "kr10_r1100_2", "12", "12"]
+    assert second[5] == "made up, never measured"
+
+
+def test_identified_stiffnesses_stand_with_the_data(results):
+    for result in [*stored_results(results.folder)]:
+        if result.shown.model == "vjm":
+            springs = {"stiffness A1 [Nm/rad]": 1000.0 + 200.0 * result.cell.split_index}
+            ResultStore(results.folder).write_cell(replace(result, diagnostics=springs))
+    _, stiffnesses = blocks_of(results.folder)["Robots and data"].tables
+    assert [row[2] for row in stiffnesses.texts()] == ["1,100 ± 141"] * 2
+
+
+def test_caveats_stand_with_every_score(results):
+    _, scores, *_ = blocks_of(results.folder)["Leaderboard"].tables
+    assert "made up, never measured" in scores.notes
 
 
 def test_runs_stand_with_their_commit_and_command(results):
     provenance = blocks_of(results.folder)["Provenance"]
-    (row,) = texts(provenance.tables[0])
+    (row,) = provenance.tables[0].texts()
     assert row[0] == "run-1"
     assert {"9.9", "0123456789ab", "finished"} <= set(row)
     assert provenance.folds[0].text == "bench run"
@@ -83,7 +92,7 @@ def test_runs_stand_with_their_commit_and_command(results):
 
 def test_results_of_a_run_without_a_manifest_are_counted(results):
     results.add("vjm", [0.1, 0.2], "other", run_id="run-lost")
-    rows = texts(blocks_of(results.folder)["Provenance"].tables[0])
+    rows = blocks_of(results.folder)["Provenance"].tables[0].texts()
     assert [row[0] for row in rows] == ["run-1", "a run without a manifest"]
     assert rows[1][5] == "2"
 
@@ -94,8 +103,8 @@ def test_failures_stand_with_reason_cause_and_log_and_alike_ones_together(result
         store = ResultStore(results.folder)
         (failed,) = (one for one in stored_results(results.folder, {key}))
         store.write_cell(replace(failed, cause="ValueError", log=("first", "last <b>")))
-    block = blocks_of(results.folder)["Failures and skipped cells"]
-    (row,) = texts(block.tables[0])
+    block = blocks_of(results.folder)["Failed and skipped"]
+    (row,) = block.tables[0].texts()
     assert row == ["bad", "failed", "it broke", "ValueError", TWINS[0], "holdout", "-", "1, 2"]
     assert [fold.text for fold in block.folds] == ["first\nlast <b>"] * 2
 
@@ -113,10 +122,8 @@ def test_a_failure_that_a_newer_run_repeats_counts_once(results, change):
     results.add_run("run-3", again)
     blocks = blocks_of(results.folder)
     n_places = 1 if change == "options" else 2  # other data are another contest
-    said = f"{n_places} cell{'s' * (n_places > 1)}"
-    assert f"; {said} failed, 0 cells skipped." in blocks["Read this first"].texts[0]
-    (table,) = blocks["Failures and skipped cells"].tables
-    assert table.title == f"{said} without a result"
+    assert f"; {n_places} failed, 0 skipped." in blocks["Summary"].texts[1]
+    (table,) = blocks["Failed and skipped"].tables
     assert len(table.rows) == n_places
 
 
@@ -124,51 +131,30 @@ def test_a_failure_on_old_data_is_not_hidden_by_a_result_on_new_data(results):
     results.add("bad", failed=(0,), dataset="other", version=0)
     results.add("bad", [0.1], dataset="other", version=1)
     blocks = blocks_of(results.folder)
-    assert "; 1 cell failed, 0 cells skipped." in blocks["Read this first"].texts[0]
-    assert len(blocks["Failures and skipped cells"].tables[0].rows) == 1
+    assert "; 1 failed, 0 skipped." in blocks["Summary"].texts[1]
+    assert len(blocks["Failed and skipped"].tables[0].rows) == 1
 
 
 def test_missing_samples_cost_what_needs_them_and_nothing_else(results):
     change(results.folder, "DELETE FROM data")
     blocks = blocks_of(results.folder)
-    assert "No ranks: " in blocks["Leaderboard"].texts[0]
-    assert "holds no data set" in blocks["Leaderboard"].texts[0]
-    assert len(blocks["Scores in each contest"].tables[0].rows) == 6
-
-
-def test_pairs_whose_samples_cannot_be_read_leave_the_ranks(results, monkeypatch):
-    def refuse(folder, sha256):
-        raise StoreError(f"{folder / sha256}.npz: cannot be read")
-
-    monkeypatch.setattr(gather, "read_data", refuse)
-    blocks = blocks_of(results.folder)
-    assert len(blocks["Leaderboard"].tables[0].rows) == 3
-    (said,) = blocks["Pairwise comparisons"].texts
-    assert said.startswith("No comparisons: ")
-    assert said.endswith(".npz: cannot be read.")
-
-
-def test_many_failures_are_cut_and_said(results, monkeypatch):
-    monkeypatch.setattr(failures, "MOST_FAILURES", 1)
-    for model in ("bad", "worse"):
-        results.add(model, [], TWINS[0], failed=(0,))
-    block = blocks_of(results.folder)["Failures and skipped cells"]
-    assert len(block.tables[0].rows) == 1
-    assert "The first 1 of 2 rows are shown." in block.tables[0].notes
+    assert blocks["Summary"].texts[0].startswith("No ranks: ")
+    assert "Leaderboard" not in blocks
+    assert len(blocks["Scores"].tables[0].rows) == 6
 
 
 def test_one_model_alone_has_scores_and_no_ranks(results):
     blocks = blocks_of(results.folder, models=("vjm",))
-    assert "nothing to rank" in blocks["Leaderboard"].texts[0]
-    assert "Pairwise comparisons" not in blocks
-    assert len(blocks["Scores in each contest"].tables[0].rows) == 2
+    assert "nothing to rank" in blocks["Summary"].texts[0]
+    assert "Leaderboard" not in blocks and "Pairs of models" not in blocks
+    assert len(blocks["Scores"].tables[0].rows) == 2
 
 
 def test_choices_narrow_everything_and_stand_in_the_commands(results):
     blocks = blocks_of(
         results.folder, models=("vjm", "mlp"), datasets=(TWINS[1],), metric="mae", axis="z"
     )
-    assert len(blocks["Scores in each contest"].tables[0].rows) == 2
+    assert len(blocks["Scores"].tables[0].rows) == 2
     ranks = blocks["Leaderboard"]
     assert ranks.command == (
         f"bench leaderboard --results {results.folder} --model vjm --model mlp --dataset "
@@ -176,18 +162,42 @@ def test_choices_narrow_everything_and_stand_in_the_commands(results):
     )
 
 
-def test_contests_beyond_the_bound_on_pairs_are_left_out_and_said(results, monkeypatch):
-    monkeypatch.setattr(pair_tables, "MOST_PAIRS", 4)
-    block = blocks_of(results.folder)["Pairwise comparisons"]
-    assert {row[3] for row in texts(block.tables[1])} == {"1"}
-    assert any("1 contest of 2 not compared" in note for note in block.notes)
+@pytest.mark.parametrize(("name", "bound"), [("MOST_PAIRS", 4), ("MOST_MODELS", 2)])
+def test_what_is_beyond_a_bound_on_pairs_is_left_out_and_noted(results, monkeypatch, name, bound):
+    monkeypatch.setattr(pair_tables, name, bound)
+    (table,) = blocks_of(results.folder)["Pairs of models"].tables
+    assert len(table.rows) == (2 if name == "MOST_MODELS" else 3)
+    assert len(table.notes) == 2
 
 
-def test_models_beyond_the_bound_on_pairs_are_left_out_and_said(results, monkeypatch):
-    monkeypatch.setattr(pair_tables, "MOST_MODELS", 2)
-    block = blocks_of(results.folder)["Pairwise comparisons"]
-    assert len(block.tables[1].rows) == 1
-    assert any("first 2 of 3 models" in note for note in block.notes)
+def test_a_word_without_results_is_refused(results):
+    for choice in ({"models": ("vmj",)}, {"datasets": ("moon",)}, {"protocols": ("guess",)}):
+        with pytest.raises(ConfigError, match=str(next(iter(choice.values()))[0])):
+            blocks_of(results.folder, **choice)
+    results.add("vjm", [0.1], "lonely", protocol="transfer")
+    with pytest.raises(ConfigError, match="--dataset twin --protocol transfer"):
+        blocks_of(results.folder, datasets=("twin",), protocols=("transfer",))
+
+
+@pytest.mark.parametrize("error", [StoreError("no curves"), ZeroDivisionError(), ValueError()])
+def test_a_figure_that_cannot_be_drawn_is_left_out(results, monkeypatch, error):
+    def broken(source):
+        raise error
+
+    def whole(source):
+        from matplotlib.figure import Figure
+
+        return Content("of nothing", Figure)
+
+    lines = {
+        name: FigureLine(name, name, gather_it)
+        for name, gather_it in (("losses", broken), ("springs", whole), ("errors", whole))
+    }
+    monkeypatch.setattr(gather, "FIGURES", lines)
+    blocks = blocks_of(results.folder)
+    assert [picture.title for picture in blocks["Errors"].pictures] == ["errors"]
+    assert [picture.title for picture in blocks["Figures"].pictures] == ["springs"]
+    assert [*blocks].index("Errors") < [*blocks].index("Leaderboard")
 
 
 def test_protocols_that_select_on_test_stand_apart(results):
@@ -195,5 +205,5 @@ def test_protocols_that_select_on_test_stand_apart(results):
         results.add(model, [0.1, 0.2], protocol="paper", selects_on_test=True, warning="not fair")
     blocks = blocks_of(results.folder)
     assert "not fair" in blocks["Leaderboard (epoch picked on test part)"].tables[0].notes
-    assert "not fair" in blocks["Pairwise comparisons (epoch picked on test part)"].notes
+    assert "Pairs of models (epoch picked on test part)" in blocks
     assert "not fair" not in blocks["Leaderboard"].tables[0].notes

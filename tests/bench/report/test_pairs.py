@@ -1,19 +1,17 @@
-"""All pairs of a contest say what `bench compare` says of each."""
+"""All pairs of a leaderboard's models have the verdicts of `bench compare`."""
 
 from __future__ import annotations
-
-from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 import pytest
 
 from compared_results import contest_in, fifths, spread, steady, store_results
 from stiff_bench.analysis.comparison import NORM, compare
+from stiff_bench.analysis.leaderboard import stored_leaderboard
+from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.analysis.verdict import Question
-from stiff_bench.report import pairs as pair_tables
 from stiff_bench.report.page import page_table
-from stiff_bench.report.pairs import compared_pairs, n_pairs
+from stiff_bench.report.pairs import pair_table
 
 MODELS = {
     "good": spread(1e-5, 2e-6, seed=1),
@@ -21,6 +19,16 @@ MODELS = {
     "alike": spread(5e-4, 1e-4, seed=3),
     "nearly": steady(1.0e-5, 1.1e-5, 1.2e-5, 1.1e-5, 1.0e-5),
 }
+WON = {"a": "1 : 0", "b": "0 : 1", "equivalent": "0 : 0", "open": "0 : 0"}
+
+
+def pairs_of(folder):
+    """Row -> column -> cell of the table, and the table as the page shows it."""
+    board = stored_leaderboard(folder, key=sort_key("norm", None))
+    table = pair_table(board.sections[0], board)
+    names = [row[0].split()[1] for row in table.texts()]
+    rows = zip(names, table.texts(), strict=True)
+    return {name: dict(zip(names, row[1:], strict=True)) for name, row in rows}, page_table(table)
 
 
 @pytest.mark.parametrize(
@@ -28,55 +36,26 @@ MODELS = {
     [(5, {}), (1, {}), (5, {"pooled": True})],
     ids=["splits", "one", "pooled"],
 )
-def test_every_pair_has_the_verdict_and_the_numbers_of_compare(tmp_path, n_splits, shown):
+def test_every_pair_has_the_verdict_of_compare_and_its_mirror_image(tmp_path, n_splits, shown):
     tests = fifths(5)[:n_splits]
-    contest, data = contest_in(store_results(tmp_path, MODELS, tests=tests, **shown))
-    found = list(compared_pairs(contest, list(MODELS), data, Question()))
-    assert [(pair.a, pair.b) for pair in found] == list(combinations(MODELS, 2))
-    verdicts = set()
-    for pair in found:
-        row = compare(contest, pair.a, pair.b, data, Question()).row(NORM)
-        assert pair.verdict == row.verdict
-        assert pair.p_value == pytest.approx(row.main.p_value)
-        assert pair.difference == pytest.approx(row.difference)
-        assert pair.of_fits == (row.over_splits is None)
-        verdicts.add(pair.verdict)
-    assert {"a", "equivalent"} <= verdicts
-
-
-def test_a_pair_is_compared_on_the_splits_that_both_have(tmp_path):
-    folder = store_results(tmp_path, MODELS, failed={"bad": (0, 3)})
+    folder = store_results(tmp_path, MODELS, tests=tests, **shown)
     contest, data = contest_in(folder)
-    n_splits = {
-        (pair.a, pair.b): pair.n_splits
-        for pair in compared_pairs(contest, list(MODELS), data, Question())
-    }
-    assert n_splits["good", "bad"] == 3
-    assert n_splits["good", "alike"] == 5
+    cells, page = pairs_of(folder)
+    for a in MODELS:
+        for b in MODELS:
+            if a != b:
+                verdict = compare(contest, a, b, data, Question()).row(NORM).verdict
+                assert cells[a][b] == WON[verdict]
+    assert cells["good"]["bad"] == "1 : 0" and cells["good"]["good"] == "-"
+    styles = {cell.style for row in page.rows for cell in row[1:]}
+    assert {"number better", "number worse"} <= styles
 
 
 def test_a_model_without_a_result_has_no_pairs(tmp_path):
-    folder = store_results(tmp_path, MODELS, failed={"bad": range(5)})
-    contest, data = contest_in(folder)
-    found = list(compared_pairs(contest, ["good", "bad", "unknown"], data, Question()))
-    assert found == []
+    cells, _ = pairs_of(store_results(tmp_path, MODELS, failed={"bad": range(5)}))
+    assert set(cells) == MODELS.keys() - {"bad"}
 
 
-def test_one_pose_alone_gives_no_pair(tmp_path):
-    contest, data = contest_in(store_results(tmp_path, MODELS, tests=[np.array([3])]))
-    assert list(compared_pairs(contest, list(MODELS), data, Question())) == []
-
-
-def test_the_number_of_pairs_counts_the_models_that_were_run(tmp_path):
-    contest, _ = contest_in(store_results(tmp_path, MODELS))
-    assert n_pairs(contest, ["good", "bad", "alike", "unknown"]) == 3
-
-
-def test_pairs_mirror_each_other_in_the_matrix(tmp_path):
-    contest, data = contest_in(store_results(tmp_path, MODELS))
-    pairs = list(compared_pairs(contest, ["good", "bad"], data, Question()))
-    two = [*pairs, *(replace(pair, verdict="open") for pair in pairs)]
-    table = pair_tables._matrix(two, ["good", "bad"], ["good", "bad"])
-    assert table.texts() == [["1 good", "", "1 : 0"], ["2 bad", "0 : 1", ""]]
-    rows = page_table(table).rows
-    assert (rows[0][2].style, rows[1][1].style) == ("number better", "number worse")
+def test_one_pose_alone_finds_no_winner(tmp_path):
+    cells, _ = pairs_of(store_results(tmp_path, MODELS, tests=[np.array([3])]))
+    assert {cell for row in cells.values() for cell in row.values()} == {"0 : 0", "-"}

@@ -106,17 +106,21 @@ def test_leave_one_out_scores_all_poses_together(tasks_of):
     assert value_of(covered, "width", "z").value == pytest.approx(0.5)
 
 
-def test_a_failed_cell_is_a_visible_row_with_its_reason_and_no_number(tasks_of):
-    tasks = tasks_of(splits=2)
-    results = [
-        result(tasks[0], 1e-4),
-        result(tasks[1], 0, status="failed", records=(), prediction=None, failure="it broke"),
-    ]
-    (table,) = build_tables(results, METRICS)
-    text = render([table], "github", "bench run")
-    assert "vjm [FAILED in 1 of 2 splits] |" in text
-    assert "it broke" in text
-    assert not has_numbers(table, 0)
+def test_a_failed_or_skipped_model_is_a_row_with_its_reason_and_the_others_stay(tasks_of):
+    tasks = tasks_of(models=("vjm", "mlp"), splits=2)
+    broken = {"status": "failed", "records": (), "prediction": None, "failure": "it broke"}
+    absent = broken | {"status": "skipped", "failure": "no a|b\nhere"}
+    failed = [result(tasks[0], 1e-4), result(tasks[1], 0, **broken)]
+    skipped = [result(task, 0, **absent) for task in tasks[:2]]
+    others = [result(task, 1e-4) for task in tasks[2:]]
+    for bad, mark, why in (
+        (failed, "| vjm [FAILED in 1 of 2 splits]", "- vjm: FAILED (1 of 2 splits): it broke"),
+        (skipped, "| vjm [SKIPPED]", "- vjm: SKIPPED (2 of 2 splits): no a|b here"),
+    ):
+        (table,) = build_tables([*bad, *others], METRICS)
+        text = render([table], "github", "bench run")
+        assert mark in text and why in text
+        assert not has_numbers(table, 0) and has_numbers(table, 1)
 
 
 def test_a_protocol_that_selects_on_test_marks_the_models_that_select(tasks_of):
@@ -171,17 +175,6 @@ def test_a_mean_of_numbers_one_of_which_is_infinite_says_so(tasks_of):
     (table,) = build_tables(results, METRICS)
     assert "stiffness [Nm/rad] 2e+04 (and infinite in 1 of 2)" in " ".join(table.details)
     assert not any("stiffness" in note for note in table.notes)
-
-
-def test_a_skipped_model_is_a_visible_row_with_its_reason_and_the_others_stay(tasks_of):
-    tasks = tasks_of(models=("vjm", "mlp"), splits=1)
-    absent = {"status": "skipped", "records": (), "prediction": None, "failure": "no a|b\nhere"}
-    results = [result(tasks[0], 0, **absent), result(tasks[1], 1e-4)]
-    tables = build_tables(results, METRICS)
-    text = render(tables, "github", "bench run")
-    assert "| vjm [SKIPPED]" in text and "FAILED" not in text
-    assert "- vjm: SKIPPED: no a|b here" in text
-    assert not has_numbers(tables[0], 0) and has_numbers(tables[0], 1)
 
 
 def test_coverage_prints_as_a_percentage_beside_mm_in_every_format(tasks_of):

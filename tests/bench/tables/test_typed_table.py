@@ -145,13 +145,6 @@ def test_a_terminal_gets_columns_and_notes():
     ]
 
 
-def test_a_frame_has_the_lines_of_the_csv():
-    frame = SMALL.frame()
-    errors = frame[frame.column == "error"].set_index("model")
-    assert errors.value["a"] == 1 / 3 and math.isnan(errors.value["b"])
-    assert len(frame) == len(lines(SMALL))
-
-
 def test_a_table_is_printed_without_pandas_and_numpy():
     script = (
         "import sys; from stiff_bench.tables.render import render\n"

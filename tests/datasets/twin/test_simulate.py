@@ -53,13 +53,3 @@ def test_an_unknown_ending_and_a_folder_that_is_not_there_are_refused(tmp_path):
         simulate(tmp_path / "s.xls", CONSTANTS, 10, loads="omni")
     with pytest.raises(StoreError, match=r"absent/s\.csv: cannot be written: No such file"):
         simulate(tmp_path / "absent" / "s.csv", CONSTANTS, 10, loads="omni")
-
-
-def test_an_interruption_leaves_nothing_behind(tmp_path, monkeypatch):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(module, "report", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        simulate(tmp_path / "s.csv", CONSTANTS, 10, loads="omni")
-    assert list(tmp_path.iterdir()) == []

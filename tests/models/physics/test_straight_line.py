@@ -3,32 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
-from stiff_models.physics.straight_line import CHUNK, Program, half_angle, tape_with
-
-
-def formula(a, b, angle, cos_sin):
-    """Every operation, every sign, constants on both sides, and results that read results."""
-    cosine, sine = cos_sin(-angle)
-    first = -(a * b) + 2.0 * sine - 3.0 * -cosine
-    second = 1.0 - first * first - (-a + -b)
-    third = -(2.0 / (1.0 + a * a)) + (-a + 4.0) - (b - 0.5)
-    return [first, second, third, -first, 7.0, a, -2.0 - b, first + second]
-
-
-def truth(a, b, angle):
-    return np.broadcast_arrays(*formula(a, b, angle, lambda x: (np.cos(x), np.sin(x))))
-
-
-@pytest.mark.parametrize("n", [0, 1, 5, CHUNK, 2 * CHUNK + 3])
-def test_a_program_computes_its_formula_in_chunks(n, rng):
-    tape, (pair, (angle,)) = tape_with(2, 1)
-    program = Program.of(tape, formula(*pair, angle, half_angle))
-    columns, angles = rng.normal(size=(n, 2)), rng.uniform(-9, 9, size=(n, 1))
-    out = np.empty((8, n))
-    program.run([columns, angles], out)
-    np.testing.assert_allclose(out, truth(*columns.T, angles[:, 0]), atol=1e-13)
+from stiff_models.physics.straight_line import Program, half_angle, tape_with
 
 
 def test_a_step_is_written_once_and_a_change_of_sign_never():

@@ -212,16 +212,6 @@ def discrepancy_by_hand(kernels, n, m):
     return within + other - 2 * sum(kernels[i, j] for i in source for j in target) / (n * m)
 
 
-@pytest.mark.parametrize("n_target", [1, 2, 3])
-def test_mk_mmd_is_the_sum_over_all_pairs(n_target):
-    source, target = SOURCE, TARGET[:n_target]
-    rows = torch.cat([source, target]).tolist()
-    kernels = kernels_by_hand(rows, [1 / 4, 1 / 2, 1, 2, 4])
-    assert mk_mmd(source, target).item() == pytest.approx(
-        discrepancy_by_hand(kernels, 3, n_target), rel=1e-12
-    )
-
-
 def test_jmmd_sees_that_features_and_outputs_belong_together():
     # the same features and the same outputs, in another pairing: only a joint distance sees it
     pairs = (SOURCE, SOURCE_OUTPUTS), (SOURCE, SOURCE_OUTPUTS[[1, 2, 0]])
@@ -264,15 +254,6 @@ def in_plane(angle):
 def test_rsd_of_two_planes_is_the_sine_of_the_angle_between_them(angle):
     # one direction in common; the bases match up to signs, so no penalty: 0 + sin(angle)
     assert rsd(in_plane(0.0), in_plane(angle)).item() == pytest.approx(np.sin(angle), abs=1e-6)
-
-
-def test_rsd_is_finite_where_subspaces_meet():
-    # 3 + 3 dimensions in 5 meet in one; TLLIB's function gives NaN for these rows
-    source, target = waves(3, 5)
-    source.requires_grad_()
-    value = rsd(source, target)
-    value.backward()
-    assert torch.isfinite(value) and torch.isfinite(source.grad).all()
 
 
 @pytest.mark.parametrize("distance", [rsd, dare_gram])

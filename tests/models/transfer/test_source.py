@@ -72,17 +72,6 @@ def test_a_grid_of_any_robot_gives_what_its_samples_give_alone(kinds, values, rn
         )
 
 
-@pytest.mark.parametrize("poses", ["paper", "data", "sobol"])
-@pytest.mark.parametrize("wrenches", ["paper", "data"])
-def test_every_design_gives_what_its_samples_give_alone(poses, wrenches, twin, rng):
-    design = source_design(poses, wrenches, twin.robot, twin.samples, 0)
-    assert (design.first_values is None) == (poses == "sobol")
-    domain = simulate(twin.robot, COMPLIANCE, design)
-    rows = rng.integers(len(domain), size=2_000)
-    truth = joint_deflection(twin.robot, COMPLIANCE, domain.q[rows], domain.wrench[rows])
-    np.testing.assert_allclose(domain.deflection[rows], truth, rtol=0, atol=1e-17)
-
-
 def test_another_robots_source_spans_its_own_poses_and_loads():
     data = FanucR2000iC().load()
     design = source_design("auto", "auto", data.robot, data.samples, 0)

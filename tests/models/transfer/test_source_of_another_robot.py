@@ -118,12 +118,6 @@ def test_fine_tuning_begins_with_the_other_robots_network_and_learns_the_targets
     assert left[1] < left[0]
 
 
-def test_the_models_own_source_is_back_when_none_is_given(target, ur5):
-    plain = predicted(MlpPretrained(**TINY).fit(target.samples, robot=target.robot), target)
-    again = fitted(fitted(MlpPretrained(**TINY), target, ur5), target, None)
-    np.testing.assert_array_equal(predicted(again, target), plain)
-
-
 def test_a_compliance_network_begins_with_the_other_robots_springs_in_the_targets_kinematics(
     target, ur5
 ):

@@ -175,12 +175,12 @@ def verdict_of_compare(a, b, rows):
     """Return what `bench compare` prints for (splits, tested poses) errors of A and of B."""
     differences = (a - b).mean(axis=1)[:, None]
     estimates = estimates_over_splits(differences, rows.shape[1] / N_POSES, Question())
-    if decide(estimates, 1.0 - LEVEL).verdict not in ("a", "b"):
+    if decide(estimates, 1.0 - LEVEL) not in ("a", "b"):
         return "open"  # another estimate makes no winner, and saves 20 ms here
     poses = rows.ravel().astype(str)
     of_a, of_b = (pose_errors(poses, one.reshape(-1, 1)) for one in (a, b))
     estimates += estimates_over_poses(of_a, of_b, Question())
-    return decide(estimates, 1.0 - LEVEL).verdict
+    return decide(estimates, 1.0 - LEVEL)
 
 
 def verdicts_of_compare(a, b, rows):
@@ -199,8 +199,7 @@ def verdicts_of_leaderboard(a, b, rows):
         drawn=resampled_means(of_poses),
     )
     pairs = [(column, len(a) + column) for column in range(len(a))]
-    decisions = decide_pairs(errors, pairs, Question(), correct=False)
-    return [decision.verdict for decision in decisions]
+    return decide_pairs(errors, pairs, Question(), correct=False)
 
 
 @pytest.mark.slow

@@ -1,0 +1,141 @@
+"""Fitting and testing of models under protocols."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import tempfile
+import weakref
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from stiff_bench.api.data import Dataset, choice_of, registry
+from stiff_bench.api.model import Model, model_choice
+from stiff_bench.api.results import DEFAULT_METRICS, Results
+from stiff_bench.console import say
+from stiff_bench.plan.cells import cell_tasks
+from stiff_bench.plan.options import Chosen
+from stiff_bench.plan.request import RunPlan, plan_run
+from stiff_bench.run.execution import Execution, chosen_execution
+from stiff_bench.run.machine import pin_threads, threads_asked_for
+from stiff_bench.run.progress import display
+from stiff_bench.run.runner import Finished, run_cells
+from stiff_bench.store.database import ResultStore
+from stiff_protocols.contract.errors import ConfigError
+
+
+def evaluate(
+    models: str | type | Model | Sequence[str | type | Model],
+    datasets: str | Dataset | Sequence[str | Dataset] = "kr10-twin",
+    *,
+    protocol: str | Sequence[str] = "holdout",
+    splits: int | None = None,
+    seed: int = 0,
+    metrics: Sequence[str] = DEFAULT_METRICS,
+    coverage: float | None = None,
+    jobs: int = 1,
+    device: str = "auto",
+    output: Path | str | None = None,
+) -> Results:
+    """Fit and test models on data sets under protocols.
+
+    Args:
+        models: names, models of `make_model` (each cell fits a new one), or classes.
+        datasets: names, or data sets of `load_dataset` and `read_samples`.
+        protocol: names, with their options: "kfold@folds=10".
+        splits: how many; None: the protocol's own number.
+        seed: of splits and models.
+        metrics: keys, that the tables show; all are computed.
+        coverage: nominal coverage of intervals, where a metric needs them; None: 0.9.
+        jobs: how many cells run at once, each in a process of its own. Classes that are defined in
+            a script or notebook are computed in this process.
+        device: "auto", "cpu" or "cuda", where networks run.
+        output: a folder that keeps the results: what it holds is not computed again. None: they
+            are gone with the `Results`.
+
+    Raises:
+        ConfigError: a name, an option or a value is wrong, or `output` is to keep results of a
+            class that is defined in a script or notebook: nobody could tell later what it was.
+        DataError: a data set cannot be loaded.
+    """
+    asked = [model_choice(one, {}) for one in _listed(models)]
+    local = [one for one in asked if one.cls.__module__ == "__main__"]
+    if local and output is not None:
+        raise ConfigError(
+            f"{local[0].info.key}: a class of a script or notebook, whose results cannot be kept; "
+            "leave out output=..., or define it in a file and call use_plugin(file)"
+        )
+    if local and jobs > 1:
+        raise ConfigError(
+            f"jobs={jobs}: {local[0].info.key} is a class of a script or notebook, which other "
+            "processes cannot import; leave out jobs=..., or define it in a file and call "
+            "use_plugin(file)"
+        )
+    data = [
+        one if isinstance(one, Dataset) else Dataset(choice_of("dataset", one, {}))
+        for one in _listed(datasets)
+    ]
+    names = [choice_of("protocol", one, {}) for one in _listed(protocol)]
+    folder = Path(tempfile.mkdtemp(prefix="stiffbench-") if output is None else output)
+    plan = plan_run(
+        Chosen(asked, [one.choice for one in data], names),
+        registry(),
+        output=folder,
+        metrics=metrics,
+        splits=splits,
+        seed=seed,
+        device=device,
+        coverage=coverage,
+        command="stiffbench.evaluate(...)",
+    )
+    threads = threads_asked_for()
+    isolate = False if local else None
+    execution = chosen_execution(plan, registry(), threads=threads, jobs=jobs, isolate=isolate)
+    pin_threads(threads)
+    with _script_not_imported():
+        finished = computed([plan], execution)
+    results = Results(folder, tuple(metrics), plan.command, finished.results)
+    if output is None:
+        weakref.finalize(results, shutil.rmtree, folder, ignore_errors=True)
+    return results
+
+
+def computed(plans: Sequence[RunPlan], execution: Execution) -> Finished:
+    """Compute what is missing of plans for one folder, as one run; return all of their results.
+
+    Raises:
+        StiffBenchError: the data cannot be loaded or divided, or the output not written.
+    """
+    tasks = list(cell_tasks(*plans))
+    store = ResultStore(plans[0].output)
+    protocols = (choice.info for plan in plans for choice in plan.protocols)
+    for warning in dict.fromkeys(info.warning for info in protocols if info.warning):
+        say(f"warning: {warning}")
+    with display() as shown:
+        return run_cells(tasks, plans[0].command, store, execution, shown)
+
+
+def _listed(given: Any) -> list[Any]:
+    return list(given) if isinstance(given, list | tuple) else [given]
+
+
+@contextmanager
+def _script_not_imported() -> Iterator[None]:
+    """Keep the processes inside the block from running the user's script again.
+
+    A process that multiprocessing starts imports the main module, in case that it needs a function
+    of it: without a main guard, a script would start itself.
+    """
+    main = sys.modules["__main__"]
+    kept = {name: getattr(main, name, None) for name in ("__file__", "__spec__")}
+    main.__spec__ = None
+    with suppress(AttributeError):
+        del main.__file__
+    try:
+        yield
+    finally:
+        for name, value in kept.items():
+            if value is not None:
+                setattr(main, name, value)
