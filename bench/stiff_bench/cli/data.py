@@ -9,6 +9,7 @@ import click
 
 from stiff_bench.cli.options import (
     FILE,
+    no_torque_option,
     output_option,
     plugin_option,
     robot_options,
@@ -25,7 +26,9 @@ def data() -> None:
 
 
 @data.command()
-@click.argument("key")
+@click.argument("key", metavar="KEY|FILE")
+@robot_options
+@no_torque_option
 @click.option(
     "--output",
     type=FILE,
@@ -35,12 +38,28 @@ def data() -> None:
 )
 @settings_option
 @plugin_option
-def info(key: str, output: Path, settings: tuple[str, ...], plugins: tuple[Path, ...]) -> None:
-    """Print a data set's card and facts, and draw its picture."""
+def info(
+    key: str,
+    no_torque: bool,
+    output: Path,
+    settings: tuple[str, ...],
+    plugins: tuple[Path, ...],
+    **words: Any,
+) -> None:
+    """Print a data set's card and facts, and draw its picture.
+
+    KEY may be your own FILE.csv, .xlsx or .parquet, with --urdf or --robot.
+    """
     from stiff_bench.data_tools.commands import show_info
     from stiff_bench.plan.registry import build_registry
+    from stiff_bench.plan.words import chosen_dataset, own_file
 
-    click.echo(show_info(key, settings, build_registry(plugins), output))
+    path = Path(key)
+    if path.suffix in (".csv", ".xlsx", ".parquet"):
+        choice = own_file(path, robot_words(words), no_torque)
+    else:
+        choice = chosen_dataset(key, settings, build_registry(plugins))
+    click.echo(show_info(choice, output))
 
 
 @data.command()
@@ -80,13 +99,17 @@ def plan(**words: Any) -> None:
 @data.command()
 @click.argument("file", type=FILE)
 @robot_options
-def validate(file: Path, **words: Any) -> int:
-    """Check a measured file and say what is odd in it."""
+@no_torque_option
+def validate(file: Path, no_torque: bool, **words: Any) -> int:
+    """Check a measured file and name the likeliest mistake in it.
+
+    Exit status: 0 ok; 1 suspicious, the report says why; 2 invalid, no command can use the file.
+    """
     from stiff_bench.data_tools.commands import validation
 
-    text, valid = validation(file, robot_words(words))
+    text, status = validation(file, robot_words(words), no_torque)
     click.echo(text)
-    return 0 if valid else 2
+    return status
 
 
 @data.command()
@@ -132,8 +155,9 @@ def fetch(key: str, source: Path | None) -> None:
 @click.argument("file", type=FILE)
 @click.option("--urdf", type=FILE, metavar="FILE.urdf", help="[default: the shipped KR10]")
 @tcp_option
-def register(key: str, file: Path, urdf: Path | None, tcp: str) -> None:
+@no_torque_option
+def register(key: str, file: Path, urdf: Path | None, tcp: str, no_torque: bool) -> None:
     """Make your own measurement a data set with a name."""
     from stiff_bench.data_tools.commands import register_file
 
-    click.echo(register_file(key, file, urdf, tcp))
+    click.echo(register_file(key, file, urdf, tcp, no_torque))

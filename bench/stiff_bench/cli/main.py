@@ -24,11 +24,11 @@ from stiff_bench.cli.options import (
     RESULTS,
     chosen,
     command_line,
+    data_options,
     device_option,
     execution_options,
     format_option,
     plugin_option,
-    robot_options,
     seed_option,
     settings_option,
     several_keys,
@@ -131,8 +131,7 @@ def bench() -> None:
 )
 @seed_option
 @settings_option
-@click.option("--data", type=FILE, metavar="FILE.csv", help="Your own data, with a robot.")
-@robot_options
+@data_options
 @plugin_option
 @device_option
 @execution_options("1")

@@ -11,10 +11,10 @@ from stiff_bench.cli.options import (
     FILE,
     PROBABILITY,
     chosen,
+    data_options,
     device_option,
     output_option,
     plugin_option,
-    robot_options,
     seed_option,
     settings_option,
     several_keys,
@@ -29,10 +29,7 @@ model_file_option = click.option(
 @click.command()
 @several_keys("--model", "models", required=True, help="One model.")
 @several_keys("--dataset", "datasets", help="A data set to fit to.")
-@click.option(
-    "--data", type=FILE, metavar="FILE.csv", help="Or your own data, with --urdf or --robot."
-)
-@robot_options
+@data_options
 @settings_option
 @seed_option
 @device_option
@@ -51,7 +48,7 @@ def fit(plugins: tuple[Path, ...], **words: Any) -> None:
     from stiff_bench.run.progress import display
     from stiff_protocols.contract.errors import ConfigError
 
-    if len(words["datasets"]) + (words["data"] is not None) != 1:
+    if len(words["datasets"]) + len(words["data"]) != 1:
         raise ConfigError("give one of --dataset KEY and --data FILE.csv")
     registry = build_registry(plugins)
     plan = plan_run(chosen(words, registry), registry, **words)

@@ -88,6 +88,11 @@ def output_option(metavar: str, text: str = "A new file.") -> Callable[[Command]
     return click.option("--output", type=FILE, required=True, metavar=metavar, help=text)
 
 
+no_torque_option = click.option(
+    "--no-torque",
+    is_flag=True,
+    help="No torques were measured: the columns tx_Nm.. may be missing, or zero.",
+)
 plugin_option = click.option(
     "--plugin",
     "plugins",
@@ -156,10 +161,25 @@ tcp_option = click.option(
 )
 robot_options = together(
     click.option(
-        "--robot", metavar="NAME", help="A shipped one: kr10-r1100-2, ur5 or fanuc-r2000ic."
+        "--robot",
+        metavar="NAME",
+        help="A shipped one: kr10-r1100-2 (the default, but for --data), ur5 or fanuc-r2000ic.",
     ),
     click.option("--urdf", type=FILE, metavar="FILE.urdf", help="Your own robot."),
     tcp_option,
+)
+
+data_options = together(
+    click.option(
+        "--data",
+        type=FILE,
+        multiple=True,
+        metavar="FILE",
+        help="Your own measurement (.csv, .xlsx or .parquet), with --urdf or --robot; may be "
+        "repeated.",
+    ),
+    no_torque_option,
+    robot_options,
 )
 
 
@@ -181,7 +201,7 @@ def chosen(words: dict[str, Any], registry: Registry) -> Chosen:
     """
     from stiff_bench.plan.words import choices
 
-    given = taken(words, "models", "datasets", "protocols", "settings", "data")
+    given = taken(words, "models", "datasets", "protocols", "settings", "data", "no_torque")
     return choices(registry, robot=robot_words(words), **given)
 
 

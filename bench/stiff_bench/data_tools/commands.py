@@ -11,16 +11,16 @@ import numpy as np
 
 from stiff_bench.data_tools.info import dataset_info, picture_quantity
 from stiff_bench.data_tools.picture import save_picture
-from stiff_bench.plan.registry import Registry, build_registry
+from stiff_bench.plan.options import Choice
 from stiff_bench.plan.request import loaded
-from stiff_bench.plan.words import RobotWords, chosen_dataset, parse_tcp
+from stiff_bench.plan.words import RobotWords, parse_tcp
 from stiff_bench.run.progress import display
 from stiff_bench.tables.published import published_stiffness
 from stiff_bench.tables.render import plain_text
 from stiff_bench.tables.table import Cell, Column, Table
 from stiff_datasets.measured.identifiability import REFERENCE_COMPLIANCE, regressor
 from stiff_datasets.measured.registered import register
-from stiff_datasets.measured.validate import ValidationReport, render_report, validate
+from stiff_datasets.measured.validate import render_report, validate
 from stiff_datasets.planning.plan import (
     FORCE_SHARE,
     Criterion,
@@ -41,16 +41,16 @@ from stiff_datasets.twin.constants import (
 from stiff_datasets.twin.simulate import simulate
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.files import make_folder
+from stiff_protocols.contract.plugin import DatasetInfo
 from stiff_protocols.contract.types import FloatArray, Robot
 
 PAPER_POSES = 151  # as many as the paper measured
 FEWEST_CANDIDATES, CANDIDATES_A_POSE = 2000, 10
 
 
-def show_info(key: str, settings: Sequence[str], registry: Registry, folder: Path) -> str:
-    """Return the text of `bench data info KEY` after drawing the picture in `folder`."""
-    choice = chosen_dataset(key, settings, registry)
-    data = loaded(choice)
+def show_info(choice: Choice[DatasetInfo], folder: Path) -> str:
+    """Return the text of `bench data info` after drawing the picture in `folder`."""
+    data, key = loaded(choice), choice.info.key
     options = choice.options_text
     name = f"{key} {options}".strip().replace("/", "_").replace(", ", "_").replace(" ", "_")
     picture = folder / f"{name}.png"
@@ -145,17 +145,13 @@ def _gain_table(name: str, gain: PlanGain, notes: Sequence[str], *, with_errors:
     return Table("", [Column("", "text"), *(Column(n, format=".2f") for n in names)], rows, notes)
 
 
-def validation(path: Path, words: RobotWords) -> tuple[str, bool]:
-    """Return the report on a measured file, and whether it is valid."""
-    report = _report(path, words)
+def validation(path: Path, words: RobotWords, no_torque: bool) -> tuple[str, int]:
+    """Return the report on a measured file, and 0: ok, 1: suspicious, 2: invalid."""
+    report = validate(path, words.read()[1], no_torque=no_torque)
     taken = "" if words.given else f"\nNo robot was named: {DEFAULT_ROBOT} was taken."
-    return render_report(report).rstrip() + taken, not report.errors
-
-
-def _report(path: Path, words: RobotWords) -> ValidationReport:
-    _, chain, _ = words.read()
-    reference_model = build_registry().model("vjm").load()
-    return validate(path, chain, reference_model())
+    return render_report(report).rstrip() + taken, ("ok", "suspicious", "invalid").index(
+        report.verdict
+    )
 
 
 def write_simulation(*, twin: str, samples: int, output: Path, **options: Any) -> str:
@@ -180,11 +176,12 @@ def _constants(twin: str) -> TwinConstants:
     return read_constants(Path(twin))
 
 
-def register_file(key: str, csv: Path, urdf: Path | None, tcp: str) -> str:
+def register_file(key: str, csv: Path, urdf: Path | None, tcp: str, no_torque: bool) -> str:
     """Register a measurement and return what is odd in it and what to do with it."""
     words = RobotWords(None, urdf, tcp)
     default = named_robot(DEFAULT_ROBOT).tcp if urdf is None else (0.0, 0.0, 0.0)
-    place = register(key, csv, urdf, parse_tcp(tcp) if tcp else default)
-    odd = [f"warning: {finding.message}" for finding in _report(csv, words).warnings]
+    place = register(key, csv, urdf, parse_tcp(tcp) if tcp else default, no_torque=no_torque)
+    report = validate(csv, words.read()[1], no_torque=no_torque)
+    odd = [f"warning: {finding.message}" for finding in report.warnings]
     done = f"{key}: {csv} registered in {place}; use it with: bench run --dataset {key}"
     return "\n".join([*odd, done])

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from stiff_bench.console import say
 from stiff_bench.plan.options import Choice, Chosen, options_of
 from stiff_bench.plan.registry import Info, Registry
 from stiff_bench.plan.words import chosen_dataset
-from stiff_protocols.contract.errors import ConfigError, DataError, StiffBenchError
+from stiff_protocols.contract.errors import (
+    ConfigError,
+    DataError,
+    StiffBenchError,
+    StiffBenchWarning,
+)
 from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.interfaces import ChecksParams, NamesSources
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
@@ -118,11 +125,15 @@ def loaded(dataset: Choice[DatasetInfo]) -> BenchmarkData:
         DataError: it cannot be loaded; what a stranger's loader raises becomes one clear error.
     """
     try:
-        data = dataset.make().load()
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", StiffBenchWarning)
+            data = dataset.make().load()
     except StiffBenchError:
         raise
     except Exception as error:
         raise DataError(f"{dataset.info.key!r}: {type(error).__name__}: {error}") from error
+    for warning in caught:
+        say(f"warning: {warning.message}")
     if not isinstance(data, BenchmarkData):
         raise DataError(
             f"{dataset.info.key!r}: load returned {type(data).__name__}, expected BenchmarkData"

@@ -180,7 +180,8 @@ def choices(
     datasets: Sequence[str] = (),
     protocols: Sequence[str] = (),
     settings: Sequence[str] = (),
-    data: Path | None = None,
+    data: Sequence[Path] = (),
+    no_torque: bool = False,
     robot: RobotWords = NO_ROBOT,
 ) -> Chosen:
     """Return what is chosen by the options of these names.
@@ -193,21 +194,29 @@ def choices(
     """
     if not models:
         raise ConfigError(f"give at least one --model (valid: {', '.join(registry.models)}, all)")
-    if data is None and robot.given:
+    if not data and robot.given:
         raise ConfigError("--robot, --urdf and --tcp describe the robot of --data; give it too")
     every = [key for word in models for key in (registry.models if word == EVERY_MODEL else [word])]
-    if data is None and not datasets:
+    if not data and not datasets:
         datasets = [DEFAULT_DATASET]
     words: dict[Kind, Sequence[str]] = {"model": every, "dataset": datasets, "protocol": protocols}
     found = chosen(words, settings, registry)
-    if data is not None:
-        keys = {choice.info.key for of_kind in found.values() for choice in of_kind}
-        if data.name in keys:
-            raise ConfigError(f"--data {data}: its name is also a key of this run; rename it")
-        if not (robot.urdf or robot.robot):
-            raise ConfigError(
-                f"--data {data}: needs its robot too: --urdf FILE.urdf or --robot NAME"
-            )
-        own = Choice.of(replace(MEASURED_FILE, key=data.name))
-        found["dataset"].append(replace(own, context={"csv": data, "robot": robot.read()[0]}))
+    keys = {choice.info.key for of_kind in found.values() for choice in of_kind}
+    for path in data:
+        if path.name in keys:
+            raise ConfigError(f"--data {path}: its name is also a key of this run; rename it")
+        keys.add(path.name)
+        found["dataset"].append(own_file(path, robot, no_torque))
     return Chosen(found["model"], found["dataset"], found["protocol"])
+
+
+def own_file(data: Path, robot: RobotWords, no_torque: bool) -> Choice[DatasetInfo]:
+    """Return the data set that stands for the user's own file.
+
+    Raises:
+        ConfigError: its robot is not named.
+    """
+    if not (robot.urdf or robot.robot):
+        raise ConfigError(f"{data}: needs its robot too: --urdf FILE.urdf or --robot NAME")
+    context = {"csv": data, "robot": robot.read()[0], "no_torque": no_torque}
+    return replace(Choice.of(replace(MEASURED_FILE, key=data.name)), context=context)

@@ -5,7 +5,6 @@ Every check yields findings; `lines` is the (n,) row number of every sample in i
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
@@ -13,10 +12,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from stiff_datasets.measured.hypotheses import Reading, compliances
 from stiff_datasets.measured.sample_checks import SAME_POSE
 from stiff_datasets.measured.sample_files import MM_PER_M, file_units
-from stiff_protocols.contract.errors import StiffBenchWarning
-from stiff_protocols.contract.interfaces import StiffnessModel
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 
 Lines = NDArray[np.int64]
@@ -122,11 +120,6 @@ def range_findings(samples: Samples, lines: Lines) -> Iterator[Finding]:
     odd = ~loaded & (size_mm > NOISE_MM)
     if odd.any():
         yield warning(f"deflection without a load, up to {size_mm[odd].max():.3g} mm", lines[odd])
-    if len(samples) < FEWEST_SAMPLES:
-        yield warning(
-            f"{len(samples)} samples; with fewer than {FEWEST_SAMPLES}, methods can "
-            "hardly be told apart"
-        )
 
 
 def repeat_findings(samples: Samples, robot: Robot, lines: Lines) -> Iterator[Finding]:
@@ -166,35 +159,27 @@ def outlier_findings(
     )
 
 
-def residuals_and_outliers(
-    samples: Samples, robot: Robot, model: StiffnessModel
-) -> tuple[FloatArray, NDArray[np.bool_]]:
+def residuals_and_outliers(data: Reading) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return (n,) the length of each residual [mm], and whether it is an outlier.
 
     An outlier's residual is far off as a share of the deflection, since a model's error grows with
-    the load, and more than `MODEL_ERROR` of the deflection. The model is fitted again without the
-    outliers until they stay the same, so that a gross one does not hide others. Of the errors
+    the load, and more than `MODEL_ERROR` of the deflection. Joint springs are fitted again without
+    the outliers until they stay the same, so that a gross one does not hide others. Of the errors
     planted in the FANUC measurement and in KR10 twins, a reading of the wrong sign and one ten
     times too large are found; one ten times too small is not.
-
-    Raises:
-        ModelError: the model cannot be fitted.
     """
-    odd = np.zeros(len(samples), dtype=bool)
-    residual_mm = np.zeros(len(samples))
+    odd = np.zeros(len(data.q), dtype=bool)
+    matrix, residual_mm = data.regressor(), np.zeros(len(data.q))
     for _ in range(5):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", StiffBenchWarning)  # identifiability stands apart
-            model.fit(samples.take(np.flatnonzero(~odd)), robot=robot)
-        predicted = model.predict(samples.q, samples.wrench)
-        residual_mm = np.linalg.norm(samples.deflection - predicted, axis=1) * MM_PER_M
-        if len(samples) < FEWEST_FOR_OUTLIERS:
+        predicted = matrix @ compliances(data.take(~odd))
+        residual_mm = np.linalg.norm(data.deflection - predicted, axis=1) * MM_PER_M
+        if len(odd) < FEWEST_FOR_OUTLIERS:
             break
         size_mm = np.linalg.norm(predicted, axis=1) * MM_PER_M
         size_mm = np.maximum(size_mm, np.median(size_mm))  # small ones are mostly noise
         share = residual_mm / np.maximum(size_mm, NOISE_MM)
         found = far_off(share) & (share > MODEL_ERROR) & (residual_mm > NOISE_MM)
-        if (found == odd).all() or found.sum() > len(samples) // 5:
+        if (found == odd).all() or found.sum() > len(odd) // 5:
             break
         odd = found
     return residual_mm, odd

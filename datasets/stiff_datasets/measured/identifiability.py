@@ -79,17 +79,28 @@ def regressor(chain: ChainModel, q: FloatArray, wrench: FloatArray) -> FloatArra
     Raises:
         DataError: an array has another shape, or an entry is not finite.
     """
-    model, data = chain.model, chain.model.createData()
-    q = frozen_array(q, "q", (None, model.nv))
+    q = frozen_array(q, "q", (None, chain.model.nv))
     wrench = frozen_array(wrench, "wrench", (len(q), 6))
+    rows = zip(jacobians(chain, q), wrench, strict=True)
+    found = [jacobian[:3] * (jacobian.T @ load) for jacobian, load in rows]
+    return np.array(found).reshape(-1, 3, chain.model.nv)
+
+
+def jacobians(chain: ChainModel, q: FloatArray) -> FloatArray:
+    """Return (n, 6, n_joints) the Jacobians at the TCP, linear part first, base frame.
+
+    Args:
+        chain: the robot.
+        q: (n, n_joints) joint positions, rad or m; a continuous joint has one angle too.
+    """
+    model, data = chain.model, chain.model.createData()
     last, at_tcp = model.njoints - 1, pin.SE3(np.eye(3), chain.tcp)
-    result = np.empty((len(q), 3, model.nv))
-    for row, (angles, load) in enumerate(zip(q, wrench, strict=True)):
+    result = np.empty((len(q), 6, model.nv))
+    for row, angles in enumerate(q):
         # of a continuous joint Pinocchio wants cosine and sine
         configuration = pin.integrate(model, pin.neutral(model), angles)
         pin.computeJointJacobians(model, data, configuration)
-        jacobian = pin.getFrameJacobian(model, data, last, at_tcp, pin.LOCAL_WORLD_ALIGNED)
-        result[row] = jacobian[:3] * (jacobian.T @ load)
+        result[row] = pin.getFrameJacobian(model, data, last, at_tcp, pin.LOCAL_WORLD_ALIGNED)
     return result
 
 

@@ -67,7 +67,7 @@ def read_loads(path: Path, robot: Robot) -> LoadTable:
         DataError: the file is unreadable, empty or wrongly headed, or a value is none; the message
             names file, row (1 is the header of a CSV file), column, value and what is valid.
     """
-    sheet = read_sheet(path)
+    sheet = read_sheet(path).recognised(all_columns(robot))
     problems = table_problems(sheet, all_columns(robot), (*ID_COLUMNS, *DEFLECTION_COLUMNS))
     if problems:
         raise problems_error(path, problems, "")

@@ -5,35 +5,45 @@ The columns are those of `stiff_datasets.measured.sample_files`.
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 from stiff_datasets.measured.sample_checks import CheckedSamples, check_sheet, problems_error
 from stiff_datasets.measured.sample_files import read_sheet, sample_table, sheet_of, write_table
+from stiff_protocols.contract.errors import StiffBenchWarning
 from stiff_protocols.contract.types import BenchmarkData, Robot, Samples
 
 
-def check_file(path: Path, robot: Robot) -> CheckedSamples:
+def check_file(path: Path, robot: Robot, *, no_torque: bool = False) -> CheckedSamples:
     """Read a file of measured samples and collect everything that is wrong with it.
 
     Args:
-        path: the file; Parquet if it ends in .parquet, else CSV.
+        path: the file; Parquet or Excel if it ends in .parquet or .xlsx, else CSV.
         robot: the robot that was measured; gives the number of joints and their limits.
+        no_torque: torques were not measured; their columns may be missing.
 
     Raises:
         DataError: the file cannot be read, is empty, or is no table.
     """
-    return check_sheet(read_sheet(path), robot)
+    return check_sheet(read_sheet(path), robot, no_torque=no_torque)
 
 
-def read_samples(path: Path, robot: Robot) -> Samples:
+def read_samples(path: Path, robot: Robot, *, no_torque: bool = False) -> Samples:
     """Read and check a file of measured samples; arguments as `check_file`.
+
+    Columns that are not ours are kept aside; a `StiffBenchWarning` names them.
 
     Raises:
         DataError: the file is unreadable, empty or wrongly headed, or a value cannot be; the
             message names file, row (1 is the header of a CSV file), column, value and what is
             valid, and how many problems there are beside the first.
     """
-    return _samples(check_file(path, robot), "bench data validate lists them")
+    checked = check_file(path, robot, no_torque=no_torque)
+    samples = _samples(checked, "bench data validate lists them")
+    if checked.unused:
+        message = f"{path}: columns not used: {', '.join(checked.unused)}"
+        warnings.warn(message, StiffBenchWarning, stacklevel=2)
+    return samples
 
 
 def write_samples(path: Path, samples: Samples, robot: Robot) -> None:
@@ -60,14 +70,16 @@ class MeasuredData:
     """A user's own measurement: a file of samples and the robot they were measured on.
 
     Attributes:
-        csv: the samples; Parquet if the name ends in .parquet.
+        csv: the samples; Parquet or Excel if the name ends in .parquet or .xlsx.
         robot: the robot.
+        no_torque: torques were not measured; their columns may be missing.
     """
 
-    def __init__(self, *, csv: Path, robot: Robot) -> None:
+    def __init__(self, *, csv: Path, robot: Robot, no_torque: bool = False) -> None:
         """Store the arguments."""
         self.csv = csv
         self.robot = robot
+        self.no_torque = no_torque
 
     def load(self) -> BenchmarkData:
         """Read the file.
@@ -75,11 +87,13 @@ class MeasuredData:
         Raises:
             DataError: see `read_samples`.
         """
-        return BenchmarkData(read_samples(self.csv, self.robot), self.robot)
+        return BenchmarkData(
+            read_samples(self.csv, self.robot, no_torque=self.no_torque), self.robot
+        )
 
 
 def _samples(checked: CheckedSamples, hint: str) -> Samples:
     """Return the samples, or raise for the first problem."""
-    if checked.samples is None:
+    if checked.samples is None or checked.problems:
         raise problems_error(checked.path, checked.problems, hint)
     return checked.samples

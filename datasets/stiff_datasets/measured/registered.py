@@ -75,6 +75,7 @@ class Registration:
         tcp: (3,) tool centre point in the frame of the URDF's last link, m.
         sha256: of the CSV as it was registered.
         urdf_sha256: of the URDF; "" where it is the shipped robot.
+        no_torque: torques were not measured; their columns may be missing.
     """
 
     key: str
@@ -83,6 +84,7 @@ class Registration:
     tcp: tuple[float, float, float]
     sha256: str
     urdf_sha256: str
+    no_torque: bool = False
 
     def read(self) -> BenchmarkData:
         """Read the files, whatever their checksum.
@@ -97,7 +99,7 @@ class Registration:
             robot = load_robot(self.urdf, tcp=self.tcp)
         else:
             robot = shipped_robot(SLOTS[self.key], tcp=self.tcp)
-        return MeasuredData(csv=self.csv, robot=robot).load()
+        return MeasuredData(csv=self.csv, robot=robot, no_torque=self.no_torque).load()
 
 
 def registry_file() -> Path:
@@ -105,7 +107,14 @@ def registry_file() -> Path:
     return home() / "datasets.toml"
 
 
-def register(key: str, csv: Path, urdf: Path | None, tcp: tuple[float, float, float]) -> Path:
+def register(
+    key: str,
+    csv: Path,
+    urdf: Path | None,
+    tcp: tuple[float, float, float],
+    *,
+    no_torque: bool = False,
+) -> Path:
     """Register a measurement after reading it; an earlier one under the key is replaced.
 
     Args:
@@ -113,6 +122,7 @@ def register(key: str, csv: Path, urdf: Path | None, tcp: tuple[float, float, fl
         csv: the samples, in the schema of `stiff_datasets.measured.measured`.
         urdf: the robot; None: the slot's shipped one.
         tcp: (3,) tool centre point in the frame of the URDF's last link, m.
+        no_torque: torques were not measured; their columns may be missing.
 
     Returns:
         The file that holds every registration.
@@ -129,7 +139,8 @@ def register(key: str, csv: Path, urdf: Path | None, tcp: tuple[float, float, fl
     path = registry_file()
     tables = _tables(path)
     csv, urdf = csv.absolute(), urdf.absolute() if urdf else None
-    entry = Registration(key, csv, urdf, tcp, _sha256(csv), _sha256(urdf) if urdf else "")
+    of_urdf = _sha256(urdf) if urdf else ""
+    entry = Registration(key, csv, urdf, tcp, _sha256(csv), of_urdf, no_torque)
     from stiff_datasets.measured.sample_files import SIMULATED_GROUP
 
     if SIMULATED_GROUP in entry.read().samples.group:
@@ -142,6 +153,7 @@ def register(key: str, csv: Path, urdf: Path | None, tcp: tuple[float, float, fl
         "tcp": [float(length) for length in tcp],
         "sha256": entry.sha256,
         "urdf_sha256": entry.urdf_sha256,
+        "no_torque": no_torque,
     }
     _write(path, tables)
     return path
@@ -166,9 +178,9 @@ def registration(key: str) -> Registration | None:
             "urdf_sha256": str(of_urdf),
         } if all(abs(length) < _LONGEST_M for length in (x, y, z)):
             tcp = (float(x), float(y), float(z))
-            return Registration(
-                key, Path(csv), Path(urdf) if urdf else None, tcp, checksum, of_urdf
-            )
+            place = Path(urdf) if urdf else None
+            no_torque = table.get("no_torque", False) is True
+            return Registration(key, Path(csv), place, tcp, checksum, of_urdf, no_torque)
     raise DataError(
         f"{path}: table [{key}] is {table!r}, expected csv, urdf (empty: the shipped robot), tcp "
         f"(three lengths in m), sha256 and urdf_sha256; register again: {_command(key)}"

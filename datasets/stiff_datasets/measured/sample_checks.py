@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from stiff_datasets.measured.sample_files import (
     ID_COLUMNS,
     LONGEST_CELL,
     MM_PER_M,
+    TORQUE_COLUMNS,
     WRENCH_COLUMNS,
     Sheet,
     all_columns,
@@ -68,54 +69,69 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class CheckedSamples:
-    """A file's samples if nothing is wrong with it, else its problems.
+    """A file's samples and its problems.
 
     Attributes:
         path: the file.
         problems: those of the whole file first, then by row.
-        samples: None if there are problems.
+        samples: None where a cell is no number or no name; to be used only without problems.
         rows: (n,) row number of every sample, for messages.
+        unused: names of columns that are not ours.
     """
 
     path: Path
     problems: tuple[Problem, ...]
     samples: Samples | None
     rows: NDArray[np.int64]
+    unused: tuple[str, ...]
 
 
-def check_sheet(sheet: Sheet, robot: Robot) -> CheckedSamples:
+def check_sheet(sheet: Sheet, robot: Robot, *, no_torque: bool = False) -> CheckedSamples:
     """Check the cells of a file and turn them into samples.
 
     Args:
         sheet: the cells.
         robot: the robot that was measured; gives the number of joints and their limits.
+        no_torque: torques were not measured; their columns may be missing, and are zero then.
     """
-    problems = table_problems(sheet, all_columns(robot)) or [*_long_names(sheet)]
+    columns = all_columns(robot)
+    sheet = sheet.recognised(columns)
+    optional = TORQUE_COLUMNS if no_torque else ()
+    problems = table_problems(sheet, columns, optional) or [*_long_names(sheet)]
     if problems:
-        return CheckedSamples(sheet.path, tuple(problems), None, sheet.lines)
+        return CheckedSamples(sheet.path, tuple(problems), None, sheet.lines, sheet.unused)
+    absent = [name for name in optional if name not in sheet.cells]
+    sheet = replace(sheet, cells=sheet.cells.assign(**dict.fromkeys(absent, "0")))
+    sheet, junk = _without_junk(sheet)
+    if sheet.cells.empty:
+        return CheckedSamples(sheet.path, tuple(junk), None, sheet.lines, sheet.unused)
     q_file = sheet.numbers(joint_columns(robot))  # deg, and mm of prismatic joints
     wrench, deflection_mm = sheet.numbers(WRENCH_COLUMNS), sheet.numbers(DEFLECTION_COLUMNS)
-    problems = [
+    unreadable = [
+        *junk,
         *_id_problems(sheet),
         *number_problems(sheet, joint_columns(robot), q_file),
         *number_problems(sheet, WRENCH_COLUMNS, wrench),
         *number_problems(sheet, DEFLECTION_COLUMNS, deflection_mm),
+    ]
+    problems = [
+        *unreadable,
         *wrench_problems(sheet, wrench),
         *radian_problems(q_file, robot),
         *limit_problems(sheet, q_file, robot),
         *_deflection_problems(sheet, deflection_mm),
         *_pose_problems(sheet, q_file, robot),
     ]
-    if problems:
-        problems.sort(key=lambda problem: problem.row or 0)
-        return CheckedSamples(sheet.path, tuple(problems), None, sheet.lines)
+    problems.sort(key=lambda problem: problem.row or 0)
+    if unreadable:
+        return CheckedSamples(sheet.path, tuple(problems), None, sheet.lines, sheet.unused)
     samples = Samples(
         q=q_file / file_units(robot),
         wrench=wrench,
         deflection=deflection_mm / MM_PER_M,
         **{name: sheet.cells[name].to_numpy(dtype=str) for name in ID_COLUMNS},
     )
-    return CheckedSamples(sheet.path, (), samples, sheet.lines)
+    return CheckedSamples(sheet.path, tuple(problems), samples, sheet.lines, sheet.unused)
 
 
 def problems_error(path: Path, problems: Sequence[Problem], hint: str) -> DataError:
@@ -137,14 +153,30 @@ def table_problems(
     """
     found = list(sheet.cells.columns)
     missing = [name for name in columns if name not in (*found, *optional)]
-    unknown = [name for name in found if name not in columns]
     repeated = sorted({name for name in found if found.count(name) > 1})
-    labelled = (("missing", missing), ("unknown", unknown), ("repeated", repeated))
-    parts = [f"{label} {', '.join(names)}" for label, names in labelled if names]
+    parts = [f"missing {', '.join(missing)}"] if missing else []
+    parts += [f"repeated {', '.join(repeated)}"] if repeated else []
+    parts += [f"unknown {', '.join(sheet.unused)}"] if missing and sheet.unused else []
     if parts:
         may_miss = f"; optional: {', '.join(optional)}" if optional else ""
-        return [Problem(f"header: {'; '.join(parts)}", ",".join(columns) + may_miss)]
+        if missing and not optional and set(missing) <= set(TORQUE_COLUMNS):
+            may_miss = "; --no-torque if none were measured"
+        return [
+            Problem(_shortened(f"header: {'; '.join(parts)}", 500), ",".join(columns) + may_miss)
+        ]
     return [Problem("no data rows below the header", "")] if sheet.cells.empty else []
+
+
+def _without_junk(sheet: Sheet) -> tuple[Sheet, list[Problem]]:
+    """Set rows apart that are no data: one problem a row, not one a cell."""
+    filled = (sheet.cells != "") & sheet.cells.notna()
+    junk = (filled.sum(axis=1) < filled.shape[1] / 2).to_numpy()
+    problems = []
+    for row in np.flatnonzero(junk):
+        column = str(filled.columns[int(np.argmax(filled.iloc[row]))])
+        problems.append(_problem(sheet, row, column, f"a row of {filled.shape[1]} cells"))
+    rows = sheet.cells[~junk].reset_index(drop=True)
+    return replace(sheet, cells=rows, lines=sheet.lines[~junk]), problems
 
 
 def _problem(sheet: Sheet, row: int | np.integer, column: str, valid: str) -> Problem:
@@ -152,12 +184,12 @@ def _problem(sheet: Sheet, row: int | np.integer, column: str, valid: str) -> Pr
         value=_shortened(str(sheet.cells[column].iloc[row])),
         valid=valid,
         row=int(sheet.lines[row]),
-        column=column,
+        column=sheet.headers.get(column, column),
     )
 
 
-def _shortened(text: str) -> str:
-    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
+def _shortened(text: str, most: int = _SHOWN) -> str:
+    return text if len(text) <= most else f"{text[:most]}..."
 
 
 def _long_names(sheet: Sheet) -> Iterator[Problem]:
@@ -169,7 +201,7 @@ def _long_names(sheet: Sheet) -> Iterator[Problem]:
 def _id_problems(sheet: Sheet) -> Iterator[Problem]:
     for column in ID_COLUMNS:
         for row, name in enumerate(sheet.cells[column]):
-            if not name:
+            if not name or (column == "pose_id" and name.startswith("#")):
                 yield _problem(sheet, row, column, "a name")
             elif name != name.strip() or _UNPRINTABLE.search(name):
                 yield _problem(sheet, row, column, "a name that prints on one line")
@@ -214,19 +246,27 @@ def limit_problems(sheet: Sheet, q_file: FloatArray, robot: Robot) -> Iterator[P
     """Yield the joint positions (n, n_joints), deg or mm, outside of the robot's limits."""
     lower = np.maximum(robot.lower * file_units(robot), -LARGEST_NUMBER)
     upper = np.minimum(robot.upper * file_units(robot), LARGEST_NUMBER)
+    units = [column.rpartition("_")[2] for column in joint_columns(robot)]
     outside = (q_file < lower - LIMIT_SLACK) | (q_file > upper + LIMIT_SLACK)
     for row, joint in np.argwhere(np.isfinite(q_file) & outside):
         yield _problem(
             sheet,
             row,
             joint_columns(robot)[joint],
-            f"{lower[joint]:g}..{upper[joint]:g}, the limits of joint "
+            f"{lower[joint]:g}..{upper[joint]:g} {units[joint]}, the limits of joint "
             f"{robot.joint_names[joint]} of {robot.name}",
         )
 
 
 def _deflection_problems(sheet: Sheet, deflection_mm: FloatArray) -> Iterator[Problem]:
     size = np.abs(deflection_mm)
+    if len(size) >= 5 and (size.max(axis=1) > LARGEST_DEFLECTION_MM).mean() > 0.5:
+        yield Problem(
+            f"half of the deflections exceed {LARGEST_DEFLECTION_MM:g} mm; the columns dx_mm.. are "
+            "in mm, these look like micrometres",
+            "",
+        )
+        return
     valid = f"mm within +-{LARGEST_DEFLECTION_MM:g}; is the file in another unit?"
     for row, axis in np.argwhere(size > LARGEST_DEFLECTION_MM):
         yield _problem(sheet, row, DEFLECTION_COLUMNS[axis], valid)

@@ -1,18 +1,22 @@
-"""Tables of measured samples as files, CSV or Parquet: the schema, reading and writing.
+"""Tables of measured samples as files, CSV, Excel or Parquet: the schema, reading and writing.
 
 Columns, one row a load at a pose: ``pose_id, load_id, group, q1_deg .. qn_deg, fx_N, fy_N, fz_N,
 tx_Nm, ty_Nm, tz_Nm, dx_mm, dy_mm, dz_mm`` (``q2_mm`` where joint 2 is prismatic). The wrench
 acts at the TCP; wrench and deflection are expressed in the robot base frame; a deflection is the
-loaded minus the unloaded position.
+loaded minus the unloaded position. Other names and units that people write are understood
+(`recognised`), as are semicolons or tabs with decimal commas, and lines that begin with ``#``.
 """
 
 from __future__ import annotations
 
+import codecs
 import io
 import math
 import re
 import warnings
-from dataclasses import dataclass
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,12 +32,15 @@ ID_COLUMNS = ("pose_id", "load_id", "group")
 SIMULATED_GROUP = "simulated"
 """The group of rows that `bench data simulate` wrote."""
 WRENCH_COLUMNS = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")
+TORQUE_COLUMNS = WRENCH_COLUMNS[3:]
 DEFLECTION_COLUMNS = ("dx_mm", "dy_mm", "dz_mm")
 MM_PER_M = 1000.0
 DEG_PER_RAD = 180.0 / np.pi
 
-PARQUET = ".parquet"
-"""The ending of a Parquet file; every other file is CSV."""
+PARQUET, EXCEL = ".parquet", ".xlsx"
+"""The endings of Parquet and Excel files; every other file is CSV."""
+LARGEST_EXCEL = 2**28
+"""Bytes, unpacked."""
 
 MOST_COLUMNS = 100
 """No robot has so many joints."""
@@ -41,6 +48,25 @@ LONGEST_CELL = 100
 """Characters of a name or a number; an array of names is as wide as its longest."""
 LONGEST_LINE = 20_000
 """Characters; a line of 500,000 commas takes pandas seconds."""
+
+ALIASES = {
+    "pose": "pose_id",
+    "load": "load_id",
+    **{
+        f"{name}{i}": f"q{i}" for name in ("a", "j", "joint", "axis", "theta") for i in range(1, 10)
+    },
+    **{f"force{axis}": f"f{axis}" for axis in "xyz"},
+    **{f"{name}{axis}": f"t{axis}" for name in ("m", "torque", "moment") for axis in "xyz"},
+    **{f"{name}{axis}": f"d{axis}" for name in ("u", "delta", "deflection") for axis in "xyz"},
+}
+"""What people call a column, in lower case, without its unit, blanks and underscores."""
+UNITS = {
+    "deg": {"deg": 1.0, "°": 1.0, "rad": DEG_PER_RAD},
+    "mm": {"mm": 1.0, "m": MM_PER_M, "um": 1e-3, "µm": 1e-3, "μm": 1e-3},
+    "N": {"n": 1.0, "kn": 1e3, "kg": 9.80665, "kgf": 9.80665},
+    "Nm": {"nm": 1.0, "knm": 1e3, "nmm": 1e-3},
+}
+"""Unit of our columns -> units that a header may name, in lower case -> factor to ours."""
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _DECIMALS = 10
@@ -53,24 +79,60 @@ class Sheet:
 
     Attributes:
         path: the file.
-        cells: text (CSV) or whatever the file holds (Parquet), without blank rows.
-        lines: (n,) row number of each data row, for messages. In a CSV file it is the line as
-            an editor counts, so row 1 is the header; a Parquet file has no header row, and row 1
-            is its first.
+        cells: text (CSV) or whatever the file holds, without blank rows.
+        lines: (n,) row number of each data row, for messages. In a CSV or Excel file it is the
+            line as an editor counts; a Parquet file has no header row, and row 1 is its first.
+        decimal: what stands for the decimal point in text.
+        factors: column -> factor from its unit in the file to ours, where that is another.
+        headers: column -> its name in the file, where that is another.
+        unused: names of columns that are not ours.
     """
 
     path: Path
     cells: pd.DataFrame
     lines: NDArray[np.int64]
+    decimal: str = "."
+    factors: Mapping[str, float] = field(default_factory=dict)
+    headers: Mapping[str, str] = field(default_factory=dict)
+    unused: tuple[str, ...] = ()
 
     def numbers(self, columns: tuple[str, ...]) -> FloatArray:
-        """Return (n, len(columns)) the cells as numbers, NaN where a cell is no finite one.
+        """Return (n, len(columns)) the cells in our units, NaN where a cell is no finite number.
 
         Text is read as Python reads it, to the nearest floating point number; not every version
         of pandas promises that.
         """
-        values = [[_number(cell) for cell in self.cells[column]] for column in columns]
-        return np.array(values, dtype=np.float64).T
+        values = [[_number(cell, self.decimal) for cell in self.cells[each]] for each in columns]
+        factors = [self.factors.get(column, 1.0) for column in columns]
+        return np.array(values, dtype=np.float64).T * factors
+
+    def recognised(self, columns: tuple[str, ...]) -> Sheet:
+        """Return the sheet with columns named as in `columns`, the others set apart.
+
+        A column is recognised in any case, under the `ALIASES`, with another unit of `UNITS`
+        behind its name or with none: ``A1``, ``q1 [rad]``, ``Fx[kN]``, ``dx_um``.
+        """
+        usual = {_split(column)[0]: column for column in columns}
+        kept: dict[int, str] = {}
+        factors: dict[str, float] = {}
+        for i, header in enumerate(self.cells.columns):
+            name, unit = _split(header)
+            column = usual.get(name, "")
+            ours = "" if column in ID_COLUMNS else column.rpartition("_")[2]
+            factor = UNITS[ours].get(unit) if ours and unit else 1.0
+            if not column or factor is None or (unit and not ours):
+                continue
+            kept[i] = column
+            if factor != 1.0:
+                factors[column] = factor
+        found = list(self.cells.columns)
+        return replace(
+            self,
+            cells=self.cells.iloc[:, list(kept)].set_axis(list(kept.values()), axis="columns"),
+            factors=factors,
+            headers={column: found[i] for i, column in kept.items()},
+            unused=tuple(name for i, name in enumerate(found) if i not in kept),
+        )
 
 
 def joint_columns(robot: Robot) -> tuple[str, ...]:
@@ -89,15 +151,28 @@ def file_units(robot: Robot) -> FloatArray:
     return np.array([DEG_PER_RAD if k == "revolute" else MM_PER_M for k in robot.joint_types])
 
 
+def _split(header: str) -> tuple[str, str]:
+    """Return the usual name of a column without its unit, and the unit, "" for none."""
+    known = "|".join(unit for units in UNITS.values() for unit in units)
+    header = re.sub(r"\.\d+$", "", header)  # pandas numbers a name that stands twice
+    text = header.strip().lower().replace("n m", "nm").replace("n·m", "nm")
+    match = re.fullmatch(rf"(.+?)[\s_]*(?:[\[(]\s*(.*?)\s*[\])]|[\s_]({known}))?", text)
+    name, bracketed, bare = match.groups() if match else (text, None, None)
+    name = re.sub(r"[\s_]", "", name)
+    name = {"poseid": "pose_id", "loadid": "load_id"}.get(name, name)
+    return ALIASES.get(name, name), bracketed or bare or ""
+
+
 def read_sheet(path: Path) -> Sheet:
-    """Read a CSV or Parquet file as it is.
+    """Read a CSV, Excel (its first sheet) or Parquet file as it is.
 
     Raises:
         DataError: the file cannot be read, is empty, or is no table.
-        ConfigError: it is Parquet, and pyarrow is not installed.
+        ConfigError: the package that reads Excel or Parquet is not installed.
     """
+    readers = {PARQUET: _read_parquet, EXCEL: _read_excel}
     try:
-        return _read_parquet(path) if path.suffix == PARQUET else _read_csv(path)
+        return readers.get(path.suffix.lower(), _read_csv)(path)
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
 
@@ -154,21 +229,23 @@ def write_table(path: Path, table: pd.DataFrame) -> None:
 
 def _read_csv(path: Path) -> Sheet:
     """Return the table as text, so that a message can show a wrong value as it was written."""
+    content = path.read_bytes()
+    utf16 = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     try:
-        text = path.read_text(encoding="utf-8-sig")
-        longest = max(map(len, text.split("\n")))
+        text = content.decode("utf-16" if utf16 else "utf-8-sig")
+        lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+        longest = max(map(len, lines))
         if longest > LONGEST_LINE:
             raise DataError(f"{path}: a line of {longest} characters (valid: {LONGEST_LINE})")
-        header = text.partition("\n")[0]
-        for name, separator in (("semicolons", ";"), ("tabs", "\t")):
-            if separator in header and "," not in header:
-                raise DataError(
-                    f"{path}: header: separated by {name} (valid: commas, and points in numbers)"
-                )
+        lines = ["" if line.lstrip().startswith("#") else line for line in lines]
+        first = next((i for i, line in enumerate(lines) if line.strip()), 0)
+        separator = max(",;\t", key=lines[first].count)
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)
             cells = pd.read_csv(
-                io.StringIO(text),
+                io.StringIO("\n".join(lines)),
+                sep=separator,
+                skiprows=first,
                 dtype=object,
                 skipinitialspace=True,
                 index_col=False,
@@ -176,12 +253,47 @@ def _read_csv(path: Path) -> Sheet:
                 skip_blank_lines=False,  # or the numbers of rows would not be those of lines
             )
     except pd.errors.EmptyDataError:
-        raise DataError(f"{path}: the file is empty, or its first line is") from None
-    except (pd.errors.ParserError, pd.errors.ParserWarning, UnicodeDecodeError) as error:
+        raise DataError(f"{path}: the file is empty") from None
+    except UnicodeDecodeError as error:
+        raise DataError(f"{path}: not a CSV table in UTF-8 or UTF-16: {error}") from error
+    except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
         raise DataError(f"{path}: not a CSV table: {' '.join(str(error).split())}") from error
     cells = cells.rename(columns=str.strip).fillna("").map(str.strip)
     cells = cells[(cells != "").any(axis=1)]
-    return Sheet(path, cells, cells.index.to_numpy(dtype=np.int64) + 2)
+    numbers = cells.index.to_numpy(dtype=np.int64) + first + 2
+    return Sheet(path, cells, numbers, decimal="." if separator == "," else ",")
+
+
+def _read_excel(path: Path) -> Sheet:
+    require(f"{path}: Excel", "openpyxl")
+    import openpyxl
+
+    try:
+        with zipfile.ZipFile(path) as parts:
+            size = sum(part.file_size for part in parts.infolist())
+        if size > LARGEST_EXCEL:
+            raise ValueError(f"{size} bytes unpacked (valid: at most {LARGEST_EXCEL})")
+        sheet = openpyxl.load_workbook(path, read_only=True, data_only=True).worksheets[0]
+        lines = enumerate(sheet.iter_rows(max_col=MOST_COLUMNS, values_only=True), start=1)
+        rows = {
+            number: ["" if cell is None else cell for cell in row]
+            for number, row in lines
+            if any(cell not in (None, "") for cell in row) and not str(row[0]).startswith("#")
+        }
+    except OSError:
+        raise
+    except Exception as error:  # of a damaged file openpyxl raises whatever its parsers do
+        reason = " ".join(str(error).split())
+        raise DataError(f"{path}: not an Excel table: {reason}") from error
+    cells = pd.DataFrame(rows.values(), index=list(rows), dtype=object).fillna("")
+    if cells.empty:
+        raise DataError(f"{path}: the first sheet is empty")
+    cells = cells.map(lambda cell: cell.strip() if isinstance(cell, str) else cell)
+    cells = cells.loc[:, (cells != "").any()]
+    names = [str(name) or f"column {i + 1}" for i, name in enumerate(cells.iloc[0])]
+    cells = cells.iloc[1:].set_axis(names, axis="columns")
+    numbers = cells.index.to_numpy(dtype=np.int64)
+    return Sheet(path, _named(cells.reset_index(drop=True)), numbers, decimal=",")
 
 
 def _read_parquet(path: Path) -> Sheet:
@@ -203,17 +315,22 @@ def _read_parquet(path: Path) -> Sheet:
     except (ValueError, KeyError, pa.ArrowException) as error:
         reason = " ".join(str(error).split())
         raise DataError(f"{path}: not a Parquet table: {reason}") from error
-    cells = cells.astype(object).rename(columns=str)
-    for name in set(ID_COLUMNS) & set(cells.columns):
-        names = cells[name].where(cells[name].notna(), "")
-        stripped = [str(value).strip() for value in names]  # a name may be a number there
-        cells[name] = pd.Series(stripped, dtype=object)
-    return sheet_of(path, cells)
+    return sheet_of(path, _named(cells.astype(object).rename(columns=str)))
 
 
-def _number(cell: object) -> float:
+def _named(cells: pd.DataFrame) -> pd.DataFrame:
+    """Return the cells with text in the columns of names, where a file may hold numbers."""
+    for header in cells.columns:
+        if _split(header)[0] in ID_COLUMNS:
+            names = cells[header].where(cells[header].notna(), "")
+            cells[header] = pd.Series([str(name).strip() for name in names], dtype=object)
+    return cells
+
+
+def _number(cell: object, decimal: str) -> float:
     number = np.nan
     if isinstance(cell, str):
+        cell = cell.replace(decimal, ".")
         short = len(cell) <= LONGEST_CELL
         number = float(cell) if short and _NUMBER.fullmatch(cell) else np.nan
     elif isinstance(cell, int | float | np.integer | np.floating) and not isinstance(cell, bool):

@@ -36,11 +36,13 @@ class ChainModel:
         model: Pinocchio model, fixed base.
         name: name of the robot.
         tcp: (3,) tool centre point in the last joint's frame, m.
+        flange: pose of the URDF's last link in the last joint's frame, m.
     """
 
     model: pin.Model
     name: str
     tcp: FloatArray
+    flange: pin.SE3
 
 
 def read_chain(urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0)) -> ChainModel:
@@ -75,7 +77,8 @@ def read_chain(urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0)) -> ChainMo
             f"tcp {list(tcp)} is no tool centre point: three finite lengths in m, "
             f"each within +-{LONGEST_TCP_M:g}"
         )
-    chain = ChainModel(model, model.name, _tip_placement(model, urdf).act(offset))
+    flange = _tip_placement(model, urdf)
+    chain = ChainModel(model, model.name, flange.act(offset), flange)
     try:
         robot_of(chain)  # Pinocchio takes what no robot has: NaN, an axis without direction
     except DataError as error:

@@ -11,6 +11,7 @@ EXTRAS = {
     "distributed": "cluster",
     "onnx": "onnx",
     "onnxscript": "onnx",
+    "openpyxl": "data",
     "optuna": "tune",
     "pooch": "data",
     "pyarrow": "data",

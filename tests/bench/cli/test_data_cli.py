@@ -51,7 +51,7 @@ def test_from_the_plan_to_the_leaderboard_with_ones_own_file(tmp_path, home, kr1
     assert len(read_samples(path, kr10)) == 151
     checked = bench_here("data", "validate", "measured.csv", cwd=tmp_path)
     assert checked.returncode == 0, checked.stderr
-    assert checked.stdout.startswith("measured.csv: valid")
+    assert checked.stdout.startswith("measured.csv: ok")
     assert "kr10-r1100-2 was taken" in checked.stdout
     words = ["run", "--model", "vjm", "--format", "csv"]
     by_name = bench_here(*words, "--data", "measured.csv", "--robot", "kr10-r1100-2", cwd=tmp_path)
@@ -119,9 +119,46 @@ def test_validate_lists_every_error_and_leaves_with_2(tmp_path):
     (tmp_path / "my.csv").write_text(text.replace("-0.538", "99", 1))
     done = bench_here("data", "validate", "my.csv", "--robot", "fanuc-r2000ic", cwd=tmp_path)
     assert done.returncode == 2
-    assert done.stdout.startswith("my.csv: NOT valid, 2 errors")
+    assert done.stdout.startswith("my.csv: invalid, 2 errors")
     assert "row 2, column dx_mm: 'nan'" in done.stdout
     assert "row 3, column dx_mm: '99'" in done.stdout
+
+
+def test_validate_names_a_wrench_with_its_sign_flipped(tmp_path):
+    rows = list(csv.reader(Path(FANUC_CSV).read_text().splitlines()))
+    for row in rows[1:]:
+        for i in (9, 10, 11):
+            row[i] = str(-float(row[i]))
+    with (tmp_path / "my.csv").open("w", newline="") as file:
+        csv.writer(file).writerows(rows)
+    words = ["data", "validate", "my.csv", "--robot", "fanuc-r2000ic", "--no-torque"]
+    done = bench_here(*words, cwd=tmp_path)
+    assert done.returncode == 1 and done.stdout.startswith("my.csv: suspicious, ")
+    assert "the wrench looks as if it had the opposite sign" in done.stdout
+
+
+def test_files_without_torques_are_used_and_registered_where_that_is_said(tmp_path, home):
+    words = ["data", "simulate", "--samples", "40", "--output", "s.csv"]
+    bench_here(*words, cwd=tmp_path)
+    rows = list(csv.DictReader((tmp_path / "s.csv").read_text().splitlines()))
+    names = [name for name in rows[0] if not name.startswith("t")]
+    for path in (tmp_path / "a.csv", tmp_path / "b.csv"):
+        with path.open("w", newline="") as file:
+            writer = csv.DictWriter(file, names, extrasaction="ignore")
+            writer.writeheader()
+            writer.writerows(row | {"group": "all"} for row in rows)
+    run = ["run", "--model", "vjm", "--data", "a.csv", "--data", "b.csv"]
+    robot = ["--robot", "kr10-r1100-2", "--no-torque"]
+    assert_refused(bench_here(*run, *robot[:2], cwd=tmp_path), "missing tx_Nm", "--no-torque")
+    done = bench_here(*run, *robot, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "**a.csv (user's file)" in done.stdout and "**b.csv (user's file)" in done.stdout
+    shown = bench_here("data", "info", "a.csv", *robot, cwd=tmp_path)
+    assert shown.returncode == 0 and (tmp_path / "results/info/a.csv.png").is_file()
+    words = ["data", "register", "kr10-measured", "a.csv", "--no-torque"]
+    assert bench_here(*words, cwd=tmp_path, env=home).returncode == 0
+    run = ["run", "--model", "vjm", "--dataset", "kr10-measured"]
+    assert bench_here(*run, cwd=tmp_path, env=home).returncode == 0
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
@@ -215,6 +252,7 @@ def test_pose_errors_are_fetched_and_never_called_stiffness(tmp_path, home):
         (["simulate", "--twin", "ur6", "--output", "s.csv"], ["--twin 'ur6'", "kr10-r1100-2, ur5"]),
         (["simulate", "--twin", "x.toml", "--output", "s.csv"], ["x.toml: cannot be read"]),
         (["simulate", "--output", "s.xls"], ["s.xls", ".csv, .parquet"]),
+        (["info", "my.csv"], ["my.csv: needs its robot too: --urdf FILE.urdf or --robot NAME"]),
         (["info", "kr10-twn"], ["unknown dataset 'kr10-twn'", "did you mean 'kr10-twin'"]),
         (["info", "robot-twin"], ["robot-twin", "--set robot-twin.constants=..."]),
         (["info", "kr10-twin", "--output", "/dev/null/x"], ["/dev/null/x: cannot be made"]),

@@ -9,7 +9,7 @@ import pytest
 
 from stiff_datasets.measured.measured import read_samples
 from stiff_datasets.robots.robot import load_robot
-from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.errors import DataError, StiffBenchWarning
 
 HEADER = (
     "pose_id,load_id,group,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,"
@@ -52,18 +52,74 @@ def test_columns_may_stand_in_any_order_with_spaces_and_blank_lines(tmp_path, kr
     assert samples.wrench[0, 2] == -80 and samples.pose_id.tolist() == ["NA"]
 
 
+GERMAN = [text.replace(",", ";").replace(".", ",") for text in (HEADER, GOOD)]
+ALIASES = "Pose,load,Group,A1,J2 [deg],q3,joint4_rad,A5,A6,Fx[kN],force_y,fz,Mx [N mm],ty,TZ_Nm,"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "\n".join(GERMAN).encode(),
+        "\n".join([HEADER, GOOD]).replace(",", "\t").encode("utf-16"),
+        "\r\n".join(["# made by hand", "", *GERMAN, "#P2;1;all"]).encode("utf-8-sig"),
+        f"{HEADER},note,T [C]\n{GOOD},windy,21".encode(),
+        f"{ALIASES}dx_um,DY,dz[m]\n{GOOD}".replace(
+            "0,40,0,50,10,-80,1,2,0,0.5,0.1,-0.9", "0,40,0,0.05,10,-80,1000,2,0,500,0.1,-0.0009"
+        ).encode(),
+    ],
+    ids=["German Excel", "UTF-16", "comments", "extra columns", "aliases and units"],
+)
+@pytest.mark.filterwarnings("ignore:.*columns not used")
+def test_a_file_is_read_as_people_write_it(tmp_path, kr10, content):
+    (tmp_path / "my.csv").write_bytes(content)
+    found = read_samples(tmp_path / "my.csv", kr10)
+    usual = read_samples(write(tmp_path, HEADER, GOOD), kr10)
+    for name in ("q", "wrench", "deflection"):
+        np.testing.assert_allclose(getattr(found, name), getattr(usual, name), rtol=1e-14)
+    assert found.pose_id.tolist() == usual.pose_id.tolist()
+
+
+def test_an_excel_file_is_read_and_its_rows_are_counted_as_excel_does(tmp_path, kr10):
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    numbers = [float(cell) for cell in GOOD.split(",")[3:]]
+    for row in (["# by hand"], [], HEADER.split(","), [7, 1, "all", *numbers]):
+        book.active.append(row)
+    book.save(tmp_path / "my.xlsx")
+    samples = read_samples(tmp_path / "my.xlsx", kr10)
+    assert samples.pose_id.tolist() == ["7"] and samples.wrench[0, 2] == -80
+    book.active["J4"] = "much"
+    book.save(tmp_path / "my.xlsx")
+    with pytest.raises(DataError, match=r"my\.xlsx: row 4, column fx_N: 'much'"):
+        read_samples(tmp_path / "my.xlsx", kr10)
+    (tmp_path / "my.xlsx").write_text(HEADER)
+    with pytest.raises(DataError, match="not an Excel table"):
+        read_samples(tmp_path / "my.xlsx", kr10)
+
+
+def test_columns_that_are_not_used_are_named_once(tmp_path, kr10):
+    with pytest.warns(StiffBenchWarning, match="columns not used: note, T$"):
+        read_samples(write(tmp_path, HEADER + ",note,T", GOOD + ",windy,21"), kr10)
+
+
+def test_a_file_of_forces_alone_is_read_where_that_is_said(tmp_path, kr10):
+    names = [*HEADER.split(",")[:12], *HEADER.split(",")[15:]]
+    values = [*GOOD.split(",")[:12], *GOOD.split(",")[15:]]
+    path = write(tmp_path, ",".join(names), ",".join(values))
+    assert read_samples(path, kr10, no_torque=True).wrench.tolist() == [[50, 10, -80, 0, 0, 0]]
+
+
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
         ([""], "the file is empty"),
         ([HEADER], "no data rows"),
-        ([HEADER.replace("dz_mm", "dz_m"), GOOD], "missing dz_mm; unknown dz_m"),
-        (
-            [HEADER.replace(",", ";"), GOOD.replace(",", ";").replace(".", ",")],
-            r"separated by semicolons \(valid: commas, and points in numbers\)",
-        ),
-        ([HEADER.replace(",", "\t"), GOOD.replace(",", "\t")], "separated by tabs"),
-        ([HEADER + ",dx_mm", GOOD + ",1"], "unknown dx_mm.1"),
+        ([HEADER.replace("dz_mm", "dz_inch"), GOOD], "missing dz_mm; unknown dz_inch"),
+        ([HEADER.replace(",tz_Nm", ""), GOOD.replace(",2,0,", ",2,")], "tz_Nm.*--no-torque"),
+        ([HEADER + ",Dx [mm]", GOOD + ",1"], "repeated dx_mm"),
+        ([HEADER + ",dx_mm", GOOD + ",1"], "repeated dx_mm"),
+        (["some words"], r"header: missing pose_id.*; unknown some words \(valid: pose_id,"),
+        ([HEADER, GOOD, "--- end of the log"], r"row 3, column pose_id: '--- end of the log'"),
         ([HEADER, GOOD, line(pose_id="P2", fx_N="abc")], r"row 3, column fx_N: 'abc'"),
         *(
             ([HEADER, line(dy_mm=cell)], rf"row 2, column dy_mm: '{cell}', expected a finite numb")
@@ -73,7 +129,7 @@ def test_columns_may_stand_in_any_order_with_spaces_and_blank_lines(tmp_path, kr
         ([HEADER, GOOD, GOOD], r"row 3, column pose_id,load_id: 'P1,1'"),
         (
             [HEADER, line(q2_deg=60)],
-            r"column q2_deg: '60', expected -190..45, the limits of joint A2",
+            r"column q2_deg: '60', expected -190..45 deg, the limits of joint A2",
         ),
         ([HEADER, line(dx_mm=51)], r"column dx_mm: '51', expected mm within \+-50"),
         (
@@ -118,7 +174,7 @@ def test_a_prismatic_joints_column_is_in_millimetres(tmp_path):
     header = "pose_id,load_id,group,q1_mm," + ",".join(HEADER.split(",")[9:])
     row = "P1,1,all,1500," + ",".join(GOOD.split(",")[9:])
     assert read_samples(write(tmp_path, header, row), robot).q.tolist() == [[1.5]]
-    with pytest.raises(DataError, match=r"column q1_mm: '2500', expected 0..2000"):
+    with pytest.raises(DataError, match=r"column q1_mm: '2500', expected 0..2000 mm"):
         read_samples(write(tmp_path, header, row.replace("1500", "2500")), robot)
 
 
