@@ -104,7 +104,7 @@ def run_cells(
     display.begin(missing, len(cached), seconds, execution.executor.at_once)
     with _described(tasks, command, store, execution) as run_id:
         sets = {task.cell.data_sha256: task.data for task in tasks}
-        sets |= {task.source.sha256: task.source for task in tasks if task.source is not None}
+        sets |= {one.cell.source_sha256: one.source for one in tasks if one.source is not None}
         for data in sets.values():
             store.write_data(data)
         with closing(execution.executor.results(waiting(), run_id, display)) as ended:

@@ -40,13 +40,11 @@ class Record(NamedTuple):
     Attributes:
         ok: it is a result.
         run_id: a run's name begins with its time.
-        n_splits: that were asked for; the newest command counts.
         numbers: hash of the predictions.
     """
 
     ok: bool
     run_id: str
-    n_splits: int
     numbers: int
 
 
@@ -89,7 +87,7 @@ def _survey(folder: Path, stack: ExitStack, known: Sequence[FolderSurvey] = ()) 
             found.damaged.append(f"{folder}: the record {key!r} is another cell's")
             continue
         run_id = sys.intern(result.run_id)
-        record = Record(result.status == "ok", run_id, result.n_splits, _numbers_of(result))
+        record = Record(result.status == "ok", run_id, _numbers_of(result))
         found.records[key] = record
         if not any(one.records.get(key) == record for one in known):
             for subject, value in _claims_of(result):
@@ -132,7 +130,7 @@ def _disagreements(surveys: Sequence[FolderSurvey]) -> dict[tuple[Kind, str], st
 
 
 _COLUMNS = ", ".join((*COLUMNS, "sha256"))
-_COUNTS_OVER = "(a.status = 'ok', a.run_id, a.n_splits) >= (b.status = 'ok', b.run_id, b.n_splits)"
+_COUNTS_OVER = "(a.status = 'ok', a.run_id) >= (b.status = 'ok', b.run_id)"
 _JOIN_CELLS = f"""
 DELETE FROM taken WHERE key IN (
     SELECT key FROM main.cell a JOIN other.cell b USING (key) WHERE {_COUNTS_OVER});
@@ -231,7 +229,7 @@ def _chosen(surveys: Sequence[FolderSurvey], there: FolderSurvey) -> tuple[list[
         take = set()
         for key, record in one.records.items():
             other = best.get(key)
-            if other is None or record[:3] > other[:3]:
+            if other is None or record[:2] > other[:2]:
                 take.add(key)
                 best[key] = record
             if other is not None and record.ok and other.ok and record.numbers != other.numbers:

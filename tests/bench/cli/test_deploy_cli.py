@@ -108,7 +108,7 @@ def test_measured_deflections_are_not_read_and_not_taken_for_predictions(predict
         ([HEADER, ROW.replace("-80", "much")], ["row 2, column fz_N: 'much', expected a finite"]),
         ([HEADER, ROW, ROW.replace("40", "", 1)], ["row 3, column q5_deg: ''"]),
         ([HEADER, ROW.replace("-80", "-8e7")], ["column fz_N", "another unit"]),
-        ([HEADER.replace("fx_N", "fx"), ROW], ["missing fx_N", "unknown fx", "optional: pose_id"]),
+        ([HEADER.replace("fx_N", "push"), ROW], ["missing fx_N", "push"]),
         ([HEADER], ["no data rows"]),
         ([HEADER, ROW.replace("50", "a"), ROW.replace("50", "b")], ["and 1 more"]),
     ],

@@ -190,6 +190,14 @@ def test_a_failure_keeps_the_end_of_its_log(run):
     assert results["Good"].log == () and "    | about to raise" in done.stderr
 
 
+def test_the_manifest_says_how_it_was_run(tmp_path):
+    words = ["--model", "zero", "--threads", "2", "--isolate", "--output", "out"]
+    assert bench_here("run", *words, cwd=tmp_path).returncode == 0
+    (manifest,) = read_manifests(tmp_path / "out")
+    facts = {name: manifest.environment[name] for name in ("jobs", "isolated", "OMP_NUM_THREADS")}
+    assert facts == {"jobs": "1", "isolated": "true", "OMP_NUM_THREADS": "2"}
+
+
 @pytest.mark.slow
 def test_strangers_models_are_isolated_and_ours_are_not(tmp_path):
     isolated = {}
