@@ -72,16 +72,13 @@ def has_fast_bfloat16(device: torch.device) -> bool:
 
 
 def _relative_error(dtype: torch.dtype, device: torch.device) -> float:
+    """Return the largest error of a product of the base network's size, against float64.
+
+    Each element's is relative to the lengths of the row and the column that it comes from.
+    """
     generator = torch.Generator().manual_seed(0)
     left, right = torch.randn(2, 380, 380, generator=generator).to(device, dtype)
-    return relative_error(left, right, left @ right)
-
-
-def relative_error(left: torch.Tensor, right: torch.Tensor, product: torch.Tensor) -> float:
-    """Return the largest error of a product (m, n) of (m, k) and (k, n), against float64.
-
-    Each element's is taken relative to the lengths of the row and the column it comes from.
-    """
+    product = (left @ right).double()
     left, right = left.double(), right.double()
     lengths = left.norm(dim=1)[:, None] * right.norm(dim=0)
-    return float((product.double() - left @ right).abs().div(lengths).max())
+    return float((product - left @ right).abs().div(lengths).max())
