@@ -23,11 +23,12 @@ BETTER_RMS = 0.05
 """Share by which a hypothesis must lower the RMS residual."""
 CLEARLY = 2.0
 """Standard errors over poses by which it must lower the squared residual."""
-AS_GOOD = 1.06
-"""Hypotheses that leave at most so many times the lowest RMS residual cannot be told apart."""
+AS_GOOD, NEARLY_AS_GOOD = 1.02, 1.06
+"""Of hypotheses that leave so many times the lowest RMS residual, the likeliest is named; and those
+that cannot be told apart from it with certainty are named beside it."""
 FOLDS, FEWEST_POSES = 10, 10
-MOST_SAMPLES = 1000
-"""So many samples are compared at most, spread evenly: a mistake shows in far fewer."""
+BLOCKS, BLOCK_ROWS = 10, 100
+"""Of a longer file so many blocks of rows are compared, spread evenly: a mistake shows in them."""
 STEPS = 4
 """Of Gauss-Newton; the free numbers enter the model almost linearly."""
 GRAVITY = 9.81  # m/s2
@@ -166,8 +167,10 @@ def diagnose(samples: Samples, chain: ChainModel) -> Diagnosis:
         samples: the data; fewer than ten poses are compared with nothing.
         chain: the robot that was measured.
     """
-    rows = np.linspace(0, len(samples) - 1, min(len(samples), MOST_SAMPLES)).astype(np.int64)
-    some = samples.take(rows)
+    some = samples
+    if len(samples) > BLOCKS * BLOCK_ROWS:
+        starts = np.linspace(0, len(samples) - BLOCK_ROWS, BLOCKS).astype(np.int64)
+        some = samples.take((starts[:, None] + np.arange(BLOCK_ROWS)).reshape(-1))
     pose = np.asarray(np.unique(some.pose_id, return_inverse=True)[1])
     data = reading(chain, some.q, some.wrench, some.deflection)
     n_poses = int(pose.max()) + 1
@@ -181,10 +184,9 @@ def diagnose(samples: Samples, chain: ChainModel) -> Diagnosis:
     ]
     better = [fit for fit in fits if _clearly_better(fit, given, pose)]
     lowest = min((fit.rms for fit in better), default=0.0)
-    close = [fit for fit in better if fit.rms <= AS_GOOD * lowest]
-    if not close:
-        return Diagnosis(given)
-    return Diagnosis(given, close[0], tuple(fit.text for fit in close[1:]))
+    best = next((fit for fit in better if fit.rms <= AS_GOOD * lowest), None)
+    close = (fit for fit in better if fit is not best and fit.rms <= NEARLY_AS_GOOD * lowest)
+    return Diagnosis(given, best, tuple(fit.text for fit in close))
 
 
 def compliances(data: Reading) -> FloatArray:

@@ -91,6 +91,7 @@ def read_loads(path: Path, robot: Robot) -> LoadTable:
         wrench=wrench,
         columns=pd.DataFrame(columns),
         oddities=(
+            *([f"{path}: columns not used: {', '.join(sheet.unused)}"] if sheet.unused else []),
             *(f"{path}: {problem}" for problem in radian_problems(q_file, robot)),
             *([_outside(path, outside)] if outside else []),
         ),

@@ -16,6 +16,7 @@ import re
 import warnings
 import zipfile
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -273,13 +274,14 @@ def _read_excel(path: Path) -> Sheet:
             size = sum(part.file_size for part in parts.infolist())
         if size > LARGEST_EXCEL:
             raise ValueError(f"{size} bytes unpacked (valid: at most {LARGEST_EXCEL})")
-        sheet = openpyxl.load_workbook(path, read_only=True, data_only=True).worksheets[0]
-        lines = enumerate(sheet.iter_rows(max_col=MOST_COLUMNS, values_only=True), start=1)
-        rows = {
-            number: ["" if cell is None else cell for cell in row]
-            for number, row in lines
-            if any(cell not in (None, "") for cell in row) and not str(row[0]).startswith("#")
-        }
+        with closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:
+            sheet = book.worksheets[0]
+            lines = enumerate(sheet.iter_rows(max_col=MOST_COLUMNS, values_only=True), start=1)
+            rows = {
+                number: ["" if cell is None else cell for cell in row]
+                for number, row in lines
+                if any(cell not in (None, "") for cell in row) and not str(row[0]).startswith("#")
+            }
     except OSError:
         raise
     except Exception as error:  # of a damaged file openpyxl raises whatever its parsers do

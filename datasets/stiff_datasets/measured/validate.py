@@ -36,9 +36,13 @@ from stiff_protocols.contract.types import FloatArray, Robot, Samples
 EXPLAINS_LITTLE = 0.85
 """Share of the squared deflection; joint springs explain 0.94 of the FANUC measurement and at least
 0.93 of ten specimens each of the shipped twins."""
-USUAL_SAG = (0.4e-3, 10e-3)
+USUAL_SAG = 2e-3
 """rad; how far the joint that gives way most turns under the arm's own weight. 2 to 2.8e-3 in all
-specimens of the shipped twins; both ends are five times as far."""
+specimens of the shipped twins."""
+NOMINAL = {"fanuc_r2000ic": (9.3e5, 4.1e6, 1.9e6, 2.3e5, 4.0e5, 8.0e4)}
+"""Stiffnesses [N m/rad] of robots whose URDF has no masses, as their source states them."""
+UNUSUAL = 5.0
+"""A robot that is so many times as compliant or stiff as usual is in another unit."""
 OTHER_UNITS = {
     1 / 1000: "the deflections in m",
     1 / 25.4: "the deflections in inch",
@@ -239,20 +243,20 @@ def _spring_findings(data: Reading, diagnosis: Diagnosis, lines: Lines) -> Itera
 
 
 def _unit_findings(data: Reading, compliance: FloatArray) -> Iterator[Finding]:
-    """Compare the stiffnesses with the arm's weight: a wrong unit scales them all alike."""
+    """Compare the stiffnesses with what is usual: a wrong unit scales them all alike."""
     model, memory = data.chain.model, data.chain.model.createData()
     configurations = (pin.integrate(model, pin.neutral(model), q) for q in data.q[:1000])
     torque = np.abs([pin.computeGeneralizedGravity(model, memory, each) for each in configurations])
     revolute = [kind == "revolute" for kind in robot_of(data.chain).joint_types]
-    sag = float((torque.max(axis=0) * compliance)[revolute].max(initial=0.0))
-    low, high = USUAL_SAG
-    if sag > 0.0 and not low < sag < high:
-        factor = sag / np.sqrt(low * high)
+    if torque.any():
+        factor = (torque.max(axis=0) * compliance)[revolute].max(initial=0.0) / USUAL_SAG
+    else:
+        factor = np.median(compliance * NOMINAL.get(data.chain.name, np.zeros(len(compliance))))
+    if factor > 0.0 and not 1.0 / UNUSUAL < factor < UNUSUAL:
         likely = OTHER_UNITS[min(OTHER_UNITS, key=lambda unit: abs(np.log(unit / factor)))]
         yield warning(
             f"the joints look {max(factor, 1 / factor):.2g} times as "
-            f"{'compliant' if factor > 1 else 'stiff'} as is usual for an arm of this weight; "
-            f"are {likely}?"
+            f"{'compliant' if factor > 1 else 'stiff'} as is usual for such an arm; are {likely}?"
         )
 
 

@@ -102,13 +102,23 @@ def test_measured_deflections_are_not_read_and_not_taken_for_predictions(predict
     assert (table[["dx_mm", "dy_mm", "dz_mm"]].abs() < 10).all(axis=None)
 
 
+def test_what_is_odd_is_predicted_with_a_warning(predict):
+    table, said = predict(f"{HEADER},note", f"{ROW},a", ROW.replace("10,", "200,", 1) + ",b")
+    assert len(table) == 2
+    assert "columns not used: note" in said
+    assert "1 row has a joint outside of its limits, the first: row 3, column q1_deg" in said
+
+
 @pytest.mark.parametrize(
     ("lines", "parts"),
     [
         ([HEADER, ROW.replace("-80", "much")], ["row 2, column fz_N: 'much', expected a finite"]),
         ([HEADER, ROW, ROW.replace("40", "", 1)], ["row 3, column q5_deg: ''"]),
         ([HEADER, ROW.replace("-80", "-8e7")], ["column fz_N", "another unit"]),
-        ([HEADER.replace("fx_N", "push"), ROW], ["missing fx_N", "push"]),
+        (
+            [HEADER.replace("fx_N", "fx_lbf"), ROW],
+            ["missing fx_N", "unknown fx_lbf", "optional: pose_id"],
+        ),
         ([HEADER], ["no data rows"]),
         ([HEADER, ROW.replace("50", "a"), ROW.replace("50", "b")], ["and 1 more"]),
     ],

@@ -157,6 +157,41 @@ def test_the_papers_protocol_breaks_the_seal_for_models_that_choose_an_epoch_alo
         computed_under_seal(tasks("mlp", "paper-holdout")[0])
 
 
+class Thief(Witness):
+    """A plugin that looks for the engine's data up the stack, and hides what goes wrong."""
+
+    at = "fit"
+
+    def fit(self, train, *, robot, validation=None, seed=0):
+        self.reach("fit")
+        return self
+
+    def predict(self, q, wrench):
+        self.reach("predict")
+        return np.full((len(q), 3), 1e-4)
+
+    def reach(self, stage):
+        frame = sys._getframe()
+        while self.at == stage and frame is not None:
+            task = frame.f_locals.get("task")
+            if task is not None:
+                with suppress(Exception):
+                    self.stolen = task.data.samples.deflection[task.split.test]
+            frame = frame.f_back
+
+
+class ThiefInPredict(Thief):
+    at = "predict"
+
+
+@pytest.mark.parametrize("thief", [Thief, ThiefInPredict])
+def test_a_plugin_that_reaches_for_the_engines_data_is_caught(thief, tasks):
+    task = witnessed(tasks("vjm", "holdout")[0], thief)
+    assert compute_cell(task, "r").status == "ok"  # so it is the seal that catches it
+    with pytest.raises(Leak, match="read during fit or prediction"):
+        computed_under_seal(task)
+
+
 def all_rows(task):
     return task.data.samples.take(np.arange(len(task.data.samples)))
 
