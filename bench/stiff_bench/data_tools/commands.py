@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from stiff_bench.data_tools.info import dataset_info, picture_quantity
-from stiff_bench.data_tools.picture import save_picture
+from stiff_bench.data_tools.info import dataset_info
+from stiff_bench.data_tools.picture import DEFLECTION, save_picture
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.request import loaded
 from stiff_bench.plan.words import RobotWords, parse_tcp
@@ -41,7 +41,7 @@ from stiff_datasets.twin.constants import (
 from stiff_datasets.twin.simulate import simulate
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.files import make_folder
-from stiff_protocols.contract.plugin import DatasetInfo
+from stiff_protocols.contract.plugin import STIFFNESS, DatasetInfo
 from stiff_protocols.contract.types import FloatArray, Robot
 
 PAPER_POSES = 151  # as many as the paper measured
@@ -56,7 +56,9 @@ def show_info(choice: Choice[DatasetInfo], folder: Path) -> str:
     picture = folder / f"{name}.png"
     make_folder(folder)
     title = ", ".join(filter(None, (f"{key} ({choice.info.label})", options)))
-    save_picture(data, title, picture, picture_quantity(choice.info))
+    task = choice.info.task
+    quantity = DEFLECTION if task == STIFFNESS else f"The {task} (no load is applied)"
+    save_picture(data, title, picture, quantity)
     return dataset_info(choice.info, data, picture, options)
 
 

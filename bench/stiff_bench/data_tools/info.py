@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from stiff_bench.data_tools.picture import DEFLECTION
 from stiff_bench.store.samples import load_torque
 from stiff_bench.tables.render import plain_text
 from stiff_bench.tables.table import Cell, Column, Quantity, Table
 from stiff_bench.tables.units import MM
 from stiff_models.physics.kinematics import gravity_torque
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.plugin import STIFFNESS, DatasetInfo
+from stiff_protocols.contract.plugin import DatasetInfo
 from stiff_protocols.contract.types import AXES, BenchmarkData, FloatArray
 
 COUNTING_SHARE = 0.05
@@ -27,11 +26,7 @@ MOST_GROUPS = 8  # in the printed table
 
 
 def principal_shares(vectors: FloatArray) -> tuple[float, ...]:
-    """Return the shares of (n, 3) vectors' squared length along their principal axes.
-
-    Returns:
-        Largest first; zeros where there is no length.
-    """
+    """Return the shares of (n, 3) vectors' squared length along principal axes, descending."""
     squared = np.linalg.eigvalsh(vectors.T @ vectors)[::-1].clip(min=0.0)  # (3,) singular values^2
     return tuple(float(one) for one in squared / (squared.sum() or 1.0))
 
@@ -167,11 +162,6 @@ def dataset_info(info: DatasetInfo, data: BenchmarkData, picture: Path, options:
     if info.card:
         parts.append(_card_text(info.key, info.card))
     return "\n\n".join([*parts, f"picture: {picture}"])
-
-
-def picture_quantity(info: DatasetInfo) -> str:
-    """Return what the data set's deflections are."""
-    return DEFLECTION if info.task == STIFFNESS else f"The {info.task} (no load is applied)"
 
 
 def _card_text(key: str, card: str) -> str:

@@ -154,10 +154,8 @@ def gather(source: FigureSource) -> Content:
             f"has every draw of every size of {protocol}; the `bench run` that made them goes on"
         )
     drawn = {name for errors in panels.values() for name in errors.index.unique("model")}
-    others = [name for name in names if name not in drawn]
-    caption = _caption(panels, of_protocol, drawn) + (
-        f" Not shown: {', '.join(others)}." if others else ""
-    )
+    others = ", ".join(name for name in names if name not in drawn)
+    caption = _caption(panels, of_protocol, drawn) + f" Not shown: {others}." * bool(others)
     shown = [name for name in models if name in drawn]
     return Content(caption, partial(learning_figure, panels, shown))
 

@@ -37,11 +37,7 @@ def checklist(
 ) -> tuple[str, bool]:
     """Return the checklist of `bench check KEY`, and whether nothing failed.
 
-    Args:
-        key: of a model, a data set or a protocol.
-        dataset: key of the data that models and protocols are checked on.
-        settings: ``KEY.option=value`` words.
-        registry: knows the keys.
+    Models and protocols are checked on the data set; settings are ``KEY.option=value`` words.
 
     Raises:
         ConfigError: a key, option or value is wrong, or the entry cannot be used here.
