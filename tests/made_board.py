@@ -23,21 +23,13 @@ PROTOCOLS = (*("holdout", "kfold", "sample-efficiency", "space-transfer", "load-
 RUN_ID = "20261121T120000Z-made00"
 
 
-def made_board(
-    folder: Path,
-    *,
-    n_splits: int = 5,
-    datasets: tuple[str, ...] = DATASETS,
-) -> int:
+def made_board(folder: Path, *, n_splits: int = 5) -> int:
     """Write a finished run of ten models and return how many records it has.
 
-    Args:
-        folder: of the results.
-        n_splits: of every protocol in each of its conditions.
-        datasets: words of the data sets.
+    `n_splits` is of every protocol in each of its conditions.
     """
     protocols = [f"kfold@folds={n_splits}" if key == "kfold" else key for key in PROTOCOLS]
-    plan = planned(models=MODELS, datasets=datasets, protocols=tuple(protocols), splits=n_splits)
+    plan = planned(models=MODELS, datasets=DATASETS, protocols=tuple(protocols), splits=n_splits)
     tasks = list(cell_tasks(plan))
     store = ResultStore(folder)
     for data in {task.cell.data_sha256: task.data for task in tasks}.values():

@@ -245,40 +245,6 @@ def test_a_folder_that_is_read_stays_as_it_is(tmp_path):
     assert before == ((tmp_path / FILE).read_bytes(), (tmp_path / FILE).stat().st_mtime_ns)
 
 
-BEGIN = f"""
-import resource, sys
-from pathlib import Path
-from dataclasses import replace
-sys.path[:0] = [{str(Path(__file__).parents[2])!r}]
-from stored_cells import CELL, result
-from stiff_bench.store.database import FILE, ResultStore
-from stiff_protocols.contract.errors import StoreError
-folder = Path(sys.argv[1])
-store = ResultStore(folder)
-"""
-FULL_DISK = f"""{BEGIN}
-size = (folder / FILE).stat().st_size + 200_000
-resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
-for index in range(10_000):
-    try:
-        store.write_cell(result(cell=replace(CELL, split_index=index)))
-    except StoreError as error:
-        print(error)
-        break
-print(index)
-"""
-
-
-def test_on_a_full_disk_the_last_cell_is_refused_in_one_line_and_the_others_stay(tmp_path):
-    words = [sys.executable, "-c", FULL_DISK, str(tmp_path)]
-    said, n_stored = subprocess.run(
-        words, capture_output=True, text=True, check=True
-    ).stdout.splitlines()
-    assert "cannot be written" in said and "disk" in said
-    assert len(read_results(tmp_path)) == int(n_stored) > 0
-    assert fault_of(tmp_path) is None
-
-
 def test_a_key_is_the_same_in_every_version_and_the_seed_is_that_of_data_and_rows():
     assert CELL.key == "8a49b67bbeadb3aae6d65663"
     of_data = dict.fromkeys(("dataset", "data_sha256", "protocol", "split_sha256"), "x")
@@ -370,38 +336,30 @@ def test_one_bit_anywhere_in_the_file_is_found_or_changes_nothing(tmp_path):
         assert all(before[one.cell.key] == (one.records, one.run_id) for one in found), place
 
 
-WRITER = f"""{BEGIN}
-for index in range(int(sys.argv[2]), int(sys.argv[3])):
+WRITER = f"""
+import sys
+from pathlib import Path
+from dataclasses import replace
+sys.path[:0] = [{str(Path(__file__).parents[2])!r}]
+from stored_cells import CELL, result
+from stiff_bench.store.database import ResultStore
+store = ResultStore(Path(sys.argv[1]))
+for index in range(100_000):
     store.write_cell(result(cell=replace(CELL, split_index=index)))
     print(index, flush=True)
 """
-
-
-def writer(folder: Path, first: int, last: int) -> subprocess.Popen[str]:
-    words = [sys.executable, "-c", WRITER, str(folder), str(first), str(last)]
-    return subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
-
-
-def test_two_writers_and_a_reader_of_one_folder_get_along(tmp_path):
-    ResultStore(tmp_path)
-    running = [writer(tmp_path, 0, 150), writer(tmp_path, 100, 250)]
-    while any(one.poll() is None for one in running):
-        read_results(tmp_path)
-    assert [one.wait() for one in running] == [0, 0]
-    for one in running:
-        one.stdout.close()
-    assert {one.cell.split_index for one in read_results(tmp_path)} == set(range(250))
 
 
 def test_a_writer_that_is_killed_at_any_moment_loses_nothing_that_it_had_stored(tmp_path):
     rng = np.random.default_rng(0)
     for number in range(4):
         folder = tmp_path / str(number)
-        with writer(folder, 0, 100_000) as one:
-            one.stdout.readline()
+        words = [sys.executable, "-c", WRITER, str(folder)]
+        with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as writer:
+            writer.stdout.readline()
             time.sleep(rng.uniform(0.0, 0.1))
-            one.send_signal(signal.SIGKILL)
-            said = {0, *(int(line) for line in one.stdout.read().split("\n") if line)}
+            writer.send_signal(signal.SIGKILL)
+            said = {0, *(int(line) for line in writer.stdout.read().split("\n") if line)}
         assert {found.cell.split_index for found in read_results(folder)} >= said - {max(said)}
         assert fault_of(folder) is None
 
