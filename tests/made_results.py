@@ -36,17 +36,6 @@ def made_data(number: int) -> BenchmarkData:
     )
 
 
-def _prediction(data, rows, error_mm, coverage) -> Prediction:
-    measured = data.samples.deflection[rows]
-    error = np.zeros((len(rows), 3))
-    error[:, 2] = np.asarray(error_mm) * 1e-3
-    interval = None
-    if coverage is not None:
-        reach = np.abs(error) + 1e-3
-        interval = Interval(measured - reach, measured + reach, coverage)
-    return Prediction(rows, measured + error, measured, interval, reference=measured + 1e-3)
-
-
 class MadeResults:
     """Writes cells; each split tests four of the twelve poses, or the rows that are given."""
 
@@ -103,18 +92,24 @@ class MadeResults:
             result = CellResult(cell, presentation, run_id, "failed", failure="it broke")
             if index not in failed:
                 tested = (np.arange(N_TEST) + index * N_TEST) % N_POSES if rows is None else rows
-                prediction = _prediction(data, np.asarray(tested), errors_mm[index], coverage)
-                result = replace(
-                    result,
-                    status="ok",
-                    failure="",
-                    records=metric_records(prediction, None),
-                    prediction=prediction,
-                    n_train=n_train or N_POSES - len(tested),
-                )
+                done = self._done(cell, presentation, run_id, data, tested, errors_mm[index])
+                result = replace(done, n_train=n_train or N_POSES - len(tested))
             self._store.write_cell(result)
             keys.append(cell.key)
         return keys
+
+    def _done(self, cell, presentation, run_id, data, rows, error_mm) -> CellResult:
+        rows = np.asarray(rows)
+        measured = data.samples.deflection[rows]
+        error = np.zeros((len(rows), 3))
+        error[:, 2] = np.asarray(error_mm) * 1e-3
+        prediction = Prediction(rows, measured + error, measured, reference=measured + 1e-3)
+        if cell.coverage is not None:
+            reach = np.abs(error) + 1e-3
+            interval = Interval(measured - reach, measured + reach, cell.coverage)
+            prediction = replace(prediction, interval=interval)
+        records = metric_records(prediction, None)
+        return CellResult(cell, presentation, run_id, "ok", records, prediction)
 
     def add_run(self, run_id: str, cells: Sequence[str]) -> None:
         """Write the manifest of a run that was asked for these cells."""

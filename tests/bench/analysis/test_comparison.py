@@ -125,7 +125,7 @@ def test_one_split_and_pooled_splits_are_judged_over_poses_and_say_of_what(tmp_p
     found = compared(folder)
     assert not found.over_splits and found.n_poses == 40
     assert found.row("norm").verdict == "a"
-    text = text_of(folder)
+    text = " ".join(text_of(folder).split())
     assert "these fits)" in sentence(report_on(folder))
     assert "A better (these fits) |" in text and "equivalent (these fits) |" in text
     assert "nothing about another training" in text
