@@ -10,7 +10,7 @@ import numpy as np
 
 from made_results import ROBOT
 from made_samples import samples_with
-from stiff_bench.analysis.collected import Contest, collect
+from stiff_bench.analysis.collected import Case, collect
 from stiff_bench.run.cell import metric_records
 from stiff_bench.store.database import ResultStore, read_data
 from stiff_bench.store.names import Variant
@@ -90,10 +90,10 @@ def store_results(
     return folder
 
 
-def contest_in(folder: Path) -> tuple[Contest, StoredData]:
-    """The only contest of a folder, and its data."""
-    (contest,) = collect(folder)
-    return contest, read_data(folder, contest.name.data_sha256)
+def case_in(folder: Path) -> tuple[Case, StoredData]:
+    """The only case of a folder, and its data."""
+    (case,) = collect(folder)
+    return case, read_data(folder, case.name.data_sha256)
 
 
 def spread(mean: float, deviation: float, seed: int = 3) -> Errors:

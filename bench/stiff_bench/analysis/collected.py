@@ -1,6 +1,6 @@
 """Stored results, sorted for comparisons: who met whom on the same data and the same splits.
 
-A contest is one data set under one protocol and condition. Results of different data never meet in
+A case is one data set under one protocol and condition. Results of different data never meet in
 one, even where the data sets' names are the same; results of different splits are different slots
 of it, and a model that lacks a slot is incomplete there.
 """
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from stiff_bench.store.database import DamagedFile, read_manifests, read_results
-from stiff_bench.store.names import OPTION_MARK, SHORT, ContestName, Variant, grouped, labels
+from stiff_bench.store.names import OPTION_MARK, SHORT, CaseName, Variant, grouped, labels
 from stiff_bench.store.newest import (
     Runs,
     Slot,
@@ -43,7 +43,7 @@ def split_sizes(results: Sequence[CellResult]) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class Competitor:
-    """One model, with its options, in one contest.
+    """One model, with its options, in one case.
 
     Attributes:
         shown: what must stand beside its numbers.
@@ -70,7 +70,7 @@ class Competitor:
 
 
 @dataclass(frozen=True, eq=False)
-class Contest:
+class Case:
     """All competitors on one data set under one protocol and condition.
 
     Attributes:
@@ -83,7 +83,7 @@ class Contest:
         left_out: which results do not count, and why.
     """
 
-    name: ContestName
+    name: CaseName
     slots: tuple[Slot, ...]
     competitors: Mapping[str, Competitor]
     newest_run: str
@@ -116,17 +116,17 @@ class StoredResults:
 
     Attributes:
         folder: that was read.
-        contests: all of its results, sorted.
+        cases: all of its results, sorted.
         runs: whose manifests it holds.
     """
 
     folder: Path
-    contests: tuple[Contest, ...]
+    cases: tuple[Case, ...]
     runs: tuple[RunManifest, ...] = ()
 
     @classmethod
     def read(cls, folder: Path) -> StoredResults:
-        """Read every result of a folder and sort them into contests.
+        """Read every result of a folder and sort them into cases.
 
         Where results contradict each other, those of the newest run count: see `newest.py`.
 
@@ -146,8 +146,8 @@ class StoredResults:
                     f"--results {folder}: holds no results; `bench run --output` makes them"
                 )
             runs = Runs.of(manifests)
-            contests = tuple(_contest(results, runs) for results in by_name.values())
-            return cls(folder, contests, manifests)
+            cases = tuple(_case(results, runs) for results in by_name.values())
+            return cls(folder, cases, manifests)
 
 
 @contextmanager
@@ -163,16 +163,16 @@ def no_garbage_collection() -> Iterator[None]:
             gc.enable()
 
 
-def collect(folder: Path) -> list[Contest]:
-    """Return the contests of a folder: see `StoredResults.read`."""
-    return list(StoredResults.read(folder).contests)
+def collect(folder: Path) -> list[Case]:
+    """Return the cases of a folder: see `StoredResults.read`."""
+    return list(StoredResults.read(folder).cases)
 
 
-def contest_name_of(result: CellResult) -> ContestName:
-    """Return the name of the contest that a result belongs to."""
+def case_name_of(result: CellResult) -> CaseName:
+    """Return the name of the case that a result belongs to."""
     cell = result.cell
     variant = Variant.shown(cell.dataset, result.shown.dataset, cell.dataset_params)
-    return ContestName(*_names_and_data(result), variant)
+    return CaseName(*_names_and_data(result), variant)
 
 
 def _names_and_data(result: CellResult) -> tuple[str, str, str, int, str, str]:
@@ -181,7 +181,7 @@ def _names_and_data(result: CellResult) -> tuple[str, str, str, int, str, str]:
     return shown.dataset, shown.protocol, cell.condition, cell.seed, *data
 
 
-def _contest(found: Sequence[CellResult], runs: Runs) -> Contest:
+def _case(found: Sequence[CellResult], runs: Runs) -> Case:
     results, left_out = of_newest_splits(found, runs)
     in_order = runs.newest_first(results)
     done = [one.cell.coverage for one in in_order if one.status == "ok"]
@@ -203,8 +203,8 @@ def _contest(found: Sequence[CellResult], runs: Runs) -> Contest:
             n_asked=newest.n_splits,
         )
     slots = {slot for one in competitors.values() for slot in (*one.done, *one.failures)}
-    return Contest(
-        name=contest_name_of(found[0]),
+    return Case(
+        name=case_name_of(found[0]),
         slots=tuple(sorted(slots)),
         competitors=competitors,
         newest_run=runs.run_of(in_order[0]),
@@ -213,28 +213,28 @@ def _contest(found: Sequence[CellResult], runs: Runs) -> Contest:
     )
 
 
-def competitor_names(contests: Iterable[Contest]) -> list[str]:
+def competitor_names(cases: Iterable[Case]) -> list[str]:
     """Return the names of all models that have a result or a failure anywhere."""
-    return sorted({name for contest in contests for name in contest.competitors})
+    return sorted({name for case in cases for name in case.competitors})
 
 
-def chosen_models(contests: Sequence[Contest], words: Sequence[str]) -> list[str]:
+def chosen_models(cases: Sequence[Case], words: Sequence[str]) -> list[str]:
     """Return the names of the models that words stand for; no word stands for all.
 
     Raises:
         ConfigError: a word has no results.
     """
-    known = competitor_names(contests)
+    known = competitor_names(cases)
     for word in words:
         if not any(stands_for(word, name) for name in known):
             raise ConfigError(f"--model: {unknown_name('model with results', word, known)}")
     return [name for name in known if asked_for(name, words)]
 
 
-def chosen_contests(
-    contests: Sequence[Contest], *, datasets: Sequence[str], protocols: Sequence[str]
-) -> list[Contest]:
-    """Return the contests of these data sets and protocols; none named means all.
+def chosen_cases(
+    cases: Sequence[Case], *, datasets: Sequence[str], protocols: Sequence[str]
+) -> list[Case]:
+    """Return the cases of these data sets and protocols; none named means all.
 
     A key without options stands for all its variants: "kr10-twin" for every specimen,
     "kr10-twin@specimen=0" for the one that is shown as "kr10-twin".
@@ -242,12 +242,12 @@ def chosen_contests(
     Raises:
         ConfigError: a name has no results.
     """
-    chosen = list(contests)
+    chosen = list(cases)
     for kind, asked in (("dataset", datasets), ("protocol", protocols)):
-        of_words = [[c for c in contests if _stands_for_its(kind, word, c)] for word in asked]
+        of_words = [[c for c in cases if _stands_for_its(kind, word, c)] for word in asked]
         for word, found in zip(asked, of_words, strict=True):
             if not found:
-                names = {getattr(contest.name, kind) for contest in contests}
+                names = {getattr(case.name, kind) for case in cases}
                 meant = unknown_name(f"{kind} with results", word, names)
                 raise ConfigError(f"--{kind}: {meant}")
         chosen = [c for c in chosen if not asked or any(c in found for found in of_words)]
@@ -264,29 +264,29 @@ def asked_for(name: str, words: Sequence[str]) -> bool:
     return not words or any(stands_for(word, name) for word in words)
 
 
-def _stands_for_its(kind: str, word: str, contest: Contest) -> bool:
-    """Say whether a word stands for a contest's data set or protocol; defaults may be spelled."""
-    name: str = getattr(contest.name, kind)
+def _stands_for_its(kind: str, word: str, case: Case) -> bool:
+    """Say whether a word stands for a case's data set or protocol; defaults may be spelled."""
+    name: str = getattr(case.name, kind)
     if stands_for(word, name):
         return True
-    asked, options = Variant.of_word(word), getattr(contest.cell, f"{kind}_params")
+    asked, options = Variant.of_word(word), getattr(case.cell, f"{kind}_params")
     return (
         bool(asked.options)
-        and asked.key == getattr(contest.cell, kind)
+        and asked.key == getattr(case.cell, kind)
         and all(str(options.get(option)) == text for option, text in asked.options.items())
     )
 
 
-def same_name_other_data(contests: Sequence[Contest]) -> Iterator[str]:
+def same_name_other_data(cases: Sequence[Case]) -> Iterator[str]:
     """Yield a line for each data set whose name stands for different numbers in the folder.
 
-    So too for contests whose source domain comes from different numbers under one name.
+    So too for cases whose source domain comes from different numbers under one name.
     """
-    of_dataset = grouped(contests, lambda one: one.name.dataset)
+    of_dataset = grouped(cases, lambda one: one.name.dataset)
     for dataset, found in of_dataset.items():
         yield from _several(dataset, "data", {one.name.data_sha256 for one in found})
-    names = labels(contest.name for contest in contests)
-    for found in grouped(contests, lambda one: replace(one.name, source_sha256="")).values():
+    names = labels(case.name for case in cases)
+    for found in grouped(cases, lambda one: replace(one.name, source_sha256="")).values():
         hashes = {one.name.source_sha256 for one in found}
         yield from _several(names[found[0].name], "source data", hashes)
 
@@ -297,10 +297,10 @@ def _several(name: str, what: str, hashes: Set[str]) -> Iterator[str]:
         yield f"{name} stands for different {what} here ({short}); they are never compared."
 
 
-def left_out_notes(contests: Sequence[Contest]) -> Iterator[str]:
-    """Yield a line for each reason why results of these contests do not count."""
-    names = labels(contest.name for contest in contests)
-    reasons = [(reason, names[one.name]) for one in contests for reason in one.left_out]
+def left_out_notes(cases: Sequence[Case]) -> Iterator[str]:
+    """Yield a line for each reason why results of these cases do not count."""
+    names = labels(case.name for case in cases)
+    reasons = [(reason, names[one.name]) for one in cases for reason in one.left_out]
     for reason, found in grouped(reasons, lambda pair: pair[0]).items():
         places = list(dict.fromkeys(place for _, place in found))
         where = places[0] if len(places) == 1 else f"{len(places)} comparisons"
@@ -315,7 +315,7 @@ def few_notes(notes: Iterable[str], most: int = 4) -> list[str]:
     return [*every[: most - 1], f"{len(every) - most + 1} more notes: `--format json`"]
 
 
-def competitor_meant(word: str, contests: Sequence[Contest]) -> str:
+def competitor_meant(word: str, cases: Sequence[Case]) -> str:
     """Return the name of the model with results that a word stands for.
 
     A word may spell out defaults, as for `bench run`: "knn@neighbours=5" is what is stored as
@@ -324,9 +324,9 @@ def competitor_meant(word: str, contests: Sequence[Contest]) -> str:
     Raises:
         ConfigError: there are no results of it.
     """
-    known = competitor_names(contests)
+    known = competitor_names(cases)
     asked = Variant.of_word(word)
-    cells = {name: one.cell for contest in contests for name, one in contest.competitors.items()}
+    cells = {name: one.cell for case in cases for name, one in case.competitors.items()}
     for name in [word] if word in known else known:
         options = cells[name].model_params
         shown = Variant.shown("", name, options).options.keys()

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from stiff_bench.analysis.collected import (
-    Contest,
+    Case,
     StoredResults,
-    chosen_contests,
+    chosen_cases,
     competitor_meant,
     left_out_notes,
     same_name_other_data,
@@ -31,7 +31,7 @@ from stiff_bench.analysis.verdict import (
 )
 from stiff_bench.analysis.where import Where, where_better
 from stiff_bench.store.database import read_data
-from stiff_bench.store.names import ContestName, grouped, labels, natural_key
+from stiff_bench.store.names import CaseName, grouped, labels, natural_key
 from stiff_bench.store.newest import Slot
 from stiff_bench.store.samples import StoredData
 from stiff_bench.store.versions import differing_libraries, sources
@@ -86,10 +86,10 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A and B in one contest.
+    """A and B in one case.
 
     Attributes:
-        name: of the contest.
+        name: of the case.
         a, b: what must stand beside their numbers.
         n_splits: that both have.
         n_train, n_test: rows that a split trains and tests on, means.
@@ -98,7 +98,7 @@ class Comparison:
         missing: what A or B lacks, or both of what was asked for, one line each.
     """
 
-    name: ContestName
+    name: CaseName
     a: Presentation
     b: Presentation
     n_splits: int
@@ -139,15 +139,15 @@ class PairedErrors:
     b: FloatArray
 
 
-def paired_errors(contest: Contest, a: str, b: str) -> PairedErrors:
-    """Return the errors of two models of a contest on the splits that both have.
+def paired_errors(case: Case, a: str, b: str) -> PairedErrors:
+    """Return the errors of two models of a case on the splits that both have.
 
     Raises:
         DataError: one has no results there, or they share no split.
     """
-    slots = _shared(contest, a, b)
-    results = contest.results(a, slots)
-    of_a, of_b = (pooled_prediction(one) for one in (results, contest.results(b, slots)))
+    slots = _shared(case, a, b)
+    results = case.results(a, slots)
+    of_a, of_b = (pooled_prediction(one) for one in (results, case.results(b, slots)))
     counts = [len(one.prediction.rows) for one in results if one.prediction is not None]
     sizes_a, sizes_b = (
         np.column_stack([absolute_errors(one), norm_errors(one)]) for one in (of_a, of_b)
@@ -155,40 +155,40 @@ def paired_errors(contest: Contest, a: str, b: str) -> PairedErrors:
     return PairedErrors(of_a.rows, np.repeat(np.arange(len(slots)), counts), sizes_a, sizes_b)
 
 
-def _shared(contest: Contest, a: str, b: str) -> list[Slot]:
+def _shared(case: Case, a: str, b: str) -> list[Slot]:
     """Return the splits that both have, or say why there are none."""
     for name in (a, b):
-        if not contest.competitors[name].done:
-            first = next(iter(contest.competitors[name].failures.values()))
+        if not case.competitors[name].done:
+            first = next(iter(case.competitors[name].failures.values()))
             raise DataError(f"{name} has no result ({first.why_none})")
-    slots = contest.shared_slots([a, b])
+    slots = case.shared_slots([a, b])
     if not slots:
         raise DataError(f"{a} and {b} have no result on the same split")
     return slots
 
 
-def compare(contest: Contest, a: str, b: str, data: StoredData, question: Question) -> Comparison:
-    """Compare two models of a contest on the splits that both have.
+def compare(case: Case, a: str, b: str, data: StoredData, question: Question) -> Comparison:
+    """Compare two models of a case on the splits that both have.
 
     Raises:
         DataError: one has no results there, they share no split, or one pose alone was tested.
     """
-    paired = paired_errors(contest, a, b)
-    slots = contest.shared_slots([a, b])
-    shown = contest.competitors[a].shown
-    n_train, n_test = split_sizes(contest.results(a, slots))
+    paired = paired_errors(case, a, b)
+    slots = case.shared_slots([a, b])
+    shown = case.competitors[a].shown
+    n_train, n_test = split_sizes(case.results(a, slots))
     test_share = n_test / len(data.samples)
     by_split = len(slots) > 1 and not shown.pooled
     return Comparison(
-        name=contest.name,
+        name=case.name,
         a=shown,
-        b=contest.competitors[b].shown,
+        b=case.competitors[b].shown,
         n_splits=len(slots),
         n_train=n_train,
         n_test=n_test,
         n_poses=len(np.unique(data.samples.pose_id[paired.rows])),
         rows=_rows(paired, data, test_share if by_split else None, question),
-        missing=tuple(_missing(contest, a, b)),
+        missing=tuple(_missing(case, a, b)),
     )
 
 
@@ -225,9 +225,9 @@ def _split_means(errors: FloatArray, split: IntArray) -> FloatArray:
     return np.array([errors[split == number].mean(axis=0) for number in np.unique(split)])
 
 
-def _missing(contest: Contest, a: str, b: str) -> Iterator[str]:
+def _missing(case: Case, a: str, b: str) -> Iterator[str]:
     """Yield how many splits were never run, on how many A or B has no result, and why."""
-    both = [contest.competitors[name] for name in (a, b)]
+    both = [case.competitors[name] for name in (a, b)]
     run = {slot for one in both for slot in (*one.done, *one.failures)}
     asked = max(one.n_asked for one in both)
     if len(run) < asked:
@@ -303,9 +303,9 @@ class Report:
     Attributes:
         a, b: names.
         question: what was asked.
-        comparisons: one a contest; at least one.
+        comparisons: one a case; at least one.
         across: over data sets of one robot type.
-        where: who is better where, if there is one contest.
+        where: who is better where, if there is one case.
         notes: what could not be compared, and what was left out.
         provenance: which stiffbench made the results.
     """
@@ -330,7 +330,7 @@ def compare_folder(
     protocols: Sequence[str] = (),
     conditions: Sequence[str] = (),
 ) -> Report:
-    """Compare two models in every contest in which both have results on the same splits.
+    """Compare two models in every case in which both have results on the same splits.
 
     Args:
         folder: of the results.
@@ -346,24 +346,24 @@ def compare_folder(
         StoreError: the folder holds no results, or damaged ones.
     """
     stored = StoredResults.read(folder)
-    a, b = (competitor_meant(word, stored.contests) for word in (a, b))
+    a, b = (competitor_meant(word, stored.cases) for word in (a, b))
     if a == b:
         raise ConfigError(f"compare {a!r} with another model than itself")
-    chosen = chosen_contests(stored.contests, datasets=datasets, protocols=protocols)
+    chosen = chosen_cases(stored.cases, datasets=datasets, protocols=protocols)
     chosen = _under(conditions, chosen)
     called = labels(one.name for one in chosen)
     run = {name: [called[one.name] for one in chosen if name in one.competitors] for name in (a, b)}
     data_of = functools.cache(functools.partial(read_data, folder))
     comparisons, shared, notes = [], [], []
-    for contest in chosen:
-        if not {a, b} <= contest.competitors.keys():
+    for case in chosen:
+        if not {a, b} <= case.competitors.keys():
             continue
-        data = data_of(contest.name.data_sha256)
+        data = data_of(case.name.data_sha256)
         try:
-            comparisons.append(compare(contest, a, b, data, question))
-            shared.append(contest)
+            comparisons.append(compare(case, a, b, data, question))
+            shared.append(case)
         except DataError as error:
-            notes.append(f"not compared: {called[contest.name]}: {error}.")
+            notes.append(f"not compared: {called[case.name]}: {error}.")
     if not comparisons:
         where_run = "; ".join(f"{name} was run in {_few(places)}" for name, places in run.items())
         raise ConfigError(" ".join(notes) or f"{a} and {b} never met: {where_run}")
@@ -378,8 +378,8 @@ def compare_folder(
     counts = {
         name: Counter(
             result.run_id
-            for contest in shared
-            for result in contest.results(name, contest.shared_slots([a, b]))
+            for case in shared
+            for result in case.results(name, case.shared_slots([a, b]))
         )
         for name in (a, b)
     }
@@ -400,14 +400,14 @@ def compare_folder(
     )
 
 
-def _under(conditions: Sequence[str], contests: Sequence[Contest]) -> list[Contest]:
-    """Return the contests of these conditions in order; none named means all."""
-    known = {contest.name.condition for contest in contests}
+def _under(conditions: Sequence[str], cases: Sequence[Case]) -> list[Case]:
+    """Return the cases of these conditions in order; none named means all."""
+    known = {case.name.condition for case in cases}
     for condition in conditions:
         if condition not in known:
             meant = unknown_name("condition", condition, known - {""})
             raise ConfigError(f"--condition: {meant}")
-    names = {one.name: one for one in contests if one.name.condition in (conditions or known)}
+    names = {one.name: one for one in cases if one.name.condition in (conditions or known)}
     return [names[name] for name in sorted(names, key=lambda one: (natural_key(one.text), one))]
 
 

@@ -27,7 +27,7 @@ VERDICTS: dict[Verdict, str] = {
     "open": "not told apart",
 }
 SELECTS_ON_TEST = "selects on the test part"
-"""Stands beside a contest whose protocol lets models do so."""
+"""Stands beside a case whose protocol lets models do so."""
 
 
 def render_report(report: Report, fmt: str, command: str) -> str:
@@ -57,7 +57,7 @@ def comparison_tables(report: Report, *, every_note: bool = False) -> dict[str, 
 def sentence(report: Report) -> str:
     """Return the result in one sentence, or more where some verdicts are of one training alone.
 
-    Among several contests those that select on the test part are counted apart.
+    Among several cases those that select on the test part are counted apart.
     """
     if len(report.comparisons) == 1:
         return _of_one(report, report.comparisons[0])
@@ -164,13 +164,13 @@ def _tables(report: Report) -> dict[str, Table]:
     """Return name -> table."""
     if len(report.comparisons) > 1:
         across = {"over datasets": _over_datasets(report)} if report.across else {}
-        return {"contests": _contests(report), **across}
+        return {"cases": _cases(report), **across}
     places = report.where.places if report.where is not None else ()
     return {"errors": _errors(report), **({"where": _places(report, places)} if places else {})}
 
 
 def _estimates(report: Report) -> Table:
-    """Return what each method says of each error in each contest."""
+    """Return what each method says of each error in each case."""
     texts = (
         *("dataset", "protocol", "condition", "seed", "splits", "data_sha256", "source_sha256"),
         *("selects_on_test", "mark_a", "mark_b", "task", "n_train", "n_test", "n_poses"),
@@ -259,7 +259,7 @@ def _errors(report: Report) -> Table:
     )
 
 
-def _contests(report: Report) -> Table:
+def _cases(report: Report) -> Table:
     called = label_parts(one.name for one in report.comparisons)
     kinds = " and ".join(dict.fromkeys(one.a.kind for one in report.comparisons))
     return Table(
@@ -282,7 +282,7 @@ def _contests(report: Report) -> Table:
 
 
 def _marks(found: Comparison) -> str:
-    """Return what must stand beside a contest among others: its own mark, A's and B's."""
+    """Return what must stand beside a case among others: its own mark, A's and B's."""
     a, b = mark_of(found.a), mark_of(found.b)
     marks = [f"A and B: {a}"] if a and a == b else [f"A: {a}" if a else "", f"B: {b}" if b else ""]
     return "; ".join(filter(None, [SELECTS_ON_TEST if found.selects_on_test else "", *marks]))

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stiff_bench.analysis.ranking import Rankings, ScoredContest, complete_models
+from stiff_bench.analysis.ranking import Rankings, ScoredCase, complete_models
 from stiff_bench.analysis.same_robot import Specimen, family_of, robots_of
 from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.analysis.verdict import decide, rank_difference
-from stiff_bench.store.names import ContestName, grouped
+from stiff_bench.store.names import CaseName, grouped
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.paired import LEVEL
 from stiff_protocols.scoring.ranks import OverDatasets, compare_over_datasets, why_not
@@ -27,7 +27,7 @@ class RankAnalysis:
 
     Attributes:
         protocol, condition: of the block; both "" for all protocols together, where a model's
-            score on a robot is its mean rank over the contests there.
+            score on a robot is its mean rank over the cases there.
         families: robot that counts -> its data sets' names, without the options that make another
             robot of its type.
         models: with results on all of them, in the order of the outcome's columns.
@@ -62,9 +62,9 @@ class RankAnalysis:
         return decide([difference], 1.0 - LEVEL) != "a"
 
 
-def rank_analyses(scored: Sequence[ScoredContest], rankings: Rankings) -> list[RankAnalysis]:
+def rank_analyses(scored: Sequence[ScoredCase], rankings: Rankings) -> list[RankAnalysis]:
     """Return an analysis for each block; where there are several, the one over all comes first."""
-    robots = robots_of([one.contest for one in scored], rankings.data_of)
+    robots = robots_of([one.case for one in scored], rankings.data_of)
     blocks = grouped(scored, lambda one: (one.name.protocol, one.name.condition))
     models = complete_models(scored)
     nobody = np.zeros(0)
@@ -82,11 +82,11 @@ def _analysis(
     protocol: str,
     condition: str,
     models: tuple[str, ...],
-    scores: Mapping[ContestName, FloatArray],
-    robots: Mapping[ContestName, Specimen],
+    scores: Mapping[CaseName, FloatArray],
+    robots: Mapping[CaseName, Specimen],
     key: SortKey,
 ) -> RankAnalysis:
-    """Return the analysis of the (m,) scores in each contest, averaged over those of one robot."""
+    """Return the analysis of the (m,) scores in each case, averaged over those of one robot."""
     of_robots = grouped(scores, lambda name: robots[name])
     why_none = "does not apply to costs" if key.is_cost else why_not(len(of_robots), len(models))
     outcome = None

@@ -1,6 +1,6 @@
 """Ranks of models over data sets and protocols. Numbers alone; `leaderboard_tables` prints them.
 
-A mean rank over fewer contests is another quantity: a model that lacks a result anywhere has none,
+A mean rank over fewer cases is another quantity: a model that lacks a result anywhere has none,
 and stands beneath with what it lacks. Ranks, tests and the critical difference are computed among
 the models that are shown and complete, whoever else has results in the folder.
 """
@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from stiff_bench.analysis.collected import (
-    Contest,
+    Case,
     StoredResults,
-    chosen_contests,
+    chosen_cases,
     chosen_models,
     left_out_notes,
     no_garbage_collection,
@@ -28,12 +28,12 @@ from stiff_bench.analysis.critical_difference import RankAnalysis, rank_analyses
 from stiff_bench.analysis.ranking import (
     Ranking,
     Rankings,
-    ScoredContest,
+    ScoredCase,
     complete_models,
-    scored_contest,
+    scored_case,
 )
 from stiff_bench.analysis.sort_key import SortKey
-from stiff_bench.store.names import ContestName, labels, natural_key
+from stiff_bench.store.names import CaseName, labels, natural_key
 from stiff_bench.store.versions import sources
 from stiff_bench.tables.metric_table import mark_of
 from stiff_protocols.contract.errors import ConfigError
@@ -45,15 +45,15 @@ from stiff_protocols.scoring.paired import LEVEL, ranked
 
 @dataclass(frozen=True)
 class RankedModel:
-    """A model with a result in every contest.
+    """A model with a result in every case.
 
     Attributes:
         name: of it.
-        mean_rank: over the contests, among the ranked models.
+        mean_rank: over the cases, among the ranked models.
         low, high: bounds of it over resampled poses, and itself; NaN where the metric cannot be
             resampled.
-        won: contests in which no model has a better score.
-        like_best: contests in which it is the best or cannot be told from it; None: no test
+        won: cases in which no model has a better score.
+        like_best: cases in which it is the best or cannot be told from it; None: no test
             applies to them all.
         within_cd: it lies within the critical difference of the best; None: there is none.
     """
@@ -69,26 +69,26 @@ class RankedModel:
 
 @dataclass(frozen=True)
 class Section:
-    """The contests that may be ranked together.
+    """The cases that may be ranked together.
 
     Attributes:
         selects_on_test: their protocols let models pick the epoch on the test part.
-        fields: the contests.
+        cases: those that may be ranked together.
         ranked: by mean rank, then name.
-        unranked: the others by name -> contest -> why it has no result there.
+        unranked: the others by name -> case -> why it has no result there.
         analyses: over data sets, the one over all protocols first.
     """
 
     selects_on_test: bool
-    fields: tuple[ScoredContest, ...]
+    cases: tuple[ScoredCase, ...]
     ranked: tuple[RankedModel, ...]
-    unranked: Mapping[str, Mapping[ContestName, str]]
+    unranked: Mapping[str, Mapping[CaseName, str]]
     analyses: tuple[RankAnalysis, ...]
 
     @property
     def kinds(self) -> tuple[str, ...]:
         """Kinds of the data, e.g. ("simulated",)."""
-        return tuple(dict.fromkeys(presentation(one.contest).kind for one in self.fields))
+        return tuple(dict.fromkeys(presentation(one.case).kind for one in self.cases))
 
     @property
     def models(self) -> tuple[str, ...]:
@@ -97,8 +97,8 @@ class Section:
 
     def mark_under(self, model: str, protocol: str = "") -> str:
         """Return what must stand beside a model's numbers, under one protocol or all."""
-        contests = [one.contest for one in self.fields if protocol in ("", one.name.protocol)]
-        found = [mark_of(c.competitors[model].shown) for c in contests if model in c.competitors]
+        cases = [one.case for one in self.cases if protocol in ("", one.name.protocol)]
+        found = [mark_of(c.competitors[model].shown) for c in cases if model in c.competitors]
         return ", ".join(filter(None, dict.fromkeys(found)))
 
 
@@ -149,9 +149,9 @@ def stored_leaderboard(
             split.
     """
     stored = StoredResults.read(folder)
-    chosen = chosen_contests(stored.contests, datasets=datasets, protocols=protocols)
+    chosen = chosen_cases(stored.cases, datasets=datasets, protocols=protocols)
     return build_leaderboard(
-        replace(stored, contests=tuple(chosen)), models=models, key=key, seed=seed
+        replace(stored, cases=tuple(chosen)), models=models, key=key, seed=seed
     )
 
 
@@ -160,14 +160,14 @@ def build_leaderboard(
 ) -> Leaderboard:
     """Return the leaderboard of the results that are given; see `stored_leaderboard`."""
     with no_garbage_collection():
-        usable = [c for c in of_newest_data(stored.contests) if presentation(c).task == STIFFNESS]
+        usable = [c for c in of_newest_data(stored.cases) if presentation(c).task == STIFFNESS]
         names = chosen_models(usable, models)
         n_run = {c.name: sum(name in c.competitors for name in names) for c in usable}
         shown = sorted((c for c in usable if n_run[c.name] > 1), key=in_order)
         lonely = sorted((c for c in usable if n_run[c.name] == 1), key=in_order)
-        notes = list(_data_notes(stored.contests))
+        notes = list(_data_notes(stored.cases))
         if lonely:
-            first = labels(contest.name for contest in usable)[lonely[0].name]
+            first = labels(case.name for case in usable)[lonely[0].name]
             more = f" (and {len(lonely) - 1} more)" if len(lonely) > 1 else ""
             notes.append(f"{first}{more} is left out: none of the other models was run there.")
         if not shown:
@@ -177,12 +177,12 @@ def build_leaderboard(
                 f"protocol and condition (models with results: {', '.join(names) or 'none'}){why}"
             )
         names = [name for name in names if any(name in c.competitors for c in shown)]
-        scored = [scored_contest(contest, names, key) for contest in shown]
+        scored = [scored_case(case, names, key) for case in shown]
         rankings = Rankings(key, stored.folder, seed)
         sections = tuple(
             _section(part, names, selects, rankings)
             for selects in (False, True)
-            if (part := [f for f in scored if presentation(f.contest).selects_on_test == selects])
+            if (part := [f for f in scored if presentation(f.case).selects_on_test == selects])
         )
     run_ids = Counter(
         result.run_id for one in scored for model in one.scores for result in one.results[model]
@@ -191,50 +191,48 @@ def build_leaderboard(
     return Leaderboard(rankings, sections, tuple(notes), made_by)
 
 
-def presentation(contest: Contest) -> Presentation:
-    """Return what stands beside a contest's numbers; what is said of the model is any model's."""
-    return next(iter(contest.competitors.values())).shown
+def presentation(case: Case) -> Presentation:
+    """Return what stands beside a case's numbers; what is said of the model is any model's."""
+    return next(iter(case.competitors.values())).shown
 
 
-def caveats_of(contests: Iterable[Contest]) -> tuple[str, ...]:
-    """Return what must be read with the protocols and the data sets of contests, each once."""
-    shown = [presentation(contest) for contest in contests]
+def caveats_of(cases: Iterable[Case]) -> tuple[str, ...]:
+    """Return what must be read with the protocols and the data sets of cases, each once."""
+    shown = [presentation(case) for case in cases]
     warnings = [one.warning for one in shown]
     said = [*warnings, *(caveat for one in shown for caveat in one.caveats)]
     return tuple(filter(None, dict.fromkeys(said)))
 
 
-def of_newest_data(contests: Sequence[Contest]) -> list[Contest]:
-    """Return the contests of the data that each data set's newest run was on.
+def of_newest_data(cases: Sequence[Case]) -> list[Case]:
+    """Return the cases of the data that each data set's newest run was on.
 
     Of those that differ in the data of the source domain alone, the newest stay.
     """
-    in_order = sorted(contests, key=lambda one: (one.newest_run, one.name))  # the last ones stay
+    in_order = sorted(cases, key=lambda one: (one.newest_run, one.name))  # the last ones stay
     newest_data = {one.name.dataset: one.name.data_sha256 for one in in_order}
     current = [c for c in in_order if c.name.data_sha256 == newest_data[c.name.dataset]]
     newest_source = {replace(one.name, source_sha256=""): one for one in current}
     return list(newest_source.values())
 
 
-def _data_notes(contests: Sequence[Contest]) -> Iterator[str]:
-    for line in same_name_other_data(contests):
+def _data_notes(cases: Sequence[Case]) -> Iterator[str]:
+    for line in same_name_other_data(cases):
         yield f"{line.removesuffix('.')}, those of the newest run count, the others are left out."
-    yield from left_out_notes(contests)
-    others = {
-        c.name.dataset: presentation(c) for c in contests if presentation(c).task != STIFFNESS
-    }
+    yield from left_out_notes(cases)
+    others = {c.name.dataset: presentation(c) for c in cases if presentation(c).task != STIFFNESS}
     for dataset, shown in sorted(others.items()):
         yield f"{dataset} is left out: it is {kind_label(shown.kind, shown.task)}."
 
 
-def in_order(contest: Contest) -> tuple[Any, ...]:
+def in_order(case: Case) -> tuple[Any, ...]:
     """Return a sort key: "n = 5" stands before "n = 10"."""
-    name = contest.name
+    name = case.name
     return (*map(natural_key, (name.protocol, name.condition, name.dataset)), name)
 
 
 def _section(
-    scored: list[ScoredContest], names: Sequence[str], selects_on_test: bool, rankings: Rankings
+    scored: list[ScoredCase], names: Sequence[str], selects_on_test: bool, rankings: Rankings
 ) -> Section:
     complete = complete_models(scored)
     analyses = rank_analyses(scored, rankings)
@@ -246,7 +244,7 @@ def _section(
         name: {one.name: one.missing[name] for one in scored if name in one.missing}
         for name in names
         if name not in {model.name for model in models}
-        and any(name in one.contest.competitors for one in scored)
+        and any(name in one.case.competitors for one in scored)
     }
     return Section(selects_on_test, tuple(scored), tuple(models), unranked, tuple(analyses))
 
@@ -274,9 +272,9 @@ def _ranked(rankings: Sequence[Ranking], over_datasets: RankAnalysis) -> list[Ra
 def _rank_interval(
     rankings: Sequence[Ranking], mean_ranks: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the (m,) bounds of the mean rank over draws of the poses, the same in all contests.
+    """Return the (m,) bounds of the mean rank over draws of the poses, the same in all cases.
 
-    A contest none of whose poses was drawn is left out of the mean of that draw. Draws hold fewer
+    A case none of whose poses was drawn is left out of the mean of that draw. Draws hold fewer
     poses than the data, so that close models change places more often in them and ranks draw
     nearer to the middle: bounds are widened to hold the mean rank itself.
     """

@@ -15,7 +15,7 @@ import numpy as np
 from stiff_bench.analysis.collected import few_notes
 from stiff_bench.analysis.critical_difference import RankAnalysis
 from stiff_bench.analysis.leaderboard import Leaderboard, Section, caveats_of, presentation
-from stiff_bench.analysis.ranking import Rankings, ScoredContest, complete_models
+from stiff_bench.analysis.ranking import Rankings, ScoredCase, complete_models
 from stiff_bench.analysis.same_robot import dataset_of, family_of, of_families, of_robots
 from stiff_bench.store.names import grouped, labels
 from stiff_bench.tables.metric_table import SELECTION_MARK, number_format
@@ -33,7 +33,7 @@ def render_leaderboard(board: Leaderboard, fmt: str, command: str) -> str:
     """Return the tables as text of the given format.
 
     csv has the ranks alone, a line a model and number; json has each model's score in each
-    contest, too, and all pairs of models.
+    case, too, and all pairs of models.
 
     Args:
         board: the numbers.
@@ -74,7 +74,7 @@ def _about(section: Section, table: str) -> dict[str, object]:
 
 
 def _ranks(section: Section, board: Leaderboard) -> Table:
-    n_contests = len(section.fields)
+    n_cases = len(section.cases)
     better = "larger" if board.key.sign < 0.0 else "smaller"
     apart = f" | {SELECTION_MARK}s: not a fair comparison" if section.selects_on_test else ""
     rows: list[list[Cell]] = [
@@ -82,18 +82,18 @@ def _ranks(section: Section, board: Leaderboard) -> Table:
             *(Name(model.name, section.mark_under(model.name)), place, model.mean_rank),
             Quantity(low=model.low, high=model.high) if np.isfinite(model.low) else None,
             model.won,
-            None if model.like_best is None else Quantity(share=(model.like_best, n_contests)),
+            None if model.like_best is None else Quantity(share=(model.like_best, n_cases)),
             {True: "yes", False: "no", None: "-"}[model.within_cd],
-            Quantity(share=(n_contests, n_contests)),
+            Quantity(share=(n_cases, n_cases)),
         ]
         for place, model in enumerate(section.ranked, 1)
     ]
     for name, missing in section.unranked.items():
-        done = Quantity(share=(n_contests - len(missing), n_contests))
+        done = Quantity(share=(n_cases - len(missing), n_cases))
         rows.append([Name(name, section.mark_under(name)), *[None] * 6, done])
     return Table(
         title=(
-            f"Leaderboard, {counted(n_contests, 'comparison')}: {_scope(section)}{apart} | sorted "
+            f"Leaderboard, {counted(n_cases, 'comparison')}: {_scope(section)}{apart} | sorted "
             f"by mean rank of {board.key.text} ({better} is better)"
         ),
         columns=[
@@ -109,10 +109,10 @@ def _ranks(section: Section, board: Leaderboard) -> Table:
 
 
 def _scope(section: Section) -> str:
-    families = {dataset_of(field.name): family_of(field.name) for field in section.fields}
-    protocols = list(dict.fromkeys(field.name.protocol for field in section.fields))
+    families = {dataset_of(scored.name): family_of(scored.name) for scored in section.cases}
+    protocols = list(dict.fromkeys(scored.name.protocol for scored in section.cases))
     kinds = " and ".join(section.kinds)
-    seeds = _seeds(len({field.name.seed for field in section.fields}))
+    seeds = _seeds(len({scored.name.seed for scored in section.cases}))
     return f"{of_families(families)} ({kinds}) under {', '.join([*protocols, *seeds])}"
 
 
@@ -122,26 +122,26 @@ def _seeds(number: int) -> list[str]:
 
 def _rank_notes(section: Section, board: Leaderboard) -> Iterator[str]:
     """Yield what must be read with the ranks, most important first."""
-    shown = [presentation(field.contest) for field in section.fields]
+    shown = [presentation(scored.case) for scored in section.cases]
     yield from dict.fromkeys(one.warning for one in shown if one.warning)
     if "measured" in section.kinds and len(section.kinds) > 1:
         simulated = {
-            family_of(field.name): ""
-            for field in section.fields
-            if presentation(field.contest).kind != "measured"
+            family_of(scored.name): ""
+            for scored in section.cases
+            if presentation(scored.case).kind != "measured"
         }
         yield f"Simulated, not measured: {', '.join(simulated)}."
-    called = labels(field.contest.name for field in section.fields)
+    called = labels(scored.case.name for scored in section.cases)
     if section.unranked:
         name, missing = next(iter(section.unranked.items()))
         more = len(section.unranked) - 1
         others = f", and {counted(more, 'more model')}" if more else ""
         why = "the only model with all results"
         if missing:
-            contest, reason = next(iter(missing.items()))
-            why = f"lacks {len(missing)} of {len(called)} results ({called[contest]}: {reason})"
+            case, reason = next(iter(missing.items()))
+            why = f"lacks {len(missing)} of {len(called)} results ({called[case]}: {reason})"
         yield f"Without a mean rank: {name} {why}{others}."
-    cut = [field for field in section.fields if field.left_out]
+    cut = [scored for scored in section.cases if scored.left_out]
     if cut:
         more_cut = f" (and {len(cut) - 1} more)" if len(cut) > 1 else ""
         yield f"{called[cut[0].name]}{more_cut}: {cut[0].left_out}."
@@ -155,13 +155,13 @@ def _by_protocol(section: Section, rankings: Rankings) -> Iterator[Table]:
     key = rankings.key
     unit, _ = PRINTED[key.metric.unit]
     apart = f" | {SELECTION_MARK}s" if section.selects_on_test else ""
-    for (family, protocol), fields in grouped(
-        section.fields, lambda one: (family_of(one.name), one.name.protocol)
+    for (family, protocol), of_protocol in grouped(
+        section.cases, lambda one: (family_of(one.name), one.name.protocol)
     ).items():
-        datasets = list(dict.fromkeys(dataset_of(one.name) for one in fields))
+        datasets = list(dict.fromkeys(dataset_of(one.name) for one in of_protocol))
         spread = ", mean ± standard deviation over data sets" if len(datasets) > 1 else ""
         columns, scores = [Column("model", "text")], []
-        for condition, members in grouped(fields, lambda one: one.name.condition).items():
+        for condition, members in grouped(of_protocol, lambda one: one.name.condition).items():
             names = dict.fromkeys(dataset_of(one.name) for one in members)
             seeds = sorted({one.name.seed for one in members})
             about = {
@@ -179,7 +179,7 @@ def _by_protocol(section: Section, rankings: Rankings) -> Iterator[Table]:
             )
             scores.append(_scores_of(section, members, rankings))
         like = "" if key.is_cost else f"; {LIKE_BEST} not told apart from the best"
-        caveats = caveats_of(one.contest for one in fields)
+        caveats = caveats_of(one.case for one in of_protocol)
         yield Table(
             title=f"{protocol} on {of_families(dict.fromkeys(datasets, family))}{apart} | "
             f"{key.text}{spread}",
@@ -199,7 +199,7 @@ def _by_protocol(section: Section, rankings: Rankings) -> Iterator[Table]:
 
 
 def _scores_of(
-    section: Section, scored: Sequence[ScoredContest], rankings: Rankings
+    section: Section, scored: Sequence[ScoredCase], rankings: Rankings
 ) -> dict[str, Quantity]:
     """Return each model's score over the data sets of a column; some of them alone are no mean."""
     key, complete = rankings.key, complete_models(scored)
@@ -212,7 +212,7 @@ def _scores_of(
             if all(model in one.scores for one in members)
         ]
         for model in section.models
-        if any(model in one.contest.competitors for one in scored)
+        if any(model in one.case.competitors for one in scored)
     }
     best = min((key.sign * np.mean(means[model]) for model in complete), default=np.nan)
     like = _like_best(scored, complete, rankings)
@@ -232,9 +232,9 @@ def _scores_of(
 
 
 def _like_best(
-    scored: Sequence[ScoredContest], models: tuple[str, ...], rankings: Rankings
+    scored: Sequence[ScoredCase], models: tuple[str, ...], rankings: Rankings
 ) -> set[str]:
-    """Return the models that are like the best in more than half of the contests."""
+    """Return the models that are like the best in more than half of the cases."""
     if not models:
         return set()
     tested = [like for one in scored if (like := rankings.of(one, models).like_best) is not None]
@@ -295,9 +295,9 @@ def _costs(section: Section) -> Table:
     for model in section.models:
         costs = [
             result.cost
-            for field in section.fields
-            if model in field.scores
-            for result in field.results[model]
+            for scored in section.cases
+            if model in scored.scores
+            for result in scored.results[model]
             if result.cost is not None
         ]
         cells = [_spread(key, costs) for key in _COSTS]
@@ -366,7 +366,7 @@ _COSTS: dict[str, tuple[str, Callable[[Quantity], str]]] = {
 
 
 def _details(section: Section, board: Leaderboard) -> list[Table]:
-    """Return each model's score in each contest, and ranks and pairs of each analysis."""
+    """Return each model's score in each case, and ranks and pairs of each analysis."""
     ranks: list[list[Cell]] = []
     pairs: list[list[Cell]] = []
     for one in section.analyses:
@@ -405,22 +405,22 @@ def _details(section: Section, board: Leaderboard) -> list[Table]:
 
 
 def _scores(section: Section, board: Leaderboard) -> Table:
-    """Return each model's score in each contest, or why it has none."""
+    """Return each model's score in each case, or why it has none."""
     texts = ("dataset", "data_sha256", "source_sha256", "protocol", "condition", "seed", "splits")
     metric = board.key.metric
     unit, factor = PRINTED[metric.unit]
     rows: list[list[Cell]] = []
-    for field in section.fields:
-        name = field.name
+    for scored in section.cases:
+        name = scored.name
         place = (
             *(name.dataset, name.data_sha256, name.source_sha256, name.protocol, name.condition),
-            *(name.seed, len(field.slots), field.left_out),
+            *(name.seed, len(scored.slots), scored.left_out),
         )
         for model in section.models:
             score = (
-                field.mean(model) * factor
-                if model in field.scores
-                else Quantity(status=field.missing[model])
+                scored.mean(model) * factor
+                if model in scored.scores
+                else Quantity(status=scored.missing[model])
             )
             rows.append([Name(model, section.mark_under(model, name.protocol)), *place, score])
     return Table(

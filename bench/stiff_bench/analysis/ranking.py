@@ -1,4 +1,4 @@
-"""The ranks of models in one contest: who takes part, with which scores, who is like the best."""
+"""The ranks of models in one case: who takes part, with which scores, who is like the best."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stiff_bench.analysis.collected import Competitor, Contest, split_sizes
+from stiff_bench.analysis.collected import Case, Competitor, split_sizes
 from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.analysis.verdict import Question, SharedErrors, Verdict, decide_pairs
 from stiff_bench.store.database import read_data
-from stiff_bench.store.names import ContestName, grouped
+from stiff_bench.store.names import CaseName, grouped
 from stiff_bench.store.newest import Slot
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.metric_table import pooled_prediction
@@ -28,11 +28,11 @@ from stiff_protocols.scoring.paired import ROPE_M, ranked
 
 
 @dataclass(frozen=True, eq=False)
-class ScoredContest:
-    """A contest with the scores of those who take part in it.
+class ScoredCase:
+    """A case with the scores of those who take part in it.
 
     Attributes:
-        contest: the stored results.
+        case: the stored results.
         slots: the splits that all who take part have; no other counts.
         results: model that takes part -> its results on these splits, in order.
         scores: model -> (J,) its value on each of these splits, in the metric's unit; one value
@@ -40,16 +40,16 @@ class ScoredContest:
         missing: model -> why it has no score.
     """
 
-    contest: Contest
+    case: Case
     slots: tuple[Slot, ...]
     results: Mapping[str, Sequence[CellResult]]
     scores: Mapping[str, FloatArray]
     missing: Mapping[str, str]
 
     @property
-    def name(self) -> ContestName:
+    def name(self) -> CaseName:
         """What all results share."""
-        return self.contest.name
+        return self.case.name
 
     def mean(self, model: str) -> float:
         """Return a model's mean over the splits, in the metric's unit."""
@@ -57,7 +57,7 @@ class ScoredContest:
 
     def failed(self, model: str) -> str:
         """Return "FAILED" or "SKIPPED" where a model was run and gave no result; else ""."""
-        competitor = self.contest.competitors.get(model)
+        competitor = self.case.competitors.get(model)
         if model not in self.missing or competitor is None or not competitor.failures:
             return ""
         return _usual_failure(competitor).status.upper()
@@ -65,12 +65,12 @@ class ScoredContest:
     @property
     def left_out(self) -> str:
         """Which splits do not count, for people; "" where all do."""
-        every = {slot for model in self.scores for slot in self.contest.competitors[model].done}
+        every = {slot for model in self.scores for slot in self.case.competitors[model].done}
         n_count, n_all = len(self.slots), len(every)
         return f"only the {n_count} of {n_all} splits that all have count" * (n_all > n_count)
 
 
-def scored_contest(contest: Contest, models: Sequence[str], key: SortKey) -> ScoredContest:
+def scored_case(case: Case, models: Sequence[str], key: SortKey) -> ScoredCase:
     """Return who of the models takes part, and with which scores.
 
     A model that was asked for fewer splits, and has them all, takes part, and only the splits that
@@ -78,7 +78,7 @@ def scored_contest(contest: Contest, models: Sequence[str], key: SortKey) -> Sco
     end, unless it has every split that the finished ones share: it takes none from the others.
 
     Args:
-        contest: the stored results.
+        case: the stored results.
         models: by name.
         key: what they are ranked by.
 
@@ -86,43 +86,41 @@ def scored_contest(contest: Contest, models: Sequence[str], key: SortKey) -> Sco
         StoreError: two models have no split in common.
     """
     results: dict[str, Sequence[CellResult]] = {
-        model: contest.results(model)
+        model: case.results(model)
         for model in models
-        if model in contest.competitors and not contest.competitors[model].failures
+        if model in case.competitors and not case.competitors[model].failures
     }
     scores = {model: key.of_splits(of_model) for model, of_model in results.items()}
     missing = {
-        model: reason for model in models if (reason := _why_missing(contest, model, scores, key))
+        model: reason for model in models if (reason := _why_missing(case, model, scores, key))
     }
-    missing |= _unfinished(contest, [model for model in models if model not in missing])
+    missing |= _unfinished(case, [model for model in models if model not in missing])
     present = [model for model in models if model not in missing]
-    slots = tuple(contest.shared_slots(present)) if present else ()
+    slots = tuple(case.shared_slots(present)) if present else ()
     if present and not slots:
         pairs = combinations(present, 2)
-        apart = next((pair for pair in pairs if not contest.shared_slots(pair)), present)
+        apart = next((pair for pair in pairs if not case.shared_slots(pair)), present)
         raise StoreError(
-            f"{contest.name.text}: {' and '.join(apart)} were run on different splits and share "
+            f"{case.name.text}: {' and '.join(apart)} were run on different splits and share "
             "none, so they cannot be compared; leave one out (--model) or run it anew"
         )
     for model in present:
         if len(results[model]) > len(slots):
-            results[model] = contest.results(model, slots)
+            results[model] = case.results(model, slots)
             scores[model] = key.of_splits(results[model])
     known = {model: values for model in present if (values := scores[model]) is not None}
-    return ScoredContest(
-        contest, slots, {model: results[model] for model in present}, known, missing
-    )
+    return ScoredCase(case, slots, {model: results[model] for model in present}, known, missing)
 
 
-def complete_models(contests: Sequence[ScoredContest]) -> tuple[str, ...]:
-    """Return the models that have a score in all of these contests, in the order of their names."""
-    return tuple(sorted(set.intersection(*(set(one.scores) for one in contests))))
+def complete_models(cases: Sequence[ScoredCase]) -> tuple[str, ...]:
+    """Return the models that have a score in all of these cases, in the order of their names."""
+    return tuple(sorted(set.intersection(*(set(one.scores) for one in cases))))
 
 
 def _why_missing(
-    contest: Contest, model: str, values: Mapping[str, FloatArray | None], key: SortKey
+    case: Case, model: str, values: Mapping[str, FloatArray | None], key: SortKey
 ) -> str:
-    competitor = contest.competitors.get(model)
+    competitor = case.competitors.get(model)
     if competitor is None:
         return "not run"
     if competitor.failures:
@@ -138,12 +136,12 @@ def _usual_failure(competitor: Competitor) -> CellResult:
     return max(alike.values(), key=len)[0]
 
 
-def _unfinished(contest: Contest, models: Sequence[str]) -> dict[str, str]:
+def _unfinished(case: Case, models: Sequence[str]) -> dict[str, str]:
     """Return which of these models take no part because their run did not come to its end."""
-    found = {model: contest.competitors[model] for model in models}
+    found = {model: case.competitors[model] for model in models}
     unfinished = [model for model, one in found.items() if len(one.done) < one.n_asked]
     finished = [model for model in models if model not in unfinished]
-    needed = set(contest.shared_slots(finished))
+    needed = set(case.shared_slots(finished))
     return {
         model: f"{len(found[model].done)} of {found[model].n_asked} splits: run not finished"
         for model in unfinished
@@ -156,17 +154,17 @@ BoolArray = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Ranking:
-    """The ranks of some models in a contest; all of them take part in it.
+    """The ranks of some models in a case; all of them take part in it.
 
     Attributes:
-        scored: the contest.
+        scored: the case.
         models: in the order of the arrays.
         key: what they are ranked by.
-        data: the samples of the contest's data set.
+        data: the samples of the case's data set.
         seed: of the draws of poses.
     """
 
-    scored: ScoredContest
+    scored: ScoredCase
     models: tuple[str, ...]
     key: SortKey
     data: StoredData
@@ -187,7 +185,7 @@ class Ranking:
     def _pose_errors(self) -> list[PoseErrors] | None:
         """The models' errors on all poses of the data set; None: the metric is no mean over rows.
 
-        A pose that is not tested here has no rows, so that contests with different test poses of
+        A pose that is not tested here has no rows, so that cases with different test poses of
         one data set are drawn together.
         """
         if not self.key.resamples:
@@ -262,10 +260,10 @@ class Rankings:
         """Store the arguments."""
         self.key, self._seed = key, seed
         self.data_of = functools.cache(functools.partial(read_data, folder))
-        self._found: dict[tuple[ContestName, tuple[str, ...]], Ranking] = {}
+        self._found: dict[tuple[CaseName, tuple[str, ...]], Ranking] = {}
 
-    def of(self, scored: ScoredContest, models: tuple[str, ...]) -> Ranking:
-        """Return the ranks of these models in a contest."""
+    def of(self, scored: ScoredCase, models: tuple[str, ...]) -> Ranking:
+        """Return the ranks of these models in a case."""
         place = (scored.name, models)
         if place not in self._found:
             data = self.data_of(scored.name.data_sha256)

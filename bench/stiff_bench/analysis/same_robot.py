@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from stiff_bench.analysis.collected import Contest
-from stiff_bench.store.names import ContestName, grouped
+from stiff_bench.analysis.collected import Case
+from stiff_bench.store.names import CaseName, grouped
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.units import counted
 
@@ -37,18 +37,18 @@ class Specimen:
 
 
 def robots_of(
-    contests: Sequence[Contest], data_of: Callable[[str], StoredData]
-) -> dict[ContestName, Specimen]:
-    """Return the robot that each contest's data were made on.
+    cases: Sequence[Case], data_of: Callable[[str], StoredData]
+) -> dict[CaseName, Specimen]:
+    """Return the robot that each case's data were made on.
 
     Data without a specimen are of one robot for each robot name. Equal data are of one robot,
     whatever their names say.
 
     Args:
-        contests: of one folder.
+        cases: of one folder.
         data_of: the data with a hash.
     """
-    of_data = grouped(contests, lambda contest: contest.name.data_sha256)
+    of_data = grouped(cases, lambda case: case.name.data_sha256)
     robots = {
         sha256: Specimen(
             data_of(sha256).robot,
@@ -56,7 +56,7 @@ def robots_of(
         )
         for sha256, members in of_data.items()
     }
-    return {contest.name: robots[contest.name.data_sha256] for contest in contests}
+    return {case.name: robots[case.name.data_sha256] for case in cases}
 
 
 def of_robots(families: Mapping[Specimen, Sequence[str]]) -> str:
@@ -74,12 +74,12 @@ def of_robots(families: Mapping[Specimen, Sequence[str]]) -> str:
     return f"{counted(len(families), 'robot')}: {', '.join(parts)}"
 
 
-def dataset_of(name: ContestName) -> str:
+def dataset_of(name: CaseName) -> str:
     """Return a data set's name without the option that only repeats it."""
     return name.variant.without(SEED).name
 
 
-def family_of(name: ContestName) -> str:
+def family_of(name: CaseName) -> str:
     """Return a data set's name without the options that make another robot of its type."""
     return name.variant.without(SEED, SPECIMEN).name
 

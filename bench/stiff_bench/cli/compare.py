@@ -12,8 +12,8 @@ from stiff_bench.cli.options import (
     PROBABILITY,
     RESULTS,
     Millimetres,
+    case_options,
     command_line,
-    contest_options,
     format_option,
     output_option,
     ranking_options,
@@ -52,7 +52,7 @@ def leaderboard(
 @click.argument("a", metavar="A")
 @click.argument("b", metavar="B")
 @results_option
-@contest_options
+@case_options
 @several_keys("--condition", "conditions", help='A protocol\'s condition, such as "n = 40".')
 @click.option(
     "--equivalence",

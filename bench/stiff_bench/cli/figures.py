@@ -10,8 +10,8 @@ import click
 from stiff_bench.cli.options import (
     FILE,
     RESULTS,
+    case_options,
     command_line,
-    contest_options,
     execution_options,
     models_option,
 )
@@ -36,7 +36,7 @@ from stiff_protocols.contract.errors import ConfigError, unknown_name
     help="What to write: .png, .pdf or .svg.  [default: figure-NAME.png]",
 )
 @models_option
-@contest_options
+@case_options
 def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) -> None:
     """Draw a figure and print its caption.
 

@@ -134,7 +134,7 @@ format_option = click.option(
 models_option = several_keys(
     "--model", "models", help="A model, or a key for all its variants; may be repeated."
 )
-contest_options = together(
+case_options = together(
     several_keys(
         "--dataset", "datasets", help="A data set, or a key for all its variants; may be repeated."
     ),
@@ -144,7 +144,7 @@ contest_options = together(
 )
 ranking_options = together(
     models_option,
-    contest_options,
+    case_options,
     click.option("--metric", default="norm", metavar="KEY", help="What to rank by."),
     click.option(
         "--axis", type=click.Choice(["x", "y", "z"]), help="Of the metric.  [default: their mean]"

@@ -34,7 +34,7 @@ def execute(
 
 def say_summary(finished: Finished, folder: Path) -> None:
     """Say what became of the cells, where results are, and how old failures are computed again."""
-    say(f"{finished.tally}; {finished.wall_s:.1f} s; stored in {folder}")
+    say(f"{finished.summary}; {finished.wall_s:.1f} s; stored in {folder}")
     failed = [one.cell.key for one in finished.results if one.status == "failed"]
     if old := len(finished.cached.intersection(failed)):
         say(f"{old} of the failures are of earlier runs; --rerun failed computes them again")

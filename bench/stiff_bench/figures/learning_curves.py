@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from stiff_bench.analysis.collected import Contest
+from stiff_bench.analysis.collected import Case
 from stiff_bench.analysis.leaderboard import presentation
 from stiff_bench.analysis.same_robot import family_of
 from stiff_bench.figures.figure import Content
@@ -96,27 +96,27 @@ def _interval(values: pd.Series) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def size_of(contest: Contest) -> int:
-    """Return how many training poses a contest's condition gives; 0: it varies another thing."""
-    results = [one for name in contest.competitors for one in contest.results(name)]
+def size_of(case: Case) -> int:
+    """Return how many training poses a case's condition gives; 0: it varies another thing."""
+    results = [one for name in case.competitors for one in case.results(name)]
     n_most = max((one.n_train for one in results), default=0)
     sizes = range(1, n_most + 1)  # no pose has less than one row
-    return next((size for size in sizes if condition_of(size) == contest.name.condition), 0)
+    return next((size for size in sizes if condition_of(size) == case.name.condition), 0)
 
 
-def errors_of(names: Sequence[str], contests: Sequence[Contest]) -> pd.DataFrame:
+def errors_of(names: Sequence[str], cases: Sequence[Case]) -> pd.DataFrame:
     """Return the mean error lengths [m] of models on the data sets of one robot type.
 
     A row is a model and a data set on which it has every draw of every size, a column a size.
     """
     found = [
-        (name, replace(contest.name, condition=""), size_of(contest), mean_length(results))
-        for contest in contests
+        (name, replace(case.name, condition=""), size_of(case), mean_length(results))
+        for case in cases
         for name in names
-        if (results := contest.results_of_all_slots(name))
+        if (results := case.results_of_all_slots(name))
     ]
     table = pd.DataFrame(found, columns=["model", "data set", "size", "error"])
-    sizes = pd.Index(sorted({size_of(one) for one in contests}), name="size")
+    sizes = pd.Index(sorted({size_of(one) for one in cases}), name="size")
     by_size = table.pivot(index=["model", "data set"], columns="size", values="error")
     return by_size.reindex(columns=sizes).dropna()
 
@@ -131,15 +131,15 @@ def _shared(errors: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
 
 def gather(source: FigureSource) -> Content:
     """Take the models that have every draw of every size on the data sets of a robot type."""
-    contests = [
+    cases = [
         one
         for one in source.newest
         if size_of(one) and any(found.done for found in one.competitors.values())
     ]
-    if not contests:
+    if not cases:
         raise StoreError(f"--results {source.folder}: no result of {_NEEDS}")
-    protocol = max(contests, key=lambda one: one.newest_run).name.protocol
-    of_protocol = [one for one in contests if one.name.protocol == protocol]
+    protocol = max(cases, key=lambda one: one.newest_run).name.protocol
+    of_protocol = [one for one in cases if one.name.protocol == protocol]
     names = source.names(of_protocol)
     families = {
         f"{family} ({presentation(members[0]).kind})": errors_of(names, members)
@@ -172,17 +172,17 @@ def _best(families: Iterable[pd.DataFrame]) -> list[str]:
 
 
 def _caption(
-    panels: Mapping[str, pd.DataFrame], contests: Sequence[Contest], models: Collection[str]
+    panels: Mapping[str, pd.DataFrame], cases: Sequence[Case], models: Collection[str]
 ) -> str:
     n_sets = ", ".join(
         f"{title}: {counted(len(errors.index.unique('data set')), 'data set')}"
         for title, errors in panels.items()
     )
-    n_draws = between([len(one.slots) for one in contests], "draw")
-    seeds = ", ".join(str(seed) for seed in sorted({one.name.seed for one in contests}))
+    n_draws = between([len(one.slots) for one in cases], "draw")
+    seeds = ", ".join(str(seed) for seed in sorted({one.name.seed for one in cases}))
     return (
-        f"{contests[0].name.protocol}: mean length of the error on the same test poses, "
+        f"{cases[0].name.protocol}: mean length of the error on the same test poses, "
         f"{n_draws} a size and data set, seed {seeds}. Lines: geometric mean over data sets "
         f"({n_sets}); bands: its {LEVEL:.0%} interval, from {FEWEST_FOR_INTERVAL} data sets on."
-        f"{marks_in(contests, models)}"
+        f"{marks_in(cases, models)}"
     )

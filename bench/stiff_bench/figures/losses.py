@@ -135,13 +135,13 @@ def gather(source: FigureSource) -> Content:
     Raises:
         StoreError: there is no split on which all of them have one.
     """
-    contest = source.contest(has_curves, needs=_NEEDS)
-    compared = source.compared(contest, MOST_MODELS, has_curves)
-    done = {name: contest.competitors[name].done for name in compared.models}
+    case = source.case(has_curves, needs=_NEEDS)
+    compared = source.compared(case, MOST_MODELS, has_curves)
+    done = {name: case.competitors[name].done for name in compared.models}
     shared = [slot for slot in compared.slots if all(has_curves(of[slot]) for of in done.values())]
     if not shared:
         raise StoreError(
-            f"--results {source.folder}: {contest.name.text}: {', '.join(done)}: no split on which "
+            f"--results {source.folder}: {case.name.text}: {', '.join(done)}: no split on which "
             "all have a training curve; choose fewer with --model"
         )
     curves = [curve for name, of in done.items() for curve in curves_of(of[shared[0]], name)]

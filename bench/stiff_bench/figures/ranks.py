@@ -116,9 +116,9 @@ def gather(source: FigureSource) -> Content:
     """
     require("a diagram of ranks", "scikit_posthocs")
     key = sort_key(METRIC, None)
-    stored = StoredResults(source.folder, source.contests)
+    stored = StoredResults(source.folder, source.cases)
     section = build_leaderboard(stored, models=source.models, key=key).sections[0]
-    found, fair = section.analyses, section.fields
+    found, fair = section.analyses, section.cases
     ranked = [one for one in found if one.outcome is not None]
     if not ranked:
         reasons = "; ".join(dict.fromkeys(one.why_none for one in found))
@@ -132,6 +132,6 @@ def gather(source: FigureSource) -> Content:
     caption = (
         f"Mean ranks over robots of the mean error length ({key.text}), {kinds} data; left is "
         f"better. Models joined by a bar are not told apart (Nemenyi, {LEVEL:g})."
-        f"{marks_in([one.contest for one in fair], shown_here)}{more * (len(ranked) > MOST)}"
+        f"{marks_in([one.case for one in fair], shown_here)}{more * (len(ranked) > MOST)}"
     )
     return Content(caption, partial(ranks_figure, drawn))

@@ -97,7 +97,7 @@ def _draw_axis(axes: Axes, one: Series, axis: int, look: Look) -> None:
 
 def regression(source: FigureSource) -> Content:
     """Take the test samples of the models to compare."""
-    compared = source.compared(source.contest(), MOST_MODELS)
+    compared = source.compared(source.case(), MOST_MODELS)
     series = [Series(name, compared.tested(name)) for name in compared.models]
     caption = (
         "Predicted against true deflection of the TCP, base frame, of the "
@@ -149,7 +149,7 @@ def errors_figure(models: Mapping[str, pd.DataFrame]) -> Figure:
 
 def sample_errors(source: FigureSource) -> Content:
     """Take the errors of the models to compare, averaged over the splits that test a sample."""
-    compared = source.compared(source.contest(), MOST_MODELS)
+    compared = source.compared(source.case(), MOST_MODELS)
     models = {name: errors_by_row(compared.tested(name)) for name in compared.models}
     n_rows = len(models[compared.models[0]])
     caption = (
@@ -209,8 +209,8 @@ def workspace_figure(models: Mapping[str, Places]) -> Figure:
 
 def workspace(source: FigureSource) -> Content:
     """Take the errors by pose of the models to compare."""
-    compared = source.compared(source.contest(), MOST_MODELS)
-    stored = read_data(source.folder, compared.contest.name.data_sha256)
+    compared = source.compared(source.case(), MOST_MODELS)
+    stored = read_data(source.folder, compared.case.name.data_sha256)
     _, pose = np.unique(stored.samples.pose_id, return_inverse=True)
     models: dict[str, Places] = {}
     for name in compared.models:

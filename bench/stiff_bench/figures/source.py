@@ -8,8 +8,8 @@ from functools import cached_property
 from pathlib import Path
 
 from stiff_bench.analysis.collected import (
-    Contest,
-    chosen_contests,
+    Case,
+    chosen_cases,
     collect,
     competitor_meant,
     competitor_names,
@@ -49,24 +49,21 @@ def marks(shown: Iterable[Presentation]) -> str:
     return "".join(sentences)
 
 
-def marks_in(contests: Iterable[Contest], models: Collection[str]) -> str:
-    """Return `marks` of the models of some contests."""
+def marks_in(cases: Iterable[Case], models: Collection[str]) -> str:
+    """Return `marks` of the models of some cases."""
     return marks(
-        found.shown
-        for contest in contests
-        for name, found in contest.competitors.items()
-        if name in models
+        found.shown for case in cases for name, found in case.competitors.items() if name in models
     )
 
 
-def setting(contest: Contest, models: Collection[str], n_splits: Collection[int]) -> str:
+def setting(case: Case, models: Collection[str], n_splits: Collection[int]) -> str:
     """Return data, protocol, splits and seed of some models, and what must be read with them."""
-    shown = presentation(contest)
-    data = f"{contest.name.dataset} ({kind_label(shown.kind, shown.task)})"
-    protocol = " | ".join(filter(None, (contest.name.protocol, contest.name.condition)))
-    with_them = marks_in([contest], models)
+    shown = presentation(case)
+    data = f"{case.name.dataset} ({kind_label(shown.kind, shown.task)})"
+    protocol = " | ".join(filter(None, (case.name.protocol, case.name.condition)))
+    with_them = marks_in([case], models)
     splits = between(n_splits, "split")
-    return f"{data}, {protocol}, {splits}, seed {contest.name.seed}.{with_them}"
+    return f"{data}, {protocol}, {splits}, seed {case.name.seed}.{with_them}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,12 +72,12 @@ class FigureSource:
 
     Attributes:
         folder: of the results.
-        contests: those of the data sets and protocols that were asked for; at least one.
+        cases: those of the data sets and protocols that were asked for; at least one.
         models: words that were asked for; none: each figure takes those that it is clear with.
     """
 
     folder: Path
-    contests: tuple[Contest, ...]
+    cases: tuple[Case, ...]
     models: tuple[str, ...] = ()
 
     @classmethod
@@ -97,43 +94,43 @@ class FigureSource:
             StoreError: it holds no results, or a file of it is damaged.
             ConfigError: a name has no results.
         """
-        chosen = chosen_contests(collect(folder), datasets=datasets, protocols=protocols)
+        chosen = chosen_cases(collect(folder), datasets=datasets, protocols=protocols)
         return cls(folder, tuple(chosen), tuple(models))
 
     @cached_property
-    def newest(self) -> tuple[Contest, ...]:
-        """The contests that figures show: those of the data that each name stands for last."""
-        return tuple(of_newest_data(self.contests))
+    def newest(self) -> tuple[Case, ...]:
+        """The cases that figures show: those of the data that each name stands for last."""
+        return tuple(of_newest_data(self.cases))
 
-    def names(self, contests: Iterable[Contest] | None = None) -> list[str]:
-        """Return the models asked for, or all, that have a result in these contests, or in any.
+    def names(self, cases: Iterable[Case] | None = None) -> list[str]:
+        """Return the models asked for, or all, that have a result in these cases, or in any.
 
         Raises:
             ConfigError: a word has no results in the folder.
         """
-        looked_at = self.newest if contests is None else tuple(contests)
-        known = competitor_names(self.contests)
+        looked_at = self.newest if cases is None else tuple(cases)
+        known = competitor_names(self.cases)
         asked = dict.fromkeys(name for word in self.models for name in self._meant(word, known))
         done = {name for one in looked_at for name, found in one.competitors.items() if found.done}
         return [name for name in (asked or known) if name in done]
 
     def _meant(self, word: str, known: Sequence[str]) -> list[str]:
         found = [name for name in known if stands_for(word, name)]
-        return found or [competitor_meant(word, self.contests)]
+        return found or [competitor_meant(word, self.cases)]
 
-    def results(self, contest: Contest, has: Callable[[CellResult], bool]) -> list[CellResult]:
-        """Return the results of a contest, of the models asked for, that have what is shown."""
-        each = (one for name in self.names([contest]) for one in contest.results(name))
+    def results(self, case: Case, has: Callable[[CellResult], bool]) -> list[CellResult]:
+        """Return the results of a case, of the models asked for, that have what is shown."""
+        each = (one for name in self.names([case]) for one in case.results(name))
         return [one for one in each if has(one)]
 
-    def contest(
+    def case(
         self,
         has: Callable[[CellResult], bool] = lambda _: True,
         *,
         needs: str = "a result",
         most_first: bool = False,
-    ) -> Contest:
-        """Return the contest to draw: fair before others, then the one with most models.
+    ) -> Case:
+        """Return the case to draw: fair before others, then the one with most models.
 
         Args:
             has: whether a result has what the figure shows.
@@ -141,11 +138,11 @@ class FigureSource:
             most_first: the one with most such models, fair or not.
 
         Raises:
-            StoreError: no contest has such a result of the models asked for.
+            StoreError: no case has such a result of the models asked for.
         """
         models = self.names()
 
-        def preference(one: Contest) -> tuple[int, tuple[bool, bool, int, int, int, str]]:
+        def preference(one: Case) -> tuple[int, tuple[bool, bool, int, int, int, str]]:
             n_found = sum(
                 any(map(has, one.results(name))) for name in models if name in one.competitors
             )
@@ -159,49 +156,48 @@ class FigureSource:
 
     def compared(
         self,
-        contest: Contest,
+        case: Case,
         most: int,
         has: Callable[[CellResult], bool] = lambda _: True,
     ) -> Compared:
-        """Return the models to draw of a contest: those asked for, or the best and the linear one.
+        """Return the models to draw of a case: those asked for, or the best and the linear one.
 
         Raises:
             StoreError: they have no split in common.
         """
         names = [
             name
-            for name in self.names([contest])
-            if name in contest.competitors and any(map(has, contest.results(name)))
+            for name in self.names([case])
+            if name in case.competitors and any(map(has, case.results(name)))
         ]
         n_all = len(names)
         if not self.models:
-            names = _best(contest, names, most)
-        slots = contest.shared_slots(names)
+            names = _best(case, names, most)
+        slots = case.shared_slots(names)
         if not names or not slots:
             raise StoreError(
-                f"--results {self.folder}: {contest.name.text}: {', '.join(names) or 'no model'}: "
+                f"--results {self.folder}: {case.name.text}: {', '.join(names) or 'no model'}: "
                 "no split on which all have a result; `bench run` with the same --splits makes them"
             )
         older = any(
-            one.name.dataset == contest.name.dataset and one not in self.newest
-            for one in self.contests
+            one.name.dataset == case.name.dataset and one not in self.newest for one in self.cases
         )
-        return Compared(contest, tuple(names), tuple(slots), n_all, older)
+        return Compared(case, tuple(names), tuple(slots), n_all, older)
 
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """Models of one contest that a figure shows.
+    """Models of one case that a figure shows.
 
     Attributes:
-        contest: the results.
+        case: the results.
         models: their names, best first unless they were asked for.
         slots: the splits that all of them have.
         n_all: how many models could be shown.
         has_older: the folder has results on older data of that name, which are left out.
     """
 
-    contest: Contest
+    case: Case
     models: tuple[str, ...]
     slots: tuple[Slot, ...]
     n_all: int
@@ -209,14 +205,14 @@ class Compared:
 
     def tested(self, model: str) -> Prediction:
         """Return a model's test samples of all splits, one after the other."""
-        return pooled_prediction(self.contest.results(model, self.slots))
+        return pooled_prediction(self.case.results(model, self.slots))
 
     @property
     def setting(self) -> str:
         """Data, protocol, splits, seed, marks of models, and which models and data are left out."""
-        n_shown, about = len(self.models), setting(self.contest, self.models, [len(self.slots)])
+        n_shown, about = len(self.models), setting(self.case, self.models, [len(self.slots)])
         best = f" Best {n_shown} of {self.n_all} models, and {REFERENCE_MODEL} in any case."
-        older = f" Results on older data named {self.contest.name.dataset} are left out."
+        older = f" Results on older data named {self.case.name.dataset} are left out."
         return about + best * (n_shown < self.n_all) + older * self.has_older
 
 
@@ -225,18 +221,18 @@ def mean_length(results: Sequence[CellResult]) -> float:
     return float(norm_errors(pooled_prediction(results)).mean())
 
 
-def _preference(contest: Contest, n_models: int) -> tuple[bool, bool, int, int, int, str]:
-    fair = not presentation(contest).selects_on_test
-    whole = not contest.name.condition  # not one of many sizes or directions
-    plain = -len(contest.name.dataset)  # "kr10-twin" before its specimens
-    return fair, whole, n_models, len(contest.slots), plain, contest.newest_run
+def _preference(case: Case, n_models: int) -> tuple[bool, bool, int, int, int, str]:
+    fair = not presentation(case).selects_on_test
+    whole = not case.name.condition  # not one of many sizes or directions
+    plain = -len(case.name.dataset)  # "kr10-twin" before its specimens
+    return fair, whole, n_models, len(case.slots), plain, case.newest_run
 
 
-def _best(contest: Contest, names: Sequence[str], most: int) -> list[str]:
+def _best(case: Case, names: Sequence[str], most: int) -> list[str]:
     """Return the best of the models that have most splits, and the linear one."""
-    n_done = {name: len(contest.competitors[name].done) for name in names}
+    n_done = {name: len(case.competitors[name].done) for name in names}
     complete = [name for name in names if n_done[name] == max(n_done.values())]
-    ordered = sorted(complete, key=lambda name: mean_length(contest.results(name)))
+    ordered = sorted(complete, key=lambda name: mean_length(case.results(name)))
     return with_linear(ordered, most)
 
 

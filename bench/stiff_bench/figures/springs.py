@@ -103,18 +103,18 @@ def gather(source: FigureSource) -> Content:
         found = result.diagnostics
         return bool(found) and _stiffness(data(result.cell.data_sha256), 0, segment=1) in found
 
-    contest = source.contest(is_segmented, needs=_NEEDS)
-    results = source.results(contest, is_segmented)
+    case = source.case(is_segmented, needs=_NEEDS)
+    results = source.results(case, is_segmented)
     model = results[0].shown.model
     results = [one for one in results if one.shown.model == model]
-    stored = data(contest.name.data_sha256)
+    stored = data(case.name.data_sha256)
     torque, of_what = _torques(stored, results[0])
-    linear = contest.results(REFERENCE_MODEL) if REFERENCE_MODEL in contest.competitors else ()
+    linear = case.results(REFERENCE_MODEL) if REFERENCE_MODEL in case.competitors else ()
     caption = (
         f"Deflection of each joint against the torque on it, as {model} identified it (thin: each "
         f"split, thick: median), for both signs alike; dashed: {REFERENCE_MODEL}. Shaded: torques "
         f"({of_what}) that {_SHARES[0]:.0%} and {_SHARES[1]:.0%} of the samples stay below; a "
-        f"panel ends at the largest. {setting(contest, [model], [len(results)])}"
+        f"panel ends at the largest. {setting(case, [model], [len(results)])}"
     )
     return Content(caption, partial(springs_figure, stored, np.abs(torque), results, linear))
 

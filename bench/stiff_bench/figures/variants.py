@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from stiff_bench.analysis.collected import Contest
+from stiff_bench.analysis.collected import Case
 from stiff_bench.figures.figure import Content
 from stiff_bench.figures.source import FigureSource, setting
 from stiff_bench.figures.style import (
@@ -133,8 +133,8 @@ def draw_strategies(axes: Axes, errors: pd.DataFrame, linear: float | None) -> N
 
 def freezing(source: FigureSource) -> Content:
     """Take the variants of one model that differ in the freeze strategy alone."""
-    contest = source.contest(is_frozen, needs=_STRATEGIES, most_first=True)
-    model, results = variants_of(source.results(contest, is_frozen), "freeze")
+    case = source.case(is_frozen, needs=_STRATEGIES, most_first=True)
+    model, results = variants_of(source.results(case, is_frozen), "freeze")
     each = [set(map(slot_of, of)) for of in grouped(results, freeze_of).values()]
     if len(each) < FEWEST_STRATEGIES:
         raise StoreError(f"--results {source.folder}: no model has results of {_STRATEGIES}")
@@ -149,15 +149,15 @@ def freezing(source: FigureSource) -> Content:
     caption = (
         f"Mean absolute error of {model}, all axes together, by the layers that fine-tuning moves "
         "(from the input on; out: the output layer). Symbol: mean over the splits; bars: splits. "
-        f"{setting(contest, names, [len(slots)])}{fewer}"
+        f"{setting(case, names, [len(slots)])}{fewer}"
     )
     errors = strategies(one for one in results if slot_of(one) in slots)
-    return Content(caption, partial(freezing_figure, errors, linear_error(contest, slots)))
+    return Content(caption, partial(freezing_figure, errors, linear_error(case, slots)))
 
 
-def linear_error(contest: Contest, slots: Collection[Slot]) -> float | None:
+def linear_error(case: Case, slots: Collection[Slot]) -> float | None:
     """Return the linear model's mean absolute error over splits and axes, m; None: it lacks one."""
-    linear = contest.competitors.get(REFERENCE_MODEL)
+    linear = case.competitors.get(REFERENCE_MODEL)
     if linear is None or not all(slot in linear.done for slot in slots):
         return None
     return float(np.mean([mean_error(linear.done[slot]) for slot in sorted(slots)]))
@@ -249,8 +249,8 @@ def _draw_map(figure: Figure, axes: Axes, mean: pd.DataFrame) -> None:
 
 def sweep(source: FigureSource) -> Content:
     """Take the networks that differ in depth and width alone."""
-    contest = source.contest(is_swept, needs=_NETWORKS, most_first=True)
-    model, results = variants_of(source.results(contest, is_swept), "layers", "width")
+    case = source.case(is_swept, needs=_NETWORKS, most_first=True)
+    model, results = variants_of(source.results(case, is_swept), "layers", "width")
     errors = errors_on_source(results)
     n_splits = errors.groupby(["depth", "width"]).size()
     if len(n_splits) < FEWEST_NETWORKS:
@@ -259,6 +259,6 @@ def sweep(source: FigureSource) -> Content:
     caption = (
         f"Mean absolute error of {model} on the test part (30 %) of the simulated source domain, "
         "all axes together. Bands: least to largest of the splits. "
-        f"{setting(contest, names, n_splits.tolist())}"
+        f"{setting(case, names, n_splits.tolist())}"
     )
     return Content(caption, partial(sweep_figure, errors))

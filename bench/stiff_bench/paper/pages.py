@@ -65,7 +65,7 @@ def write_paper(output: Path, command: str, n_missing: int) -> Iterator[Path]:
             path = folder / "tables" / f"table_{number}.{suffix}"
             yield _written(path, render(table, fmt, f"{again} --format {fmt}"))
         tables.append(render(table, "github", again))
-    source = FigureSource(results.folder, results.contests)
+    source = FigureSource(results.folder, results.cases)
     drawn, not_drawn = can_be_drawn(paper_figures.FIGURES, results)
     others, also = can_be_drawn({name: FIGURES[name] for name in OF_PAPER}, source)
     missing |= {f"Figure {name}": why for name, why in (not_drawn | also).items()}

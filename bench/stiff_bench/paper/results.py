@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from stiff_bench.analysis.collected import Competitor, Contest, collect
+from stiff_bench.analysis.collected import Case, Competitor, collect
 from stiff_bench.figures.source import marks
 from stiff_bench.paper import PAPER_RESULTS
 from stiff_bench.paper.study import DATASET, SEED
@@ -83,11 +83,11 @@ class PaperResults:
 
     Attributes:
         folder: of the results.
-        contests: all that it holds.
+        cases: all that it holds.
     """
 
     folder: Path
-    contests: tuple[Contest, ...]
+    cases: tuple[Case, ...]
 
     @classmethod
     def of(cls, folder: Path) -> PaperResults:
@@ -103,12 +103,12 @@ class PaperResults:
 
     def of_models(self, models: Iterable[str], protocol: str) -> Found:
         """Return the results of models under a protocol, each on its own splits."""
-        contest = self._contest(protocol)
-        competitors: Mapping[str, Competitor] = {} if contest is None else contest.competitors
+        case = self._case(protocol)
+        competitors: Mapping[str, Competitor] = {} if case is None else case.competitors
         results, failures, missing = dict[str, list[CellResult]](), dict[str, str](), list[str]()
         for model in models:
             found = competitors.get(model)
-            if contest is None or found is None:
+            if case is None or found is None:
                 missing.append(model)
             elif found.failures:
                 first = next(iter(found.failures.values()))
@@ -117,7 +117,7 @@ class PaperResults:
                     f"{counted(len(found.failures), 'split')}: {first.why_none}"
                 )
             else:
-                results[model] = contest.results(model)
+                results[model] = case.results(model)
         return Found(protocol, results, failures, missing)
 
     def on_shared_splits(self, models: Iterable[str], protocol: str) -> Found:
@@ -126,8 +126,8 @@ class PaperResults:
         Raises:
             StoreError: none has a result, or no split is of all.
         """
-        found, contest = self.of_models(models, protocol), self._contest(protocol)
-        if contest is None or not found.results:
+        found, case = self.of_models(models, protocol), self._case(protocol)
+        if case is None or not found.results:
             missing = found.missing
             why = "; ".join(found.failures.values()) or f"no result of {missing[0]}"
             if len(missing) > 1 and not found.failures:
@@ -136,16 +136,16 @@ class PaperResults:
                 f"--results {self.folder}: nothing to print of {DATASET} under {protocol}: {why}; "
                 f"{REPRODUCE} makes it"
             )
-        shared = contest.shared_slots(found.results)
+        shared = case.shared_slots(found.results)
         if not shared:
             raise StoreError(
                 f"--results {self.folder}: {', '.join(found.results)} have no split of {protocol} "
                 f"in common; {FULL} makes what is missing"
             )
-        any_of = {slot for model in found.results for slot in contest.competitors[model].done}
+        any_of = {slot for model in found.results for slot in case.competitors[model].done}
         return Found(
             protocol,
-            {model: contest.results(model, shared) for model in found.results},
+            {model: case.results(model, shared) for model in found.results},
             found.failures,
             found.missing,
             n_left_out=len(any_of) - len(shared),
@@ -157,16 +157,16 @@ class PaperResults:
         (line,) = sources(self.folder, list(read_manifests(self.folder)), counts)
         return line
 
-    def _contest(self, protocol: str) -> Contest | None:
-        """Return the newest contest under a protocol: other seeds and older data are others."""
+    def _case(self, protocol: str) -> Case | None:
+        """Return the newest case under a protocol: other seeds and older data are others."""
         found = [
-            contest
-            for contest in self.contests
-            if (contest.name.dataset, contest.name.protocol) == (DATASET, protocol)
-            and not contest.name.condition
-            and contest.name.seed == SEED
+            case
+            for case in self.cases
+            if (case.name.dataset, case.name.protocol) == (DATASET, protocol)
+            and not case.name.condition
+            and case.name.seed == SEED
         ]
-        return max(found, key=lambda contest: contest.newest_run, default=None)
+        return max(found, key=lambda case: case.newest_run, default=None)
 
 
 def named_results(folder: Path | None, what: str, *, fitted: bool) -> PaperResults:

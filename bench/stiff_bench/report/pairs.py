@@ -1,4 +1,4 @@
-"""All pairs of a leaderboard's models: in how many contests is one better than the other?"""
+"""All pairs of a leaderboard's models: in how many cases is one better than the other?"""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def pair_table(section: Section, board: Leaderboard) -> Table:
         )
     if n_left_out:
         notes.append(
-            f"{n_left_out} of {len(section.fields)} data sets and protocols are left out: more "
+            f"{n_left_out} of {len(section.cases)} data sets and protocols are left out: more "
             f"than {MOST_PAIRS} comparisons."
         )
     return Table(
@@ -51,23 +51,23 @@ def pair_table(section: Section, board: Leaderboard) -> Table:
 def _counts(
     section: Section, board: Leaderboard
 ) -> tuple[dict[tuple[str, str], Counter[Verdict]], int]:
-    """Return (row, column) -> verdicts on them, and how many contests `MOST_PAIRS` leaves out."""
+    """Return (row, column) -> verdicts on them, and how many cases `MOST_PAIRS` leaves out."""
     counts: dict[tuple[str, str], Counter[Verdict]] = {}
     shown, left = section.models[:MOST_MODELS], MOST_PAIRS
-    for number, field in enumerate(section.fields):
-        models = tuple(sorted(name for name in shown if name in field.scores))
+    for number, scored in enumerate(section.cases):
+        models = tuple(sorted(name for name in shown if name in scored.scores))
         pairs = list(permutations(range(len(models)), 2))
         left -= len(pairs) // 2
         if left < 0:
-            return counts, len(section.fields) - number
-        verdicts = board.rankings.of(field, models).verdicts(pairs) if pairs else None
+            return counts, len(section.cases) - number
+        verdicts = board.rankings.of(scored, models).verdicts(pairs) if pairs else None
         for (a, b), verdict in zip(pairs, verdicts or (), strict=False):
             counts.setdefault((models[a], models[b]), Counter())[verdict] += 1
     return counts, 0
 
 
 def _difference(count: Counter[Verdict] | None) -> Quantity | None:
-    """Return by how many more contests the row is better than the column, and both numbers."""
+    """Return by how many more cases the row is better than the column, and both numbers."""
     if count is None:
         return None
     return Quantity(count["a"] - count["b"], mark=f"{count['a']} : {count['b']}")

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from stiff_bench.analysis.collected import (
-    Contest,
+    Case,
     StoredResults,
     asked_for,
-    chosen_contests,
+    chosen_cases,
     chosen_models,
     left_out_notes,
     same_name_other_data,
@@ -51,10 +51,8 @@ def part_of(stored: StoredResults, choice: Selection, key: SortKey) -> Part:
         StoreError: a file of the folder is damaged.
     """
     folder = stored.folder
-    chosen_models(stored.contests, choice.models)  # each has results
-    chosen = tuple(
-        chosen_contests(stored.contests, datasets=choice.datasets, protocols=choice.protocols)
-    )
+    chosen_models(stored.cases, choice.models)  # each has results
+    chosen = tuple(chosen_cases(stored.cases, datasets=choice.datasets, protocols=choice.protocols))
     if not chosen:
         raise ConfigError(
             f"--dataset {', '.join(choice.datasets)} --protocol {', '.join(choice.protocols)}: no "
@@ -90,26 +88,26 @@ def _verdict(board: Leaderboard) -> str:
     if not section.ranked:
         return "No ranks: no two models have all results."
     first, *others = section.ranked
-    n_contests = len(section.fields)
+    n_cases = len(section.cases)
     alike = [
         one.name
         for one in others
-        if one.within_cd or (one.within_cd is None and one.like_best == n_contests)
+        if one.within_cd or (one.within_cd is None and one.like_best == n_cases)
     ]
     named = ", ".join(alike[:3]) + (f" and {len(alike) - 3} more" if len(alike) > 3 else "")
     return (
         f"{first.name} is first of {counted(len(section.ranked), 'model')} by {board.key.text}: "
-        f"mean rank {first.mean_rank:.2f} over {counted(n_contests, 'comparison')}. "
+        f"mean rank {first.mean_rank:.2f} over {counted(n_cases, 'comparison')}. "
         f"{f'Not told apart from it: {named}.' if alike else 'No other model is like it.'}"
     )
 
 
-def _summary(contests: Sequence[Contest], choice: Selection, verdict: str) -> Block:
-    shown = [presentation(contest) for contest in contests]
+def _summary(cases: Sequence[Case], choice: Selection, verdict: str) -> Block:
+    shown = [presentation(case) for case in cases]
     competitors = [
         one
-        for contest in contests
-        for name, one in contest.competitors.items()
+        for case in cases
+        for name, one in case.competitors.items()
         if asked_for(name, choice.models)
     ]
     n_results = sum(len(one.done) for one in competitors)
@@ -122,13 +120,13 @@ def _summary(contests: Sequence[Contest], choice: Selection, verdict: str) -> Bl
         [
             verdict,
             f"{counted(n_results, 'result')} of {counted(n_models, 'model')} in "
-            f"{counted(len(contests), 'comparison')}; {len(failures) - n_skipped} failed, "
+            f"{counted(len(cases), 'comparison')}; {len(failures) - n_skipped} failed, "
             f"{n_skipped} skipped. Data: {', '.join(kinds)}.",
         ],
         notes=[
-            *caveats_of(contests),
-            *same_name_other_data(contests),
-            *left_out_notes(contests),
+            *caveats_of(cases),
+            *same_name_other_data(cases),
+            *left_out_notes(cases),
         ],
     )
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from stiff_bench.analysis.collected import Contest, asked_for, contest_name_of
+from stiff_bench.analysis.collected import Case, asked_for, case_name_of
 from stiff_bench.report.content import Block, Fold
 from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import slot_of
@@ -20,7 +20,7 @@ from stiff_protocols.contract.record import CellResult, RunManifest
 
 @dataclass(frozen=True)
 class Selection:
-    """Which contests and models a page shows, and what it ranks by.
+    """Which cases and models a page shows, and what it ranks by.
 
     Attributes:
         models, datasets, protocols: words of the command line; none named means all.
@@ -57,19 +57,19 @@ MOST_ENVIRONMENTS = 10
 
 
 def run_block(
-    runs: Sequence[RunManifest], contests: Iterable[Contest], provenance: Sequence[str]
+    runs: Sequence[RunManifest], cases: Iterable[Case], provenance: Sequence[str]
 ) -> Block:
     """Return the runs of a folder, the newest first.
 
     Args:
         runs: whose manifests the folder holds.
-        contests: whose results are shown.
+        cases: whose results are shown.
         provenance: lines that stand beneath the leaderboard.
     """
     counts = Counter(
         result.run_id
-        for contest in contests
-        for competitor in contest.competitors.values()
+        for case in cases
+        for competitor in case.competitors.values()
         for result in competitor.done.values()
     )
     newest = sorted(runs, key=lambda run: run.run_id, reverse=True)
@@ -134,29 +134,29 @@ LONGEST_SPLITS = 60
 LONGEST_LOG = 8000
 
 
-def failure_block(contests: Sequence[Contest], models: Sequence[str]) -> Block:
-    """Return the failures that count among some contests; those that are alike in one row.
+def failure_block(cases: Sequence[Case], models: Sequence[str]) -> Block:
+    """Return the failures that count among some cases; those that are alike in one row.
 
     Args:
-        contests: to show.
+        cases: to show.
         models: words of the command line; none named means all.
     """
     found = sorted(
         (
             failure
-            for contest in contests
-            for name, competitor in contest.competitors.items()
+            for case in cases
+            for name, competitor in case.competitors.items()
             if asked_for(name, models)
             for failure in competitor.failures.values()
         ),
-        key=lambda one: (one.shown.model, contest_name_of(one), slot_of(one)),
+        key=lambda one: (one.shown.model, case_name_of(one), slot_of(one)),
     )
     heading = "Failed and skipped"
     if not found:
         return Block(heading, ["Nothing failed and nothing was skipped."])
     alike = grouped(
         found,
-        lambda one: (one.shown.model, contest_name_of(one), one.status, one.cause, one.failure),
+        lambda one: (one.shown.model, case_name_of(one), one.status, one.cause, one.failure),
     )
     header = ("model", "status", "reason", "cause", "data set", "protocol", "condition", "splits")
     logs = [one for one in found if one.log]

@@ -1,4 +1,4 @@
-"""Scores, data and identified stiffnesses of the contests of a page. Here SI becomes mm."""
+"""Scores, data and identified stiffnesses of the cases of a page. Here SI becomes mm."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 
-from stiff_bench.analysis.collected import Competitor, Contest, asked_for
+from stiff_bench.analysis.collected import Case, Competitor, asked_for
 from stiff_bench.analysis.leaderboard import in_order, presentation
 from stiff_bench.report.content import Block, Fold
 from stiff_bench.store.names import labels, natural_key
@@ -31,27 +31,27 @@ MOST_NOTES = 200
 _ALWAYS = ("norm", "mae", "stde", "me")
 
 
-def score_block(contests: Sequence[Contest], models: Sequence[str], metric: str) -> Block:
-    """Return the scores of models in contests, whether or not they can be ranked.
+def score_block(cases: Sequence[Case], models: Sequence[str], metric: str) -> Block:
+    """Return the scores of models in cases, whether or not they can be ranked.
 
     Args:
-        contests: to show.
+        cases: to show.
         models: words of the command line; none named means all.
         metric: that is ranked by; it stands first.
     """
     metrics = [METRICS[key] for key in dict.fromkeys((metric, *_ALWAYS))]
-    called = labels(contest.name for contest in contests)
+    called = labels(case.name for case in cases)
     shown = [
-        (contest, competitor)
-        for contest in sorted(contests, key=in_order)
-        for name, competitor in contest.competitors.items()
+        (case, competitor)
+        for case in sorted(cases, key=in_order)
+        for name, competitor in case.competitors.items()
         if asked_for(name, models)
     ]
     notes: dict[str, list[str]] = {}
-    for contest, competitor in shown:
+    for case, competitor in shown:
         if competitor.done:
-            for note in model_notes(contest.results(competitor.name)):
-                notes.setdefault(note, []).append(called[contest.name])
+            for note in model_notes(case.results(competitor.name)):
+                notes.setdefault(note, []).append(called[case.name])
     table = Table(
         "Scores, mean ± standard deviation over splits",
         [
@@ -59,16 +59,16 @@ def score_block(contests: Sequence[Contest], models: Sequence[str], metric: str)
             *(Column("seed"), Column("splits")),
             *(column for metric in metrics for column in metric_columns([metric])),
         ],
-        [_cells(contest, competitor, metrics) for contest, competitor in shown],
+        [_cells(case, competitor, metrics) for case, competitor in shown],
         ["splits: with a result, of those asked for."],
     )
     return Block("Scores", tables=[table], folds=_fit_notes(notes))
 
 
-def _cells(contest: Contest, competitor: Competitor, metrics: Sequence[Metric]) -> list[Cell]:
-    """Return the cells of a model in a contest."""
-    name = contest.name
-    results = contest.results(competitor.name)
+def _cells(case: Case, competitor: Competitor, metrics: Sequence[Metric]) -> list[Cell]:
+    """Return the cells of a model in a case."""
+    name = case.name
+    results = case.results(competitor.name)
     n_asked = max(competitor.n_asked, len(competitor.done) + len(competitor.failures))
     values = metric_values(results, metrics) if results else {}
     return [
@@ -92,32 +92,32 @@ def _fit_notes(notes: Mapping[str, Sequence[str]]) -> list[Fold]:
     return [Fold(summary, "\n".join(lines[:MOST_NOTES]))]
 
 
-def data_block(contests: Sequence[Contest], data_of: Callable[[str], StoredData]) -> Block:
+def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> Block:
     """Return robot and size of the data sets, what must be read with them, and stiffnesses.
 
     Args:
-        contests: to show.
+        cases: to show.
         data_of: the samples with a hash; raises StoreError where they are not stored.
     """
-    of_data = {contest.name.data_sha256: contest for contest in contests}
+    of_data = {case.name.data_sha256: case for case in cases}
     rows: list[list[Cell]] = []
-    for sha256, contest in sorted(
+    for sha256, case in sorted(
         of_data.items(), key=lambda item: (natural_key(item[1].name.dataset), item[0])
     ):
-        shown = presentation(contest)
+        shown = presentation(case)
         try:
             data = data_of(sha256)
             size: list[Cell] = [data.robot, len(data.samples), len(set(data.samples.pose_id))]
         except StoreError:
             size = [None, None, None]
         kind, caveats = kind_label(shown.kind, shown.task), "; ".join(shown.caveats)
-        rows.append([contest.name.dataset, kind, *size, caveats or "-", sha256])
+        rows.append([case.name.dataset, kind, *size, caveats or "-", sha256])
     columns = [
         *(Column(name, "text") for name in ("data set", "kind", "robot")),
         *(Column("samples"), Column("poses")),
         *(Column(name, "text") for name in ("to be read with it", "sha256 of its numbers")),
     ]
-    tables = [Table("Data sets", columns, rows), _stiffnesses(contests)]
+    tables = [Table("Data sets", columns, rows), _stiffnesses(cases)]
     return Block("Robots and data", tables=[table for table in tables if table.rows])
 
 
@@ -125,19 +125,19 @@ _STIFFNESS = re.compile(r"stiffness (\S+ \[.+\])")
 """Of a joint with one spring, among the numbers that a fit reports."""
 
 
-def _stiffnesses(contests: Sequence[Contest]) -> Table:
+def _stiffnesses(cases: Sequence[Case]) -> Table:
     """Return the joint stiffnesses that the reference model identified on each data set."""
     found: dict[str, tuple[str, dict[str, Quantity]]] = {}
-    for contest in sorted(contests, key=in_order):
-        if REFERENCE_MODEL in contest.competitors and contest.name.dataset not in found:
-            fits = [one.diagnostics for one in contest.results(REFERENCE_MODEL)]
+    for case in sorted(cases, key=in_order):
+        if REFERENCE_MODEL in case.competitors and case.name.dataset not in found:
+            fits = [one.diagnostics for one in case.results(REFERENCE_MODEL)]
             values = {
                 joint[1]: [fit[key] for fit in fits if math.isfinite(fit.get(key, math.inf))]
                 for key in (fits[0] if fits else ())
                 if (joint := _STIFFNESS.fullmatch(key))
             }
             row = {joint: mean_over(of_fits) for joint, of_fits in values.items() if of_fits}
-            found[contest.name.dataset] = (contest.name.protocol, row)
+            found[case.name.dataset] = (case.name.protocol, row)
     joints = dict.fromkeys(joint for _, row in found.values() for joint in row)
     return Table(
         f"Joint stiffnesses of {REFERENCE_MODEL}, mean ± standard deviation over splits",

@@ -42,7 +42,7 @@ class Finished:
     wall_s: float
 
     @property
-    def tally(self) -> str:
+    def summary(self) -> str:
         """What became of the cells: "18 ok, 1 failed (SIGKILL), 1 timed out, 3 cached"."""
         counts, causes = Counter[str](), Counter[str]()
         for result in self.results:

@@ -91,7 +91,7 @@ SHORT = 8
 
 
 @dataclass(frozen=True, order=True)
-class ContestName:
+class CaseName:
     """What makes results comparable.
 
     Attributes:
@@ -116,10 +116,10 @@ class ContestName:
         return " | ".join(filter(None, (self.dataset, self.protocol, self.condition)))
 
 
-def label_parts(names: Iterable[ContestName]) -> dict[ContestName, tuple[str, ...]]:
+def label_parts(names: Iterable[CaseName]) -> dict[CaseName, tuple[str, ...]]:
     """Return the parts of each name for people: data set, protocol, condition, and what differs.
 
-    Contests with one text have other seeds or other data (one file name, say); the seed or the
+    Cases with one text have other seeds or other data (one file name, say); the seed or the
     hash that tells them apart stands there then, and only then.
     """
     parts = {}
@@ -140,6 +140,6 @@ def label_parts(names: Iterable[ContestName]) -> dict[ContestName, tuple[str, ..
     return parts
 
 
-def labels(names: Iterable[ContestName]) -> dict[ContestName, str]:
-    """Return each name in one text, as `ContestName.text` has it, with what tells it apart."""
+def labels(names: Iterable[CaseName]) -> dict[CaseName, str]:
+    """Return each name in one text, as `CaseName.text` has it, with what tells it apart."""
     return {name: " | ".join(parts) for name, parts in label_parts(names).items()}

@@ -1,4 +1,4 @@
-"""Which of several results of one contest count: those of the newest run.
+"""Which of several results of one case count: those of the newest run.
 
 A folder may hold results of several runs, of several versions of stiffbench, of other splits under
 one name. They never mix: what contradicts the newest is left out, and is said. A run's name begins
@@ -61,7 +61,7 @@ class Runs:
 def of_newest_splits(
     results: Sequence[CellResult], runs: Runs
 ) -> tuple[list[CellResult], list[str]]:
-    """Return the results of one contest that share the newest run's splits, and what is left out.
+    """Return the results of one case that share the newest run's splits, and what is left out.
 
     Two splits of one number show that the data were divided in two ways (another version of the
     protocol). Then the newest run's splits count, with those of each run that shares a split with

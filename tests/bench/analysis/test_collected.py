@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from made_results import MadeResults, damage, forget
-from stiff_bench.analysis.collected import Contest, collect, left_out_notes
+from stiff_bench.analysis.collected import Case, collect, left_out_notes
 from stiff_bench.store.database import FILE, ResultStore
 from stiff_bench.store.names import Variant
 from stiff_protocols.contract.errors import StoreError
@@ -19,19 +19,19 @@ def made(tmp_path: Path) -> MadeResults:
     return MadeResults(tmp_path)
 
 
-def only(made: MadeResults) -> Contest:
-    (contest,) = collect(made.folder)
-    return contest
+def only(made: MadeResults) -> Case:
+    (case,) = collect(made.folder)
+    return case
 
 
 def test_older_results_on_other_splits_are_left_out_and_said(made):
     made.add("a", [1.0] * 5, run_id="1", splits_named="old-")
     made.add("c", [1.0] * 5, run_id="1", splits_named="old-")
     made.add("a", [2.0] * 3, run_id="2", splits_named="new-")
-    contest = only(made)
-    assert contest.slots == tuple((index, f"split-new-{index}") for index in range(3))
-    assert list(contest.competitors) == ["a"]
-    (note,) = left_out_notes([contest])
+    case = only(made)
+    assert case.slots == tuple((index, f"split-new-{index}") for index in range(3))
+    assert list(case.competitors) == ["a"]
+    (note,) = left_out_notes([case])
     assert note == (
         "twin | holdout: older results on other splits than those of the newest run (all of c) "
         "are left out."
@@ -60,10 +60,10 @@ def test_a_resumed_run_stands_for_what_it_found_computed(made):
     made.add("a", [9.0] * 5, run_id="1", splits_named="old-")
     made.add_run("3", made.add("a", [1.0] * 5, run_id="3", splits_named="new-"))
     made.add("a", [1.0] * 2, run_id="2", splits_named="new-")
-    contest = only(made)
-    assert [slot[1] for slot in contest.slots] == [f"split-new-{index}" for index in range(5)]
-    assert [one.run_id for one in contest.results("a")] == ["2", "2", "3", "3", "3"]
-    assert contest.newest_run == "3"
+    case = only(made)
+    assert [slot[1] for slot in case.slots] == [f"split-new-{index}" for index in range(5)]
+    assert [one.run_id for one in case.results("a")] == ["2", "2", "3", "3", "3"]
+    assert case.newest_run == "3"
 
 
 def test_results_that_a_later_run_asked_for_again_are_the_newest(made):
@@ -71,8 +71,8 @@ def test_results_that_a_later_run_asked_for_again_are_the_newest(made):
     old = made.add("a", [1.0] * 3, run_id="1", splits_named="old-")
     made.add("a", [2.0] * 3, run_id="2", splits_named="new-")
     made.add_run("3", old)
-    contest = only(made)
-    assert {one.run_id for one in contest.results("a")} == {"1"} and contest.newest_run == "3"
+    case = only(made)
+    assert {one.run_id for one in case.results("a")} == {"1"} and case.newest_run == "3"
 
 
 def test_a_cell_that_fails_when_it_is_computed_again_keeps_its_result(made):
@@ -99,11 +99,11 @@ def test_the_newest_run_says_how_many_splits_were_asked_for(made, newest, n_aske
     assert only(made).competitors["a"].n_asked == n_asked
 
 
-def test_runs_of_the_same_splits_are_one_contest(made):
+def test_runs_of_the_same_splits_are_one_case(made):
     made.add("a", [1.0] * 5, run_id="1")
     made.add("b", [1.0] * 3, run_id="2")
-    contest = only(made)
-    assert len(contest.slots) == 5 and contest.left_out == ()
+    case = only(made)
+    assert len(case.slots) == 5 and case.left_out == ()
 
 
 def test_older_results_of_a_name_with_other_options_are_left_out_and_said(made):
@@ -112,14 +112,14 @@ def test_older_results_of_a_name_with_other_options_are_left_out_and_said(made):
         options = {"neighbours": neighbours}
         made.add("nested", [error, error], run_id=run_id, options=options)
     made.add("other", [2.0, 2.0], run_id="1")
-    contest = only(made)
-    assert {one.run_id for one in contest.results("nested")} == {"2"}
-    assert len(contest.results("other")) == 2
-    (note,) = left_out_notes([contest])
+    case = only(made)
+    assert {one.run_id for one in case.results("nested")} == {"2"}
+    assert len(case.results("other")) == 2
+    (note,) = left_out_notes([case])
     assert "older results of nested with other options (neighbours) are left out" in note
 
 
-def test_one_note_stands_for_all_contests_with_the_same_reason(made):
+def test_one_note_stands_for_all_cases_with_the_same_reason(made):
     for condition in ("n = 5", "n = 10"):
         for run_id in "12":
             made.add("a", [1.0], run_id=run_id, options={"k": run_id}, condition=condition)

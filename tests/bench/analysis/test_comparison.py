@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 from scipy import stats
 
-from compared_results import contest_in, fifths, made_data, spread, steady, store_results
+from compared_results import case_in, fifths, made_data, spread, steady, store_results
 from stiff_bench.analysis.comparison import compare, compare_folder
 from stiff_bench.analysis.comparison_text import render_report, sentence
 from stiff_bench.analysis.verdict import Question
@@ -28,8 +28,8 @@ PAIR = {"a": steady(*A_SPLITS), "b": steady(*B_SPLITS)}
 
 
 def compared(folder, a="a", b="b", **question):
-    contest, data = contest_in(folder)
-    return compare(contest, a, b, data, Question(**question))
+    case, data = case_in(folder)
+    return compare(case, a, b, data, Question(**question))
 
 
 def report_on(folder, a="a", b="b", question=None, **words):
@@ -205,7 +205,7 @@ def test_a_word_with_a_default_spelled_out_is_one_data_set_and_its_key_all(tmp_p
     assert only.name.dataset == "made"
 
 
-def test_many_contests_take_one_line_each_and_one_contest_takes_one_screen(tmp_path):
+def test_many_cases_take_one_line_each_and_one_case_takes_one_screen(tmp_path):
     for size in (5, 10, 40):
         store_results(tmp_path, PAIR, condition=f"n = {size}")
     many = text_of(tmp_path).splitlines()
@@ -264,7 +264,7 @@ def test_a_model_may_spell_out_the_defaults_that_its_results_were_made_with(tmp_
         report_on(folder, b="a@depth=3")
 
 
-def test_in_the_overview_marks_stand_beside_their_contest_alone(tmp_path):
+def test_in_the_overview_marks_stand_beside_their_case_alone(tmp_path):
     store_results(tmp_path, PAIR, condition="n = 5")
     regime = {"regime": "no source: target alone"}
     store_results(tmp_path, PAIR, condition="n = 6", own={"a": regime})
@@ -302,7 +302,7 @@ def test_what_selects_on_the_test_part_is_marked_and_not_counted(tmp_path):
     assert {line["condition"] for line in lines if line["selects_on_test"] == "True"} == {"paper"}
 
 
-def test_contests_with_one_text_are_told_apart_by_what_differs_and_seeds_are_in_order(tmp_path):
+def test_cases_with_one_text_are_told_apart_by_what_differs_and_seeds_are_in_order(tmp_path):
     plain = store_results(tmp_path / "plain", PAIR)
     for seed in (10, 3):
         rewritten(

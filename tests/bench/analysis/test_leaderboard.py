@@ -96,7 +96,7 @@ def test_a_key_stands_for_all_its_variants(made):
     assert set(ranks(board_of(made, "net"))) == {"net", "net@size=2"}
 
 
-def test_a_model_that_lacks_a_contest_has_no_mean_rank_and_moves_nobody_elses(made):
+def test_a_model_that_lacks_a_case_has_no_mean_rank_and_moves_nobody_elses(made):
     add_three(made)
     made.add("winner", [0.1, 0.1], TWINS[0])
     board = board_of(made)
@@ -123,8 +123,8 @@ def test_of_fewer_splits_only_those_count_that_all_models_have(made):
     made.add("a", [1.0, 5.0, 9.0])
     made.add("b", [2.0, 2.0])
     board = board_of(made)
-    (field,) = board.sections[0].fields
-    assert field.mean("a") == pytest.approx(3e-3)
+    (scored,) = board.sections[0].cases
+    assert scored.mean("a") == pytest.approx(3e-3)
     assert "only the 2 of 3 splits" in text_of(board)
 
 
@@ -154,7 +154,7 @@ def test_of_data_that_changed_under_one_name_only_those_of_the_newest_run_count(
         made.add("b", [1.5], version=version, run_id=run_id)
     board = board_of(made)
     assert ranks(board) == {"a": 1.0, "b": 2.0}
-    assert len(board.sections[0].fields) == 1
+    assert len(board.sections[0].cases) == 1
     assert "twin stands for different data here" in text_of(board)
 
 
@@ -169,11 +169,11 @@ def test_another_task_never_enters(made):
         board_of(made, datasets=("ur5-pose-error",))
 
 
-def test_a_contest_with_one_model_alone_is_left_out_and_said(made):
+def test_a_case_with_one_model_alone_is_left_out_and_said(made):
     add_three(made)
     made.add("a", [1.0], "lonely")
     board = board_of(made)
-    assert len(board.sections[0].fields) == 3
+    assert len(board.sections[0].cases) == 3
     assert "lonely | holdout is left out: none of the other models was run there." in text_of(board)
 
 
@@ -198,7 +198,7 @@ def test_protocols_that_select_on_the_test_part_are_ranked_apart_and_marked(made
     assert "not a fair comparison" in text and "it is optimistic" in text
 
 
-def test_the_interval_of_one_contest_is_that_of_the_ranks_over_its_poses(made, rng):
+def test_the_interval_of_one_case_is_that_of_the_ranks_over_its_poses(made, rng):
     errors = {
         model: rng.gamma(2.0, scale, size=N_POSES)
         for model, scale in zip("abc", (5, 6, 9), strict=True)
@@ -230,7 +230,7 @@ def test_the_interval_holds_the_mean_rank_also_where_draws_pull_it_to_the_middle
     assert first.high > 2.0
 
 
-def test_contests_on_the_same_poses_are_drawn_together(made, rng):
+def test_cases_on_the_same_poses_are_drawn_together(made, rng):
     """Two conditions with the same errors say no more than one of them."""
     errors = {
         model: rng.gamma(2.0, scale, size=N_POSES)
@@ -325,8 +325,8 @@ def test_a_metric_with_axes_ranks_by_one_of_them_or_by_their_mean(made):
     made.add("a", [3.0])
     made.add("b", [1.0])
     of_z, of_all, of_x = (board_of(made, metric="mae", axis=axis) for axis in ("z", None, "x"))
-    assert of_z.sections[0].fields[0].mean("a") == pytest.approx(3e-3)
-    assert of_all.sections[0].fields[0].mean("a") == pytest.approx(1e-3)
+    assert of_z.sections[0].cases[0].mean("a") == pytest.approx(3e-3)
+    assert of_all.sections[0].cases[0].mean("a") == pytest.approx(1e-3)
     assert ranks(of_z) == {"b": 1.0, "a": 2.0} and ranks(of_x) == {"a": 1.5, "b": 1.5}
     assert "mean rank of mae [mm], mean over x, y, z (smaller is better)" in text_of(of_all)
 
@@ -343,8 +343,8 @@ def test_where_larger_is_better_the_largest_is_first_and_nothing_is_drawn(made):
 def test_leave_one_out_is_scored_over_all_poses_together(made):
     for model, errors in (("a", [1.0, 3.0]), ("b", [4.0, 4.0])):
         made.add(model, errors, protocol="leave-one-out", pooled=True)
-    (field,) = board_of(made, metric="me", axis="z").sections[0].fields
-    assert field.scores["a"].tolist() == pytest.approx([3e-3])
+    (scored,) = board_of(made, metric="me", axis="z").sections[0].cases
+    assert scored.scores["a"].tolist() == pytest.approx([3e-3])
 
 
 def test_several_data_sets_of_one_robot_count_once_in_the_analysis(made):
@@ -370,7 +370,7 @@ def test_equal_data_under_two_names_are_one_robot(made):
     for dataset, version in ((twin, 0), ("copy", copied), ("twin@torques=hook@specimen=1", 0)):
         for model in "abc":
             made.add(model, [1.0], dataset, version=version)
-    assert len({contest.name.data_sha256 for contest in collect(made.folder)}) == 2
+    assert len({case.name.data_sha256 for case in collect(made.folder)}) == 2
     assert n_robots(board_of(made)) == 1
 
 
@@ -390,10 +390,10 @@ def test_a_model_without_the_metric_takes_no_splits_from_the_others(made):
     (key,) = made.add("c", [1.0])
     rewrite(made, [key], records=())
     board = board_of(made)
-    (field,) = board.sections[0].fields
-    assert len(field.slots) == 3 and set(field.scores) == {"a", "b"}
-    assert field.missing["c"] == "no value of norm [mm]"
-    assert not field.left_out
+    (scored,) = board.sections[0].cases
+    assert len(scored.slots) == 3 and set(scored.scores) == {"a", "b"}
+    assert scored.missing["c"] == "no value of norm [mm]"
+    assert not scored.left_out
 
 
 @pytest.mark.parametrize(
@@ -413,8 +413,8 @@ def test_an_interrupted_run_takes_part_where_it_takes_no_split_from_the_finished
 ):
     for model, n_done, n_asked in zip("abc", done, asked, strict=True):
         rewrite(made, made.add(model, [1.0] * n_done), n_splits=n_asked)
-    (field,) = board_of(made).sections[0].fields
-    assert set(field.scores) == set(ranked) and len(field.slots) == n_slots
+    (scored,) = board_of(made).sections[0].cases
+    assert set(scored.scores) == set(ranked) and len(scored.slots) == n_slots
 
 
 def test_costs_are_ranked_without_a_test(made):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compared_results import N_POSES, contest_in, made_data, spread, store_results
+from compared_results import N_POSES, case_in, made_data, spread, store_results
 from stiff_bench.analysis.comparison import paired_errors
 from stiff_bench.analysis.comparison_text import place_text
 from stiff_bench.analysis.verdict import Question
@@ -18,8 +18,8 @@ APART = {"a": spread(1e-4, 1e-5, 1), "b": spread(2e-4, 1e-5, 2)}
 
 
 def found_in(folder, tests=ALL, **models):
-    contest, data = contest_in(store_results(folder, models, tests=tests))
-    paired = paired_errors(contest, "a", "b")
+    case, data = case_in(store_results(folder, models, tests=tests))
+    paired = paired_errors(case, "a", "b")
     return where_better(paired.rows, paired.a[:, -1], paired.b[:, -1], data, Question()), data
 
 

@@ -108,7 +108,7 @@ def test_a_fair_protocol_comes_before_one_that_picks_on_the_test_part(tmp_path):
     made.add("extra", [0.1])
     for name in ("vjm", "gp", "mlp", "a", "b", "c", "d"):
         made.add(name, [0.1], protocol="paper-holdout", selects_on_test=True)
-    assert FigureSource.of(tmp_path).contest().name.protocol == "holdout"
+    assert FigureSource.of(tmp_path).case().name.protocol == "holdout"
 
 
 def test_the_caption_says_data_protocol_splits_and_seed(tmp_path):
@@ -147,7 +147,7 @@ def test_figures_show_the_newest_data_though_more_models_met_on_older_ones(tmp_p
     for name in ("vjm", "gp"):
         made.add(name, [0.7, 0.7], version=1, run_id="run-2")
     source = FigureSource.of(tmp_path)
-    assert set(source.compared(source.contest(), 9).models) == {"vjm", "gp"}
+    assert set(source.compared(source.case(), 9).models) == {"vjm", "gp"}
     assert "Results on older data named twin are left out." in caption_of("errors", source)
 
 
@@ -162,9 +162,9 @@ def test_a_curve_without_a_finite_positive_loss_is_none(tmp_path, value):
 def test_the_best_of_the_models_with_most_splits_are_shown_and_the_linear_one_in_any_case(tmp_path):
     compared(tmp_path).add("quick", [0.01])
     source = FigureSource.of(tmp_path)
-    assert source.compared(source.contest(), 3).models == ("gp", "mlp", "vjm")
+    assert source.compared(source.case(), 3).models == ("gp", "mlp", "vjm")
     asked = FigureSource.of(tmp_path, models=["mlp"])
-    assert asked.compared(asked.contest(), 3).models == ("mlp",)
+    assert asked.compared(asked.case(), 3).models == ("mlp",)
 
 
 @pytest.mark.parametrize("name", ["regression", "ranks", "learning-curves"])

@@ -61,7 +61,7 @@ def test_a_workspace_colours_each_pose_by_the_length_of_its_error(tmp_path):
     MadeResults(tmp_path).add("vjm", [[0.1, 0.2, 0.3, 0.4]])
     source = FigureSource.of(tmp_path)
     side, above, *_ = FIGURES["workspace"].prepare(source).draw().axes
-    data = read_data(tmp_path, source.contest().name.data_sha256)
+    data = read_data(tmp_path, source.case().name.data_sha256)
     for axes, across in ((side, np.hypot(*data.tcp[:4, :2].T)), (above, data.tcp[:4, 0])):
         (points,) = axes.collections
         np.testing.assert_allclose(points.get_offsets()[:, 0], across)

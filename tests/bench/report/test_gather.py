@@ -121,7 +121,7 @@ def test_a_failure_that_a_newer_run_repeats_counts_once(results, change):
     again = results.add("bad", failed=(0,), dataset="other", run_id="run-3", **new)
     results.add_run("run-3", again)
     blocks = blocks_of(results.folder)
-    n_places = 1 if change == "options" else 2  # other data are another contest
+    n_places = 1 if change == "options" else 2  # other data are another case
     assert f"; {n_places} failed, 0 skipped." in blocks["Summary"].texts[1]
     (table,) = blocks["Failed and skipped"].tables
     assert len(table.rows) == n_places

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compared_results import contest_in, fifths, spread, steady, store_results
+from compared_results import case_in, fifths, spread, steady, store_results
 from stiff_bench.analysis.comparison import NORM, compare
 from stiff_bench.analysis.leaderboard import stored_leaderboard
 from stiff_bench.analysis.sort_key import sort_key
@@ -39,12 +39,12 @@ def pairs_of(folder):
 def test_every_pair_has_the_verdict_of_compare_and_its_mirror_image(tmp_path, n_splits, shown):
     tests = fifths(5)[:n_splits]
     folder = store_results(tmp_path, MODELS, tests=tests, **shown)
-    contest, data = contest_in(folder)
+    case, data = case_in(folder)
     cells, page = pairs_of(folder)
     for a in MODELS:
         for b in MODELS:
             if a != b:
-                verdict = compare(contest, a, b, data, Question()).row(NORM).verdict
+                verdict = compare(case, a, b, data, Question()).row(NORM).verdict
                 assert cells[a][b] == WON[verdict]
     assert cells["good"]["bad"] == "1 : 0" and cells["good"]["good"] == "-"
     styles = {cell.style for row in page.rows for cell in row[1:]}

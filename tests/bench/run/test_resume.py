@@ -53,7 +53,7 @@ def run(tmp_path, capsys):
     return execute_it
 
 
-def tally_of(said: str) -> str:
+def summary_of(said: str) -> str:
     """The counts of the summary line."""
     return re.findall(r"bench: (\d+ ok.*?);", said)[-1]
 
@@ -72,10 +72,10 @@ def bytes_of_results(folder: Path) -> dict[str, bytes]:
 
 def test_the_same_command_again_computes_nothing_and_prints_the_same_table(run, tmp_path):
     _, first, said = run()
-    assert tally_of(said) == "6 ok"
+    assert summary_of(said) == "6 ok"
     before = rows_of_cells(tmp_path)
     status, again, said = run()
-    assert (status, tally_of(said)) == (0, "0 ok, 6 cached")
+    assert (status, summary_of(said)) == (0, "0 ok, 6 cached")
     assert again == first
     assert rows_of_cells(tmp_path) == before
 
@@ -88,9 +88,9 @@ def rows_of_cells(folder: Path) -> list[tuple[object, ...]]:
 def test_more_splits_compute_those_that_are_missing(run, tmp_path):
     run(splits=2)
     _, table, said = run(splits=5)
-    assert tally_of(said) == "6 ok, 4 cached"
-    (contest,) = collect(tmp_path)
-    assert {one.n_asked for one in contest.competitors.values()} == {5}
+    assert summary_of(said) == "6 ok, 4 cached"
+    (case,) = collect(tmp_path)
+    assert {one.n_asked for one in case.competitors.values()} == {5}
     assert table == run(splits=5)[1]
 
 
@@ -100,7 +100,7 @@ def test_a_damaged_row_is_named_and_computed_again(run, tmp_path):
     key = sorted(whole)[2]
     damage(tmp_path, key)
     status, again, said = run()
-    assert (status, tally_of(said)) == (0, "1 ok, 5 cached")
+    assert (status, summary_of(said)) == (0, "1 ok, 5 cached")
     assert key in said and "damaged" in said and "computed again" in said
     assert again.count("\n") == table.count("\n")
     assert bytes_of_results(tmp_path) == whole
@@ -115,7 +115,7 @@ def test_a_torn_file_is_said_its_readable_rows_count_and_the_rest_is_computed_ag
     tear(tmp_path, table)
     status, _, said = run()
     lost = 6 if table == "value" else 0  # the values of six cells share a page
-    assert (status, tally_of(said)) == (0, f"{lost} ok" + ("" if lost else ", 6 cached"))
+    assert (status, summary_of(said)) == (0, f"{lost} ok" + ("" if lost else ", 6 cached"))
     assert f"warning: {tmp_path / FILE}: damaged" in said
     assert bytes_of_results(tmp_path) == whole and fault_of(tmp_path) is None
     assert (tmp_path / f"{FILE}.damaged").exists()
@@ -134,15 +134,15 @@ def test_failures_stay_until_they_are_asked_for_again(tmp_path):
     words = ["run", "--plugin", str(plugin), "--model", "Good", "--model", "knn", "--splits", "2"]
     words += ["--no-isolate", "--output", "out"]
     first = bench(*words, cwd=tmp_path)
-    assert first.returncode == 1 and tally_of(first.stderr) == "2 ok, 2 failed (OSError)"
+    assert first.returncode == 1 and summary_of(first.stderr) == "2 ok, 2 failed (OSError)"
     flag.touch()
     second = bench(*words, cwd=tmp_path)
     assert second.returncode == 1
-    assert tally_of(second.stderr) == "0 ok, 2 failed (OSError), 2 cached"
+    assert summary_of(second.stderr) == "0 ok, 2 failed (OSError), 2 cached"
     assert "2 of the failures are of earlier runs; --rerun failed computes them" in second.stderr
     assert "Good: FAILED (2 of 2 splits): OSError: no licence today" in second.stdout
     third = bench(*words, "--rerun", "failed", cwd=tmp_path)
-    assert third.returncode == 0 and tally_of(third.stderr) == "2 ok, 2 cached"
+    assert third.returncode == 0 and summary_of(third.stderr) == "2 ok, 2 cached"
     assert set(stored_statuses(tmp_path / "out").values()) == {"ok"}
 
 
@@ -165,7 +165,7 @@ def test_a_disk_that_is_full_stops_the_run_and_what_was_stored_stays(tmp_path):
     n_there = n_stored(tmp_path / "out")
     after = bench(*words, "40", cwd=tmp_path)
     assert (
-        after.returncode == 0 and tally_of(after.stderr) == f"{40 - n_there} ok, {n_there} cached"
+        after.returncode == 0 and summary_of(after.stderr) == f"{40 - n_there} ok, {n_there} cached"
     )
 
 
@@ -198,7 +198,7 @@ def test_a_run_that_is_stopped_at_any_moment_goes_on_with_what_is_missing(
     assert manifest.status == ("running" if number == signal.SIGKILL else "interrupted")
     done = bench(*words, cwd=tmp_path)
     assert done.returncode == 0
-    assert tally_of(done.stderr) == f"{N_CELLS - stored} ok, {stored} cached"
+    assert summary_of(done.stderr) == f"{N_CELLS - stored} ok, {stored} cached"
     assert bytes_of_results(tmp_path / "out") == reference
     assert [path.name for path in (tmp_path / "out").iterdir()] == [FILE]
 
@@ -213,7 +213,7 @@ def test_a_cell_whose_process_is_killed_is_a_failure_of_that_cell_alone(tmp_path
             time.sleep(1.0)
             kill_a_cell(command.pid)
         _, said = command.communicate(timeout=60)
-    assert command.returncode == 1 and tally_of(said) == "2 ok, 2 failed (SIGKILL)"
+    assert command.returncode == 1 and summary_of(said) == "2 ok, 2 failed (SIGKILL)"
 
 
 def kill_a_cell(pid: int) -> None:
@@ -234,6 +234,6 @@ def test_two_runs_in_one_folder_share_the_work_and_neither_harms_the_other(tmp_p
         said = [command.communicate(timeout=120)[1] for command in (one, two)]
     assert one.returncode == two.returncode == 0
     assert bytes_of_results(tmp_path / "out") == reference
-    computed = [int(tally_of(text).split()[0]) for text in said]
+    computed = [int(summary_of(text).split()[0]) for text in said]
     assert sum(computed) < 2 * N_CELLS  # what the other had finished was not computed again
     assert len(list(read_manifests(tmp_path / "out"))) == 2

@@ -67,9 +67,9 @@ def test_cells_runs_and_data_of_all_folders_are_in_the_new_one_and_the_folders_s
     assert {run.run_id for run in read_manifests(tmp_path / "c")} == {EARLY, LATE}
     assert (merged.n_cells, merged.n_there, merged.damaged) == (4, 0, ())
     assert merged.taken == {two[0]: (2, 2), two[1]: (2, 2)}
-    (contest,) = collect(tmp_path / "c")
-    assert set(contest.competitors) == {"knn", "vjm"}
-    assert len(read_data(tmp_path / "c", contest.name.data_sha256).samples) == 12
+    (case,) = collect(tmp_path / "c")
+    assert set(case.competitors) == {"knn", "vjm"}
+    assert len(read_data(tmp_path / "c", case.name.data_sha256).samples) == 12
 
 
 def merged_both_ways(folders, tmp_path):
