@@ -86,7 +86,8 @@ def _ranks(section: Section, board: Leaderboard) -> Table:
             {True: "yes", False: "no", None: "-"}[model.within_cd],
             Quantity(share=(n_cases, n_cases)),
         ]
-        for place, model in enumerate(section.ranked, 1)
+        for model in section.ranked
+        for place in [1 + sum(one.mean_rank < model.mean_rank for one in section.ranked)]
     ]
     for name, missing in section.unranked.items():
         done = Quantity(share=(n_cases - len(missing), n_cases))

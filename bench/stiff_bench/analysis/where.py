@@ -27,6 +27,8 @@ from stiff_protocols.contract.types import FloatArray, IntArray, TextArray
 from stiff_protocols.scoring.bootstrap import PoseErrors, pose_differences, pose_errors
 
 Kind = Literal["pose region", "load", "joint torque"]
+LEAST_SPREAD = 0.02
+"""What varies by a smaller part of its largest value is not divided."""
 PARTS = 3
 FEWEST_POSES = 11
 """Parts with fewer poses say nothing: with n poses the smallest p of the signed-rank test is 2/2^n,
@@ -174,6 +176,8 @@ def _parts(
     values = factor.values[rows]
     if factor.unit:
         different = factor.values[np.unique(rows)].astype(np.float64)
+        if np.ptp(different) < LEAST_SPREAD * np.abs(different).max():
+            return  # such as one force at all poses, to the digits of its file
         edges = np.quantile(different, np.arange(1, PARTS) / PARTS)
         names = np.searchsorted(edges, values).astype(np.str_)
     else:
