@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -140,17 +140,20 @@ class Results:
             parts.append(DataFrame({**_about(one), "row": found.rows, **columns}))
         return concat(parts, ignore_index=True) if parts else DataFrame()
 
-    def table(self, *metrics: str) -> Tables:
+    def table(self, *metrics: str, verbose: bool = False) -> Tables:
         """Return a table for each data set and protocol, as `bench run` prints it.
 
         Args:
             metrics: keys, as `bench list metrics` shows them; none: those that were asked for.
+            verbose: with the numbers that the fits report, such as stiffnesses, beneath.
 
         Raises:
             ConfigError: there is no such metric.
         """
         shown = [metric(key) for key in metrics or self.metrics]
         tables = build_tables(self.cells, shown)
+        if verbose:
+            tables = [replace(one, notes=[*one.notes, *one.details]) for one in tables]
         return Tables(tuple(tables), partial(render, tables, command=self.command))
 
     def compare(

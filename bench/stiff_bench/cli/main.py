@@ -139,11 +139,12 @@ def bench() -> None:
     "--output", type=FILE, default=RESULTS, metavar="DIR", help="Where results are stored."
 )
 @format_option
-def run(plugins: tuple[Path, ...], fmt: str, plan_only: bool, **words: Any) -> int:
+@click.option("--verbose", is_flag=True, help="Print what the fits report, such as stiffnesses.")
+def run(plugins: tuple[Path, ...], fmt: str, plan_only: bool, verbose: bool, **words: Any) -> int:
     """Fit and test models and print a table for each data set and protocol.
 
-    Results are kept in --output, each as soon as it is there: the same command again computes what
-    is missing.
+    The VJM stands beside every model. Results are kept in --output, each as soon as it is there:
+    the same command again computes what is missing.
     """
     from stiff_bench.cli.run import execute, show_plan
     from stiff_bench.plan.registry import build_registry
@@ -154,7 +155,9 @@ def run(plugins: tuple[Path, ...], fmt: str, plan_only: bool, **words: Any) -> i
     registry = build_registry(plugins)
     plan = plan_run(chosen(words, registry), registry, **words, command=command_line())
     execution = chosen_execution(plan, registry, **how)
-    return show_plan([plan], fmt, execution) if plan_only else execute(plan, fmt, execution)
+    if plan_only:
+        return show_plan([plan], fmt, execution)
+    return execute(plan, fmt, execution, verbose=verbose)
 
 
 @bench.command("list")

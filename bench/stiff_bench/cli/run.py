@@ -16,7 +16,9 @@ from stiff_bench.run.runner import Finished
 from stiff_bench.tables.render import render
 
 
-def execute(plan: RunPlan, fmt: str, execution: Execution = IN_THIS_PROCESS) -> int:
+def execute(
+    plan: RunPlan, fmt: str, execution: Execution = IN_THIS_PROCESS, *, verbose: bool = False
+) -> int:
     """Run a plan, print its tables, and return the exit status: 1 if a cell failed or was skipped.
 
     Raises:
@@ -25,7 +27,7 @@ def execute(plan: RunPlan, fmt: str, execution: Execution = IN_THIS_PROCESS) -> 
     finished = computed([plan], execution)
     metrics = tuple(one.key for one in plan.metrics)
     results = Results(plan.output, metrics, plan.command, finished.results)
-    print_text(results.table().text_as(fmt))
+    print_text(results.table(verbose=verbose).text_as(fmt))
     say_summary(finished, plan.output)
     return 0 if all(result.status == "ok" for result in finished.results) else 1
 

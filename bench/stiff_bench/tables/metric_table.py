@@ -7,6 +7,7 @@ different data or of different splits never meet in one table.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,11 +16,12 @@ from stiff_bench.tables.fit_notes import number_notes, outcome_notes, size_notes
 from stiff_bench.tables.published import MARK, NOTE, published_errors
 from stiff_bench.tables.table import Cell, Column, Name, Quantity, Table
 from stiff_bench.tables.units import PRINTED, counted, percent
+from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
-from stiff_protocols.contract.plugin import kind_label
-from stiff_protocols.contract.record import CellResult, Presentation
+from stiff_protocols.contract.plugin import STIFFNESS, kind_label
+from stiff_protocols.contract.record import CellResult, Presentation, ResultRecord
 from stiff_protocols.contract.types import AXES, Interval, Prediction
-from stiff_protocols.scoring.metrics import WHOLE, Metric
+from stiff_protocols.scoring.metrics import METRICS, WHOLE, Metric
 
 SELECTION_MARK = "epoch picked on test part"
 DECIMALS = {"mm": 4, "%": 1, "": 3, "ms": 3, "MiB": 1, "1/s": 0}
@@ -43,6 +45,7 @@ def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
     cell, shown = group[0].cell, group[0].shown
     by_model = grouped(group, lambda result: result.shown.model)
     refuse_mixed(by_model)
+    by_model = _reference(by_model) | by_model
     notes = [*shown.caveats, *size_notes(group), *([shown.warning] * shown.selects_on_test)]
     for results in by_model.values():
         notes += outcome_notes(results)
@@ -75,6 +78,38 @@ def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
         details=[note for results in by_model.values() for note in number_notes(results)],
         unit=PRINTED["m"][0],
         about={} if cell.coverage is None else {"nominal_coverage": cell.coverage},
+    )
+
+
+def _reference(by_model: Mapping[str, list[CellResult]]) -> dict[str, list[CellResult]]:
+    """Return the reference model's results where it is not among the models: each cell has them.
+
+    Every cell stores what the VJM predicts that learned from its whole training side.
+    """
+    if REFERENCE_MODEL in by_model:
+        return {}
+    for results in by_model.values():
+        found = [_by_reference(result) for result in results]
+        if all(one is not None for one in found):
+            return {REFERENCE_MODEL: [one for one in found if one is not None]}
+    return {}
+
+
+def _by_reference(result: CellResult) -> CellResult | None:
+    shown = replace(result.shown, model=REFERENCE_MODEL, regime="", picked_on_test=False)
+    found = result.prediction
+    if found is None or found.reference is None or shown.task != STIFFNESS:
+        return None
+    prediction = Prediction(found.rows, found.reference, found.measured, reference=found.reference)
+    records = tuple(
+        ResultRecord(metric.key, axis, value, metric.unit)
+        for metric in METRICS.values()
+        for axis, value in metric.values(prediction).items()
+    )
+    return CellResult(
+        *(result.cell, shown, result.run_id, "ok", records, prediction),
+        n_train=result.n_train,
+        n_splits=result.n_splits,
     )
 
 
