@@ -257,7 +257,7 @@ def _read_csv(path: Path) -> Sheet:
         raise DataError(f"{path}: the file is empty") from None
     except UnicodeDecodeError as error:
         raise DataError(
-            f"{path}: not in UTF-8 or UTF-16 ({error}); save it as 'CSV UTF-8' or as .xlsx"
+            f"{path}: not a CSV table in UTF-8 or UTF-16, {error}; save it as 'CSV UTF-8' or .xlsx"
         ) from error
     except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
         raise DataError(f"{path}: not a CSV table: {' '.join(str(error).split())}") from error
