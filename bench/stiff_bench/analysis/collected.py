@@ -284,7 +284,7 @@ def same_name_other_data(cases: Sequence[Case]) -> Iterator[str]:
     """
     of_dataset = grouped(cases, lambda one: one.name.dataset)
     for dataset, found in of_dataset.items():
-        yield from _several(dataset, "data", {one.name.data_sha256 for one in found})
+        yield from _several(dataset, "data or TCPs", {one.name.data_sha256 for one in found})
     names = labels(case.name for case in cases)
     for found in grouped(cases, lambda one: replace(one.name, source_sha256="")).values():
         hashes = {one.name.source_sha256 for one in found}

@@ -60,6 +60,8 @@ def evaluate(
             class that is defined in a script or notebook: nobody could tell later what it was.
         DataError: a data set cannot be loaded.
     """
+    if splits is not None and splits < 1:
+        raise ConfigError(f"splits={splits}: give 1 or more, or None for the protocol's own number")
     asked = [model_choice(one, {}) for one in _listed(models)]
     local = [one for one in asked if one.cls.__module__ == "__main__"]
     if local and output is not None:

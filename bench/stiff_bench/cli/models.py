@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import click
@@ -80,7 +81,9 @@ def fit(plugins: tuple[Path, ...], **words: Any) -> None:
     metavar="FILE.csv",
     help="Poses and wrenches; deflections are not read.",
 )
-@output_option("FILE.csv", "A new file: the same rows with dx_mm, dy_mm, dz_mm.")
+@output_option(
+    "FILE.csv", "A new file: the same rows with dx_mm, dy_mm, dz_mm; - for standard output."
+)
 @click.option("--coverage", type=PROBABILITY, help="Write intervals of this coverage, too.")
 @plugin_option
 def predict(
@@ -93,6 +96,13 @@ def predict(
     from stiff_bench.api.model import check_new_file, read_model
     from stiff_bench.plan.registry import build_registry
 
+    if str(output) == "-":
+        found = read_model(model, build_registry(plugins))
+        with TemporaryDirectory() as folder:
+            rows_file = Path(folder) / "rows.csv"
+            found.predict_file(loads, rows_file, coverage=coverage)
+            click.echo(rows_file.read_text(encoding="utf-8"), nl=False)
+        return
     check_new_file(output)
     found = read_model(model, build_registry(plugins))
     rows = found.predict_file(loads, output, coverage=coverage)

@@ -47,7 +47,10 @@ class Millimetres(FiniteRange):
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
         """Return the number of millimetres, or refuse it naming what is valid."""
-        return super().convert(str(value).removesuffix("mm"), param, ctx)
+        try:
+            return super().convert(float(str(value).removesuffix("mm")), param, ctx)
+        except ValueError:
+            self.fail(f"{value!r} is no length (valid: 0.01mm, 0.01, ...)", param, ctx)
 
 
 class Size(click.ParamType[int]):

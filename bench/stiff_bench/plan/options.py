@@ -131,7 +131,7 @@ def _schema_text(schema: Mapping[str, Any]) -> str:
     names = {"integer": "whole number", "string": "text", "null": "none", "boolean": "true | false"}
     kind = schema.get("type", "value")
     bounds = [f"{sign} {schema[word]:g}" for word, sign in _BOUNDS.items() if word in schema]
-    return " ".join([names.get(kind, kind), *bounds])
+    return f"{names.get(kind, kind)} {' and '.join(bounds)}".rstrip()
 
 
 def _descriptions(cls: type) -> dict[str, str]:

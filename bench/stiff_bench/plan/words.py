@@ -196,6 +196,8 @@ def choices(
         raise ConfigError(f"give at least one --model (valid: {', '.join(registry.models)}, all)")
     if not data and robot.given:
         raise ConfigError("--robot, --urdf and --tcp describe the robot of --data; give it too")
+    if not data and no_torque:
+        raise ConfigError("--no-torque is of files without torques; give --data too")
     every = [key for word in models for key in (registry.models if word == EVERY_MODEL else [word])]
     if not data and not datasets:
         datasets = [DEFAULT_DATASET]

@@ -256,7 +256,9 @@ def _read_csv(path: Path) -> Sheet:
     except pd.errors.EmptyDataError:
         raise DataError(f"{path}: the file is empty") from None
     except UnicodeDecodeError as error:
-        raise DataError(f"{path}: not a CSV table in UTF-8 or UTF-16: {error}") from error
+        raise DataError(
+            f"{path}: not a CSV table in UTF-8 or UTF-16, {error}; save it as 'CSV UTF-8' or .xlsx"
+        ) from error
     except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
         raise DataError(f"{path}: not a CSV table: {' '.join(str(error).split())}") from error
     cells = cells.rename(columns=str.strip).fillna("").map(str.strip)

@@ -66,6 +66,8 @@ def test_options_are_checked_and_become_part_of_the_name():
         sb.make_model("knn", neighbours="many")
     with pytest.raises(ConfigError, match="kr10-twin"):
         sb.load_dataset("kr10-twn")
+    with pytest.raises(ConfigError, match="splits=0"):
+        sb.evaluate("vjm", splits=0)
 
 
 def test_a_model_fits_predicts_scores_and_is_the_same_after_a_file(twin, tmp_path):

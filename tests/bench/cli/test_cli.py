@@ -196,6 +196,15 @@ def test_help_loads_nothing_heavy(tmp_path):
             ["run", "--model", "ft-mlp", "--set", "ft-mlp.learning_rate=inf"],
             ["learning_rate=inf", "not finite"],
         ),
+        (
+            ["run", "--model", "vjm", "--dataset", "kr10-twin@specimen=99"],
+            ["'99' is no valid specimen", "(valid: whole number >= 0 and <= 9)"],
+        ),
+        (["run", "--model", "vjm", "--no-torque"], ["--no-torque", "give --data"]),
+        (
+            ["compare", "vjm", "gp", "--equivalence", "5um"],
+            ["'--equivalence'", "'5um' is no length (valid: 0.01mm"],
+        ),
     ],
 )
 def test_bad_words_are_refused_in_one_line(tmp_path, words, parts):

@@ -58,6 +58,15 @@ def predict(vjm_file, tmp_path):
     return make
 
 
+def test_predictions_are_written_to_standard_output(vjm_file, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("poses.csv").write_text(f"{HEADER}\n{ROW}\n")
+    words = ["--model", vjm_file, "--input", "poses.csv", "--output", "-"]
+    header, *rows = run(deploy_cli.predict, *words).splitlines()
+    assert header.split(",") == [*HEADER.split(","), *PREDICTED]
+    assert len(rows) == 1 and not Path("-").exists()
+
+
 @pytest.mark.slow
 def test_fit_predict_and_export_on_the_command_line(tmp_path):
     words = ("--dataset", "kr10-twin", "--output", "vjm.stiff")

@@ -109,6 +109,13 @@ def test_a_file_of_forces_alone_is_read_where_that_is_said(tmp_path, kr10):
     assert read_samples(path, kr10, no_torque=True).wrench.tolist() == [[50, 10, -80, 0, 0, 0]]
 
 
+def test_a_file_in_an_old_encoding_is_refused_with_the_remedy(tmp_path, kr10):
+    path = tmp_path / "my.csv"
+    path.write_bytes(f"# Prüfstand 2\n{HEADER}\n{GOOD}\n".encode("cp1252"))
+    with pytest.raises(DataError, match="save it as 'CSV UTF-8'"):
+        read_samples(path, kr10)
+
+
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
