@@ -96,16 +96,17 @@ def check_sheet(sheet: Sheet, robot: Robot, *, no_torque: bool = False) -> Check
     """
     columns = all_columns(robot)
     sheet = sheet.recognised(columns)
-    optional = TORQUE_COLUMNS if no_torque else ()
+    optional = (*ID_COLUMNS, *(TORQUE_COLUMNS if no_torque else ()))
     problems = table_problems(sheet, columns, optional) or [*_long_names(sheet)]
     if problems:
         return CheckedSamples(sheet.path, tuple(problems), None, sheet.lines, sheet.unused)
-    absent = [name for name in optional if name not in sheet.cells]
+    absent = [name for name in TORQUE_COLUMNS if name not in sheet.cells]
     sheet = replace(sheet, cells=sheet.cells.assign(**dict.fromkeys(absent, "0")))
     sheet, junk = _without_junk(sheet)
     if sheet.cells.empty:
         return CheckedSamples(sheet.path, tuple(junk), None, sheet.lines, sheet.unused)
     q_file = sheet.numbers(joint_columns(robot))  # deg, and mm of prismatic joints
+    sheet = replace(sheet, cells=_with_names(sheet.cells, q_file))
     wrench, deflection_mm = sheet.numbers(WRENCH_COLUMNS), sheet.numbers(DEFLECTION_COLUMNS)
     unreadable = [
         *junk,
@@ -134,6 +135,19 @@ def check_sheet(sheet: Sheet, robot: Robot, *, no_torque: bool = False) -> Check
     return CheckedSamples(sheet.path, tuple(problems), samples, sheet.lines, sheet.unused)
 
 
+def _with_names(cells: pd.DataFrame, q_file: FloatArray) -> pd.DataFrame:
+    """Return the cells with names of poses, loads and groups, where a file has none.
+
+    Rows with the same joint positions (n, n_joints), deg or mm, are one pose.
+    """
+    if "pose_id" not in cells:
+        poses = pd.factorize(pd.Series(map(tuple, np.round(q_file / SAME_POSE))))[0]
+        cells = cells.assign(pose_id=[f"P{pose + 1}" for pose in poses])
+    if "load_id" not in cells:
+        cells = cells.assign(load_id=(cells.groupby("pose_id").cumcount() + 1).astype(str))
+    return cells if "group" in cells else cells.assign(group="all")
+
+
 def problems_error(path: Path, problems: Sequence[Problem], hint: str) -> DataError:
     """Return the error that names the first problem, and how many there are beside it."""
     first, *others = problems
@@ -159,7 +173,7 @@ def table_problems(
     parts += [f"unknown {', '.join(sheet.unused)}"] if missing and sheet.unused else []
     if parts:
         may_miss = f"; optional: {', '.join(optional)}" if optional else ""
-        if missing and not optional and set(missing) <= set(TORQUE_COLUMNS):
+        if missing and set(missing) <= set(TORQUE_COLUMNS):
             may_miss = "; --no-torque if none were measured"
         return [
             Problem(_shortened(f"header: {'; '.join(parts)}", 500), ",".join(columns) + may_miss)
@@ -193,7 +207,7 @@ def _shortened(text: str, most: int = _SHOWN) -> str:
 
 
 def _long_names(sheet: Sheet) -> Iterator[Problem]:
-    for column in ID_COLUMNS:
+    for column in {*ID_COLUMNS}.intersection(sheet.cells):
         for row in np.flatnonzero(sheet.cells[column].str.len() > LONGEST_CELL):
             yield _problem(sheet, row, column, f"a name of at most {LONGEST_CELL} characters")
 

@@ -102,6 +102,15 @@ def test_columns_that_are_not_used_are_named_once(tmp_path, kr10):
         read_samples(write(tmp_path, HEADER + ",note,T", GOOD + ",windy,21"), kr10)
 
 
+def test_rows_of_the_same_joint_angles_are_one_pose_where_a_file_names_none(tmp_path, kr10):
+    rows = [line(), line(q1_deg=20, fx_N=1), line(fx_N=7), line(fx_N=8)]
+    names = [text.split(",", 3)[3] for text in (HEADER, *rows)]
+    samples = read_samples(write(tmp_path, *names), kr10)
+    assert samples.pose_id.tolist() == ["P1", "P2", "P1", "P1"]
+    assert samples.load_id.tolist() == ["1", "1", "2", "3"]
+    assert set(samples.group) == {"all"}
+
+
 def test_a_file_of_forces_alone_is_read_where_that_is_said(tmp_path, kr10):
     names = [*HEADER.split(",")[:12], *HEADER.split(",")[15:]]
     values = [*GOOD.split(",")[:12], *GOOD.split(",")[15:]]
@@ -125,7 +134,7 @@ def test_a_file_in_an_old_encoding_is_refused_with_the_remedy(tmp_path, kr10):
         ([HEADER.replace(",tz_Nm", ""), GOOD.replace(",2,0,", ",2,")], "tz_Nm.*--no-torque"),
         ([HEADER + ",Dx [mm]", GOOD + ",1"], "repeated dx_mm"),
         ([HEADER + ",dx_mm", GOOD + ",1"], "repeated dx_mm"),
-        (["some words"], r"header: missing pose_id.*; unknown some words \(valid: pose_id,"),
+        (["some words"], r"header: missing q1_deg.*; unknown some words \(valid: pose_id,"),
         ([HEADER, GOOD, "--- end of the log"], r"row 3, column pose_id: '--- end of the log'"),
         ([HEADER, GOOD, line(pose_id="P2", fx_N="abc")], r"row 3, column fx_N: 'abc'"),
         *(
