@@ -221,7 +221,7 @@ def repeated(value, n):
     [
         ({"pose_id": repeated("P1", 3_000_000)}, "3000000 rows in"),
         ({f"c{i}": pa.array([1.0]) for i in range(101)}, "101 columns"),
-        ({"pose_id": pa.array([[["P1"]]])}, "missing load_id"),
+        ({"pose_id": pa.array([[["P1"]]])}, "missing q1_deg"),
         ({name: repeated("1" * 100_000, 500) for name in HEADER.split(",")}, "a name of at most"),
     ],
 )
