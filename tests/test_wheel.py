@@ -43,7 +43,7 @@ def test_the_wheel_holds_every_module_and_data_file_and_nothing_else(wheel):
     sources = {
         f"{package.name if package.name != 'published' else 'stiff_published'}/"
         f"{file.relative_to(package).as_posix()}"
-        for package in [*ROOT.glob("*/stiff_*"), ROOT / "results" / "published"]
+        for package in [*ROOT.glob("*/stiff*"), ROOT / "results" / "published"]
         for file in package.rglob("*")
         if file.is_file() and "__pycache__" not in file.parts and "tests" not in package.parts
     }
