@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 from stiff_bench.plan.options import Choice, parse_option
 from stiff_bench.plan.registry import Kind, Registry, build_registry
 from stiff_bench.plan.request import loaded
-from stiff_bench.plan.words import RobotWords, chosen
-from stiff_datasets.catalog import MEASURED_FILE
+from stiff_bench.plan.words import RobotWords, chosen, measured_file
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import DatasetInfo
 from stiff_protocols.contract.types import BenchmarkData, Robot, Samples
@@ -92,13 +91,10 @@ class Dataset:
         Raises:
             DataError: a column is missing, or a value cannot be; the message names row and column.
         """
-        from stiff_datasets.measured.sample_checks import check_sheet, problems_error
-        from stiff_datasets.measured.sample_files import sheet_of
+        from stiff_datasets.measured.measured import samples_of
 
-        checked = check_sheet(sheet_of(Path(name), frame), robot)
-        if checked.samples is None:
-            raise problems_error(checked.path, checked.problems, "no data set was made")
-        return cls.from_samples(checked.samples, robot, name=name)
+        samples = samples_of(Path(name), frame, robot, "no data set was made")
+        return cls.from_samples(samples, robot, name=name)
 
     @property
     def name(self) -> str:
@@ -180,8 +176,6 @@ def read_samples(
             raise ConfigError("give the robot: one of urdf=... and robot=...")
         place = "" if tcp is None else ",".join(map(str, tcp))
         known = RobotWords(robot, None if urdf is None else Path(urdf), place).read()[0]
-    path = Path(file)
-    context = {"csv": path, "robot": known}
-    dataset = Dataset(replace(Choice.of(replace(MEASURED_FILE, key=path.name)), context=context))
+    dataset = Dataset(measured_file(Path(file), known))
     dataset.data  # noqa: B018
     return dataset

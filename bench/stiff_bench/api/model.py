@@ -12,6 +12,7 @@ import numpy as np
 
 from stiff_bench.api.data import Dataset, choice_of, registry
 from stiff_bench.console import say
+from stiff_bench.plan.cells import chooses_epoch
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import OURS, Registry
 from stiff_bench.plan.request import check_model
@@ -26,7 +27,6 @@ from stiff_protocols.contract.errors import (
 from stiff_protocols.contract.files import refuse_existing
 from stiff_protocols.contract.interfaces import (
     ChecksRobot,
-    ChoosesEpoch,
     PredictsInterval,
     ReportsDiagnostics,
 )
@@ -84,11 +84,8 @@ class Model:
         model = self.choice.make()
         if isinstance(model, ChecksRobot):
             model.check_robot(data.robot)
-        chooses = self.choice.info.uses_validation
-        if chooses and isinstance(model, ChoosesEpoch):
-            chooses = model.chooses_epoch()
         train, validation, note = data.samples, None, ""
-        if chooses:
+        if chooses_epoch(self.choice.info, model):
             rows = np.arange(len(train))
             split = inner_validation(train, rows, VALIDATION_FRACTION, seed)
             if len(split.validation):

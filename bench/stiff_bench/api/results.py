@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -30,13 +30,17 @@ class Tables:
     """Tables that print themselves, in a terminal and in a notebook.
 
     Attributes:
-        tables: typed values, with titles and notes.
         text: a sentence above them; "" for none.
     """
 
-    tables: tuple[Table, ...]
+    _make: Callable[[], Iterable[Table]]
     _text_as: Callable[[str], str]
     text: str = ""
+
+    @cached_property
+    def tables(self) -> tuple[Table, ...]:
+        """Typed values, with titles and notes; made when asked for, as `text_as` makes its own."""
+        return tuple(self._make())
 
     def frame(self) -> DataFrame:
         """Return the numbers as tidy data: a row a number."""
@@ -154,7 +158,7 @@ class Results:
         tables = build_tables(self.cells, shown)
         if verbose:
             tables = [replace(one, notes=[*one.notes, *one.details]) for one in tables]
-        return Tables(tuple(tables), partial(render, tables, command=self.command))
+        return Tables(lambda: tables, partial(render, tables, command=self.command))
 
     def compare(
         self,
@@ -192,7 +196,7 @@ class Results:
         chosen = {"datasets": datasets, "protocols": protocols, "conditions": conditions}
         found = compare_folder(self.folder, a, b, question, **chosen)
         text_as = partial(render_report, found, command=self.command)
-        return Tables(tuple(comparison_tables(found).values()), text_as, sentence(found))
+        return Tables(lambda: comparison_tables(found).values(), text_as, sentence(found))
 
     def leaderboard(
         self,
@@ -225,9 +229,13 @@ class Results:
         chosen = {"models": models, "datasets": datasets, "protocols": protocols}
         key = sort_key(metric, axis)
         board = stored_leaderboard(self.folder, key=key, seed=seed, **chosen)
-        tables = (table for section in board.sections for table in section_tables(section, board))
         text_as = partial(render_leaderboard, board, command=self.command)
-        return Ranks(tuple(tables), text_as, board=board)
+
+        def tables() -> Iterator[Table]:
+            for section in board.sections:
+                yield from section_tables(section, board)
+
+        return Ranks(tables, text_as, board=board)
 
     def report(self, file: Path | str) -> Path:
         """Write all that the results say as one HTML page that needs no network.

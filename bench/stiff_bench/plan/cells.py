@@ -155,9 +155,7 @@ def _of_protocol(
             regimes.append(NO_SOURCE)
         if isinstance(made, ChecksRobot):
             made.check_robot(data.robot)
-        chooses = model.info.uses_validation
-        if chooses and isinstance(made, ChoosesEpoch):
-            chooses = made.chooses_epoch()
+        chooses = chooses_epoch(model.info, made)
         if isinstance(made, StatesRegime):
             regimes.append(made.regime)
         cell = Cell(
@@ -255,6 +253,13 @@ def _divided(
             f"source_datasets does not return (valid: {', '.join(plan.sources) or 'none'})"
         )
     return splits, n_splits, first_of_source
+
+
+def chooses_epoch(info: ModelInfo, model: StiffnessModel) -> bool:
+    """Say whether a model, as it is set up, chooses its epoch by validation rows."""
+    if isinstance(model, ChoosesEpoch):
+        return info.uses_validation and model.chooses_epoch()
+    return info.uses_validation
 
 
 def version_of(choice: Choice[ModelInfo]) -> str:

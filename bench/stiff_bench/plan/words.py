@@ -220,5 +220,10 @@ def own_file(data: Path, robot: RobotWords, no_torque: bool) -> Choice[DatasetIn
     """
     if not (robot.urdf or robot.robot):
         raise ConfigError(f"{data}: needs its robot too: --urdf FILE.urdf or --robot NAME")
-    context = {"csv": data, "robot": robot.read()[0], "no_torque": no_torque}
-    return replace(Choice.of(replace(MEASURED_FILE, key=data.name)), context=context)
+    return measured_file(data, robot.read()[0], no_torque=no_torque)
+
+
+def measured_file(path: Path, robot: Robot, *, no_torque: bool = False) -> Choice[DatasetInfo]:
+    """Return the data set of a file of measured samples, which has the file's name."""
+    context = {"csv": path, "robot": robot, "no_torque": no_torque}
+    return replace(Choice.of(replace(MEASURED_FILE, key=path.name)), context=context)

@@ -20,9 +20,6 @@ from tabulate import tabulate
 from stiff_bench.console import one_line
 from stiff_bench.tables.table import VALUE_FIELDS, Cell, Column, Quantity, Table, quantity
 
-DETAILED = ("csv", "json")
-"""Formats that get tables which are too long for people, too."""
-
 
 def render(
     tables: Sequence[Table],

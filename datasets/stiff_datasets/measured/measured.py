@@ -8,6 +8,8 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
+import pandas as pd
+
 from stiff_datasets.measured.sample_checks import CheckedSamples, check_sheet, problems_error
 from stiff_datasets.measured.sample_files import read_sheet, sample_table, sheet_of, write_table
 from stiff_protocols.contract.errors import StiffBenchWarning
@@ -62,7 +64,7 @@ def write_samples(path: Path, samples: Samples, robot: Robot) -> None:
         StoreError: the file cannot be written.
     """
     table = sample_table(samples, robot)
-    _samples(check_sheet(sheet_of(path, table), robot), "nothing was written")
+    samples_of(path, table, robot, "nothing was written")
     write_table(path, table)
 
 
@@ -90,6 +92,15 @@ class MeasuredData:
         return BenchmarkData(
             read_samples(self.csv, self.robot, no_torque=self.no_torque), self.robot
         )
+
+
+def samples_of(path: Path, table: pd.DataFrame, robot: Robot, hint: str) -> Samples:
+    """Return the samples of a table that is, or is to be, the file `path`, once it is checked.
+
+    Raises:
+        DataError: see `read_samples`; `hint` stands behind the first of several problems.
+    """
+    return _samples(check_sheet(sheet_of(path, table), robot), hint)
 
 
 def _samples(checked: CheckedSamples, hint: str) -> Samples:

@@ -113,6 +113,8 @@ def test_frames_files_and_arrays_hold_the_same_samples(twin, tmp_path):
     wrong = twin.frame().drop(columns="fx_N")
     with pytest.raises(DataError, match="fx_N"):
         sb.Dataset.from_frame(wrong, twin.robot)
+    with pytest.raises(DataError, match="q3_deg"):  # beyond its limits
+        sb.Dataset.from_frame(twin.frame().assign(q3_deg=170.0), twin.robot)
     with pytest.raises(ConfigError, match="robot"):
         sb.read_samples(file)
     with pytest.raises(ConfigError, match="tcp"):
