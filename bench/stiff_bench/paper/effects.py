@@ -216,9 +216,10 @@ def write_effects(output: Path, command: str, n_missing: int) -> Iterator[Path]:
 
 
 _ABOUT = (
-    "every row but ours of the twin itself is a model with its default recipe, or with the options "
-    "in its name, trained and tested under `holdout` (seed 0): three splits on the KR10's twins, "
-    "one on each arm",
+    "models have their default recipes, or the options in their names; protocol `holdout`, seed 0: "
+    "three splits on the twins of the KR10, one on each arm",
+    "`oracle` and `instrument noise`: what the twin's own physics, and what the noise of its "
+    "instruments alone would score",
     "`source_poses=data@source_wrenches=data`: pre-trained on poses and loads like those of the "
     "training samples; without it, on the paper's",
 )
