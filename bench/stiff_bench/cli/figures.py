@@ -70,7 +70,9 @@ def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) 
 
 
 @click.command()
-@click.argument("what", type=click.Choice(["paper", "leaderboard"]), default="paper")
+@click.argument(
+    "what", type=click.Choice(["paper", "leaderboard"]), default="paper", metavar="[WHAT]"
+)
 @click.option(
     "--quick/--full",
     default=None,
@@ -91,6 +93,7 @@ def reproduce(
 ) -> int:
     """Run all that the paper's tables and figures need, or the committed leaderboard; write them.
 
+    WHAT is paper (the default) or leaderboard.
     What is stored already is not computed again: stopped in any way, the same command goes on. The
     leaderboard takes about 2 hours on 2 cores.
     """
@@ -105,7 +108,7 @@ def reproduce(
     from stiff_models.catalog import MODELS
 
     if what == "leaderboard" and quick is not None:
-        raise click.UsageError("--quick and --full are of the paper; the leaderboard has one size")
+        raise ConfigError("--quick and --full are of the paper; the leaderboard has one size")
     if what == "leaderboard":
         write, runs = write_leaderboard, study.leaderboard_study([info.key for info in MODELS])
     else:
