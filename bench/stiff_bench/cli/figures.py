@@ -70,7 +70,12 @@ def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) 
 
 
 @click.command()
-@click.argument("what", type=click.Choice(["paper", "leaderboard", "effects"]), default="paper")
+@click.argument(
+    "what",
+    type=click.Choice(["paper", "leaderboard", "effects"]),
+    default="paper",
+    metavar="[WHAT]",
+)
 @click.option(
     "--quick/--full",
     default=None,
@@ -91,9 +96,10 @@ def reproduce(
 ) -> int:
     """Run all that the paper's tables and figures need, or another committed study; write them.
 
-    effects: does the order of the models outlast other physics of the simulated robot? What is
-    stored already is not computed again: stopped in any way, the same command goes on. On 2 cores
-    the leaderboard takes about 2 hours, effects about half an hour.
+    WHAT is paper (the default), leaderboard, or effects: does the order of the models outlast other
+    physics of the simulated robot? What is stored already is not computed again: stopped in any
+    way, the same command goes on. On 2 cores the leaderboard takes about 2 hours, effects half an
+    hour.
     """
     from stiff_bench.analysis.forecast import forecast_line
     from stiff_bench.api.evaluation import computed
@@ -107,7 +113,7 @@ def reproduce(
     from stiff_models.catalog import MODELS
 
     if what != "paper" and quick is not None:
-        raise click.UsageError(f"--quick and --full are of the paper; {what} has one size")
+        raise ConfigError(f"--quick and --full are of the paper; {what} has one size")
     if what == "leaderboard":
         write, runs = write_leaderboard, study.leaderboard_study([info.key for info in MODELS])
     elif what == study.EFFECTS_FOLDER:

@@ -22,6 +22,7 @@ from stiff_bench.cli.options import (
     FILE,
     PROBABILITY,
     RESULTS,
+    WholeRange,
     chosen,
     command_line,
     data_options,
@@ -34,6 +35,7 @@ from stiff_bench.cli.options import (
     several_keys,
     taken,
 )
+from stiff_bench.cli.refusals import Commands, refusal
 from stiff_bench.cli.results import cache, merge
 from stiff_bench.console import print_text, say
 from stiff_bench.run.machine import keep_libraries_in_our_cache, pin_threads, threads_asked_for
@@ -72,7 +74,7 @@ def main(arguments: list[str] | None = None) -> None:
     except (click.ClickException, StiffBenchError, OSError) as error:
         if debug:
             raise
-        message = error.format_message() if isinstance(error, click.ClickException) else str(error)
+        message = refusal(error) if isinstance(error, click.ClickException) else str(error)
         say(f"error: {' '.join(message.split())}")
         status = USAGE_ERROR
     except Exception as error:
@@ -87,7 +89,9 @@ def _stop(number: int, _: object) -> None:
     raise Stopped(number)
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
+@click.group(
+    cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "show_default": True}
+)
 @click.version_option(package_name="stiffbench", prog_name="bench")
 @click.option(
     "--debug", is_flag=True, expose_value=False, help="Show tracebacks; goes with every command."
@@ -126,9 +130,7 @@ def bench() -> None:
     help="A metric of `bench list metrics`; may be repeated.",
 )
 @click.option("--coverage", type=PROBABILITY, help="Of intervals.  [default: 0.9]")
-@click.option(
-    "--splits", type=click.IntRange(1, 10_000), help="How many.  [default: the protocol's]"
-)
+@click.option("--splits", type=WholeRange(1, 10_000), help="How many.  [default: the protocol's]")
 @seed_option
 @settings_option
 @data_options
@@ -161,10 +163,12 @@ def run(plugins: tuple[Path, ...], fmt: str, plan_only: bool, verbose: bool, **w
 
 
 @bench.command("list")
-@click.argument("kind", type=click.Choice(["models", "datasets", "protocols", "metrics"]))
+@click.argument(
+    "kind", metavar="KIND", type=click.Choice(["models", "datasets", "protocols", "metrics"])
+)
 @plugin_option
 def list_(kind: str, plugins: tuple[Path, ...]) -> None:
-    """List what can be named: models, data sets, protocols or metrics."""
+    """List what can be named; KIND is models, datasets, protocols or metrics."""
     from stiff_bench.cli.show import metrics_overview, overview
     from stiff_bench.plan.registry import build_registry
 
