@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 
 from stiff_models.networks.mlp import Mlp
-from stiff_models.networks.torch_parts import VjmModule, SumOf
+from stiff_models.networks.torch_parts import SumOf, VjmModule
 from stiff_models.regressors.on_physics import OnPhysics
 from stiff_protocols.contract.errors import ConfigError
 

@@ -11,8 +11,8 @@ from stiff_models.networks.features import Scaler, encode
 from stiff_models.networks.network import build_network
 from stiff_models.networks.torch_parts import (
     EncodedNetwork,
-    VjmModule,
     TorchJacobian,
+    VjmModule,
 )
 from stiff_models.physics.kinematics import jacobian
 
