@@ -40,6 +40,7 @@ class TwinExperiment:
         specimen: which robot of the type.
         seed: draws loads and noise; the robot does not depend on it.
         loads_per_pose: how many.
+        heaviest: the largest "omni" load, over the payload.
 
     Attributes:
         twin: the robot.
@@ -53,10 +54,12 @@ class TwinExperiment:
         specimen: int,
         seed: int,
         loads_per_pose: int = 1,
+        heaviest: float = 1.0,
     ) -> None:
         """Build the twin."""
         self._constants = constants
         self._loads = loads
+        self._heaviest = heaviest
         self._loads_per_pose = loads_per_pose
         self.twin = DigitalTwin(constants.chain(), specimen_springs(constants, specimen))
         # "line" and "line-hook" share their forces: only what the torques do differs
@@ -89,7 +92,7 @@ class TwinExperiment:
         if self._loads == "line-hook":
             force = line_wrenches(len(q), payload, rng)[:, :3]
         else:
-            force = omni_forces(len(q), payload, rng)
+            force = omni_forces(len(q), payload, rng, self._heaviest)
         return hook_wrenches(force, self.twin.tool_vectors(q, self._constants.hook_m))
 
     def recorded(
@@ -142,6 +145,7 @@ class TwinData:
         poses: Poses,
         loads: LoadKind = "omni",
         loads_per_pose: int = 1,
+        heaviest: float = 1.0,
     ) -> BenchmarkData:
         """Return the samples of this specimen and seed at the poses, pose by pose."""
         experiment = TwinExperiment(
@@ -150,6 +154,7 @@ class TwinData:
             specimen=self.specimen,
             seed=self.seed,
             loads_per_pose=loads_per_pose,
+            heaviest=heaviest,
         )
         return BenchmarkData(experiment.samples(poses), constants.robot())
 
