@@ -117,7 +117,7 @@ def validate(file: Path, no_torque: bool, **words: Any) -> int:
     "--twin",
     default="kr10-r1100-2",
     metavar="NAME|FILE.toml",
-    help="kr10-r1100-2, ur5, or the constants of your own.",
+    help="kr10-r1100-2, ur5, an arm of `arm-family` such as gp12, or the constants of your own.",
 )
 @click.option("--samples", type=click.IntRange(1), default=10_000, help="How many.")
 @click.option(

@@ -1,7 +1,7 @@
 """The table in the card of `arm-family`: ``python -m stiff_datasets.twin.arm_table`` prints it.
 
-The deflections are the twins' under the full payload that hangs from the hook, at the data set's
-poses, without noise.
+The deflections are the twins', links included, under the full payload that hangs from the hook, at
+the data set's poses and without noise.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ import numpy as np
 from tabulate import tabulate
 
 from stiff_datasets.planning.loads import G, hook_wrenches
-from stiff_datasets.twin.constants import TwinConstants, shipped_constants
-from stiff_datasets.twin.robot_twin import ARMS, ArmFamily
+from stiff_datasets.twin.constants import TwinConstants, shipped_constants, specimen_beams
+from stiff_datasets.twin.robot_twin import ARMS, POSES, random_poses
 from stiff_datasets.twin.twin import DigitalTwin
 from stiff_protocols.contract.types import FloatArray, Robot
 
@@ -34,7 +34,7 @@ def arm_table() -> str:
     for number, arm in enumerate(ARMS):
         constants = shipped_constants(arm.name)
         robot = constants.robot()
-        deflection = payload_deflection(constants, ArmFamily(robot=number).load().samples.q) * 1000
+        deflection = payload_deflection(constants, random_poses(constants, POSES, 0).q) * 1000
         rows.append(
             (
                 number,
@@ -53,7 +53,8 @@ def arm_table() -> str:
 
 def payload_deflection(constants: TwinConstants, q: FloatArray) -> FloatArray:
     """Return (n,) deflections [m] at (n, n_joints) `q` [rad] by the payload that hangs there."""
-    twin = DigitalTwin(constants.chain(), constants.springs)
+    beams = specimen_beams(constants, constants.robot(), 0, asked=True)
+    twin = DigitalTwin(constants.chain(), constants.springs, beams=beams)
     weight = np.tile([0.0, 0.0, -constants.payload_kg * G], (len(q), 1))
     wrench = hook_wrenches(weight, twin.tool_vectors(q, constants.hook_m))
     return np.asarray(np.linalg.norm(twin.readings(q, wrench), axis=1))
