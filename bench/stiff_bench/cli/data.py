@@ -117,7 +117,7 @@ def validate(file: Path, no_torque: bool, **words: Any) -> int:
     "--twin",
     default="kr10-r1100-2",
     metavar="NAME|FILE.toml",
-    help="kr10-r1100-2, ur5, an arm of `arm-family` such as gp12, or the constants of your own.",
+    help="kr10-r1100-2, kr10-rough, kr10-beam, ur5, an arm such as gp12, or constants of your own.",
 )
 @click.option("--samples", type=click.IntRange(1), default=10_000, help="How many.")
 @click.option(
@@ -129,6 +129,12 @@ def validate(file: Path, no_torque: bool, **words: Any) -> int:
 @click.option("--loads-per-pose", type=click.IntRange(1, 1000), default=1, help="How many.")
 @click.option(
     "--specimen", type=click.IntRange(0, 9), default=0, help="Which of ten robots of the type."
+)
+@click.option(
+    "--effects",
+    default="none",
+    metavar="LIST",
+    help="hysteresis, links, kinematics, sensor, separated by commas, or none.",
 )
 @seed_option
 @output_option("FILE.csv|FILE.parquet")

@@ -70,7 +70,7 @@ def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) 
 
 
 @click.command()
-@click.argument("what", type=click.Choice(["paper", "leaderboard"]), default="paper")
+@click.argument("what", type=click.Choice(["paper", "leaderboard", "effects"]), default="paper")
 @click.option(
     "--quick/--full",
     default=None,
@@ -82,32 +82,36 @@ def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) 
     type=FILE,
     default=Path("results"),
     metavar="DIR",
-    help="Where the folder paper/ or leaderboard/ is written.",
+    help="Where the folder paper/, leaderboard/ or effects/ is written.",
 )
 @click.option("--write-only", is_flag=True, help="Compute nothing; write what results allow.")
 @execution_options("the number of cores")
 def reproduce(
     what: str, quick: bool | None, output: Path, write_only: bool, plan_only: bool, **how: Any
 ) -> int:
-    """Run all that the paper's tables and figures need, or the committed leaderboard; write them.
+    """Run all that the paper's tables and figures need, or another committed study; write them.
 
-    What is stored already is not computed again: stopped in any way, the same command goes on. The
-    leaderboard takes about 2 hours on 2 cores.
+    effects: does the order of the models outlast other physics of the simulated robot? What is
+    stored already is not computed again: stopped in any way, the same command goes on. On 2 cores
+    the leaderboard takes about 2 hours, effects about half an hour.
     """
     from stiff_bench.analysis.forecast import forecast_line
     from stiff_bench.api.evaluation import computed
     from stiff_bench.cli.run import foreseen, say_summary, show_plan
     from stiff_bench.paper import study
+    from stiff_bench.paper.effects import write_effects
     from stiff_bench.paper.pages import write_leaderboard, write_paper
     from stiff_bench.plan.registry import build_registry
     from stiff_bench.run.execution import chosen_execution
     from stiff_bench.store.database import ResultStore
     from stiff_models.catalog import MODELS
 
-    if what == "leaderboard" and quick is not None:
-        raise click.UsageError("--quick and --full are of the paper; the leaderboard has one size")
+    if what != "paper" and quick is not None:
+        raise click.UsageError(f"--quick and --full are of the paper; {what} has one size")
     if what == "leaderboard":
         write, runs = write_leaderboard, study.leaderboard_study([info.key for info in MODELS])
+    elif what == study.EFFECTS_FOLDER:
+        write, runs = write_effects, study.effects_study()
     else:
         write, runs = write_paper, study.paper_study(full=quick is False)
     if how["jobs"] is None and not how["dask"] and how["isolate"] is not False:

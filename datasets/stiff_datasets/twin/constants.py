@@ -426,7 +426,7 @@ def _first_problem(error: ValidationError) -> str:
         if not str(part).startswith(("int", "GearTable", "function-"))
     )
     given = "" if problem["type"] == "missing" else f": {problem['input']!r}"
-    return f"{where}{given}: {problem['msg']}"
+    return f"{where}{given}: {problem['msg'].removeprefix('Value error, ')}"
 
 
 def shipped_constants(name: str) -> TwinConstants:

@@ -1,8 +1,8 @@
 """The SIMULATED KUKA KR10 R1100-2: five data sets of three digital twins.
 
-Nothing here was measured. Every constant stands in `twins/kr10_r1100_2.toml` or
-`twins/kr10_beam.toml` with its source or the word "assumption"; what the paper leaves open about
-poses and loads is decided in `poses.py` and `loads.py`.
+Nothing here was measured. Every constant stands in `twins/kr10_*.toml` with its source or the word
+"assumption"; what the paper leaves open about poses and loads is decided in `poses.py` and
+`loads.py`.
 """
 
 from __future__ import annotations
@@ -84,8 +84,8 @@ class Kr10TwinRough(Kr10Twin):
         self.effects = parse_effects(effects)
 
     def constants(self) -> TwinConstants:
-        """Read the default twin's constants; the name gives other specimens, loads and noise."""
-        return super().constants().model_copy(update={"name": "kr10_rough"})
+        """Read the twin's constants."""
+        return shipped_constants("kr10_rough")
 
 
 class Kr10TwinBeam(Kr10Twin):
