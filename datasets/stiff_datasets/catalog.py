@@ -64,6 +64,19 @@ DATASETS = (
         card="data/ur5_twin.md",
     ),
     DatasetInfo(
+        key="arm-family",
+        target="stiff_datasets.twin.robot_twin:ArmFamily",
+        kind="simulated",
+        summary="twins of ten types of arm, 3 to 240 kg (robot=0..9): 151 random poses, pulled at "
+        "a hook",
+        reference="constants and their sources: stiff_datasets/twins/, a file a robot",
+        caveats=(
+            f"arm-family is {_SIMULATED}",
+            "arm-family: no constant was identified on the robots that lend their kinematics.",
+        ),
+        card="data/arm_family.md",
+    ),
+    DatasetInfo(
         key="robot-twin",
         target="stiff_datasets.twin.robot_twin:RobotTwin",
         kind="simulated",

@@ -125,7 +125,7 @@ def validate(file: Path, no_torque: bool, **words: Any) -> int:
     "--twin",
     default="kr10-r1100-2",
     metavar="NAME|FILE.toml",
-    help="kr10-r1100-2, kr10-rough, kr10-beam, ur5, one of the arms, or the constants of your own.",
+    help="kr10-r1100-2, kr10-rough, kr10-beam, ur5, an arm such as gp12, or constants of your own.",
 )
 @click.option("--samples", type=WholeRange(1), default=10_000, help="How many.")
 @click.option(

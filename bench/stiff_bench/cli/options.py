@@ -196,7 +196,8 @@ robot_options = together(
     click.option(
         "--robot",
         metavar="NAME",
-        help="A shipped one: kr10-r1100-2 (the default, but for --data), ur5 or fanuc-r2000ic.",
+        help="A shipped one: kr10-r1100-2 (the default, but for --data), ur5, fanuc-r2000ic or "
+        "an arm of `arm-family` such as gp12.",
     ),
     click.option("--urdf", type=FILE, metavar="FILE.urdf", help="Your own robot."),
     tcp_option,
