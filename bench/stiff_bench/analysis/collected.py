@@ -288,7 +288,7 @@ def same_name_other_data(cases: Sequence[Case]) -> Iterator[str]:
     names = labels(case.name for case in cases)
     for found in grouped(cases, lambda one: replace(one.name, source_sha256="")).values():
         hashes = {one.name.source_sha256 for one in found}
-        yield from _several(names[found[0].name], "source data", hashes)
+        yield from _several(names[found[0].name], "pre-training data", hashes)
 
 
 def _several(name: str, what: str, hashes: Set[str]) -> Iterator[str]:

@@ -366,7 +366,9 @@ def compare_folder(
             notes.append(f"not compared: {called[case.name]}: {error}.")
     if not comparisons:
         where_run = "; ".join(f"{name} was run in {_few(places)}" for name, places in run.items())
-        raise ConfigError(" ".join(notes) or f"{a} and {b} never met: {where_run}")
+        raise ConfigError(
+            " ".join(notes) or f"{a} and {b} have no comparison in common: {where_run}"
+        )
     for name, other in ((a, b), (b, a)):
         if alone := [place for place in run[name] if place not in run[other]]:
             notes.append(f"{name} alone was run in {_few(alone)}.")

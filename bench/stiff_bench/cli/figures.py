@@ -27,13 +27,13 @@ from stiff_protocols.contract.errors import ConfigError, unknown_name
     "--results",
     type=FILE,
     metavar="DIR",
-    help=f"Of the results.  [default: {RESULTS}; {PAPER_RESULTS} for the paper's figures]",
+    help=f"Folder of results.  [default: {RESULTS}; {PAPER_RESULTS} for the paper's figures]",
 )
 @click.option(
     "--output",
     type=FILE,
     metavar="FILE.pdf",
-    help="What to write: .png, .pdf or .svg.  [default: figure-NAME.png]",
+    help="File to write: .png, .pdf or .svg.  [default: figure-NAME.png]",
 )
 @models_option
 @case_options
@@ -74,25 +74,26 @@ def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) 
 @click.option(
     "--quick/--full",
     default=None,
-    help="Of the paper: one split and coarse sweeps, about 7 minutes on 2 cores; or five splits, "
-    "every width, depth and pair of layers, about an hour.  [default: quick]",
+    help="Size of the paper's study. Quick: one split and coarse sweeps, about 7 minutes on 2 "
+    "cores. Full: five splits, every width, depth and pair of layers, about an hour.  "
+    "[default: quick]",
 )
 @click.option(
     "--output",
     type=FILE,
     default=Path("results"),
     metavar="DIR",
-    help="Where the folder paper/ or leaderboard/ is written.",
+    help="Folder that takes paper/ or leaderboard/.",
 )
-@click.option("--write-only", is_flag=True, help="Compute nothing; write what results allow.")
+@click.option("--write-only", is_flag=True, help="Write from stored results alone.")
 @execution_options("the number of cores")
 def reproduce(
     what: str, quick: bool | None, output: Path, write_only: bool, plan_only: bool, **how: Any
 ) -> int:
-    """Run all that the paper's tables and figures need, or the committed leaderboard; write them.
+    """Compute and write the paper's tables and figures, or the committed leaderboard.
 
-    What is stored already is not computed again: stopped in any way, the same command goes on. The
-    leaderboard takes about 2 hours on 2 cores.
+    Stored results are not computed again: an interrupted command can be repeated. The leaderboard
+    takes about 2 hours on 2 cores.
     """
     from stiff_bench.analysis.forecast import forecast_line
     from stiff_bench.api.evaluation import computed

@@ -114,7 +114,7 @@ def _provenance(folder: Path, command: str, n_missing: int) -> Iterator[str]:
     runs = list(read_manifests(folder))
     yield f"made by {markdown_code(command)}"
     if n_missing:
-        yield f"not finished: {counted(n_missing, 'cell')} of it not computed"
+        yield f"not finished: {counted(n_missing, 'fit')} not computed"
     for line in sources(folder, runs, Counter(one.run_id for one in stored_results(folder))):
         yield markdown_text(line)
     machines = Counter(

@@ -51,7 +51,7 @@ def test_every_model_stands_in_ranks_pairs_and_scores(results):
     (scores,) = blocks["Scores"].tables
     assert len(scores.rows) == 6
     assert [scores.heading(column) for column in scores.columns[:7]] == [
-        *("model", "data set", "protocol", "condition", "seed", "splits", "norm [mm]"),
+        *("model", "data set", "protocol", "condition", "seed", "splits", "3-D error [mm]"),
     ]
     assert scores.texts()[2][5:7] == ["2/2", "0.1500 ± 0.0707"]
 

@@ -219,7 +219,7 @@ def test_values_without_axes_and_costs_have_one_column_with_its_unit(tasks_of):
     (table,) = build_tables([scored(task, prediction, metrics)], metrics)
     header, _, row = render([table], "github", "bench run").splitlines()[2:5]
     columns = [cell.strip() for cell in header.strip("|").split("|")]
-    assert columns[4:] == ["norm", "skill [%]", "fit [ms]", "memory [MiB]"]
+    assert columns[4:] == ["3-D error", "skill [%]", "fit time [ms]", "memory [MiB]"]
     values = [cell.strip() for cell in row.strip("|").split("|")]
     assert values[4:] == ["0.5000", "50.0", "1500.000", "2.0"]
 
