@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 import math
 import signal
 import sqlite3
@@ -30,7 +32,9 @@ from stiff_bench.store.database import (
     stored_statuses,
     writing,
 )
+from stiff_bench.store.samples import data_content
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
+from stiff_datasets.robots.shipped import ROBOTS
 from stiff_models.physics.kinematics import jacobian
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
@@ -120,6 +124,23 @@ def test_a_folder_keeps_the_samples_of_its_results_with_the_joints_torques(tmp_p
     torque = np.einsum("nki,nk->ni", jacobian(data.robot, data.samples.q), data.samples.wrench)
     np.testing.assert_allclose(back.torque, torque, atol=1e-9)
     assert back.joint_names == data.robot.joint_names and back.robot == data.robot.name
+    assert tuple(back.tcp_on_flange) == ROBOTS["fanuc-r2000ic"].tcp
+
+
+def test_a_file_from_before_the_tcp_was_stored_is_read_and_completed_by_the_next_run(tmp_path):
+    data = FanucR2000iC().load()
+    store = ResultStore(tmp_path)
+    store.write_data(data)
+    with np.load(io.BytesIO(data_content(data))) as arrays:
+        older = io.BytesIO()
+        np.savez(older, **{name: arrays[name] for name in arrays if name != "tcp_on_flange"})
+    content = older.getvalue()
+    with writing(tmp_path) as db:
+        row = (content, hashlib.sha256(content).hexdigest())
+        db.execute("UPDATE data SET content = ?, content_sha256 = ?", row)
+    assert read_data(tmp_path, data.sha256).tcp_on_flange is None
+    store.write_data(data)
+    assert read_data(tmp_path, data.sha256).tcp_on_flange is not None
 
 
 def test_samples_that_are_missing_or_damaged_are_said_to_be_and_written_anew(tmp_path):
