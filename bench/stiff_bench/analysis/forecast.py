@@ -102,7 +102,7 @@ def forecast_table(found: Forecast) -> Table:
     total = ("all", found.n_cells, found.n_cached, known)
     rows = [(part.model, part.n_cells, part.n_cached, part.seconds) for part in found.parts]
     return Table(
-        title="Fits of this run",
+        title="Fits to compute",
         columns=[
             Column("model", "text"),
             *(Column(name) for name in ("fits", "cached", "to compute")),

@@ -40,10 +40,9 @@ from stiff_protocols.contract.errors import ConfigError, unknown_name
 def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) -> None:
     """Draw a figure and print its caption.
 
-    NAME is one of the source paper's figures (4, 5, 6, 8, 9), or one that any results
-    can be drawn as: regression, errors, losses, sweep, freezing, learning-curves, workspace,
-    springs, ranks. The caption says which data set and protocol it shows, where results of several
-    could be drawn.
+    NAME is a figure of the source paper (4, 5, 6, 8, 9) or a general one: scores, regression,
+    errors, losses, sweep, freezing, learning-curves, workspace, springs, ranks. The caption names
+    the data set and protocol that are shown.
     """
     from stiff_bench.figures import catalog
     from stiff_bench.figures.source import FigureSource

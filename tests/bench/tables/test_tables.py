@@ -144,7 +144,7 @@ def test_the_published_rows_stand_beneath_the_kr10_and_nowhere_else(tasks_of):
         build_tables([result(tasks[0], 1e-4)], METRICS)[0] for tasks in (kr10, fanuc)
     )
     assert facts(with_rows, "source") == ["ours", *["published"] * 3]
-    assert "published, KR10 measured, not comparable in absolute terms" in with_rows.notes[-1]
+    assert "source paper, measured KR10, not comparable in absolute terms" in with_rows.notes[-1]
     assert facts(without, "source") == ["ours"]
     (task,) = tasks_of(splits=1)
     (none,) = build_tables([result(task, 1e-4)], [metric("norm")])  # no published value of it
