@@ -111,7 +111,7 @@ def _draw_poses(page: SubFigure, data: BenchmarkData, poses: IntArray) -> None:
         axes.plot(0.0, 0.0, "k+", markersize=9.0, label="base")
         axes.set_aspect("equal", adjustable="datalim")
         axes.locator_params(nbins=5)
-    side.set(title="from the side", xlabel="radius about the base z axis [m]", ylabel="z [m]")
+    side.set(title="from the side", xlabel="distance from z axis [m]", ylabel="z [m]")
     above.set(title="from above", xlabel="x [m]", ylabel="y [m]")
     page.legend(*side.get_legend_handles_labels(), loc="outside lower center", ncols=4)
     for axes in (side, above):

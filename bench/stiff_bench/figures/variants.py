@@ -148,7 +148,7 @@ def freezing(source: FigureSource) -> Content:
     names = list(dict.fromkeys(one.shown.model for one in results))
     caption = (
         f"Mean absolute error of {model}, all axes together, by the layers that fine-tuning trains "
-        "(numbered from the input; out: the output layer). Symbol: mean over splits; bars: range. "
+        "(numbered from the input; out: the output layer). Symbol: mean over splits; ticks: splits. "
         f"{setting(case, names, [len(slots)])}{fewer}"
     )
     errors = strategies(one for one in results if slot_of(one) in slots)
