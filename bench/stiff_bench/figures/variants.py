@@ -148,8 +148,8 @@ def freezing(source: FigureSource) -> Content:
     names = list(dict.fromkeys(one.shown.model for one in results))
     caption = (
         f"Mean absolute error of {model}, all axes together, by the layers that fine-tuning trains "
-        "(numbered from the input; out: the output layer). Symbol: mean over splits; ticks: splits. "
-        f"{setting(case, names, [len(slots)])}{fewer}"
+        "(numbered from the input; out: the output layer). Symbol: mean over splits; ticks: "
+        f"splits. {setting(case, names, [len(slots)])}{fewer}"
     )
     errors = strategies(one for one in results if slot_of(one) in slots)
     return Content(caption, partial(freezing_figure, errors, linear_error(case, slots)))
