@@ -300,7 +300,7 @@ def same_name_other_data(
     names = labels(case.name for case in cases)
     for found in grouped(cases, lambda one: replace(one.name, source_sha256="")).values():
         sources = {one.name.source_sha256 for one in found}
-        yield from _several(names[found[0].name], "source data here", sorted(sources))
+        yield from _several(names[found[0].name], "pre-training data here", sorted(sources))
 
 
 def _several(name: str, what: str, hashes: Collection[str]) -> Iterator[str]:

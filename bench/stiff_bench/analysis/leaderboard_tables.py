@@ -100,7 +100,7 @@ def _ranks(section: Section, board: Leaderboard) -> Table:
         columns=[
             *(Column("model", "text"), Column("place"), Column("mean rank", format=".2f")),
             Column(f"{percent(1.0 - LEVEL)} interval", format=".2f"),
-            *(Column("won"), Column("like the best")),
+            *(Column("won"), Column("tied with best")),
             *(Column("within CD of the best", "text"), Column("results")),
         ],
         rows=rows,
@@ -192,7 +192,7 @@ def _by_protocol(section: Section, rankings: Rankings) -> Iterator[Table]:
                 Column(heading, unit=unit, format=number_format(key.metric), about=about)
             )
             scores.append(_scores_of(section, members, rankings))
-        like = "" if key.is_cost else f"; {LIKE_BEST} not told apart from the best"
+        like = "" if key.is_cost else f"; {LIKE_BEST} no significant difference from the best"
         caveats = caveats_of(one.case for one in of_protocol)
         yield Table(
             title=f"{protocol} on {of_families(dict.fromkeys(datasets, family))}{apart} | "
@@ -206,7 +206,7 @@ def _by_protocol(section: Section, rankings: Rankings) -> Iterator[Table]:
                 for model in section.models
                 if any(model in column for column in scores)
             ],
-            notes=[f"{BEST} best mean of a column{like}.", *caveats],
+            notes=[f"{BEST} best mean of the column{like}.", *caveats],
             unit=unit,
             about=_about(section, "scores by protocol"),
         )
@@ -334,7 +334,7 @@ def _costs(section: Section) -> Table:
             Column("fits"),
         ],
         rows=rows,
-        notes=["wall times of the machines that computed; a cached pre-training costs nothing."],
+        notes=["wall times depend on the machine; a cached pre-training costs nothing."],
         about=_about(section, "costs"),
     )
 

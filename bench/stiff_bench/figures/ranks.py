@@ -127,8 +127,8 @@ def gather(source: FigureSource) -> Content:
     more = f" First {MOST} of {len(ranked)} blocks; `bench leaderboard` has all."
     kinds = " and ".join(section.kinds)
     caption = (
-        f"Mean ranks over robots of the mean error length ({key.text}), {kinds} data; left is "
-        f"better. Models joined by a bar are not told apart (Nemenyi, {LEVEL:g})."
+        f"Mean ranks over robots by {key.text}, {kinds} data; left is better. Models joined by a "
+        f"bar do not differ significantly (Nemenyi, {LEVEL:g})."
         f"{marks_in([one.case for one in fair], shown_here)}{more * (len(ranked) > MOST)}"
     )
     return Content(caption, partial(ranks_figure, drawn))

@@ -70,7 +70,7 @@ def _numbers(samples: Samples) -> FloatArray:
     return np.hstack([samples.q, samples.wrench, samples.deflection]) + 0.0
 
 
-NO_SOURCE = "no source: target alone"
+NO_SOURCE = "no pre-training"
 """Regime of a model that has no source domain, where the others' comes from another robot."""
 
 

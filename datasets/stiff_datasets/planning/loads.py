@@ -1,9 +1,9 @@
 """Loads on a robot: wrenches along the line of the source paper's Table 5, or pulls at a hook.
 
-Table 5's wrenches lie nearly on one line in wrench space. Their torques are no single rope's: a
+Table 5's wrenches lie nearly on one line in wrench space. Their torques are no single cable's: a
 force F that pulls on a lever r gives r x F, at right angles to F, and the table's first row has
-F . T = 1360. It takes two ropes, or a weight off the rope's line. `line_wrenches` is that regime;
-`hook_wrenches` is one rope on one hook.
+F . T = 1360. It takes two cables, or a weight off the cable's line. `line_wrenches` is that regime;
+`hook_wrenches` is one cable on one hook.
 """
 
 from __future__ import annotations

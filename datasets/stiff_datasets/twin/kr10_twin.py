@@ -28,7 +28,7 @@ class Kr10Twin(TwinData):
 
     Attributes:
         torques: "table-5": they lie along the line too, as in the paper's simulated loads;
-            "hook": they are those of one rope that pulls at a hook (see `loads.py`).
+            "hook": they are those of one cable that pulls at a hook (see `loads.py`).
     """
 
     loads_per_pose = 1

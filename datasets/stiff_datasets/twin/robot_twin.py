@@ -29,10 +29,10 @@ class RobotTwin(TwinData):
     """A robot's twin at random reachable poses.
 
     Attributes:
-        constants: the TOML file (`constants.py` says what it holds).
-        poses: how many; inside the joint limits, clear of base and ground.
+        constants: TOML file; `constants.py` lists its tables.
+        poses: number of poses, inside the joint limits, clear of base and ground.
         loads: "line" (along Table 5's line, scaled to the payload), "line-hook" or "omni".
-        loads_per_pose: how many.
+        loads_per_pose: number of loads per pose.
         seed: draws poses, loads and noise; the robot itself does not depend on it.
     """
 

@@ -180,7 +180,7 @@ class TwinData:
     """A twin's data set, another one for each specimen and seed.
 
     Attributes:
-        specimen: which of ten robots of the type; 0 has the constants as they stand.
+        specimen: one of ten robots of the type; 0 has the nominal constants.
         seed: draws the loads and the noise; the robot itself does not depend on it.
     """
 

@@ -43,7 +43,7 @@ class RepeatedHoldout(Holdout):
     """`holdout` drawn many times, enough for a corrected t test.
 
     Attributes:
-        repetitions: how many divisions; --splits has the last word.
+        repetitions: number of splits; --splits overrides it.
     """
 
     repetitions: Annotated[int, Ge(2)] = 15
@@ -58,7 +58,7 @@ class KFold:
     """Poses in k parts of about one size; each part is tested by models of the others.
 
     Attributes:
-        folds: how many parts; other folds are another protocol, so --splits cannot change them.
+        folds: number of folds; --splits cannot change it.
         validation_fraction: of the training side's poses, chooses the epoch.
     """
 

@@ -40,7 +40,7 @@ def test_without_stored_results_cells_are_counted_and_nothing_is_written(tmp_pat
         ("vjm", 6, None),
     ]
     assert (found.n_cells, found.n_cached, found.n_unknown) == (12, 0, 12)
-    assert "12 to compute; time unknown: 12 cells" in forecast_line(found)
+    assert "12 to compute; time unknown: 12 fits" in forecast_line(found)
     assert not (tmp_path / "new").exists()
 
 
@@ -63,7 +63,7 @@ def test_models_without_a_stored_fit_are_said_beside_the_time_of_the_others(tmp_
     store_some(plan_into(tmp_path, models=("zero",), splits=1, seed=1), 60.0)
     found = told(plan_into(tmp_path))
     assert found.n_unknown == 3
-    assert "about 0:03:02 with 1 job, and 3 cells" in forecast_line(found)
+    assert "about 0:03:02 with 1 job, and 3 fits" in forecast_line(found)
     table = render([forecast_table(found)], "github", "bench run --plan")
     rows = {
         cells[1].strip(): cells[-2].strip()

@@ -80,7 +80,7 @@ def test_models_are_sorted_by_their_mean_rank(made):
     board = board_of(made)
     assert ranks(board) == pytest.approx({"a": 5 / 3, "b": 5 / 3, "c": 8 / 3})
     assert [model.won for model in board.sections[0].ranked] == [2, 1, 0]
-    assert "sorted by mean rank of norm [mm] (smaller is better)" in text_of(board)
+    assert "sorted by mean rank of 3-D error [mm] (smaller is better)" in text_of(board)
 
 
 def test_ranks_are_computed_anew_among_the_models_that_are_shown(made):
@@ -345,7 +345,7 @@ def test_a_metric_with_axes_ranks_by_one_of_them_or_by_their_mean(made):
     assert of_z.sections[0].cases[0].mean("a") == pytest.approx(3e-3)
     assert of_all.sections[0].cases[0].mean("a") == pytest.approx(1e-3)
     assert ranks(of_z) == {"b": 1.0, "a": 2.0} and ranks(of_x) == {"a": 1.5, "b": 1.5}
-    assert "mean rank of mae [mm], mean over x, y, z (smaller is better)" in text_of(of_all)
+    assert "mean rank of MAE [mm], mean over x, y, z (smaller is better)" in text_of(of_all)
 
 
 def test_where_larger_is_better_the_largest_is_first_and_nothing_is_drawn(made):
@@ -409,7 +409,7 @@ def test_a_model_without_the_metric_takes_no_splits_from_the_others(made):
     board = board_of(made)
     (scored,) = board.sections[0].cases
     assert len(scored.slots) == 3 and set(scored.scores) == {"a", "b"}
-    assert scored.missing["c"] == "no value of norm [mm]"
+    assert scored.missing["c"] == "no value of 3-D error [mm]"
     assert not scored.left_out
 
 
@@ -493,7 +493,7 @@ def test_of_two_versions_of_the_source_data_the_newest_counts(made):
         made.add("b", [2.0], protocol="cross-robot", run_id=run_id, source=source)
     board = board_of(made)
     assert ranks(board) == {"b": 1.0, "a": 2.0}
-    assert "different source data here (new, old)" in text_of(board)
+    assert "different pre-training data here (new, old)" in text_of(board)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from stiff_bench.figures.source import FigureSource
 from stiff_bench.figures.style import COLUMN_INCH, DOTS_PER_INCH
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
-FROM_PREDICTIONS = ["regression", "errors", "workspace"]
+FROM_PREDICTIONS = ["scores", "regression", "errors", "workspace"]
 
 
 def drawn(name, source: FigureSource):

@@ -37,9 +37,9 @@ def texts(path) -> str:
 def test_the_diagram_names_metric_protocol_data_sets_and_every_model(tmp_path, rng):
     path = tmp_path / "cd.svg"
     scores = np.arange(20) + rng.normal(size=(6, 20))
-    save_diagrams([analysis_of(scores)], "norm [mm] (simulated)", path)
+    save_diagrams([analysis_of(scores)], "3-D error [mm] (simulated)", path)
     words = texts(path)
-    assert "kfold | n = 5" in words and "norm [mm] (simulated)" in words
+    assert "kfold | n = 5" in words and "3-D error [mm] (simulated)" in words
     assert "6 specimens of twin" in words
     for name in NAMES:
         assert re.search(rf"\b{name}\b", words)
@@ -51,14 +51,14 @@ def test_one_bar_stands_over_all_where_friedman_finds_nothing(tmp_path):
     scores = np.array([np.roll([1.0, 2.0, 3.0, 4.0, 5.0], shift) for shift in range(5)])
     analysis = analysis_of(scores)
     assert not analysis.differs
-    save_diagrams([analysis], "norm [mm] (simulated)", tmp_path / "cd.svg")
+    save_diagrams([analysis], "3-D error [mm] (simulated)", tmp_path / "cd.svg")
     assert texts(tmp_path / "cd.svg").count("(3.00)") == 5
 
 
 def test_the_same_analysis_gives_the_same_file(tmp_path):
     scores = np.tile(np.arange(4.0), (5, 1))
     for name in ("one.png", "two.png"):
-        save_diagrams([analysis_of(scores)], "norm [mm] (simulated)", tmp_path / name)
+        save_diagrams([analysis_of(scores)], "3-D error [mm] (simulated)", tmp_path / name)
     one, two = ((tmp_path / name).read_bytes() for name in ("one.png", "two.png"))
     assert one.startswith(b"\x89PNG") and one == two
 
