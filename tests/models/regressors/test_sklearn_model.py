@@ -10,7 +10,6 @@ import pytest
 from stiff_bench.plan.options import options_of
 from stiff_bench.plan.words import parse_settings
 from stiff_models.networks.features import Scaler, encode
-from stiff_models.physics.vjm import VirtualJointModel
 from stiff_models.regressors.sklearn_model import literal, member
 from stiff_protocols.contract.errors import ConfigError, ModelError
 
@@ -52,17 +51,6 @@ def test_a_ridge_is_the_closed_form_on_standardised_rows(parts):
     model = make("sklearn:linear_model.Ridge", alpha=3.0, angle_encoding="raw")
     model.fit(train, robot=robot)
     np.testing.assert_allclose(model.predict(test.q, test.wrench), expected, atol=1e-12)
-
-
-def test_a_regressor_that_learns_nothing_on_the_residual_is_the_vjm_and_a_constant(parts):
-    robot, train, _, test = parts
-    model = make("vjm+sklearn:dummy.DummyRegressor", strategy="mean").fit(train, robot=robot)
-    vjm = VirtualJointModel().fit(train, robot=robot)
-    left = (train.deflection - vjm.predict(train.q, train.wrench)).mean(axis=0)
-    np.testing.assert_allclose(
-        model.predict(test.q, test.wrench), vjm.predict(test.q, test.wrench) + left, atol=1e-15
-    )
-    assert "rank" in model.diagnostics_
 
 
 def test_the_seed_reaches_the_regressor_unless_its_own_is_set(parts):
