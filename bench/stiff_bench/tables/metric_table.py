@@ -45,7 +45,9 @@ def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
     cell, shown = group[0].cell, group[0].shown
     by_model = grouped(group, lambda result: result.shown.model)
     refuse_mixed(by_model)
-    by_model = _reference_rows(by_model) | by_model
+    beside = _beside_models(by_model)
+    reference = {name: beside.pop(name) for name in [REFERENCE_MODEL] if name in beside}
+    by_model = reference | by_model | beside  # what only a simulation knows comes last
     notes = [*shown.caveats, *size_notes(group), *([shown.warning] * shown.selects_on_test)]
     for results in by_model.values():
         notes += outcome_notes(results)
@@ -81,7 +83,7 @@ def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
     )
 
 
-def _reference_rows(by_model: Mapping[str, list[CellResult]]) -> dict[str, list[CellResult]]:
+def _beside_models(by_model: Mapping[str, list[CellResult]]) -> dict[str, list[CellResult]]:
     """Return the results that each cell has beside its model's own.
 
     Every cell stores what the VJM predicts that learned from its whole training side, and what a

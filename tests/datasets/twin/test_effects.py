@@ -15,7 +15,7 @@ from stiff_datasets.planning.poses import paper_poses
 from stiff_datasets.robots.robot import robot_of
 from stiff_datasets.twin.constants import read_constants, shipped_constants, specimen_springs
 from stiff_datasets.twin.effects import EFFECTS, Instruments, parse_effects, real_chain
-from stiff_datasets.twin.kr10_twin import Kr10Twin, Kr10TwinRough
+from stiff_datasets.twin.kr10_twin import Kr10Twin, Kr10TwinBeam, Kr10TwinRough
 from stiff_datasets.twin.springs import SpringLaw
 from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
 from stiff_protocols.contract.errors import ConfigError, DataError
@@ -220,3 +220,10 @@ def test_the_rough_twin_is_the_default_one_but_for_its_name_links_and_errors():
         for constants in (shipped_constants("kr10_r1100_2"), CONSTANTS)
     )
     assert rough == default
+
+
+@pytest.mark.parametrize("of", [Kr10TwinRough, Kr10TwinBeam])
+def test_the_card_states_the_hash_of_the_data(of):
+    name = {Kr10TwinRough: "kr10_twin_rough", Kr10TwinBeam: "kr10_twin_beam"}[of]
+    card = (files("stiff_datasets") / "data" / f"{name}.md").read_text(encoding="utf-8")
+    assert f"`{of().load().sha256}`" in card
