@@ -83,6 +83,10 @@ class Millimetres(FiniteRange):
             self.fail(f"{value!r} is no length (valid: 0.01mm, 0.01, ...)", param, ctx)
 
 
+SMALLEST_SIZE = 2**20
+"""Bytes; a smaller number lacks its unit."""
+
+
 class Size(click.ParamType[int]):
     """A number of bytes, such as 2GiB."""
 
@@ -96,8 +100,8 @@ class Size(click.ParamType[int]):
             size = int(TypeAdapter(ByteSize).validate_python(value))
         except ValidationError:
             size = 0
-        if size <= 0:
-            self.fail(f"{value!r} is no size (valid: 2GiB, 500MB, ...)", param, ctx)
+        if size < SMALLEST_SIZE:
+            self.fail(f"{value!r} is no size (valid: 2GiB, 500MB, ... from 1MiB)", param, ctx)
         return size
 
 

@@ -138,8 +138,11 @@ def _parse(urdf: Path) -> pin.Model:
         with urdf.open("rb") as file:
             content = file.read(LARGEST_URDF + 1)
         text = content.decode()
-    except (OSError, ValueError) as error:  # ValueError: no UTF-8, or a name that holds NUL
-        raise DataError(f"{urdf}: cannot read the URDF: {error}") from error
+    except UnicodeDecodeError as error:
+        raise DataError(f"{urdf}: cannot read the URDF: no text in UTF-8") from error
+    except (OSError, ValueError) as error:  # ValueError: a name that holds NUL
+        reason = getattr(error, "strerror", None) or error
+        raise DataError(f"{urdf}: cannot read the URDF: {reason}") from error
     if len(content) > LARGEST_URDF:
         raise DataError(f"{urdf}: larger than {LARGEST_URDF} bytes, which no robot's URDF is")
     try:
