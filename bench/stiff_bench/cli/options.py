@@ -20,7 +20,19 @@ if TYPE_CHECKING:
     from stiff_bench.plan.words import RobotWords
 
 Command = TypeVar("Command", bound=Callable[..., Any])
-FILE = click.Path(path_type=Path)
+
+
+class FilePath(click.Path):
+    """A file or folder; an empty word, such as an unset variable of a script, would be "."."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the path, or refuse an empty one."""
+        if str(value) == "":
+            self.fail("'' (valid: the name of a file or folder)", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+FILE = FilePath(path_type=Path)
 RESULTS = Path("results/runs")
 """Where results are stored, and read, unless the user says otherwise."""
 

@@ -176,9 +176,10 @@ def _guarded(origin: str) -> Iterator[None]:
             yield
     except (Exception, SystemExit) as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
+        at = f" ({place.filename}:{place.lineno})"
+        at = "" if isinstance(error, SyntaxError) else at  # its text has the place
         raise ConfigError(
-            f"{origin}: cannot be imported: {type(error).__name__}: {error} "
-            f"({place.filename}:{place.lineno})"
+            f"{origin}: cannot be imported: {type(error).__name__}: {error}{at}"
         ) from error
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -152,7 +153,8 @@ def _parse(urdf: Path) -> pin.Model:
     except ElementTree.ParseError as error:
         raise DataError(f"{urdf}: not a robot description (URDF): not XML: {error}") from error
     except (ValueError, RuntimeError) as error:
-        reason = " ".join([str(error), *printed])
+        found = [re.sub(r"^Error: +|\s+at line \d+ in \S+$", "", line.strip()) for line in printed]
+        reason = next(filter(None, found), str(error))  # the parser's first word says most
         raise DataError(f"{urdf}: not a robot description (URDF): {reason}") from error
 
 

@@ -49,7 +49,7 @@ from stiff_datasets.robots.robot import (
     shipped_names,
 )
 from stiff_datasets.twin.springs import Gear, JointSprings
-from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.errors import DataError, unknown_name
 from stiff_protocols.contract.files import read_toml
 from stiff_protocols.contract.types import Robot
 
@@ -266,13 +266,44 @@ def _first_problem(error: ValidationError) -> str:
     telling = [p for p in problems if p["type"] not in ("int_type", "model_type")] or problems
     # a wrong name explains the name that is missing
     problem = next((p for p in telling if p["type"] == "extra_forbidden"), telling[0])
-    where = ".".join(
+    path = [
         str(part + 1) if isinstance(part, int) else part
         for part in problem["loc"]
         if not str(part).startswith(("int", "GearTable", "function-"))
-    )
-    given = "" if problem["type"] == "missing" else f": {problem['input']!r}"
-    return f"{where}{given}: {problem['msg']}"
+    ]
+    where = ".".join(path)
+    kind, about = problem["type"], problem.get("ctx", {})
+    if kind == "missing":
+        return f"{where} is missing"
+    if kind == "value_error":  # our own, of a whole table
+        return f"{where}: {about['error']}"
+    if kind == "extra_forbidden":
+        *above, name = path
+        table = GearTable if "gear" in above else _TABLES.get((*above, "")[0], TwinConstants)
+        return str(unknown_name(f"{'.'.join(above)} key".strip(), name, table.model_fields))
+    valid = _VALID[kind].format(**about) if kind in _VALID else problem["msg"]
+    return f"{where}: {problem['input']!r} (valid: {valid})"
+
+
+_VALID = {
+    **dict.fromkeys(("float_type", "float_parsing"), "a number"),
+    **dict.fromkeys(("int_type", "int_parsing"), "a whole number"),
+    **dict.fromkeys(("tuple_type", "list_type"), "a list"),
+    **dict.fromkeys(("model_type", "dict_type"), "a table"),
+    "string_type": "a text",
+    "string_pattern_mismatch": "letters, digits, and _ . -",
+    "finite_number": "a finite number",
+    "greater_than": "a number above {gt:g}",
+    "greater_than_equal": "a number of at least {ge:g}",
+    "less_than": "a number below {lt:g}",
+    "less_than_equal": "a number of at most {le:g}",
+    "too_long": "at most {max_length} entries",
+    "too_short": "at least {min_length} entries",
+}
+"""Pydantic's name of a problem -> what is valid, in our words."""
+
+
+_TABLES: dict[str, type[_Table]] = {"joint": JointTable, "noise": Noise, "scatter": Scatter}
 
 
 def shipped_constants(name: str) -> TwinConstants:
