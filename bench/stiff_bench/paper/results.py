@@ -99,7 +99,7 @@ class PaperResults:
         """
         if not has_results(folder):
             raise StoreError(
-                f"--results {folder}: {why_no_results(folder)}; {REPRODUCE} makes them"
+                f"--results {folder}: {why_no_results(folder)}; {REPRODUCE} makes the results"
             )
         return cls(folder, tuple(collect(folder)))
 

@@ -56,7 +56,9 @@ def test_tables_2_and_3_are_fitted_on_the_spot_and_refuse_results():
 
 def test_the_command_refuses_in_one_line_with_status_2_and_prints_nothing(tmp_path):
     done = bench_here("table", "9", "--results", "none", cwd=tmp_path)
-    assert_refused(done, "--results none: there is no such folder", "`bench reproduce` makes them")
+    assert_refused(
+        done, "--results none: there is no such folder", "`bench reproduce` makes the results"
+    )
 
 
 @pytest.fixture
