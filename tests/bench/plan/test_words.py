@@ -154,6 +154,7 @@ def test_every_command_that_takes_a_data_set_takes_a_word():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
+        ({"models": ("VJM",)}, "unknown model 'VJM'; did you mean 'vjm'"),
         ({"models": ("vmj",)}, "unknown model 'vmj'; did you mean 'vjm'"),
         ({"models": ("mlp@widht=8",)}, "--model 'mlp@widht=8': unknown mlp option 'widht'; did"),
         (

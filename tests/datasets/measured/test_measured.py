@@ -130,6 +130,7 @@ def test_a_file_in_an_old_encoding_is_refused_with_the_remedy(tmp_path, kr10):
     [
         ([""], "the file is empty"),
         ([HEADER], "no data rows"),
+        ([GOOD, GOOD], r"no header: the first row holds numbers \(valid: pose_id,"),
         ([HEADER.replace("dz_mm", "dz_inch"), GOOD], "missing dz_mm; columns not used: dz_inch"),
         (
             [HEADER.replace("fx_N", "Fx [lbf]") + ",note", GOOD + ",windy"],
