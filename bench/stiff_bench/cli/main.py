@@ -172,7 +172,10 @@ def run(plugins: tuple[Path, ...], fmt: str, plan_only: bool, verbose: bool, **w
 )
 @plugin_option
 def list_(kind: str, plugins: tuple[Path, ...]) -> None:
-    """List what can be named; KIND is models, datasets, protocols or metrics."""
+    """List what can be named.
+
+    KIND is models, datasets, protocols or metrics.
+    """
     from stiff_bench.cli.show import metrics_overview, overview
     from stiff_bench.plan.registry import build_registry
 
