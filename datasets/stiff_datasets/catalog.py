@@ -37,6 +37,24 @@ DATASETS = (
         card=_KR10_CARD,
     ),
     DatasetInfo(
+        key="kr10-twin-rough",
+        target="stiff_datasets.twin.kr10_twin:Kr10TwinRough",
+        kind="simulated",
+        summary="the same poses and loads with hysteresis, bending links, wrong frames and masses",
+        reference="effects: stiff_datasets/twin/effects.py; constants: twins/kr10_rough.toml",
+        caveats=(f"kr10-twin-rough is {_SIMULATED}",),
+        card="data/kr10_twin_rough.md",
+    ),
+    DatasetInfo(
+        key="kr10-twin-beam",
+        target="stiff_datasets.twin.kr10_twin:Kr10TwinBeam",
+        kind="simulated",
+        summary="the same poses and loads on linear joints with links that are Timoshenko beams",
+        reference="constants and their sources: stiff_datasets/twins/kr10_beam.toml",
+        caveats=(f"kr10-twin-beam is {_SIMULATED}",),
+        card="data/kr10_twin_beam.md",
+    ),
+    DatasetInfo(
         key="ur5-twin",
         target="stiff_datasets.twin.robot_twin:Ur5Twin",
         kind="simulated",
@@ -44,6 +62,19 @@ DATASETS = (
         reference="constants and their sources: stiff_datasets/twins/ur5.toml",
         caveats=(f"ur5-twin is {_SIMULATED}", "ur5-twin: no constant was identified on a UR5."),
         card="data/ur5_twin.md",
+    ),
+    DatasetInfo(
+        key="arm-family",
+        target="stiff_datasets.twin.robot_twin:ArmFamily",
+        kind="simulated",
+        summary="twins of ten types of arm, 3 to 240 kg (robot=0..9): 151 random poses, pulled at "
+        "a hook",
+        reference="constants and their sources: stiff_datasets/twins/, a file a robot",
+        caveats=(
+            f"arm-family is {_SIMULATED}",
+            "arm-family: no constant was identified on the robots that lend their kinematics.",
+        ),
+        card="data/arm_family.md",
     ),
     DatasetInfo(
         key="robot-twin",

@@ -36,16 +36,23 @@ if TYPE_CHECKING:
 @format_option
 def leaderboard(
     results: Path, metric: str, axis: str | None, figure: Path | None, fmt: str, **chosen: Any
-) -> None:
-    """Rank models over data sets and protocols, with intervals."""
+) -> int:
+    """Rank models over data sets and protocols, with intervals.
+
+    Exit status 1: there is no critical difference, so that --figure was not drawn.
+    """
     from stiff_bench.tables.picture_file import check_suffix
 
     if figure is not None:
         check_suffix(figure)
     ranks = _stored(results).leaderboard(metric, axis, **chosen)
+    why_none = ranks.why_no_diagrams if figure is not None else ""
+    if figure is not None and not why_none:
+        ranks.save_diagrams(figure)  # before the tables: what fails here prints none
     print_text(ranks.text_as(fmt))
-    if figure is not None:
-        ranks.save_diagrams(figure)
+    if why_none:
+        say(f"{figure} was not drawn: {why_none}")
+    return 1 if why_none else 0
 
 
 @click.command()

@@ -9,6 +9,8 @@ import click
 
 from stiff_bench.cli.options import (
     FILE,
+    FiniteRange,
+    WholeRange,
     no_torque_option,
     output_option,
     plugin_option,
@@ -18,9 +20,10 @@ from stiff_bench.cli.options import (
     settings_option,
     tcp_option,
 )
+from stiff_bench.cli.refusals import Commands
 
 
-@click.group()
+@click.group(cls=Commands)
 def data() -> None:
     """Plan, check, simulate and inspect data sets."""
 
@@ -66,7 +69,7 @@ def info(
 @robot_options
 @click.option(
     "--poses",
-    type=click.IntRange(1, 10_000),
+    type=WholeRange(1, 10_000),
     help="Number of poses.  [default: the paper's 151 poses of the KR10, or 151 chosen ones]",
 )
 @click.option(
@@ -76,18 +79,18 @@ def info(
 )
 @click.option(
     "--candidates",
-    type=click.IntRange(1, 100_000),
+    type=WholeRange(1, 100_000),
     help="Number of random poses to choose from.  [default: 2000, or ten a pose]",
 )
 @click.option(
     "--payload",
-    type=float,
+    type=FiniteRange(0, min_open=True),
     metavar="KG",
     help="Rated payload; it sets the forces.  [default: the shipped robot's]",
 )
 @click.option(
     "--clearance",
-    type=float,
+    type=FiniteRange(0),
     default=0.2,
     metavar="M",
     help="Smallest distance between arm and base column.",
@@ -122,9 +125,9 @@ def validate(file: Path, no_torque: bool, **words: Any) -> int:
     "--twin",
     default="kr10-r1100-2",
     metavar="NAME|FILE.toml",
-    help="kr10-r1100-2, ur5, or a file of your own constants.",
+    help="kr10-r1100-2, kr10-rough, kr10-beam, ur5, an arm such as gp12, or a file of constants.",
 )
-@click.option("--samples", type=click.IntRange(1), default=10_000, help="Number of samples.")
+@click.option("--samples", type=WholeRange(1), default=10_000, help="Number of samples.")
 @click.option(
     "--loads",
     type=click.Choice(["line", "line-hook", "omni"]),
@@ -132,13 +135,19 @@ def validate(file: Path, no_torque: bool, **words: Any) -> int:
     help="The paper's wrenches, its forces at a hook, or forces in all directions at a hook.",
 )
 @click.option(
-    "--loads-per-pose", type=click.IntRange(1, 1000), default=1, help="Number of loads per pose."
+    "--loads-per-pose", type=WholeRange(1, 1000), default=1, help="Number of loads per pose."
 )
 @click.option(
     "--specimen",
-    type=click.IntRange(0, 9),
+    type=WholeRange(0, 9),
     default=0,
     help="One of ten simulated robots of the type.",
+)
+@click.option(
+    "--effects",
+    default="none",
+    metavar="LIST",
+    help="hysteresis, links, kinematics, sensor, separated by commas, or none.",
 )
 @seed_option
 @output_option("FILE.csv|FILE.parquet")
@@ -150,10 +159,10 @@ def simulate(**words: Any) -> None:
 
 
 @data.command()
-@click.argument("key", type=click.Choice(["ur5-pose-error"]))
+@click.argument("key", type=click.Choice(["ur5-pose-error"]), metavar="KEY")
 @click.option("--from", "source", type=FILE, metavar="DIR", help="Folder of downloaded files.")
 def fetch(key: str, source: Path | None) -> None:
-    """Download and check the files of a data set that is not shipped."""
+    """Download and check the files of a data set that is not shipped; KEY is ur5-pose-error."""
     from stiff_datasets.measured.ur5_pose_error import fetch as fetch_files
 
     for path in fetch_files(source):
@@ -161,13 +170,13 @@ def fetch(key: str, source: Path | None) -> None:
 
 
 @data.command()
-@click.argument("key", type=click.Choice(["kr10-measured"]))
+@click.argument("key", type=click.Choice(["kr10-measured"]), metavar="KEY")
 @click.argument("file", type=FILE)
 @click.option("--urdf", type=FILE, metavar="FILE.urdf", help="URDF.  [default: the shipped KR10]")
 @tcp_option
 @no_torque_option
 def register(key: str, file: Path, urdf: Path | None, tcp: str, no_torque: bool) -> None:
-    """Register your own measurement as a named data set."""
+    """Register your own measurement as a named data set; KEY is kr10-measured."""
     from stiff_bench.data_tools.commands import register_file
 
     click.echo(register_file(key, file, urdf, tcp, no_torque))

@@ -69,7 +69,12 @@ def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) 
 
 
 @click.command()
-@click.argument("what", type=click.Choice(["paper", "leaderboard"]), default="paper")
+@click.argument(
+    "what",
+    type=click.Choice(["paper", "leaderboard", "effects"]),
+    default="paper",
+    metavar="[WHAT]",
+)
 @click.option(
     "--quick/--full",
     default=None,
@@ -82,32 +87,36 @@ def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) 
     type=FILE,
     default=Path("results"),
     metavar="DIR",
-    help="Folder that takes paper/ or leaderboard/.",
+    help="Folder that takes paper/, leaderboard/ or effects/.",
 )
 @click.option("--write-only", is_flag=True, help="Write from stored results alone.")
 @execution_options("the number of cores")
 def reproduce(
     what: str, quick: bool | None, output: Path, write_only: bool, plan_only: bool, **how: Any
 ) -> int:
-    """Compute and write the paper's tables and figures, or the committed leaderboard.
+    """Compute and write the paper's tables and figures, or another committed study.
 
-    Stored results are not computed again: an interrupted command can be repeated. The leaderboard
-    takes about 2 hours on 2 cores.
+    WHAT is paper (the default), leaderboard, or effects: does the ranking of the models depend on
+    the physics of the simulated robot? Stored results are not computed again: an interrupted
+    command can be repeated. On 2 cores the leaderboard takes about 2 hours, effects half an hour.
     """
     from stiff_bench.analysis.forecast import forecast_line
     from stiff_bench.api.evaluation import computed
     from stiff_bench.cli.run import foreseen, say_summary, show_plan
     from stiff_bench.paper import study
+    from stiff_bench.paper.effects import write_effects
     from stiff_bench.paper.pages import write_leaderboard, write_paper
     from stiff_bench.plan.registry import build_registry
     from stiff_bench.run.execution import chosen_execution
     from stiff_bench.store.database import ResultStore
     from stiff_models.catalog import MODELS
 
-    if what == "leaderboard" and quick is not None:
-        raise click.UsageError("--quick and --full are of the paper; the leaderboard has one size")
+    if what != "paper" and quick is not None:
+        raise ConfigError(f"--quick and --full are of the paper; {what} has one size")
     if what == "leaderboard":
         write, runs = write_leaderboard, study.leaderboard_study([info.key for info in MODELS])
+    elif what == study.EFFECTS_FOLDER:
+        write, runs = write_effects, study.effects_study()
     else:
         write, runs = write_paper, study.paper_study(full=quick is False)
     if how["jobs"] is None and not how["dask"] and how["isolate"] is not False:

@@ -22,6 +22,7 @@ from stiff_bench.cli.options import (
     FILE,
     PROBABILITY,
     RESULTS,
+    WholeRange,
     chosen,
     command_line,
     data_options,
@@ -34,6 +35,7 @@ from stiff_bench.cli.options import (
     several_keys,
     taken,
 )
+from stiff_bench.cli.refusals import Commands, refusal
 from stiff_bench.cli.results import cache, merge
 from stiff_bench.console import print_text, say
 from stiff_bench.run.machine import keep_libraries_in_our_cache, pin_threads, threads_asked_for
@@ -72,7 +74,7 @@ def main(arguments: list[str] | None = None) -> None:
     except (click.ClickException, StiffBenchError, OSError) as error:
         if debug:
             raise
-        message = error.format_message() if isinstance(error, click.ClickException) else str(error)
+        message = refusal(error) if isinstance(error, click.ClickException) else str(error)
         say(f"error: {' '.join(message.split())}")
         status = USAGE_ERROR
     except Exception as error:
@@ -87,7 +89,9 @@ def _stop(number: int, _: object) -> None:
     raise Stopped(number)
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
+@click.group(
+    cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "show_default": True}
+)
 @click.version_option(package_name="stiffbench", prog_name="bench")
 @click.option(
     "--debug", is_flag=True, expose_value=False, help="Show tracebacks; valid for every command."
@@ -129,7 +133,7 @@ def bench() -> None:
     "--coverage", type=PROBABILITY, help="Coverage of prediction intervals.  [default: 0.9]"
 )
 @click.option(
-    "--splits", type=click.IntRange(1, 10_000), help="Number of splits.  [default: the protocol's]"
+    "--splits", type=WholeRange(1, 10_000), help="Number of splits.  [default: the protocol's]"
 )
 @seed_option
 @settings_option
@@ -163,10 +167,12 @@ def run(plugins: tuple[Path, ...], fmt: str, plan_only: bool, verbose: bool, **w
 
 
 @bench.command("list")
-@click.argument("kind", type=click.Choice(["models", "datasets", "protocols", "metrics"]))
+@click.argument(
+    "kind", metavar="KIND", type=click.Choice(["models", "datasets", "protocols", "metrics"])
+)
 @plugin_option
 def list_(kind: str, plugins: tuple[Path, ...]) -> None:
-    """List the models, data sets, protocols or metrics."""
+    """List what there is; KIND is models, datasets, protocols or metrics."""
     from stiff_bench.cli.show import metrics_overview, overview
     from stiff_bench.plan.registry import build_registry
 

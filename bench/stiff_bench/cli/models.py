@@ -20,6 +20,7 @@ from stiff_bench.cli.options import (
     settings_option,
     several_keys,
 )
+from stiff_bench.cli.refusals import Commands
 from stiff_bench.console import warnings_said
 
 model_file_option = click.option(
@@ -149,7 +150,7 @@ def check(key: str, dataset: str, settings: tuple[str, ...], plugins: tuple[Path
     return 0 if kept else 1
 
 
-@click.group()
+@click.group(cls=Commands)
 def new() -> None:
     """Write the first files of a plugin."""
 

@@ -25,17 +25,49 @@ RESULTS = Path("results/runs")
 """Where results are stored, and read, unless the user says otherwise."""
 
 
+Number = TypeVar("Number", int, float)
+Context = click.Context | None
+
+
+class WholeRange(click.IntRange):
+    """A whole number within bounds."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: Context) -> int:
+        """Return the number, or refuse it naming what is valid."""
+        return _number(super().convert, value, param, ctx, f"a whole number {_bounds(self)}")
+
+
 class FiniteRange(click.FloatRange):
     """A number within bounds; click's own takes "nan" for one, and "inf" where no bound is."""
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
+    def convert(self, value: Any, param: click.Parameter | None, ctx: Context) -> float:
         """Return the number, or refuse it naming what is valid."""
-        number = float(super().convert(value, param, ctx))
-        if not math.isfinite(number):
-            self.fail(f"{value} is not finite (valid: {self._describe_range()}).", param, ctx)
-        return number
+        return _number(super().convert, value, param, ctx, f"a number {_bounds(self)}")
+
+
+def _number(
+    convert: Callable[..., Number],
+    value: Any,
+    param: click.Parameter | None,
+    ctx: Context,
+    valid: str,
+) -> Number:
+    try:
+        number = convert(value, param, ctx)
+        if math.isfinite(number):
+            return number
+    except click.BadParameter:
+        pass
+    raise click.BadParameter(f"{value!r} (valid: {valid})", ctx, param)
+
+
+def _bounds(kind: click.IntRange | click.FloatRange) -> str:
+    """Return "from 1 to 10", "above 0 and below 1" or "of at least 0"."""
+    if None not in (kind.min, kind.max) and not kind.min_open and not kind.max_open:
+        return f"from {kind.min} to {kind.max}"
+    low = "" if kind.min is None else f"{'above' if kind.min_open else 'of at least'} {kind.min:g}"
+    high = "" if kind.max is None else f"{'below' if kind.max_open else 'of at most'} {kind.max:g}"
+    return " and ".join(filter(None, (low, high)))
 
 
 class Millimetres(FiniteRange):
@@ -43,9 +75,7 @@ class Millimetres(FiniteRange):
 
     name = "mm"
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
+    def convert(self, value: Any, param: click.Parameter | None, ctx: Context) -> float:
         """Return the number of millimetres, or refuse it naming what is valid."""
         try:
             return super().convert(float(str(value).removesuffix("mm")), param, ctx)
@@ -58,7 +88,7 @@ class Size(click.ParamType[int]):
 
     name = "size"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+    def convert(self, value: Any, param: click.Parameter | None, ctx: Context) -> int:
         """Return the bytes, or refuse a text that is no size."""
         from pydantic import ByteSize, TypeAdapter, ValidationError
 
@@ -120,7 +150,7 @@ results_option = click.option(
 )
 seed_option = click.option(
     "--seed",
-    type=click.IntRange(0, 2**32 - 20_000),  # a split's is this one and its number
+    type=WholeRange(0, 2**32 - 20_000),  # a split's is this one and its number
     default=0,
     help="Seed of all random numbers.",
 )
@@ -170,8 +200,8 @@ robot_options = together(
     click.option(
         "--robot",
         metavar="NAME",
-        help="A shipped robot: kr10-r1100-2 (the default, except with --data), ur5 or "
-        "fanuc-r2000ic.",
+        help="A shipped robot: kr10-r1100-2 (the default, except with --data), ur5, fanuc-r2000ic "
+        "or an arm of `arm-family` such as gp12.",
     ),
     click.option("--urdf", type=FILE, metavar="FILE.urdf", help="URDF of your own robot."),
     tcp_option,
@@ -234,7 +264,7 @@ def execution_options(usual_jobs: str) -> Callable[[Command], Command]:
     return together(
         click.option(
             "--jobs",
-            type=click.IntRange(1, 1024),
+            type=WholeRange(1, 1024),
             help=f"Number of fits at once, each in its own process.  [default: {usual_jobs}]",
         ),
         click.option(
@@ -257,7 +287,7 @@ def execution_options(usual_jobs: str) -> Callable[[Command], Command]:
         ),
         click.option(
             "--threads",
-            type=click.IntRange(1, 1024),
+            type=WholeRange(1, 1024),
             callback=_pinned,
             help="Threads of each fit.  [default: OMP_NUM_THREADS, or 1]",
         ),

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from stiff_bench.cli.options import FILE, output_option
+from stiff_bench.cli.refusals import Commands
 from stiff_bench.console import say
 
 
@@ -45,7 +46,7 @@ def merge(folders: tuple[Path, ...], output: Path, allow: tuple[str, ...]) -> in
     return 1 if merged.damaged else 0
 
 
-@click.group()
+@click.group(cls=Commands)
 def cache() -> None:
     """Show or empty the cache of pre-trained networks."""
 

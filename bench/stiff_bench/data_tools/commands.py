@@ -38,6 +38,7 @@ from stiff_datasets.twin.constants import (
     shipped_constants,
     shipped_twins,
 )
+from stiff_datasets.twin.effects import parse_effects
 from stiff_datasets.twin.simulate import simulate
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.files import make_folder
@@ -156,11 +157,11 @@ def validation(path: Path, words: RobotWords, no_torque: bool) -> tuple[str, int
     )
 
 
-def write_simulation(*, twin: str, samples: int, output: Path, **options: Any) -> str:
+def write_simulation(*, twin: str, samples: int, output: Path, effects: str, **options: Any) -> str:
     """Write simulated samples, with the options of `simulate`; return how many, and how fast."""
-    start = time.perf_counter()
+    asked, start = parse_effects(effects), time.perf_counter()
     with display():
-        simulate(output, _constants(twin), samples, **options)
+        simulate(output, _constants(twin), samples, effects=asked, **options)
     seconds = time.perf_counter() - start
     return (
         f"{output}: {samples} SIMULATED samples of {twin}, specimen {options['specimen']}, in "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from stiff_bench.analysis.collected import (
@@ -31,6 +31,7 @@ from stiff_bench.report.pairs import pair_table
 from stiff_bench.report.runs import Selection, failure_block, run_block
 from stiff_bench.report.scores import data_block, score_block
 from stiff_bench.store.database import read_data
+from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.metric_table import SELECTION_MARK, number_format
 from stiff_bench.tables.units import PRINTED, counted
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, StoreError
@@ -70,7 +71,7 @@ def part_of(stored: StoredResults, choice: Selection, key: SortKey) -> Part:
     return Part(
         str(folder),
         [
-            _summary(chosen, choice, _verdict(board) if board is not None else why_none),
+            _summary(chosen, data_of, choice, _verdict(board) if board is not None else why_none),
             data_block(chosen, data_of),
             *([Block("Error by model", pictures=[first])] if first is not None else []),
             *(_ranking(board, folder, choice) if board is not None else ()),
@@ -114,7 +115,12 @@ def _verdict(board: Leaderboard) -> str:
     return f"{text} All others are significantly worse." if worse else text
 
 
-def _summary(cases: Sequence[Case], choice: Selection, verdict: str) -> Block:
+def _summary(
+    cases: Sequence[Case],
+    data_of: Callable[[str], StoredData],
+    choice: Selection,
+    verdict: str,
+) -> Block:
     shown = [presentation(case) for case in cases]
     competitors = [
         one
@@ -137,7 +143,7 @@ def _summary(cases: Sequence[Case], choice: Selection, verdict: str) -> Block:
         ],
         notes=[
             *caveats_of(cases),
-            *same_name_other_data(cases),
+            *same_name_other_data(cases, data_of),
             *left_out_notes(cases),
         ],
     )

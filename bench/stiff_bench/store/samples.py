@@ -10,7 +10,7 @@ import io
 import lzma
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -55,6 +55,26 @@ class StoredData:
     tcp: FloatArray
     torque_units: tuple[str, ...]
     tcp_on_flange: FloatArray | None = None
+
+
+def what_differs(found: Sequence[StoredData]) -> str:
+    """Return in what data sets of one name differ, for people; TCPs in their order."""
+    tcps = ["" if one.tcp_on_flange is None else _place(one.tcp_on_flange) for one in found]
+    if not all(tcps):
+        return "data or TCP"
+    changed = [tcp for tcp, before in zip(tcps, ["", *tcps[:-1]], strict=True) if tcp != before]
+    parts = [f"TCP {' -> '.join(changed)} m"] if len(changed) > 1 else []
+    if len({_samples_bytes(one.samples) for one in found}) > 1:
+        parts.append("samples")
+    return " and ".join(parts) or "robot's geometry"
+
+
+def _place(point: FloatArray) -> str:
+    return f"({', '.join(f'{length:g}' for length in point)})"
+
+
+def _samples_bytes(samples: Samples) -> bytes:
+    return b"".join(getattr(samples, item.name).tobytes() for item in fields(Samples))
 
 
 def data_content(data: BenchmarkData) -> bytes:

@@ -38,9 +38,7 @@ EXPLAINS_LITTLE = 0.85
 0.93 of ten specimens each of the shipped twins."""
 USUAL_SAG = 2e-3
 """rad; how far the joint that gives way most turns under the arm's own weight. 2 to 2.8e-3 in all
-specimens of the shipped twins."""
-NOMINAL = {"fanuc_r2000ic": (9.3e5, 4.1e6, 1.9e6, 2.3e5, 4.0e5, 8.0e4)}
-"""Stiffnesses [N m/rad] of robots whose URDF has no masses, as their source states them."""
+specimens of the shipped twins, 1.2e-3 in the FANUC measurement."""
 UNUSUAL = 5.0
 """A robot that is so many times as compliant or stiff as usual is in another unit."""
 OTHER_UNITS = {
@@ -246,10 +244,7 @@ def _unit_findings(data: Reading, compliance: FloatArray) -> Iterator[Finding]:
     configurations = (pin.integrate(model, pin.neutral(model), q) for q in data.q[:1000])
     torque = np.abs([pin.computeGeneralizedGravity(model, memory, each) for each in configurations])
     revolute = [kind == "revolute" for kind in robot_of(data.chain).joint_types]
-    if torque.any():
-        factor = (torque.max(axis=0) * compliance)[revolute].max(initial=0.0) / USUAL_SAG
-    else:
-        factor = np.median(compliance * NOMINAL.get(data.chain.name, np.zeros(len(compliance))))
+    factor = (torque.max(axis=0) * compliance)[revolute].max(initial=0.0) / USUAL_SAG
     if factor > 0.0 and not 1.0 / UNUSUAL < factor < UNUSUAL:
         likely = OTHER_UNITS[min(OTHER_UNITS, key=lambda unit: abs(np.log(unit / factor)))]
         yield warning(

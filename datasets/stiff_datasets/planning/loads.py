@@ -60,10 +60,12 @@ def line_wrenches(n: int, payload_kg: float, rng: np.random.Generator) -> FloatA
     return np.asarray(wrench * np.minimum(1.0, payload_kg * G / size))
 
 
-def omni_forces(n: int, payload_kg: float, rng: np.random.Generator) -> FloatArray:
-    """Return (n, 3) forces [N] of every direction, from a fifth of the payload to all of it."""
+def omni_forces(
+    n: int, payload_kg: float, rng: np.random.Generator, heaviest: float = 1.0
+) -> FloatArray:
+    """Return (n, 3) forces [N] of every direction, a fifth to `heaviest` of the payload."""
     direction = rng.normal(size=(n, 3))
-    size = rng.uniform(LIGHTEST, 1.0, size=(n, 1)) * payload_kg * G
+    size = rng.uniform(LIGHTEST, heaviest, size=(n, 1)) * payload_kg * G
     return np.asarray(direction / np.linalg.norm(direction, axis=1, keepdims=True) * size)
 
 

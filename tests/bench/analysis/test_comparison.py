@@ -20,7 +20,9 @@ from stiff_bench.analysis.verdict import Question
 from stiff_bench.cli.compare import compare as compare_command
 from stiff_bench.run.cell import compute_cell
 from stiff_bench.store.database import ResultStore, read_results
+from stiff_datasets.robots.robot import shipped_robot
 from stiff_protocols.contract.errors import ConfigError, StoreError
+from stiff_protocols.contract.types import BenchmarkData
 
 A_SPLITS = (1.0e-4, 1.2e-4, 0.9e-4, 1.1e-4, 1.3e-4)
 B_SPLITS = (2.0e-4, 2.1e-4, 2.2e-4, 2.1e-4, 2.4e-4)
@@ -346,16 +348,17 @@ def test_splits_that_were_asked_for_and_never_run_are_counted(tmp_path):
 @pytest.mark.parametrize(
     ("option", "value", "valid"),
     [
-        ("--equivalence", "inf", "(valid: x>=0)"),
-        ("--equivalence", "nan", "(valid: x>=0)"),
-        ("--confidence", "nan", "(valid: 0<x<1)"),
-        ("--seed", str(2**32), "0<=x<=4294947296"),
+        ("--equivalence", "inf", "(valid: a number of at least 0)"),
+        ("--equivalence", "-1mm", "(valid: a number of at least 0)"),
+        ("--confidence", "nan", "(valid: a number above 0 and below 1)"),
+        ("--seed", str(2**32), "(valid: a whole number from 0 to 4294947296)"),
     ],
 )
 def test_numbers_that_mean_nothing_are_refused(option, value, valid):
     done = CliRunner().invoke(compare_command, ["a", "b", option, value])
     assert done.exit_code == 2
-    assert f"Invalid value for '{option}': {value} is not" in done.output and valid in done.output
+    said = done.output.splitlines()[-1]
+    assert f"'{option}'" in said and value.removesuffix("mm") in said and valid in said
 
 
 def test_what_cannot_be_compared_is_one_clear_line(tmp_path):
@@ -380,6 +383,15 @@ def test_what_cannot_be_compared_is_one_clear_line(tmp_path):
             report_on(folder, **words)
     with pytest.raises(StoreError, match="holds no results"):
         report_on(tmp_path / "nothing")
+
+
+def test_models_that_met_only_under_another_tcp_are_told_so(tmp_path):
+    data = made_data()
+    moved = BenchmarkData(data.samples, shipped_robot("kr10_r1100_2", tcp=(0.06, 0.0, 0.1)))
+    store_results(tmp_path, {"a": PAIR["a"]}, data=data)
+    store_results(tmp_path, {"b": PAIR["b"]}, data=moved)
+    with pytest.raises(ConfigError, match=r"never met: .*; made stands for different .*: TCP \("):
+        report_on(tmp_path)
 
 
 def test_a_model_that_failed_everywhere_is_said_to_have_failed(tmp_path):

@@ -103,8 +103,25 @@ def test_a_model_that_lacks_a_case_has_no_mean_rank_and_moves_nobody_elses(made)
     assert ranks(board) == pytest.approx({"a": 5 / 3, "b": 5 / 3, "c": 8 / 3})
     ((name, missing),) = board.sections[0].unranked.items()
     assert name == "winner" and set(missing.values()) == {"not run"}
-    assert "winner lacks 2 of 3 results (twin@specimen=1 | holdout: not run)" in text_of(board)
+    lacking = ", ".join(f"twin@specimen={number} | holdout" for number in (1, 2))
+    assert f"winner lacks 2 of 3 results ({lacking}: not run)" in text_of(board)
     assert cells(board, "holdout")["winner"] == ["0.1000 (1/3)"]
+
+
+def test_many_missing_results_are_counted_and_it_is_said_what_lists_them(made):
+    add_three(made)
+    for number in range(5):
+        made.add(f"late-{number}", [9.0, 9.0], TWINS[0])
+    text = text_of(board_of(made))
+    (note,) = (line for line in text.splitlines() if "Without a mean rank" in line)
+    assert "late-0 lacks 2 of 3 results, " in note and "2 more models" in note
+    assert "--format json" in note and "specimen" not in note
+    every = json.loads(text_of(board_of(made), "json"))["tables"]
+    (scores,) = (one for one in every if one["table"] == "scores")
+    lacking = [
+        row["model"] for row in scores["rows"] if row["values"][0].get("status") == "not run"
+    ]
+    assert sorted(lacking) == sorted(2 * [f"late-{number}" for number in range(5)])
 
 
 def test_a_failure_is_missing_with_its_reason_and_is_said_in_its_column(made):
@@ -155,7 +172,7 @@ def test_of_data_that_changed_under_one_name_only_those_of_the_newest_run_count(
     board = board_of(made)
     assert ranks(board) == {"a": 1.0, "b": 2.0}
     assert len(board.sections[0].cases) == 1
-    assert "twin stands for different data or TCPs here" in text_of(board)
+    assert "twin stands for different data here: samples (" in text_of(board)
 
 
 def test_another_task_never_enters(made):

@@ -103,4 +103,4 @@ def test_what_was_computed_is_not_computed_again_and_the_files_are_named(small, 
 def test_the_leaderboard_has_one_size(size, tmp_path):
     done = CliRunner().invoke(reproduce, ["leaderboard", size, "--output", str(tmp_path)])
     assert done.exit_code == 2
-    assert "the leaderboard has one size" in done.output
+    assert "leaderboard has one size" in done.output
