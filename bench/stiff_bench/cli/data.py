@@ -162,7 +162,7 @@ def simulate(**words: Any) -> None:
 @click.argument("key", type=click.Choice(["ur5-pose-error"]), metavar="KEY")
 @click.option("--from", "source", type=FILE, metavar="DIR", help="Folder of downloaded files.")
 def fetch(key: str, source: Path | None) -> None:
-    """Download and check the files of a data set that is not shipped; KEY is ur5-pose-error."""
+    """Download a data set that is not shipped; KEY is ur5-pose-error."""
     from stiff_datasets.measured.ur5_pose_error import fetch as fetch_files
 
     for path in fetch_files(source):
@@ -176,7 +176,7 @@ def fetch(key: str, source: Path | None) -> None:
 @tcp_option
 @no_torque_option
 def register(key: str, file: Path, urdf: Path | None, tcp: str, no_torque: bool) -> None:
-    """Register your own measurement as a named data set; KEY is kr10-measured."""
+    """Register a measurement as a data set; KEY is kr10-measured."""
     from stiff_bench.data_tools.commands import register_file
 
     click.echo(register_file(key, file, urdf, tcp, no_torque))

@@ -94,7 +94,7 @@ def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) 
 def reproduce(
     what: str, quick: bool | None, output: Path, write_only: bool, plan_only: bool, **how: Any
 ) -> int:
-    """Compute and write the paper's tables and figures, or another committed study.
+    """Make the paper's tables and figures again, or another study.
 
     WHAT is paper (the default), leaderboard, or effects: does the ranking of the models depend on
     the physics of the simulated robot? Stored results are not computed again: an interrupted
