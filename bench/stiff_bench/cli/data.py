@@ -125,7 +125,8 @@ def validate(file: Path, no_torque: bool, **words: Any) -> int:
     "--twin",
     default="kr10-r1100-2",
     metavar="NAME|FILE.toml",
-    help="kr10-r1100-2, kr10-rough, kr10-beam, ur5, an arm such as gp12, or a file of constants.",
+    help="kr10-r1100-2, kr10-rough, kr10-beam, ur5, an arm such as gp12, or a file of your own "
+    "constants.",
 )
 @click.option("--samples", type=WholeRange(1), default=10_000, help="Number of samples.")
 @click.option(

@@ -38,6 +38,18 @@ def report_on(folder, a="a", b="b", question=None, **words):
     return compare_folder(folder, a, b, question or Question(), **words)
 
 
+def store_specimens(folder, n_specimens, models=PAIR, **how):
+    """The same results on data of several specimens."""
+    for specimen in range(n_specimens):
+        name = f"made@specimen={specimen}" if specimen else "made"
+        store_results(folder, models, data=made_data(specimen), dataset=name, **how)
+
+
+def row_names(text):
+    """What the rows of a table begin with."""
+    return [line.split(" | ")[0].strip("| ") for line in text.splitlines() if "| made" in line]
+
+
 def text_of(folder, fmt="github", **words):
     return render_report(report_on(folder, **words), fmt, "bench compare a b")
 
@@ -153,11 +165,8 @@ def test_verdicts_of_one_training_are_counted_apart(tmp_path):
 
 
 def test_counts_over_data_sets_say_if_they_are_of_fits_alone(tmp_path):
-    for specimen in range(2):
-        name = f"made@specimen={specimen}" if specimen else "made"
-        data = made_data(specimen)
-        store_results(tmp_path / "one", ONE_FIT, data=data, dataset=name, tests=[np.arange(40)])
-        store_results(tmp_path / "five", PAIR, data=data, dataset=name)
+    store_specimens(tmp_path / "one", 2, ONE_FIT, tests=[np.arange(40)])
+    store_specimens(tmp_path / "five", 2)
     ((one,), (five,)) = (report_on(tmp_path / folder).across for folder in ("one", "five"))
     assert one.of_fits and not five.of_fits
     assert "| made, kfold, these fits " in text_of(tmp_path / "one")
@@ -191,9 +200,7 @@ def test_splits_that_one_of_them_lacks_are_left_out_and_named(tmp_path):
 
 
 def test_specimens_count_as_data_sets_and_splits_do_not(tmp_path):
-    for specimen in range(5):
-        name = f"made@specimen={specimen}" if specimen else "made"
-        store_results(tmp_path, PAIR, data=made_data(specimen), dataset=name)
+    store_specimens(tmp_path, 5)
     (across,) = report_on(tmp_path).across
     assert across.family == "made" and across.verdicts == ("a",) * 5
     assert across.p_value == pytest.approx(2 * 0.5**5)  # of 5 data sets, not of 25 splits
@@ -203,9 +210,7 @@ def test_specimens_count_as_data_sets_and_splits_do_not(tmp_path):
 
 
 def test_a_word_with_a_default_spelled_out_is_one_data_set_and_its_key_all(tmp_path):
-    for specimen in range(2):
-        name = f"made@specimen={specimen}" if specimen else "made"
-        store_results(tmp_path, PAIR, data=made_data(specimen), dataset=name)
+    store_specimens(tmp_path, 2)
     assert len(report_on(tmp_path, datasets=("made",)).comparisons) == 2
     (only,) = report_on(tmp_path, datasets=("made@specimen=0",)).comparisons
     assert only.name.dataset == "made"
@@ -214,10 +219,9 @@ def test_a_word_with_a_default_spelled_out_is_one_data_set_and_its_key_all(tmp_p
 def test_many_cases_take_one_line_each_and_one_case_takes_one_screen(tmp_path):
     for size in (5, 10, 40):
         store_results(tmp_path, PAIR, condition=f"n = {size}")
-    many = text_of(tmp_path).splitlines()
-    lines = [line.split("|")[1].strip() for line in many if line.startswith("| made")]
-    assert lines == [f"made, kfold, n = {size}" for size in (5, 10, 40)]
-    assert many[0].startswith("Of 3 comparisons: a better in 3, b better in 0")
+    many = text_of(tmp_path)
+    assert row_names(many) == [f"made, kfold, n = {size}" for size in (5, 10, 40)]
+    assert many.startswith("Of 3 comparisons: a better in 3, b better in 0")
     assert len(text_of(tmp_path, conditions=("n = 10",)).splitlines()) <= 40
 
 
@@ -282,8 +286,7 @@ def test_in_the_overview_marks_stand_beside_their_case_alone(tmp_path):
     store_results(tmp_path, PAIR, condition="n = 7", own={"a": regime, "b": regime})
     text = text_of(tmp_path)
     assert "**A = a, B = b | 3 comparisons" in text
-    rows = [line.split(" | ")[0].strip("| ") for line in text.splitlines() if "| made" in line]
-    assert rows == [
+    assert row_names(text) == [
         "made, kfold, n = 5",
         "made, kfold, n = 6 [A: no source: target alone]",
         "made, kfold, n = 7 [A and B: no source: target alone]",
@@ -326,8 +329,7 @@ def test_cases_with_one_text_are_told_apart_by_what_differs_and_seeds_are_in_ord
         store_results(tmp_path / "r", PAIR, data=made_data(number), condition="n = 5")
     store_results(tmp_path / "r", PAIR, condition="n = 6")
     text = text_of(tmp_path / "r")
-    rows = [line.split(" | ")[0].strip("| ") for line in text.splitlines() if "| made" in line]
-    assert rows == [
+    assert row_names(text) == [
         "made, kfold, seed 3",
         "made, kfold, seed 10",
         *(f"made, kfold, n = 5, data {sha256[:8]}" for sha256 in sorted(hashes)),

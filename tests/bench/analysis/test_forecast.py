@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import weakref
 
 import pytest
@@ -106,14 +105,3 @@ def test_splits_are_made_one_by_one(protocol):
 def test_the_number_of_splits_of_each_condition_is_known_from_the_first_cell():
     tasks = cell_tasks(planned(protocols=("sample-efficiency@sizes=5,10",), splits=4))
     assert next(tasks).n_splits == 4
-
-
-def test_json_has_the_cells(tmp_path):
-    plan = plan_into(tmp_path)
-    store_some(plan, 60.0, of=lambda t: t.shown.model == "vjm" and t.cell.split_index == 0)
-    found = told(plan)
-    plain = json.loads(render([forecast_table(found)], "json", "bench run --plan"))
-    assert plain["command"] == "bench run --plan"
-    (table,) = plain["tables"]
-    *_, last = table["rows"]
-    assert [value["value"] for value in last["values"]] == [6, 1, 5, None]

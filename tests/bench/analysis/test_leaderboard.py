@@ -564,16 +564,3 @@ def test_costs_stand_beside_the_ranks_as_medians_with_their_range(made):
     assert rows["quick"] == ["40 us (20 to 200)", "12,300", "20 us (10 to 100)", "3.0", "3"]
     assert rows["slow"] == ["70 s (60 to 90)", "12,300", "35 s (30 to 45)", "-", "3"]
     assert "unknown" not in rows
-
-
-def test_json_holds_the_costs(made):
-    priced(made, "quick", [4e-5, 2e-5, 2e-4])
-    priced(made, "slow", [90.0, 60.0, 70.0])
-    tables = json.loads(text_of(board_of(made), "json"))["tables"]
-    (costs,) = (table for table in tables if table["table"] == "costs")
-    (slow,) = (row["values"] for row in costs["rows"] if row["model"] == "slow")
-    fit, _, latency, memory, fits = slow
-    assert fits["value"] == 3 and fit["unit"] == "ms"
-    assert [fit[name] for name in ("value", "low", "high")] == [70e3, 60e3, 90e3]
-    assert [latency[name] for name in ("value", "low", "high")] == [35e3, 30e3, 45e3]
-    assert (memory["metric"], memory["value"]) == ("memory", None)

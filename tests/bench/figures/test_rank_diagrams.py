@@ -55,14 +55,6 @@ def test_one_bar_stands_over_all_where_friedman_finds_nothing(tmp_path):
     assert texts(tmp_path / "cd.svg").count("(3.00)") == 5
 
 
-def test_the_same_analysis_gives_the_same_file(tmp_path):
-    scores = np.tile(np.arange(4.0), (5, 1))
-    for name in ("one.png", "two.png"):
-        save_diagrams([analysis_of(scores)], "3-D error [mm] (simulated)", tmp_path / name)
-    one, two = ((tmp_path / name).read_bytes() for name in ("one.png", "two.png"))
-    assert one.startswith(b"\x89PNG") and one == two
-
-
 def drawn(folder, twins):
     """What `bench leaderboard --figure` does with three models on some twins, and the figure."""
     made = MadeResults(folder / "runs")

@@ -10,8 +10,7 @@ from pydantic import AfterValidator
 from run_requests import planned
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.options import options_of
-from stiff_bench.plan.registry import build_registry
-from stiff_bench.plan.words import chosen_dataset, parse_settings
+from stiff_bench.plan.words import parse_settings
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_protocols.contract.errors import ConfigError
@@ -145,10 +144,6 @@ def test_set_reaches_every_variant_and_the_word_has_the_last_word():
         models=("mlp", "mlp@width=8"), settings=("mlp.width=16", "mlp.epochs=3"), metrics=("mae",)
     )
     assert names(made.models) == ["mlp@epochs=3@width=16", "mlp@epochs=3@width=8"]
-
-
-def test_every_command_that_takes_a_data_set_takes_a_word():
-    assert chosen_dataset("kr10-twin@specimen=4", (), build_registry()).params == {"specimen": 4}
 
 
 @pytest.mark.parametrize(

@@ -122,14 +122,6 @@ def test_a_failed_or_skipped_model_is_a_row_with_its_reason_and_the_others_stay(
         assert not has_numbers(table, 0) and has_numbers(table, 1)
 
 
-def test_a_protocol_that_selects_on_test_marks_the_models_that_select(tasks_of):
-    tasks = tasks_of(models=("vjm", "mlp"), protocol="paper-holdout", splits=1)
-    (table,) = build_tables([result(task, 1e-4) for task in tasks], METRICS)
-    labels = [str(row[0]) for row in table.rows[:2]]
-    assert labels == ["vjm", "mlp [epoch picked on test part]"]
-    assert any("optimistic" in note for note in table.notes)
-
-
 def test_rows_of_different_splits_never_meet(tasks_of):
     ours, other = tasks_of(models=("vjm",)), tasks_of(models=("mlp",))
     moved = [replace(t, cell=replace(t.cell, split_sha256="another")) for t in other]
