@@ -112,7 +112,7 @@ def reproduce(
     from stiff_models.catalog import MODELS
 
     if what != "paper" and quick is not None:
-        raise ConfigError(f"--quick and --full are of the paper; {what} has one size")
+        raise click.UsageError(f"--quick and --full are of the paper; {what} has one size")
     if what == "leaderboard":
         write, runs = write_leaderboard, study.leaderboard_study([info.key for info in MODELS])
     elif what == study.EFFECTS_FOLDER:
