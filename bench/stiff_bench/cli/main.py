@@ -147,7 +147,7 @@ def bench() -> None:
 @format_option
 @click.option("--verbose", is_flag=True, help="Print what fits report, such as stiffnesses.")
 def run(plugins: tuple[Path, ...], fmt: str, plan_only: bool, verbose: bool, **words: Any) -> int:
-    """Fit and test models and print a table for each data set and protocol.
+    """Fit and test models; print a table per data set and protocol.
 
     A fit is one model, trained and tested on one split. The VJM is run beside every model. Each
     result is stored in --output at once; the same command again computes what is missing.
