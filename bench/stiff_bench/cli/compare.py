@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from stiff_bench.api import RESULTS
 from stiff_bench.cli.options import (
     FILE,
     PROBABILITY,
-    RESULTS,
     Millimetres,
+    Picture,
     case_options,
     command_line,
     format_option,
@@ -31,17 +32,16 @@ if TYPE_CHECKING:
 @results_option
 @ranking_options
 @click.option(
-    "--figure", type=FILE, metavar="FILE.png", help="Draw the critical-difference diagrams, too."
+    "--figure",
+    type=Picture(),
+    metavar="FILE.png",
+    help="Draw the critical-difference diagrams, too.",
 )
 @format_option
 def leaderboard(
     results: Path, metric: str, axis: str | None, figure: Path | None, fmt: str, **chosen: Any
 ) -> None:
     """Rank models over data sets and protocols, and say where ranks mean nothing."""
-    from stiff_bench.tables.picture_file import check_suffix
-
-    if figure is not None:
-        check_suffix(figure)
     ranks = _stored(results).leaderboard(metric, axis, **chosen)
     print_text(ranks.text_as(fmt))
     if figure is not None:
@@ -96,10 +96,9 @@ def table(number: str, results: Path | None, fmt: str) -> None:
     errors on the simulated source by depth and by activation; 8: which layers are unfrozen; 9:
     last epoch against best epoch; 10: VJM, FT-MLP and DT-CNN.
     """
-    from stiff_bench.paper.tables import read_table
-    from stiff_bench.tables.render import render
+    from stiff_bench.api.figures import paper_table
 
-    print_text(render(read_table(int(number), results), fmt, command_line()))
+    print_text(paper_table(int(number), results, command=command_line()).text_as(fmt))
 
 
 @click.command()
@@ -120,8 +119,6 @@ def report(folders: tuple[Path, ...], output: Path, **chosen: Any) -> None:
     Ranks, pairwise comparisons, figures, scores, failures, and where the results come from; its
     tables can be sorted and filtered in a browser.
     """
-    from stiff_bench.report.report import write_report
-    from stiff_bench.report.runs import Selection
-
-    write_report(folders, Selection(**chosen), output, command_line())
+    first, *others = map(_stored, folders)
+    first.report(output, others=others, **chosen)
     say(f"{output}: the page is written")

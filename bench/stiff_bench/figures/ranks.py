@@ -103,7 +103,7 @@ def save_diagrams(analyses: Sequence[RankAnalysis], measure: str, path: Path) ->
     require("a diagram of ranks", "scikit_posthocs")
     drawn = [one for one in analyses if one.outcome is not None]
     if not drawn:
-        raise ConfigError(f"--figure {path}: no critical difference: it {analyses[0].why_none}")
+        raise ConfigError(f"{path}: no critical difference: it {analyses[0].why_none}", "figure")
     Prepared("ranks", "", "", partial(ranks_figure, drawn, measure)).save(path)
 
 
@@ -123,7 +123,7 @@ def gather(source: FigureSource) -> Content:
     if not ranked:
         reasons = "; ".join(dict.fromkeys(one.why_none for one in found))
         raise ConfigError(
-            f"--results {source.folder}: there is no critical difference to draw: it {reasons}"
+            f"{source.folder}: there is no critical difference to draw: it {reasons}", "results"
         )
     drawn = ranked[:MOST]
     shown_here = {name for one in drawn for name in one.models}

@@ -18,6 +18,7 @@ from command_line import bench, started
 from made_results import damage, tear
 from run_requests import planned
 from stiff_bench.analysis.collected import collect
+from stiff_bench.api.run import Run
 from stiff_bench.cli.run import execute
 from stiff_bench.run.execution import IN_THIS_PROCESS
 from stiff_bench.store.damage import fault_of
@@ -46,7 +47,7 @@ def run(tmp_path, capsys):
             output=tmp_path,
             **({"splits": 3} | changes),
         )
-        status = execute(plan, "csv", RERUN[rerun])
+        status = execute(Run([plan], RERUN[rerun]), "csv")
         out, err = capsys.readouterr()
         return status, out, err
 

@@ -53,7 +53,7 @@ def test_paper_holdout_validates_on_its_test_rows_and_says_so():
         (PaperHoldout(), 1, None, "cannot be divided"),
         (SensorNoise(), 1, None, "1 samples of 1 poses cannot be divided"),
         (KFold(), 4, 5, "4 samples of 4 poses cannot be divided"),
-        (KFold(folds=3), 10, 4, r"--splits 4: kfold has 3 splits.*kfold@folds=4"),
+        (KFold(folds=3), 10, 4, r"splits 4: kfold has 3 splits.*kfold@folds=4"),
         (LeaveOneOut(), 10, 2, "one split a pose"),
         (SampleEfficiency(), 4, None, "4 poses cannot be divided with test_fraction"),
         (SampleEfficiency(test_fraction=0.5), 2, None, "2 poses cannot be divided with test_frac"),
