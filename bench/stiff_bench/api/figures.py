@@ -29,8 +29,8 @@ def figure(
     """Return a figure, which a notebook shows and `save` writes, with its caption.
 
     Args:
-        name: "regression", "errors", "losses", "sweep", "freezing", "learning-curves", "workspace",
-            "springs" or "ranks"; or one of the source paper's: "4", "5", "6", "8" or "9".
+        name: "scores", "regression", "errors", "losses", "sweep", "freezing", "learning-curves",
+            "workspace", "springs", "ranks", or the source paper's "4", "5", "6", "8" or "9".
         results: that it shows, or their folder; None: where `bench run` stores them, and for the
             paper's figures `bench reproduce`.
         models: names, or keys that stand for all variants; none: those that it is clear with.

@@ -37,6 +37,7 @@ from stiff_datasets.twin.constants import (
     shipped_constants,
     shipped_twins,
 )
+from stiff_datasets.twin.effects import parse_effects
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, Robot
 
@@ -106,17 +107,17 @@ def plan_poses(
     size = np.linalg.norm(plan.wrench[0, :3])
     notes = [
         "",
-        f"D-efficiency {gain.efficiency:.2f} relative to a mean random plan, "
-        f"{gain.efficiency_over_best:.2f} to the best random one"
-        + ("." if gain.efficiency >= 1.0 else ": LESS than random poses."),
-        "Checked: joint limits, the arm's centre line against base column and ground; not the "
-        "shape of links and tool, nor what stands around the robot. Go to each pose slowly.",
-        "Replace the suggested wrench by the one that really acts, and fill in dx_mm, dy_mm, "
-        f"dz_mm; then: bench data validate {output}{words.text}",
+        f"D-efficiency {gain.efficiency:.2f} relative to the mean random plan, "
+        f"{gain.efficiency_over_best:.2f} relative to the best one"
+        + ("." if gain.efficiency >= 1.0 else ": worse than random poses."),
+        "Checked: joint limits, the arm's centre line against base column and ground. Not checked: "
+        "shape of links and tool, surroundings. Approach each pose slowly.",
+        "Replace the suggested wrench by the actual one and fill in dx_mm, dy_mm, dz_mm; then: "
+        f"bench data validate {output}{words.text}",
     ]
     unseen = [joint for joint in arm.joint_names if joint not in gain.joints]
     if unseen:
-        notes.append(f"No pose and force with this TCP identifies: {', '.join(unseen)}.")
+        notes.append(f"Not identifiable with this TCP: {', '.join(unseen)}.")
     return Text(
         f"{output}: {len(plan.q)} poses of {arm.name}, one suggested force each "
         f"({size:.1f} N at the TCP, {FORCE_SHARE:.0%} of the payload)\n\n"
@@ -184,23 +185,25 @@ def simulate(
     loads_per_pose: int = 1,
     specimen: int = 0,
     seed: int = 0,
+    effects: str = "none",
 ) -> Text:
     """Write a simulated data set of any size; return how many samples, and how fast.
 
     Args:
         output: a new FILE.csv or FILE.parquet.
-        twin: "kr10-r1100-2", "ur5", or FILE.toml with the constants of your own.
+        twin: a key such as "kr10-r1100-2" or "ur5", or FILE.toml with your own constants.
         samples: how many.
         loads: the paper's, its forces at a hook, or every direction at a hook.
         loads_per_pose: how many at each pose.
         specimen: which of ten robots of the type.
         seed: draws poses, loads and noise.
+        effects: "hysteresis", "links", "kinematics" and "sensor", separated by commas, or "none".
 
     Raises:
-        ConfigError: there is no such twin, or the file's ending is another one.
+        ConfigError: there is no such twin or effect, or the file's ending is another one.
         StoreError: the file exists, or cannot be written.
     """
-    start = time.perf_counter()
+    asked, start = parse_effects(effects), time.perf_counter()
     with display():
         simulation.simulate(
             Path(output),
@@ -210,6 +213,7 @@ def simulate(
             loads_per_pose=loads_per_pose,
             specimen=specimen,
             seed=seed,
+            effects=asked,
         )
     seconds = time.perf_counter() - start
     return Text(

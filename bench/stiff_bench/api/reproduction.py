@@ -1,4 +1,4 @@
-"""The source paper's tables and figures, and the committed leaderboard, made again."""
+"""The committed studies made again: the source paper's tables and figures, and others."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ from stiff_bench.api.results import Results
 from stiff_bench.api.run import Run
 from stiff_bench.console import say
 from stiff_bench.paper import study
+from stiff_bench.paper.effects import write_effects
 from stiff_bench.paper.pages import write_leaderboard, write_paper
 from stiff_bench.run.execution import chosen_execution
 from stiff_bench.run.machine import usable_cores
 from stiff_bench.store.database import ResultStore
 from stiff_models.catalog import MODELS
 
-WRITERS = {"paper": write_paper, "leaderboard": write_leaderboard}
+What = Literal["paper", "leaderboard", "effects"]
+WRITERS = {"paper": write_paper, "leaderboard": write_leaderboard, "effects": write_effects}
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,7 @@ class Reproduction(Run):
         output: folder of pages and results.
     """
 
-    what: Literal["paper", "leaderboard"] = "paper"
+    what: What = "paper"
     output: Path = Path("results")
 
     def compute(self) -> Results:
@@ -53,10 +55,8 @@ class Reproduction(Run):
         return WRITERS[self.what](self.output, self.plans[0].command, missing)
 
 
-def reproduction(
-    what: Literal["paper", "leaderboard"], *, full: bool, output: Path, command: str, **how: Any
-) -> Reproduction:
-    """Return the study behind the paper's pages, or behind the leaderboard.
+def reproduction(what: What, *, full: bool, output: Path, command: str, **how: Any) -> Reproduction:
+    """Return the study behind the pages of a kind.
 
     Args:
         what: the pages.
@@ -70,6 +70,8 @@ def reproduction(
     """
     if what == "leaderboard":
         runs = study.leaderboard_study([info.key for info in MODELS])
+    elif what == "effects":
+        runs = study.effects_study()
     else:
         runs = study.paper_study(full=full)
     if how["jobs"] is None and not how["dask"] and how["isolate"] is not False:

@@ -25,13 +25,13 @@ from stiff_protocols.contract.files import make_folder, written_whole
 
 TABLE_FILES = {"github": "md", "csv": "csv", "latex": "tex"}
 PICTURE_FILES = ("png", "pdf")
-OF_LEADERBOARD = ("ranks", "learning-curves", "errors", "workspace")
+OF_LEADERBOARD = ("ranks", "learning-curves", "scores", "errors", "workspace")
 """Figures of its page; the others are the paper's questions."""
 OF_PAPER = tuple(name for name in FIGURES if name not in OF_LEADERBOARD[:2])
 """General figures that its page has beside the paper's own."""
 _ABOUT_LEADERBOARD = (
     "every model that stiffbench ships, on five specimens of the simulated KR10, on the same twin "
-    "pulled in every direction, and on 43 real measurements of a FANUC R-2000iC",
+    "with forces in all directions, and on 43 real measurements of a FANUC R-2000iC",
     f"`pretrain_steps={NETWORK_STEPS}` in a name: pre-trained for that many steps in place of the "
     "recipe's; `deep-ensemble` has 2 members in place of 5. What that changes: docs/findings.md; "
     "the full recipes: docs/models.md",
@@ -63,23 +63,23 @@ def write_paper(output: Path, command: str, n_missing: int) -> Iterator[Path]:
         again = f"bench table {number}"
         for fmt, suffix in TABLE_FILES.items():
             path = folder / "tables" / f"table_{number}.{suffix}"
-            yield _written(path, render(table, fmt, f"{again} --format {fmt}"))
+            yield written(path, render(table, fmt, f"{again} --format {fmt}"))
         tables.append(render(table, "github", again))
     source = FigureSource(results.folder, results.cases)
     drawn, not_drawn = can_be_drawn(paper_figures.FIGURES, results)
     others, also = can_be_drawn({name: FIGURES[name] for name in OF_PAPER}, source)
     missing |= {f"Figure {name}": why for name, why in (not_drawn | also).items()}
-    yield from _pictures([*drawn, *others], folder / "figures")
+    yield from pictures([*drawn, *others], folder / "figures")
     page = [
         "# The source paper's tables and figures, published and ours",
         "Published numbers are of a measured KUKA KR10 R1100-2; ours are of `kr10-twin`, a "
-        "simulation of it. Compare methods within one source, never the two in absolute terms.",
-        _listed(*_provenance(folder / "runs", command, n_missing)),
+        "simulation of it. Compare methods within each, never across in absolute terms.",
+        listed(*provenance(folder / "runs", command, n_missing)),
         "## Tables",
         *tables,
-        *_figures_and_missing([*drawn, *others], "figures", missing),
+        *figures_and_missing([*drawn, *others], "figures", missing),
     ]
-    yield _written(folder / "README.md", "\n\n".join(page))
+    yield written(folder / "README.md", "\n\n".join(page))
 
 
 def write_leaderboard(output: Path, command: str, n_missing: int) -> Iterator[Path]:
@@ -96,25 +96,25 @@ def write_leaderboard(output: Path, command: str, n_missing: int) -> Iterator[Pa
     """
     folder = output / "leaderboard"
     board = stored_leaderboard(folder / "runs", key=sort_key("norm", None))
-    yield _written(output / "leaderboard.csv", render_leaderboard(board, "csv", command))
+    yield written(output / "leaderboard.csv", render_leaderboard(board, "csv", command))
     asked = {name: FIGURES[name] for name in OF_LEADERBOARD}
     figures, missing = can_be_drawn(asked, FigureSource.of(folder / "runs"))
-    yield from _pictures(figures, folder / "figures")
+    yield from pictures(figures, folder / "figures")
     page = [
         "# Leaderboard",
-        _listed(*_ABOUT_LEADERBOARD, *_provenance(folder / "runs", command, n_missing)),
+        listed(*_ABOUT_LEADERBOARD, *provenance(folder / "runs", command, n_missing)),
         render_leaderboard(board, "github", command),
-        *_figures_and_missing(figures, "leaderboard/figures", missing),
+        *figures_and_missing(figures, "leaderboard/figures", missing),
     ]
-    yield _written(output / "leaderboard.md", "\n\n".join(page))
+    yield written(output / "leaderboard.md", "\n\n".join(page))
 
 
-def _provenance(folder: Path, command: str, n_missing: int) -> Iterator[str]:
+def provenance(folder: Path, command: str, n_missing: int) -> Iterator[str]:
     """Yield lines of markdown: the command, the versions, and each machine."""
     runs = list(read_manifests(folder))
     yield f"made by {markdown_code(command)}"
     if n_missing:
-        yield f"not finished: {counted(n_missing, 'cell')} of it not computed"
+        yield f"not finished: {counted(n_missing, 'fit')} not computed"
     for line in sources(folder, runs, Counter(one.run_id for one in stored_results(folder))):
         yield markdown_text(line)
     machines = Counter(
@@ -127,7 +127,7 @@ def _provenance(folder: Path, command: str, n_missing: int) -> Iterator[str]:
         yield f"{markdown_text(machine)}: {counted(n_runs, 'run')} (`{folder.name}/{FILE}`)"
 
 
-def _figures_and_missing(
+def figures_and_missing(
     figures: Sequence[Prepared], folder: str, missing: Mapping[str, str]
 ) -> Iterator[str]:
     """Yield the end of a page: its figures, and what could not be made, with the reason."""
@@ -140,10 +140,11 @@ def _figures_and_missing(
         yield f"{markdown_text(figure.caption)} ([PDF]({picture}.pdf))"
     if missing:
         yield "## Not made"
-        yield _listed(*(f"{what}: {markdown_text(why)}" for what, why in missing.items()))
+        yield listed(*(f"{what}: {markdown_text(why)}" for what, why in missing.items()))
 
 
-def _listed(*lines: str) -> str:
+def listed(*lines: str) -> str:
+    """Return lines of markdown as a list."""
     return "\n".join(f"- {line}" for line in lines)
 
 
@@ -151,7 +152,7 @@ def _file_name(figure: Prepared) -> str:
     return f"figure_{figure.name.replace('-', '_')}"
 
 
-def _pictures(figures: Sequence[Prepared], folder: Path) -> Iterator[Path]:
+def pictures(figures: Sequence[Prepared], folder: Path) -> Iterator[Path]:
     """Write figures as PNG and PDF, and yield each file."""
     make_folder(folder)
     for figure in figures:
@@ -161,7 +162,8 @@ def _pictures(figures: Sequence[Prepared], folder: Path) -> Iterator[Path]:
             yield path
 
 
-def _written(path: Path, text: str) -> Path:
+def written(path: Path, text: str) -> Path:
+    """Write a page whole, and return where."""
     make_folder(path.parent)
     with written_whole(path) as temporary:
         temporary.write_text(f"{text}\n", encoding="utf-8")

@@ -176,6 +176,32 @@ def leaderboard_study(keys: Sequence[str]) -> tuple[StudyRun, ...]:
     )
 
 
+EFFECTS_FOLDER = "effects"
+ROUGH, BEAM, ARM = "kr10-twin-rough", Variant("kr10-twin-beam"), "arm-family"
+EFFECT_STEPS = {
+    "default": Variant(ROUGH, {"effects": "none"}),
+    "+ hysteresis": Variant(ROUGH, {"effects": "hysteresis"}),
+    "+ links": Variant(ROUGH, {"effects": "hysteresis,links"}),
+    "+ kinematics": Variant(ROUGH, {"effects": "hysteresis,links,kinematics"}),
+    "+ sensor": Variant(ROUGH),
+}
+"""What each step adds to the one before -> the rough twin with these effects; the last has all."""
+ARMS = (Variant(ARM), *(Variant(ARM, {"robot": number}) for number in range(1, 10)))
+EFFECT_MODELS = (
+    *map(Variant, (VJM, MULTI_SEGMENT, "vjm-full", "gp", "vjm-gp", "compliance-net")),
+    *(Variant("residual-mlp"), Variant(FT_MLP), FT_MLP_OWN_SOURCE),
+)
+
+
+def effects_study() -> tuple[StudyRun, ...]:
+    """Return what shows whether the order of the models outlasts other physics of the twin."""
+    twins = (*EFFECT_STEPS.values(), BEAM)
+    return (
+        StudyRun(EFFECT_MODELS, twins, (FAIR_PROTOCOL,), 3),
+        StudyRun(EFFECT_MODELS, ARMS, (FAIR_PROTOCOL,), 1),
+    )
+
+
 def study_plans(
     runs: Sequence[StudyRun], *, output: Path, command: str, registry: Registry
 ) -> tuple[RunPlan, ...]:

@@ -108,10 +108,10 @@ def parse_option(said: str, key: str, cls: type, name: str, text: str) -> Any:
     try:
         value = adapter.validate_strings(text)
     except ValidationError as error:
-        messages = (str(problem["msg"]) for problem in error.errors())
-        reasons = "; ".join(sorted({message[:1].lower() + message[1:] for message in messages}))
+        own = (one["ctx"]["error"] for one in error.errors() if one["type"] == "value_error")
+        why = "".join(f": {reason}" for reason in own)  # pydantic's words are for programmers
         raise ConfigError(
-            f"{said}: {text!r} is no valid {name}: {reasons} (valid: {option.type_text})"
+            f"{said}: {text!r} is no valid {name}{why} (valid: {option.type_text})"
         ) from None
     if isinstance(value, float) and not math.isfinite(value):
         raise ConfigError(f"{said}: {text!r} is not finite (valid: {option.type_text})")

@@ -201,7 +201,7 @@ def import_plugin_file(path: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses and type hints look their module up here
     try:
-        with _guarded(f"--plugin {path}"):
+        with _guarded(f"plugin {path}"):
             spec.loader.exec_module(module)
     except BaseException:
         del sys.modules[name]

@@ -132,7 +132,9 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
     curves = model.curves_ if isinstance(model, KeepsCurves) else {}
     reference = _reference(task, q, wrench)
     measured = task.data.samples.deflection[task.split.test]
-    prediction = Prediction(task.split.test, predicted, measured, interval, reference)
+    prediction = Prediction(
+        *(task.split.test, predicted, measured, interval, reference), _known(task, wrench)
+    )
     return CellResult(
         cell=task.cell,
         shown=task.shown,
@@ -190,6 +192,14 @@ def _reference(task: CellTask, q: FloatArray, wrench: FloatArray) -> FloatArray 
             return np.asarray(model.predict(q, wrench))
     except StiffBenchError:
         return None
+
+
+def _known(task: CellTask, wrench: FloatArray) -> dict[str, FloatArray]:
+    """Return what the simulation knows of the test rows: nothing of loads that it never had."""
+    test = task.split.test
+    if not np.array_equal(wrench, task.data.samples.wrench[test]):
+        return {}
+    return {name: deflection[test] for name, deflection in task.data.known.items()}
 
 
 def _interval_source(

@@ -21,7 +21,7 @@ import orjson
 
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.record import Cell, CellResult, Cost, Presentation, ResultRecord
-from stiff_protocols.contract.types import FloatArray, Interval, Prediction
+from stiff_protocols.contract.types import KNOWN, FloatArray, Interval, Prediction
 
 _T = TypeVar("_T")
 Content = dict[str, Any]
@@ -52,7 +52,7 @@ COLUMNS = (
 )
 """In the order of the table, beside the checksum."""
 REALS = ("coverage", "fit_s", "predict_s", "latency_s", "throughput_per_s")
-_ARRAYS = ("predicted", "measured", "reference", "lower", "upper")
+_ARRAYS = ("predicted", "measured", "reference", "lower", "upper", *KNOWN)
 
 _FAULTS = (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, zlib.error)
 """What content that is none of ours can raise."""
@@ -201,6 +201,7 @@ def _packed(prediction: Prediction | None) -> tuple[str | None, bytes | None]:
         "reference": prediction.reference,
         "lower": None if interval is None else interval.lower,
         "upper": None if interval is None else interval.upper,
+        **prediction.known,
     }
     there = {name: array for name, array in arrays.items() if array is not None}
     content = [np.asarray(prediction.rows, "<i8").tobytes()]
@@ -239,6 +240,7 @@ def _prediction(blob: bytes, array_names: str, coverage: float | None) -> Predic
         arrays["measured"],
         interval,
         arrays.get("reference"),
+        {name: arrays[name] for name in KNOWN if name in arrays},
     )
 
 

@@ -20,7 +20,7 @@ from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.plugin import STIFFNESS, kind_label
 from stiff_protocols.contract.record import CellResult, Presentation, ResultRecord
-from stiff_protocols.contract.types import AXES, Interval, Prediction
+from stiff_protocols.contract.types import AXES, KNOWN, Interval, Prediction
 from stiff_protocols.scoring.metrics import METRICS, WHOLE, Metric
 
 SELECTION_MARK = "epoch picked on test part"
@@ -45,7 +45,9 @@ def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
     cell, shown = group[0].cell, group[0].shown
     by_model = grouped(group, lambda result: result.shown.model)
     refuse_mixed(by_model)
-    by_model = _reference(by_model) | by_model
+    beside = _beside_models(by_model)
+    reference = {name: beside.pop(name) for name in [REFERENCE_MODEL] if name in beside}
+    by_model = reference | by_model | beside  # what only a simulation knows comes last
     notes = [*shown.caveats, *size_notes(group), *([shown.warning] * shown.selects_on_test)]
     for results in by_model.values():
         notes += outcome_notes(results)
@@ -81,33 +83,42 @@ def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
     )
 
 
-def _reference(by_model: Mapping[str, list[CellResult]]) -> dict[str, list[CellResult]]:
-    """Return the reference model's results where it is not among the models: each cell has them.
+def _beside_models(by_model: Mapping[str, list[CellResult]]) -> dict[str, list[CellResult]]:
+    """Return the results that each cell has beside its model's own.
 
-    Every cell stores what the VJM predicts that learned from its whole training side.
+    Every cell stores what the VJM predicts that learned from its whole training side, and what a
+    simulation knows of the test rows.
     """
-    if REFERENCE_MODEL in by_model:
-        return {}
-    for results in by_model.values():
-        found = [_by_reference(result) for result in results]
-        if all(one is not None for one in found):
-            return {REFERENCE_MODEL: [one for one in found if one is not None]}
-    return {}
+    names = [name for name in (REFERENCE_MODEL, *KNOWN.values()) if name not in by_model]
+    rows = {}
+    for name in names:
+        for results in by_model.values():
+            found = [_beside(result, name) for result in results]
+            if all(one is not None for one in found):
+                rows[name] = [one for one in found if one is not None]
+                break
+    return rows
 
 
-def _by_reference(result: CellResult) -> CellResult | None:
-    shown = replace(result.shown, model=REFERENCE_MODEL, regime="", picked_on_test=False)
+def _beside(result: CellResult, name: str) -> CellResult | None:
+    """Return the result that another prediction of a cell is; None where it has none."""
     found = result.prediction
-    if found is None or found.reference is None or shown.task != STIFFNESS:
+    if found is None or result.shown.task != STIFFNESS:
         return None
-    prediction = Prediction(found.rows, found.reference, found.measured, reference=found.reference)
+    known = {row: found.known.get(key) for key, row in KNOWN.items()}
+    other = {REFERENCE_MODEL: found.reference, **known}[name]
+    if other is None:
+        return None
+    prediction = Prediction(found.rows, other, found.measured, reference=found.reference)
     records = tuple(
         ResultRecord(metric.key, axis, value, metric.unit)
         for metric in METRICS.values()
         for axis, value in metric.values(prediction).items()
     )
     return CellResult(
-        *(result.cell, shown, result.run_id, "ok", records, prediction),
+        result.cell,
+        replace(result.shown, model=name, regime="", picked_on_test=False),
+        *(result.run_id, "ok", records, prediction),
         n_train=result.n_train,
         n_splits=result.n_splits,
     )
@@ -239,6 +250,7 @@ def pooled_prediction(results: Sequence[CellResult]) -> Prediction:
         np.concatenate([part.measured for part in parts]),
         interval,
         np.concatenate(references) if len(references) == len(parts) else None,
+        {},
     )
 
 

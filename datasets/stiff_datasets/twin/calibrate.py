@@ -269,7 +269,7 @@ def write_calibration(*, generations: int, seed: int, output: Path) -> str:
         shipped_constants(CONSTANTS), target, generations=generations, seed=seed
     )
     specimens = [line_figures(found, specimen=number) for number in range(LAST_SPECIMEN + 1)]
-    constants = found.model_dump(mode="json")
+    constants = found.model_dump(mode="json", exclude_none=True)
     record = {
         "command": f"{COMMAND} --generations {generations} --seed {seed}",
         "made": datetime.now(UTC).isoformat(timespec="seconds"),

@@ -7,6 +7,7 @@
     tcp_m = [0.0, 0.0, 0.1]           # frame of the URDF's last link
     payload_kg = 5.0
     hook_m = [0.0, 0.05, 0.0]         # where the load pulls, from the TCP, last joint's frame
+    clearance_m = 0.2                 # the default: of random poses, to the base column
 
     [[joint]]                         # one a joint, base to tip
     gear = 25                         # a catalogue size, or the three figures of [joint.gear]
@@ -14,8 +15,21 @@
     tilting_ratio = 4.0               # bearing stiffness over the gear's middle slope K2
     lost_motion_arcmin = 1.0          # full width
 
-``[noise]`` and ``[scatter]`` have defaults, see `Noise` and `Scatter`. A gear that is not in the
-catalogue: ``gear = {slopes_Nm_per_rad = [..3], breakpoints_Nm = [..2], rated_Nm = ..}``.
+``[noise]``, ``[scatter]`` and ``[errors]`` have defaults, see `Noise`, `Scatter` and `Errors`. A
+gear that is not in the catalogue:
+``gear = {slopes_Nm_per_rad = [..3], breakpoints_Nm = [..2], rated_Nm = ..}``. A structure or a
+tilting ratio of ``inf`` is rigid. Links bend where the file has their sections::
+
+    [beams]
+    modulus_Pa = 7.0e10
+    poisson = 0.33
+    foundation_N_per_m = 2e8          # what the base stands on; without it rigid
+    foundation_Nm_per_rad = 1e7
+    bend = "always"                   # or "effect", the default: with the effect "links" alone
+
+    [[beams.segment]]                 # base to first joint, joint to joint, last joint to TCP
+    outer_m = 0.2
+    wall_m = 0.01
 """
 
 from __future__ import annotations
@@ -24,11 +38,12 @@ from dataclasses import replace
 from functools import cached_property
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Gt, Le, Lt
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -39,6 +54,7 @@ from pydantic import (
 )
 
 from stiff_datasets.planning.loads import stream
+from stiff_datasets.planning.reachable import CLEARANCE
 from stiff_datasets.robots.robot import (
     LONGEST_TCP_M,
     ChainModel,
@@ -48,10 +64,11 @@ from stiff_datasets.robots.robot import (
     shipped_chain,
     shipped_names,
 )
+from stiff_datasets.twin.beams import Beams, Tube
 from stiff_datasets.twin.springs import Gear, JointSprings
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.files import read_toml
-from stiff_protocols.contract.types import Robot
+from stiff_protocols.contract.types import FloatArray, Robot
 
 LAST_SPECIMEN = 9
 SpecimenNumber = Annotated[int, Ge(0), Le(LAST_SPECIMEN)]
@@ -85,11 +102,58 @@ def specimen_springs(constants: TwinConstants, specimen: int) -> tuple[JointSpri
 
 
 Positive = Annotated[float, Gt(0), Field(allow_inf_nan=False)]
+SOFTEST, STIFFEST = 10.0, 1e10  # N m/rad; a unit off by a thousand is outside
+Stiffness = Annotated[float, Ge(SOFTEST), Le(STIFFEST), Field(allow_inf_nan=False)]
+Modulus = Annotated[float, Ge(1e9), Le(1e12), Field(allow_inf_nan=False)]  # Pa; not MPa, GPa
+Diameter = Annotated[float, Ge(1e-3), Le(2.0), Field(allow_inf_nan=False)]  # m; mm would be larger
+
+
+def _or_rigid(low: float, high: float) -> AfterValidator:
+    def check(value: float) -> float:
+        if not (low <= value <= high or value == np.inf):
+            raise ValueError(f"not from {low:g} to {high:g}, nor inf, which is rigid")
+        return value
+
+    return AfterValidator(check)
+
+
 NotNegative = Annotated[float, Ge(0), Field(allow_inf_nan=False)]
 Length = Annotated[float, Ge(-LONGEST_TCP_M), Le(LONGEST_TCP_M)]  # m; mm would be larger
 Vector = tuple[Length, Length, Length]
 
+
+def specimen_beams(
+    constants: TwinConstants, robot: Robot, specimen: int, *, asked: bool
+) -> Beams | None:
+    """Return the links of one robot of a type as they stand there; None: they are rigid.
+
+    Args:
+        constants: of the type.
+        robot: geometry of the specimen.
+        specimen: 0 has the moduli as they stand, the others `Scatter`'s.
+        asked: the links are to bend.
+
+    Raises:
+        DataError: they are to bend and have no sections.
+    """
+    if constants.beams is None:
+        if asked:
+            raise DataError(
+                f"{constants._path}: no table [beams], which the effect 'links' needs (valid: "
+                "sections as in stiff_datasets/twin/constants.py, or effects without 'links')"
+            )
+        return None
+    if not asked and constants.beams.bend == "effect":
+        return None
+    moduli = np.ones(len(constants.beams.segment))
+    if specimen:
+        rng = stream("beams", constants.name, specimen)
+        moduli = np.exp(rng.normal(scale=constants.scatter.beams, size=moduli.shape))
+    return constants.beams.beams(robot, moduli)
+
+
 ARCMIN = np.pi / 180.0 / 60.0  # rad
+LARGEST_LOST_MOTION = 60.0  # arcmin
 SMALLEST_RATIO, LARGEST_RATIO = 1.0, 8.0
 """Tilting stiffness against axial stiffness: the range of published identifications."""
 
@@ -113,7 +177,7 @@ class _Table(BaseModel):
 class GearTable(_Table):
     """A gear that is not in the catalogue; see `stiff_datasets.twin.springs.Gear`."""
 
-    slopes_Nm_per_rad: tuple[Positive, Positive, Positive]
+    slopes_Nm_per_rad: tuple[Stiffness, Stiffness, Stiffness]
     breakpoints_Nm: tuple[Positive, Positive]
     rated_Nm: Positive
 
@@ -136,9 +200,9 @@ class JointTable(_Table):
     """
 
     gear: StrictInt | GearTable
-    structure_Nm_per_rad: Positive
-    tilting_ratio: Annotated[float, Ge(SMALLEST_RATIO), Le(LARGEST_RATIO)]
-    lost_motion_arcmin: NotNegative
+    structure_Nm_per_rad: Annotated[float, _or_rigid(SOFTEST, STIFFEST)]
+    tilting_ratio: Annotated[float, _or_rigid(SMALLEST_RATIO, LARGEST_RATIO)]
+    lost_motion_arcmin: Annotated[NotNegative, Le(LARGEST_LOST_MOTION)]
 
     @model_validator(mode="after")
     def _known_gear(self) -> JointTable:
@@ -164,11 +228,14 @@ class Noise(_Table):
     Attributes:
         tracker_m: of one reading of one axis; a deflection is the difference of two readings.
         force_N, torque_Nm: of the force sensor.
+        tail: degrees of freedom of Student's t distribution that the tracker's readings then have,
+            `tracker_m` times it; None: they are normal.
     """
 
-    tracker_m: NotNegative = 1e-5
+    tracker_m: Annotated[NotNegative, Le(1e-2)] = 1e-5
     force_N: NotNegative = 0.04
     torque_Nm: NotNegative = 0.002
+    tail: Annotated[float, Gt(0)] | None = None
 
 
 class Scatter(_Table):
@@ -177,12 +244,83 @@ class Scatter(_Table):
     Attributes:
         gear: of all three slopes of a gear together.
         structure, tilting, lost_motion: of the constants of that name.
+        beams: of the modulus of the links' tubes, segment by segment.
     """
 
     gear: NotNegative = 0.08
     structure: NotNegative = 0.08
     tilting: NotNegative = 0.15
     lost_motion: NotNegative = 0.2
+    beams: NotNegative = 0.05
+
+
+class Errors(_Table):
+    """How far the robot and its instruments are from what the models are told; assumption.
+
+    Every error has this size and a direction or sign that is drawn for the specimen.
+
+    Attributes:
+        place_m, turn_rad: of every joint's frame.
+        tcp_m: of the TCP.
+        mass: of every link, relative.
+        registration_rad: of the tracker's frame against the robot's base.
+        force_frame_rad: of the force sensor's frame.
+        force_gain: of the force sensor, relative.
+        tracker_m, tail: of heavy-tailed readings, see `Noise`.
+    """
+
+    place_m: Annotated[NotNegative, Le(0.01)] = 3e-4
+    turn_rad: Annotated[NotNegative, Le(0.1)] = 5e-4
+    tcp_m: Annotated[NotNegative, Le(0.01)] = 3e-4
+    mass: Annotated[float, Ge(0), Lt(1)] = 0.1
+    registration_rad: Annotated[NotNegative, Le(0.1)] = 5e-4
+    force_frame_rad: Annotated[NotNegative, Le(0.2)] = float(np.deg2rad(1.0))
+    force_gain: Annotated[float, Ge(0), Lt(1)] = 0.03
+    tracker_m: Annotated[NotNegative, Le(1e-2)] = 1e-5
+    tail: Annotated[float, Gt(0)] = 3.0
+
+
+class SegmentTable(_Table):
+    """The round tube of a segment; see `stiff_datasets.twin.beams.Tube`."""
+
+    outer_m: Diameter
+    wall_m: Diameter
+
+    @model_validator(mode="after")
+    def _hollow(self) -> SegmentTable:
+        if 2.0 * self.wall_m > self.outer_m:
+            raise ValueError(
+                f"wall_m {self.wall_m:g} is more than half of outer_m {self.outer_m:g}"
+            )
+        return self
+
+
+class BeamsTable(_Table):
+    """The links' elasticity; see `stiff_datasets.twin.beams.Beams`.
+
+    Attributes:
+        modulus_Pa, poisson: of the links' material.
+        foundation_N_per_m, foundation_Nm_per_rad: of what the base stands on.
+        bend: "always", or "effect": only where the effect "links" is asked for.
+        segment: one table a segment, base to TCP.
+    """
+
+    modulus_Pa: Modulus
+    poisson: Annotated[float, Ge(0), Le(0.5)]
+    foundation_N_per_m: Annotated[float, Ge(1e3)] = np.inf
+    foundation_Nm_per_rad: Annotated[float, Ge(10.0)] = np.inf
+    bend: Literal["always", "effect"] = "effect"
+    segment: tuple[SegmentTable, ...]
+
+    def beams(self, robot: Robot, moduli: FloatArray) -> Beams:
+        """Return them on a robot, each segment's Young's modulus times (n_segments,) `moduli`."""
+        return Beams(
+            robot,
+            tuple(Tube(tube.outer_m, tube.wall_m) for tube in self.segment),
+            moduli * self.modulus_Pa,
+            self.poisson,
+            (self.foundation_N_per_m, self.foundation_Nm_per_rad),
+        )
 
 
 class TwinConstants(_Table):
@@ -194,8 +332,11 @@ class TwinConstants(_Table):
         tcp_m: tool centre point in the frame of the URDF's last link, m.
         payload_kg: no load is heavier.
         hook_m: lever from the TCP to where the load pulls, frame of the last joint, m.
+        clearance_m: of random poses, see `stiff_datasets.planning.reachable`; larger robots need
+            more.
         joint: one table a joint, base to tip.
-        noise, scatter: see there.
+        beams: the links' elasticity; None: they are rigid.
+        noise, scatter, errors: see there.
     """
 
     name: Annotated[str, Field(pattern=r"^[\w.-]+$")]
@@ -203,9 +344,12 @@ class TwinConstants(_Table):
     tcp_m: Vector
     payload_kg: Positive
     hook_m: Vector
+    clearance_m: Annotated[float, Ge(0), Le(LONGEST_TCP_M)] = CLEARANCE
     joint: tuple[JointTable, ...]
+    beams: BeamsTable | None = None
     noise: Noise = Noise()
     scatter: Scatter = Scatter()
+    errors: Errors = Errors()
     _path: Path = PrivateAttr(default=Path())
 
     @property
@@ -232,6 +376,16 @@ class TwinConstants(_Table):
             raise DataError(
                 f"{self._path}: {len(self.joint)} tables [[joint]] for the joints of {self.urdf}: "
                 f"{', '.join(kinds)} (valid: one table a joint, all revolute)"
+            )
+        if self.beams is not None and len(self.beams.segment) != len(kinds) + 1:
+            raise DataError(
+                f"{self._path}: {len(self.beams.segment)} tables [[beams.segment]] for "
+                f"{len(kinds)} joints (valid: {len(kinds) + 1}, from the base to the TCP)"
+            )
+        if not any(inertia.mass for inertia in list(model.inertias)[1:]):
+            raise DataError(
+                f"{self._path}: no link of {self.urdf} has a mass; a twin needs them, because the "
+                "weight preloads its gears (valid: <inertial> in every <link>)"
             )
         return chain
 
@@ -272,7 +426,7 @@ def _first_problem(error: ValidationError) -> str:
         if not str(part).startswith(("int", "GearTable", "function-"))
     )
     given = "" if problem["type"] == "missing" else f": {problem['input']!r}"
-    return f"{where}{given}: {problem['msg']}"
+    return f"{where}{given}: {problem['msg'].removeprefix('Value error, ')}"
 
 
 def shipped_constants(name: str) -> TwinConstants:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -44,6 +44,7 @@ def simulate(
     loads_per_pose: int = 1,
     specimen: int = 0,
     seed: int = 0,
+    effects: Collection[str] = (),
 ) -> None:
     """Write a twin's samples at random reachable poses, in the schema of `sample_files.py`.
 
@@ -59,6 +60,7 @@ def simulate(
         loads_per_pose: how many at each pose.
         specimen: which of ten robots of the type.
         seed: draws poses, loads and noise.
+        effects: what it has beyond the default twin, see `effects.py`.
 
     Raises:
         ConfigError: the file's ending is another one, or pyarrow is not installed.
@@ -70,7 +72,12 @@ def simulate(
     require("a file of simulated samples", "pyarrow")
     refuse_existing(path)
     experiment = TwinExperiment(
-        constants, loads=loads, specimen=specimen, seed=seed, loads_per_pose=loads_per_pose
+        constants,
+        loads=loads,
+        specimen=specimen,
+        seed=seed,
+        loads_per_pose=loads_per_pose,
+        effects=effects,
     )
     robot, chain, done, poses_done = constants.robot(), constants.chain(), 0, 0
     poses_a_block = max(1, BLOCK // loads_per_pose)
@@ -78,7 +85,7 @@ def simulate(
         for block in range(-(-n_samples // (poses_a_block * loads_per_pose))):
             numbers = stream("simulated poses", constants.name, seed, block)
             poses = Poses(
-                q=reachable_poses(chain, poses_a_block, numbers),
+                q=reachable_poses(chain, poses_a_block, numbers, constants.clearance_m),
                 pose_id=np.array([f"P{poses_done + i + 1}" for i in range(poses_a_block)]),
                 group=np.full(poses_a_block, SIMULATED_GROUP),
             )

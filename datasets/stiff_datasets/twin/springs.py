@@ -52,6 +52,10 @@ class SpringLaw:
     the lost motion, which saturates: half its width times tanh(tau / 4 % of the rated torque).
     A tilt is linear.
 
+    Lost motion is either a curve or a hysteresis. With hysteresis the joint stands at a turning
+    point when the load comes: from there the same curve runs at twice its size (Masing's rule),
+    so that the lost motion's whole width is taken up again by every load.
+
     Args:
         springs: one entry a joint, base to tip.
     """
@@ -64,8 +68,14 @@ class SpringLaw:
         self._breakpoints = columns[3:5]  # N m
         self._half_lost_motion, self._lost_motion_torque = columns[5:]  # rad, N m
 
-    def angle(self, torque: FloatArray) -> FloatArray:
-        """Return theta [rad] for `torque` [N m]."""
+    def angle(self, torque: FloatArray, turning: FloatArray | None = None) -> FloatArray:
+        """Return theta [rad].
+
+        Args:
+            torque: N m.
+            turning: torque at the turning point, from where hysteresis counts, N m; None: lost
+                motion is a curve without memory.
+        """
         size = np.abs(torque)
         first, second = self._breakpoints
         bent = (
@@ -73,8 +83,9 @@ class SpringLaw:
             + self._compliance[1] * np.clip(size - first, 0.0, second - first)
             + self._compliance[2] * np.maximum(size - second, 0.0)
         )
-        lost = self._half_lost_motion * np.tanh(torque / self._lost_motion_torque)
-        return np.asarray(np.copysign(bent, torque) + lost)
+        begin, times = (0.0, 1.0) if turning is None else (turning, 2.0)
+        lost = np.tanh((torque - begin) / (times * self._lost_motion_torque))
+        return np.asarray(np.copysign(bent, torque) + times * self._half_lost_motion * lost)
 
 
 def _rows(joint: JointSprings) -> list[tuple[float, ...]]:

@@ -6,7 +6,7 @@ agree on the data's hash.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -21,8 +21,22 @@ from stiff_datasets.planning.loads import (
     stream,
 )
 from stiff_datasets.planning.poses import Poses
-from stiff_datasets.robots.robot import ChainModel
-from stiff_datasets.twin.constants import Noise, SpecimenNumber, TwinConstants, specimen_springs
+from stiff_datasets.robots.robot import ChainModel, robot_of
+from stiff_datasets.twin.beams import Beams
+from stiff_datasets.twin.constants import (
+    Noise,
+    SpecimenNumber,
+    TwinConstants,
+    specimen_beams,
+    specimen_springs,
+)
+from stiff_datasets.twin.effects import (
+    HYSTERESIS,
+    KINEMATICS,
+    LINKS,
+    Instruments,
+    real_chain,
+)
 from stiff_datasets.twin.elastic_chain import ElasticChain
 from stiff_datasets.twin.springs import JointSprings, SpringLaw
 from stiff_protocols.contract.errors import DataError
@@ -40,9 +54,14 @@ class TwinExperiment:
         specimen: which robot of the type.
         seed: draws loads and noise; the robot does not depend on it.
         loads_per_pose: how many.
+        effects: what it has beyond the default twin, see `effects.py`.
+        heaviest: the largest "omni" load, over the payload.
 
     Attributes:
         twin: the robot.
+
+    Raises:
+        DataError: the effect "links" is asked for, and `constants` have no beams.
     """
 
     def __init__(
@@ -53,12 +72,25 @@ class TwinExperiment:
         specimen: int,
         seed: int,
         loads_per_pose: int = 1,
+        effects: Collection[str] = (),
+        heaviest: float = 1.0,
     ) -> None:
         """Build the twin."""
         self._constants = constants
         self._loads = loads
+        self._heaviest = heaviest
         self._loads_per_pose = loads_per_pose
-        self.twin = DigitalTwin(constants.chain(), specimen_springs(constants, specimen))
+        self._instruments = Instruments.of(constants, specimen, effects)
+        chain = constants.chain()
+        if KINEMATICS in effects:
+            rng = stream("kinematics", constants.name, specimen)
+            chain = real_chain(chain, constants.errors, rng)
+        self.twin = DigitalTwin(
+            chain,
+            specimen_springs(constants, specimen),
+            beams=specimen_beams(constants, robot_of(chain), specimen, asked=LINKS in effects),
+            hysteresis=HYSTERESIS in effects,
+        )
         # "line" and "line-hook" share their forces: only what the torques do differs
         self._key = (constants.name, loads.split("-")[0], loads_per_pose, specimen, seed)
 
@@ -76,6 +108,23 @@ class TwinExperiment:
         wrench = self.wrenches(q, block=block)
         return self.recorded(poses, wrench, self.twin.readings(q, wrench), block=block)
 
+    def measured(self, poses: Poses) -> BenchmarkData:
+        """Return `samples` with the robot and with what the twin knows; error as `samples`.
+
+        "oracle" is what the twin itself predicts from the recorded joint angles and wrenches,
+        "noise" what the tracker would have shown without noise.
+        """
+        q = self.logged_q(poses)
+        wrench = self.wrenches(q)
+        shown, deflection = self._instruments, self.twin.readings(q, wrench)
+        samples = self.recorded(poses, wrench, deflection)
+        oracle = self.twin.readings(q, shown.true_wrench(samples.wrench))
+        known = {
+            "oracle": shown.shown_deflection(oracle),
+            "noise": shown.shown_deflection(deflection),
+        }
+        return BenchmarkData(samples, self._constants.robot(), known)
+
     def logged_q(self, poses: Poses) -> FloatArray:
         """Return (n, n_joints) joint angles [rad] as a log holds them, a row a load."""
         logged = np.deg2rad(np.rad2deg(poses.q).round(DECIMALS_DEG))
@@ -89,19 +138,19 @@ class TwinExperiment:
         if self._loads == "line-hook":
             force = line_wrenches(len(q), payload, rng)[:, :3]
         else:
-            force = omni_forces(len(q), payload, rng)
+            force = omni_forces(len(q), payload, rng, self._heaviest)
         return hook_wrenches(force, self.twin.tool_vectors(q, self._constants.hook_m))
 
     def recorded(
         self, poses: Poses, wrench: FloatArray, deflection: FloatArray, *, block: int = 0
     ) -> Samples:
         """Return what the instruments show of (n, 6) `wrench` and (n, 3) `deflection` [m]."""
-        rng, noise = stream("noise", *self._key, block), self._constants.noise
+        rng, shown = stream("noise", *self._key, block), self._instruments
         loads = np.arange(1, self._loads_per_pose + 1).astype(str)
         return Samples(
             q=self.logged_q(poses),
-            wrench=recorded_wrench(wrench, noise, rng),
-            deflection=recorded_deflection(deflection, noise, rng),
+            wrench=recorded_wrench(shown.shown_wrench(wrench), shown.noise, rng),
+            deflection=recorded_deflection(shown.shown_deflection(deflection), shown.noise, rng),
             pose_id=np.repeat(poses.pose_id, self._loads_per_pose),
             load_id=np.tile(loads, len(poses.q)),
             group=np.repeat(poses.group, self._loads_per_pose),
@@ -118,7 +167,11 @@ def recorded_deflection(
     deflection: FloatArray, noise: Noise, rng: np.random.Generator
 ) -> FloatArray:
     """Return (n, 3) `deflection` [m] as the difference of two tracker readings."""
-    readings = rng.normal(scale=noise.tracker_m, size=(2, *deflection.shape))
+    size = (2, *deflection.shape)
+    if noise.tail is None:
+        readings = rng.normal(scale=noise.tracker_m, size=size)
+    else:
+        readings = noise.tracker_m * rng.standard_t(noise.tail, size=size)
     measured_mm = (deflection + readings[0] - readings[1]) * 1000.0
     return np.asarray(measured_mm.round(DECIMALS_MM) / 1000.0)
 
@@ -127,7 +180,7 @@ class TwinData:
     """A twin's data set, another one for each specimen and seed.
 
     Attributes:
-        specimen: which of ten robots of the type; 0 has the constants as they stand.
+        specimen: one of ten robots of the type; 0 has the nominal constants.
         seed: draws the loads and the noise; the robot itself does not depend on it.
     """
 
@@ -142,6 +195,8 @@ class TwinData:
         poses: Poses,
         loads: LoadKind = "omni",
         loads_per_pose: int = 1,
+        effects: Collection[str] = (),
+        heaviest: float = 1.0,
     ) -> BenchmarkData:
         """Return the samples of this specimen and seed at the poses, pose by pose."""
         experiment = TwinExperiment(
@@ -150,8 +205,10 @@ class TwinData:
             specimen=self.specimen,
             seed=self.seed,
             loads_per_pose=loads_per_pose,
+            effects=effects,
+            heaviest=heaviest,
         )
-        return BenchmarkData(experiment.samples(poses), constants.robot())
+        return experiment.measured(poses)
 
 
 TOLERANCE_NM = 1e-10
@@ -181,14 +238,24 @@ class DigitalTwin:
     Args:
         chain: rigid kinematics, masses and TCP.
         springs: one entry a joint, base to tip.
+        beams: links that bend; None: they are rigid.
+        hysteresis: lost motion is taken up anew by every load, see `SpringLaw`.
 
     Raises:
         DataError: the number of springs differs from the number of joints, or a joint is
             not revolute.
     """
 
-    def __init__(self, chain: ChainModel, springs: Sequence[JointSprings]) -> None:
+    def __init__(
+        self,
+        chain: ChainModel,
+        springs: Sequence[JointSprings],
+        *,
+        beams: Beams | None = None,
+        hysteresis: bool = False,
+    ) -> None:
         """Build the elastic chain."""
+        self._beams, self._hysteresis = beams, hysteresis
         self._chain = ElasticChain(chain)
         if len(springs) != self._chain.n_joints:
             raise DataError(f"{len(springs)} joint springs for {self._chain.n_joints} joints")
@@ -207,14 +274,29 @@ class DigitalTwin:
         Raises:
             DataError: no equilibrium was found (the load is beyond the model).
         """
-        return self.equilibrium(q, wrench).tcp - self.equilibrium(q, np.zeros_like(wrench)).tcp
+        unloaded = self.equilibrium(q, np.zeros_like(wrench))
+        loaded = self.equilibrium(q, wrench, unloaded.torque if self._hysteresis else None)
+        moved = loaded.tcp - unloaded.tcp
+        if self._beams is not None:
+            moved = moved + self._beams.displacement(q, wrench)[:, :3]
+        return moved
 
-    def equilibrium(self, q: FloatArray, wrench: FloatArray) -> Equilibrium:
-        """Return the balance under gravity and `wrench`; arguments and errors as `readings`."""
-        parts = [
-            self._solve(q[start : start + CHUNK].T.copy(), wrench[start : start + CHUNK].T.copy())
-            for start in range(0, len(q), CHUNK)
-        ]
+    def equilibrium(
+        self, q: FloatArray, wrench: FloatArray, turning: FloatArray | None = None
+    ) -> Equilibrium:
+        """Return the balance of the joints under gravity and `wrench`; errors as `readings`.
+
+        Args:
+            q: (n, n_joints) commanded joint angles, rad.
+            wrench: (n, 6) load at the TCP, N and N m, base frame.
+            turning: (n, 3 n_joints) torque on the springs at the turning points, N m. None: the
+                turning point itself, where there is hysteresis.
+        """
+        parts = []
+        for start in range(0, len(q), CHUNK):
+            rows = slice(start, start + CHUNK)
+            begin = None if turning is None else turning[rows].T
+            parts.append(self._solve(q[rows].T.copy(), wrench[rows].T.copy(), begin))
         theta, torque, tcp = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         return Equilibrium(theta, torque, tcp)
 
@@ -223,12 +305,13 @@ class DigitalTwin:
         return self._chain.tool_vectors(q.T, np.asarray(vector)).T
 
     def _solve(
-        self, q: FloatArray, wrench: FloatArray
+        self, q: FloatArray, wrench: FloatArray, turning: FloatArray | None
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         theta = np.zeros((3 * len(q), q.shape[1]))
         state = self._chain.statics(q, theta, wrench)
         for _ in range(MAX_ITERATIONS):
-            theta = self._law.angle(state.torque)
+            here = state.torque if self._hysteresis and turning is None else turning
+            theta = self._law.angle(state.torque, here)
             found = self._chain.statics(q, theta, wrench)
             change = np.abs(found.torque - state.torque).max(axis=0)
             state = found

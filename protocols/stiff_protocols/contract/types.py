@@ -7,7 +7,8 @@ force first, acts at the tool centre point (TCP) and is expressed in the robot b
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, Self
 
@@ -19,6 +20,7 @@ from stiff_protocols.contract.robot import JointType, Robot
 
 __all__ = [
     "AXES",
+    "KNOWN",
     "BenchmarkData",
     "FloatArray",
     "IntArray",
@@ -34,6 +36,10 @@ __all__ = [
 
 AXES = ("x", "y", "z")
 """Names of the three components of a deflection, robot base frame."""
+
+KNOWN = {"oracle": "oracle", "noise": "instrument noise"}
+"""What a simulation knows -> its name in tables. Oracle: what the robot's own physics predict from
+the recorded joint angles and wrenches. Noise: the deflection before the tracker's noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,6 +182,7 @@ class Prediction:
         interval: of the same rows; None where none was asked for.
         reference: (n, 3) m, base frame, what the reference model (the VJM) predicts that learned
             from the same rows; None where it cannot be had.
+        known: name of `KNOWN` -> (n, 3) m, base frame, of simulated data.
     """
 
     rows: IntArray
@@ -183,6 +190,7 @@ class Prediction:
     measured: FloatArray
     interval: Interval | None = None
     reference: FloatArray | None = None
+    known: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Freeze and check the arrays."""
@@ -202,6 +210,7 @@ class Prediction:
         measured: FloatArray,
         interval: Interval | None,
         reference: FloatArray | None,
+        known: Mapping[str, FloatArray],
     ) -> Self:
         """Return a prediction that was checked before it was stored, with its arrays as they are.
 
@@ -209,19 +218,33 @@ class Prediction:
         """
         made = object.__new__(cls)
         vars(made).update(rows=rows, predicted=predicted, measured=measured)
-        vars(made).update(interval=interval, reference=reference)
+        vars(made).update(interval=interval, reference=reference, known=known)
         return made
 
 
 @dataclass(frozen=True, eq=False)
 class BenchmarkData:
-    """What a data set gives the engine: samples, the robot they belong to, what to say of them."""
+    """What a data set gives the engine: samples, and the robot they belong to.
+
+    Attributes:
+        samples: of one robot.
+        robot: as the models are told that it is.
+        known: (n, 3) deflections [m] that only a simulation knows, a row a sample, beside which a
+            model's errors are read: see `KNOWN`. No model sees them, and they are no part of
+            the data's hash.
+    """
 
     samples: Samples
     robot: Robot
+    known: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check that samples and robot have the same joints."""
+        """Check that samples, robot and what is known agree."""
+        known = {
+            name: frozen_array(array, name, (len(self.samples), 3))
+            for name, array in self.known.items()
+        }
+        object.__setattr__(self, "known", known)
         if self.samples.q.shape[1] != self.robot.n_joints:
             raise DataError(
                 f"samples have {self.samples.q.shape[1]} joint angles, "
@@ -234,6 +257,8 @@ class BenchmarkData:
         digest = hashlib.sha256()
         for owner in (self.samples, self.robot):
             for item in fields(owner):
+                if "shapes_no_result" in item.metadata:
+                    continue
                 digest.update(item.name.encode())
                 digest.update(_canonical_bytes(getattr(owner, item.name)))
         return digest.hexdigest()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
@@ -24,6 +25,16 @@ DH_ROWS = [  # alpha(i-1), a(i-1), theta offset, d
     (HALF, 0, 0, 0),
     (-HALF, 0, 0, 0.215),
 ]
+LINKS = np.array(  # mass kg, centre of mass in the frame of the link's row m, as published
+    [
+        (262.614, -0.0139, 0.0765, -0.1107),
+        (156.154, 0.4248, 0.04287, 0.2163),
+        (149.341, 0.1342, 0.2415, 0.0391),
+        (10.190, 0.0, 0.0019, -0.1055),
+        (17.698, 0.0, 0.0543, -0.0277),
+        (41.450, 0.0005, -0.0336, 0.2654),
+    ]
+)
 SHARED = Path(__file__).parents[4] / "shared" / "data" / "fanuc_r2000ic_sjtu"
 
 
@@ -56,7 +67,61 @@ def test_the_urdf_stands_where_the_published_rows_put_it(rng):
     data = chain.model.createData()
     for q in rng.uniform(-3, 3, size=(50, 6)):
         pin.forwardKinematics(chain.model, data, q)
+        for link, *frame in zip(list(data.oMi)[1:], *joint_frames(q), strict=True):
+            for found, expected in zip((link.translation, link.rotation), frame, strict=True):
+                np.testing.assert_allclose(found, expected, atol=1e-12)
         np.testing.assert_allclose(data.oMi[6].act(chain.tcp), dh_tcp(q), atol=1e-12)
+
+
+def weight_torque(q):
+    """(n, 6) N m that the published links' weight exerts on the joints of (n, 6) positions."""
+    torques = np.zeros(np.shape(q))
+    for torque, each in zip(torques, q, strict=True):
+        origins, rotations = joint_frames(each)
+        for link, (mass, *centre) in enumerate(LINKS):
+            place = origins[link] + rotations[link] @ centre
+            for joint in range(link + 1):
+                moment = np.cross(place - origins[joint], [0.0, 0.0, -9.81 * mass])
+                torque[joint] += rotations[joint][:, 2] @ moment
+    return torques
+
+
+@functools.cache
+def weight_of_the_samples():
+    return weight_torque(FanucR2000iC().load().samples.q)
+
+
+def test_its_weight_turns_the_joints_as_the_published_links_do(rng):
+    q = rng.uniform(-3, 3, size=(20, 6))
+    robot, chain = FanucR2000iC().load().robot, named_robot("fanuc-r2000ic").chain()
+    data = chain.model.createData()
+    balanced = [pin.computeGeneralizedGravity(chain.model, data, each).copy() for each in q]
+    np.testing.assert_allclose(weight_torque(q), np.negative(balanced), atol=1e-8)
+    np.testing.assert_allclose(weight_torque(q), robot.gravity_torque(q), atol=1e-8)
+
+
+def test_the_weight_turns_joints_2_and_3_more_than_the_loads_do():
+    samples = FanucR2000iC().load().samples
+    _, loads = rotation_effects(samples)
+    weight = np.abs(weight_of_the_samples()).mean(axis=0)[[1, 2]]
+    np.testing.assert_allclose(weight, [1550, 1250], rtol=0.005)
+    np.testing.assert_allclose(np.abs(loads[:, 2::3]).mean(axis=0)[[1, 2]], [480, 580], rtol=0.01)
+
+
+def test_its_inertias_are_possible():
+    for inertia in list(named_robot("fanuc-r2000ic").chain().model.inertias)[1:]:
+        principal = np.linalg.eigvalsh(inertia.inertia)  # of a body: about its centre of mass
+        assert 0 < principal[0] and principal[2] < principal[0] + principal[1]
+
+
+def test_limits_are_the_published_ones_but_for_joint_5_where_a_measured_pose_lies_outside():
+    data = FanucR2000iC().load()
+    published = np.array([(-3.2, 3.2), (-1.0, 1.3), (-2.3, 3.0), (-6.2, 6.2), (-2, 2), (-6.2, 6.2)])
+    others = [0, 1, 2, 3, 5]
+    limits = np.stack([data.robot.lower, data.robot.upper], axis=1)
+    np.testing.assert_array_equal(limits[others], published[others])
+    np.testing.assert_allclose(limits[4], np.deg2rad([-125, 125]))
+    assert (data.samples.q[:, 4] > published[4, 1]).sum() == 1
 
 
 def test_it_holds_the_43_measured_samples():
@@ -90,6 +155,8 @@ def test_the_shipped_file_holds_the_original_numbers():
     )
     np.testing.assert_array_equal(samples.wrench[:, :3], force)
     np.testing.assert_allclose(samples.deflection, move, rtol=1e-12)
+    links = np.loadtxt(SHARED / "fanuc_link_inertials.csv", delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(LINKS, links[:, 1:])
 
 
 def rotation_effects(samples):
@@ -118,10 +185,21 @@ def eighteen_rotational_springs(moves, torques, train):
 def two_segments_a_joint(moves, torques, train):
     """The angle's slope changes where |torque| passes the training part's 25 % quantile."""
     move, torque = moves[:, :, 2::3], torques[:, 2::3]
-    size, bend = np.abs(torque), np.quantile(np.abs(torque[train]), 0.25, axis=0)
-    soft = np.sign(torque) * np.minimum(size, bend)
-    effects = [move * soft[:, None], move * (torque - soft)[:, None]]
-    return np.concatenate(effects, axis=2)
+    return two_segments(move, torque, 0.0, train)
+
+
+def two_segments_a_joint_and_weight(moves, torques, train):
+    """The same, of the weight's and the load's torque together; what the weight does is no part."""
+    return two_segments(moves[:, :, 2::3], torques[:, 2::3], weight_of_the_samples(), train)
+
+
+def two_segments(move, load, weight, train):
+    loaded, parts = weight + load, 0.0
+    bend = np.quantile(np.abs(loaded[train]), 0.25, axis=0)
+    for torque, sign in ((loaded, 1.0), (weight, -1.0)):
+        soft = np.clip(torque, -bend, bend)
+        parts = parts + sign * np.concatenate([soft, torque - soft], axis=-1)
+    return np.concatenate([move, move], axis=2) * parts[:, None]
 
 
 @pytest.mark.parametrize(
@@ -130,6 +208,7 @@ def two_segments_a_joint(moves, torques, train):
         (six_springs, (0.211, 0.161, 0.130)),
         (eighteen_rotational_springs, (0.121, 0.136, 0.126)),
         (two_segments_a_joint, (0.205, 0.150, 0.129)),
+        (two_segments_a_joint_and_weight, (0.202, 0.143, 0.128)),  # by this function alone
     ],
 )
 def test_left_out_samples_are_predicted_as_well_as_independently_found(springs, independent_mm):

@@ -39,7 +39,9 @@ def specimens():
 
 
 def test_the_shipped_constants_are_those_that_were_found(record):
-    assert shipped_constants(CONSTANTS).model_dump(mode="json") == record["constants"]
+    shipped = shipped_constants(CONSTANTS).model_dump(mode="json")
+    for name in ("name", "urdf", "tcp_m", "payload_kg", "hook_m", "joint"):
+        assert shipped[name] == record["constants"][name]
 
 
 def test_the_shipped_constants_give_the_figures_of_the_record_and_of_the_card(record, specimens):

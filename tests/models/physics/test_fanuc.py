@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -12,13 +14,13 @@ from stiff_models.physics.vjm import VirtualJointModel, identify_joints
 from stiff_protocols.splits.random_splits import LeaveOneOut
 
 
-@pytest.mark.filterwarnings("ignore:robot .* has no masses")
 @pytest.mark.parametrize(
     ("family", "mae_mm", "tolerance"),
     [
         (VirtualJointModel, [0.211, 0.161, 0.130], 0.002),
         (FullVjm, [0.121, 0.136, 0.126], 0.001),
-        (MultiSegmentVjm, [0.205, 0.150, 0.129], 0.001),
+        (partial(MultiSegmentVjm, gravity=False), [0.205, 0.150, 0.129], 0.001),
+        (MultiSegmentVjm, [0.202, 0.143, 0.128], 0.001),  # by the springs of test_fanuc_r2000ic.py
     ],
 )
 def test_leave_one_out_gives_the_independent_figures(family, mae_mm, tolerance):

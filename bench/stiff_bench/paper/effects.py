@@ -1,0 +1,225 @@
+"""`bench reproduce effects`: does the order of the models outlast other physics of the twin?
+
+The default twin's lost motion, gear slopes and tilting bearings are what two of the models have as
+parameters. Here its physics become rougher step by step, and then another robot's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiff_bench.figures.figure import Prepared
+from stiff_bench.figures.style import (
+    PAGE_INCH,
+    REFERENCE_COLOR,
+    looks,
+    name_panels,
+    new_figure,
+    plain_numbers,
+    share_legend,
+)
+from stiff_bench.paper.pages import (
+    figures_and_missing,
+    listed,
+    pictures,
+    provenance,
+    written,
+)
+from stiff_bench.paper.study import ARMS, BEAM, EFFECT_STEPS, EFFECTS_FOLDER
+from stiff_bench.store.database import stored_results
+from stiff_bench.tables.render import render
+from stiff_bench.tables.table import Cell, Column, Quantity, Table
+from stiff_bench.tables.units import MM
+from stiff_models.catalog import REFERENCE_MODEL
+from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.types import KNOWN
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+STEPS = {variant.name: text for text, variant in EFFECT_STEPS.items()}
+"""Data set -> what it adds to the one before."""
+FAMILY = "arms"
+TWINS = {next(iter(STEPS)): "default", next(reversed(STEPS)): "rough", BEAM.name: "beam"}
+"""Twins whose orders of the models are compared, beside the arms."""
+Errors = Mapping[str, Mapping[str, float]]
+"""Model -> data set -> mean 3-D error, m."""
+
+
+def stored_errors(folder: Path) -> dict[str, dict[str, float]]:
+    """Return model -> data set -> 3-D error, m, mean over the splits.
+
+    What a simulation knows of its own data stands among the models.
+
+    Raises:
+        StoreError: nothing is stored, or it is damaged.
+    """
+    each: dict[str, dict[str, list[float]]] = {}
+    for result in stored_results(folder):
+        found = result.prediction
+        if result.status != "ok" or found is None:
+            continue
+        data, model = result.shown.dataset, result.shown.model
+        seen = {model: found.predicted}
+        if model == REFERENCE_MODEL:
+            seen |= {KNOWN[key]: deflection for key, deflection in found.known.items()}
+        for name, predicted in seen.items():
+            error = float(np.linalg.norm(predicted - found.measured, axis=1).mean())
+            each.setdefault(name, {}).setdefault(data, []).append(error)
+    if REFERENCE_MODEL not in each:
+        raise StoreError(f"{folder}: no result of {REFERENCE_MODEL} (bench reproduce effects)")
+    return {
+        model: {data: float(np.mean(values)) for data, values in of.items()}
+        for model, of in each.items()
+    }
+
+
+def relative(errors: Errors) -> dict[str, dict[str, Quantity]]:
+    """Return model -> column -> 3-D error relative to the VJM's on the same data.
+
+    The arms are one column: mean and standard deviation over the robots.
+    """
+    vjm, found = errors[REFERENCE_MODEL], dict[str, dict[str, Quantity]]()
+    for model, of in errors.items():
+        ratio = {data: error / vjm[data] for data, error in of.items() if data in vjm}
+        found[model] = {
+            data: Quantity(ratio[data]) for data in (*STEPS, BEAM.name) if data in ratio
+        }
+        arms = [ratio[arm.name] for arm in ARMS if arm.name in ratio]
+        if arms:
+            spread = float(np.std(arms, ddof=1)) if len(arms) > 1 else None
+            found[model][FAMILY] = Quantity(float(np.mean(arms)), spread, n=len(arms))
+    return found
+
+
+def effects_table(errors: Errors) -> Table:
+    """Return each model's 3-D error relative to the VJM's, best on the rough twin first."""
+    ratios, last = relative(errors), next(reversed(STEPS))
+    data = [name for name in (*STEPS, BEAM.name, FAMILY) if name in ratios[REFERENCE_MODEL]]
+    heads = {**STEPS, BEAM.name: "beam", FAMILY: FAMILY}
+    order = sorted(ratios, key=lambda model: ratios[model].get(last, Quantity(np.inf)).order or 0.0)
+    sizes = [f"{heads[d]} {MM * errors[REFERENCE_MODEL][d]:.3f}" for d in data if d != FAMILY]
+    return Table(
+        title="3-D error relative to the VJM's on the same data",
+        columns=[Column("model", "text"), *(Column(heads[name], format=".2f") for name in data)],
+        rows=[[model, *(ratios[model].get(name) for name in data)] for model in order],
+        notes=[
+            f"3-D error of the VJM [mm]: {', '.join(sizes)}.",
+            "Each column to the left of beam adds an effect to those before it.",
+            *(["arms: mean ± standard deviation over the robots."] if FAMILY in data else []),
+        ],
+    )
+
+
+def orders(errors: Errors) -> dict[str, dict[str, float]]:
+    """Return twin -> model -> relative 3-D error, for models that every twin has."""
+    ratios = relative(errors)
+    names = {**TWINS, FAMILY: FAMILY}
+    there = [name for name in names if name in ratios[REFERENCE_MODEL]]
+    models = [
+        model
+        for model, of in ratios.items()
+        if model not in KNOWN.values() and all(name in of for name in there)
+    ]
+    return {names[name]: {m: ratios[m][name].order or 0.0 for m in models} for name in there}
+
+
+def taus_table(errors: Errors) -> Table:
+    """Return Kendall's tau between the orders of the models on every two twins."""
+    from scipy.stats import kendalltau
+
+    of = orders(errors)
+    models = list(next(iter(of.values())))
+    rows: list[list[Cell]] = [
+        [one, *(kendalltau([a[m] for m in models], [b[m] for m in models])[0] for b in of.values())]
+        for one, a in of.items()
+    ]
+    return Table(
+        title=f"Kendall's tau between the orders of {len(models)} models",
+        columns=[Column("twin", "text"), *(Column(name, format=".2f") for name in of)],
+        rows=rows,
+        notes=["1: the same order; 0: unrelated; -1: the other way round."],
+    )
+
+
+def effects_figure(errors: Errors) -> Prepared:
+    """Return the picture of `effects_table`."""
+    return Prepared(
+        "effects",
+        "3-D error relative to the VJM's as the twin's physics become rougher",
+        "(a) kr10-twin-rough, an effect more at each step; (b) twins of other physics: beam, and "
+        "ten arms (bars: standard deviation over the robots). Protocol holdout, seed 0. Grey: what "
+        "the twin's own physics and what the instruments' noise alone would score.",
+        partial(_paint, relative(errors)),
+    )
+
+
+def _paint(ratios: Mapping[str, Mapping[str, Quantity]]) -> Figure:
+    figure = new_figure(PAGE_INCH, 3.6)
+    panels = figure.subplots(1, 2, sharey=True, width_ratios=[5, 4])
+    of_steps = dict(STEPS)
+    of_twins = {name: text for name, text in {**TWINS, FAMILY: FAMILY}.items()}
+    models = [name for name in ratios if name not in KNOWN.values()]
+    styles = dict(zip(models, looks(len(models)), strict=True))
+    for axes, heads in zip(panels, (of_steps, of_twins), strict=True):
+        there = [name for name in heads if name in ratios[REFERENCE_MODEL]]
+        for model, of in ratios.items():
+            known = [(i, of[name]) for i, name in enumerate(there) if name in of]
+            x, y = [i for i, _ in known], [found.order for _, found in known]
+            if model in KNOWN.values():
+                dash = ":" if model == KNOWN["noise"] else "--"
+                axes.plot(x, y, dash, color=REFERENCE_COLOR, label=model)
+                continue
+            look = styles[model]
+            spread = [found.spread or 0.0 for _, found in known]
+            axes.errorbar(
+                x, y, spread, **look.connected(), marker=look.marker, capsize=1.5, label=model
+            )
+        axes.set_xticks(range(len(there)), [heads[name] for name in there])
+        axes.set_yscale("log")
+        plain_numbers(axes.yaxis)
+    panels[0].set_ylabel("3-D error / VJM's")
+    name_panels(panels)
+    share_legend(figure, panels, ncols=4)
+    return figure
+
+
+def write_effects(output: Path, command: str, n_missing: int) -> Iterator[Path]:
+    """Write OUTPUT/effects.md and its figure; yield each file.
+
+    Args:
+        output: the folder; results are in OUTPUT/effects/runs.
+        command: that made them.
+        n_missing: how many of the study's results are not stored.
+
+    Raises:
+        StoreError: nothing is stored, a file cannot be written, or a stored one is damaged.
+    """
+    folder = output / EFFECTS_FOLDER
+    errors = stored_errors(folder / "runs")
+    figure = effects_figure(errors)
+    yield from pictures([figure], folder / "figures")
+    tables: Sequence[Table] = [effects_table(errors), taus_table(errors)]
+    yield written(output / "effects.csv", render(tables, "csv", command))
+    page = [
+        "# Does the order of the models outlast other physics?",
+        listed(*_ABOUT, *provenance(folder / "runs", command, n_missing)),
+        render(tables, "github", command),
+        *figures_and_missing([figure], f"{EFFECTS_FOLDER}/figures", {}),
+    ]
+    yield written(output / "effects.md", "\n\n".join(page))
+
+
+_ABOUT = (
+    "models have their default recipes, or the options in their names; protocol `holdout`, seed 0: "
+    "three splits on the twins of the KR10, one on each arm",
+    "`oracle` and `instrument noise`: what the twin's own physics, and what the noise of its "
+    "instruments alone would score",
+    "`source_poses=data@source_wrenches=data`: pre-trained on poses and loads like those of the "
+    "training samples; without it, on the paper's",
+)

@@ -1,0 +1,114 @@
+"""Links that bend: Timoshenko beams between the joints of a serial chain, on an elastic base.
+
+Each segment from one joint to the next is a straight round tube, clamped where it begins. The
+chain is statically determinate, so every segment carries the load at the TCP whatever the others
+do, and the TCP's displacement is the sum of what the segments give: matrix structural analysis
+in its compliance form (J. S. Przemieniecki, Theory of Matrix Structural Analysis, 1968, chapter 5).
+The geometry is that of the undeformed robot.
+
+SI: N, N m, m, rad, Pa.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stiff_protocols.contract.types import FloatArray, Robot
+
+SHEAR_COEFFICIENT = 0.5
+"""Of a round tube with a thin wall (G. R. Cowper, J. Appl. Mech. 33, 1966)."""
+
+
+@dataclass(frozen=True)
+class Tube:
+    """The section of a segment.
+
+    Attributes:
+        outer: diameter, m.
+        wall: thickness, m.
+    """
+
+    outer: float
+    wall: float
+
+    @property
+    def area(self) -> float:
+        """Of the section, m2."""
+        return np.pi / 4.0 * (self.outer**2 - (self.outer - 2.0 * self.wall) ** 2)
+
+    @property
+    def second_moment(self) -> float:
+        """Of the section about a diameter, m4; the polar one is twice as large."""
+        return np.pi / 64.0 * (self.outer**4 - (self.outer - 2.0 * self.wall) ** 4)
+
+
+@dataclass(frozen=True)
+class Beams:
+    """The elastic structure of a robot.
+
+    Attributes:
+        robot: its geometry.
+        tubes: a section a segment, n_joints + 1 of them: from the base to the first joint, from
+            joint to joint, from the last joint to the TCP. A segment without length is rigid.
+        modulus: (n_segments,) Young's, Pa.
+        poisson: the material's ratio.
+        foundation: stiffness of what the base stands on, N/m and N m/rad in every direction.
+    """
+
+    robot: Robot
+    tubes: tuple[Tube, ...]
+    modulus: FloatArray
+    poisson: float
+    foundation: tuple[float, float] = (np.inf, np.inf)
+
+    def displacement(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return how the TCP gives way, all joints held.
+
+        Args:
+            q: (n, n_joints) joint angles, rad.
+            wrench: (n, 6) load at the TCP, force [N] then torque [N m], base frame.
+
+        Returns:
+            (n, 6) displacement [m], then rotation [rad], base frame.
+        """
+        points = self.robot.forward(q).points  # (n, n_joints + 1, 3)
+        ends = np.concatenate([np.zeros((len(points), 1, 3)), points], axis=1)
+        force, moment_at_tcp, tcp = wrench[:, :3], wrench[:, 3:], points[:, -1]
+        per_newton, per_newton_metre = 1.0 / np.array(self.foundation)
+        rotation = per_newton_metre * (moment_at_tcp + np.cross(tcp, force))
+        shift = per_newton * force + np.cross(rotation, tcp)
+        for i in range(len(self.tubes)):
+            lever = tcp - ends[:, i + 1]
+            moment = moment_at_tcp + np.cross(lever, force)
+            moved, turned = self._tip(i, ends[:, i + 1] - ends[:, i], force, moment)
+            shift = shift + moved + np.cross(turned, lever)
+            rotation = rotation + turned
+        return np.hstack([shift, rotation])
+
+    def _tip(
+        self, number: int, segment: FloatArray, force: FloatArray, moment: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return (n, 3) displacement [m] and rotation [rad] of a cantilever's end."""
+        length = np.linalg.norm(segment, axis=1, keepdims=True)
+        along = segment / np.where(length > 0.0, length, 1.0)
+        area, second_moment = self.tubes[number].area, self.tubes[number].second_moment
+        modulus = self.modulus[number]
+        shear_modulus = modulus / (2.0 * (1.0 + self.poisson))
+        stretched, twisted = (
+            along * np.einsum("na,na->n", along, load)[:, None] for load in (force, moment)
+        )
+        bending = modulus * second_moment
+        shear = SHEAR_COEFFICIENT * shear_modulus * area
+        moved = (
+            length / (modulus * area) * stretched
+            + (length**3 / (3.0 * bending) + length / shear) * (force - stretched)
+            + length**2 / (2.0 * bending) * np.cross(moment, along)
+        )
+        turned = (
+            length / (2.0 * shear_modulus * second_moment) * twisted
+            + length / bending * (moment - twisted)
+            + length**2 / (2.0 * bending) * np.cross(along, force)
+        )
+        return moved, turned

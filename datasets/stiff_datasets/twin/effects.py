@@ -1,0 +1,118 @@
+"""What a real measurement has and the default twin has not: four effects, each a switch.
+
+``hysteresis``
+    Lost motion has a memory. The robot is measured unloaded, then loaded, and unloaded again
+    before the next load, so the order of a pose's loads does not matter. Each joint stands at a
+    turning point when the load comes (Masing's rule, see `springs.py`; assumption).
+``links``
+    Base, links and tool bend (`beams.py`; sections in the twin's file).
+``kinematics``
+    Robot, TCP and masses are not quite those that the models are told, and the tracker's frame
+    is not quite the robot's base.
+``sensor``
+    The force sensor's frame is turned and its gain is wrong, and the tracker has heavy tails.
+
+The sizes of the last two are the twin's `Errors`; the specimen draws their directions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from stiff_datasets.planning.loads import stream
+from stiff_datasets.robots.robot import ChainModel
+from stiff_datasets.twin.constants import Errors, Noise, TwinConstants
+from stiff_protocols.contract.errors import ConfigError, unknown_name
+from stiff_protocols.contract.types import FloatArray
+
+HYSTERESIS, LINKS, KINEMATICS, SENSOR = "hysteresis", "links", "kinematics", "sensor"
+EFFECTS = (HYSTERESIS, LINKS, KINEMATICS, SENSOR)
+ALL_EFFECTS, NO_EFFECTS = ",".join(EFFECTS), "none"
+
+
+def parse_effects(text: str) -> tuple[str, ...]:
+    """Return the effects that a text names, separated by commas; "none" names none.
+
+    Raises:
+        ConfigError: it names another one.
+    """
+    words = [word.strip() for word in text.split(",")]
+    if words == [NO_EFFECTS]:
+        return ()
+    for word in words:
+        if word not in EFFECTS:
+            raise unknown_name("effect", word, (*EFFECTS, NO_EFFECTS))
+    if len(set(words)) < len(words):
+        raise ConfigError(f"effects {text!r}: name each of them once")
+    return tuple(name for name in EFFECTS if name in words)
+
+
+def real_chain(chain: ChainModel, errors: Errors, rng: np.random.Generator) -> ChainModel:
+    """Return the robot that stands there, where `chain` is what its description says."""
+    model = chain.model.copy()
+    for joint in range(1, model.njoints):
+        turn, shift = errors.turn_rad * _direction(rng), errors.place_m * _direction(rng)
+        model.jointPlacements[joint] *= pin.SE3(pin.exp3(turn), shift)
+        described = model.inertias[joint]
+        mass = described.mass * (1.0 + errors.mass * rng.choice([-1.0, 1.0]))
+        model.inertias[joint] = pin.Inertia(mass, described.lever, described.inertia)
+    return replace(chain, model=model, tcp=chain.tcp + errors.tcp_m * _direction(rng))
+
+
+def _direction(rng: np.random.Generator) -> FloatArray:
+    vector = rng.normal(size=3)
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+@dataclass(frozen=True, eq=False)
+class Instruments:
+    """A tracker and a force sensor, with their systematic errors.
+
+    Attributes:
+        noise: of their readings.
+        force_gain: (2,) of force and torque; 1: right.
+        force_frame: (3, 3) turns a true force or torque into the sensor's frame.
+        tracker_frame: (3, 3) turns a true displacement into the tracker's frame.
+    """
+
+    noise: Noise
+    force_gain: FloatArray
+    force_frame: FloatArray
+    tracker_frame: FloatArray
+
+    @classmethod
+    def of(cls, constants: TwinConstants, specimen: int, effects: Collection[str]) -> Instruments:
+        """Return those of a specimen."""
+        rng, errors, noise = (
+            stream("instruments", constants.name, specimen),
+            constants.errors,
+            constants.noise,
+        )
+        registration, misalignment = _direction(rng), _direction(rng)
+        gain = 1.0 + errors.force_gain * rng.choice([-1.0, 1.0], size=2)
+        if SENSOR in effects:
+            noise = noise.model_copy(update={"tracker_m": errors.tracker_m, "tail": errors.tail})
+        return cls(
+            noise,
+            gain if SENSOR in effects else np.ones(2),
+            pin.exp3(errors.force_frame_rad * misalignment * (SENSOR in effects)),
+            pin.exp3(errors.registration_rad * registration * (KINEMATICS in effects)),
+        )
+
+    def shown_wrench(self, wrench: FloatArray) -> FloatArray:
+        """Return what the sensor shows of (n, 6) `wrench`, without noise."""
+        parts = wrench.reshape(-1, 2, 3) @ self.force_frame.T
+        return np.asarray((parts * self.force_gain[:, None]).reshape(-1, 6))
+
+    def true_wrench(self, shown: FloatArray) -> FloatArray:
+        """Return the (n, 6) wrench that acts where the sensor shows `shown`."""
+        parts = shown.reshape(-1, 2, 3) / self.force_gain[:, None]
+        return np.asarray((parts @ self.force_frame).reshape(-1, 6))
+
+    def shown_deflection(self, deflection: FloatArray) -> FloatArray:
+        """Return what the tracker shows of (n, 3) `deflection`, without noise."""
+        return np.asarray(deflection @ self.tracker_frame.T)

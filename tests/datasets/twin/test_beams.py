@@ -1,0 +1,159 @@
+"""Bending links against a cantilever's closed form, a frame's stiffness matrix and the axioms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stiff_datasets.robots.robot import robot_of
+from stiff_datasets.twin.beams import SHEAR_COEFFICIENT, Beams, Tube
+from stiff_datasets.twin.constants import shipped_constants, specimen_beams
+from stiff_datasets.twin.kr10_twin import Kr10TwinBeam
+from stiff_datasets.twin.twin import DigitalTwin
+from stiff_protocols.contract.types import Robot
+
+E, NU = 7.0e10, 0.33
+G = E / (2.0 * (1.0 + NU))
+BEAM = shipped_constants("kr10_beam")
+
+
+@pytest.fixture()
+def beams():
+    return specimen_beams(BEAM, BEAM.robot(), 0, asked=False)
+
+
+@pytest.fixture()
+def poses(rng):
+    return rng.uniform(-1.5, 1.5, size=(6, 6))
+
+
+def cantilever(length, tube):
+    """One joint at the origin, the tool a tube along x."""
+    robot = Robot(
+        name="rod",
+        joint_names=("j",),
+        joint_types=("revolute",),
+        placements=np.eye(4)[None],
+        axes=np.array([[0.0, 0.0, 1.0]]),
+        lower=np.array([-3.0]),
+        upper=np.array([3.0]),
+        masses=np.ones(1),
+        centres_of_mass=np.zeros((1, 3)),
+        tcp=np.array([length, 0.0, 0.0]),
+    )
+    return Beams(robot, (tube, tube), np.full(2, E), NU)
+
+
+def compliances(beams, q):
+    """Return (n, 6, 6): how the TCP gives way to unit wrenches."""
+    columns = [beams.displacement(q, np.tile(unit, (len(q), 1))) for unit in np.eye(6)]
+    return np.stack(columns, axis=2)
+
+
+def test_a_cantilever_gives_way_as_timoshenkos_closed_form_says():
+    length, tube = 0.8, Tube(0.1, 0.01)
+    area = np.pi * (0.05**2 - 0.04**2)
+    inertia = np.pi / 4 * (0.05**4 - 0.04**4)
+    found = compliances(cantilever(length, tube), np.zeros((1, 1)))[0]
+    sideways = length**3 / (3 * E * inertia) + length / (SHEAR_COEFFICIENT * G * area)
+    expected = np.diag([length / (E * area), sideways, sideways, *[length / (E * inertia)] * 3])
+    expected[3, 3] = length / (G * 2 * inertia)
+    turn = length**2 / (2 * E * inertia)
+    expected[1, 5] = expected[5, 1] = turn  # a force along y turns the end about z
+    expected[2, 4] = expected[4, 2] = -turn
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-20)
+    turned = compliances(cantilever(length, tube), np.array([[np.pi / 2]]))[0]
+    assert turned[1, 1] == pytest.approx(length / (E * area))
+
+
+def test_the_robot_gives_way_as_its_assembled_stiffness_matrix_says(beams, poses):
+    for q, found in zip(poses, compliances(beams, poses), strict=True):
+        np.testing.assert_allclose(found, frame_compliance(beams, q), rtol=1e-9, atol=1e-16)
+
+
+def frame_compliance(beams, q):
+    """Return (6, 6) of the last node of a frame, from its element stiffness matrices."""
+    ends = np.concatenate([np.zeros((1, 3)), beams.robot.forward(q[None]).points[0]])
+    n = len(ends)
+    whole = np.zeros((6 * n, 6 * n))
+    whole[:6, :6] += np.diag(np.repeat(beams.foundation, 3))
+    for i, tube in enumerate(beams.tubes):
+        segment = ends[i + 1] - ends[i]
+        length = np.linalg.norm(segment)
+        element = element_stiffness(length, tube)
+        across = np.linalg.svd(segment[None])[2][1]
+        along = segment / length
+        turn = np.kron(np.eye(4), np.stack([along, across, np.cross(along, across)]))
+        at = slice(6 * i, 6 * i + 12)
+        whole[at, at] += turn.T @ element @ turn
+    return np.linalg.inv(whole)[-6:, -6:]
+
+
+def element_stiffness(length, tube):
+    """Return the (12, 12) matrix of a Timoshenko beam along x (Przemieniecki 1968, eq. 5.116)."""
+    bending = E * tube.second_moment
+    phi = 12 * bending / (SHEAR_COEFFICIENT * G * tube.area * length**2)
+    k = np.zeros((12, 12))
+    k[np.ix_([0, 6], [0, 6])] = E * tube.area / length * np.array([[1, -1], [-1, 1]])
+    k[np.ix_([3, 9], [3, 9])] = G * 2 * tube.second_moment / length * np.array([[1, -1], [-1, 1]])
+    for rows, sign in (([1, 5, 7, 11], 1.0), ([2, 4, 8, 10], -1.0)):
+        side, near, far = 6 * length * sign, (4 + phi) * length**2, (2 - phi) * length**2
+        k[np.ix_(rows, rows)] = (
+            bending
+            / (length**3 * (1 + phi))
+            * np.array(
+                [
+                    [12, side, -12, side],
+                    [side, near, -side, far],
+                    [-12, -side, 12, -side],
+                    [side, far, -side, near],
+                ]
+            )
+        )
+    return k
+
+
+def test_the_compliance_is_symmetric_and_positive(beams, poses):
+    found = compliances(beams, poses)
+    np.testing.assert_allclose(found, found.transpose(0, 2, 1), rtol=0, atol=1e-17)
+    assert (np.linalg.eigvalsh(found) > 0).all()
+
+
+def test_the_load_does_the_work_that_the_tubes_store(beams, poses, rng):
+    wrench = rng.normal(size=(6, 6)) * 30
+    moved = beams.displacement(poses, wrench)
+    stored = sum(
+        0.5 * wrench[i] @ part.displacement(poses[i : i + 1], wrench[i : i + 1])[0]
+        for i in range(6)
+        for part in parts(beams)
+    )
+    assert stored == pytest.approx(0.5 * (wrench * moved).sum())
+
+
+def parts(beams):
+    """Return the same structure with one elastic segment at a time."""
+    rigid = np.full(len(beams.tubes), np.inf)
+    for i, modulus in enumerate(beams.modulus):
+        only = rigid.copy()
+        only[i] = modulus
+        yield replace(beams, modulus=only, foundation=(np.inf, np.inf))
+    yield replace(beams, modulus=rigid)
+
+
+def test_with_rigid_links_the_springs_remain_alone(poses, rng):
+    chain, wrench = BEAM.chain(), rng.normal(size=(6, 6)) * 10
+    stiff = Beams(robot_of(chain), (Tube(0.2, 0.1),) * 7, np.full(7, 1e25), NU)
+    alone = DigitalTwin(chain, BEAM.springs).readings(poses, wrench)
+    found = DigitalTwin(chain, BEAM.springs, beams=stiff).readings(poses, wrench)
+    np.testing.assert_allclose(found, alone, rtol=1e-9)
+
+
+def test_links_take_a_sixth_of_the_beam_twins_deflection_and_specimens_differ(beams):
+    first, second = (Kr10TwinBeam(specimen=number).load() for number in (0, 1))
+    samples = first.samples
+    bent = np.linalg.norm(beams.displacement(samples.q, samples.wrench)[:, :3], axis=1)
+    assert 0.1 < np.median(bent / np.linalg.norm(samples.deflection, axis=1)) < 0.3
+    assert not np.allclose(first.samples.deflection, second.samples.deflection, atol=1e-5)
+    assert Kr10TwinBeam().load().sha256 == first.sha256

@@ -1,0 +1,229 @@
+"""What the rough twin has beyond the default one, effect by effect."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from importlib.resources import files
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from stiff_datasets.planning.loads import stream
+from stiff_datasets.planning.poses import paper_poses
+from stiff_datasets.robots.robot import robot_of
+from stiff_datasets.twin.constants import read_constants, shipped_constants, specimen_springs
+from stiff_datasets.twin.effects import EFFECTS, Instruments, parse_effects, real_chain
+from stiff_datasets.twin.kr10_twin import Kr10Twin, Kr10TwinBeam, Kr10TwinRough
+from stiff_datasets.twin.springs import SpringLaw
+from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
+from stiff_protocols.contract.errors import ConfigError, DataError
+
+CONSTANTS = Kr10TwinRough().constants()
+LOAD = np.array([60.0, 20.0, -60.0, 3.0, -4.0, 2.0])
+STOPS = 4000
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [("none", ()), ("links", ("links",)), (" sensor, links", ("links", "sensor"))],
+)
+def test_effects_are_named_in_any_order(text, found):
+    assert parse_effects(text) == found
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("hysterisis", "'hysterisis'.*did you mean.*hysteresis"),
+        ("links,none", "'none'"),
+        ("links,links", "once"),
+        ("", "''"),
+    ],
+)
+def test_an_unknown_effect_is_named_with_the_valid_ones(text, message):
+    with pytest.raises(ConfigError, match=message):
+        Kr10TwinRough(effects=text)
+
+
+def test_each_effect_changes_the_measurement_and_none_is_the_default_twins_physics():
+    texts = ["none", *(",".join(EFFECTS[: i + 1]) for i in range(len(EFFECTS)))]
+    found = [Kr10TwinRough(effects=text).load() for text in texts]
+    for one, other in itertools.pairwise(found):
+        shown = one.samples.deflection - other.samples.deflection
+        assert np.abs(shown).max() > 5e-6 or not np.array_equal(
+            one.samples.wrench, other.samples.wrench
+        )
+    assert Kr10TwinRough().load().sha256 == found[-1].sha256
+    q, wrench = found[0].samples.q, found[0].samples.wrench
+    twin = DigitalTwin(CONSTANTS.chain(), specimen_springs(CONSTANTS, 0))
+    np.testing.assert_allclose(found[0].known["oracle"], twin.readings(q, wrench), atol=1e-12)
+
+
+def test_models_are_told_of_the_same_robot_whatever_stands_there():
+    assert repr(Kr10TwinRough().load().robot) == repr(Kr10Twin().load().robot)
+    np.testing.assert_array_equal(
+        Kr10TwinRough(specimen=4).load().robot.masses, Kr10Twin().load().robot.masses
+    )
+
+
+def stop_angle(law, path):
+    """Return theta [rad] after a torque path [N m], by Prandtl's stops, which have a memory.
+
+    Their weights give the tanh of `SpringLaw` from rest; Masing's rule follows from them.
+    """
+    half, torque = law._half_lost_motion[0, 0], law._lost_motion_torque[0, 0]
+    edges = np.linspace(0.0, 8.0 * torque, STOPS + 1)
+    slope = half / torque / np.cosh(edges / torque) ** 2  # of half * tanh(tau / torque)
+    radius, weight = (edges[:-1] + edges[1:]) / 2, slope[:-1] - slope[1:]
+    at, angles, state = path[0], [], -radius  # the torque has fallen for long: a turning point
+    for tau in path:
+        state = np.clip(state + tau - at, -radius, radius)
+        at = tau
+        angles.append((weight * state).sum())
+    return np.array(angles)
+
+
+def test_lost_motion_follows_masings_rule_and_the_order_of_loads_does_not_matter():
+    law = SpringLaw(specimen_springs(CONSTANTS, 0)[1:2])
+    preload, loads = 40.0, (25.0, 3.0, 60.0)
+    path = np.array([preload] + [tau for load in loads for tau in (preload + load, preload)])
+    angles = stop_angle(law, path)
+    np.testing.assert_allclose(angles[::2], angles[0], atol=1e-12)  # unloaded: back where it was
+    begin = np.full((3, 1), preload)
+    elastic = [law.angle(np.full((3, 1), preload + x), np.full((3, 1), preload + x)) for x in loads]
+    masing = [law.angle(np.full((3, 1), preload + x), begin) for x in loads]
+    lost = np.array([m[0, 0] - e[0, 0] for m, e in zip(masing, elastic, strict=True)])
+    np.testing.assert_allclose(angles[1::2] - angles[0], lost, rtol=2e-3)
+    backwards = stop_angle(law, np.concatenate([path[:1], path[1:][::-1], path[:1]]))
+    assert sorted(np.round(backwards, 10)) == sorted(np.round([*angles, angles[0]], 10))
+
+
+def test_a_pose_loaded_alone_or_among_others_in_any_order_reads_the_same(kr10_chain, rng):
+    twin = DigitalTwin(kr10_chain, specimen_springs(CONSTANTS, 0), hysteresis=True)
+    q = np.repeat(rng.uniform(-1.5, 1.5, size=(1, 6)), 5, axis=0)
+    wrench = LOAD * rng.uniform(-1, 1, size=(5, 1))
+    order = rng.permutation(5)
+    together, mixed = twin.readings(q, wrench), twin.readings(q, wrench[order])
+    np.testing.assert_allclose(mixed, together[order], rtol=0, atol=1e-14)
+    alone = twin.readings(q[:1], wrench[:1])
+    np.testing.assert_allclose(alone, together[:1], rtol=0, atol=1e-14)
+
+
+def test_no_load_moves_nothing_and_a_small_one_moves_in_proportion(kr10_chain, rng):
+    experiment = TwinExperiment(CONSTANTS, loads="line", specimen=2, seed=0, effects=EFFECTS)
+    q = rng.uniform(-1.5, 1.5, size=(20, 6))
+    np.testing.assert_allclose(experiment.twin.readings(q, np.zeros((20, 6))), 0.0, atol=1e-14)
+    small = LOAD * 1e-4 * np.array([[1.0], [2.0]])
+    once, twice = (experiment.twin.readings(q, np.tile(load, (20, 1))) for load in small)
+    np.testing.assert_allclose(twice, 2.0 * once, rtol=1e-3)
+
+
+def test_the_real_robot_is_off_by_the_stated_sizes(kr10_chain):
+    errors = CONSTANTS.errors
+    real = real_chain(kr10_chain, errors, stream("test"))
+    for joint in range(1, 7):
+        off = kr10_chain.model.jointPlacements[joint].actInv(real.model.jointPlacements[joint])
+        assert np.linalg.norm(off.translation) == pytest.approx(3e-4)
+        assert np.linalg.norm(pin.log3(off.rotation)) == pytest.approx(5e-4)
+        ratio = real.model.inertias[joint].mass / kr10_chain.model.inertias[joint].mass
+        assert abs(ratio - 1.0) == pytest.approx(0.1)
+    assert np.linalg.norm(real.tcp - kr10_chain.tcp) == pytest.approx(3e-4)
+    moved = robot_of(real).tcp_position(np.zeros((1, 6))) - robot_of(kr10_chain).tcp_position(
+        np.zeros((1, 6))
+    )
+    assert 1e-4 < np.linalg.norm(moved) < 3e-3
+
+
+def test_the_force_sensor_is_turned_by_one_degree_and_its_gain_is_off_by_three_per_cent(rng):
+    wrench = rng.normal(size=(50, 6))
+    for specimen in (0, 5):
+        sensor = Instruments.of(CONSTANTS, specimen, EFFECTS)
+        shown = sensor.shown_wrench(wrench)
+        np.testing.assert_allclose(sensor.true_wrench(shown), wrench, atol=1e-14)
+        for part in (slice(0, 3), slice(3, 6)):
+            gain = np.linalg.norm(shown[:, part], axis=1) / np.linalg.norm(wrench[:, part], axis=1)
+            np.testing.assert_allclose(np.abs(gain - 1.0), 0.03)
+        assert np.rad2deg(np.linalg.norm(pin.log3(sensor.force_frame))) == pytest.approx(
+            1.0, rel=1e-5
+        )
+        assert np.linalg.norm(pin.log3(sensor.tracker_frame)) == pytest.approx(5e-4)
+    exact = Instruments.of(CONSTANTS, 3, ())
+    np.testing.assert_array_equal(exact.shown_wrench(wrench), wrench)
+
+
+def test_the_rough_trackers_readings_have_heavy_tails(kr10_chain):
+    noise = {}
+    for effects in ((), ("sensor",)):
+        experiment = TwinExperiment(
+            CONSTANTS, loads="line", specimen=0, seed=0, loads_per_pose=20, effects=effects
+        )
+        data = experiment.measured(paper_poses(kr10_chain))
+        error = data.samples.deflection - data.known["noise"]
+        noise[effects] = np.abs(error).max() / np.median(np.abs(error))
+    assert noise[()] < 8 < noise[("sensor",)]
+
+
+def test_the_oracle_knows_all_but_the_noise():
+    data = Kr10TwinRough().load()
+    error = np.abs(data.known["oracle"] - data.samples.deflection).mean()
+    noise = np.abs(data.known["noise"] - data.samples.deflection).mean()
+    assert noise <= 1.05 * error < 3e-5
+    assert data.sha256 == replace(data, known={}).sha256  # models' data, and nothing beside it
+
+
+def test_links_that_shall_bend_need_sections(tmp_path):
+    source = files("stiff_datasets") / "twins" / "ur5.toml"
+    path = tmp_path / "my.toml"
+    path.write_text(source.read_text(encoding="utf-8"), encoding="utf-8")
+    constants = read_constants(path)
+    with pytest.raises(DataError, match=r"my\.toml: no table \[beams\]"):
+        TwinExperiment(constants, loads="omni", specimen=0, seed=0, effects=("links",))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("modulus_Pa = 7.0e10", "modulus_Pa = 70e3", r"beams.modulus_Pa: 70000.0: .*1000000000"),
+        ("poisson = 0.33", "poisson = 0.6", r"beams.poisson: 0.6: .*0.5"),
+        ("outer_m = 0.22", "outer_m = 220", r"beams.segment.1.outer_m: 220: .*2"),
+        ("wall_m = 0.006\n\n", "wall_m = 0.2\n\n", r"segment.1.*wall_m 0.2 is more than half"),
+        ("2.92e6", "-2.92e6", r"joint.1.structure_Nm_per_rad: -2920000.0: .*nor inf"),
+        ("2.92e6", "2.92e12", r"joint.1.structure_Nm_per_rad"),
+        ("[[beams.segment]] # A1 to A2\nouter_m = 0.2\nwall_m = 0.006\n", "", r"6 tables .*7"),
+    ],
+)
+def test_impossible_constants_are_named(tmp_path, old, new, message):
+    source = (files("stiff_datasets") / "twins" / "kr10_rough.toml").read_text(encoding="utf-8")
+    assert old in source
+    path = tmp_path / "my.toml"
+    path.write_text(source.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(DataError, match=message):
+        read_constants(path).chain()
+
+
+def test_a_robot_without_masses_makes_no_twin(tmp_path):
+    urdf = (files("stiff_datasets") / "robots" / "ur5.urdf").read_text(encoding="utf-8")
+    bare = "".join(part.split("</inertial>")[-1] for part in urdf.split("<inertial>"))
+    (tmp_path / "bare.urdf").write_text(bare, encoding="utf-8")
+    toml = (files("stiff_datasets") / "twins" / "ur5.toml").read_text(encoding="utf-8")
+    path = tmp_path / "my.toml"
+    path.write_text(toml.replace('urdf = "ur5"', 'urdf = "bare.urdf"'), encoding="utf-8")
+    with pytest.raises(DataError, match=r"my\.toml: no link of bare\.urdf has a mass"):
+        read_constants(path).chain()
+
+
+def test_the_rough_twin_is_the_default_one_but_for_its_name_links_and_errors():
+    default, rough = (
+        constants.model_dump(exclude={"name", "beams", "errors"})
+        for constants in (shipped_constants("kr10_r1100_2"), CONSTANTS)
+    )
+    assert rough == default
+
+
+@pytest.mark.parametrize("of", [Kr10TwinRough, Kr10TwinBeam])
+def test_the_card_states_the_hash_of_the_data(of):
+    name = {Kr10TwinRough: "kr10_twin_rough", Kr10TwinBeam: "kr10_twin_beam"}[of]
+    card = (files("stiff_datasets") / "data" / f"{name}.md").read_text(encoding="utf-8")
+    assert f"`{of().load().sha256}`" in card
