@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -71,17 +71,18 @@ class Run:
         return Results(plan.output, metrics, plan.command, finished)
 
 
-def run_of_words(how: Mapping[str, Any], **words: Any) -> Run:
-    """Return the run that the options of `bench run` ask for.
+_CHOSEN = ("models", "datasets", "protocols", "settings", "data", "no_torque")
+_HOW = ("jobs", "isolate", "timeout", "memory", "threads", "dask", "rerun")
 
-    Args:
-        how: the options of `chosen_execution`.
-        words: those of `choices`, of a robot, and of `plan_run`.
+
+def run_of_words(**words: Any) -> Run:
+    """Return the run that the options of `bench run` ask for.
 
     Raises:
         ConfigError: an option or a value is wrong.
     """
-    plan = _plan_of_words(**words)
+    how = _taken(words, _HOW)
+    plan = _plan_of_words(words)
     return Run([plan], chosen_execution(plan, registry(), **how))
 
 
@@ -94,34 +95,18 @@ def model_and_data(output: Path, **words: Any) -> tuple[Model, Dataset]:
     """
     if len(words["datasets"]) + len(words["data"]) != 1:
         raise ConfigError("give one of --dataset KEY and --data FILE.csv")
-    plan = _plan_of_words(output=output, **words)
+    plan = _plan_of_words({**words, "output": output})
     if len(plan.models) != 1:
         raise ConfigError(f"--model: {len(plan.models)} models; a file holds one model")
     check_new_file(output)
     return Model(plan.models[0]), Dataset(plan.datasets[0])
 
 
-def _plan_of_words(
-    *,
-    models: Sequence[str],
-    datasets: Sequence[str],
-    protocols: Sequence[str] = (),
-    settings: Sequence[str],
-    data: Sequence[Path],
-    no_torque: bool,
-    robot: str | None,
-    urdf: Path | None,
-    tcp: Sequence[float] | None,
-    **of_run: Any,
-) -> RunPlan:
-    asked = choices(
-        registry(),
-        models=models,
-        datasets=datasets,
-        protocols=protocols,
-        settings=settings,
-        data=data,
-        no_torque=no_torque,
-        robot=RobotWords(robot, urdf, tcp),
-    )
-    return plan_run(asked, registry(), **of_run)
+def _plan_of_words(words: dict[str, Any]) -> RunPlan:
+    robot = RobotWords(**_taken(words, ("robot", "urdf", "tcp")))
+    asked = choices(registry(), robot=robot, **_taken(words, _CHOSEN))
+    return plan_run(asked, registry(), **words)
+
+
+def _taken(words: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
+    return {name: words.pop(name) for name in names if name in words}

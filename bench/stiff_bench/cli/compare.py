@@ -12,11 +12,11 @@ from stiff_bench.cli.options import (
     FILE,
     PROBABILITY,
     Millimetres,
-    Picture,
     case_options,
     command_line,
     format_option,
     output_option,
+    picture,
     ranking_options,
     results_option,
     seed_option,
@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 @ranking_options
 @click.option(
     "--figure",
-    type=Picture(),
+    type=FILE,
+    callback=picture,
     metavar="FILE.png",
     help="Draw the critical-difference diagrams, too.",
 )

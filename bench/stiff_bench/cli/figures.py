@@ -10,11 +10,11 @@ import click
 from stiff_bench.api import RESULTS
 from stiff_bench.cli.options import (
     FILE,
-    Picture,
     case_options,
     command_line,
     execution_options,
     models_option,
+    picture,
 )
 from stiff_bench.console import print_text, say
 from stiff_protocols.contract.errors import ConfigError
@@ -30,7 +30,8 @@ from stiff_protocols.contract.errors import ConfigError
 )
 @click.option(
     "--output",
-    type=Picture(),
+    type=FILE,
+    callback=picture,
     metavar="FILE.pdf",
     help="File to write: .png, .pdf or .svg.  [default: figure-NAME.png]",
 )

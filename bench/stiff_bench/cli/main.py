@@ -18,7 +18,6 @@ from stiff_bench.cli.data import data
 from stiff_bench.cli.figures import figure, reproduce
 from stiff_bench.cli.models import check, export, fit, new, predict
 from stiff_bench.cli.options import (
-    EXECUTION,
     FILE,
     PROBABILITY,
     WholeRange,
@@ -31,7 +30,6 @@ from stiff_bench.cli.options import (
     seed_option,
     settings_option,
     several_keys,
-    taken,
 )
 from stiff_bench.cli.refusals import Commands, refusal
 from stiff_bench.cli.results import cache, merge
@@ -150,7 +148,7 @@ def run(fmt: str, plan_only: bool, verbose: bool, **words: Any) -> int:
     from stiff_bench.api.run import run_of_words
     from stiff_bench.cli.run import execute, show_plan
 
-    asked = run_of_words(taken(words, *EXECUTION), **words, command=command_line())
+    asked = run_of_words(**words, command=command_line())
     return show_plan(asked, fmt) if plan_only else execute(asked, fmt, verbose=verbose)
 
 

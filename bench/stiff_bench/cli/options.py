@@ -95,22 +95,6 @@ class Tcp(click.ParamType[tuple[float, ...]]):
         return x, y, z
 
 
-class Picture(click.Path):
-    """A file whose suffix names a picture's format."""
-
-    def __init__(self) -> None:
-        """Be a path."""
-        super().__init__(path_type=Path)
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Return the path, or refuse it naming the formats."""
-        from stiff_bench.api.figures import check_suffix
-
-        path = Path(str(super().convert(value, param, ctx)))
-        check_suffix(path)
-        return path
-
-
 class Size(click.ParamType[int]):
     """A number of bytes, such as 2GiB."""
 
@@ -130,6 +114,17 @@ class Size(click.ParamType[int]):
 
 
 PROBABILITY = FiniteRange(0, 1, min_open=True, max_open=True)
+
+
+def picture(_: click.Context, __: click.Parameter, file: Path | None) -> Path | None:
+    """Refuse a file whose suffix names no picture's format."""
+    if file is not None:
+        from stiff_bench.api.figures import check_suffix
+
+        check_suffix(file)
+    return file
+
+
 several_keys = partial(click.option, multiple=True, metavar="KEY")
 
 
@@ -262,11 +257,6 @@ def command_line() -> str:
     return shlex.join(["bench", *sys.argv[1:]])
 
 
-def taken(words: dict[str, Any], *names: str) -> dict[str, Any]:
-    """Take these options out of a command's words."""
-    return {name: words.pop(name) for name in names if name in words}
-
-
 def _pinned(_: click.Context, __: click.Parameter, number: int | None) -> int:
     """Give the number to the libraries, which read it when they are loaded: before that."""
     return pinned(number)
@@ -325,7 +315,3 @@ def execution_options(usual_jobs: str) -> Callable[[Command], Command]:
             help="Only print how many fits are missing and how long they would take.",
         ),
     )
-
-
-EXECUTION = ("jobs", "isolate", "timeout", "memory", "threads", "dask", "rerun")
-"""The words of `execution_options` that `chosen_execution` takes."""

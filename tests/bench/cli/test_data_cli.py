@@ -246,7 +246,7 @@ def test_pose_errors_are_fetched_and_never_called_stiffness(tmp_path, home):
         ),
         (["plan", "--robot", "ur5", "--urdf", "x", "--output", "p.csv"], ["--robot ur5", "one of"]),
         (["plan", "--poses", "9", "--clearance", "5", "--output", "p.csv"], ["clearance", "5 m"]),
-        (["plan", "--payload", "-1", "--output", "p.csv"], ["payload_kg is -1"]),
+        (["plan", "--payload", "-1", "--output", "p.csv"], ["'--payload'", "'-1'"]),
         (["plan", "--tcp", "0,0,0.3", "--output", "p.csv"], ["the paper's poses", "clearance"]),
         (["plan", "--poses", "1", "--output", "p.csv"], ["n_poses is 1, expected 2"]),
         (["plan", "--output", "p.parquet"], ["p.parquet", ".csv"]),

@@ -101,6 +101,5 @@ def test_what_was_computed_is_not_computed_again_and_the_files_are_named(small, 
 
 @pytest.mark.parametrize("size", ["--quick", "--full"])
 def test_the_leaderboard_has_one_size(size, tmp_path):
-    done = CliRunner().invoke(reproduce, ["leaderboard", size, "--output", str(tmp_path)])
-    assert done.exit_code == 2
-    assert "leaderboard has one size" in done.output
+    done = bench_here("reproduce", "leaderboard", size, cwd=tmp_path)
+    assert_refused(done, "leaderboard has one size")
