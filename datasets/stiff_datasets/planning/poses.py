@@ -11,18 +11,23 @@ domain (Table 4: A4 = A6 = 0, A5 in 0..90 deg, A1 in -45..45 deg) lies too:
   through 15, 30, 45, 60 and 75 deg from pose to pose, because A4 shows in the deflection only
   where A5 is bent, and takes the nearest of these where the joint limits do not permit.
 
-Collisions of the robot with itself or its surroundings are not checked.
+`bent_wrist_poses` decides A5 of the joint-space group otherwise: as near 90 deg as permits a TCP
+that is 250 mm off A1's axis and an arm clear of itself (`self_collision.py`). At 13 poses no A5 in
+0..90 deg permits the 250 mm; there the second condition decides alone.
+
+Collisions with what stands around the robot are not checked.
 """
 
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 
-from stiff_datasets.robots.robot import ChainModel
+from stiff_datasets.planning.self_collision import self_clearance
+from stiff_datasets.robots.robot import ChainModel, robot_of
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray, TextArray
 
@@ -46,6 +51,10 @@ CARTESIAN_Z_MM = (300, 550, 800)
 
 _CARTESIAN_A5_DEG = (15, 30, 45, 60, 75)
 _A5_RANGE_DEG = (0.0, 90.0)
+_A5_STEP_DEG = 5
+TCP_OFF_A1_M = 0.25
+LEAST_GAP_M = 0.02
+"""Between capsules along the arm, whose radii are rough."""
 _START = np.deg2rad((-90.0, 90.0))
 """A2 and A3 the inverse kinematics starts from: elbow up."""
 _LONGEST_STEP = 0.3  # rad; a full Newton step may leap to the other elbow
@@ -76,6 +85,31 @@ def paper_poses(chain: ChainModel) -> Poses:
         pose_id=np.array(names),
         group=np.repeat(["joint-space", "cartesian"], [len(joint_space), len(cartesian)]),
     )
+
+
+def bent_wrist_poses(chain: ChainModel) -> Poses:
+    """Return the poses of `paper_poses` with another A5 in joint space; errors as there."""
+    level = paper_poses(chain)
+    q = level.q.copy()
+    for pose in np.flatnonzero(level.group == "joint-space"):
+        q[pose, 4] = _bent_a5(chain, q[pose])
+    return replace(level, q=q)
+
+
+def _bent_a5(chain: ChainModel, q: FloatArray) -> float:
+    """Return A5 [rad] for a pose (6,) of the joint-space group."""
+    first, last = _A5_RANGE_DEG
+    a5 = np.deg2rad(np.arange(last, first - 1, -_A5_STEP_DEG))  # the most wanted first
+    candidates = np.tile(q, (len(a5), 1))
+    candidates[:, 4] = a5
+    clear = self_clearance(chain, candidates) >= LEAST_GAP_M
+    off_a1 = tcp_off_a1(chain, candidates) >= TCP_OFF_A1_M
+    return float(a5[np.argmax(clear.astype(int) + (clear & off_a1))])
+
+
+def tcp_off_a1(chain: ChainModel, q: FloatArray) -> FloatArray:
+    """Return (n,) the distance of the KR10's TCP from A1's axis at (n, 6) `q` [rad], m."""
+    return np.asarray(np.linalg.norm(robot_of(chain).forward(q).points[:, -1, :2], axis=1))
 
 
 def joint_space_poses() -> FloatArray:

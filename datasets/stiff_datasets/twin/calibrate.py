@@ -4,10 +4,12 @@ The linear VJM is identified on all 151 samples of the twin, as the paper did on
 and its in-sample errors and stiffnesses are compared with the paper's Tables 2 and 3. No other
 model enters. Free are, joint by joint, what robots of this class leave open: the gear size, the
 structure in series, the tilting stiffness and the lost motion, each inside its physical range.
-Poses, loads, noise and the gear catalogue stay as they are.
+Loads and the gear catalogue stay as they are. Calibration 1 has normal noise and a level wrist;
+calibration 2 has a tracker of heavy tails and a bent wrist, wider ranges, starts from the
+constants of calibration 1 and ends with least squares.
 
 ``python -m stiff_datasets.twin.calibrate`` searches, writes constants and record, and prints
-the figures beside the paper's.
+the figures beside the paper's; with ``--figures`` it prints those of the shipped calibrations.
 """
 
 from __future__ import annotations
@@ -15,7 +17,8 @@ from __future__ import annotations
 import json
 import platform
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from importlib.resources import files
@@ -25,21 +28,28 @@ from typing import NamedTuple, Self
 import click
 import numpy as np
 import pandas as pd
-from scipy.optimize import Bounds, OptimizeResult, differential_evolution, nnls
+from scipy.optimize import (
+    Bounds,
+    OptimizeResult,
+    differential_evolution,
+    least_squares,
+    nnls,
+)
 from tabulate import tabulate
 
 from stiff_datasets.measured.identifiability import regressor
-from stiff_datasets.planning.poses import Poses, paper_poses
+from stiff_datasets.planning.poses import Poses
 from stiff_datasets.robots.robot import ChainModel
 from stiff_datasets.twin.constants import (
     LARGEST_RATIO,
     LAST_SPECIMEN,
     SMALLEST_RATIO,
     JointTable,
+    Noise,
     TwinConstants,
     shipped_constants,
 )
-from stiff_datasets.twin.kr10_twin import CONSTANTS
+from stiff_datasets.twin.kr10_twin import CALIBRATIONS
 from stiff_datasets.twin.twin import TwinExperiment
 from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.extras import require
@@ -49,21 +59,60 @@ from stiff_protocols.contract.types import AXES, FloatArray, Samples
 
 GEAR_SIZES = ((25, 32), (25, 32), (25, 32), (14, 17, 20), (14, 17, 20), (14, 17))
 """What fits the paper's identified stiffnesses and a robot of this class; A1 first."""
-STRUCTURE_RANGE = (*((3e4, 3e6),) * 3, *((1e3, 1e6),) * 3)  # N m/rad; softer than the gear to stiff
-LOST_MOTION_RANGE = (0.5, 2.0)  # arcmin: "about 1", a factor of two either way
-SEARCH_SEEDS = tuple(range(10))
-FIGURE_SEEDS = tuple(range(10, 20))
-"""Seeds of loads and noise: the search sees ten, the stated figures are means of ten others."""
+SOFTEST_STRUCTURE = (*(3e4,) * 3, *(1e3,) * 3)  # N m/rad; softer than the gears
 POPULATION = 3  # candidates a free constant
+POLISH_STEPS = 20
+POLISH_DIFFERENCE = 0.01  # relative, for the slopes of the least squares
 
 WEIGHTS = (1.0, 1.0, 0.05, 0.1)
 """Of MAE, STDE, ME (one sample) and the stiffnesses, of which only the order counts."""
-_SIGNIFICANT_DIGITS = 3
+_SIGNIFICANT_DIGITS, _ALL_DIGITS = 3, 15
 
 COMMAND = "python -m stiff_datasets.twin.calibrate"
 MM = 1000.0
 """Millimetres a metre."""
 ERRORS = ("mae", "stde", "me")
+
+
+@dataclass(frozen=True)
+class Search:
+    """How a calibration is searched, and in which ranges.
+
+    Attributes:
+        stiffest_structure: upper bound by joint, N m/rad.
+        lost_motion: range, arcmin.
+        noise: of the instruments; not free.
+        seeds: of loads and noise that the search sees, and that the stated figures are means of.
+        first_a2: lost motion of A2, arcmin, that the first candidate has; its other constants
+            are those of calibration 1. None: all candidates are drawn.
+        polish: least squares follow the differential evolution; gear sizes stay.
+    """
+
+    stiffest_structure: tuple[float, ...]
+    lost_motion: tuple[float, float]
+    noise: Noise
+    seeds: tuple[range, range]
+    first_a2: float | None = None
+    polish: bool = False
+
+
+SEARCHES = {
+    # lost motion: "about 1", a factor of two either way
+    1: Search(
+        stiffest_structure=(*(3e6,) * 3, *(1e6,) * 3),
+        lost_motion=(0.5, 2.0),
+        noise=Noise(),
+        seeds=(range(10), range(10, 20)),
+    ),
+    2: Search(
+        stiffest_structure=(1e7,) * 6,
+        lost_motion=(0.25, 3.0),
+        noise=Noise(tracker_m=1.5e-5, tail=2.0),
+        seeds=(range(20), range(20, 60)),  # outliers make the figures of a few seeds accidental
+        first_a2=1.4,
+        polish=True,
+    ),
+}
 
 
 class VjmFigures(NamedTuple):
@@ -99,13 +148,12 @@ def vjm_figures(chain: ChainModel, samples: Samples) -> VjmFigures:
 def line_figures(
     constants: TwinConstants,
     *,
-    seeds: Sequence[int] = FIGURE_SEEDS,
+    seeds: Sequence[int],
+    poses: Poses,
     specimen: int = 0,
-    poses: Poses | None = None,
 ) -> VjmFigures:
-    """Return the mean over seeds of the figures of `kr10-twin` with these constants."""
+    """Return the mean over seeds of the figures of `kr10-twin` with these constants and poses."""
     chain = constants.chain()
-    poses = poses or paper_poses(chain)
     experiments = [
         TwinExperiment(constants, loads="line", specimen=specimen, seed=seed) for seed in seeds
     ]
@@ -124,41 +172,60 @@ def line_figures(
     return VjmFigures(*(np.mean(kind, axis=0) for kind in zip(*each, strict=True)))
 
 
+def specimen_figures(number: int, constants: TwinConstants | None = None) -> list[VjmFigures]:
+    """Return the figures of every specimen of a calibration, with its constants or with others."""
+    constants = constants or shipped_constants(CALIBRATIONS[number].constants)
+    poses = CALIBRATIONS[number].poses(constants.chain())
+    return [
+        line_figures(constants, seeds=SEARCHES[number].seeds[1], poses=poses, specimen=specimen)
+        for specimen in range(LAST_SPECIMEN + 1)
+    ]
+
+
 def misfit(found: VjmFigures, target: VjmFigures) -> float:
     """Return the weighted sum of squared logarithms of found over target; 0 is agreement."""
-    squares = [(np.log(a / b) ** 2).sum() for a, b in zip(found, target, strict=True)]
+    squares = [(one**2).sum() for one in _logarithms(found, target)]
     return float(np.dot(WEIGHTS, squares))
 
 
+def _logarithms(found: VjmFigures, target: VjmFigures) -> list[FloatArray]:
+    return [np.log(a / b) for a, b in zip(found, target, strict=True)]
+
+
 def calibrate(
-    start: TwinConstants, target: VjmFigures, *, generations: int, seed: int
+    number: int, target: VjmFigures, *, generations: int, seed: int
 ) -> tuple[TwinConstants, list[float]]:
     """Search the free constants by differential evolution.
 
     Args:
-        start: supplies all that is not free.
+        number: of the calibration.
         target: the paper's figures.
         generations: of the search.
         seed: of the search.
 
     Returns:
-        The constants, rounded to three digits, and the best misfit after each generation.
+        The constants, rounded to three digits, and the best misfit after each generation and,
+        where least squares follow, after them.
     """
-    poses, misfits = paper_poses(start.chain()), list[float]()
+    search, start = SEARCHES[number], _start(number)
+    poses, misfits = CALIBRATIONS[number].poses(start.chain()), list[float]()
+    lower, upper, whole = (np.array(column) for column in zip(*_bounds(search), strict=True))
+
+    def figures(point: FloatArray, digits: int = _SIGNIFICANT_DIGITS) -> VjmFigures:
+        return line_figures(_at(start, point, digits), seeds=search.seeds[0], poses=poses)
 
     def objective(point: FloatArray) -> float:
-        constants = _at(start, point)
-        return misfit(line_figures(constants, seeds=SEARCH_SEEDS, poses=poses), target)
+        return misfit(figures(point), target)
 
     def after_generation(intermediate_result: OptimizeResult) -> None:
         misfits.append(float(intermediate_result.fun))
         report("calibrate", len(misfits), generations, misfits[-1])
 
-    lower, upper, whole = zip(*_bounds(), strict=True)
-    best = differential_evolution(
+    point = differential_evolution(
         objective,
         Bounds(lower, upper),
-        integrality=np.array(whole),
+        x0=None if search.first_a2 is None else _point(start, lower, upper),
+        integrality=whole,
         maxiter=generations,
         popsize=POPULATION,
         mutation=(0.3, 0.9),
@@ -167,35 +234,81 @@ def calibrate(
         polish=False,
         rng=seed,
         callback=after_generation,
-    )
-    return _at(start, best.x), misfits
+    ).x
+    if search.polish:
+
+        def weighted(free: FloatArray) -> FloatArray:
+            point[~whole] = free
+            # rounded constants have no slope
+            logarithms = _logarithms(figures(point, digits=_ALL_DIGITS), target)
+            pairs = zip(WEIGHTS, logarithms, strict=True)
+            return np.concatenate([np.sqrt(weight) * one for weight, one in pairs])
+
+        point[~whole] = least_squares(
+            weighted,
+            point[~whole],
+            bounds=(lower[~whole], upper[~whole]),
+            x_scale=(upper - lower)[~whole],
+            diff_step=np.full((~whole).sum(), POLISH_DIFFERENCE),
+            max_nfev=POLISH_STEPS,
+        ).x
+        misfits.append(objective(point))
+    return _at(start, point), misfits
 
 
-def _bounds() -> list[tuple[float, float, bool]]:
+def _start(number: int) -> TwinConstants:
+    """Return the constants that supply what is not free, and where the search may start."""
+    search, start = SEARCHES[number], shipped_constants(CALIBRATIONS[1].constants)
+    joints = list(start.joint)
+    if search.first_a2 is not None:
+        joints[1] = JointTable(**joints[1].model_dump() | {"lost_motion_arcmin": search.first_a2})
+    name = CALIBRATIONS[number].constants
+    return start.model_copy(update={"name": name, "noise": search.noise, "joint": tuple(joints)})
+
+
+def _bounds(search: Search) -> list[tuple[float, float, bool]]:
     """Return lower and upper bound of every free constant, and whether it is a whole number.
 
     Joint by joint: number of the gear size, log10 of the structure, tilting ratio, lost motion.
     """
+    structures = zip(SOFTEST_STRUCTURE, search.stiffest_structure, strict=True)
     return [
         bound
-        for sizes, structure in zip(GEAR_SIZES, STRUCTURE_RANGE, strict=True)
+        for sizes, structure in zip(GEAR_SIZES, structures, strict=True)
         for bound in (
             (0, len(sizes) - 1, True),
             (np.log10(structure[0]), np.log10(structure[1]), False),
             (SMALLEST_RATIO, LARGEST_RATIO, False),
-            (*LOST_MOTION_RANGE, False),
+            (*search.lost_motion, False),
         )
     ]
 
 
-def _at(start: TwinConstants, point: FloatArray) -> TwinConstants:
+def _point(constants: TwinConstants, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Return the point of the search at which constants stand."""
+    rows = [
+        (
+            sizes.index(joint.gear),
+            np.log10(joint.structure_Nm_per_rad),
+            joint.tilting_ratio,
+            joint.lost_motion_arcmin,
+        )
+        for sizes, joint in zip(GEAR_SIZES, constants.joint, strict=True)
+        if isinstance(joint.gear, int)
+    ]
+    return np.clip(np.array(rows, dtype=np.float64).reshape(-1), lower, upper)
+
+
+def _at(
+    start: TwinConstants, point: FloatArray, digits: int = _SIGNIFICANT_DIGITS
+) -> TwinConstants:
     """Return `start` with the free constants of a point of the search."""
     joints = tuple(
         JointTable(
             gear=sizes[round(size)],
-            structure_Nm_per_rad=_rounded(10.0**structure),
-            tilting_ratio=_rounded(tilting),
-            lost_motion_arcmin=_rounded(lost_motion),
+            structure_Nm_per_rad=_rounded(10.0**structure, digits),
+            tilting_ratio=_rounded(tilting, digits),
+            lost_motion_arcmin=_rounded(lost_motion, digits),
         )
         for sizes, (size, structure, tilting, lost_motion) in zip(
             GEAR_SIZES, point.reshape(-1, 4).tolist(), strict=True
@@ -204,8 +317,8 @@ def _at(start: TwinConstants, point: FloatArray) -> TwinConstants:
     return start.model_copy(update={"joint": joints})
 
 
-def _rounded(value: float) -> float:
-    return float(f"{value:.{_SIGNIFICANT_DIGITS}g}")
+def _rounded(value: float, digits: int) -> float:
+    return float(f"{value:.{digits}g}")
 
 
 def paper_figures() -> VjmFigures:
@@ -220,31 +333,42 @@ def _published(table: str) -> pd.DataFrame:
         return pd.read_csv(file)
 
 
-def figures_text(specimens: Sequence[VjmFigures], target: VjmFigures) -> str:
-    """Return the paper's Tables 2 and 3 beside the twin's, in Markdown.
+def figures_text(found: Mapping[int, Sequence[VjmFigures]], target: VjmFigures) -> str:
+    """Return the paper's Tables 2 and 3 beside those of calibrations, in Markdown.
 
     Args:
-        specimens: figures of each specimen; the first has the constants as they stand.
+        found: number of a calibration -> figures of each specimen; the first has the constants as
+            they stand.
         target: the paper's.
     """
     rows = []
     for error in ERRORS:
         for i, axis in enumerate(AXES):
-            values = np.array([getattr(figures, error)[i] for figures in specimens]) * MM
+            values = [
+                np.array([getattr(figures, error)[i] for figures in specimens]) * MM
+                for specimens in found.values()
+            ]
             paper = getattr(target, error)[i] * MM
             rows.append(_row(f"{axis.upper()} {error.upper()} [mm]", values, paper, 3))
     for i, joint in enumerate(_published("table_3")["joint"]):
-        values = np.array([figures.stiffness[i] for figures in specimens])
+        values = [
+            np.array([figures.stiffness[i] for figures in specimens])
+            for specimens in found.values()
+        ]
         rows.append(_row(f"{joint} [Nm/rad]", values, target.stiffness[i], 0))
-    headers = ["VJM on all samples", "paper", "twin", "off", f"{len(specimens)} specimens"]
-    align = ["left", *["right"] * 4]
+    headers = ["VJM on all samples", "paper"]
+    for number, specimens in found.items():
+        headers += [f"calibration {number}", "off", f"{len(specimens)} specimens"]
+    align = ["left", *["right"] * (len(headers) - 1)]
     return tabulate(rows, headers=headers, tablefmt="github", colalign=align, disable_numparse=True)
 
 
-def _row(name: str, values: FloatArray, paper: float, decimals: int) -> list[str]:
-    spread = f"{values.mean():.{decimals}f} ± {values.std(ddof=1):.{decimals}f}"
-    off = f"{values[0] / paper - 1.0:+.0%}"
-    return [name, f"{paper:.{decimals}f}", f"{values[0]:.{decimals}f}", off, spread]
+def _row(name: str, each: Sequence[FloatArray], paper: float, decimals: int) -> list[str]:
+    row = [name, f"{paper:.{decimals}f}"]
+    for values in each:
+        spread = f"{values.mean():.{decimals}f} ± {values.std(ddof=1):.{decimals}f}"
+        row += [f"{values[0]:.{decimals}f}", f"{values[0] / paper - 1.0:+.0%}", spread]
+    return row
 
 
 def _plain(figures: VjmFigures) -> dict[str, list[float]]:
@@ -253,7 +377,7 @@ def _plain(figures: VjmFigures) -> dict[str, list[float]]:
     return errors | {"stiffness_Nm_per_rad": figures.stiffness.round(1).tolist()}
 
 
-def write_calibration(*, generations: int, seed: int, output: Path) -> str:
+def write_calibration(number: int, *, generations: int, seed: int, output: Path) -> str:
     """Search the constants, write them and the record, and return the figures as text.
 
     Raises:
@@ -265,13 +389,12 @@ def write_calibration(*, generations: int, seed: int, output: Path) -> str:
 
     make_folder(output)  # before the work, not after it
     start, target = time.perf_counter(), paper_figures()
-    found, misfits = calibrate(
-        shipped_constants(CONSTANTS), target, generations=generations, seed=seed
-    )
-    specimens = [line_figures(found, specimen=number) for number in range(LAST_SPECIMEN + 1)]
+    found, misfits = calibrate(number, target, generations=generations, seed=seed)
+    specimens = specimen_figures(number, found)
     constants = found.model_dump(mode="json", exclude_none=True)
+    chosen = "" if number == 1 else f" --calibration {number}"
     record = {
-        "command": f"{COMMAND} --generations {generations} --seed {seed}",
+        "command": f"{COMMAND}{chosen} --generations {generations} --seed {seed}",
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
         "seconds": round(time.perf_counter() - start),
         "environment": {
@@ -279,23 +402,33 @@ def write_calibration(*, generations: int, seed: int, output: Path) -> str:
             "platform": platform.platform(),
             **{name: version(name) for name in ("stiffbench", "numpy", "scipy", "pin")},
         },
-        "search_seeds": SEARCH_SEEDS,
-        "figure_seeds": FIGURE_SEEDS,
+        "search_seeds": [*SEARCHES[number].seeds[0]],
+        "figure_seeds": [*SEARCHES[number].seeds[1]],
         "misfit": misfit(specimens[0], target),
         "steps": [{"generation": i + 1, "misfit": one} for i, one in enumerate(misfits)],
         "paper": _plain(target),
         "specimens": [_plain(figures) for figures in specimens],
         "constants": constants,
     }
-    toml, text = output / f"{CONSTANTS}.toml", output / f"{CONSTANTS}.json"
+    toml, text = output / f"{found.name}.toml", output / f"{found.name}.json"
     with written_whole(toml) as temporary:
         temporary.write_text(tomli_w.dumps(constants), encoding="utf-8")
     with written_whole(text) as temporary:
         temporary.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
-    return f"{figures_text(specimens, target)}\n\nconstants: {toml}\nrecord: {text}"
+    return f"{figures_text({number: specimens}, target)}\n\nconstants: {toml}\nrecord: {text}"
 
 
 @click.command()
+@click.option(
+    "--calibration",
+    type=click.Choice([str(number) for number in CALIBRATIONS]),
+    default="1",
+    show_default=True,
+    help="Which one to search.",
+)
+@click.option(
+    "--figures", is_flag=True, help="Search nothing; print the figures of the shipped calibrations."
+)
 @click.option(
     "--generations",
     type=click.IntRange(1, 10_000),
@@ -314,15 +447,23 @@ def write_calibration(*, generations: int, seed: int, output: Path) -> str:
     metavar="DIR",
     help="Where constants and record go.",
 )
-def main(generations: int, seed: int, output: Path) -> None:
+def main(calibration: str, figures: bool, generations: int, seed: int, output: Path) -> None:
     """Fit the KR10 twin to the source paper's VJM figures."""
 
     def tell(now: Progress) -> None:
         click.echo(f"{now.phase} {now.step}/{now.total}: misfit {now.loss:.4g}", err=True)
 
     try:
+        if figures:
+            found = {number: specimen_figures(number) for number in CALIBRATIONS}
+            click.echo(figures_text(found, paper_figures()))
+            return
         with listening(tell):
-            click.echo(write_calibration(generations=generations, seed=seed, output=output))
+            click.echo(
+                write_calibration(
+                    int(calibration), generations=generations, seed=seed, output=output
+                )
+            )
     except StiffBenchError as error:
         raise click.ClickException(str(error)) from error
 

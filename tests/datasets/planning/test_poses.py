@@ -6,7 +6,22 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from stiff_datasets.planning.poses import cartesian_poses, joint_space_poses
+from stiff_datasets.planning.poses import (
+    bent_wrist_poses,
+    cartesian_poses,
+    joint_space_poses,
+    paper_poses,
+    tcp_off_a1,
+)
+from stiff_datasets.planning.self_collision import self_clearance
+
+TOO_NEAR_A1 = "J01 J08 J09 J16 J17 J24 J25 J31 J32 J33 J40 J41 J42".split()
+"""No A5 in 0..90 deg puts the TCP 250 mm off A1's axis."""
+
+
+@pytest.fixture(scope="module")
+def bent(kr10_chain):
+    return bent_wrist_poses(kr10_chain)
 
 
 @pytest.mark.parametrize(
@@ -45,3 +60,37 @@ def test_the_cartesian_group_puts_the_tcp_on_the_grid(kr10_chain):
         np.meshgrid(range(300, 801, 100), range(-300, 301, 150), (300, 550, 800), indexing="ij"), -1
     ).reshape(-1, 3)
     np.testing.assert_allclose(reached, expected, atol=1e-6)
+
+
+def test_no_planned_pose_collides_with_itself(kr10_chain, bent):
+    assert self_clearance(kr10_chain, paper_poses(kr10_chain).q).min() > 0
+    assert self_clearance(kr10_chain, bent.q).min() >= 0.02
+
+
+def test_the_bent_wrist_is_the_same_plan_but_for_a5_in_joint_space(kr10_chain, bent):
+    level = paper_poses(kr10_chain)
+    assert (bent.pose_id == level.pose_id).all() and (bent.group == level.group).all()
+    others = [0, 1, 2, 3, 5]
+    np.testing.assert_array_equal(bent.q[:, others], level.q[:, others])
+    np.testing.assert_array_equal(bent.q[61:], level.q[61:])
+    a5 = np.rad2deg(bent.q[:61, 4])
+    assert (a5 >= 0).all() and (a5 <= 90).all() and (a5 == 90).sum() > 40
+
+
+def test_a_bent_wrist_keeps_the_tcp_off_a1_wherever_a5_permits(kr10_chain, bent):
+    near = tcp_off_a1(kr10_chain, bent.q) < 0.25
+    assert bent.pose_id[near].tolist() == TOO_NEAR_A1
+    for q in bent.q[near]:
+        every_a5 = np.tile(q, (91, 1))
+        every_a5[:, 4] = np.deg2rad(range(91))
+        assert tcp_off_a1(kr10_chain, every_a5).max() < 0.25
+
+
+def test_a_more_bent_wrist_would_collide_or_bring_the_tcp_nearer(kr10_chain, bent):
+    q = bent.q[:61][bent.q[:61, 4] < np.deg2rad(89)].copy()
+    allowed = self_clearance(kr10_chain, q) >= 0.02
+    was_off = tcp_off_a1(kr10_chain, q) >= 0.25
+    q[:, 4] += np.deg2rad(5)
+    collides = self_clearance(kr10_chain, q) < 0.02
+    assert len(q) == 14 and allowed.all()
+    assert (collides | (was_off & (tcp_off_a1(kr10_chain, q) < 0.25))).all()

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from importlib.resources import files
 from pathlib import Path
 
@@ -12,49 +10,66 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from stiff_datasets.twin import calibrate
 from stiff_datasets.twin.calibrate import (
-    FIGURE_SEEDS,
+    SEARCHES,
     figures_text,
     line_figures,
     main,
     misfit,
     paper_figures,
+    specimen_figures,
     vjm_figures,
 )
 from stiff_datasets.twin.constants import read_constants, shipped_constants
-from stiff_datasets.twin.kr10_twin import CONSTANTS, Kr10Twin
+from stiff_datasets.twin.kr10_twin import CALIBRATIONS, Kr10Twin
 from stiff_models.physics.vjm import VirtualJointModel
 
-RECORD = Path(__file__).parents[3] / "results" / "calibration" / "kr10_r1100_2.json"
+RECORDS = Path(__file__).parents[3] / "results" / "calibration"
 
 
-@pytest.fixture(scope="module")
-def record():
-    return json.loads(RECORD.read_text(encoding="utf-8"))
+def shipped(number):
+    return shipped_constants(CALIBRATIONS[number].constants)
 
 
-@pytest.fixture(scope="module")
-def specimens():
-    return [line_figures(shipped_constants(CONSTANTS), specimen=number) for number in range(10)]
+def record(number):
+    return json.loads((RECORDS / f"{CALIBRATIONS[number].constants}.json").read_text("utf-8"))
 
 
-def test_the_shipped_constants_are_those_that_were_found(record):
-    shipped = shipped_constants(CONSTANTS).model_dump(mode="json")
-    for name in ("name", "urdf", "tcp_m", "payload_kg", "hook_m", "joint"):
-        assert shipped[name] == record["constants"][name]
+def assert_figures(found, stated):
+    for name in ("mae", "stde", "me"):
+        np.testing.assert_allclose(getattr(found, name) * 1000, stated[f"{name}_mm"], atol=0.00011)
+    np.testing.assert_allclose(found.stiffness, stated["stiffness_Nm_per_rad"], rtol=1e-4)
 
 
-def test_the_shipped_constants_give_the_figures_of_the_record_and_of_the_card(record, specimens):
-    assert len(FIGURE_SEEDS) == 10 and len(record["specimens"]) == 10
-    for found, stated in zip(specimens, record["specimens"], strict=True):
-        for name in ("mae", "stde", "me"):
-            np.testing.assert_allclose(
-                getattr(found, name) * 1000, stated[f"{name}_mm"], atol=0.00011
-            )
-        np.testing.assert_allclose(found.stiffness, stated["stiffness_Nm_per_rad"], rtol=1e-4)
-    assert np.abs(specimens[0].stiffness / paper_figures().stiffness - 1).max() < 0.25
+@pytest.mark.parametrize("number", CALIBRATIONS)
+def test_the_shipped_constants_are_those_that_were_found(number):
+    constants = shipped(number).model_dump(mode="json", exclude_none=True)
+    for name in ("name", "urdf", "tcp_m", "payload_kg", "hook_m", "joint", "noise", "scatter"):
+        assert constants[name] == record(number)["constants"][name]
+
+
+@pytest.mark.parametrize("number", CALIBRATIONS)
+def test_the_shipped_constants_give_the_figures_of_the_record(number):
+    constants, search = shipped(number), SEARCHES[number]
+    poses, stated = CALIBRATIONS[number].poses(constants.chain()), record(number)
+    found = line_figures(constants, seeds=search.seeds[1], poses=poses)
+    assert_figures(found, stated["specimens"][0])
+    assert [stated["search_seeds"], stated["figure_seeds"]] == [[*one] for one in search.seeds]
+    assert not set(stated["search_seeds"]) & set(stated["figure_seeds"])
+    assert np.abs(found.stiffness / paper_figures().stiffness - 1).max() < 0.25
+
+
+@pytest.mark.slow
+def test_the_card_shows_the_figures_of_every_specimen_of_the_records():
+    found = {number: specimen_figures(number) for number in CALIBRATIONS}
+    for number, specimens in found.items():
+        for figures, stated in zip(specimens, record(number)["specimens"], strict=True):
+            assert_figures(figures, stated)
     card = (files("stiff_datasets") / "data" / "kr10_twin.md").read_text(encoding="utf-8")
-    assert figures_text(specimens, paper_figures()) in card
+    assert figures_text(found, paper_figures()) in card
+    done = CliRunner().invoke(main, ["--figures"])
+    assert done.exit_code == 0 and done.output.strip() in card
 
 
 def test_the_papers_figures_are_those_of_its_tables_2_and_3():
@@ -75,7 +90,7 @@ def test_the_misfit_is_nothing_for_the_paper_itself_and_grows_either_way():
 
 def test_the_figures_are_those_of_the_vjm_on_the_samples_it_was_identified_on():
     data = Kr10Twin().load()
-    found = vjm_figures(shipped_constants(CONSTANTS).chain(), data.samples)
+    found = vjm_figures(shipped(1).chain(), data.samples)
     model = VirtualJointModel().fit(data.samples, robot=data.robot)
     error = np.abs(model.predict(data.samples.q, data.samples.wrench) - data.samples.deflection)
     np.testing.assert_allclose(found.mae, error.mean(axis=0))
@@ -91,14 +106,22 @@ def test_a_folder_that_cannot_be_made_is_one_line_before_the_work(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_short_calibration_writes_constants_record_and_figures(tmp_path):
-    words = [sys.executable, "-m", "stiff_datasets.twin.calibrate", "--generations", "1"]
-    done = subprocess.run(
-        [*words, "--output", tmp_path / "c"], capture_output=True, text=True, check=True
-    )
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [([], "kr10_r1100_2"), (["--calibration", "2"], "kr10_r1100_2_calibration_2")],
+)
+def test_a_short_calibration_writes_constants_record_and_figures(
+    words, name, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(calibrate, "POLISH_STEPS", 1)
+    output = tmp_path / "c"
+    done = CliRunner().invoke(main, [*words, "--generations", "1", "--output", str(output)])
+    assert done.exit_code == 0
     assert "| X MAE [mm]" in done.stdout and "calibrate 1/1" in done.stderr
-    record = json.loads((tmp_path / "c" / "kr10_r1100_2.json").read_text())
-    assert record["command"] == "python -m stiff_datasets.twin.calibrate --generations 1 --seed 0"
-    assert len(record["specimens"]) == 10 and len(record["steps"]) == 1
-    found = read_constants(tmp_path / "c" / "kr10_r1100_2.toml")
-    assert found.model_dump(mode="json") == record["constants"]
+    record = json.loads((output / f"{name}.json").read_text())
+    command = ["python -m stiff_datasets.twin.calibrate", *words, "--generations 1 --seed 0"]
+    assert record["command"] == " ".join(command)
+    assert len(record["specimens"]) == 10
+    assert len(record["steps"]) == 1 + len(words) // 2  # the least squares
+    found = read_constants(output / f"{name}.toml")
+    assert found.model_dump(mode="json", exclude_none=True) == record["constants"]

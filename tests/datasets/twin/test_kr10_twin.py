@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 
 from stiff_datasets.twin.constants import shipped_constants, specimen_springs
-from stiff_datasets.twin.kr10_twin import CONSTANTS, Kr10Twin, Kr10TwinMultiload, Kr10TwinOmni
+from stiff_datasets.twin.kr10_twin import (
+    CALIBRATIONS,
+    Kr10Twin,
+    Kr10TwinMultiload,
+    Kr10TwinOmni,
+)
 
 PAYLOAD_N = 10.0 * 9.81
 KEYS = {
@@ -18,9 +23,9 @@ KEYS = {
 }
 
 
-@pytest.fixture(scope="module")
-def data():
-    return {key: make().load() for key, make in KEYS.items()}
+@pytest.fixture(scope="module", params=CALIBRATIONS, ids=lambda number: f"calibration {number}")
+def data(request):
+    return {key: make(calibration=request.param).load() for key, make in KEYS.items()}
 
 
 @pytest.mark.parametrize(("key", "loads"), [(key, 5 if "multi" in key else 1) for key in KEYS])
@@ -36,8 +41,21 @@ def test_it_holds_the_151_planned_poses_with_its_number_of_loads(data, key, load
     assert np.linalg.norm(samples.wrench[:, :3], axis=1).max() < PAYLOAD_N + 0.2
     size_mm = np.linalg.norm(samples.deflection, axis=1) * 1000  # as the paper reports
     assert 0.3 < np.median(size_mm) < 3.0 and size_mm.max() < 10.0
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_the_card_states_the_hash_of_each_calibration_which_is_1_by_default(key):
+    first, second = (KEYS[key](calibration=number).load().sha256 for number in CALIBRATIONS)
+    assert KEYS[key]().load().sha256 == first
     card = (files("stiff_datasets") / "data" / "kr10_twin.md").read_text(encoding="utf-8")
-    assert f"| `{key}` | `{data[key].sha256}` |" in card
+    assert f"| `{key}` | 1 | `{first}` |" in card
+    assert f"| `{key}` | 2 | `{second}` |" in card
+
+
+def test_two_calibrations_share_no_loads():
+    first, second = (Kr10Twin(calibration=number).load().samples for number in CALIBRATIONS)
+    assert (first.pose_id == second.pose_id).all()
+    assert np.abs(np.corrcoef(first.wrench[:, 0], second.wrench[:, 0])[0, 1]) < 0.3
 
 
 @pytest.mark.parametrize("make", [Kr10TwinOmni, lambda: Kr10Twin(torques="hook")])
@@ -48,15 +66,16 @@ def test_a_ropes_torque_is_at_right_angles_to_its_force(make):
 
 
 @pytest.mark.parametrize("key", KEYS)
-def test_specimens_and_seeds_differ_and_the_same_words_give_the_same_bytes(data, key):
+def test_specimens_and_seeds_differ_and_the_same_words_give_the_same_bytes(key):
     variants = [KEYS[key](specimen=number) for number in range(10)] + [KEYS[key](seed=1)]
     hashes = [variant.load().sha256 for variant in variants]
-    assert hashes[0] == data[key].sha256
+    assert hashes[0] == KEYS[key]().load().sha256
     assert len(set(hashes)) == 11
 
 
-def test_specimens_differ_by_manufacturing_scatter_not_more():
-    constants = shipped_constants(CONSTANTS)
+@pytest.mark.parametrize("number", CALIBRATIONS)
+def test_specimens_differ_by_manufacturing_scatter_not_more(number):
+    constants = shipped_constants(CALIBRATIONS[number].constants)
     nominal, *drawn = (
         np.array([spring.gear.slopes[0] for spring in specimen_springs(constants, number)])
         for number in range(10)
