@@ -167,11 +167,18 @@ class Choice(Generic[Info]):
     def identity(self) -> dict[str, Any]:
         """Every option and its value, defaults too, but for the context: what a key hashes.
 
-        A default spelled out is the same result, and a default that changes is another one.
+        A default spelled out is the same result, and a default that changes is another one. An
+        option that the class calls `added_later` is left out where it has its default, so that
+        results from before it keep their keys and seeds.
         """
         defaults = {name: option.default for name, option in options_of(self.cls).items()}
         merged = {**defaults, **self.params}
-        found = {name: value for name, value in merged.items() if name not in self.context}
+        later = getattr(self.cls, "added_later", ())
+        found = {
+            name: value
+            for name, value in merged.items()
+            if name not in self.context and not (name in later and value == defaults[name])
+        }
         for name, value in found.items():
             plain = isinstance(value, str | int | float | type(None))
             if not plain or (isinstance(value, float) and not math.isfinite(value)):

@@ -88,6 +88,8 @@ class Kr10Twin(PaperTwin):
             tails (see the data card).
     """
 
+    added_later = ("calibration",)
+
     def __init__(
         self,
         *,
@@ -154,6 +156,8 @@ class Kr10TwinOmni(TwinData):
     Attributes:
         calibration: as that of `Kr10Twin`.
     """
+
+    added_later = ("calibration",)
 
     def __init__(
         self,

@@ -9,7 +9,8 @@ from pydantic import AfterValidator
 
 from run_requests import planned
 from stiff_bench.plan.cells import cell_tasks
-from stiff_bench.plan.options import options_of
+from stiff_bench.plan.options import Choice, options_of
+from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.words import parse_settings
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_models.transfer.ft_mlp import FtMlp
@@ -169,3 +170,10 @@ def test_a_wrong_word_is_refused_with_what_is_valid(changes, message):
     with pytest.raises(ConfigError) as refused:
         planned(**changes)
     assert message in str(refused.value)
+
+
+def test_an_option_that_was_added_later_is_in_no_key_while_it_has_its_default():
+    info = build_registry().datasets["kr10-twin"]
+    assert "calibration" not in Choice.of(info, {"calibration": 1}).identity
+    assert Choice.of(info, {"calibration": 2}).identity["calibration"] == 2
+    assert Choice.of(info).identity["specimen"] == 0
