@@ -202,6 +202,14 @@ def dataset_of_words(
     Raises:
         ConfigError: the key or an option is unknown, or the robot of the file is not named.
     """
-    if (path := Path(key)).suffix in (".csv", ".xlsx", ".parquet"):
-        return Dataset(own_file(path, RobotWords(robot, urdf, tcp), no_torque))
+    path, words = Path(key), RobotWords(robot, urdf, tcp)
+    if path.suffix.lower() in (".csv", ".xlsx", ".parquet"):
+        if settings:
+            raise ConfigError(f"--set {settings[0]!r}: the file {key} has no options")
+        return Dataset(own_file(path, words, no_torque))
+    if words.given or no_torque or path.is_file():
+        raise ConfigError(
+            f"{key}: no file of samples (valid: an ending .csv, .xlsx or .parquet; a KEY takes no "
+            "--robot, --urdf, --tcp or --no-torque)"
+        )
     return Dataset(chosen_dataset(key, settings, registry()))

@@ -150,7 +150,10 @@ def simulate(**words: Any) -> None:
 @click.argument("key", type=click.Choice(["ur5-pose-error"]), metavar="KEY")
 @click.option("--from", "source", type=FILE, metavar="DIR", help="Folder of downloaded files.")
 def fetch(key: str, source: Path | None) -> None:
-    """Download and check the files of a data set that is not shipped; KEY is ur5-pose-error."""
+    """Download and check the files of a data set that is not shipped.
+
+    KEY is ur5-pose-error.
+    """
     from stiff_bench.api import measuring
 
     for path in measuring.fetch(source):
@@ -164,7 +167,10 @@ def fetch(key: str, source: Path | None) -> None:
 @tcp_option
 @no_torque_option
 def register(key: str, file: Path, **words: Any) -> None:
-    """Register your own measurement as a named data set; KEY is kr10-measured."""
+    """Register your own measurement as a named data set.
+
+    KEY is kr10-measured.
+    """
     from stiff_bench.api import measuring
 
     click.echo(measuring.register(key, file, **words))

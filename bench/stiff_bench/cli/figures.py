@@ -17,7 +17,6 @@ from stiff_bench.cli.options import (
     picture,
 )
 from stiff_bench.console import print_text, say
-from stiff_protocols.contract.errors import ConfigError
 
 
 @click.command()
@@ -83,9 +82,9 @@ def reproduce(
     plan_only: bool,
     **how: Any,
 ) -> int:
-    """Compute and write the paper's tables and figures, or another committed study.
+    """Make the paper's tables and figures again, or another study.
 
-    WHAT is paper (the default), leaderboard, or effects: does the order of the models change with
+    WHAT is paper (the default), leaderboard, or effects: does the ranking of the models depend on
     the physics of the simulated robot? Stored results are not computed again: an interrupted
     command can be repeated. On 2 cores the leaderboard takes about 2 hours, effects half an hour.
     """
@@ -93,7 +92,7 @@ def reproduce(
     from stiff_bench.cli.run import say_summary, show_plan
 
     if what != "paper" and quick is not None:
-        raise ConfigError(f"--quick and --full are of the paper; {what} has one size")
+        raise click.UsageError(f"--quick and --full are of the paper; {what} has one size")
     asked = reproduction(what, full=quick is False, output=output, command=command_line(), **how)
     if plan_only:
         return show_plan(asked, "github")

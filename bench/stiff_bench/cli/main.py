@@ -140,7 +140,7 @@ def bench() -> None:
 @format_option
 @click.option("--verbose", is_flag=True, help="Print what fits report, such as stiffnesses.")
 def run(fmt: str, plan_only: bool, verbose: bool, **words: Any) -> int:
-    """Fit and test models and print a table for each data set and protocol.
+    """Fit and test models; print a table per data set and protocol.
 
     A fit is one model, trained and tested on one split. The VJM is run beside every model. Each
     result is stored in --output at once; the same command again computes what is missing.
@@ -158,7 +158,10 @@ def run(fmt: str, plan_only: bool, verbose: bool, **words: Any) -> int:
 )
 @plugin_option
 def list_(kind: str) -> None:
-    """List what can be named; KIND is models, datasets, protocols or metrics."""
+    """List what can be named.
+
+    KIND is models, datasets, protocols or metrics.
+    """
     from stiff_bench.api import catalog
 
     print_text(repr(getattr(catalog, f"list_{kind}")()))

@@ -150,6 +150,7 @@ def test_set_reaches_every_variant_and_the_word_has_the_last_word():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
+        ({"models": ("VJM",)}, "unknown model 'VJM'; did you mean 'vjm'"),
         ({"models": ("vmj",)}, "unknown model 'vmj'; did you mean 'vjm'"),
         ({"models": ("mlp@widht=8",)}, "model 'mlp@widht=8': unknown mlp option 'widht'; did"),
         (
