@@ -20,6 +20,7 @@ import click
 from click.testing import CliRunner
 from threadpoolctl import threadpool_limits
 
+from stiff_bench.api.catalog import registry
 from stiff_bench.cli import main as cli
 
 BENCH = Path(sys.executable).with_name("bench")
@@ -63,6 +64,8 @@ def _all_put_back(arguments: list[str]) -> Iterator[None]:
             stack.callback(torch.set_num_threads, torch.get_num_threads())
         stack.enter_context(threadpool_limits())
         stack.callback(_forget_plugins_but, set(sys.modules))
+        registry.cache_clear()
+        stack.callback(registry.cache_clear)
         yield
 
 

@@ -15,19 +15,38 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from stiff_bench.api.data import Dataset, load_dataset, read_samples, use_plugin
+    from stiff_bench.api.catalog import (
+        check,
+        list_datasets,
+        list_metrics,
+        list_models,
+        list_protocols,
+        show,
+        use_plugin,
+    )
+    from stiff_bench.api.data import Dataset, load_dataset, read_samples
     from stiff_bench.api.evaluation import evaluate
+    from stiff_bench.api.figures import figure, paper_table
+    from stiff_bench.api.measuring import plan_poses, simulate, validate
     from stiff_bench.api.model import Model, load_model, make_model
-    from stiff_bench.api.results import Results, Tables, open_results
+    from stiff_bench.api.results import Results, merge, open_results
     from stiff_bench.api.robot import Robot
+    from stiff_bench.api.tables import Tables
     from stiff_protocols.contract.types import Samples
 
 _PLACES = {
-    "stiff_bench.api.data": ("Dataset", "load_dataset", "read_samples", "use_plugin"),
+    "stiff_bench.api.catalog": (
+        *("check", "list_datasets", "list_metrics", "list_models", "list_protocols"),
+        *("show", "use_plugin"),
+    ),
+    "stiff_bench.api.data": ("Dataset", "load_dataset", "read_samples"),
     "stiff_bench.api.evaluation": ("evaluate",),
+    "stiff_bench.api.figures": ("figure", "paper_table"),
+    "stiff_bench.api.measuring": ("plan_poses", "simulate", "validate"),
     "stiff_bench.api.model": ("Model", "load_model", "make_model"),
-    "stiff_bench.api.results": ("Results", "Tables", "open_results"),
+    "stiff_bench.api.results": ("Results", "merge", "open_results"),
     "stiff_bench.api.robot": ("Robot",),
+    "stiff_bench.api.tables": ("Tables",),
     "stiff_protocols.contract.types": ("Samples",),
 }
 _PLACE_OF = {name: module for module, names in _PLACES.items() for name in names}
@@ -39,13 +58,25 @@ __all__ = [
     "Robot",
     "Samples",
     "Tables",
+    "check",
     "evaluate",
+    "figure",
+    "list_datasets",
+    "list_metrics",
+    "list_models",
+    "list_protocols",
     "load_dataset",
     "load_model",
     "make_model",
+    "merge",
     "open_results",
+    "paper_table",
+    "plan_poses",
     "read_samples",
+    "show",
+    "simulate",
     "use_plugin",
+    "validate",
 ]
 
 

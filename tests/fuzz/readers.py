@@ -18,7 +18,6 @@ from run_requests import planned
 from stiff_bench.api.model import load_model
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.search import checked_grid, written_grids
-from stiff_bench.plan.words import parse_tcp
 from stiff_bench.store.database import FILE, read_data, read_manifests, read_results
 from stiff_datasets.measured import registered
 from stiff_datasets.measured.load_file import read_loads
@@ -142,9 +141,9 @@ def _models(folder: Path) -> Prepared:
 
 
 WORDS = (
-    b"mlp@learning_rate=1e-3@width=64\nkr10-twin@specimen=3\nholdout\nmlp.width=128\n0,0,0.1",
+    b"mlp@learning_rate=1e-3@width=64\nkr10-twin@specimen=3\nholdout\nmlp.width=128",
     b"sklearn:ensemble.RandomForestRegressor@n_estimators=10\nkr10-twin\nkfold@folds=5\n"
-    b"kr10-twin.torques=hook\n0.1,0,0",
+    b"kr10-twin.torques=hook",
     b"vjm\nkr10-twin\ncross-robot@source=ur5-twin@@seed=1\nkr10-twin.seed=0\n",
 )
 
@@ -154,8 +153,7 @@ def _words(folder: Path) -> Prepared:
 
     def read(path: Path) -> object:
         text = path.read_bytes().decode(errors="surrogateescape")
-        model, dataset, protocol, setting, tcp, *_ = [*text.split("\n"), *[""] * 5]
-        parse_tcp(tcp)
+        model, dataset, protocol, setting, *_ = [*text.split("\n"), *[""] * 4]
         return planned(
             registry,
             models=(model,),

@@ -23,6 +23,7 @@ from command_line import BENCH, peak_mib
 from made_board import made_board
 from perf_case import OURS, figure, ours, ours_or_peer, peer
 from run_requests import planned
+from stiff_bench.api.run import Run
 from stiff_bench.cli.run import execute
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.request import RunPlan
@@ -152,7 +153,7 @@ def test_storing(benchmark, board, tmp_path, who):
 def of_samples(n: int, folder: Path) -> RunPlan:
     path = folder / f"{n}.csv"
     simulate(path, shipped_constants("kr10_r1100_2"), n, loads="omni")
-    robot = RobotWords("kr10-r1100-2", None, "")
+    robot = RobotWords("kr10-r1100-2")
     return planned(models=("zero", "vjm"), datasets=(), data=path, robot=robot)
 
 
@@ -172,7 +173,7 @@ def cpu_seconds(plan: RunPlan, folder: Path) -> float:
     nowhere = io.StringIO()
     with contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere):
         start = time.process_time()
-        assert execute(replace(plan, output=folder), "github") == 0
+        assert execute(Run([replace(plan, output=folder)]), "github") == 0
         return time.process_time() - start
 
 

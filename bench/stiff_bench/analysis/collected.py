@@ -27,7 +27,7 @@ from stiff_bench.store.newest import (
     slot_of,
 )
 from stiff_bench.store.samples import StoredData, what_differs
-from stiff_protocols.contract.errors import ConfigError, StoreError, unknown_name
+from stiff_protocols.contract.errors import StoreError, unknown_name
 from stiff_protocols.contract.record import Cell, CellResult, Presentation, RunManifest
 
 
@@ -144,7 +144,7 @@ class StoredResults:
                 raise StoreError(f"{error}{remedy}") from error
             if not by_name:
                 why = why_no_results(folder)
-                raise StoreError(f"--results {folder}: {why} (valid: an --output of `bench run`)")
+                raise StoreError(f"{folder}: {why} (valid: an --output of `bench run`)", "results")
             runs = Runs.of(manifests)
             cases = tuple(_case(results, runs) for results in by_name.values())
             return cls(folder, cases, manifests)
@@ -227,7 +227,7 @@ def chosen_models(cases: Sequence[Case], words: Sequence[str]) -> list[str]:
     known = competitor_names(cases)
     for word in words:
         if not any(stands_for(word, name) for name in known):
-            raise ConfigError(f"--model: {unknown_name('model with results', word, known)}")
+            raise unknown_name("model with results", word, known)
     return [name for name in known if asked_for(name, words)]
 
 
@@ -248,8 +248,7 @@ def chosen_cases(
         for word, found in zip(asked, of_words, strict=True):
             if not found:
                 names = {getattr(case.name, kind) for case in cases}
-                meant = unknown_name(f"{kind} with results", word, names)
-                raise ConfigError(f"--{kind}: {meant}")
+                raise unknown_name(f"{kind} with results", word, names)
         chosen = [c for c in chosen if not asked or any(c in found for found in of_words)]
     return chosen
 
@@ -347,7 +346,7 @@ def competitor_meant(word: str, cases: Sequence[Case]) -> str:
             and all(_is(options[option], text) for option, text in asked.options.items())
         ):
             return name
-    raise ConfigError(unknown_name("model with results", word, known))
+    raise unknown_name("model with results", word, known)
 
 
 def _is(value: Any, text: str) -> bool:

@@ -408,8 +408,7 @@ def _under(conditions: Sequence[str], cases: Sequence[Case]) -> list[Case]:
     known = {case.name.condition for case in cases}
     for condition in conditions:
         if condition not in known:
-            meant = unknown_name("condition", condition, known - {""})
-            raise ConfigError(f"--condition: {meant}")
+            raise unknown_name("condition", condition, known - {""})
     names = {one.name: one for one in cases if one.name.condition in (conditions or known)}
     return [names[name] for name in sorted(names, key=lambda one: (natural_key(one.text), one))]
 

@@ -102,7 +102,7 @@ def scored_case(case: Case, models: Sequence[str], key: SortKey) -> ScoredCase:
         apart = next((pair for pair in pairs if not case.shared_slots(pair)), present)
         raise StoreError(
             f"{case.name.text}: {' and '.join(apart)} were run on different splits and share "
-            "none, so they cannot be compared; leave one out (--model) or run it anew"
+            "none, so they cannot be compared; leave one out or run it anew"
         )
     for model in present:
         if len(results[model]) > len(slots):

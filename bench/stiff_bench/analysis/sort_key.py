@@ -86,7 +86,7 @@ class SortKey:
 
 
 def sort_key(key: str, axis: str | None) -> SortKey:
-    """Return what `--metric` and `--axis` name.
+    """Return what a metric's key and an axis name.
 
     Raises:
         ConfigError: there is no such metric, it does not say which model is better, or it has no
@@ -98,10 +98,12 @@ def sort_key(key: str, axis: str | None) -> SortKey:
         if found.direction == "nominal":
             why = "its best value is the nominal one"
         valid = ", ".join(m.key for m in METRICS.values() if not m.needs_interval)
-        raise ConfigError(f"--metric {key}: {why}, so it does not rank models (valid: {valid})")
+        raise ConfigError(f"{key}: {why}, so it does not rank models (valid: {valid})", "metric")
+    if axis is not None and axis not in AXES:
+        raise ConfigError(f"{axis!r} (valid: {', '.join(AXES)})", "axis")
     if axis is not None and axis not in found.axes:
         with_axes = ", ".join(m.key for m in METRICS.values() if m.axes == AXES)
         raise ConfigError(
-            f"--axis {axis}: {key} is one value in all; metrics with axes are {with_axes}"
+            f"{axis}: {key} is one value in all; metrics with axes are {with_axes}", "axis"
         )
     return SortKey(found, axis or "")

@@ -4,35 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stiff_bench.api.catalog import registry
+from stiff_bench.api.tables import Text
 from stiff_bench.plan.options import Choice, parse_option
-from stiff_bench.plan.registry import Kind, Registry, build_registry
+from stiff_bench.plan.registry import Kind
 from stiff_bench.plan.request import loaded
-from stiff_bench.plan.words import RobotWords, chosen, measured_file
+from stiff_bench.plan.words import RobotWords, chosen, chosen_dataset, measured_file, own_file
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.plugin import DatasetInfo
+from stiff_protocols.contract.files import make_folder
+from stiff_protocols.contract.plugin import STIFFNESS, DatasetInfo
 from stiff_protocols.contract.types import BenchmarkData, Robot, Samples
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-
-@cache
-def registry() -> Registry:
-    """Return the models, data sets and protocols that can be named, plugins' among them."""
-    return build_registry()
-
-
-def use_plugin(file: Path | str) -> None:
-    """Import a file that defines MODELS, DATASETS or PROTOCOLS, so that they can be named.
-
-    Raises:
-        ConfigError: it cannot be imported, or a key is taken.
-    """
-    registry().add_file(Path(file))
 
 
 def choice_of(kind: Kind, word: str, options: Mapping[str, Any]) -> Choice[Any]:
@@ -122,6 +110,24 @@ class Dataset:
 
         return sample_table(self.samples, self.robot)
 
+    def describe(self, folder: Path | str) -> Text:
+        """Draw the data set's picture in a folder, and return its card and facts.
+
+        Raises:
+            StoreError: the picture cannot be written.
+        """
+        from stiff_bench.data_tools.info import dataset_info
+        from stiff_bench.data_tools.picture import DEFLECTION, save_picture
+
+        data, info, options = self.data, self.choice.info, self.choice.options_text
+        name = f"{info.key} {options}".strip().replace("/", "_").replace(", ", "_")
+        picture = Path(folder) / f"{name.replace(' ', '_')}.png"
+        make_folder(picture.parent)
+        title = ", ".join(filter(None, (f"{info.key} ({info.label})", options)))
+        quantity = DEFLECTION if info.task == STIFFNESS else f"The {info.task} (no load is applied)"
+        save_picture(data, title, picture, quantity)
+        return Text(dataset_info(info, data, picture, options))
+
     def __len__(self) -> int:
         """Return the number of samples."""
         return len(self.samples)
@@ -153,15 +159,17 @@ def read_samples(
     urdf: Path | str | None = None,
     robot: str | Robot | None = None,
     tcp: Sequence[float] | None = None,
+    no_torque: bool = False,
 ) -> Dataset:
     """Read a file of measured samples.
 
     Args:
-        file: CSV or Parquet; its columns are those of `bench data validate`.
+        file: CSV, Excel or Parquet; its columns are those of `bench data validate`.
         urdf: of the robot that was measured.
         robot: in its place, the name of a shipped robot, or a `Robot`.
         tcp: (3,) tool centre point in the frame of the last link, m; None: the shipped robot's, or
             the origin with `urdf`.
+        no_torque: no torques were measured: their columns may be missing, or zero.
 
     Raises:
         ConfigError: there is no robot, or there are two.
@@ -174,8 +182,34 @@ def read_samples(
     else:
         if (urdf is None) == (robot is None):
             raise ConfigError("give the robot: one of urdf=... and robot=...")
-        place = "" if tcp is None else ",".join(map(str, tcp))
-        known = RobotWords(robot, None if urdf is None else Path(urdf), place).read()[0]
-    dataset = Dataset(measured_file(Path(file), known))
+        known = RobotWords(robot, urdf, tcp).read()[0]
+    dataset = Dataset(measured_file(Path(file), known, no_torque=no_torque))
     dataset.data  # noqa: B018
     return dataset
+
+
+def dataset_of_words(
+    key: str,
+    *,
+    settings: Sequence[str],
+    no_torque: bool,
+    robot: str | None,
+    urdf: Path | None,
+    tcp: Sequence[float] | None,
+) -> Dataset:
+    """Return the data set of a key or a file, with the options of `bench data info`.
+
+    Raises:
+        ConfigError: the key or an option is unknown, or the robot of the file is not named.
+    """
+    path, words = Path(key), RobotWords(robot, urdf, tcp)
+    if path.suffix.lower() in (".csv", ".xlsx", ".parquet"):
+        if settings:
+            raise ConfigError(f"--set {settings[0]!r}: the file {key} has no options")
+        return Dataset(own_file(path, words, no_torque))
+    if words.given or no_torque or path.is_file():
+        raise ConfigError(
+            f"{key}: no file of samples (valid: an ending .csv, .xlsx or .parquet; a KEY takes no "
+            "--robot, --urdf, --tcp or --no-torque)"
+        )
+    return Dataset(chosen_dataset(key, settings, registry()))

@@ -11,18 +11,15 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from stiff_bench.api.data import Dataset, choice_of, registry
+from stiff_bench.api.catalog import registry
+from stiff_bench.api.data import Dataset, choice_of
 from stiff_bench.api.model import Model, model_choice
+from stiff_bench.api.process import pinned
 from stiff_bench.api.results import DEFAULT_METRICS, Results
-from stiff_bench.console import say
-from stiff_bench.plan.cells import cell_tasks
+from stiff_bench.api.run import Run
 from stiff_bench.plan.options import Chosen
-from stiff_bench.plan.request import RunPlan, plan_run
-from stiff_bench.run.execution import Execution, chosen_execution
-from stiff_bench.run.machine import pin_threads, threads_asked_for
-from stiff_bench.run.progress import display
-from stiff_bench.run.runner import Finished, run_cells
-from stiff_bench.store.database import ResultStore
+from stiff_bench.plan.request import plan_run
+from stiff_bench.run.execution import chosen_execution
 from stiff_protocols.contract.errors import ConfigError
 
 
@@ -92,31 +89,13 @@ def evaluate(
         coverage=coverage,
         command="stiffbench.evaluate(...)",
     )
-    threads = threads_asked_for()
     isolate = False if local else None
-    execution = chosen_execution(plan, registry(), threads=threads, jobs=jobs, isolate=isolate)
-    pin_threads(threads)
+    execution = chosen_execution(plan, registry(), threads=pinned(), jobs=jobs, isolate=isolate)
     with _script_not_imported():
-        finished = computed([plan], execution)
-    results = Results(folder, tuple(metrics), plan.command, finished.results)
+        results = Run([plan], execution).compute()
     if output is None:
         weakref.finalize(results, shutil.rmtree, folder, ignore_errors=True)
     return results
-
-
-def computed(plans: Sequence[RunPlan], execution: Execution) -> Finished:
-    """Compute what is missing of plans for one folder, as one run; return all of their results.
-
-    Raises:
-        StiffBenchError: the data cannot be loaded or divided, or the output not written.
-    """
-    tasks = list(cell_tasks(*plans))
-    store = ResultStore(plans[0].output)
-    protocols = (choice.info for plan in plans for choice in plan.protocols)
-    for warning in dict.fromkeys(info.warning for info in protocols if info.warning):
-        say(f"warning: {warning}")
-    with display() as shown:
-        return run_cells(tasks, plans[0].command, store, execution, shown)
 
 
 def _listed(given: Any) -> list[Any]:

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from stiff_bench.api.data import Dataset, choice_of, registry
+from stiff_bench.api.catalog import registry
+from stiff_bench.api.data import Dataset, choice_of
 from stiff_bench.console import say
 from stiff_bench.plan.cells import chooses_epoch
 from stiff_bench.plan.options import Choice
-from stiff_bench.plan.registry import OURS, Registry
+from stiff_bench.plan.registry import OURS
 from stiff_bench.plan.request import check_model
+from stiff_bench.run.progress import display
 from stiff_bench.tables.units import PRINTED
 from stiff_protocols.contract.errors import (
     ConfigError,
@@ -96,7 +98,8 @@ class Model:
                 )
             else:
                 note = "one pose gives no rows to choose the epoch by: the last one was kept"
-        model.fit(train, robot=data.robot, validation=validation, seed=seed)
+        with display():
+            model.fit(train, robot=data.robot, validation=validation, seed=seed)
         for name, value in (("robot_", data.robot), ("training_range_", TrainingRange.of(train))):
             if not hasattr(model, name):  # a plugin's model need not have them
                 setattr(model, name, value)
@@ -143,8 +146,9 @@ class Model:
         model, interval = self.fitted, None
         if coverage is not None and not isinstance(model, PredictsInterval):
             raise ConfigError(
-                f"--coverage {coverage:g}: {self.choice.info.key} has no intervals of its own "
-                "(those of `bench run` come from samples that were held out)"
+                f"{coverage:g}: {self.choice.info.key} has no intervals of its own "
+                "(those of `bench run` come from samples that were held out)",
+                "coverage",
             )
         with _blamed_on(self._file, but=StiffBenchError):  # which is of the loads
             table = read_loads(Path(loads), model.robot_)
@@ -268,13 +272,9 @@ def load_model(file: Path | str) -> Model:
         DataError: the file cannot be read, is damaged, or holds a plugin's model that
             `use_plugin` was not called for, or whose code has changed.
     """
-    return read_model(file, registry())
-
-
-def read_model(file: Path | str, known: Registry) -> Model:
-    """Return the fitted model of a file; `known` has the plugins that it may be of."""
     from stiff_models.io.saved import key_of, load
 
+    known = registry()
     plugins = {key: info.load() for key, info in known.models.items() if known.origins[key] != OURS}
     fitted = load(file, plugins)
     keys = [key for key, cls in plugins.items() if type(fitted) is cls]

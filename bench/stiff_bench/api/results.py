@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stiff_bench.api.tables import Tables
 from stiff_bench.store.database import read_results
 from stiff_bench.tables.metric_table import build_tables
 from stiff_bench.tables.render import render
@@ -22,43 +23,10 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from stiff_bench.analysis.leaderboard import Leaderboard
+    from stiff_bench.run.runner import Finished
+    from stiff_bench.store.merging import Kind, Merged
 
 DEFAULT_METRICS = ("mae", "stde", "me")
-
-
-@dataclass(frozen=True, eq=False)
-class Tables:
-    """Tables that print themselves, in a terminal and in a notebook.
-
-    Attributes:
-        text: a sentence above them; "" for none.
-    """
-
-    _make: Callable[[], Iterable[Table]]
-    _text_as: Callable[[str], str]
-    text: str = ""
-
-    @cached_property
-    def tables(self) -> tuple[Table, ...]:
-        """Typed values, with titles and notes; made when asked for, as `text_as` makes its own."""
-        return tuple(self._make())
-
-    def frame(self) -> DataFrame:
-        """Return the numbers as tidy data: a row a number."""
-        from pandas import DataFrame  # half a second, which a leaderboard does without
-
-        return DataFrame([line for table in self.tables for line in table.lines()])
-
-    def text_as(self, fmt: str) -> str:
-        """Return the tables as "github", "latex", "csv", "html" or "json"."""
-        return self._text_as(fmt)
-
-    def __repr__(self) -> str:
-        """Return the tables for a terminal."""
-        return self.text_as("github")
-
-    def _repr_html_(self) -> str:
-        return self.text_as("html")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -104,12 +72,13 @@ class Results:
         folder: where they are stored.
         metrics: keys, that `table` shows.
         command: that made them, for the record.
+        finished: what became of the run that made them; None: they are read from the folder.
     """
 
     folder: Path
     metrics: tuple[str, ...] = DEFAULT_METRICS
     command: str = ""
-    _computed: tuple[CellResult, ...] | None = None
+    finished: Finished | None = None
 
     @cached_property
     def cells(self) -> tuple[CellResult, ...]:
@@ -118,7 +87,9 @@ class Results:
         Raises:
             StoreError: the folder holds no results, or damaged ones.
         """
-        return tuple(read_results(self.folder)) if self._computed is None else self._computed
+        if self.finished is not None:
+            return self.finished.results
+        return tuple(read_results(self.folder))
 
     def frame(self) -> DataFrame:
         """Return every metric as tidy data: a row a metric, axis and split, in printed units.
@@ -248,17 +219,40 @@ class Results:
 
         return Ranks(tables, text_as, board=board)
 
-    def report(self, file: Path | str) -> Path:
+    def report(
+        self,
+        file: Path | str,
+        *,
+        models: Sequence[str] = (),
+        datasets: Sequence[str] = (),
+        protocols: Sequence[str] = (),
+        metric: str = "norm",
+        axis: str | None = None,
+        seed: int = 0,
+        others: Sequence[Results] = (),
+    ) -> Path:
         """Write all that the results say as one HTML page that needs no network.
 
+        Args:
+            file: the page; an older one is replaced.
+            models: names, or keys that stand for all variants; none: all.
+            datasets: the same.
+            protocols: the same.
+            metric: to rank by; a key.
+            axis: of a metric that has axes: "x", "y" or "z"; None: the mean over them.
+            seed: of the resampling of poses.
+            others: results that stand on the same page, each by itself.
+
         Raises:
-            ConfigError: the file's suffix is no page's.
-            StoreError: it cannot be written.
+            ConfigError: the file's suffix is no page's, or a name has no results.
+            StoreError: a folder holds no results, or damaged ones, or the file cannot be written.
         """
         from stiff_bench.report.report import write_report
         from stiff_bench.report.runs import Selection
 
-        write_report([self.folder], Selection(), Path(file), self.command)
+        folders = [one.folder for one in (self, *others)]
+        chosen = Selection(tuple(models), tuple(datasets), tuple(protocols), metric, axis, seed)
+        write_report(folders, chosen, Path(file), self.command)
         return Path(file)
 
     def diagnostics(self) -> DataFrame:
@@ -299,3 +293,22 @@ def _about(one: CellResult) -> dict[str, Any]:
 def open_results(folder: Path | str) -> Results:
     """Return what a folder holds, such as the --output of `bench run`; it is read when asked."""
     return Results(Path(folder), command=f"stiffbench.open_results({str(folder)!r})")
+
+
+def merge(
+    folders: Sequence[Path | str], output: Path | str, *, allow: Collection[Kind] = ()
+) -> Merged:
+    """Join the results of several folders, such as of several machines, in one.
+
+    Args:
+        folders: that are joined; they stay as they are.
+        output: a new folder, or one that holds some.
+        allow: in what the folders may differ: "data", "split" or "code".
+
+    Raises:
+        ConfigError: the folders differ in what is not allowed.
+        StoreError: a folder holds no results, or `output` cannot be written.
+    """
+    from stiff_bench.store import merging
+
+    return merging.merge([*map(Path, folders)], Path(output), allow)

@@ -7,15 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from stiff_bench.api import RESULTS
 from stiff_bench.cli.options import (
     FILE,
     PROBABILITY,
-    RESULTS,
     Millimetres,
     case_options,
     command_line,
     format_option,
     output_option,
+    picture,
     ranking_options,
     results_option,
     seed_option,
@@ -31,7 +32,11 @@ if TYPE_CHECKING:
 @results_option
 @ranking_options
 @click.option(
-    "--figure", type=FILE, metavar="FILE.png", help="Draw the critical-difference diagrams, too."
+    "--figure",
+    type=FILE,
+    callback=picture,
+    metavar="FILE.png",
+    help="Draw the critical-difference diagrams, too.",
 )
 @format_option
 def leaderboard(
@@ -41,10 +46,6 @@ def leaderboard(
 
     Exit status 1: there is no critical difference, so that --figure was not drawn.
     """
-    from stiff_bench.tables.picture_file import check_suffix
-
-    if figure is not None:
-        check_suffix(figure)
     ranks = _stored(results).leaderboard(metric, axis, **chosen)
     why_none = ranks.why_no_diagrams if figure is not None else ""
     if figure is not None and not why_none:
@@ -105,10 +106,9 @@ def table(number: str, results: Path | None, fmt: str) -> None:
     6, 7: errors on simulated pre-training data by depth and by activation; 8: unfrozen layers; 9:
     last epoch against best epoch; 10: VJM, FT-MLP and DT-CNN.
     """
-    from stiff_bench.paper.tables import read_table
-    from stiff_bench.tables.render import render
+    from stiff_bench.api.figures import paper_table
 
-    print_text(render(read_table(int(number), results), fmt, command_line()))
+    print_text(paper_table(int(number), results, command=command_line()).text_as(fmt))
 
 
 @click.command()
@@ -129,8 +129,6 @@ def report(folders: tuple[Path, ...], output: Path, **chosen: Any) -> None:
     Verdict, robots and stiffnesses, ranking, pairwise comparisons, scores, figures, failures and
     provenance.
     """
-    from stiff_bench.report.report import write_report
-    from stiff_bench.report.runs import Selection
-
-    write_report(folders, Selection(**chosen), output, command_line())
+    first, *others = map(_stored, folders)
+    first.report(output, others=others, **chosen)
     say(f"{output}: written")

@@ -15,13 +15,11 @@ from stiff_bench.cli.options import (
     output_option,
     plugin_option,
     robot_options,
-    robot_words,
     seed_option,
     settings_option,
     tcp_option,
 )
 from stiff_bench.cli.refusals import Commands
-from stiff_protocols.contract.errors import ConfigError
 
 
 @click.group(cls=Commands)
@@ -42,35 +40,14 @@ def data() -> None:
 )
 @settings_option
 @plugin_option
-def info(
-    key: str,
-    no_torque: bool,
-    output: Path,
-    settings: tuple[str, ...],
-    plugins: tuple[Path, ...],
-    **words: Any,
-) -> None:
+def info(key: str, output: Path, **words: Any) -> None:
     """Print the card and statistics of a data set, and draw an overview.
 
     KEY may be your own FILE.csv, .xlsx or .parquet, with --urdf or --robot.
     """
-    from stiff_bench.data_tools.commands import show_info
-    from stiff_bench.plan.registry import build_registry
-    from stiff_bench.plan.words import chosen_dataset, own_file
+    from stiff_bench.api.data import dataset_of_words
 
-    path, robot = Path(key), robot_words(words)
-    if path.suffix.lower() in (".csv", ".xlsx", ".parquet"):
-        if settings:
-            raise ConfigError(f"--set {settings[0]!r}: the file {key} has no options")
-        choice = own_file(path, robot, no_torque)
-    elif robot.given or no_torque or path.is_file():
-        raise ConfigError(
-            f"{key}: no file of samples (valid: an ending .csv, .xlsx or .parquet; a KEY takes no "
-            "--robot, --urdf, --tcp or --no-torque)"
-        )
-    else:
-        choice = chosen_dataset(key, settings, build_registry(plugins))
-    click.echo(show_info(choice, output))
+    click.echo(dataset_of_words(key, **words).describe(output))
 
 
 @data.command()
@@ -107,25 +84,27 @@ def info(
 @output_option("FILE.csv")
 def plan(**words: Any) -> None:
     """Write a measurement plan to fill in; without a robot, for the KR10."""
-    from stiff_bench.data_tools.commands import write_measurement_plan
+    from stiff_bench.api.measuring import plan_poses
 
-    click.echo(write_measurement_plan(robot=robot_words(words), **words))
+    click.echo(plan_poses(**words))
 
 
 @data.command()
 @click.argument("file", type=FILE)
 @robot_options
 @no_torque_option
-def validate(file: Path, no_torque: bool, **words: Any) -> int:
+def validate(file: Path, no_torque: bool, **robot: Any) -> int:
     """Check a measured file and name the likeliest mistake in it.
 
     Exit status: 0 ok; 1 suspicious, the report says why; 2 invalid, no command can use the file.
     """
-    from stiff_bench.data_tools.commands import validation
+    from stiff_bench.api import measuring
 
-    text, status = validation(file, robot_words(words), no_torque)
-    click.echo(text)
-    return status
+    report = measuring.validate(file, no_torque=no_torque, **robot)
+    click.echo(repr(report))
+    if all(word is None for word in robot.values()):
+        click.echo(f"Robot: {measuring.DEFAULT_ROBOT}, the default (--robot, --urdf).")
+    return ("ok", "suspicious", "invalid").index(report.verdict)
 
 
 @data.command()
@@ -162,9 +141,9 @@ def validate(file: Path, no_torque: bool, **words: Any) -> int:
 @output_option("FILE.csv|FILE.parquet")
 def simulate(**words: Any) -> None:
     """Write a simulated data set of any size."""
-    from stiff_bench.data_tools.commands import write_simulation
+    from stiff_bench.api import measuring
 
-    click.echo(write_simulation(**words))
+    click.echo(measuring.simulate(**words))
 
 
 @data.command()
@@ -175,9 +154,9 @@ def fetch(key: str, source: Path | None) -> None:
 
     KEY is ur5-pose-error.
     """
-    from stiff_datasets.measured.ur5_pose_error import fetch as fetch_files
+    from stiff_bench.api import measuring
 
-    for path in fetch_files(source):
+    for path in measuring.fetch(source):
         click.echo(f"{key}: {path}")
 
 
@@ -187,11 +166,11 @@ def fetch(key: str, source: Path | None) -> None:
 @click.option("--urdf", type=FILE, metavar="FILE.urdf", help="URDF.  [default: the shipped KR10]")
 @tcp_option
 @no_torque_option
-def register(key: str, file: Path, urdf: Path | None, tcp: str, no_torque: bool) -> None:
+def register(key: str, file: Path, **words: Any) -> None:
     """Register your own measurement as a named data set.
 
     KEY is kr10-measured.
     """
-    from stiff_bench.data_tools.commands import register_file
+    from stiff_bench.api import measuring
 
-    click.echo(register_file(key, file, urdf, tcp, no_torque))
+    click.echo(measuring.register(key, file, **words))

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 
+from stiff_bench.api import RESULTS
 from stiff_bench.cli.options import (
     FILE,
-    RESULTS,
     case_options,
     command_line,
     execution_options,
     models_option,
+    picture,
 )
 from stiff_bench.console import print_text, say
-from stiff_bench.paper import PAPER_RESULTS
-from stiff_bench.run.machine import usable_cores
-from stiff_protocols.contract.errors import ConfigError, unknown_name
 
 
 @click.command()
@@ -27,11 +25,12 @@ from stiff_protocols.contract.errors import ConfigError, unknown_name
     "--results",
     type=FILE,
     metavar="DIR",
-    help=f"Folder of results.  [default: {RESULTS}; {PAPER_RESULTS} for the paper's figures]",
+    help=f"Folder of results.  [default: {RESULTS}; results/paper/runs for the paper's figures]",
 )
 @click.option(
     "--output",
     type=FILE,
+    callback=picture,
     metavar="FILE.pdf",
     help="File to write: .png, .pdf or .svg.  [default: figure-NAME.png]",
 )
@@ -44,26 +43,10 @@ def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) 
     errors, losses, sweep, freezing, learning-curves, workspace, springs, ranks. The caption names
     the data set and protocol that are shown.
     """
-    from stiff_bench.figures import catalog
-    from stiff_bench.figures.source import FigureSource
-    from stiff_bench.paper import figures as papers
-    from stiff_bench.tables.picture_file import check_suffix
+    from stiff_bench.api.figures import figure
 
-    known = [*papers.FIGURES, *catalog.FIGURES]
-    if name not in known:
-        raise unknown_name("figure", name, known)
+    prepared = figure(name, results, **chosen)
     target = output or Path(f"figure-{name}.png")
-    check_suffix(target)
-    if name in papers.FIGURES:
-        for option, words in chosen.items():
-            if words:
-                raise ConfigError(
-                    f"--{option[:-1]} {words[0]}: the paper's figure {name} takes no choice "
-                    "(valid: --results, --output)"
-                )
-        prepared = papers.prepare_figure(name, results)
-    else:
-        prepared = catalog.FIGURES[name].prepare(FigureSource.of(results or RESULTS, **chosen))
     prepared.save(target)
     print_text(f"{target}: {prepared.title}. {prepared.caption}")
 
@@ -92,7 +75,12 @@ def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) 
 @click.option("--write-only", is_flag=True, help="Write from stored results alone.")
 @execution_options("the number of cores")
 def reproduce(
-    what: str, quick: bool | None, output: Path, write_only: bool, plan_only: bool, **how: Any
+    what: Literal["paper", "leaderboard", "effects"],
+    quick: bool | None,
+    output: Path,
+    write_only: bool,
+    plan_only: bool,
+    **how: Any,
 ) -> int:
     """Make the paper's tables and figures again, or another study.
 
@@ -100,40 +88,20 @@ def reproduce(
     the physics of the simulated robot? Stored results are not computed again: an interrupted
     command can be repeated. On 2 cores the leaderboard takes about 2 hours, effects half an hour.
     """
-    from stiff_bench.analysis.forecast import forecast_line
-    from stiff_bench.api.evaluation import computed
-    from stiff_bench.cli.run import foreseen, say_summary, show_plan
-    from stiff_bench.paper import study
-    from stiff_bench.paper.effects import write_effects
-    from stiff_bench.paper.pages import write_leaderboard, write_paper
-    from stiff_bench.plan.registry import build_registry
-    from stiff_bench.run.execution import chosen_execution
-    from stiff_bench.store.database import ResultStore
-    from stiff_models.catalog import MODELS
+    from stiff_bench.api.reproduction import reproduction
+    from stiff_bench.cli.run import say_summary, show_plan
 
     if what != "paper" and quick is not None:
         raise click.UsageError(f"--quick and --full are of the paper; {what} has one size")
-    if what == "leaderboard":
-        write, runs = write_leaderboard, study.leaderboard_study([info.key for info in MODELS])
-    elif what == study.EFFECTS_FOLDER:
-        write, runs = write_effects, study.effects_study()
-    else:
-        write, runs = write_paper, study.paper_study(full=quick is False)
-    if how["jobs"] is None and not how["dask"] and how["isolate"] is not False:
-        how["jobs"] = usable_cores()
-    folder, registry, command = output / what / "runs", build_registry(), command_line()
-    plans = study.study_plans(runs, output=folder, command=command, registry=registry)
-    execution = chosen_execution(plans[0], registry, **how)
+    asked = reproduction(what, full=quick is False, output=output, command=command_line(), **how)
     if plan_only:
-        return show_plan(plans, "github", execution)
+        return show_plan(asked, "github")
     status = 0
     if not write_only:
-        ResultStore(folder)  # a folder that cannot be written is said before all else
-        say(forecast_line(foreseen(plans, execution)))
-        finished = computed(plans, execution)
-        say_summary(finished, folder)
+        results = asked.compute()
+        say_summary(results)
         say("writing tables and figures")
-        status = int(any(result.status == "failed" for result in finished.results))
-    for path in write(output, command, study.n_missing(plans)):
+        status = int(any(result.status == "failed" for result in results.cells))
+    for path in asked.write():
         click.echo(path)
     return status

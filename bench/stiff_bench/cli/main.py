@@ -5,25 +5,22 @@ Only click is imported here; what a command needs comes when it runs, so that he
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
-from pathlib import Path
 from typing import Any
 
 import click
 
+from stiff_bench.api import RESULTS
+from stiff_bench.api.process import prepare
 from stiff_bench.cli.compare import compare, leaderboard, report, table
 from stiff_bench.cli.data import data
 from stiff_bench.cli.figures import figure, reproduce
 from stiff_bench.cli.models import check, export, fit, new, predict
 from stiff_bench.cli.options import (
-    EXECUTION,
     FILE,
     PROBABILITY,
-    RESULTS,
     WholeRange,
-    chosen,
     command_line,
     data_options,
     device_option,
@@ -33,12 +30,10 @@ from stiff_bench.cli.options import (
     seed_option,
     settings_option,
     several_keys,
-    taken,
 )
 from stiff_bench.cli.refusals import Commands, refusal
 from stiff_bench.cli.results import cache, merge
 from stiff_bench.console import print_text, say
-from stiff_bench.run.machine import keep_libraries_in_our_cache, pin_threads, threads_asked_for
 from stiff_protocols.contract.errors import StiffBenchError
 
 INTERRUPTION = "interrupted; finished fits are stored, the same command computes the rest"
@@ -74,7 +69,10 @@ def main(arguments: list[str] | None = None) -> None:
     except (click.ClickException, StiffBenchError, OSError) as error:
         if debug:
             raise
-        message = refusal(error) if isinstance(error, click.ClickException) else str(error)
+        if isinstance(error, click.ClickException):
+            message = refusal(error)
+        else:
+            message = error.as_typed() if isinstance(error, StiffBenchError) else str(error)
         say(f"error: {' '.join(message.split())}")
         status = USAGE_ERROR
     except Exception as error:
@@ -98,12 +96,7 @@ def _stop(number: int, _: object) -> None:
 )
 def bench() -> None:
     """Benchmark stiffness models of industrial robots."""
-    # Read by OpenMP when torch is imported. Threads that spin while they wait make small networks
-    # a hundred times slower as soon as another process wants their core.
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-    os.environ["PYTHONSAFEPATH"] = "1"  # no Python that we start imports from the working directory
-    keep_libraries_in_our_cache()
-    pin_threads(threads_asked_for())
+    prepare()
 
 
 @bench.command()
@@ -146,24 +139,17 @@ def bench() -> None:
 )
 @format_option
 @click.option("--verbose", is_flag=True, help="Print what fits report, such as stiffnesses.")
-def run(plugins: tuple[Path, ...], fmt: str, plan_only: bool, verbose: bool, **words: Any) -> int:
+def run(fmt: str, plan_only: bool, verbose: bool, **words: Any) -> int:
     """Fit and test models; print a table per data set and protocol.
 
     A fit is one model, trained and tested on one split. The VJM is run beside every model. Each
     result is stored in --output at once; the same command again computes what is missing.
     """
+    from stiff_bench.api.run import run_of_words
     from stiff_bench.cli.run import execute, show_plan
-    from stiff_bench.plan.registry import build_registry
-    from stiff_bench.plan.request import plan_run
-    from stiff_bench.run.execution import chosen_execution
 
-    how = taken(words, *EXECUTION)
-    registry = build_registry(plugins)
-    plan = plan_run(chosen(words, registry), registry, **words, command=command_line())
-    execution = chosen_execution(plan, registry, **how)
-    if plan_only:
-        return show_plan([plan], fmt, execution)
-    return execute(plan, fmt, execution, verbose=verbose)
+    asked = run_of_words(**words, command=command_line())
+    return show_plan(asked, fmt) if plan_only else execute(asked, fmt, verbose=verbose)
 
 
 @bench.command("list")
@@ -171,32 +157,24 @@ def run(plugins: tuple[Path, ...], fmt: str, plan_only: bool, verbose: bool, **w
     "kind", metavar="KIND", type=click.Choice(["models", "datasets", "protocols", "metrics"])
 )
 @plugin_option
-def list_(kind: str, plugins: tuple[Path, ...]) -> None:
+def list_(kind: str) -> None:
     """List what can be named.
 
     KIND is models, datasets, protocols or metrics.
     """
-    from stiff_bench.cli.show import metrics_overview, overview
-    from stiff_bench.plan.registry import build_registry
+    from stiff_bench.api import catalog
 
-    if kind == "metrics":
-        print_text(metrics_overview())
-        return
-
-    registry = build_registry(plugins)
-    families = registry.families if kind == "models" else ()
-    print_text(overview(getattr(registry, kind).values(), families))
+    print_text(repr(getattr(catalog, f"list_{kind}")()))
 
 
 @bench.command()
 @click.argument("key")
 @plugin_option
-def show(key: str, plugins: tuple[Path, ...]) -> None:
+def show(key: str) -> None:
     """Explain a model, data set or protocol, with its options."""
-    from stiff_bench.cli.show import describe
-    from stiff_bench.plan.registry import build_registry
+    from stiff_bench.api import catalog
 
-    print_text(describe(build_registry(plugins).find(key)))
+    print_text(catalog.show(key))
 
 
 for command in (

@@ -11,7 +11,6 @@ import click
 from stiff_bench.cli.options import (
     FILE,
     PROBABILITY,
-    chosen,
     data_options,
     device_option,
     output_option,
@@ -37,34 +36,22 @@ model_file_option = click.option(
 @device_option
 @plugin_option
 @output_option("FILE")
-def fit(plugins: tuple[Path, ...], **words: Any) -> None:
+def fit(output: Path, seed: int, **words: Any) -> None:
     """Fit a model to all samples of a data set and save it.
 
     A network chooses its epoch on a fifth of the poses and trains on the others, as in `bench run`.
     """
-    from stiff_bench.api.data import Dataset
-    from stiff_bench.api.model import Model, check_new_file
-    from stiff_bench.plan.registry import build_registry
-    from stiff_bench.plan.request import plan_run
-    from stiff_bench.run.progress import display
-    from stiff_protocols.contract.errors import ConfigError
+    from stiff_bench.api.run import model_and_data
 
-    if len(words["datasets"]) + len(words["data"]) != 1:
-        raise ConfigError("give one of --dataset KEY and --data FILE.csv")
-    registry = build_registry(plugins)
-    plan = plan_run(chosen(words, registry), registry, **words)
-    if len(plan.models) != 1:
-        raise ConfigError(f"--model: {len(plan.models)} models; a file holds one model")
-    check_new_file(plan.output)
-    model, data = Model(plan.models[0]), Dataset(plan.datasets[0])
-    with warnings_said(), display():
-        model.fit(data, seed=plan.seed)
-    model.save(plan.output)
+    model, data = model_and_data(output, **words)
+    with warnings_said():
+        model.fit(data, seed=seed)
+    model.save(output)
     caveats = data.choice.info.caveats
     numbers = (f"{name}: {value:.4g}" for name, value in model.diagnostics.items())
     lines = [
-        f"{plan.output}: {model.name}, fitted to {data.name} ({data.choice.info.label}, "
-        f"{len(data)} samples), robot {data.robot.name}, seed {plan.seed}",
+        f"{output}: {model.name}, fitted to {data.name} ({data.choice.info.label}, "
+        f"{len(data)} samples), robot {data.robot.name}, seed {seed}",
         *(f"- {line}" for line in (*caveats, *filter(None, [model.note]), *numbers)),
         "- Errors on new poses: `bench run`.",
     ]
@@ -86,25 +73,20 @@ def fit(plugins: tuple[Path, ...], **words: Any) -> None:
 )
 @click.option("--coverage", type=PROBABILITY, help="Add prediction intervals of this coverage.")
 @plugin_option
-def predict(
-    model: Path, loads: Path, output: Path, coverage: float | None, plugins: tuple[Path, ...]
-) -> None:
+def predict(model: Path, loads: Path, output: Path, coverage: float | None) -> None:
     """Predict the deflections of a file of poses and wrenches.
 
     The column outside_training names joint angles and loads far outside the training data.
     """
-    from stiff_bench.api.model import check_new_file, read_model
-    from stiff_bench.plan.registry import build_registry
+    from stiff_bench.api.model import load_model
 
+    found = load_model(model)
     if str(output) == "-":
-        found = read_model(model, build_registry(plugins))
         with TemporaryDirectory() as folder:
             rows_file = Path(folder) / "rows.csv"
             found.predict_file(loads, rows_file, coverage=coverage)
             click.echo(rows_file.read_text(encoding="utf-8"), nl=False)
         return
-    check_new_file(output)
-    found = read_model(model, build_registry(plugins))
     rows = found.predict_file(loads, output, coverage=coverage)
     number = "1 row" if rows == 1 else f"{rows} rows"
     click.echo(f"{output}: {number} predicted by {found.name}, robot {found.fitted.robot_.name}")
@@ -115,9 +97,8 @@ def predict(
 @output_option("FILE.onnx")
 def export(model: Path, output: Path) -> None:
     """Write a saved network as ONNX."""
-    from stiff_bench.api.model import check_new_file, load_model
+    from stiff_bench.api.model import load_model
 
-    check_new_file(output)
     found = load_model(model)
     found.export(output)
     robot = found.fitted.robot_
@@ -137,17 +118,16 @@ def export(model: Path, output: Path) -> None:
 )
 @settings_option
 @plugin_option
-def check(key: str, dataset: str, settings: tuple[str, ...], plugins: tuple[Path, ...]) -> int:
+def check(key: str, dataset: str, settings: tuple[str, ...]) -> int:
     """Check that a model, data set or protocol meets its contract.
 
     Exit status: 0 nothing failed, 1 a check failed, 2 it cannot be checked.
     """
-    from stiff_bench.model_tools.plugins import checklist
-    from stiff_bench.plan.registry import build_registry
+    from stiff_bench.api import catalog
 
-    text, kept = checklist(key, dataset, settings, build_registry(plugins))
-    click.echo(text)
-    return 0 if kept else 1
+    checked = catalog.check(key, dataset=dataset, settings=settings)
+    click.echo(repr(checked))
+    return 0 if checked.kept else 1
 
 
 @click.group(cls=Commands)
@@ -160,7 +140,6 @@ def new() -> None:
 @click.option("--output", type=FILE, default=Path(), metavar="DIR", help="Folder to write to.")
 def model(name: str, output: Path) -> None:
     """Write a small working model and its test."""
-    from stiff_bench.model_tools.plugins import new_model
-    from stiff_bench.plan.registry import build_registry
+    from stiff_bench.api.catalog import new_model
 
-    click.echo(new_model(name, output, build_registry()))
+    click.echo(new_model(name, output))

@@ -8,16 +8,12 @@ import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import click
 
-from stiff_bench.run.machine import pin_threads, threads_asked_for
-
-if TYPE_CHECKING:
-    from stiff_bench.plan.options import Chosen
-    from stiff_bench.plan.registry import Registry
-    from stiff_bench.plan.words import RobotWords
+from stiff_bench.api import RESULTS
+from stiff_bench.api.process import pinned
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -33,8 +29,6 @@ class FilePath(click.Path):
 
 
 FILE = FilePath(path_type=Path)
-RESULTS = Path("results/runs")
-"""Where results are stored, and read, unless the user says otherwise."""
 
 
 Number = TypeVar("Number", int, float)
@@ -95,6 +89,24 @@ class Millimetres(FiniteRange):
             self.fail(f"{value!r} is no length (valid: 0.01mm, 0.01, ...)", param, ctx)
 
 
+class Tcp(click.ParamType[tuple[float, ...]]):
+    """A tool centre point, such as 0.06,0,0.08."""
+
+    name = "tcp"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, ...]:
+        """Return the lengths, or refuse a text that is no three of them."""
+        try:
+            x, y, z = (float(word) for word in value.split(","))
+        except ValueError:
+            x = y = z = math.nan
+        if not math.isfinite(x + y + z):
+            self.fail(f"{value!r}: expected three finite lengths in m, x,y,z", param, ctx)
+        return x, y, z
+
+
 SMALLEST_SIZE = 2**20
 """Bytes; a smaller number lacks its unit."""
 
@@ -118,6 +130,17 @@ class Size(click.ParamType[int]):
 
 
 PROBABILITY = FiniteRange(0, 1, min_open=True, max_open=True)
+
+
+def picture(_: click.Context, __: click.Parameter, file: Path | None) -> Path | None:
+    """Refuse a file whose suffix names no picture's format."""
+    if file is not None:
+        from stiff_bench.api.figures import check_suffix
+
+        check_suffix(file)
+    return file
+
+
 several_keys = partial(click.option, multiple=True, metavar="KEY")
 
 
@@ -142,10 +165,19 @@ no_torque_option = click.option(
     is_flag=True,
     help="No torques were measured: the columns tx_Nm.. may be missing, or zero.",
 )
+
+
+def _used(_: click.Context, __: click.Parameter, files: tuple[Path, ...]) -> None:
+    from stiff_bench.api.catalog import use_only
+
+    use_only(files)
+
+
 plugin_option = click.option(
     "--plugin",
-    "plugins",
     multiple=True,
+    expose_value=False,
+    callback=_used,
     type=FILE,
     metavar="FILE.py",
     help="Python file that defines MODELS, DATASETS or PROTOCOLS; may be repeated.",
@@ -206,8 +238,7 @@ ranking_options = together(
 )
 tcp_option = click.option(
     "--tcp",
-    default="",
-    show_default=False,
+    type=Tcp(),
     metavar="X,Y,Z",
     help="Tool centre point in the frame of the last link, in m.  [default: the shipped robot's, "
     "or 0,0,0 with --urdf]",
@@ -242,37 +273,9 @@ def command_line() -> str:
     return shlex.join(["bench", *sys.argv[1:]])
 
 
-def taken(words: dict[str, Any], *names: str) -> dict[str, Any]:
-    """Take these options out of a command's words."""
-    return {name: words.pop(name) for name in names if name in words}
-
-
-def chosen(words: dict[str, Any], registry: Registry) -> Chosen:
-    """Take the options that choose models, data sets and protocols out of a command's words.
-
-    Raises:
-        ConfigError: a key, option or value is unknown or wrong.
-    """
-    from stiff_bench.plan.words import choices
-
-    given = taken(words, "models", "datasets", "protocols", "settings", "data", "no_torque")
-    return choices(registry, robot=robot_words(words), **given)
-
-
-def robot_words(words: dict[str, Any]) -> RobotWords:
-    """Take the three options out of a command's words."""
-    from stiff_bench.plan.words import RobotWords
-
-    if words["robot"] == "":
-        raise click.BadParameter("an empty word names no robot", param_hint="--robot")
-    return RobotWords(**taken(words, "robot", "urdf", "tcp"))
-
-
 def _pinned(_: click.Context, __: click.Parameter, number: int | None) -> int:
     """Give the number to the libraries, which read it when they are loaded: before that."""
-    threads = number or threads_asked_for()
-    pin_threads(threads)
-    return threads
+    return pinned(number)
 
 
 def execution_options(usual_jobs: str) -> Callable[[Command], Command]:
@@ -328,7 +331,3 @@ def execution_options(usual_jobs: str) -> Callable[[Command], Command]:
             help="Only print how many fits are missing and how long they would take.",
         ),
     )
-
-
-EXECUTION = ("jobs", "isolate", "timeout", "memory", "threads", "dask", "rerun")
-"""The words of `execution_options` that `chosen_execution` takes."""

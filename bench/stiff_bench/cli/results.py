@@ -26,9 +26,9 @@ def merge(folders: tuple[Path, ...], output: Path, allow: tuple[str, ...]) -> in
     Folders that differ in data, splits or versions of models (code) are refused. The given folders
     are not changed. Exit status 1: damaged rows were left out.
     """
-    from stiff_bench.store import merging
+    from stiff_bench.api import results
 
-    merged = merging.merge(folders, output, allow)  # type: ignore[arg-type]
+    merged = results.merge(folders, output, allow=allow)  # type: ignore[arg-type]
     for line in merged.disagreements:
         say(f"merged all the same: {line}")
     for line in merged.damaged:
@@ -54,7 +54,7 @@ def cache() -> None:
 @cache.command()
 def info() -> None:
     """Print folder and content of the cache."""
-    from stiff_models.networks.cache import cache_info
+    from stiff_bench.api.cache import cache_info
 
     click.echo(str(cache_info()))
 
@@ -62,7 +62,7 @@ def info() -> None:
 @cache.command()
 def clear() -> None:
     """Delete every pre-trained network; the next run trains anew."""
-    from stiff_models.networks.cache import clear_cache
+    from stiff_bench.api.cache import clear_cache
 
     deleted = clear_cache()
     click.echo(f"deleted: {deleted}" if deleted.entries else f"nothing to delete: {deleted}")

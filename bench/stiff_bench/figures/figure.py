@@ -62,6 +62,9 @@ class Prepared:
         with drawing(STYLE):
             save_figure(self.paint(), path, DOTS_PER_INCH)
 
+    def _repr_png_(self) -> bytes:
+        return self.picture("png")
+
     def picture(self, kind: Literal["svg", "png", "pdf"]) -> bytes:
         """Return what `save` writes into a file of a kind."""
         held = io.BytesIO()

@@ -137,7 +137,7 @@ def gather(source: FigureSource) -> Content:
         if size_of(one) and any(found.done for found in one.competitors.values())
     ]
     if not cases:
-        raise StoreError(f"--results {source.folder}: no result of {_NEEDS}")
+        raise StoreError(f"{source.folder}: no result of {_NEEDS}", "results")
     protocol = max(cases, key=lambda one: one.newest_run).name.protocol
     of_protocol = [one for one in cases if one.name.protocol == protocol]
     names = source.names(of_protocol)
@@ -150,8 +150,9 @@ def gather(source: FigureSource) -> Content:
     panels = {title: errors for title, errors in panels.items() if len(errors)}
     if not panels:
         raise StoreError(
-            f"--results {source.folder}: no data set on which {', '.join(models) or 'any model'} "
-            f"has every draw of every size of {protocol}; the `bench run` that made them goes on"
+            f"{source.folder}: no data set on which {', '.join(models) or 'any model'} "
+            f"has every draw of every size of {protocol}; the `bench run` that made them goes on",
+            "results",
         )
     drawn = {name for errors in panels.values() for name in errors.index.unique("model")}
     others = ", ".join(name for name in names if name not in drawn)

@@ -141,8 +141,9 @@ def gather(source: FigureSource) -> Content:
     shared = [slot for slot in compared.slots if all(has_curves(of[slot]) for of in done.values())]
     if not shared:
         raise StoreError(
-            f"--results {source.folder}: {case.name.text}: {', '.join(done)}: no split on which "
-            "all have a training curve; choose fewer with --model"
+            f"{source.folder}: {case.name.text}: {', '.join(done)}: no split on which "
+            "all have a training curve; choose fewer models",
+            "results",
         )
     curves = [curve for name, of in done.items() for curve in curves_of(of[shared[0]], name)]
     caption = (

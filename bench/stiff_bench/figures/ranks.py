@@ -120,7 +120,7 @@ def gather(source: FigureSource) -> Content:
     if not ranked:
         reasons = "; ".join(dict.fromkeys(one.why_none for one in found))
         raise ConfigError(
-            f"--results {source.folder}: there is no critical difference to draw: it {reasons}"
+            f"{source.folder}: there is no critical difference to draw: it {reasons}", "results"
         )
     drawn = ranked[:MOST]
     shown_here = {name for one in drawn for name in one.models}

@@ -151,7 +151,7 @@ class FigureSource:
         best = max(self.newest, key=preference)
         if preference(best)[0] == 0:
             of = f" of {', '.join(self.models)}" if self.models else ""
-            raise StoreError(f"--results {self.folder}: no result{of} has {needs}")
+            raise StoreError(f"{self.folder}: no result{of} has {needs}", "results")
         return best
 
     def compared(
@@ -176,8 +176,9 @@ class FigureSource:
         slots = case.shared_slots(names)
         if not names or not slots:
             raise StoreError(
-                f"--results {self.folder}: {case.name.text}: {', '.join(names) or 'no model'}: "
-                "no split on which all have a result; `bench run` with the same --splits makes them"
+                f"{self.folder}: {case.name.text}: {', '.join(names) or 'no model'}: "
+                "no split on which all have a result; as many splits of each make them",
+                "results",
             )
         older = any(
             one.name.dataset == case.name.dataset and one not in self.newest for one in self.cases

@@ -137,12 +137,13 @@ def freezing(source: FigureSource) -> Content:
     model, results = variants_of(source.results(case, is_frozen), "freeze")
     each = [set(map(slot_of, of)) for of in grouped(results, freeze_of).values()]
     if len(each) < FEWEST_STRATEGIES:
-        raise StoreError(f"--results {source.folder}: no model has results of {_STRATEGIES}")
+        raise StoreError(f"{source.folder}: no model has results of {_STRATEGIES}", "results")
     slots, n_all = set.intersection(*each), len(set.union(*each))
     if not slots:
         raise StoreError(
-            f"--results {source.folder}: the freeze strategies of {model} have no split in common; "
-            "`bench run` with the same --splits makes them"
+            f"{source.folder}: the freeze strategies of {model} have no split in common; "
+            "as many splits of each make them",
+            "results",
         )
     fewer = " Splits that only some strategies have are left out." * (len(slots) < n_all)
     names = list(dict.fromkeys(one.shown.model for one in results))
@@ -254,7 +255,7 @@ def sweep(source: FigureSource) -> Content:
     errors = errors_on_source(results)
     n_splits = errors.groupby(["depth", "width"]).size()
     if len(n_splits) < FEWEST_NETWORKS:
-        raise StoreError(f"--results {source.folder}: no result has {_NETWORKS}")
+        raise StoreError(f"{source.folder}: no result has {_NETWORKS}", "results")
     names = list(dict.fromkeys(one.shown.model for one in results))
     caption = (
         f"Mean absolute error of {model} on the test part (30 %) of the simulated pre-training "

@@ -8,7 +8,7 @@ import os
 import shlex
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -32,10 +32,44 @@ _MARKS: dict[Status, str] = {"passed": "✓", "failed": "✗", "not applicable":
 _WIDTH = 100
 
 
-def checklist(
-    key: str, dataset: str, settings: Sequence[str], registry: Registry
-) -> tuple[str, bool]:
-    """Return the checklist of `bench check KEY`, and whether nothing failed.
+@dataclass(frozen=True, repr=False)
+class Checklist:
+    """What was checked.
+
+    Attributes:
+        where: of what, and on which data.
+        checks: each with its outcome.
+    """
+
+    where: str
+    checks: Sequence[Check]
+
+    @property
+    def kept(self) -> bool:
+        """Whether nothing failed."""
+        return all(check.status != "failed" for check in self.checks)
+
+    def __repr__(self) -> str:
+        """Return the checklist for people."""
+        lines = [self.where, ""]
+        for check in self.checks:
+            head = f"{_MARKS[check.status]} {check.name}"
+            lines.append(f"{head}: {check.reason}" if check.reason else head)
+            if check.advice:
+                lines += textwrap.wrap(
+                    f"to mend it: {check.advice}",
+                    _WIDTH,
+                    initial_indent="    ",
+                    subsequent_indent="    ",
+                    break_on_hyphens=False,
+                )
+        statuses = [check.status for check in self.checks]
+        counts = [f"{statuses.count(status)} {status}" for status in _MARKS]
+        return "\n".join([*lines, "", ", ".join(counts)])
+
+
+def checklist(key: str, dataset: str, settings: Sequence[str], registry: Registry) -> Checklist:
+    """Return the checklist of `bench check KEY`.
 
     Models and protocols are checked on the data set; settings are ``KEY.option=value`` words.
 
@@ -53,7 +87,7 @@ def checklist(
             checks, where = check_dataset(choice.make), _named(choice)
         else:
             checks, where = _check_protocol(info, dataset, settings, registry)
-    return _text(where, checks), all(check.status != "failed" for check in checks)
+    return Checklist(where, checks)
 
 
 def _check_model(
@@ -101,24 +135,6 @@ def _with_data(
 
 def _named(choice: Choice[Info]) -> str:
     return f"{choice.info.key} ({choice.options_text or 'default options'})"
-
-
-def _text(where: str, checks: Sequence[Check]) -> str:
-    """Return the checklist for people."""
-    lines = [where, ""]
-    for check in checks:
-        head = f"{_MARKS[check.status]} {check.name}"
-        lines.append(f"{head}: {check.reason}" if check.reason else head)
-        if check.advice:
-            lines += textwrap.wrap(
-                f"to mend it: {check.advice}",
-                _WIDTH,
-                initial_indent="    ",
-                subsequent_indent="    ",
-                break_on_hyphens=False,
-            )
-    counts = [f"{sum(check.status == status for check in checks)} {status}" for status in _MARKS]
-    return "\n".join([*lines, "", ", ".join(counts)])
 
 
 def _names(name: str) -> dict[str, str]:

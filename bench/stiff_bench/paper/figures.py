@@ -118,8 +118,9 @@ def _regression(number: int, models: Sequence[str], results: PaperResults) -> Co
     if lacking:
         why = "; ".join(found.failures.values()) or "not run"
         raise StoreError(
-            f"--results {results.folder}: no result of {', '.join(lacking)} on {DATASET} under "
-            f"{PAPER_PROTOCOL}: {why}; {REPRODUCE} makes it"
+            f"{results.folder}: no result of {', '.join(lacking)} on {DATASET} under "
+            f"{PAPER_PROTOCOL}: {why}; {REPRODUCE} makes it",
+            "results",
         )
     series = [
         Series(name, pooled_prediction(of_model), _published_mae("table_10", name))
@@ -155,8 +156,9 @@ def figure_6(results: PaperResults) -> Content:
     for kind in KINDS[:2]:
         if kind not in set(errors["kind"]):
             raise StoreError(
-                f"--results {results.folder}: no result of {FT_MLP} under {PAPER_PROTOCOL} that "
-                f"moves {kind}; {REPRODUCE} makes it"
+                f"{results.folder}: no result of {FT_MLP} under {PAPER_PROTOCOL} that "
+                f"moves {kind}; {REPRODUCE} makes it",
+                "results",
             )
     linear = [mean_error(one) for one in found.results.get(VJM, ())]
     caption = (
@@ -214,9 +216,10 @@ def figure_5(results: PaperResults) -> Content:
     few = [str(depth) for depth in WIDTH_DEPTHS if n_widths.get(depth, 0) < FEWEST_WIDTHS]
     if few:
         raise StoreError(
-            f"--results {results.folder}: fewer than {FEWEST_WIDTHS} widths of {', '.join(few)} "
+            f"{results.folder}: fewer than {FEWEST_WIDTHS} widths of {', '.join(few)} "
             f"hidden layers have results under {PAPER_PROTOCOL}; {REPRODUCE} makes them"
-            + "".join(f"; {reason}" for reason in found.failures.values())
+            + "".join(f"; {reason}" for reason in found.failures.values()),
+            "results",
         )
     stopped = [pretrained(layers=d, width=DEPTH_WIDTH, stopped_early=True) for d in WIDTH_DEPTHS]
     stopped.append(pretrained(stopped_early=True))
@@ -230,8 +233,9 @@ def figure_5(results: PaperResults) -> Content:
     ]
     if not curves:
         raise StoreError(
-            f"--results {results.folder}: {', '.join(trained.results)}: no training curve; "
-            f"{REPRODUCE} in another folder makes one"
+            f"{results.folder}: {', '.join(trained.results)}: no training curve; "
+            f"{REPRODUCE} in another folder makes one",
+            "results",
         )
     caption = (
         "The paper's Figure 5: (a) MAE and (b) STDE of pre-trained networks on the simulated "

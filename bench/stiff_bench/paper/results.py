@@ -98,9 +98,8 @@ class PaperResults:
                 damaged.
         """
         if not has_results(folder):
-            raise StoreError(
-                f"--results {folder}: {why_no_results(folder)}; {REPRODUCE} makes the results"
-            )
+            why = why_no_results(folder)
+            raise StoreError(f"{folder}: {why}; {REPRODUCE} makes the results", "results")
         return cls(folder, tuple(collect(folder)))
 
     def of_models(self, models: Iterable[str], protocol: str) -> Found:
@@ -135,14 +134,16 @@ class PaperResults:
             if len(missing) > 1 and not found.failures:
                 why += f" nor of {len(missing) - 1} others"
             raise StoreError(
-                f"--results {self.folder}: nothing to print of {DATASET} under {protocol}: {why}; "
-                f"{REPRODUCE} makes it"
+                f"{self.folder}: nothing to print of {DATASET} under {protocol}: {why}; "
+                f"{REPRODUCE} makes it",
+                "results",
             )
         shared = case.shared_slots(found.results)
         if not shared:
             raise StoreError(
-                f"--results {self.folder}: {', '.join(found.results)} have no split of {protocol} "
-                f"in common; {FULL} makes what is missing"
+                f"{self.folder}: {', '.join(found.results)} have no split of {protocol} "
+                f"in common; {FULL} makes what is missing",
+                "results",
             )
         any_of = {slot for model in found.results for slot in case.competitors[model].done}
         return Found(
@@ -186,5 +187,5 @@ def named_results(folder: Path | None, what: str, *, fitted: bool) -> PaperResul
     if not fitted:
         return PaperResults.of(folder or PAPER_RESULTS)
     if folder is not None:
-        raise ConfigError(f"--results {folder}: {what} is fitted here and reads none")
+        raise ConfigError(f"{folder}: {what} is fitted here and reads none", "results")
     return PaperResults(PAPER_RESULTS, ())

@@ -226,7 +226,7 @@ class Choice(Generic[Info]):
         """
         for name, option in options_of(self.cls).items():
             if option.required and name not in {**self.params, **self.context}:
-                raise ConfigError(f"{self.info.key!r} needs --set {self.info.key}.{name}=...")
+                raise ConfigError(f"{self.info.key!r} needs its option: {self.info.key}@{name}=...")
         try:
             return self.cls(**self.params, **self.context)
         except Exception as error:

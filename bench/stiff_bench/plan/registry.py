@@ -194,17 +194,17 @@ def import_plugin_file(path: Path) -> ModuleType:
         ConfigError: it cannot be imported.
     """
     if not path.is_file():
-        raise ConfigError(f"--plugin {path}: no such file")
+        raise ConfigError(f"{path}: no such file", "plugin")
     # two files may have one name, and each needs a module of its own
     place = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]
     name = f"{_PLUGIN}{path.stem}_{place}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
-        raise ConfigError(f"--plugin {path}: not a Python file (valid: a file that ends in .py)")
+        raise ConfigError(f"{path}: not a Python file (valid: a file that ends in .py)", "plugin")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses and type hints look their module up here
     try:
-        with _guarded(f"--plugin {path}"):
+        with _guarded(f"plugin {path}"):
             spec.loader.exec_module(module)
     except BaseException:
         del sys.modules[name]
@@ -222,7 +222,8 @@ def _lines_of(module: ModuleType, path: Path) -> list[object]:
     lines = [info for kind in _KINDS for info in _as_list(getattr(module, kind.upper(), []))]
     if not lines:
         raise ConfigError(
-            f"--plugin {path}: defines nothing (valid: a list MODELS, DATASETS or PROTOCOLS of "
-            "ModelInfo, DatasetInfo or ProtocolInfo)"
+            f"{path}: defines nothing (valid: a list MODELS, DATASETS or PROTOCOLS of "
+            "ModelInfo, DatasetInfo or ProtocolInfo)",
+            "plugin",
         )
     return lines

@@ -113,7 +113,7 @@ def _sources(
                 _made(found[word], "load")
             except ConfigError as error:
                 raise ConfigError(
-                    f"--protocol {protocol.name}: source {word!r}: {error}"
+                    f"{protocol.name}: source {word!r}: {error}", "protocol"
                 ) from error
     return found
 
@@ -146,13 +146,13 @@ def _coverage(asked: float | None, metrics: Sequence[Metric]) -> float | None:
     if any(metric.needs_interval for metric in metrics):
         coverage = DEFAULT_COVERAGE if asked is None else asked
         if not 0.0 < coverage < 1.0:
-            raise ConfigError(f"--coverage {coverage:g}: must lie between 0 and 1")
+            raise ConfigError(f"{coverage:g}: must lie between 0 and 1", "coverage")
         require("a metric of intervals", "crepes")  # before the models are fitted
         return coverage
     if asked is not None:
         raise ConfigError(
-            f"--coverage {asked:g}: no metric of this run needs intervals; add --metric coverage "
-            "or --metric width"
+            f"{asked:g}: no metric of this run needs intervals; add the metric coverage or width",
+            "coverage",
         )
     return None
 

@@ -5,7 +5,6 @@ They are taken apart here and nowhere else; what follows them has the typed `Cho
 
 from __future__ import annotations
 
-import math
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,27 +26,34 @@ DEFAULT_DATASET = "kr10-twin"
 
 @dataclass(frozen=True)
 class RobotWords:
-    """The three options that name a robot; empty ones were not given."""
+    """What names a robot; None was not given.
 
-    robot: str | None
-    urdf: Path | None
-    tcp: str
+    Attributes:
+        robot: name of a shipped one.
+        urdf: file of another one.
+        tcp: (3,) tool centre point in the frame of the last link, m.
+    """
+
+    robot: str | None = None
+    urdf: Path | str | None = None
+    tcp: Sequence[float] | None = None
 
     @property
     def given(self) -> bool:
         """Whether any of them was given."""
-        return bool(self.robot or self.urdf or self.tcp)
+        return self != NO_ROBOT
 
     @property
     def text(self) -> str:
-        """The same words for another command line, with a space before; "" for none."""
-        pairs = (("--robot", self.robot), ("--urdf", self.urdf), ("--tcp", self.tcp))
+        """The same as words of a command line, with a space before; "" for none."""
+        tcp = None if self.tcp is None else ",".join(map(str, self.tcp))
+        pairs = (("--robot", self.robot), ("--urdf", self.urdf), ("--tcp", tcp))
         return "".join(f" {name} {shlex.quote(str(value))}" for name, value in pairs if value)
 
     @property
     def is_papers(self) -> bool:
         """Whether it is the shipped KR10 of the source paper."""
-        return self.urdf is None and (self.robot or DEFAULT_ROBOT) == DEFAULT_ROBOT
+        return self.urdf is None and self.robot in (None, DEFAULT_ROBOT)
 
     def read(self) -> tuple[Robot, ChainModel, float | None]:
         """Return the robot, its chain, and its payload in kg if it is known.
@@ -58,31 +64,16 @@ class RobotWords:
         """
         if self.urdf is not None:
             if self.robot is not None:
-                raise ConfigError(f"--robot {self.robot} and --urdf {self.urdf}: give one of them")
-            chain, payload_kg = read_chain(self.urdf, tcp=parse_tcp(self.tcp)), None
+                raise ConfigError(f"{self.robot} and urdf {self.urdf}: give one of them", "robot")
+            tcp = (0.0, 0.0, 0.0) if self.tcp is None else self.tcp
+            chain, payload_kg = read_chain(Path(self.urdf), tcp=tcp), None
         else:
-            shipped = named_robot(self.robot or DEFAULT_ROBOT)
-            chain = shipped.chain(parse_tcp(self.tcp) if self.tcp else None)
-            payload_kg = shipped.payload_kg
+            shipped = named_robot(DEFAULT_ROBOT if self.robot is None else self.robot)
+            chain, payload_kg = shipped.chain(self.tcp), shipped.payload_kg
         return robot_of(chain), chain, payload_kg
 
 
-def parse_tcp(text: str) -> tuple[float, float, float]:
-    """Read the "x,y,z" of a TCP, m; an empty text is the origin.
-
-    Raises:
-        ConfigError: it is no such text.
-    """
-    try:
-        x, y, z = (float(word) for word in (text or "0,0,0").split(","))
-        if math.isfinite(x + y + z):
-            return x, y, z
-    except ValueError:
-        pass
-    raise ConfigError(f"--tcp {text!r}: expected three finite lengths in m, x,y,z")
-
-
-NO_ROBOT = RobotWords(None, None, "")
+NO_ROBOT = RobotWords()
 """No robot was named."""
 
 
@@ -110,17 +101,23 @@ def parse_settings(
     return parsed
 
 
-def _parse_parts(said: str, key: str, parts: Sequence[str], cls: type) -> dict[str, Any]:
+def _own_options(
+    kind: Kind, word: str, key: str, parts: Sequence[str], cls: type
+) -> dict[str, Any]:
     """Turn the ``OPTION=VALUE`` parts of a word into checked values."""
     parsed: dict[str, Any] = {}
-    for part in parts:
-        name, equals, text = part.partition("=")
-        if not (equals and name):
-            raise ConfigError(f"{said}: expected KEY@OPTION=VALUE")
-        if parsed and name not in options_of(cls):
-            unknown = unknown_name(f"{key} option", name, options_of(cls))
-            raise ConfigError(f"{said}: {unknown}; an @ inside a value is doubled: @@")
-        _parse_one(parsed, said, key, cls, name, text)
+    try:
+        for part in parts:
+            name, equals, text = part.partition("=")
+            if not (equals and name):
+                raise ConfigError(f"{word!r}: expected KEY@OPTION=VALUE")
+            if parsed and name not in options_of(cls):
+                unknown = unknown_name(f"{key} option", name, options_of(cls))
+                raise ConfigError(f"{word!r}: {unknown}; an @ inside a value is doubled: @@")
+            _parse_one(parsed, repr(word), key, cls, name, text)
+    except ConfigError as error:
+        error.argument = kind
+        raise
     return parsed
 
 
@@ -155,7 +152,7 @@ def chosen(
             Choice(
                 infos[key],
                 classes[key],
-                params[key] | _parse_parts(f"--{kind} {word!r}", key, own, classes[key]),
+                params[key] | _own_options(kind, word, key, own, classes[key]),
                 {},
             )
             for word, key, own in of
@@ -221,7 +218,7 @@ def own_file(data: Path, robot: RobotWords, no_torque: bool) -> Choice[DatasetIn
     Raises:
         ConfigError: its robot is not named.
     """
-    if not (robot.urdf or robot.robot):
+    if robot.urdf is None and robot.robot is None:
         raise ConfigError(f"{data}: needs its robot too: --urdf FILE.urdf or --robot NAME")
     return measured_file(data, robot.read()[0], no_torque=no_torque)
 

@@ -56,7 +56,7 @@ def part_of(stored: StoredResults, choice: Selection, key: SortKey) -> Part:
     chosen = tuple(chosen_cases(stored.cases, datasets=choice.datasets, protocols=choice.protocols))
     if not chosen:
         raise ConfigError(
-            f"--dataset {', '.join(choice.datasets)} --protocol {', '.join(choice.protocols)}: no "
+            f"dataset {', '.join(choice.datasets)}, protocol {', '.join(choice.protocols)}: no "
             f"data set of these has results under a protocol of these in {folder}"
         )
     board, why_none = None, ""
@@ -204,11 +204,11 @@ def write_report(folders: Sequence[Path], choice: Selection, output: Path, comma
     if output.suffix.lower() not in SUFFIXES:
         valid = ", ".join(SUFFIXES)
         raise ConfigError(
-            f"--output {output}: suffix {output.suffix!r} is no page's (valid: {valid})"
+            f"{output}: suffix {output.suffix!r} is no page's (valid: {valid})", "output"
         )
     for number, folder in enumerate(folders):
         if folder.resolve() in {other.resolve() for other in folders[:number]}:
-            raise ConfigError(f"--results {folder}: is named twice")
+            raise ConfigError(f"{folder}: is named twice", "results")
     key = sort_key(choice.metric, choice.axis)
     parts = [part_of(StoredResults.read(folder), choice, key) for folder in folders]
     with written_whole(output) as temporary:

@@ -116,7 +116,7 @@ class ResultStore:
         except DamagedFile:
             pass  # for `repair`
         except StoreError as error:
-            raise StoreError(f"--output {error}") from error
+            raise StoreError(f"{error}", "output") from error
 
     def write_cell(self, result: CellResult) -> None:
         """Store a cell's result or failure; a failure takes nothing from a result.

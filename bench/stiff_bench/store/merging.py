@@ -186,10 +186,10 @@ def merge(folders: Sequence[Path], output: Path, allow: Collection[Kind]) -> Mer
         found = _disagreements(every)
         refused = {key: line for key, line in found.items() if key[0] not in allow}
         if refused:
-            options = " ".join(f"--allow {kind}" for kind in dict.fromkeys(k for k, _ in refused))
+            kinds = " and ".join(dict.fromkeys(kind for kind, _ in refused))
             raise ConfigError(
                 f"the folders differ in {', '.join(refused.values())}; nothing was merged "
-                f"({options} merges them all the same)"
+                f"(allow {kinds} to merge them all the same)"
             )
         ResultStore(output)
         damaged = [line for one in every for line in one.damaged]
@@ -219,7 +219,7 @@ def _inputs(folders: Sequence[Path], output: Path) -> list[Path]:
     different = {folder.resolve(): folder for folder in folders}
     different.pop(output.resolve(), None)
     if not different:
-        raise ConfigError(f"--output {output}: is the only folder given; name one to take from")
+        raise ConfigError(f"{output}: is the only folder given; name one to take from", "output")
     return list(different.values())
 
 

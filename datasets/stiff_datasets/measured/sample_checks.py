@@ -181,7 +181,7 @@ def table_problems(
         parts += [f"columns not used: {', '.join(others)}"] if missing and others else []
         may_miss = f"; optional: {', '.join(optional)}" if optional else ""
         if missing and set(missing) <= set(TORQUE_COLUMNS):
-            may_miss = "; --no-torque if none were measured"
+            may_miss = "; say no-torque if none were measured"
         return [
             Problem(_shortened(f"header: {'; '.join(parts)}", 500), ",".join(columns) + may_miss)
         ]

@@ -81,6 +81,10 @@ class ValidationReport:
             return "invalid"
         return "suspicious" if self.warnings else "ok"
 
+    def __repr__(self) -> str:
+        """Return the report as plain text."""
+        return render_report(self).rstrip()
+
 
 def validate(path: Path, chain: ChainModel, *, no_torque: bool = False) -> ValidationReport:
     """Check a file of measured samples.
@@ -175,7 +179,7 @@ def _content_findings(samples: Samples, robot: Robot, no_torque: bool) -> Iterat
         elif not no_torque:
             yield warning(
                 "every torque is zero, which is right only if each force acted at the TCP; say "
-                "--no-torque if none were measured"
+                "no-torque if none were measured"
             )
     yield fact("deflection", f"{_range(samples.deflection * MM_PER_M)} mm")
     units, q = file_units(robot), samples.q * file_units(robot)

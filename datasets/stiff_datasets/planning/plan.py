@@ -72,7 +72,7 @@ def paper_plan(
         raise ConfigError(
             f"{(~free).sum()} of the paper's poses ({names}, ...) do not keep a clearance of "
             f"{clearance:g} m to the base and {LOWEST_HEIGHT:g} m to the mounting plane with the "
-            "TCP given; choose poses with --poses, or ask for a smaller clearance"
+            "TCP given; say how many poses to choose, or ask for a smaller clearance"
         )
     wrench = _forces(len(poses.q), payload_kg, seed)
     return MeasurementPlan(poses.q, poses.pose_id, poses.group, wrench)

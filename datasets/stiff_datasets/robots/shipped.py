@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from stiff_datasets.robots.robot import ChainModel, robot_of, shipped_chain
@@ -23,9 +24,9 @@ class ShippedRobot:
     tcp: tuple[float, float, float]
     payload_kg: float | None
 
-    def chain(self, tcp: tuple[float, float, float] | None = None) -> ChainModel:
+    def chain(self, tcp: Sequence[float] | None = None) -> ChainModel:
         """Read it for Pinocchio, with another TCP if one is given."""
-        return shipped_chain(self.urdf, tcp=tcp or self.tcp)
+        return shipped_chain(self.urdf, tcp=self.tcp if tcp is None else tcp)
 
     def robot(self) -> Robot:
         """Read it for models."""

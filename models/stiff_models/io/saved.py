@@ -234,7 +234,9 @@ def _model(node: Mapping[str, Any]) -> BaseEstimator:
 def _plugin_model(node: Mapping[str, Any], plugins: Mapping[str, type]) -> Any:
     key = str(node["key"])
     if key not in plugins:
-        raise DataError(f"holds {key}, a plugin's model; name the plugin's file with --plugin")
+        raise DataError(
+            f"holds {key}, a plugin's model; name the plugin's file (--plugin, or `use_plugin`)"
+        )
     cls = plugins[key]
     if code_of(cls) != node["code"]:
         raise DataError(f"holds {key} of other code than the plugin's file has now; fit it again")

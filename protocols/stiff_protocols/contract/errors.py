@@ -7,7 +7,25 @@ from collections.abc import Iterable
 
 
 class StiffBenchError(Exception):
-    """Something the user can mend; the message names the thing, its value and what is valid."""
+    """Something the user can mend; the message names the thing, its value and what is valid.
+
+    Attributes:
+        argument: that is wrong, "" for none: the text begins with it, and on the command line with
+            the option of this name.
+    """
+
+    def __init__(self, message: str = "", argument: str = "") -> None:
+        """Store the arguments."""
+        super().__init__(message)
+        self.argument = argument
+
+    def __str__(self) -> str:
+        """Return the message, the argument's name before it."""
+        return f"{self.argument} {super().__str__()}".lstrip()
+
+    def as_typed(self) -> str:
+        """Return the same for a user of the command line."""
+        return f"--{self}" if self.argument else str(self)
 
 
 class ConfigError(StiffBenchError):

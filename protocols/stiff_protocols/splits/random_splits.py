@@ -76,8 +76,9 @@ class KFold:
         """
         if n_splits not in (None, self.folds):
             raise ConfigError(
-                f"--splits {n_splits}: kfold has {self.folds} splits, one a fold; leave --splits "
-                f"out, or use --protocol kfold@folds={n_splits}"
+                f"{n_splits}: kfold has {self.folds} splits, one a fold; leave it out, "
+                f"or use kfold@folds={n_splits}",
+                "splits",
             )
         n_poses = len(np.unique(samples.pose_id))
         if self.folds > n_poses:
@@ -132,7 +133,7 @@ class LeaveOneOut:
         """
         if n_splits is not None:
             raise ConfigError(
-                f"--splits {n_splits}: leave-one-out has one split a pose; leave --splits out"
+                f"{n_splits}: leave-one-out has one split a pose; leave it out", "splits"
             )
         first_rows = np.sort(np.unique(samples.pose_id, return_index=True)[1])
         if len(first_rows) < 2:

@@ -375,10 +375,10 @@ def test_what_cannot_be_compared_is_one_clear_line(tmp_path):
             r"a and vjm@slopes=2 have no comparison in common: a was run in "
             r"\(made \| kfold\); vjm@slopes=2 was run in \(made \| kfold \| elsewhere\)",
         ),
-        ({"datasets": ("mode",)}, "--dataset: .*'mode'; did you mean 'made'"),
+        ({"datasets": ("mode",)}, "dataset.*'mode'; did you mean 'made'"),
         (
             {"conditions": ("else",)},
-            r"--condition: unknown condition 'else'; did .*\(valid: elsewhere\)$",
+            r"^unknown condition 'else'; did .*\(valid: elsewhere\)$",
         ),
     ):
         with pytest.raises(ConfigError, match=message):

@@ -12,7 +12,7 @@ import pytest
 
 import stiffbench as sb
 from stiff_datasets.measured.measured import write_samples
-from stiff_protocols.contract.errors import ConfigError, DataError, NotFittedError
+from stiff_protocols.contract.errors import ConfigError, DataError, NotFittedError, StiffBenchError
 
 
 @pytest.fixture(scope="module")
@@ -164,6 +164,81 @@ def test_kept_results_are_read_again_and_not_computed_again(twin, tmp_path):
     np.testing.assert_array_equal(frames[0]["value"], frames[1]["value"])
 
 
+def test_what_there_is_is_a_table_and_what_it_is_a_text():
+    for listed, key in (
+        (sb.list_models(), "vjm"),
+        (sb.list_datasets(), "kr10-twin"),
+        (sb.list_protocols(), "holdout"),
+        (sb.list_metrics(), "mae"),
+    ):
+        assert key in set(listed.frame()["key"])
+        assert f"\n{key} " in repr(listed) and f"<td>{key} " in listed._repr_html_()
+    assert "knn.neighbours" in repr(sb.show("knn"))
+    assert sb.check("zero").kept
+
+
+def test_a_file_without_torques_is_read_and_validated_where_that_is_said(tmp_path):
+    file, torques = tmp_path / "my.csv", ["tx_Nm", "ty_Nm", "tz_Nm"]
+    measured = sb.load_dataset("fanuc-r2000ic")
+    measured.frame().drop(columns=torques).to_csv(file, index=False)
+    assert sb.validate(file, robot="fanuc-r2000ic").verdict == "invalid"
+    report = sb.validate(file, robot="fanuc-r2000ic", no_torque=True)
+    assert report.verdict == "ok" and "Facts" in repr(report)
+    again = sb.read_samples(file, robot="fanuc-r2000ic", no_torque=True)
+    assert not again.samples.wrench[:, 3:].any()
+    assert "43" in again.describe(tmp_path) and (tmp_path / "my.csv.png").exists()
+
+
+def test_plans_and_simulations_are_files_that_can_be_read(tmp_path):
+    sb.plan_poses(tmp_path / "plan.csv", poses=8, candidates=20, robot="ur5")
+    assert len((tmp_path / "plan.csv").read_text().splitlines()) == 1 + 8
+    assert "20 SIMULATED" in sb.simulate(tmp_path / "many.csv", samples=20)
+    assert len(sb.read_samples(tmp_path / "many.csv", robot="kr10-r1100-2")) == 20
+
+
+def test_results_are_merged_and_drawn(twin, tmp_path):
+    for model in ("vjm", "zero"):
+        sb.evaluate(model, twin, splits=1, output=tmp_path / model)
+    merged = sb.merge([tmp_path / "vjm", tmp_path / "zero"], tmp_path / "both")
+    assert merged.n_cells == 2
+    results = sb.open_results(tmp_path / "both")
+    drawn = sb.figure("errors", results, models=["vjm"])
+    assert "kr10-twin@specimen=3" in drawn.caption
+    assert drawn._repr_png_().startswith(b"\x89PNG")
+    with pytest.raises(StiffBenchError, match="no result"):
+        sb.paper_table(9, results)
+
+
+@pytest.mark.parametrize(
+    ("call", "named"),
+    [
+        (lambda: sb.make_model("knn@neighbours=many"), "model 'knn@neighbours=many'"),
+        (lambda: sb.load_dataset("robot-twin"), "robot-twin@constants"),
+        (lambda: sb.evaluate("vjm", coverage=0.9), "coverage 0.9"),
+        (lambda: sb.evaluate("vjm", protocol="leave-one-out", splits=3), "splits 3"),
+        (lambda: sb.use_plugin("none.py"), "plugin none.py"),
+        (lambda: sb.open_results("none").leaderboard(axis="w"), "axis 'w'"),
+        (lambda: sb.open_results("none").leaderboard(), "results none"),
+        (lambda: sb.figure("9", models=["gp"]), "model gp"),
+        (lambda: sb.validate("x.csv", robot="ur5", urdf="my.urdf"), "robot ur5"),
+        (lambda: sb.simulate("x.csv", twin="ur6"), "twin 'ur6'"),
+        (lambda: sb.plan_poses("x.csv", robot="fanuc-r2000ic"), "payload of fanuc"),
+    ],
+)
+def test_errors_name_the_argument_and_no_option_of_the_command_line(call, named):
+    with pytest.raises(StiffBenchError) as refused:
+        call()
+    said = str(refused.value).partition("; `bench run")[0]  # the command that makes what is missing
+    assert named in said and "--" not in said
+
+
+def test_intervals_that_a_model_does_not_have_are_refused_by_the_arguments_name(twin, tmp_path):
+    model = sb.make_model("vjm").fit(twin)
+    twin.frame().to_csv(tmp_path / "loads.csv")
+    with pytest.raises(ConfigError, match=r"^coverage 0\.9: vjm"):
+        model.predict_file(tmp_path / "loads.csv", tmp_path / "out.csv", coverage=0.9)
+
+
 def test_results_that_nobody_keeps_leave_no_folder(twin):
     results = sb.evaluate("zero", twin, splits=1)
     folder = results.folder
@@ -214,10 +289,10 @@ def test_several_jobs_work_in_a_script_without_a_main_guard(tmp_path):
     assert done.returncode == 0
 
 
-def test_a_plugins_file_is_named_after_use_plugin(tmp_path, monkeypatch, twin):
-    from stiff_bench.api import data
+def test_a_plugins_file_is_named_after_use_plugin(tmp_path, twin):
+    from stiff_bench.api import catalog
 
-    monkeypatch.setattr(data, "registry", data.cache(data.build_registry))
+    catalog.registry.cache_clear()
     file = tmp_path / "my_plugin.py"
     file.write_text(
         "from stiff_protocols.contract.plugin import ModelInfo\n"
@@ -229,6 +304,8 @@ def test_a_plugins_file_is_named_after_use_plugin(tmp_path, monkeypatch, twin):
     )
     sb.use_plugin(file)
     assert sb.make_model("still").fit(twin).predict(np.zeros((2, 6)), np.zeros((2, 6))).any() == 0
+    assert "still" in set(sb.list_models().frame()["key"])
+    catalog.registry.cache_clear()
 
 
 def test_robots_come_from_descriptions_and_by_name(kr10):

@@ -101,7 +101,7 @@ PLUGIN_HEAD = "from stiff_protocols.contract.plugin import DatasetInfo, ModelInf
             "class A:\n    def __init__(self, *, needed): ...\n"
             "MODELS = ModelInfo(key='a', target=A, summary='s')\n",
             ["--model", "a"],
-            ["'a' needs --set a.needed=..."],
+            ["'a' needs", "a@needed=..."],
         ),
         (
             "class A: ...\nMODELS = [ModelInfo(key='a', target=A, summary='s')]\n",
@@ -183,7 +183,7 @@ def test_help_loads_nothing_heavy(tmp_path):
         ),
         (
             ["run", "--model", "vjm", "--protocol", "leave-one-out", "--splits", "3"],
-            ["--splits 3", "one split a pose"],
+            ["splits 3", "one split a pose"],
         ),
         (
             ["run", "--model", "vjm", "--set", "holdout.test_fraction=0.999"],

@@ -95,7 +95,7 @@ def test_a_stopped_simulation_leaves_nothing_behind(tmp_path):
 def test_a_plan_of_ones_own_robot_needs_its_payload(tmp_path):
     words = ["data", "plan", "--urdf", str(ROBOTS / "ur5.urdf"), "--tcp", "0,0.06,0.08"]
     words += ["--candidates", "300", "--poses", "20", "--output", "plan.csv"]
-    assert_refused(bench_here(*words, cwd=tmp_path), "ur5", "--payload KG")
+    assert_refused(bench_here(*words, cwd=tmp_path), "--payload of ur5", "in kg")
     done = bench_here(*words, "--payload", "5", cwd=tmp_path)
     assert done.returncode == 0 and (tmp_path / "plan.csv").is_file()
     assert "bench data validate plan.csv --urdf" in done.stdout
@@ -151,7 +151,7 @@ def test_files_without_torques_are_used_and_registered_where_that_is_said(tmp_pa
             writer.writerows(row | {"group": "all"} for row in rows)
     run = ["run", "--model", "vjm", "--data", "a.csv", "--data", "b.csv"]
     robot = ["--robot", "kr10-r1100-2", "--no-torque"]
-    assert_refused(bench_here(*run, *robot[:2], cwd=tmp_path), "missing tx_Nm", "--no-torque")
+    assert_refused(bench_here(*run, *robot[:2], cwd=tmp_path), "missing tx_Nm", "say no-torque")
     done = bench_here(*run, *robot, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "**a.csv (user's file)" in done.stdout and "**b.csv (user's file)" in done.stdout
@@ -259,7 +259,7 @@ def test_pose_errors_are_fetched_and_never_called_stiffness(tmp_path, home):
         (["simulate", "--output", "s.xls"], ["s.xls", ".csv, .parquet"]),
         (["info", "my.csv"], ["my.csv: needs its robot too: --urdf FILE.urdf or --robot NAME"]),
         (["info", "kr10-twn"], ["unknown dataset 'kr10-twn'", "did you mean 'kr10-twin'"]),
-        (["info", "robot-twin"], ["robot-twin", "--set robot-twin.constants=..."]),
+        (["info", "robot-twin"], ["robot-twin", "robot-twin@constants=..."]),
         (["info", "kr10-twin", "--robot", "ur5"], ["kr10-twin: no file of samples", ".xlsx"]),
         (["info", "kr10-twin", "--no-torque"], ["kr10-twin: no file of samples", ".xlsx"]),
         (["info", "my.CSV", "--set", "a.b=1"], ["--set 'a.b=1'", "my.CSV has no options"]),

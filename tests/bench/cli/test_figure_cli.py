@@ -92,7 +92,7 @@ def test_missing_results_of_the_paper_name_the_command_that_makes_them(tmp_path)
 
 
 def test_the_papers_figures_take_no_choice_of_models(tmp_path):
-    assert "--model gp" in refusal("9", "--model", "gp", "--output", tmp_path / "a.png")
+    assert "model gp" in refusal("9", "--model", "gp", "--output", tmp_path / "a.png")
 
 
 def test_a_figure_that_results_are_not_enough_for_leaves_no_file(tmp_path):
@@ -140,7 +140,7 @@ def test_figure_5_has_a_line_a_depth_and_the_papers_values_as_stars(paper):
 
 def test_results_are_refused_by_the_figure_that_reads_none(tmp_path):
     message = refusal("4", "--results", tmp_path, "--output", tmp_path / "a.png")
-    assert f"--results {tmp_path}: figure 4 is fitted here" in message
+    assert f"results {tmp_path}: figure 4 is fitted here" in message
 
 
 def caption_of(name: str, results: PaperResults) -> str:

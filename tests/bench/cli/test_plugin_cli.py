@@ -116,8 +116,9 @@ def test_a_check_trains_anew_and_leaves_the_cache_as_it_was(monkeypatch):
     monkeypatch.setenv(VARIABLE, "somewhere")
     registry = build_registry()
     registry.add([ModelInfo(key="listens", target=Listens, summary="")], "test")
-    text, _ = checklist("listens", "fanuc-r2000ic", (), registry)
-    assert "raised RuntimeError: cache off" in text
+    assert "raised RuntimeError: cache off" in repr(
+        checklist("listens", "fanuc-r2000ic", (), registry)
+    )
     assert os.environ[VARIABLE] == "somewhere"
 
 
@@ -128,9 +129,9 @@ def test_a_shipped_model_a_data_set_and_a_protocol_pass():
         ("fanuc-r2000ic", "fanuc-r2000ic (default options)"),
         ("holdout", "holdout (default options) on fanuc-r2000ic (default options)"),
     ):
-        text, kept = checklist(key, "fanuc-r2000ic", (), registry)
-        assert kept, text
-        assert text.splitlines()[0] == first
+        checked = checklist(key, "fanuc-r2000ic", (), registry)
+        assert checked.kept, checked
+        assert checked.where == first
 
 
 def test_what_cannot_be_used_here_says_why(bad):
@@ -161,5 +162,5 @@ def test_what_a_model_misses_depends_on_its_options():
     registry.add([ModelInfo(key="needs-file", target=NeedsFile, summary="")], "test")
     with pytest.raises(StiffBenchError, match="'needs-file' cannot be checked here: no file of"):
         checklist("needs-file", "fanuc-r2000ic", (), registry)
-    text, _ = checklist("needs-file", "fanuc-r2000ic", ("needs-file.file=w.ckpt",), registry)
-    assert "needs-file (file=w.ckpt) on fanuc-r2000ic" in text
+    checked = checklist("needs-file", "fanuc-r2000ic", ("needs-file.file=w.ckpt",), registry)
+    assert "needs-file (file=w.ckpt) on fanuc-r2000ic" in checked.where

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from stiff_bench.cli.run import foreseen
+from stiff_bench.api.run import Run
 from stiff_bench.paper.study import (
     ALL_PAIRS,
     DEPTHS,
@@ -19,7 +19,6 @@ from stiff_bench.paper.study import (
 )
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.run.execution import IN_THIS_PROCESS
 from stiff_models.catalog import MODELS
 
 KEYS = [info.key for info in MODELS]
@@ -74,5 +73,5 @@ def test_the_leaderboard_has_every_shipped_model_once():
 
 
 def test_before_anything_is_stored_a_forecast_says_that_no_time_is_known(tmp_path):
-    found = foreseen(study_of(paper_study(full=False), tmp_path), IN_THIS_PROCESS)
+    found = Run(study_of(paper_study(full=False), tmp_path)).foreseen()
     assert found.n_unknown == found.n_cells > 0 and found.seconds == 0.0

@@ -152,7 +152,7 @@ def test_set_reaches_every_variant_and_the_word_has_the_last_word():
     [
         ({"models": ("VJM",)}, "unknown model 'VJM'; did you mean 'vjm'"),
         ({"models": ("vmj",)}, "unknown model 'vmj'; did you mean 'vjm'"),
-        ({"models": ("mlp@widht=8",)}, "--model 'mlp@widht=8': unknown mlp option 'widht'; did"),
+        ({"models": ("mlp@widht=8",)}, "model 'mlp@widht=8': unknown mlp option 'widht'; did"),
         (
             {"protocols": ("cross-robot@source=kr10-twin@specimen=3",)},
             "unknown cross-robot option 'specimen' (valid: source, test_fraction, validation_f",
@@ -161,10 +161,10 @@ def test_set_reaches_every_variant_and_the_word_has_the_last_word():
             {"protocols": ("cross-robot@source=kr10-twin@specimen=3",)},
             "an @ inside a value is doubled: @@",
         ),
-        ({"models": ("mlp@width",)}, "--model 'mlp@width': expected KEY@OPTION=VALUE"),
+        ({"models": ("mlp@width",)}, "model 'mlp@width': expected KEY@OPTION=VALUE"),
         ({"models": ("mlp@width=8@width=9",)}, "mlp.width is set twice"),
-        ({"datasets": ("kr10-twin@specimen=10",)}, "--dataset 'kr10-twin@specimen=10': '10' is no"),
-        ({"protocols": ("kfold@folds=1",)}, "--protocol 'kfold@folds=1': '1' is no valid folds"),
+        ({"datasets": ("kr10-twin@specimen=10",)}, "dataset 'kr10-twin@specimen=10': '10' is no"),
+        ({"protocols": ("kfold@folds=1",)}, "protocol 'kfold@folds=1': '1' is no valid folds"),
     ],
 )
 def test_a_wrong_word_is_refused_with_what_is_valid(changes, message):

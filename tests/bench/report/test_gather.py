@@ -176,7 +176,7 @@ def test_a_word_without_results_is_refused(results):
         with pytest.raises(ConfigError, match=str(next(iter(choice.values()))[0])):
             blocks_of(results.folder, **choice)
     results.add("vjm", [0.1], "lonely", protocol="transfer")
-    with pytest.raises(ConfigError, match="--dataset twin --protocol transfer"):
+    with pytest.raises(ConfigError, match="dataset twin, protocol transfer"):
         blocks_of(results.folder, datasets=("twin",), protocols=("transfer",))
 
 

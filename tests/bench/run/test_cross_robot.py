@@ -125,7 +125,7 @@ def test_a_source_that_does_not_exist_is_refused_before_any_data_is_loaded(
     word, part, tasks_of, monkeypatch
 ):
     monkeypatch.setattr("stiff_bench.plan.cells.loaded", lambda _: pytest.fail("loaded"))
-    with pytest.raises(ConfigError, match=f"--protocol cross-robot@source={word}: source .*{part}"):
+    with pytest.raises(ConfigError, match=f"protocol cross-robot@source={word}: source .*{part}"):
         tasks_of(("vjm",), "fanuc-r2000ic", f"cross-robot@source={word}")
 
 

@@ -18,6 +18,7 @@ from command_line import bench, bench_here, started
 from made_results import damage, tear
 from run_requests import planned
 from stiff_bench.analysis.collected import collect
+from stiff_bench.api.run import Run
 from stiff_bench.cli.run import execute
 from stiff_bench.run.execution import IN_THIS_PROCESS
 from stiff_bench.store.damage import fault_of
@@ -43,7 +44,7 @@ def run(tmp_path, capsys):
     def execute_it(rerun="missing", **changes):
         words = {"models": ("zero", "knn"), "datasets": ("fanuc-r2000ic",), "splits": 3}
         plan = planned(output=tmp_path, **words | changes)
-        status = execute(plan, "csv", RERUN[rerun])
+        status = execute(Run([plan], RERUN[rerun]), "csv")
         out, err = capsys.readouterr()
         return status, out, err
 

@@ -129,11 +129,11 @@ def disagreeing(kind, tmp_path):
 def test_other_data_splits_or_code_are_refused_unless_told_otherwise(kind, tmp_path):
     folders = disagreeing(kind, tmp_path)
     for others in (NOTHING, {"data", "split", "code"} - {kind}):
-        with pytest.raises(ConfigError, match=rf"{kind} of .* \(--allow {kind} merges"):
+        with pytest.raises(ConfigError, match=rf"{kind} of .* \(allow {kind} to merge"):
             merge(folders, tmp_path / "c", others)
         assert not (tmp_path / "c").exists()
     before = contents(folders[0])
-    with pytest.raises(ConfigError, match=f"--allow {kind}"):
+    with pytest.raises(ConfigError, match=f"allow {kind}"):
         merge(folders[1:], folders[0], NOTHING)  # the output's own results count too
     assert contents(folders[0]) == before
     merged = merge(folders, tmp_path / "c", {kind})

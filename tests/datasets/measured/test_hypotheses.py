@@ -211,7 +211,7 @@ def test_a_measurement_without_torques_is_ok_where_that_is_declared(tmp_path):
     data = FanucR2000iC().load()
     fanuc = Clean(sample_table(data.samples, data.robot), named_robot("fanuc-r2000ic").chain())
     (found,) = fanuc.report(tmp_path / "my.csv").warnings
-    assert "--no-torque" in found.message
+    assert "no-torque" in found.message
     assert fanuc.report(tmp_path / "my.csv", no_torque=True).verdict == "ok"
     (tmp_path / "my.md").write_text("# Data card\n\nTorques were not measured.\n")
     assert fanuc.report(tmp_path / "my.csv").verdict == "ok"

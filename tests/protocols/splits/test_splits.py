@@ -60,7 +60,7 @@ def test_paper_holdout_validates_on_its_test_rows_and_says_so():
             None,
             r"validation_fraction=0.9 .*valid: at most 3/4",
         ),
-        (KFold(folds=3), 10, 4, r"--splits 4: kfold has 3 splits.*kfold@folds=4"),
+        (KFold(folds=3), 10, 4, r"splits 4: kfold has 3 splits.*kfold@folds=4"),
         (LeaveOneOut(), 10, 2, "one split a pose"),
         (SampleEfficiency(), 4, None, "4 poses cannot be divided: test_fraction=0.2"),
         (SampleEfficiency(test_fraction=0.5), 2, None, "2 poses cannot be divided: test_frac"),

@@ -1,0 +1,183 @@
+"""What can be named: models, data sets, protocols and metrics, a plugin's among them.
+
+What needs numpy or pydantic is imported where it is used: a list of keys answers without them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stiff_bench.api.tables import Tables, Text
+from stiff_bench.plan.registry import Registry, build_registry
+from stiff_bench.tables.render import plain_text, render
+from stiff_bench.tables.table import Cell, Column, Table
+from stiff_protocols.contract.plugin import (
+    DatasetInfo,
+    Grid,
+    ModelInfo,
+    PluginInfo,
+    ProtocolInfo,
+    Range,
+)
+
+if TYPE_CHECKING:
+    from stiff_bench.model_tools.plugins import Checklist
+    from stiff_bench.plan.options import Option
+
+
+@cache
+def registry() -> Registry:
+    """Return the models, data sets and protocols that can be named, plugins' among them."""
+    return build_registry()
+
+
+def use_plugin(file: Path | str) -> None:
+    """Import a file that defines MODELS, DATASETS or PROTOCOLS, so that they can be named.
+
+    Raises:
+        ConfigError: it cannot be imported, or a key is taken.
+    """
+    registry().add_file(Path(file))
+
+
+def use_only(plugins: Iterable[Path]) -> None:
+    """Forget the plugins of other files, and use these.
+
+    Raises:
+        ConfigError: one cannot be imported, or a key is taken.
+    """
+    registry.cache_clear()
+    for file in plugins:
+        use_plugin(file)
+
+
+def list_models() -> Tables:
+    """Return the key of every model, and what it is; families such as scikit-learn's come last."""
+    families = [[family.example, family.summary] for family in registry().families]
+    return _listed("models", _KEY, [*_keys(registry().models.values()), *families])
+
+
+def list_datasets() -> Tables:
+    """Return the key of every data set, its kind, and what it is."""
+    rows = _keys(registry().datasets.values())
+    kinds = [info.label for info in registry().datasets.values()]
+    rows = [[key, kind, what] for (key, what), kind in zip(rows, kinds, strict=True)]
+    return _listed("datasets", ["key", "kind", "what it is"], rows)
+
+
+def list_protocols() -> Tables:
+    """Return the key of every protocol, and what it is."""
+    return _listed("protocols", _KEY, _keys(registry().protocols.values()))
+
+
+def list_metrics() -> Tables:
+    """Return the key of every metric, its unit as printed, what is best, and what it is."""
+    from stiff_bench.tables.units import PRINTED
+    from stiff_protocols.contract.types import AXES
+    from stiff_protocols.scoring.metrics import METRICS
+
+    rows: list[list[Cell]] = []
+    for item in METRICS.values():
+        values = "x, y, z" if item.axes == AXES else "one"
+        rows.append([item.key, PRINTED[item.unit][0], item.direction, values, item.meaning])
+    return _listed("metrics", ["key", "unit", "best", "values", "what it is"], rows)
+
+
+_KEY = ("key", "what it is")
+
+
+def _keys(infos: Iterable[PluginInfo]) -> list[list[Cell]]:
+    whys = ((info, info.missing()) for info in infos)
+    return [[info.key, f"{info.summary} [{why}]" if why else info.summary] for info, why in whys]
+
+
+def _listed(what: str, headers: Sequence[str], rows: Sequence[Sequence[Cell]]) -> Tables:
+    table = _table(headers, rows, what)
+
+    def text_as(fmt: str) -> str:
+        command = f"bench list {what}"
+        return plain_text(table) if fmt == "github" else render([table], fmt, command)
+
+    return Tables(lambda: [table], text_as)
+
+
+def _table(headers: Sequence[str], rows: Sequence[Sequence[Cell]], title: str = "") -> Table:
+    return Table(title, [Column(name, "text") for name in headers], rows)
+
+
+def show(key: str) -> Text:
+    """Return what a model, data set or protocol is, and which options it has.
+
+    Raises:
+        ConfigError: there is none of this key.
+    """
+    from stiff_bench.plan.options import options_of
+
+    info = registry().find(key)
+    parts = [f"{info.key}: {info.summary}"]
+    parts += [f"reference: {info.reference}"] if info.reference else []
+    if isinstance(info, DatasetInfo):
+        parts.append(f"kind: {info.label}")
+        parts += [f"caveat: {caveat}" for caveat in info.caveats]
+    if why := info.missing():
+        parts.append(f"cannot be used here yet: {why}")
+    if isinstance(info, ModelInfo):
+        of_library = f", and the version of {info.library}" if info.library else ""
+        parts.append(f"version: {info.version}{of_library} (part of a result's identity)")
+        parts += [f"grid {name} of `nested`: {_text(grid)}" for name, grid in info.grids.items()]
+    if isinstance(info, ProtocolInfo):
+        parts += [f"reasoning: {info.reasoning}"] if info.reasoning else []
+        parts += [f"warning: {info.warning}"] if info.warning else []
+    options = options_of(info.load()).values()
+    if not options:
+        return Text("\n".join([*parts, "", "no options"]))
+    rows = [
+        [f"{info.key}.{option.name}", option.type_text, _default(option), option.description]
+        for option in options
+    ]
+    headers = ("--set", "valid", "default", "what it does")
+    table = plain_text(_table(headers, rows), widths=(None, 40, None, 60))
+    return Text("\n".join([*parts, "", table]))
+
+
+def _text(grid: Grid) -> str:
+    return "; ".join(
+        f"{option} = {values if isinstance(values, Range) else ' | '.join(map(str, values))}"
+        for option, values in grid.items()
+    )
+
+
+def _default(option: Option) -> str:
+    if option.required:
+        return "must be set"
+    return "none" if option.default is None else str(option.default)
+
+
+def check(key: str, *, dataset: str = "fanuc-r2000ic", settings: Sequence[str] = ()) -> Checklist:
+    """Check that a model, data set or protocol keeps its contract.
+
+    Args:
+        key: of a model, data set or protocol; `use_plugin` makes those of a file known.
+        dataset: on which a model or a protocol is checked.
+        settings: options of both, such as "knn.neighbours=3".
+
+    Returns:
+        A checklist that prints itself; it is `kept` where nothing failed.
+
+    Raises:
+        ConfigError: a key, option or value is wrong, or it cannot be used here.
+        DataError: the data set cannot be loaded or is too small.
+    """
+    from stiff_bench.model_tools.plugins import checklist
+
+    return checklist(key, dataset, settings, registry())
+
+
+def new_model(name: str, folder: Path) -> str:
+    """Write a plugin's model and its test, and return the commands to type next."""
+    from stiff_bench.model_tools import plugins
+
+    return plugins.new_model(name, folder, registry())

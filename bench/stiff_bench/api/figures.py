@@ -1,0 +1,83 @@
+"""Figures of results, and the source paper's tables and figures beside ours."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stiff_bench.api import RESULTS
+from stiff_bench.api.results import Results
+from stiff_bench.api.tables import Tables
+from stiff_bench.tables.picture_file import check_suffix as check_suffix
+from stiff_bench.tables.render import render
+from stiff_protocols.contract.errors import ConfigError, unknown_name
+
+if TYPE_CHECKING:
+    from stiff_bench.figures.figure import Prepared
+
+
+def figure(
+    name: str,
+    results: Results | Path | str | None = None,
+    *,
+    models: Sequence[str] = (),
+    datasets: Sequence[str] = (),
+    protocols: Sequence[str] = (),
+) -> Prepared:
+    """Return a figure, which a notebook shows and `save` writes, with its caption.
+
+    Args:
+        name: "scores", "regression", "errors", "losses", "sweep", "freezing", "learning-curves",
+            "workspace", "springs", "ranks", or the source paper's "4", "5", "6", "8" or "9".
+        results: that it shows, or their folder; None: where `bench run` stores them, and for the
+            paper's figures `bench reproduce`.
+        models: names, or keys that stand for all variants; none: those that it is clear with.
+        datasets: the same; none: the data set and protocol with most models.
+        protocols: the same.
+
+    Raises:
+        ConfigError: there is no such figure, or a name has no results.
+        StoreError: the folder does not hold what it shows.
+    """
+    from stiff_bench.figures import catalog
+    from stiff_bench.figures.source import FigureSource
+    from stiff_bench.paper import figures as papers
+
+    folder = _folder(results)
+    if name in catalog.FIGURES:
+        source = FigureSource.of(folder or RESULTS, models, datasets, protocols)
+        return catalog.FIGURES[name].prepare(source)
+    if name not in papers.FIGURES:
+        raise unknown_name("figure", name, [*papers.FIGURES, *catalog.FIGURES])
+    for argument, words in (("model", models), ("dataset", datasets), ("protocol", protocols)):
+        if words:
+            raise ConfigError(f"{words[0]}: the paper's figure {name} takes no choice", argument)
+    return papers.prepare_figure(name, folder)
+
+
+def paper_table(
+    number: int, results: Results | Path | str | None = None, *, command: str = ""
+) -> Tables:
+    """Return a table of the source paper beside ours: 2, 3, 6, 7, 8, 9 or 10.
+
+    Args:
+        number: of the table in the paper.
+        results: of `bench reproduce`, or their folder; None: where it stores them.
+        command: that made it, for the record.
+
+    Raises:
+        ConfigError: the paper's table of that number is not made, or reads no results.
+        StoreError: the results have nothing of it.
+    """
+    from stiff_bench.paper.tables import read_table
+
+    tables = read_table(number, _folder(results))
+    made_by = command or f"stiffbench.paper_table({number})"
+    return Tables(lambda: tables, partial(render, tables, command=made_by))
+
+
+def _folder(results: Results | Path | str | None) -> Path | None:
+    folder = results.folder if isinstance(results, Results) else results
+    return None if folder is None else Path(folder)

@@ -1,0 +1,250 @@
+"""Before and after a measurement: plan it, check its file, simulate one."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from stiff_bench.api.tables import Text
+from stiff_bench.plan.words import RobotWords
+from stiff_bench.run.progress import display
+from stiff_bench.tables.published import published_stiffness
+from stiff_bench.tables.render import plain_text
+from stiff_bench.tables.table import Cell, Column, Table
+from stiff_datasets.measured import registered, ur5_pose_error
+from stiff_datasets.measured import validate as validation
+from stiff_datasets.measured.identifiability import REFERENCE_COMPLIANCE, regressor
+from stiff_datasets.planning.plan import (
+    FORCE_SHARE,
+    Criterion,
+    candidate_plan,
+    check_plan_file,
+    chosen_plan,
+    paper_plan,
+    write_plan,
+)
+from stiff_datasets.planning.plan_gain import PlanGain, plan_gain
+from stiff_datasets.robots.shipped import DEFAULT_ROBOT as DEFAULT_ROBOT
+from stiff_datasets.robots.shipped import named_robot
+from stiff_datasets.twin import simulate as simulation
+from stiff_datasets.twin.constants import (
+    TwinConstants,
+    read_constants,
+    shipped_constants,
+    shipped_twins,
+)
+from stiff_datasets.twin.effects import parse_effects
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.types import FloatArray, Robot
+
+PAPER_POSES = 151  # as many as the paper measured
+FEWEST_CANDIDATES, CANDIDATES_A_POSE = 2000, 10
+
+
+def plan_poses(
+    output: Path | str,
+    *,
+    poses: int | None = None,
+    criterion: Criterion | None = None,
+    candidates: int | None = None,
+    payload: float | None = None,
+    clearance: float = 0.2,
+    seed: int = 0,
+    robot: str | None = None,
+    urdf: Path | str | None = None,
+    tcp: Sequence[float] | None = None,
+) -> Text:
+    """Write a measurement plan to fill in, and return what it gains over random plans.
+
+    Args:
+        output: a new FILE.csv.
+        poses: how many to choose; None: the paper's 151 poses of the KR10, or 151 chosen ones.
+        criterion: what chosen poses are best in: "d-optimal", which None stands for, or
+            "condition".
+        candidates: random poses to choose from; None: 2000, or ten a pose.
+        payload: kg; None: the shipped robot's.
+        clearance: smallest distance of the arm from the base column, m.
+        seed: of all random numbers.
+        robot: name of a shipped robot; None, without `urdf`: the KR10.
+        urdf: of another robot.
+        tcp: (3,) tool centre point in the frame of the last link, m; None: the shipped robot's, or
+            the origin with `urdf`.
+
+    Raises:
+        ConfigError: an argument is wrong, or the payload is unknown.
+        StoreError: the file cannot be written, or exists.
+    """
+    output, words = Path(output), RobotWords(robot, urdf, tcp)
+    check_plan_file(output)
+    arm, chain, known_payload = words.read()
+    payload = known_payload if payload is None else payload
+    if payload is None:
+        raise ConfigError(f"of {arm.name} is not known; give it, in kg", "payload")
+    n_poses = poses or PAPER_POSES
+    n_candidates = candidates or max(FEWEST_CANDIDATES, CANDIDATES_A_POSE * n_poses)
+    with display():
+        pool = candidate_plan(
+            chain, n_candidates, seed=seed, payload_kg=payload, clearance=clearance
+        )
+        if poses is None and criterion is None and words.is_papers:
+            name, plan = "the paper's plan", paper_plan(chain, payload, seed, clearance)
+        else:
+            criterion = criterion or "d-optimal"
+            name = f"chosen, {criterion}"
+            plan = chosen_plan(chain, pool, n_poses, criterion=criterion)
+    gain = plan_gain(
+        regressor(chain, plan.q, plan.wrench),
+        regressor(chain, pool.q, pool.wrench),
+        arm.joint_names,
+        reference_compliance=_reference(words, arm),
+        seed=seed,
+    )
+    write_plan(output, plan, arm)
+    size = np.linalg.norm(plan.wrench[0, :3])
+    notes = [
+        "",
+        f"D-efficiency {gain.efficiency:.2f} relative to the mean random plan, "
+        f"{gain.efficiency_over_best:.2f} relative to the best one"
+        + ("." if gain.efficiency >= 1.0 else ": worse than random poses."),
+        "Checked: joint limits, the arm's centre line against base column and ground. Not checked: "
+        "shape of links and tool, surroundings. Approach each pose slowly.",
+        "Replace the suggested wrench by the actual one and fill in dx_mm, dy_mm, dz_mm; then: "
+        f"bench data validate {output}{words.text}",
+    ]
+    unseen = [joint for joint in arm.joint_names if joint not in gain.joints]
+    if unseen:
+        notes.append(f"Not identifiable with this TCP: {', '.join(unseen)}.")
+    return Text(
+        f"{output}: {len(plan.q)} poses of {arm.name}, one suggested force each "
+        f"({size:.1f} N at the TCP, {FORCE_SHARE:.0%} of the payload)\n\n"
+        + plain_text(_gain_table(name, gain, notes, with_errors=words.is_papers))
+    )
+
+
+def _reference(words: RobotWords, robot: Robot) -> float | FloatArray:
+    """Return the joint compliances that errors are relative to, rad/(N m)."""
+    if not words.is_papers:
+        return REFERENCE_COMPLIANCE
+    published = published_stiffness()
+    return np.array([1.0 / published[joint] for joint in robot.joint_names])
+
+
+def _gain_table(name: str, gain: PlanGain, notes: Sequence[str], *, with_errors: bool) -> Table:
+    """Return a plan beside random ones; errors are relative to stiffnesses that must be known."""
+    judged = (gain.plan, gain.random_mean, gain.random_best)
+    rows: list[list[Cell]] = [
+        ["condition number", *(each.condition for each in judged)],
+        ["worst joint's standard error [%]", *(100.0 * each.worst_error for each in judged)],
+        ["log det of information", *(each.log_det for each in judged)],
+    ]
+    if not with_errors:
+        del rows[1]
+    names = (name, f"mean of {gain.n_random} random", "best random")
+    return Table("", [Column("", "text"), *(Column(n, format=".2f") for n in names)], rows, notes)
+
+
+def validate(
+    file: Path | str,
+    *,
+    robot: str | None = None,
+    urdf: Path | str | None = None,
+    tcp: Sequence[float] | None = None,
+    no_torque: bool = False,
+) -> validation.ValidationReport:
+    """Check a measured file and name the likeliest mistake in it.
+
+    Args:
+        file: CSV, Excel or Parquet.
+        robot: that was measured, the name of a shipped one; None, without `urdf`: the KR10.
+        urdf: of another robot.
+        tcp: (3,) tool centre point in the frame of the last link, m; None: the shipped robot's, or
+            the origin with `urdf`.
+        no_torque: no torques were measured: their columns may be missing, or zero.
+
+    Returns:
+        A report that prints itself; its `verdict` is "ok", "suspicious" or "invalid".
+
+    Raises:
+        ConfigError: two robots are named, or an unknown one.
+        DataError: the URDF cannot be read.
+    """
+    chain = RobotWords(robot, urdf, tcp).read()[1]
+    return validation.validate(Path(file), chain, no_torque=no_torque)
+
+
+def simulate(
+    output: Path | str,
+    *,
+    twin: str = "kr10-r1100-2",
+    samples: int = 10_000,
+    loads: Literal["line", "line-hook", "omni"] = "omni",
+    loads_per_pose: int = 1,
+    specimen: int = 0,
+    seed: int = 0,
+    effects: str = "none",
+) -> Text:
+    """Write a simulated data set of any size; return how many samples, and how fast.
+
+    Args:
+        output: a new FILE.csv or FILE.parquet.
+        twin: a key such as "kr10-r1100-2" or "ur5", or FILE.toml with your own constants.
+        samples: how many.
+        loads: the paper's, its forces at a hook, or every direction at a hook.
+        loads_per_pose: how many at each pose.
+        specimen: which of ten robots of the type.
+        seed: draws poses, loads and noise.
+        effects: "hysteresis", "links", "kinematics" and "sensor", separated by commas, or "none".
+
+    Raises:
+        ConfigError: there is no such twin or effect, or the file's ending is another one.
+        StoreError: the file exists, or cannot be written.
+    """
+    asked, start = parse_effects(effects), time.perf_counter()
+    with display():
+        simulation.simulate(
+            Path(output),
+            _constants(twin),
+            samples,
+            loads=loads,
+            loads_per_pose=loads_per_pose,
+            specimen=specimen,
+            seed=seed,
+            effects=asked,
+        )
+    seconds = time.perf_counter() - start
+    return Text(
+        f"{output}: {samples} SIMULATED samples of {twin}, specimen {specimen}, in "
+        f"{seconds:.1f} s ({samples / seconds:.0f} samples/s)"
+    )
+
+
+def _constants(twin: str) -> TwinConstants:
+    """Read a shipped twin's constants or those of a TOML file."""
+    shipped = shipped_twins()
+    if twin in shipped:
+        return shipped_constants(shipped[twin])
+    if not twin.endswith(".toml"):
+        raise ConfigError(f"{twin!r} (valid: {', '.join(shipped)}, or FILE.toml)", "twin")
+    return read_constants(Path(twin))
+
+
+def fetch(source: Path | None = None) -> tuple[Path, ...]:
+    """Get and check the files of `ur5-pose-error`, from a folder or the internet."""
+    return ur5_pose_error.fetch(source)
+
+
+def register(
+    key: str, csv: Path, urdf: Path | None, tcp: Sequence[float] | None, no_torque: bool
+) -> str:
+    """Register a measurement and return what is odd in it and what to do with it."""
+    default = named_robot(DEFAULT_ROBOT).tcp if urdf is None else (0.0, 0.0, 0.0)
+    x, y, z = default if tcp is None else tcp
+    place = registered.register(key, csv, urdf, (x, y, z), no_torque=no_torque)
+    report = validate(csv, urdf=urdf, tcp=tcp, no_torque=no_torque)
+    odd = [f"warning: {finding.message}" for finding in report.warnings]
+    done = f"{key}: {csv} registered in {place}; use it with: bench run --dataset {key}"
+    return "\n".join([*odd, done])

@@ -1,0 +1,112 @@
+"""A run that is checked and not yet computed, and what the words of a command line make one of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from stiff_bench.analysis.forecast import Forecast, forecast, forecast_line, forecast_table
+from stiff_bench.api.catalog import registry
+from stiff_bench.api.data import Dataset
+from stiff_bench.api.model import Model, check_new_file
+from stiff_bench.api.results import Results
+from stiff_bench.api.tables import Tables
+from stiff_bench.console import say
+from stiff_bench.plan.cells import cell_tasks
+from stiff_bench.plan.request import RunPlan, plan_run
+from stiff_bench.plan.words import RobotWords, choices
+from stiff_bench.run.execution import IN_THIS_PROCESS, Execution, chosen_execution
+from stiff_bench.run.progress import display
+from stiff_bench.run.runner import run_cells
+from stiff_bench.store.database import ResultStore
+from stiff_bench.tables.render import render
+from stiff_protocols.contract.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class Run:
+    """What is to be computed, checked.
+
+    Attributes:
+        plans: for one folder.
+        execution: how.
+    """
+
+    plans: Sequence[RunPlan]
+    execution: Execution = IN_THIS_PROCESS
+
+    def foreseen(self) -> Forecast:
+        """Return what would be computed, and how long that takes.
+
+        Raises:
+            StiffBenchError: the data cannot be loaded or divided.
+        """
+        jobs, rerun = self.execution.executor.at_once, self.execution.rerun
+        return forecast(cell_tasks(*self.plans), self.plans[0].output, jobs=jobs, rerun=rerun)
+
+    def forecast(self) -> Tables:
+        """Return `foreseen` as a table and a sentence."""
+        found = self.foreseen()
+        tables = [forecast_table(found)]
+        text_as = partial(render, tables, command=self.plans[0].command)
+        return Tables(lambda: tables, text_as, forecast_line(found))
+
+    def compute(self) -> Results:
+        """Compute what is missing; return the results of all.
+
+        Raises:
+            StiffBenchError: the data cannot be loaded or divided, or the output not written.
+        """
+        plan, tasks = self.plans[0], list(cell_tasks(*self.plans))
+        store = ResultStore(plan.output)
+        protocols = (choice.info for one in self.plans for choice in one.protocols)
+        for warning in dict.fromkeys(info.warning for info in protocols if info.warning):
+            say(f"warning: {warning}")
+        with display() as shown:
+            finished = run_cells(tasks, plan.command, store, self.execution, shown)
+        metrics = tuple(one.key for one in plan.metrics)
+        return Results(plan.output, metrics, plan.command, finished)
+
+
+_CHOSEN = ("models", "datasets", "protocols", "settings", "data", "no_torque")
+_HOW = ("jobs", "isolate", "timeout", "memory", "threads", "dask", "rerun")
+
+
+def run_of_words(**words: Any) -> Run:
+    """Return the run that the options of `bench run` ask for.
+
+    Raises:
+        ConfigError: an option or a value is wrong.
+    """
+    how = _taken(words, _HOW)
+    plan = _plan_of_words(words)
+    return Run([plan], chosen_execution(plan, registry(), **how))
+
+
+def model_and_data(output: Path, **words: Any) -> tuple[Model, Dataset]:
+    """Return the model and the data set that the options of `bench fit` ask for.
+
+    Raises:
+        ConfigError: an option or a value is wrong, or they name several.
+        StoreError: the output cannot be written, or exists.
+    """
+    if len(words["datasets"]) + len(words["data"]) != 1:
+        raise ConfigError("give one of --dataset KEY and --data FILE.csv")
+    plan = _plan_of_words({**words, "output": output})
+    if len(plan.models) != 1:
+        raise ConfigError(f"--model: {len(plan.models)} models; a file holds one model")
+    check_new_file(output)
+    return Model(plan.models[0]), Dataset(plan.datasets[0])
+
+
+def _plan_of_words(words: dict[str, Any]) -> RunPlan:
+    robot = RobotWords(**_taken(words, ("robot", "urdf", "tcp")))
+    asked = choices(registry(), robot=robot, **_taken(words, _CHOSEN))
+    return plan_run(asked, registry(), **words)
+
+
+def _taken(words: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
+    return {name: words.pop(name) for name in names if name in words}
