@@ -22,9 +22,10 @@ from stiff_datasets.measured.sample_files import DEG_PER_RAD
 from stiff_datasets.robots.robot import ChainModel, robot_of
 from stiff_protocols.contract.types import AXES, FloatArray, IntArray, Samples
 
-POINT_GAIN, GAIN, UNIT_GAIN = 0.05, 0.1, 0.15
+POINT_GAIN, GAIN, RARE_GAIN = 0.05, 0.1, 0.15
 """Shares by which a hypothesis must lower the RMS residual: another point of the torques, any
-other, other units. Less weight on the torques lowered it by 0.10 in clean data of 30 poses."""
+other, units and odd orders of axes. The most in clean data of 30 poses was 0.10, by less weight on
+the torques."""
 CLEARLY = 2.0
 """Standard errors over poses by which it must lower the squared residual."""
 AS_GOOD, NEARLY_AS_GOOD = 1.02, 1.13
@@ -47,15 +48,13 @@ BLOCKS, BLOCK_ROWS = 10, 100
 STEPS, MORE_STEPS = 10, 3
 """Of Gauss-Newton, for all samples, and from there for a part of them."""
 GRAVITY = 9.81  # m/s2
-FORCE_UNITS = {"": 1.0, "kg": GRAVITY, "kN": 1000.0}
-TORQUE_UNITS = {
-    "": 1.0,
-    "N mm": 1e-3,
-    "kg m": GRAVITY,
-    "kg mm": GRAVITY / 1000.0,
+UNITS = {
+    ("", "N mm"): (1.0, 1e-3),
+    ("kg", ""): (GRAVITY, 1.0),
+    ("kg", "N mm"): (GRAVITY, 1e-3),
+    ("kN", ""): (1000.0, 1.0),
 }
-"""What stands in the file -> factor to N and N m. Two that differ by one factor in both leave the
-same residual; the size of the stiffnesses tells them apart."""
+"""Of forces and torques in the file, where they are not N and N m -> factors to N and N m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,10 +215,9 @@ def diagnose(
         return Diagnosis(given)
     better = _better(data, given, pose, fold, joints_only, may_fit)
     lowest = min((fit.score for fit in better), default=0.0)
-    as_good = [fit for fit in better if fit.score <= AS_GOOD * lowest]
-    best = min(as_good, key=lambda fit: not _is_usual(fit.reading), default=None)
-    close = [fit for fit in better if fit is not best and fit.score <= NEARLY_AS_GOOD * lowest]
-    close.sort(key=lambda fit: fit.score)
+    close = [fit for fit in better if fit.score <= NEARLY_AS_GOOD * lowest]
+    best = min(close, key=functools.partial(_unlikely, AS_GOOD * lowest), default=None)
+    close = sorted((fit for fit in close if fit is not best), key=lambda fit: fit.score)
     return Diagnosis(given, best, tuple(fit.text for fit in close))
 
 
@@ -284,11 +282,15 @@ def softness(data: Reading, compliance: FloatArray) -> float:
     return float(np.median(compliance * NOMINAL.get(data.chain.name, np.zeros(len(compliance)))))
 
 
-def _is_usual(data: Reading) -> bool:
-    """Whether no stiffness is negative, and their size is usual or cannot be judged."""
-    factor = softness(data, compliances(data))
-    likely = factor == 0.0 or 1.0 / UNUSUAL < factor < UNUSUAL
-    return likely and not clearly_negative(data).any()
+def _unlikely(as_good: float, fit: Fit) -> tuple[bool, bool, bool]:
+    """Return what speaks against a hypothesis, the strongest first.
+
+    Stiffnesses of another order of magnitude, a score above `as_good`, a negative stiffness.
+    """
+    factor = softness(fit.reading, compliances(fit.reading))
+    usual = factor == 0.0 or 1.0 / UNUSUAL < factor < UNUSUAL
+    negative = bool(clearly_negative(fit.reading).any())
+    return not usual, fit.score > as_good, negative
 
 
 def compliances(data: Reading) -> FloatArray:
@@ -388,10 +390,11 @@ def readings(data: Reading, joints_only: bool = False) -> Iterator[tuple[str, Re
     if not joints_only:
         yield from ((*each, POINT_GAIN) for each in _points(data))
         yield from ((*each, GAIN) for each in _wrenches(data))
-        yield from ((*each, UNIT_GAIN) for each in _units(data))
+        yield from ((*each, RARE_GAIN) for each in _units(data))
     yield from ((*each, GAIN) for each in _joints(data))
     if not joints_only:
-        yield from ((*each, GAIN) for each in _axes(data))
+        for text, each in _axes(data):
+            yield text, each, RARE_GAIN if "taken from" in text else GAIN
         yield from ((*each, GAIN) for each in _rows(data))
 
 
@@ -438,13 +441,11 @@ def _units(data: Reading) -> Iterator[tuple[str, Reading]]:
     force, torque = data.force, data.torque
     if not torque.any():  # the size of the stiffnesses is all that tells
         return
-    for of_force, in_newton in FORCE_UNITS.items():
-        for of_torque, in_newton_metres in TORQUE_UNITS.items():
-            units = [f"the forces look as if they were in {of_force}"] if of_force else []
-            units += [f"the torques look as if they were in {of_torque}"] if of_torque else []
-            changed = replace(data, force=force * in_newton, torque=torque * in_newton_metres)
-            if units:
-                yield " and ".join(units), changed
+    for (of_force, of_torque), (in_newton, in_newton_metres) in UNITS.items():
+        words = [f"the forces look as if they were in {of_force}"] if of_force else []
+        words += [f"the torques look as if they were in {of_torque}"] if of_torque else []
+        changed = replace(data, force=force * in_newton, torque=torque * in_newton_metres)
+        yield " and ".join(words), changed
     yield (
         "the torques look as if they did not belong to the forces",
         replace(data, torque=np.zeros_like(torque)),
@@ -505,10 +506,13 @@ def _joints(data: Reading) -> Iterator[tuple[str, Reading]]:
     revolute = np.array([kind == "revolute" for kind in robot_of(data.chain).joint_types])
     for name, row, turns in zip(names, unit, revolute, strict=True):
         for degrees in (90, -90, 180) if turns else ():
-            yield (
-                f"joint {name} looks as if it were {degrees:+d} deg off",
-                data.at(data.q - row * np.deg2rad(degrees)),
-            )
+            text = f"joint {name} looks as if it were {degrees:+d} deg off"
+            if name == names[-1]:  # which turns the tool alone
+                text = (
+                    f"the TCP looks as if it were {degrees:+d} deg off about the axis of joint "
+                    f"{name}, or joint {name} as if it were"
+                )
+            yield text, data.at(data.q - row * np.deg2rad(degrees))
     for i, j in itertools.combinations(range(len(names)), 2):
         order = np.arange(len(names))
         order[[i, j]] = j, i

@@ -35,13 +35,13 @@ def test_a_planted_mistake_is_named(fault, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("source", "step"), [("kr10-twin", 2), ("ur5-twin", 4), ("FANUC", 5)])
-def test_nearly_every_planted_mistake_is_named_and_none_wrongly(source, step, tmp_path):
-    # a part of the table of docs/how-to/own-robot.md
-    for specimen in (3, 6):
+@pytest.mark.parametrize(("source", "first"), [("kr10-twin", 0), ("ur5-twin", 2), ("FANUC", 3)])
+def test_nearly_every_planted_mistake_is_named_and_none_wrongly(source, first, tmp_path):
+    # each mistake once on one of the twins; docs/how-to/own-robot.md has the whole table
+    for start, specimen in enumerate((3, 6), start=first):
         data = clean(source, specimen)
         faults = [fault for fault in FAULTS if not (data.no_torque and fault in OF_TORQUE)]
-        others = not_named(faults[specimen % step :: step], data, tmp_path)
+        others = not_named(faults[start::4], data, tmp_path)
         assert "wrongly named" not in others.values()
         assert data.no_torque or set(others) <= SOMETIMES
 
