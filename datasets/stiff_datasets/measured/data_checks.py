@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from stiff_datasets.measured.hypotheses import Reading, compliances
 from stiff_datasets.measured.sample_checks import SAME_POSE
-from stiff_datasets.measured.sample_files import MM_PER_M, file_units
+from stiff_datasets.measured.sample_files import DEFLECTION_COLUMNS, MM_PER_M, file_units
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 
 Lines = NDArray[np.int64]
@@ -118,6 +118,9 @@ def range_findings(samples: Samples, lines: Lines) -> Iterator[Finding]:
         )
     if (loaded & (size_mm == 0.0)).any():
         yield warning("no deflection at all under a load", lines[loaded & (size_mm == 0.0)])
+    for column, values in zip(DEFLECTION_COLUMNS, samples.deflection.T, strict=True):
+        if not values.any() and samples.deflection.any():
+            yield warning(f"every {column} is zero; was it not measured?")
     odd = ~loaded & (size_mm > NOISE_MM)
     if odd.any():
         yield warning(f"deflection without a load, up to {size_mm[odd].max():.3g} mm", lines[odd])
@@ -176,7 +179,8 @@ def residuals_and_outliers(data: Reading) -> tuple[FloatArray, NDArray[np.bool_]
         residual_mm = np.linalg.norm(data.deflection - predicted, axis=1) * MM_PER_M
         if len(odd) < FEWEST_FOR_OUTLIERS:
             break
-        size_mm = np.linalg.norm(predicted, axis=1) * MM_PER_M
+        sizes = (np.linalg.norm(each, axis=1) for each in (predicted, data.deflection))
+        size_mm = np.minimum(*sizes) * MM_PER_M
         size_mm = np.maximum(size_mm, np.median(size_mm))  # small ones are mostly noise
         share = residual_mm / np.maximum(size_mm, NOISE_MM)
         found = far_off(share) & (share > MODEL_ERROR) & (residual_mm > NOISE_MM)

@@ -102,7 +102,7 @@ def check_sheet(sheet: Sheet, robot: Robot, *, no_torque: bool = False) -> Check
         return CheckedSamples(sheet.path, tuple(problems), None, sheet.lines, sheet.unused)
     absent = [name for name in TORQUE_COLUMNS if name not in sheet.cells]
     sheet = replace(sheet, cells=sheet.cells.assign(**dict.fromkeys(absent, "0")))
-    sheet, junk = _without_junk(sheet)
+    sheet, junk = _without_junk(sheet, columns[len(ID_COLUMNS) :])
     if sheet.cells.empty:
         return CheckedSamples(sheet.path, tuple(junk), None, sheet.lines, sheet.unused)
     q_file = sheet.numbers(joint_columns(robot))  # deg, and mm of prismatic joints
@@ -196,14 +196,22 @@ def _is_number(name: str) -> bool:
     return True
 
 
-def _without_junk(sheet: Sheet) -> tuple[Sheet, list[Problem]]:
-    """Set rows apart that are no data: one problem a row, not one a cell."""
+def _without_junk(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, list[Problem]]:
+    """Set rows apart that are no data: one problem a row, not one a cell.
+
+    Such a row is half empty, or has no number in any of `columns`; not where no row has one.
+    """
     filled = (sheet.cells != "") & sheet.cells.notna()
-    junk = (filled.sum(axis=1) < filled.shape[1] / 2).to_numpy()
+    empty = (filled.sum(axis=1) < filled.shape[1] / 2).to_numpy()
+    wordy = np.isnan(sheet.numbers(columns[:1])[:, 0])
+    if wordy.any():  # else every cell is read once
+        wordy = np.asarray(np.isnan(sheet.numbers(columns)).all(axis=1))
+    junk = empty | (wordy & ~wordy.all())
     problems = []
     for row in np.flatnonzero(junk):
         column = str(filled.columns[int(np.argmax(filled.iloc[row]))])
-        problems.append(_problem(sheet, row, column, f"a row of {filled.shape[1]} cells"))
+        valid = f"a row of {filled.shape[1]} cells" if empty[row] else "a row with numbers"
+        problems.append(_problem(sheet, row, column, valid))
     rows = sheet.cells[~junk].reset_index(drop=True)
     return replace(sheet, cells=rows, lines=sheet.lines[~junk]), problems
 

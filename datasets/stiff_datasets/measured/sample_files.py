@@ -4,7 +4,8 @@ Columns, one row a load at a pose: ``pose_id, load_id, group, q1_deg .. qn_deg, 
 tx_Nm, ty_Nm, tz_Nm, dx_mm, dy_mm, dz_mm`` (``q2_mm`` where joint 2 is prismatic). The wrench
 acts at the TCP; wrench and deflection are expressed in the robot base frame; a deflection is the
 loaded minus the unloaded position. Other names and units that people write are understood
-(`recognised`), as are semicolons or tabs with decimal commas, and lines that begin with ``#``.
+(`recognised`), as are semicolons or tabs with decimal commas, titles above the header, and lines
+that begin with ``#``.
 """
 
 from __future__ import annotations
@@ -12,11 +13,12 @@ from __future__ import annotations
 import codecs
 import csv
 import io
+import itertools
 import math
 import re
 import warnings
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -55,22 +57,43 @@ ALIASES = {
     "pose": "pose_id",
     "load": "load_id",
     **{
-        f"{name}{i}": f"q{i}" for name in ("a", "j", "joint", "axis", "theta") for i in range(1, 10)
+        f"{name}{i}": f"q{i}"
+        for name in ("a", "j", "joint", "axis", "achse", "theta", "θ")
+        for i in range(1, 10)
     },
-    **{f"force{axis}": f"f{axis}" for axis in "xyz"},
-    **{f"{name}{axis}": f"t{axis}" for name in ("m", "torque", "moment") for axis in "xyz"},
-    **{f"{name}{axis}": f"d{axis}" for name in ("u", "delta", "deflection") for axis in "xyz"},
+    **{f"{name}{axis}": f"f{axis}" for name in ("force", "kraft") for axis in "xyz"},
+    **{
+        f"{name}{axis}": f"t{axis}"
+        for name in ("m", "torque", "moment", "drehmoment")
+        for axis in "xyz"
+    },
+    **{
+        f"{name}{axis}": f"d{axis}"
+        for name in (
+            *("u", "delta", "δ", "deflection", "displacement"),
+            *("auslenkung", "verformung", "verschiebung"),
+        )
+        for axis in "xyz"
+    },
 }
 """What people call a column, in lower case, without its unit, blanks and underscores."""
 UNITS = {
-    "deg": {"deg": 1.0, "°": 1.0, "rad": DEG_PER_RAD},
-    "mm": {"mm": 1.0, "m": MM_PER_M, "um": 1e-3, "µm": 1e-3, "μm": 1e-3},
+    "deg": {"deg": 1.0, "degrees": 1.0, "grad": 1.0, "°": 1.0, "rad": DEG_PER_RAD},
+    "mm": {"mm": 1.0, "m": MM_PER_M, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "micron": 1e-3},
     "N": {"n": 1.0, "kn": 1e3, "kg": 9.80665, "kgf": 9.80665},
     "Nm": {"nm": 1.0, "knm": 1e3, "nmm": 1e-3},
 }
 """Unit of our columns -> units that a header may name, in lower case -> factor to ours."""
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_GROUPED = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,|(?:,\d{3})+\.)\d+", re.ASCII)
+"""A number with thousands separators and decimals; 1.234 alone may be either."""
+_MAYBE_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}", re.ASCII)
+_NAMES = {*ID_COLUMNS, *(f"{kind}{axis}" for kind in "ftd" for axis in "xyz")} | {
+    f"q{i}" for i in range(1, 10)
+}
+_HEADER_NAMES, _TITLE_ROWS = 3, 20
+"""A row with so many names of columns is the header, if it is among the first so many."""
 _DECIMALS = 10
 """Numbers are written with so few decimals where that reads back as the same SI number."""
 
@@ -106,7 +129,7 @@ class Sheet:
         Text is read as Python reads it, to the nearest floating point number; not every version
         of pandas promises that.
         """
-        values = [[_number(cell, self.decimal) for cell in self.cells[each]] for each in columns]
+        values = [_numbers(self.cells[each], self.decimal) for each in columns]
         factors = [self.factors.get(column, 1.0) for column in columns]
         return np.array(values, dtype=np.float64).T * factors
 
@@ -164,8 +187,9 @@ def _split(header: str) -> tuple[str, str]:
     """Return the usual name of a column without its unit, and the unit, "" for none."""
     known = "|".join(unit for units in UNITS.values() for unit in units)
     header = re.sub(r"\.\d+$", "", header)  # pandas numbers a name that stands twice
-    text = header.strip().lower().replace("n m", "nm").replace("n·m", "nm")
-    match = re.fullmatch(rf"(.+?)[\s_]*(?:[\[(]\s*(.*?)\s*[\])]|[\s_]({known}))?", text)
+    text = re.sub(r"n[ ·⋅*]m", "nm", header.strip().lower())
+    unit = rf"[\[(]\s*(.*?)\s*[\])]|(?:/\s*|\s+in\s+|[\s_])({known})"
+    match = re.fullmatch(rf"(.+?)[\s_]*(?:{unit})?", text)
     name, bracketed, bare = match.groups() if match else (text, None, None)
     name = re.sub(r"[\s_]", "", name)
     name = {"poseid": "pose_id", "loadid": "load_id"}.get(name, name)
@@ -241,16 +265,24 @@ def write_table(path: Path, table: pd.DataFrame) -> None:
 def _read_csv(path: Path) -> Sheet:
     """Return the table as text, so that a message can show a wrong value as it was written."""
     content = path.read_bytes()
-    utf16 = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    encoding = "utf-8-sig"
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        encoding = "utf-16"
+    elif b"\0" in content[:2]:  # without a byte order mark, the first character in ASCII
+        encoding = "utf-16-be" if content[:1] == b"\0" else "utf-16-le"
     try:
-        text = content.decode("utf-16" if utf16 else "utf-8-sig")
+        text = content.decode(encoding)
+        if "\0" in text:
+            raise DataError(f"{path}: not a CSV table in UTF-8 or UTF-16: it has NUL characters")
         lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
         longest = max(map(len, lines))
         if longest > LONGEST_LINE:
             raise DataError(f"{path}: a line of {longest} characters (valid: {LONGEST_LINE})")
         lines = ["" if line.lstrip().startswith("#") else line for line in lines]
-        first = next((i for i, line in enumerate(lines) if line.strip()), 0)
-        separator = max(",;\t", key=lines[first].count)
+        told = re.fullmatch(r"sep=([,;\t])", lines[0].strip(" \ufeff"))  # as Excel writes it
+        lines[0] = "" if told else lines[0]
+        first = _header(map(_cells, lines))
+        separator = told[1] if told else max(",;\t", key=lines[first].count)
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)
             cells = pd.read_csv(
@@ -271,24 +303,30 @@ def _read_csv(path: Path) -> Sheet:
             f"{path}: no text in UTF-8 or UTF-16 ({byte}); save it as 'CSV UTF-8' or .xlsx"
         ) from error
     except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
-        why = _too_wide(lines, separator) or " ".join(str(error).split())
+        why = _too_wide(lines, first, separator) or " ".join(str(error).split())
         raise DataError(f"{path}: not a CSV table: {why}") from error
     cells = cells.rename(columns=str.strip).fillna("").map(str.strip)
+    nameless = cells.columns.str.fullmatch(r"Unnamed: \d+")
+    cells = cells.loc[:, ~nameless | (cells != "").any().to_numpy()]
+    cells = cells.rename(
+        columns=lambda name: re.sub(r"^Unnamed: \d+$", "column without a name", name)
+    )
     cells = cells[(cells != "").any(axis=1)]
     numbers = cells.index.to_numpy(dtype=np.int64) + first + 2
     return Sheet(path, cells, numbers, decimal="." if separator == "," else ",")
 
 
-def _too_wide(lines: Sequence[str], separator: str) -> str:
-    """Name the first row that has more cells than the header; "" where none has."""
-    rows = csv.reader(lines, delimiter=separator)
+def _too_wide(lines: Sequence[str], first: int, separator: str) -> str:
+    """Name the first row that has more cells than the header, line `first`; "" where none has."""
+    rows = csv.reader(lines[first:], delimiter=separator)
     header: list[str] = []
     with suppress(csv.Error):
         for row in rows:
             header = header or row
             if len(row) > len(header):
                 hint = "; decimal commas need semicolons between columns" * (separator == ",")
-                return f"row {rows.line_num} has {len(row)} cells, the header {len(header)}{hint}"
+                at = first + rows.line_num
+                return f"row {at} has {len(row)} cells, the header {len(header)}{hint}"
     return ""
 
 
@@ -320,6 +358,7 @@ def _read_excel(path: Path) -> Sheet:
     if cells.empty:
         raise DataError(f"{path}: the first sheet is empty")
     cells = cells.map(lambda cell: cell.strip() if isinstance(cell, str) else cell)
+    cells = cells.iloc[_header([*map(str, row)] for row in cells.to_numpy()) :]
     cells = cells.loc[:, (cells != "").any()]
     names = [str(name) or f"column {i + 1}" for i, name in enumerate(cells.iloc[0])]
     cells = cells.iloc[1:].set_axis(names, axis="columns")
@@ -360,9 +399,37 @@ def _named(cells: pd.DataFrame) -> pd.DataFrame:
     return cells
 
 
+def _cells(line: str) -> list[str]:
+    return re.split(r"[,;\t]", line.replace('"', ""))
+
+
+def _header(rows: Iterable[Sequence[str]]) -> int:
+    """Return which row is the header: the first with names of columns, below a title, if any."""
+    filled = ((i, row) for i, row in enumerate(rows) if any(cell.strip() for cell in row))
+    first = [*itertools.islice(filled, _TITLE_ROWS)]
+    for i, row in first:
+        names = (_split(cell)[0] for cell in row if len(cell) <= LONGEST_CELL)
+        if sum(name in _NAMES for name in names) >= _HEADER_NAMES:
+            return i
+    return first[0][0] if first else 0
+
+
+def _numbers(cells: pd.Series, decimal: str) -> list[float]:
+    """Return the numbers of a column; where it has decimal commas, 1.234 is none."""
+    texts = [cell if isinstance(cell, str) else "" for cell in cells]
+    commas = decimal == "," and any("," in text for text in texts)
+    return [
+        np.nan if commas and _MAYBE_GROUPED.fullmatch(text) else _number(cell, decimal)
+        for cell, text in zip(cells, texts, strict=True)
+    ]
+
+
 def _number(cell: object, decimal: str) -> float:
     number = np.nan
     if isinstance(cell, str):
+        if len(cell) <= LONGEST_CELL and _GROUPED.fullmatch(cell):
+            decimal = "," if cell.rfind(",") > cell.rfind(".") else "."
+            cell = cell.replace("." if decimal == "," else ",", "")
         cell = cell.replace(decimal, ".")
         short = len(cell) <= LONGEST_CELL
         number = float(cell) if short and _NUMBER.fullmatch(cell) else np.nan

@@ -56,6 +56,12 @@ GERMAN = [text.replace(",", ";").replace(".", ",") for text in (HEADER, GOOD)]
 ALIASES = "Pose,load,Group,A1,J2 [deg],q3,joint4_rad,A5,A6,Fx[kN],force_y,fz,Mx [N mm],ty,TZ_Nm,"
 
 
+SPOKEN = (
+    "pose,load,group,Achse 1,A2 [Grad],J3 (degrees),Joint 4/deg,q5,θ6,"
+    "Kraft X,Fy / N,Fz in N,Drehmoment x [Nm],My (N·m),Mz [N*m],"
+)
+
+
 @pytest.mark.parametrize(
     "content",
     [
@@ -66,8 +72,18 @@ ALIASES = "Pose,load,Group,A1,J2 [deg],q3,joint4_rad,A5,A6,Fx[kN],force_y,fz,Mx 
         f"{ALIASES}dx_um,DY,dz[m]\n{GOOD}".replace(
             "0,40,0,50,10,-80,1,2,0,0.5,0.1,-0.9", "0,40,0,0.05,10,-80,1000,2,0,500,0.1,-0.0009"
         ).encode(),
+        f"{SPOKEN}Auslenkung x,Verschiebung Y [mm],Δz [micron]\n{GOOD}".replace(
+            "-0.9", "-900"
+        ).encode(),
+        "\n".join(GERMAN).encode("utf-16-le"),
+        "\n".join(["sep=;", *GERMAN]).encode(),
+        "\n".join(["Measured on 3 May, cell 2", "", HEADER, GOOD]).encode(),
+        "\n".join(f"{text}," for text in (HEADER, GOOD)).encode(),
     ],
-    ids=["German Excel", "UTF-16", "comments", "extra columns", "aliases and units"],
+    ids=[
+        *("German Excel", "UTF-16", "comments", "extra columns", "aliases and units"),
+        *("German words", "UTF-16 without its mark", "Excel's sep", "title", "last separator"),
+    ],
 )
 @pytest.mark.filterwarnings("ignore:.*columns not used")
 def test_a_file_is_read_as_people_write_it(tmp_path, kr10, content):
@@ -95,6 +111,38 @@ def test_an_excel_file_is_read_and_its_rows_are_counted_as_excel_does(tmp_path, 
     (tmp_path / "my.xlsx").write_text(HEADER)
     with pytest.raises(DataError, match="not an Excel table"):
         read_samples(tmp_path / "my.xlsx", kr10)
+
+
+@pytest.mark.parametrize("lines", [GERMAN, [HEADER, GOOD]])
+def test_thousands_are_read_where_decimals_follow_them(tmp_path, kr10, lines):
+    german = lines is GERMAN
+    load = "-1.080,5" if german else '"-1,080.5"'
+    samples = read_samples(write(tmp_path, lines[0], lines[1].replace("-80", load)), kr10)
+    assert samples.wrench[0, 2] == -1080.5
+
+
+def test_a_number_that_may_have_decimals_or_thousands_is_refused(tmp_path, kr10):
+    other = GERMAN[1].replace("P1", "P2").replace("-80", "1.080")
+    path = write(tmp_path, GERMAN[0], GERMAN[1].replace("-80", "-80,5"), other)
+    with pytest.raises(DataError, match=r"row 3, column fz_N: '1\.080', expected a finite number$"):
+        read_samples(path, kr10)
+
+
+@pytest.mark.parametrize("junk", ["pause", "stop,motor,hot", HEADER, ",,," + ",".join(["?"] * 15)])
+def test_a_row_without_data_is_one_problem(tmp_path, kr10, junk):
+    with pytest.raises(DataError, match=r"row 3, column \w+: '.*', expected a row [a-z0-9 ]+$"):
+        read_samples(write(tmp_path, HEADER, GOOD, junk, line(pose_id="P2")), kr10)
+
+
+def test_a_row_that_is_too_long_is_named(tmp_path, kr10):
+    with pytest.raises(DataError, match=r"my\.csv: .*row 3 has 20 cells, the header 18"):
+        read_samples(write(tmp_path, HEADER, GOOD, GOOD + ",1,2"), kr10)
+
+
+def test_a_file_in_utf_32_is_refused(tmp_path, kr10):
+    (tmp_path / "my.csv").write_bytes(f"{HEADER}\n{GOOD}\n".encode("utf-32"))
+    with pytest.raises(DataError, match="not a CSV table in UTF-8 or UTF-16"):
+        read_samples(tmp_path / "my.csv", kr10)
 
 
 def test_columns_that_are_not_used_are_named_once(tmp_path, kr10):
