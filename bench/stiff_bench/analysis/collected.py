@@ -144,7 +144,7 @@ class StoredResults:
                 raise StoreError(f"{error}{remedy}") from error
             if not by_name:
                 why = why_no_results(folder)
-                raise StoreError(f"{folder}: {why} (valid: an --output of `bench run`)", "results")
+                raise StoreError(f"{folder}: {why} (valid: an output of `bench run`)", "results")
             runs = Runs.of(manifests)
             cases = tuple(_case(results, runs) for results in by_name.values())
             return cls(folder, cases, manifests)

@@ -214,7 +214,7 @@ def _inputs(folders: Sequence[Path], output: Path) -> list[Path]:
     for folder in folders:
         if not has_results(folder):
             raise StoreError(
-                f"{folder}: {why_no_results(folder)} (valid: an --output of `bench run`)"
+                f"{folder}: {why_no_results(folder)} (valid: an output of `bench run`)"
             )
     different = {folder.resolve(): folder for folder in folders}
     different.pop(output.resolve(), None)
