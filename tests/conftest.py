@@ -19,9 +19,10 @@ import pytest
 from run_requests import planned
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.store import database as store
+from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.robots.robot import ChainModel, shipped_chain, shipped_robot
 from stiff_datasets.twin.kr10_twin import Kr10Twin
-from stiff_protocols.contract.types import Robot, Samples
+from stiff_protocols.contract.types import BenchmarkData, Robot, Samples
 from stiff_protocols.splits.random_splits import Holdout
 
 KR10_TCP = (0.06, 0.0, 0.08)
@@ -63,14 +64,23 @@ def kr10_chain() -> ChainModel:
 
 
 @pytest.fixture(scope="session")
-def parts() -> tuple[Robot, Samples, Samples, Samples]:
+def twin() -> BenchmarkData:
+    return Kr10Twin().load()
+
+
+@pytest.fixture(scope="session")
+def fanuc() -> BenchmarkData:
+    return FanucR2000iC().load()
+
+
+@pytest.fixture(scope="session")
+def parts(twin: BenchmarkData) -> tuple[Robot, Samples, Samples, Samples]:
     """Robot, training, validation and test samples of one split of the KR10 twin."""
-    data = Kr10Twin().load()
-    (split,) = Holdout().splits(data.samples, n_splits=1, seed=0)
+    (split,) = Holdout().splits(twin.samples, n_splits=1, seed=0)
     train, validation, test = (
-        data.samples.take(rows) for rows in (split.train, split.validation, split.test)
+        twin.samples.take(rows) for rows in (split.train, split.validation, split.test)
     )
-    return data.robot, train, validation, test
+    return twin.robot, train, validation, test
 
 
 @pytest.fixture()

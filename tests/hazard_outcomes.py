@@ -86,7 +86,7 @@ OUTCOMES: dict[str, dict[frozenset[str], str]] = {
     "5 rows": {frozenset(SEGMENTS): SLOPES, frozenset(FULL): few(5), **NOT_BOTH},
     "one pose": {
         frozenset({"deep-ensemble"}): "fails: .*needs samples of two poses.*all 32 are of one",
-        frozenset({"mf-gp"}): "warns: .*search for the likeliest ones stopped early",
+        frozenset({"mf-gp"}): "warns: .*likelihood search stopped early",
     },
     "no load": {frozenset(IDENTIFY): "fails: .*no wrench turns any joint"},
     "force along z alone": {
@@ -94,12 +94,14 @@ OUTCOMES: dict[str, dict[frozenset[str], str]] = {
         frozenset(SEGMENTS): SLOPES,
     },
     "no deflection": {
-        frozenset(SOURCE): "fails: no source can be simulated .*every deflection is zero",
+        frozenset(
+            SOURCE
+        ): "fails: no pre-training data can be simulated .*every deflection is zero",
         frozenset({"pls"}): "warns: y residual is constant",
         frozenset(IDENTIFY): "warns: every deflection is zero in all 32 samples",
     },
     "wrenches of wrong sign": {
-        frozenset(SOURCE): "fails: no source can be simulated .*is the sign .*wrong",
+        frozenset(SOURCE): "fails: no pre-training data can be simulated .*is the sign .*wrong",
         frozenset({"vjm-full, ridge"}): "works",  # its compliances may be negative
         frozenset(IDENTIFY): "warns: no joint spring explains .*is the sign .*wrong",
     },
@@ -110,7 +112,7 @@ OUTCOMES: dict[str, dict[frozenset[str], str]] = {
     "slides and turns": NO_MASSES,
     "slides alone": {
         **NO_MASSES,
-        frozenset({"gp", "gp, ard", "mf-gp"}): "warns: .*search for the likeliest ones stopped",
+        frozenset({"gp", "gp, ard", "mf-gp"}): "warns: .*likelihood search stopped",
     },
     "2 joints": NO_MASSES | NOT_BOTH,
     "7 joints": NO_MASSES | NOT_BOTH,

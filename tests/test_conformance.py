@@ -6,24 +6,17 @@ import pytest
 
 from quick_models import KEYS
 from stiff_bench.plan.registry import Registry
-from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_models.catalog import FAMILIES, MODELS
 from stiff_models.io.cache_folder import OFF, VARIABLE
 from stiff_models.io.saved import load
 from stiff_protocols.conformance.suite import check_model
-from stiff_protocols.contract.types import BenchmarkData
 
 NOT_SAVABLE = ("realmlp", "tabm", "tabpfn")  # pickled by their packages, or another's weights
 
 
-@pytest.fixture(scope="module")
-def data() -> BenchmarkData:
-    return FanucR2000iC().load()
-
-
 @pytest.mark.usefixtures("small_source")
 @pytest.mark.parametrize("key", KEYS)
-def test_a_shipped_model_keeps_the_contract(key, data, monkeypatch):
+def test_a_shipped_model_keeps_the_contract(key, fanuc, monkeypatch):
     monkeypatch.setenv(VARIABLE, OFF)  # a remembered training always repeats itself
     registry = Registry(families=FAMILIES)
     registry.add(MODELS, "stiffbench")
@@ -32,7 +25,7 @@ def test_a_shipped_model_keeps_the_contract(key, data, monkeypatch):
         pytest.skip(info.missing())
     cls = info.load()
     checks = check_model(
-        lambda: cls(**info.quick), data, uses_validation=info.uses_validation, load=load
+        lambda: cls(**info.quick), fanuc, uses_validation=info.uses_validation, load=load
     )
     failed = [str(check) for check in checks if check.status == "failed"]
     assert not failed, "\n".join(failed)

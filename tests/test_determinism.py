@@ -26,7 +26,7 @@ CONVOLUTION_TOLERANCE_M = 2e-5
 these few steps, 0.003 mm was seen."""
 
 WIDE = "ft-mlp at its full width"
-WIDE_OPTIONS = {"pretrain_steps": 60, "epochs": 60}
+WIDE_OPTIONS = {"pretrain_steps": 20, "epochs": 20}
 """The recipe's 380 nodes: the sizes at which libraries divide their work by the threads."""
 
 
@@ -72,15 +72,6 @@ def of_process(tmp_path_factory):
             return {key: found[key] for key in keys}
 
     return get
-
-
-@pytest.mark.parametrize("key", ["vjm", "vjm-full", "mlp", "gp"])
-def test_the_same_fit_twice_in_one_process_gives_the_same_bits(key, monkeypatch):
-    monkeypatch.setenv("STIFFBENCH_CACHE", "off")
-    first = prediction(key)
-    prediction("mean" if key == "mlp" else "mlp")  # draws random numbers in between
-    np.random.seed(3)  # noqa: NPY002  # what a plugin may have done to the process
-    np.testing.assert_array_equal(prediction(key), first)
 
 
 @pytest.mark.parametrize("models", [("vjm", "knn"), ("knn", "vjm")])

@@ -113,6 +113,7 @@ def test_a_pickle_in_the_samples_of_a_results_folder_is_refused_unread(mark):
         {"torque": np.zeros(3)},
         {"torque": np.full((12, 6), "text")},
         {"tcp": np.zeros((11, 3))},
+        {"tcp_on_flange": np.zeros(2)},
         {"joint_types": np.array(["revolute"])},
         {"joint_names": np.array("A1")},
         {"q": np.zeros((3, 3))},

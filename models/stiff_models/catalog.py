@@ -21,7 +21,7 @@ MODELS = (
     ModelInfo(
         key="zero",
         target="stiff_models.regressors.baselines:ZeroModel",
-        summary="no deflection at all: what an uncorrected path gets",
+        summary="no deflection: the uncorrected path",
     ),
     ModelInfo(
         key="mean",
@@ -37,20 +37,20 @@ MODELS = (
     ModelInfo(
         key="vjm",
         target="stiff_models.physics.vjm:VirtualJointModel",
-        summary="linear virtual joint model, one torsion spring a joint, least squares",
+        summary="virtual joint model, one linear spring per joint, least squares",
         reference="deflection = J K^-1 J^T wrench; identified as in the source paper",
     ),
     ModelInfo(
         key="vjm-multisegment",
         target="stiff_models.physics.multi_segment_vjm:MultiSegmentVjm",
-        summary="VJM whose springs get another slope as the torque grows, preloaded by gravity",
+        summary="VJM with piecewise linear joint springs, preloaded by gravity",
         reference="multi-segment joint stiffness after Schneider et al.; see docs/models.md",
         grids={"default": {"segments": (2, 3), "breakpoints": ("quantile", "search")}},
     ),
     ModelInfo(
         key="vjm-full",
         target="stiff_models.physics.full_vjm:FullVjm",
-        summary="three or six virtual springs a joint, reduced to what the samples identify",
+        summary="VJM with three or six springs per joint, reduced to the identifiable ones",
         reference="after Pashkevich, Klimchik and Chablat 2011",
         grids={"default": {"springs": (3, 6), "solver": ("nnls", "ridge")}},
     ),
@@ -66,14 +66,14 @@ MODELS = (
     ModelInfo(
         key="mlp-pretrained",
         target="stiff_models.transfer.mlp_pretrained:MlpPretrained",
-        summary="4 x 380 network trained on the simulated source domain alone",
+        summary="4 x 380 network trained on simulated samples alone",
         reference="pre-training of the source paper",
         quick=_QUICK_SOURCE,
     ),
     ModelInfo(
         key="ft-mlp",
         target="stiff_models.transfer.ft_mlp:FtMlp",
-        summary="pre-trained on the source domain, fine-tuned on the measurements",
+        summary="mlp-pretrained, fine-tuned on the measured training samples",
         reference="the method of the source paper",
         uses_validation=True,
         quick=_QUICK_SOURCE | {"epochs": 10},
@@ -89,7 +89,7 @@ MODELS = (
     ModelInfo(
         key="dt-cnn",
         target="stiff_models.transfer.dt_cnn:DtCnn",
-        summary="1x1-convolution network, its features of simulated and measured inputs aligned",
+        summary="1x1-convolution network, features aligned between simulation and measurement",
         reference="Zhao et al., UDTL, 2021; the source paper's DT-CNN",
         uses_validation=True,
         quick={"pretrain_steps": 12},
@@ -98,14 +98,14 @@ MODELS = (
     ModelInfo(
         key="compliance-net",
         target="stiff_models.transfer.compliance_net:ComplianceNet",
-        summary="network of joint compliances inside the VJM's equation: no load, no deflection",
+        summary="network of pose-dependent joint compliances in the VJM's equation",
         uses_validation=True,
         quick=_QUICK_NETWORK,
     ),
     ModelInfo(
         key="deep-ensemble",
         target="stiff_models.transfer.deep_ensemble:DeepEnsemble",
-        summary="mean of several ft-mlp that differ in their random numbers",
+        summary="mean of several ft-mlp with different seeds",
         reference="Lakshminarayanan, Pritzel and Blundell 2017",
         uses_validation=True,
         quick=_QUICK_SOURCE | {"epochs": 10, "members": 2},
@@ -113,7 +113,7 @@ MODELS = (
     ModelInfo(
         key="residual-mlp",
         target="stiff_models.regressors.residual_mlp:ResidualMlp",
-        summary="VJM, and an MLP for what it leaves",
+        summary="VJM plus an MLP of its residual",
         uses_validation=True,
         quick=_QUICK_NETWORK,
         grids={
@@ -124,28 +124,28 @@ MODELS = (
     ModelInfo(
         key="gp",
         target="stiff_models.regressors.gp:GaussianProcessModel",
-        summary="Gaussian process of the deflections, with its own intervals",
+        summary="Gaussian process of the deflection, with prediction intervals",
         quick=_QUICK_PROCESS,
         grids={"default": _KERNELS},
     ),
     ModelInfo(
         key="vjm-gp",
         target="stiff_models.regressors.on_physics:VjmGp",
-        summary="VJM, and a Gaussian process for what it leaves, with its own intervals",
+        summary="VJM plus a Gaussian process of its residual, with prediction intervals",
         quick=_QUICK_PROCESS,
         grids={"default": _KERNELS, "physics": _PHYSICS},
     ),
     ModelInfo(
         key="mf-gp",
         target="stiff_models.regressors.mf_gp:MultiFidelityGp",
-        summary="co-kriging of simulated (VJM) and measured samples, with its own intervals",
+        summary="co-kriging of simulated (VJM) and measured samples, with prediction intervals",
         reference="Kennedy and O'Hagan 2000; Le Gratiet and Garnier 2014",
         quick=_QUICK_PROCESS | {"source_samples": 16},
     ),
     ModelInfo(
         key="vjm-boosting",
         target="stiff_models.regressors.on_physics:VjmBoosting",
-        summary="VJM, and gradient-boosted trees for what it leaves",
+        summary="VJM plus gradient-boosted trees of its residual",
         quick={"trees": 20},
         grids={
             "default": {"learning_rate": (0.02, 0.05, 0.1), "leaves": (4, 8)},
@@ -193,7 +193,7 @@ FAMILIES = (
         prefix="vjm+sklearn:",
         target="stiff_models.regressors.sklearn_model:member",
         example="vjm+sklearn:ensemble.RandomForestRegressor",
-        summary="VJM, and any scikit-learn regressor for what it leaves",
+        summary="VJM plus any scikit-learn regressor of its residual",
     ),
 )
 

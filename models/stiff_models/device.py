@@ -18,7 +18,7 @@ class RunsOnDevice:
     """Mixin of the families with a network.
 
     Attributes:
-        device: where the network runs.
+        device: device that the network runs on.
     """
 
     device: Device = "auto"

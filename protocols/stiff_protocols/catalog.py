@@ -8,7 +8,7 @@ PROTOCOLS = (
     ProtocolInfo(
         key="holdout",
         target="stiff_protocols.splits.random_splits:Holdout",
-        summary="80/20 by pose; the best epoch is chosen on an inner part of the training side",
+        summary="80/20 by pose; validation poses of the training part choose the epoch",
         reasoning=(
             "How well does a model do at new poses among the ones that were measured? One split "
             "says little: use --splits, or repeated-holdout."
@@ -17,7 +17,7 @@ PROTOCOLS = (
     ProtocolInfo(
         key="repeated-holdout",
         target="stiff_protocols.splits.random_splits:RepeatedHoldout",
-        summary="holdout drawn 15 times, for comparisons",
+        summary="holdout repeated 15 times, for comparisons",
         reasoning=(
             "The same with its spread. The splits share samples: compare models with the "
             "corrected t test of `bench compare`, never with a plain one."
@@ -35,7 +35,7 @@ PROTOCOLS = (
     ProtocolInfo(
         key="leave-one-out",
         target="stiff_protocols.splits.random_splits:LeaveOneOut",
-        summary="each pose is tested once by a model that never saw it; metrics over all poses",
+        summary="each pose is tested once, trained on all others; metrics over all poses",
         reasoning=(
             "For very small data sets: the training part is as large as it can be. Metrics are "
             "over all predictions together, as one pose gives no mean error worth the name."
@@ -64,7 +64,7 @@ PROTOCOLS = (
         target="stiff_protocols.splits.extrapolation:LoadExtrapolation",
         summary="train on light loads or some directions, test on heavy loads or other directions",
         reasoning=(
-            "Weights on a rope are lighter than cutting forces and pull in few directions: does "
+            "Weights on a cable are lighter than cutting forces and pull in few directions: does "
             "what was learned from them carry over?"
         ),
     ),
@@ -99,7 +99,7 @@ PROTOCOLS = (
     ProtocolInfo(
         key="nested",
         target="stiff_protocols.tuning.nested:Nested",
-        summary="holdout; options are chosen first, by cross-validation inside the training side",
+        summary="holdout with options tuned by cross-validation on the training part",
         reasoning=(
             "How well does a model do when nobody tunes it by hand? Each split chooses the "
             "options anew without its test part. An option that you set is not searched; a model "
@@ -110,7 +110,7 @@ PROTOCOLS = (
     ProtocolInfo(
         key="paper-holdout",
         target="stiff_protocols.splits.random_splits:PaperHoldout",
-        summary="the source paper's: 80/20 by pose, the 20 % also picks the best epoch",
+        summary="as in the source paper: 80/20 by pose, the 20 % also picks the best epoch",
         reasoning="Only to reproduce the paper's figures. It is not fair, and its rows say so.",
         warning=(
             "paper-holdout picks the best epoch on the very samples it reports, as the source "

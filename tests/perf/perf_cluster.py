@@ -45,7 +45,7 @@ def seconds_of(folder: Path, *how: str) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.benchmark(group=f"{N_CELLS} equal cells of one core-second, whole command")
+@pytest.mark.benchmark(group=f"{N_CELLS} equal fits of one core-second, whole command")
 @pytest.mark.parametrize(
     ("name", "one", "two"),
     [
@@ -58,18 +58,18 @@ def test_two_side_by_side_against_one(benchmark, tmp_path, name, one, two):
     """Efficiency 1: two take half the time of one; both starts are in it."""
     needed("distributed", "Dask")
     alone = seconds_of(tmp_path, *one)
-    ours(benchmark, f"bench run, two by {name}", work=N_CELLS, unit="cell")
+    ours(benchmark, f"bench run, two by {name}", work=N_CELLS, unit="fit")
     pair = benchmark.pedantic(seconds_of, (tmp_path, *two), rounds=1)
     said = f"parallel efficiency of two by {name}, time of one / (2 x time of two)"
     figure(benchmark, said, alone / (2 * pair), "")
 
 
 @pytest.mark.slow
-@pytest.mark.benchmark(group="a plan of 100,000 cells")
+@pytest.mark.benchmark(group="a plan of 100,000 fits")
 def test_plan(benchmark, tmp_path):
     models = [f"knn@neighbours={number}" for number in range(1, 11)]
     words = [BENCH, "run", *(word for key in models for word in ("--model", key))]
     words += ["--splits", "10000", "--plan", "--output", tmp_path]
-    ours(benchmark, "bench run --plan of 100,000 cells", work=100_000, unit="cell")
+    ours(benchmark, "bench run --plan of 100,000 fits", work=100_000, unit="fit")
     peak = benchmark.pedantic(peak_mib, words, rounds=1)
     figure(benchmark, "peak memory", peak, "MiB")

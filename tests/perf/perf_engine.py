@@ -71,22 +71,22 @@ def test_start(benchmark, who):
         figure(benchmark, f"{who}, wall", seconds(benchmark), "s", at_most=at_most)
 
 
-@pytest.mark.benchmark(group=f"a run of {N_CELLS} cells of zero")
+@pytest.mark.benchmark(group=f"a run of {N_CELLS} fits of zero")
 @pytest.mark.parametrize("isolated", [False, True], ids=["in this process", "isolated"])
 def test_overhead_of_a_cell(benchmark, tmp_path, isolated):
     """The whole command: start, splits, reference model, metrics, costs, storing, tables."""
     run = (BENCH, "run", "--model", "zero", "--splits", str(N_CELLS), "--output", tmp_path / "out")
     words = (*run, "--isolate" if isolated else "--no-isolate")
     name = f"bench run --{'' if isolated else 'no-'}isolate"
-    (ours if isolated else peer)(benchmark, name, work=N_CELLS, unit="cell")
+    (ours if isolated else peer)(benchmark, name, work=N_CELLS, unit="fit")
     benchmark.pedantic(command, words, rounds=1)
     statuses = stored_statuses(tmp_path / "out")
     assert len(statuses) == N_CELLS and {*statuses.values()} == {"ok"}
     cost_ms = 1e3 * seconds(benchmark) / N_CELLS
-    figure(benchmark, f"{name}, wall of the command / cells", cost_ms, "ms")
+    figure(benchmark, f"{name}, wall of the command / fits", cost_ms, "ms")
     if isolated:
         overhead_ms = cost_ms - COST_MS.pop("in this process")
-        figure(benchmark, "isolation of a cell", overhead_ms, "ms", at_most=10)
+        figure(benchmark, "isolation of a fit", overhead_ms, "ms", at_most=10)
     else:
         COST_MS["in this process"] = cost_ms
 
@@ -124,19 +124,19 @@ def test_results(benchmark, board, n_splits, records, at_most, words):
     figure(benchmark, f"{name}, peak memory", peak, "MiB", at_most=1024)
 
 
-@pytest.mark.benchmark(group="storing cells")
+@pytest.mark.benchmark(group="storing results")
 @pytest.mark.parametrize(
-    "who", ["stiffbench, a cell a transaction", "sqlite3, a blob a transaction"]
+    "who", ["stiffbench, a result per transaction", "sqlite3, a blob per transaction"]
 )
 def test_storing(benchmark, board, tmp_path, who):
     """Transactions, each on the disk before the next; and what SQLite alone takes for as many."""
     some = list(islice(stored_results(board(5)[0]), 300))
-    ours_or_peer(benchmark, who, work=len(some), unit="cell")
+    ours_or_peer(benchmark, who, work=len(some), unit="result")
     if who.startswith(OURS):
         store = ResultStore(tmp_path)
         benchmark.pedantic(lambda: [store.write_cell(result) for result in some], rounds=3)
         size = (tmp_path / FILE).stat().st_size / len(some)
-        figure(benchmark, "a stored cell", size, "bytes")
+        figure(benchmark, "a stored result", size, "bytes")
         return
     blobs = [zlib.compress(one.prediction.predicted.tobytes()) for one in some]
 

@@ -8,8 +8,8 @@ of it, and a model that lacks a slot is incomplete there.
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from stiff_bench.store.newest import (
     of_newest_splits,
     slot_of,
 )
+from stiff_bench.store.samples import StoredData, what_differs
 from stiff_protocols.contract.errors import ConfigError, StoreError, unknown_name
 from stiff_protocols.contract.record import Cell, CellResult, Presentation, RunManifest
 
@@ -277,24 +278,35 @@ def _stands_for_its(kind: str, word: str, case: Case) -> bool:
     )
 
 
-def same_name_other_data(cases: Sequence[Case]) -> Iterator[str]:
+def same_name_other_data(
+    cases: Sequence[Case], data_of: Callable[[str], StoredData]
+) -> Iterator[str]:
     """Yield a line for each data set whose name stands for different numbers in the folder.
 
     So too for cases whose source domain comes from different numbers under one name.
+
+    Args:
+        cases: of one folder.
+        data_of: the data with a hash; raises StoreError where they are not stored.
     """
-    of_dataset = grouped(cases, lambda one: one.name.dataset)
-    for dataset, found in of_dataset.items():
-        yield from _several(dataset, "data or TCPs", {one.name.data_sha256 for one in found})
+    of_dataset = grouped(sorted(cases, key=lambda c: c.newest_run), lambda one: one.name.dataset)
+    for dataset, found in sorted(of_dataset.items()):
+        hashes = dict.fromkeys(one.name.data_sha256 for one in found)  # the newest last
+        what = "data or TCP"
+        if len(hashes) > 1:
+            with suppress(StoreError):
+                what = what_differs([data_of(sha256) for sha256 in hashes])
+        yield from _several(dataset, f"data here: {what}", hashes)
     names = labels(case.name for case in cases)
     for found in grouped(cases, lambda one: replace(one.name, source_sha256="")).values():
-        hashes = {one.name.source_sha256 for one in found}
-        yield from _several(names[found[0].name], "source data", hashes)
+        sources = {one.name.source_sha256 for one in found}
+        yield from _several(names[found[0].name], "pre-training data here", sorted(sources))
 
 
-def _several(name: str, what: str, hashes: Set[str]) -> Iterator[str]:
+def _several(name: str, what: str, hashes: Collection[str]) -> Iterator[str]:
     if len(hashes) > 1:
-        short = ", ".join(sorted(sha256[:SHORT] for sha256 in hashes))
-        yield f"{name} stands for different {what} here ({short}); they are never compared."
+        short = ", ".join(sha256[:SHORT] for sha256 in hashes)
+        yield f"{name} stands for different {what} ({short}); they are never compared."
 
 
 def left_out_notes(cases: Sequence[Case]) -> Iterator[str]:

@@ -366,7 +366,10 @@ def compare_folder(
             notes.append(f"not compared: {called[case.name]}: {error}.")
     if not comparisons:
         where_run = "; ".join(f"{name} was run in {_few(places)}" for name, places in run.items())
-        raise ConfigError(" ".join(notes) or f"{a} and {b} never met: {where_run}")
+        others = "".join(f"; {line}" for line in same_name_other_data(chosen, data_of))
+        raise ConfigError(
+            " ".join(notes) or f"{a} and {b} have no comparison in common: {where_run}{others}"
+        )
     for name, other in ((a, b), (b, a)):
         if alone := [place for place in run[name] if place not in run[other]]:
             notes.append(f"{name} alone was run in {_few(alone)}.")
@@ -392,7 +395,7 @@ def compare_folder(
         where=where,
         notes=(
             *notes,
-            *same_name_other_data(shared),
+            *same_name_other_data(shared, data_of),
             *left_out_notes(shared),
             *differing_libraries(stored.runs, counts),
         ),

@@ -24,7 +24,7 @@ VERDICTS: dict[Verdict, str] = {
     "a": "A better",
     "b": "B better",
     "equivalent": "equivalent",
-    "open": "not told apart",
+    "open": "no significant difference",
 }
 SELECTS_ON_TEST = "selects on the test part"
 """Stands beside a case whose protocol lets models do so."""
@@ -81,7 +81,7 @@ def _counts(report: Report, found: Sequence[Comparison], kind: str) -> str:
     return (
         f"Of {counted(len(found), 'comparison')}{kind}: {report.a} better in {count['a']}, "
         f"{report.b} better in {count['b']}, equivalent (within {_rope(report)}) in "
-        f"{count['equivalent']}, not told apart in {count['open']}."
+        f"{count['equivalent']}, no significant difference in {count['open']}."
     )
 
 
@@ -100,9 +100,9 @@ def _of_one(report: Report, found: Comparison) -> str:
     if row.verdict == "open":
         interval = _range(main.low, main.high)
         return (
-            f"{report.a} and {report.b} are not told apart {on}: mean 3-D error of {report.a} "
-            f"minus that of {report.b} {MM * row.difference:.3f} mm ({level} interval {interval} "
-            f"over {over})."
+            f"No significant difference between {report.a} and {report.b} {on}: mean 3-D error of "
+            f"{report.a} minus that of {report.b} {MM * row.difference:.3f} mm ({level} interval "
+            f"{interval} over {over})."
         )
     a_better = row.verdict == "a"
     better, worse = (report.a, report.b) if a_better else (report.b, report.a)
@@ -131,10 +131,10 @@ def _notes(report: Report) -> Iterator[str]:
     for one in report.comparisons:
         if one.a.regime != one.b.regime:
             regimes = (
-                f"{shown.model}: {shown.regime or 'measured deflections train it'}"
+                f"{shown.model}: {shown.regime or 'trained on measured deflections'}"
                 for shown in (one.a, one.b)
             )
-            yield f"Not the same regime: {'; '.join(regimes)}."
+            yield f"Different training data: {'; '.join(regimes)}."
         if one.a.picked_on_test != one.b.picked_on_test:
             picked = one.a if one.a.picked_on_test else one.b
             yield f"{one.name.protocol}: {picked.model} alone picked its epoch on the test part."
@@ -142,8 +142,8 @@ def _notes(report: Report) -> Iterator[str]:
             yield one.a.warning
     if not all(one.over_splits for one in report.comparisons):
         yield (
-            "these fits: one split or pooled splits say nothing about another training; "
-            "repeated-holdout with --splits 5 does."
+            "these fits: one split or pooled splits do not show how results vary with the training "
+            "samples; repeated-holdout with --splits 5 does."
         )
     if report.where is not None and report.where.n_places:
         where = report.where

@@ -102,29 +102,29 @@ def forecast_table(found: Forecast) -> Table:
     total = ("all", found.n_cells, found.n_cached, known)
     rows = [(part.model, part.n_cells, part.n_cached, part.seconds) for part in found.parts]
     return Table(
-        title="What the run would compute",
+        title="Fits to compute",
         columns=[
             Column("model", "text"),
-            *(Column(name) for name in ("cells", "cached", "to compute")),
+            *(Column(name) for name in ("fits", "cached", "to compute")),
             Column("time", unit="s", format=lambda time: _clock(time.value)),
         ],
         rows=[
             [*(name, n, cached, n - cached), Quantity(status="unknown") if s is None else s]
             for name, n, cached, s in [*rows, total]
         ],
-        notes=("times (h:min:s, one after another) are means of the model's stored fits",),
+        notes=("time: h:min:s in sequence, from the mean of the model's stored fits",),
         about={"jobs": found.jobs},
     )
 
 
 def forecast_line(found: Forecast) -> str:
-    """Return e.g. "40 cells, 10 cached, 30 to compute; about 0:02:30 with 2 jobs"."""
+    """Return e.g. "40 fits, 10 cached, 30 to compute; about 0:02:30 with 2 jobs"."""
     n_missing = found.n_cells - found.n_cached
-    cells = f"{counted(found.n_cells, 'cell')}, {found.n_cached} cached, {n_missing} to compute"
+    cells = f"{counted(found.n_cells, 'fit')}, {found.n_cached} cached, {n_missing} to compute"
     time = f"about {_clock(found.seconds)} with {counted(found.jobs, 'job')}"
     if not found.n_unknown:
         return f"{cells}; {time}"
-    unknown = f"{counted(found.n_unknown, 'cell')} of models without a stored fit"
+    unknown = f"{counted(found.n_unknown, 'fit')} of models without a stored fit"
     return f"{cells}; {f'{time}, and' if found.seconds else 'time unknown:'} {unknown}"
 
 

@@ -8,7 +8,7 @@ the models that are shown and complete, whoever else has results in the folder.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,7 @@ from stiff_bench.analysis.ranking import (
 )
 from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.store.names import CaseName, labels, natural_key
+from stiff_bench.store.samples import StoredData
 from stiff_bench.store.versions import sources
 from stiff_bench.tables.metric_table import mark_of
 from stiff_protocols.contract.errors import ConfigError
@@ -159,13 +160,14 @@ def build_leaderboard(
     stored: StoredResults, *, models: Sequence[str] = (), key: SortKey, seed: int = 0
 ) -> Leaderboard:
     """Return the leaderboard of the results that are given; see `stored_leaderboard`."""
+    rankings = Rankings(key, stored.folder, seed)
     with no_garbage_collection():
         usable = [c for c in of_newest_data(stored.cases) if presentation(c).task == STIFFNESS]
         names = chosen_models(usable, models)
         n_run = {c.name: sum(name in c.competitors for name in names) for c in usable}
         shown = sorted((c for c in usable if n_run[c.name] > 1), key=in_order)
         lonely = sorted((c for c in usable if n_run[c.name] == 1), key=in_order)
-        notes = list(_data_notes(stored.cases))
+        notes = list(_data_notes(stored.cases, rankings.data_of))
         if lonely:
             first = labels(case.name for case in usable)[lonely[0].name]
             more = f" (and {len(lonely) - 1} more)" if len(lonely) > 1 else ""
@@ -178,7 +180,6 @@ def build_leaderboard(
             )
         names = [name for name in names if any(name in c.competitors for c in shown)]
         scored = [scored_case(case, names, key) for case in shown]
-        rankings = Rankings(key, stored.folder, seed)
         sections = tuple(
             _section(part, names, selects, rankings)
             for selects in (False, True)
@@ -216,8 +217,8 @@ def of_newest_data(cases: Sequence[Case]) -> list[Case]:
     return list(newest_source.values())
 
 
-def _data_notes(cases: Sequence[Case]) -> Iterator[str]:
-    for line in same_name_other_data(cases):
+def _data_notes(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> Iterator[str]:
+    for line in same_name_other_data(cases, data_of):
         yield f"{line.removesuffix('.')}, those of the newest run count, the others are left out."
     yield from left_out_notes(cases)
     others = {c.name.dataset: presentation(c) for c in cases if presentation(c).task != STIFFNESS}

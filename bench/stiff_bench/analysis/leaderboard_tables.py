@@ -6,7 +6,7 @@ docs/comparing.md says what the columns and marks mean.
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -17,7 +17,7 @@ from stiff_bench.analysis.critical_difference import RankAnalysis
 from stiff_bench.analysis.leaderboard import Leaderboard, Section, caveats_of, presentation
 from stiff_bench.analysis.ranking import Rankings, ScoredCase, complete_models
 from stiff_bench.analysis.same_robot import dataset_of, family_of, of_families, of_robots
-from stiff_bench.store.names import grouped, labels
+from stiff_bench.store.names import CaseName, grouped, labels
 from stiff_bench.tables.metric_table import SELECTION_MARK, number_format
 from stiff_bench.tables.render import render
 from stiff_bench.tables.table import Cell, Column, Name, Quantity, Table
@@ -100,7 +100,7 @@ def _ranks(section: Section, board: Leaderboard) -> Table:
         columns=[
             *(Column("model", "text"), Column("place"), Column("mean rank", format=".2f")),
             Column(f"{percent(1.0 - LEVEL)} interval", format=".2f"),
-            *(Column("won"), Column("like the best")),
+            *(Column("won"), Column("tied with best")),
             *(Column("within CD of the best", "text"), Column("results")),
         ],
         rows=rows,
@@ -134,14 +134,7 @@ def _rank_notes(section: Section, board: Leaderboard) -> Iterator[str]:
         yield f"Simulated, not measured: {', '.join(simulated)}."
     called = labels(scored.case.name for scored in section.cases)
     if section.unranked:
-        name, missing = next(iter(section.unranked.items()))
-        more = len(section.unranked) - 1
-        others = f", and {counted(more, 'more model')}" if more else ""
-        why = "the only model with all results"
-        if missing:
-            case, reason = next(iter(missing.items()))
-            why = f"lacks {len(missing)} of {len(called)} results ({called[case]}: {reason})"
-        yield f"Without a mean rank: {name} {why}{others}."
+        yield f"Without a mean rank: {_lacking(section.unranked, called)}."
     cut = [scored for scored in section.cases if scored.left_out]
     if cut:
         more_cut = f" (and {len(cut) - 1} more)" if len(cut) > 1 else ""
@@ -149,6 +142,26 @@ def _rank_notes(section: Section, board: Leaderboard) -> Iterator[str]:
     if board.notes:
         more_notes = f" (and {len(board.notes) - 1} more)" if len(board.notes) > 1 else ""
         yield f"{board.notes[0].removesuffix('.')}{more_notes}."
+
+
+MOST_LACKING = 4
+"""So many missing results are named one by one."""
+
+
+def _lacking(unranked: Mapping[str, Mapping[CaseName, str]], called: Mapping[CaseName, str]) -> str:
+    """Return what each model lacks and why; where that is much, how much, and who says it."""
+    every = sum(map(len, unranked.values())) <= MOST_LACKING
+    parts = []
+    for model, missing in unranked.items():
+        reasons = grouped(missing, missing.__getitem__).items()
+        places = [f"{', '.join(map(called.__getitem__, cases))}: {why}" for why, cases in reasons]
+        named = f" ({'; '.join(places)})" if every else ""
+        lacks = f"lacks {len(missing)} of {len(called)} results{named}"
+        parts.append(f"{model} {lacks if missing else 'is the only model with all results'}")
+    if every:
+        return ", ".join(parts)
+    more = f" and {counted(len(parts) - 3, 'more model')}" if len(parts) > 3 else ""
+    return f"{', '.join(parts[:3])}{more}; `--format json` lists them, and why"
 
 
 def _by_protocol(section: Section, rankings: Rankings) -> Iterator[Table]:
@@ -179,7 +192,7 @@ def _by_protocol(section: Section, rankings: Rankings) -> Iterator[Table]:
                 Column(heading, unit=unit, format=number_format(key.metric), about=about)
             )
             scores.append(_scores_of(section, members, rankings))
-        like = "" if key.is_cost else f"; {LIKE_BEST} not told apart from the best"
+        like = "" if key.is_cost else f"; {LIKE_BEST} no significant difference from the best"
         caveats = caveats_of(one.case for one in of_protocol)
         yield Table(
             title=f"{protocol} on {of_families(dict.fromkeys(datasets, family))}{apart} | "
@@ -193,7 +206,7 @@ def _by_protocol(section: Section, rankings: Rankings) -> Iterator[Table]:
                 for model in section.models
                 if any(model in column for column in scores)
             ],
-            notes=[f"{BEST} best mean of a column{like}.", *caveats],
+            notes=[f"{BEST} best mean of the column{like}.", *caveats],
             unit=unit,
             about=_about(section, "scores by protocol"),
         )
@@ -321,7 +334,7 @@ def _costs(section: Section) -> Table:
             Column("fits"),
         ],
         rows=rows,
-        notes=["wall times of the machines that computed; a cached pre-training costs nothing."],
+        notes=["wall times depend on the machine; a cached pre-training costs nothing."],
         about=_about(section, "costs"),
     )
 

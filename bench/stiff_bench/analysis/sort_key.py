@@ -40,7 +40,7 @@ class SortKey:
         of_axis = f" of {self.axis}" if self.axis else ""
         shown_unit = f" [{unit}]" if unit else ""
         over = f", mean over {', '.join(self._axes)}" if len(self._axes) > 1 else ""
-        return f"{self.metric.key}{of_axis}{shown_unit}{over}"
+        return f"{self.metric.label}{of_axis}{shown_unit}{over}"
 
     @property
     def sign(self) -> float:

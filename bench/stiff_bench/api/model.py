@@ -146,7 +146,7 @@ class Model:
                 f"--coverage {coverage:g}: {self.choice.info.key} has no intervals of its own "
                 "(those of `bench run` come from samples that were held out)"
             )
-        with _blamed_on(self._file):
+        with _blamed_on(self._file, but=StiffBenchError):  # which is of the loads
             table = read_loads(Path(loads), model.robot_)
         for oddity in table.oddities:
             say(f"warning: {oddity}")
@@ -296,14 +296,16 @@ def check_new_file(path: Path) -> None:
 
 
 @contextmanager
-def _blamed_on(model_file: Path | None) -> Iterator[None]:
-    """Make one clear error of whatever a model from a crafted file raises.
+def _blamed_on(model_file: Path | None, but: tuple[()] | type[Exception] = ()) -> Iterator[None]:
+    """Make one clear error of whatever a model from a crafted file raises, `but` for some.
 
     Raises:
         DataError: it raised something; the message names the file.
     """
     try:
         yield
+    except but:
+        raise
     except Exception as error:
         if model_file is None:
             raise

@@ -13,6 +13,7 @@ from stiff_bench.tables.metric_table import build_tables
 from stiff_bench.tables.render import render
 from stiff_bench.tables.table import Table
 from stiff_bench.tables.units import MM, PRINTED
+from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import AXES
 from stiff_protocols.scoring.metrics import METRICS, metric
@@ -70,15 +71,25 @@ class Ranks(Tables):
 
     board: Leaderboard | None = None
 
+    @property
+    def why_no_diagrams(self) -> str:
+        """Why no critical-difference diagram can be drawn; "" where one can."""
+        assert self.board is not None
+        analyses = self.board.sections[0].analyses
+        found = any(one.outcome is not None for one in analyses)
+        return "" if found else f"no critical difference: it {analyses[0].why_none}"
+
     def save_diagrams(self, file: Path | str) -> None:
         """Draw the critical-difference diagrams of the protocols that do not select on test.
 
         Raises:
-            ConfigError: no analysis has an outcome, or the file's suffix is no picture's.
+            ConfigError: there is none to draw, or the file's suffix is no picture's.
             StoreError: it cannot be written.
         """
         from stiff_bench.figures.ranks import save_diagrams
 
+        if why := self.why_no_diagrams:
+            raise ConfigError(f"{file}: {why}")
         assert self.board is not None
         first = self.board.sections[0]
         kinds = " and ".join(first.kinds)

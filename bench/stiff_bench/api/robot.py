@@ -31,7 +31,7 @@ class Robot(contract.Robot):
         """Return a robot that stiffbench ships, with the tool of its data set.
 
         Args:
-            name: "kr10-r1100-2", "ur5" or "fanuc-r2000ic".
+            name: "kr10-r1100-2", "ur5", "fanuc-r2000ic" or an arm of `arm-family` such as "gp12".
 
         Raises:
             ConfigError: there is no such robot.

@@ -36,16 +36,23 @@ if TYPE_CHECKING:
 @format_option
 def leaderboard(
     results: Path, metric: str, axis: str | None, figure: Path | None, fmt: str, **chosen: Any
-) -> None:
-    """Rank models over data sets and protocols, and say where ranks mean nothing."""
+) -> int:
+    """Rank models over data sets and protocols, with intervals.
+
+    Exit status 1: there is no critical difference, so that --figure was not drawn.
+    """
     from stiff_bench.tables.picture_file import check_suffix
 
     if figure is not None:
         check_suffix(figure)
     ranks = _stored(results).leaderboard(metric, axis, **chosen)
+    why_none = ranks.why_no_diagrams if figure is not None else ""
+    if figure is not None and not why_none:
+        ranks.save_diagrams(figure)  # before the tables: what fails here prints none
     print_text(ranks.text_as(fmt))
-    if figure is not None:
-        ranks.save_diagrams(figure)
+    if why_none:
+        say(f"{figure} was not drawn: {why_none}")
+    return 1 if why_none else 0
 
 
 @click.command()
@@ -53,20 +60,22 @@ def leaderboard(
 @click.argument("b", metavar="B")
 @results_option
 @case_options
-@several_keys("--condition", "conditions", help='A protocol\'s condition, such as "n = 40".')
+@several_keys("--condition", "conditions", help='Condition of a protocol, such as "n = 40".')
 @click.option(
     "--equivalence",
     "equivalence_mm",
     type=Millimetres(min=0),
     default="0.01mm",
     metavar="LENGTH",
-    help="Largest difference in mean error that makes none in practice.",
+    help="Largest difference in mean error that is negligible in practice.",
 )
-@click.option("--confidence", type=PROBABILITY, default=0.95, help="Of intervals and verdicts.")
+@click.option(
+    "--confidence", type=PROBABILITY, default=0.95, help="Level of intervals and verdicts."
+)
 @seed_option
 @format_option
 def compare(a: str, b: str, results: Path, equivalence_mm: float, fmt: str, **asked: Any) -> None:
-    """Say whether model A is better than model B, by how much, how sure that is, and where.
+    """Test whether model A is better than model B, by how much and where.
 
     A and B are models with their options, as `bench run` names them: vjm, ft-mlp@freeze=full.
     """
@@ -92,9 +101,9 @@ def _stored(folder: Path) -> Results:
 def table(number: str, results: Path | None, fmt: str) -> None:
     """Print a table of the source paper beside ours: 2, 3, 6, 7, 8, 9 or 10.
 
-    2: the VJM's errors on the samples it was fitted to; 3: identified joint stiffnesses; 6 and 7:
-    errors on the simulated source by depth and by activation; 8: which layers are unfrozen; 9:
-    last epoch against best epoch; 10: VJM, FT-MLP and DT-CNN.
+    2: errors of the VJM on the samples it was fitted to; 3: identified joint stiffnesses; 6, 7:
+    errors on simulated pre-training data by depth and by activation; 8: unfrozen layers; 9: last
+    epoch against best epoch; 10: VJM, FT-MLP and DT-CNN.
     """
     from stiff_bench.paper.tables import read_table
     from stiff_bench.tables.render import render
@@ -112,16 +121,16 @@ def table(number: str, results: Path | None, fmt: str) -> None:
     metavar="DIR",
     help="Folder of results; may be repeated. Folders are not compared with each other.",
 )
-@output_option("FILE.html", "The page; an older one is replaced.")
+@output_option("FILE.html", "File to write; an older one is replaced.")
 @ranking_options
 def report(folders: tuple[Path, ...], output: Path, **chosen: Any) -> None:
-    """Write all that results say as one HTML page that needs no network.
+    """Write results as one HTML page that needs no network.
 
-    Ranks, pairwise comparisons, figures, scores, failures, and where the results come from; its
-    tables can be sorted and filtered in a browser.
+    Verdict, robots and stiffnesses, ranking, pairwise comparisons, scores, figures, failures and
+    provenance.
     """
     from stiff_bench.report.report import write_report
     from stiff_bench.report.runs import Selection
 
     write_report(folders, Selection(**chosen), output, command_line())
-    say(f"{output}: the page is written")
+    say(f"{output}: written")

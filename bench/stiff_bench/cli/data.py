@@ -9,6 +9,8 @@ import click
 
 from stiff_bench.cli.options import (
     FILE,
+    FiniteRange,
+    WholeRange,
     no_torque_option,
     output_option,
     plugin_option,
@@ -18,11 +20,12 @@ from stiff_bench.cli.options import (
     settings_option,
     tcp_option,
 )
+from stiff_bench.cli.refusals import Commands
 
 
-@click.group()
+@click.group(cls=Commands)
 def data() -> None:
-    """Make, check, plan and look at data sets."""
+    """Plan, check, simulate and inspect data sets."""
 
 
 @data.command()
@@ -34,7 +37,7 @@ def data() -> None:
     type=FILE,
     default=Path("results/info"),
     metavar="DIR",
-    help="Where the picture KEY.png goes.",
+    help="Folder for the picture KEY.png.",
 )
 @settings_option
 @plugin_option
@@ -46,7 +49,7 @@ def info(
     plugins: tuple[Path, ...],
     **words: Any,
 ) -> None:
-    """Print a data set's card and facts, and draw its picture.
+    """Print the card and statistics of a data set, and draw an overview.
 
     KEY may be your own FILE.csv, .xlsx or .parquet, with --urdf or --robot.
     """
@@ -66,26 +69,31 @@ def info(
 @robot_options
 @click.option(
     "--poses",
-    type=click.IntRange(1, 10_000),
-    help="How many to choose.  [default: the paper's 151 poses of the KR10, or 151 chosen ones]",
+    type=WholeRange(1, 10_000),
+    help="Number of poses.  [default: the paper's 151 poses of the KR10, or 151 chosen ones]",
 )
 @click.option(
     "--criterion",
     type=click.Choice(["d-optimal", "condition"]),
-    help="What chosen poses are best in.  [default: d-optimal]",
+    help="Criterion that the choice optimises.  [default: d-optimal]",
 )
 @click.option(
     "--candidates",
-    type=click.IntRange(1, 100_000),
-    help="Random poses to choose from.  [default: 2000, or ten a pose]",
+    type=WholeRange(1, 100_000),
+    help="Number of random poses to choose from.  [default: 2000, or ten a pose]",
 )
-@click.option("--payload", type=float, metavar="KG", help="[default: the shipped robot's]")
+@click.option(
+    "--payload",
+    type=FiniteRange(0, min_open=True),
+    metavar="KG",
+    help="Rated payload; it sets the forces.  [default: the shipped robot's]",
+)
 @click.option(
     "--clearance",
-    type=float,
+    type=FiniteRange(0),
     default=0.2,
     metavar="M",
-    help="Smallest distance of the arm from the base column.",
+    help="Smallest distance between arm and base column.",
 )
 @seed_option
 @output_option("FILE.csv")
@@ -117,18 +125,24 @@ def validate(file: Path, no_torque: bool, **words: Any) -> int:
     "--twin",
     default="kr10-r1100-2",
     metavar="NAME|FILE.toml",
-    help="kr10-r1100-2, kr10-rough, kr10-beam, ur5, one of the arms, or the constants of your own.",
+    help="kr10-r1100-2, kr10-rough, kr10-beam, ur5, an arm such as gp12, or a file of your own "
+    "constants.",
 )
-@click.option("--samples", type=click.IntRange(1), default=10_000, help="How many.")
+@click.option("--samples", type=WholeRange(1), default=10_000, help="Number of samples.")
 @click.option(
     "--loads",
     type=click.Choice(["line", "line-hook", "omni"]),
     default="omni",
-    help="The paper's loads, its forces at a hook, or every direction at a hook.",
+    help="The paper's wrenches, its forces at a hook, or forces in all directions at a hook.",
 )
-@click.option("--loads-per-pose", type=click.IntRange(1, 1000), default=1, help="How many.")
 @click.option(
-    "--specimen", type=click.IntRange(0, 9), default=0, help="Which of ten robots of the type."
+    "--loads-per-pose", type=WholeRange(1, 1000), default=1, help="Number of loads per pose."
+)
+@click.option(
+    "--specimen",
+    type=WholeRange(0, 9),
+    default=0,
+    help="One of ten simulated robots of the type.",
 )
 @click.option(
     "--effects",
@@ -139,17 +153,17 @@ def validate(file: Path, no_torque: bool, **words: Any) -> int:
 @seed_option
 @output_option("FILE.csv|FILE.parquet")
 def simulate(**words: Any) -> None:
-    """Write a simulated data set of any size, block by block."""
+    """Write a simulated data set of any size."""
     from stiff_bench.data_tools.commands import write_simulation
 
     click.echo(write_simulation(**words))
 
 
 @data.command()
-@click.argument("key", type=click.Choice(["ur5-pose-error"]))
-@click.option("--from", "source", type=FILE, metavar="DIR", help="A folder with the files.")
+@click.argument("key", type=click.Choice(["ur5-pose-error"]), metavar="KEY")
+@click.option("--from", "source", type=FILE, metavar="DIR", help="Folder of downloaded files.")
 def fetch(key: str, source: Path | None) -> None:
-    """Get and check the files of a data set that is not shipped."""
+    """Download and check the files of a data set that is not shipped; KEY is ur5-pose-error."""
     from stiff_datasets.measured.ur5_pose_error import fetch as fetch_files
 
     for path in fetch_files(source):
@@ -157,13 +171,13 @@ def fetch(key: str, source: Path | None) -> None:
 
 
 @data.command()
-@click.argument("key", type=click.Choice(["kr10-measured"]))
+@click.argument("key", type=click.Choice(["kr10-measured"]), metavar="KEY")
 @click.argument("file", type=FILE)
-@click.option("--urdf", type=FILE, metavar="FILE.urdf", help="[default: the shipped KR10]")
+@click.option("--urdf", type=FILE, metavar="FILE.urdf", help="URDF.  [default: the shipped KR10]")
 @tcp_option
 @no_torque_option
 def register(key: str, file: Path, urdf: Path | None, tcp: str, no_torque: bool) -> None:
-    """Make your own measurement a data set with a name."""
+    """Register your own measurement as a named data set; KEY is kr10-measured."""
     from stiff_bench.data_tools.commands import register_file
 
     click.echo(register_file(key, file, urdf, tcp, no_torque))

@@ -27,23 +27,22 @@ from stiff_protocols.contract.errors import ConfigError, unknown_name
     "--results",
     type=FILE,
     metavar="DIR",
-    help=f"Of the results.  [default: {RESULTS}; {PAPER_RESULTS} for the paper's figures]",
+    help=f"Folder of results.  [default: {RESULTS}; {PAPER_RESULTS} for the paper's figures]",
 )
 @click.option(
     "--output",
     type=FILE,
     metavar="FILE.pdf",
-    help="What to write: .png, .pdf or .svg.  [default: figure-NAME.png]",
+    help="File to write: .png, .pdf or .svg.  [default: figure-NAME.png]",
 )
 @models_option
 @case_options
 def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) -> None:
     """Draw a figure and print its caption.
 
-    NAME is one of the source paper's figures (4, 5, 6, 8, 9), or one that any results
-    can be drawn as: regression, errors, losses, sweep, freezing, learning-curves, workspace,
-    springs, ranks. The caption says which data set and protocol it shows, where results of several
-    could be drawn.
+    NAME is a figure of the source paper (4, 5, 6, 8, 9) or a general one: scores, regression,
+    errors, losses, sweep, freezing, learning-curves, workspace, springs, ranks. The caption names
+    the data set and protocol that are shown.
     """
     from stiff_bench.figures import catalog
     from stiff_bench.figures.source import FigureSource
@@ -70,30 +69,36 @@ def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) 
 
 
 @click.command()
-@click.argument("what", type=click.Choice(["paper", "leaderboard", "effects"]), default="paper")
+@click.argument(
+    "what",
+    type=click.Choice(["paper", "leaderboard", "effects"]),
+    default="paper",
+    metavar="[WHAT]",
+)
 @click.option(
     "--quick/--full",
     default=None,
-    help="Of the paper: one split and coarse sweeps, about 7 minutes on 2 cores; or five splits, "
-    "every width, depth and pair of layers, about an hour.  [default: quick]",
+    help="Size of the paper's study. Quick: one split and coarse sweeps, about 7 minutes on 2 "
+    "cores. Full: five splits, every width, depth and pair of layers, about an hour.  "
+    "[default: quick]",
 )
 @click.option(
     "--output",
     type=FILE,
     default=Path("results"),
     metavar="DIR",
-    help="Where the folder paper/, leaderboard/ or effects/ is written.",
+    help="Folder that takes paper/, leaderboard/ or effects/.",
 )
-@click.option("--write-only", is_flag=True, help="Compute nothing; write what results allow.")
+@click.option("--write-only", is_flag=True, help="Write from stored results alone.")
 @execution_options("the number of cores")
 def reproduce(
     what: str, quick: bool | None, output: Path, write_only: bool, plan_only: bool, **how: Any
 ) -> int:
-    """Run all that the paper's tables and figures need, or another committed study; write them.
+    """Compute and write the paper's tables and figures, or another committed study.
 
-    effects: does the order of the models outlast other physics of the simulated robot? What is
-    stored already is not computed again: stopped in any way, the same command goes on. On 2 cores
-    the leaderboard takes about 2 hours, effects about half an hour.
+    WHAT is paper (the default), leaderboard, or effects: does the order of the models change with
+    the physics of the simulated robot? Stored results are not computed again: an interrupted
+    command can be repeated. On 2 cores the leaderboard takes about 2 hours, effects half an hour.
     """
     from stiff_bench.analysis.forecast import forecast_line
     from stiff_bench.api.evaluation import computed
@@ -107,7 +112,7 @@ def reproduce(
     from stiff_models.catalog import MODELS
 
     if what != "paper" and quick is not None:
-        raise click.UsageError(f"--quick and --full are of the paper; {what} has one size")
+        raise ConfigError(f"--quick and --full are of the paper; {what} has one size")
     if what == "leaderboard":
         write, runs = write_leaderboard, study.leaderboard_study([info.key for info in MODELS])
     elif what == study.EFFECTS_FOLDER:

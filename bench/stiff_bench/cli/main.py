@@ -22,6 +22,7 @@ from stiff_bench.cli.options import (
     FILE,
     PROBABILITY,
     RESULTS,
+    WholeRange,
     chosen,
     command_line,
     data_options,
@@ -34,12 +35,13 @@ from stiff_bench.cli.options import (
     several_keys,
     taken,
 )
+from stiff_bench.cli.refusals import Commands, refusal
 from stiff_bench.cli.results import cache, merge
 from stiff_bench.console import print_text, say
 from stiff_bench.run.machine import keep_libraries_in_our_cache, pin_threads, threads_asked_for
 from stiff_protocols.contract.errors import StiffBenchError
 
-INTERRUPTION = "interrupted; finished cells are kept, and the same command again computes the rest"
+INTERRUPTION = "interrupted; finished fits are stored, the same command computes the rest"
 USAGE_ERROR, CELLS_FAILED = 2, 1
 
 
@@ -72,7 +74,7 @@ def main(arguments: list[str] | None = None) -> None:
     except (click.ClickException, StiffBenchError, OSError) as error:
         if debug:
             raise
-        message = error.format_message() if isinstance(error, click.ClickException) else str(error)
+        message = refusal(error) if isinstance(error, click.ClickException) else str(error)
         say(f"error: {' '.join(message.split())}")
         status = USAGE_ERROR
     except Exception as error:
@@ -87,10 +89,12 @@ def _stop(number: int, _: object) -> None:
     raise Stopped(number)
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
+@click.group(
+    cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "show_default": True}
+)
 @click.version_option(package_name="stiffbench", prog_name="bench")
 @click.option(
-    "--debug", is_flag=True, expose_value=False, help="Show tracebacks; goes with every command."
+    "--debug", is_flag=True, expose_value=False, help="Show tracebacks; valid for every command."
 )
 def bench() -> None:
     """Benchmark stiffness models of industrial robots."""
@@ -125,9 +129,11 @@ def bench() -> None:
     default=("mae", "stde", "me"),
     help="A metric of `bench list metrics`; may be repeated.",
 )
-@click.option("--coverage", type=PROBABILITY, help="Of intervals.  [default: 0.9]")
 @click.option(
-    "--splits", type=click.IntRange(1, 10_000), help="How many.  [default: the protocol's]"
+    "--coverage", type=PROBABILITY, help="Coverage of prediction intervals.  [default: 0.9]"
+)
+@click.option(
+    "--splits", type=WholeRange(1, 10_000), help="Number of splits.  [default: the protocol's]"
 )
 @seed_option
 @settings_option
@@ -136,15 +142,15 @@ def bench() -> None:
 @device_option
 @execution_options("1")
 @click.option(
-    "--output", type=FILE, default=RESULTS, metavar="DIR", help="Where results are stored."
+    "--output", type=FILE, default=RESULTS, metavar="DIR", help="Folder that stores the results."
 )
 @format_option
-@click.option("--verbose", is_flag=True, help="Print what the fits report, such as stiffnesses.")
+@click.option("--verbose", is_flag=True, help="Print what fits report, such as stiffnesses.")
 def run(plugins: tuple[Path, ...], fmt: str, plan_only: bool, verbose: bool, **words: Any) -> int:
     """Fit and test models and print a table for each data set and protocol.
 
-    The VJM stands beside every model. Results are kept in --output, each as soon as it is there:
-    the same command again computes what is missing.
+    A fit is one model, trained and tested on one split. The VJM is run beside every model. Each
+    result is stored in --output at once; the same command again computes what is missing.
     """
     from stiff_bench.cli.run import execute, show_plan
     from stiff_bench.plan.registry import build_registry
@@ -161,10 +167,12 @@ def run(plugins: tuple[Path, ...], fmt: str, plan_only: bool, verbose: bool, **w
 
 
 @bench.command("list")
-@click.argument("kind", type=click.Choice(["models", "datasets", "protocols", "metrics"]))
+@click.argument(
+    "kind", metavar="KIND", type=click.Choice(["models", "datasets", "protocols", "metrics"])
+)
 @plugin_option
 def list_(kind: str, plugins: tuple[Path, ...]) -> None:
-    """List what can be named: models, data sets, protocols or metrics."""
+    """List what can be named; KIND is models, datasets, protocols or metrics."""
     from stiff_bench.cli.show import metrics_overview, overview
     from stiff_bench.plan.registry import build_registry
 
@@ -181,7 +189,7 @@ def list_(kind: str, plugins: tuple[Path, ...]) -> None:
 @click.argument("key")
 @plugin_option
 def show(key: str, plugins: tuple[Path, ...]) -> None:
-    """Show what a model, data set or protocol is and which options it has."""
+    """Explain a model, data set or protocol, with its options."""
     from stiff_bench.cli.show import describe
     from stiff_bench.plan.registry import build_registry
 

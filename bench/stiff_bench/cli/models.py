@@ -20,16 +20,17 @@ from stiff_bench.cli.options import (
     settings_option,
     several_keys,
 )
+from stiff_bench.cli.refusals import Commands
 from stiff_bench.console import warnings_said
 
 model_file_option = click.option(
-    "--model", type=FILE, required=True, metavar="FILE", help="A model that `bench fit` wrote."
+    "--model", type=FILE, required=True, metavar="FILE", help="Model file of `bench fit`."
 )
 
 
 @click.command()
-@several_keys("--model", "models", required=True, help="One model.")
-@several_keys("--dataset", "datasets", help="A data set to fit to.")
+@several_keys("--model", "models", required=True, help="Model to fit.")
+@several_keys("--dataset", "datasets", help="Data set to fit it to.")
 @data_options
 @settings_option
 @seed_option
@@ -39,8 +40,7 @@ model_file_option = click.option(
 def fit(plugins: tuple[Path, ...], **words: Any) -> None:
     """Fit a model to all samples of a data set and save it.
 
-    A network chooses its epoch by a fifth of the poses and learns from the others, as in `bench
-    run`.
+    A network chooses its epoch on a fifth of the poses and trains on the others, as in `bench run`.
     """
     from stiff_bench.api.data import Dataset
     from stiff_bench.api.model import Model, check_new_file
@@ -66,7 +66,7 @@ def fit(plugins: tuple[Path, ...], **words: Any) -> None:
         f"{plan.output}: {model.name}, fitted to {data.name} ({data.choice.info.label}, "
         f"{len(data)} samples), robot {data.robot.name}, seed {plan.seed}",
         *(f"- {line}" for line in (*caveats, *filter(None, [model.note]), *numbers)),
-        "- How well it predicts new poses: `bench run`.",
+        "- Errors on new poses: `bench run`.",
     ]
     click.echo("\n".join(lines))
 
@@ -79,19 +79,19 @@ def fit(plugins: tuple[Path, ...], **words: Any) -> None:
     type=FILE,
     required=True,
     metavar="FILE.csv",
-    help="Poses and wrenches; deflections are not read.",
+    help="Poses and wrenches; deflections are ignored.",
 )
 @output_option(
-    "FILE.csv", "A new file: the same rows with dx_mm, dy_mm, dz_mm; - for standard output."
+    "FILE.csv", "New file: the same rows with dx_mm, dy_mm, dz_mm; - for standard output."
 )
-@click.option("--coverage", type=PROBABILITY, help="Write intervals of this coverage, too.")
+@click.option("--coverage", type=PROBABILITY, help="Add prediction intervals of this coverage.")
 @plugin_option
 def predict(
     model: Path, loads: Path, output: Path, coverage: float | None, plugins: tuple[Path, ...]
 ) -> None:
     """Predict the deflections of a file of poses and wrenches.
 
-    The column outside_training says which joints or loads lie far outside of the training data.
+    The column outside_training names joint angles and loads far outside the training data.
     """
     from stiff_bench.api.model import check_new_file, read_model
     from stiff_bench.plan.registry import build_registry
@@ -130,12 +130,15 @@ def export(model: Path, output: Path) -> None:
 @click.command()
 @click.argument("key")
 @click.option(
-    "--dataset", default="fanuc-r2000ic", metavar="KEY", help="Data for a model or a protocol."
+    "--dataset",
+    default="fanuc-r2000ic",
+    metavar="KEY",
+    help="Data set that a model or protocol is checked on.",
 )
 @settings_option
 @plugin_option
 def check(key: str, dataset: str, settings: tuple[str, ...], plugins: tuple[Path, ...]) -> int:
-    """Check that a model, data set or protocol keeps its contract.
+    """Check that a model, data set or protocol meets its contract.
 
     Exit status: 0 nothing failed, 1 a check failed, 2 it cannot be checked.
     """
@@ -147,14 +150,14 @@ def check(key: str, dataset: str, settings: tuple[str, ...], plugins: tuple[Path
     return 0 if kept else 1
 
 
-@click.group()
+@click.group(cls=Commands)
 def new() -> None:
-    """Write the files of a plugin to begin with."""
+    """Write the first files of a plugin."""
 
 
 @new.command()
 @click.argument("name")
-@click.option("--output", type=FILE, default=Path(), metavar="DIR", help="Where they go.")
+@click.option("--output", type=FILE, default=Path(), metavar="DIR", help="Folder to write to.")
 def model(name: str, output: Path) -> None:
     """Write a small working model and its test."""
     from stiff_bench.model_tools.plugins import new_model

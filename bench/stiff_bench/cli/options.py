@@ -25,17 +25,49 @@ RESULTS = Path("results/runs")
 """Where results are stored, and read, unless the user says otherwise."""
 
 
+Number = TypeVar("Number", int, float)
+Context = click.Context | None
+
+
+class WholeRange(click.IntRange):
+    """A whole number within bounds."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: Context) -> int:
+        """Return the number, or refuse it naming what is valid."""
+        return _number(super().convert, value, param, ctx, f"a whole number {_bounds(self)}")
+
+
 class FiniteRange(click.FloatRange):
     """A number within bounds; click's own takes "nan" for one, and "inf" where no bound is."""
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
+    def convert(self, value: Any, param: click.Parameter | None, ctx: Context) -> float:
         """Return the number, or refuse it naming what is valid."""
-        number = float(super().convert(value, param, ctx))
-        if not math.isfinite(number):
-            self.fail(f"{value} is not finite (valid: {self._describe_range()}).", param, ctx)
-        return number
+        return _number(super().convert, value, param, ctx, f"a number {_bounds(self)}")
+
+
+def _number(
+    convert: Callable[..., Number],
+    value: Any,
+    param: click.Parameter | None,
+    ctx: Context,
+    valid: str,
+) -> Number:
+    try:
+        number = convert(value, param, ctx)
+        if math.isfinite(number):
+            return number
+    except click.BadParameter:
+        pass
+    raise click.BadParameter(f"{value!r} (valid: {valid})", ctx, param)
+
+
+def _bounds(kind: click.IntRange | click.FloatRange) -> str:
+    """Return "from 1 to 10", "above 0 and below 1" or "of at least 0"."""
+    if None not in (kind.min, kind.max) and not kind.min_open and not kind.max_open:
+        return f"from {kind.min} to {kind.max}"
+    low = "" if kind.min is None else f"{'above' if kind.min_open else 'of at least'} {kind.min:g}"
+    high = "" if kind.max is None else f"{'below' if kind.max_open else 'of at most'} {kind.max:g}"
+    return " and ".join(filter(None, (low, high)))
 
 
 class Millimetres(FiniteRange):
@@ -43,9 +75,7 @@ class Millimetres(FiniteRange):
 
     name = "mm"
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
+    def convert(self, value: Any, param: click.Parameter | None, ctx: Context) -> float:
         """Return the number of millimetres, or refuse it naming what is valid."""
         try:
             return super().convert(float(str(value).removesuffix("mm")), param, ctx)
@@ -58,7 +88,7 @@ class Size(click.ParamType[int]):
 
     name = "size"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+    def convert(self, value: Any, param: click.Parameter | None, ctx: Context) -> int:
         """Return the bytes, or refuse a text that is no size."""
         from pydantic import ByteSize, TypeAdapter, ValidationError
 
@@ -102,7 +132,7 @@ plugin_option = click.option(
     multiple=True,
     type=FILE,
     metavar="FILE.py",
-    help="A file that defines MODELS, DATASETS or PROTOCOLS; may be repeated.",
+    help="Python file that defines MODELS, DATASETS or PROTOCOLS; may be repeated.",
 )
 settings_option = click.option(
     "--set",
@@ -116,23 +146,23 @@ results_option = click.option(
     type=FILE,
     default=RESULTS,
     metavar="DIR",
-    help="Folder of the results: the --output of `bench run`.",
+    help="Folder of results, the --output of `bench run`.",
 )
 seed_option = click.option(
     "--seed",
-    type=click.IntRange(0, 2**32 - 20_000),  # a split's is this one and its number
+    type=WholeRange(0, 2**32 - 20_000),  # a split's is this one and its number
     default=0,
-    help="Of all random numbers.",
+    help="Seed of all random numbers.",
 )
 device_option = click.option(
     "--device",
     type=click.Choice(["auto", "cpu", "cuda"]),
     default="auto",
-    help="Where networks run.",
+    help="Device that networks run on.",
 )
 FORMATS = click.Choice(["github", "latex", "csv", "html", "json"])
 format_option = click.option(
-    "--format", "fmt", type=FORMATS, default="github", help="Of standard output."
+    "--format", "fmt", type=FORMATS, default="github", help="Format of standard output."
 )
 models_option = several_keys(
     "--model", "models", help="A model, or a key for all its variants; may be repeated."
@@ -142,15 +172,19 @@ case_options = together(
         "--dataset", "datasets", help="A data set, or a key for all its variants; may be repeated."
     ),
     several_keys(
-        "--protocol", "protocols", help="A protocol, or a key for all its variants; likewise."
+        "--protocol",
+        "protocols",
+        help="A protocol, or a key for all its variants; may be repeated.",
     ),
 )
 ranking_options = together(
     models_option,
     case_options,
-    click.option("--metric", default="norm", metavar="KEY", help="What to rank by."),
+    click.option("--metric", default="norm", metavar="KEY", help="Metric to rank by."),
     click.option(
-        "--axis", type=click.Choice(["x", "y", "z"]), help="Of the metric.  [default: their mean]"
+        "--axis",
+        type=click.Choice(["x", "y", "z"]),
+        help="Axis of the metric.  [default: mean over axes]",
     ),
     seed_option,
 )
@@ -166,9 +200,10 @@ robot_options = together(
     click.option(
         "--robot",
         metavar="NAME",
-        help="A shipped one: kr10-r1100-2 (the default, but for --data), ur5 or fanuc-r2000ic.",
+        help="A shipped robot: kr10-r1100-2 (the default, except with --data), ur5, fanuc-r2000ic "
+        "or an arm of `arm-family` such as gp12.",
     ),
-    click.option("--urdf", type=FILE, metavar="FILE.urdf", help="Your own robot."),
+    click.option("--urdf", type=FILE, metavar="FILE.urdf", help="URDF of your own robot."),
     tcp_option,
 )
 
@@ -225,36 +260,36 @@ def _pinned(_: click.Context, __: click.Parameter, number: int | None) -> int:
 
 
 def execution_options(usual_jobs: str) -> Callable[[Command], Command]:
-    """Return the options that say how cells are computed, and how many at once by default."""
+    """Return the options that say how fits are computed, and how many at once by default."""
     return together(
         click.option(
             "--jobs",
-            type=click.IntRange(1, 1024),
-            help=f"How many cells run at once, each in its own process.  [default: {usual_jobs}]",
+            type=WholeRange(1, 1024),
+            help=f"Number of fits at once, each in its own process.  [default: {usual_jobs}]",
         ),
         click.option(
             "--isolate/--no-isolate",
             default=None,
-            help="Compute every cell in its own process.  [default: with several jobs, a limit, a "
+            help="Run each fit in its own process.  [default: with several jobs, a limit, a "
             "cluster or a plugin's model]",
         ),
         click.option(
             "--timeout",
             type=FiniteRange(0, 1e7, min_open=True),
             metavar="SECONDS",
-            help="Wall time that a cell may take.  [default: any]",
+            help="Limit on the wall time of a fit.  [default: none]",
         ),
         click.option(
             "--memory",
             type=Size(),
             metavar="SIZE",
-            help="Memory that a cell may take, such as 2GiB or 500MB.  [default: any]",
+            help="Limit on the memory of a fit, such as 2GiB or 500MB.  [default: none]",
         ),
         click.option(
             "--threads",
-            type=click.IntRange(1, 1024),
+            type=WholeRange(1, 1024),
             callback=_pinned,
-            help="Threads of a cell.  [default: OMP_NUM_THREADS, or 1]",
+            help="Threads of each fit.  [default: OMP_NUM_THREADS, or 1]",
         ),
         click.option(
             "--dask",
@@ -267,14 +302,14 @@ def execution_options(usual_jobs: str) -> Callable[[Command], Command]:
             "--rerun",
             type=click.Choice(["missing", "failed", "all"]),
             default="missing",
-            help="Cells to compute: those without a result or failure, the failed ones too, or "
+            help="Fits to run: those without a stored result or failure, the failed ones too, or "
             "all.",
         ),
         click.option(
             "--plan",
             "plan_only",
             is_flag=True,
-            help="Compute nothing; print how many cells are missing, and how long they take.",
+            help="Only print how many fits are missing and how long they would take.",
         ),
     )
 

@@ -7,23 +7,24 @@ from pathlib import Path
 import click
 
 from stiff_bench.cli.options import FILE, output_option
+from stiff_bench.cli.refusals import Commands
 from stiff_bench.console import say
 
 
 @click.command()
 @click.argument("folders", metavar="DIR...", type=FILE, nargs=-1, required=True)
-@output_option("DIR", "Folder that takes all results: a new one, or one that holds some.")
+@output_option("DIR", "Folder to merge into, new or with results.")
 @click.option(
     "--allow",
     multiple=True,
     type=click.Choice(["data", "split", "code"]),
-    help="Merge though the folders differ in this; may be repeated.",
+    help="Merge although the folders differ in this; may be repeated.",
 )
 def merge(folders: tuple[Path, ...], output: Path, allow: tuple[str, ...]) -> int:
-    """Join the results of several machines in one folder.
+    """Merge the results of several machines into one folder.
 
-    Folders that differ in data, splits or versions of models (code) are refused. The folders that
-    are joined stay as they are. Exit status 1: damaged rows were left out.
+    Folders that differ in data, splits or versions of models (code) are refused. The given folders
+    are not changed. Exit status 1: damaged rows were left out.
     """
     from stiff_bench.store import merging
 
@@ -33,26 +34,26 @@ def merge(folders: tuple[Path, ...], output: Path, allow: tuple[str, ...]) -> in
     for line in merged.damaged:
         say(f"left out: {line}")
     for folder, (n_cells, n_taken) in merged.taken.items():
-        others = "" if n_taken == n_cells else "; the others are there, or newer in another folder"
-        say(f"{folder}: {n_taken} of {n_cells} cells taken{others}")
+        others = "" if n_taken == n_cells else "; the others are stored or newer in another folder"
+        say(f"{folder}: {n_taken} of {n_cells} results taken{others}")
     if merged.n_other_numbers:
         say(
-            f"warning: {merged.n_other_numbers} cells have other numbers in another folder (other "
-            "rounding?); those of the newest run count"
+            f"warning: {merged.n_other_numbers} results have other numbers in another folder "
+            "(other rounding?); those of the newest run count"
         )
     left_out = f", {len(merged.damaged)} damaged rows left out" if merged.damaged else ""
-    say(f"{merged.n_cells} cells in {output}, {merged.n_there} of them were there{left_out}")
+    say(f"{merged.n_cells} results in {output}, {merged.n_there} of them from before{left_out}")
     return 1 if merged.damaged else 0
 
 
-@click.group()
+@click.group(cls=Commands)
 def cache() -> None:
     """Show or empty the cache of pre-trained networks."""
 
 
 @cache.command()
 def info() -> None:
-    """Say where the cache lies and what it holds."""
+    """Print folder and content of the cache."""
     from stiff_models.networks.cache import cache_info
 
     click.echo(str(cache_info()))

@@ -108,17 +108,17 @@ def write_measurement_plan(
     size = np.linalg.norm(plan.wrench[0, :3])
     notes = [
         "",
-        f"D-efficiency {gain.efficiency:.2f} relative to a mean random plan, "
-        f"{gain.efficiency_over_best:.2f} to the best random one"
-        + ("." if gain.efficiency >= 1.0 else ": LESS than random poses."),
-        "Checked: joint limits, the arm's centre line against base column and ground; not the "
-        "shape of links and tool, nor what stands around the robot. Go to each pose slowly.",
-        "Replace the suggested wrench by the one that really acts, and fill in dx_mm, dy_mm, "
-        f"dz_mm; then: bench data validate {output}{robot.text}",
+        f"D-efficiency {gain.efficiency:.2f} relative to the mean random plan, "
+        f"{gain.efficiency_over_best:.2f} relative to the best one"
+        + ("." if gain.efficiency >= 1.0 else ": worse than random poses."),
+        "Checked: joint limits, the arm's centre line against base column and ground. Not checked: "
+        "shape of links and tool, surroundings. Approach each pose slowly.",
+        "Replace the suggested wrench by the actual one and fill in dx_mm, dy_mm, dz_mm; then: "
+        f"bench data validate {output}{robot.text}",
     ]
     unseen = [joint for joint in arm.joint_names if joint not in gain.joints]
     if unseen:
-        notes.append(f"No pose and force with this TCP identifies: {', '.join(unseen)}.")
+        notes.append(f"Not identifiable with this TCP: {', '.join(unseen)}.")
     return (
         f"{output}: {len(plan.q)} poses of {arm.name}, one suggested force each "
         f"({size:.1f} N at the TCP, {FORCE_SHARE:.0%} of the payload)\n\n"
@@ -151,7 +151,7 @@ def _gain_table(name: str, gain: PlanGain, notes: Sequence[str], *, with_errors:
 def validation(path: Path, words: RobotWords, no_torque: bool) -> tuple[str, int]:
     """Return the report on a measured file, and 0: ok, 1: suspicious, 2: invalid."""
     report = validate(path, words.read()[1], no_torque=no_torque)
-    taken = "" if words.given else f"\nNo robot was named: {DEFAULT_ROBOT} was taken."
+    taken = "" if words.given else f"\nRobot: {DEFAULT_ROBOT}, the default (--robot, --urdf)."
     return render_report(report).rstrip() + taken, ("ok", "suspicious", "invalid").index(
         report.verdict
     )

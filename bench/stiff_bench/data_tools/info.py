@@ -66,7 +66,7 @@ def _counts(data: BenchmarkData) -> Table:
         ["robot", f"{data.robot.name}, {data.robot.n_joints} joints"],
         ["samples", str(len(samples))],
         ["poses", str(len(loads))],
-        ["loads a pose", span],
+        ["loads per pose", span],
         ["groups", ", ".join(groups[:MOST_GROUPS]) + more],
         ["sha256", data.sha256],
     ]
@@ -87,7 +87,7 @@ def _sizes(data: BenchmarkData) -> Table:
         [name, *(float(of(size)) for of in (np.min, np.median, np.mean, np.max))]
         for name, size in sizes.items()
     ]
-    columns = [Column(name, format=".4g") for name in ("least", "median", "mean", "most")]
+    columns = [Column(name, format=".4g") for name in ("min", "median", "mean", "max")]
     return Table("", [Column("over the samples", "text"), *columns], rows)
 
 
@@ -104,12 +104,12 @@ def _lie(data: BenchmarkData) -> Table:
         lie = _LIE[n_axes] if len(vectors) else "none"
         mean = float(np.linalg.norm(vectors.mean(axis=0))) if "dir" in name and n_axes else None
         rows.append([name, lie, " / ".join(f"{share:.2f}" for share in shares), mean])
-    texts = [Column(name, "text") for name in ("the loads", "lie", "shares of principal axes")]
+    texts = [Column(name, "text") for name in ("loads", "spread", "shares of principal axes")]
     note = (
-        f"An axis counts from a share of {COUNTING_SHARE:g} on. Length of the mean direction: 1: "
-        "one way, 0.5: half a sphere, 0: all round."
+        f"Axes with a share below {COUNTING_SHARE:g} are ignored. Length of the mean direction: 1: "
+        "one direction, 0.5: half a sphere, 0: uniform."
     )
-    return Table("", [*texts, Column("mean", format=".2f")], rows, [note])
+    return Table("", [*texts, Column("mean direction", format=".2f")], rows, [note])
 
 
 def _joints(data: BenchmarkData) -> Table:
@@ -133,7 +133,7 @@ def _joints(data: BenchmarkData) -> Table:
     names = ("positions", "limits", "load torque", "gravity torque")
     columns = [Column(name, format=".1f") for name in names]
     missing = "" if weights is not None else " The robot has no masses, hence no gravity torques."
-    note = f"Torques are what the load (J^T w) and the links' weight exert on a joint.{missing}"
+    note = f"Torques on the joints, of the load (J^T w) and of the links' weight.{missing}"
     return Table("", [Column("joint", "text"), Column("units", "text"), *columns], rows, [note])
 
 
@@ -152,7 +152,7 @@ def dataset_info(info: DatasetInfo, data: BenchmarkData, picture: Path, options:
     """
     lines = [f"{info.key} ({info.label}): {info.summary}"]
     if options:
-        note = " (the card below is that of the defaults)" if info.card else ""
+        note = " (the card below describes the defaults)" if info.card else ""
         lines.append(f"options: {options}{note}")
     if info.reference:
         lines.append(f"reference: {info.reference}")

@@ -111,7 +111,7 @@ def _draw_poses(page: SubFigure, data: BenchmarkData, poses: IntArray) -> None:
         axes.plot(0.0, 0.0, "k+", markersize=9.0, label="base")
         axes.set_aspect("equal", adjustable="datalim")
         axes.locator_params(nbins=5)
-    side.set(title="from the side", xlabel="distance from base's z [m]", ylabel="z [m]")
+    side.set(title="from the side", xlabel="distance from z axis [m]", ylabel="z [m]")
     above.set(title="from above", xlabel="x [m]", ylabel="y [m]")
     page.legend(*side.get_legend_handles_labels(), loc="outside lower center", ncols=4)
     for axes in (side, above):
@@ -172,7 +172,7 @@ def _draw_directions(page: SubFigure, force: FloatArray) -> None:
         axes.set_yticks(circles, [f"{'-' if down else '+'}{angle}°" for angle in (30, 60)])
         axes.set_rlabel_position(135.0)
     bar = page.colorbar(points, ax=list(halves), orientation="horizontal", shrink=0.7, aspect=30)
-    bar.set_label("|F| [N]   (seen from above; circles: elevation over the horizontal)")
+    bar.set_label("|F| [N]   (top view; circles: elevation above the horizontal)")
     bar.locator = MaxNLocator(6)
     bar.ax.set_visible(len(force) > 0)
 
@@ -199,7 +199,7 @@ def _draw_torques(page: SubFigure, data: BenchmarkData) -> None:
     """Draw a box a joint for the loads' torque and one for gravity's, over all samples."""
     import seaborn
 
-    _head(page, "(d) Torque on the joints: quartiles, least and most")
+    _head(page, "(d) Torque on the joints: quartiles and range")
     robot = data.robot
     torques = {"load (Jᵀw)": load_torque(data)}
     if robot.masses.any():

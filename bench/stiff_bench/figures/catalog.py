@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from stiff_bench.figures import learning_curves, losses, ranks, samples, springs, variants
+from stiff_bench.figures import learning_curves, losses, ranks, samples, scores, springs, variants
 from stiff_bench.figures.figure import FigureLine
 from stiff_bench.figures.source import FigureSource
 
 _LINES = (
+    FigureLine("scores", "Mean error by model", scores.gather),
     FigureLine("regression", "Predicted against true deflection", samples.regression),
     FigureLine("errors", "Error of every test sample", samples.sample_errors),
     FigureLine("losses", "Loss curves", losses.gather),

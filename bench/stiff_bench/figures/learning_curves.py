@@ -55,7 +55,7 @@ def learning_figure(panels: Mapping[str, pd.DataFrame], names: Sequence[str]) ->
         _draw(axes, errors, names)
         axes.set_title(short(title), loc="left")
     for axes in grid[::3]:
-        axes.set_ylabel("mean error length [mm]")
+        axes.set_ylabel("mean 3-D error [mm]")
     for name, look in zip(names, looks(len(names)), strict=True):
         grid[0].plot([], [], color=look.color, marker=look.marker, label=short(name))
     name_panels(grid)
@@ -181,8 +181,8 @@ def _caption(
     n_draws = between([len(one.slots) for one in cases], "draw")
     seeds = ", ".join(str(seed) for seed in sorted({one.name.seed for one in cases}))
     return (
-        f"{cases[0].name.protocol}: mean length of the error on the same test poses, "
-        f"{n_draws} a size and data set, seed {seeds}. Lines: geometric mean over data sets "
+        f"{cases[0].name.protocol}: mean 3-D error on the same test poses, "
+        f"{n_draws} per size and data set, seed {seeds}. Lines: geometric mean over data sets "
         f"({n_sets}); bands: its {LEVEL:.0%} interval, from {FEWEST_FOR_INTERVAL} data sets on."
         f"{marks_in(cases, models)}"
     )

@@ -146,7 +146,7 @@ def gather(source: FigureSource) -> Content:
         )
     curves = [curve for name, of in done.items() for curve in curves_of(of[shared[0]], name)]
     caption = (
-        "Loss in a network's own units, of the first split on which all have a curve; ringed: the "
-        f"least validation loss of the stored steps. {compared.setting}"
+        "Loss on standardised outputs, first split with curves of all models; ring: least "
+        f"validation loss. {compared.setting}"
     )
     return Content(caption, partial(losses_figure, curves))

@@ -91,19 +91,16 @@ def save_diagrams(analyses: Sequence[RankAnalysis], measure: str, path: Path) ->
     """Draw all analyses of a leaderboard that have an outcome.
 
     Args:
-        analyses: of one section.
+        analyses: of one section; one at least has an outcome.
         measure: what the ranks are of, and on which kind of data.
         path: the file; its suffix chooses PNG, PDF or SVG.
 
     Raises:
-        ConfigError: no analysis has an outcome, the suffix is not known, or scikit-posthocs is
-            not installed.
+        ConfigError: the suffix is not known, or scikit-posthocs is not installed.
         StoreError: the file cannot be written.
     """
     require("a diagram of ranks", "scikit_posthocs")
     drawn = [one for one in analyses if one.outcome is not None]
-    if not drawn:
-        raise ConfigError(f"--figure {path}: no critical difference: it {analyses[0].why_none}")
     Prepared("ranks", "", "", partial(ranks_figure, drawn, measure)).save(path)
 
 
@@ -130,8 +127,8 @@ def gather(source: FigureSource) -> Content:
     more = f" First {MOST} of {len(ranked)} blocks; `bench leaderboard` has all."
     kinds = " and ".join(section.kinds)
     caption = (
-        f"Mean ranks over robots of the mean error length ({key.text}), {kinds} data; left is "
-        f"better. Models joined by a bar are not told apart (Nemenyi, {LEVEL:g})."
+        f"Mean ranks over robots by {key.text}, {kinds} data; left is better. Models joined by a "
+        f"bar do not differ significantly (Nemenyi, {LEVEL:g})."
         f"{marks_in([one.case for one in fair], shown_here)}{more * (len(ranked) > MOST)}"
     )
     return Content(caption, partial(ranks_figure, drawn))

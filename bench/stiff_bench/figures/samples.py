@@ -25,7 +25,7 @@ from stiff_bench.figures.style import (
     short,
 )
 from stiff_bench.store.database import read_data
-from stiff_bench.tables.units import MM
+from stiff_bench.tables.units import MM, percent
 from stiff_protocols.contract.types import AXES, FloatArray, Prediction
 from stiff_protocols.scoring.metrics import absolute_errors, norm_errors
 
@@ -35,7 +35,9 @@ if TYPE_CHECKING:
 
 MOST_MODELS = 3
 SHARE = 0.95
-LINES_NOTE = f"Grey: identity; coloured: identity ± the error that {SHARE:.0%} of the samples keep."
+LINES_NOTE = (
+    f"Grey: identity; coloured: identity ± {percent(SHARE)} quantile of the absolute error."
+)
 ROW_INCH = 2.8
 MARGIN = 0.05  # of the span, at each end
 _MANY = 400  # points beyond which they are drawn smaller, and as pixels
@@ -140,7 +142,7 @@ def errors_figure(models: Mapping[str, pd.DataFrame]) -> Figure:
         for axes in (by_sample, distribution):
             axes.set_title(f"d{AXES[axis]}", loc="left")
         distribution.locator_params(axis="x", nbins=5)
-    grid[-1, 0].set_xlabel("number of the sample in the data set")
+    grid[-1, 0].set_xlabel("sample number")
     grid[-1, 1].set_xlabel("|error| [mm]")
     name_panels(list(grid.flat))
     share_legend(figure, [grid[0, 0]])
@@ -154,7 +156,7 @@ def sample_errors(source: FigureSource) -> Content:
     n_rows = len(models[compared.models[0]])
     caption = (
         f"Absolute error of each of the {n_rows} tested samples, mean over the splits that test it "
-        "(left; lines: means), and the share of samples with at most that error (right). "
+        "(left; lines: means), and its cumulative distribution (right). "
         f"{compared.setting}"
     )
     return Content(caption, partial(errors_figure, models))
@@ -202,7 +204,7 @@ def workspace_figure(models: Mapping[str, Places]) -> Figure:
     grid[1, 0].set_ylabel("y [m]")
     name_panels(list(grid.flat))
     bar = figure.colorbar(points, ax=grid, extend="max", shrink=0.6, aspect=30)
-    bar.set_label("length of the error [mm]")
+    bar.set_label("3-D error [mm]")
     bar.outline.set_visible(False)
     return figure
 
@@ -221,8 +223,8 @@ def workspace(source: FigureSource) -> Content:
         _, first = np.unique(pose[rows], return_index=True)
         models[name] = stored.tcp[rows[first]], by_pose.to_numpy()
     caption = (
-        "Length of the error, mean over loads and splits, at the TCP positions of the "
-        f"{len(models[compared.models[0]][1])} tested poses, base frame; the colours end at the "
-        f"error that {TOP_SHARE:.0%} of all poses keep. {compared.setting}"
+        "3-D error, mean over loads and splits, at the TCP positions of the "
+        f"{len(models[compared.models[0]][1])} tested poses, base frame; the colour scale ends at "
+        f"the {percent(TOP_SHARE)} quantile. {compared.setting}"
     )
     return Content(caption, partial(workspace_figure, models))

@@ -126,7 +126,7 @@ def draw_strategies(axes: Axes, errors: pd.DataFrame, linear: float | None) -> N
     axes.set_yticks(range(len(labels)), labels)
     axes.set_ylim(len(labels) - 0.5, -0.5)
     axes.grid(visible=False, axis="y")
-    axes.set(xlabel="MAE on the test samples [mm]", ylabel="layers that move")
+    axes.set(xlabel="MAE on the test samples [mm]", ylabel="trained layers")
     if linear is not None:
         axes.axvline(linear * MM, color=REFERENCE_COLOR, linestyle="--", label=REFERENCE_MODEL)
 
@@ -147,9 +147,9 @@ def freezing(source: FigureSource) -> Content:
     fewer = " Splits that only some strategies have are left out." * (len(slots) < n_all)
     names = list(dict.fromkeys(one.shown.model for one in results))
     caption = (
-        f"Mean absolute error of {model}, all axes together, by the layers that fine-tuning moves "
-        "(from the input on; out: the output layer). Symbol: mean over the splits; bars: splits. "
-        f"{setting(case, names, [len(slots)])}{fewer}"
+        f"Mean absolute error of {model}, all axes together, by the layers that fine-tuning trains "
+        "(numbered from the input; out: the output layer). Symbol: mean over splits; ticks: "
+        f"splits. {setting(case, names, [len(slots)])}{fewer}"
     )
     errors = strategies(one for one in results if slot_of(one) in slots)
     return Content(caption, partial(freezing_figure, errors, linear_error(case, slots)))
@@ -207,7 +207,7 @@ def draw_lines(axes: Axes, errors: pd.DataFrame, **words: object) -> None:
         ax=axes,
         **{**usual, **seaborn_looks(sorted(errors["depth"].unique())), **words},
     )
-    axes.set(xlabel="nodes a layer", ylabel="MAE on the source [mm]")
+    axes.set(xlabel="nodes per layer", ylabel="pre-training test MAE [mm]")
     plain_numbers(axes.yaxis)
 
 
@@ -240,10 +240,10 @@ def _draw_map(figure: Figure, axes: Axes, mean: pd.DataFrame) -> None:
         cbar=False,
     )
     axes.grid(visible=False)
-    axes.set(xlabel="nodes a layer", ylabel="hidden layers")
+    axes.set(xlabel="nodes per layer", ylabel="hidden layers")
     axes.tick_params(axis="y", labelrotation=0)
     axes.invert_yaxis()
-    bar = figure.colorbar(axes.collections[0], ax=axes, label="MAE on the source's test part [mm]")
+    bar = figure.colorbar(axes.collections[0], ax=axes, label="pre-training test MAE [mm]")
     plain_numbers(bar.ax.yaxis)
 
 
@@ -257,8 +257,8 @@ def sweep(source: FigureSource) -> Content:
         raise StoreError(f"--results {source.folder}: no result has {_NETWORKS}")
     names = list(dict.fromkeys(one.shown.model for one in results))
     caption = (
-        f"Mean absolute error of {model} on the test part (30 %) of the simulated source domain, "
-        "all axes together. Bands: least to largest of the splits. "
+        f"Mean absolute error of {model} on the test part (30 %) of the simulated pre-training "
+        "data, all axes together. Bands: range over the splits. "
         f"{setting(case, names, n_splits.tolist())}"
     )
     return Content(caption, partial(sweep_figure, errors))

@@ -235,10 +235,10 @@ def figure_5(results: PaperResults) -> Content:
         )
     caption = (
         "The paper's Figure 5: (a) MAE and (b) STDE of pre-trained networks on the simulated "
-        "source domain, all axes together. Solid: test part (30 %), with a band over the splits; "
-        "dashed: training part. Hollow stars: the paper's test part (its Tables 6 and 7); hollow "
-        f"circles: ours stopped after {EARLY_STEPS} steps of plain Adam. (c) Pre-training loss of "
-        f"{BASE_LAYERS} x {BASE_WIDTH} nodes by activation, first split (Huber loss of "
+        "pre-training data, all axes together. Solid: test part (30 %), with a band over the "
+        "splits; dashed: training part. Hollow stars: the paper's test part (its Tables 6 and 7); "
+        f"hollow circles: ours stopped after {EARLY_STEPS} steps of plain Adam. (c) Pre-training "
+        f"loss of {BASE_LAYERS} x {BASE_WIDTH} nodes by activation, first split (Huber loss of "
         "standardised targets; the paper's is the mean square). "
         f"{_setting(found, ' a network', early, trained)}"
     )
@@ -269,7 +269,7 @@ def _draw_networks(
         _mark(axes, _published_on_source(quantity), "*", 6.0)
         of_early = errors_on_source(early, quantity).groupby(["depth", "width"], as_index=False)
         _mark(axes, of_early.mean(), "o", 4.0)
-        axes.set_ylabel(f"{quantity} on the source [mm]")
+        axes.set_ylabel(f"pre-training {quantity} [mm]")
     for depth, look in zip(WIDTH_DEPTHS, looks(len(WIDTH_DEPTHS)), strict=True):
         panels[0].plot([], [], color=look.color, marker=look.marker, label=f"{depth} hidden layers")
     panels[0].plot([], [], color=REFERENCE_COLOR, linestyle=DASHED, label="training part")

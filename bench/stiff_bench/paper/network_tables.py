@@ -99,12 +99,12 @@ def _target_errors(result: CellResult) -> Values:
     return trained | validated
 
 
-_ON_SOURCE_TEXT = ": errors on the source domain, all axes together"
+_ON_SOURCE_TEXT = ": errors on the simulated pre-training data, all axes together"
 EARLY = "ours, stopped early"
 _SOURCE_NOTES = (
     COMPARE,
     f"Stopped early: {EARLY_STEPS} steps of plain Adam, chosen afterwards to be near the MAEs of "
-    "the paper's Table 6: compare orders, not errors.",
+    "the paper's Table 6: compare the order, not the errors.",
 )
 _TOGETHER = "All axes and samples together; validation is the 20 % test part."
 LAST, BEST = ("normal (last epoch)",), ("optimized (best epoch)",)
@@ -149,8 +149,8 @@ NETWORK_TABLES: Mapping[int, Callable[[], NetworkTable]] = {
         },
         _target_errors,
         (
-            "Ours alone, simulated: the numbers of the paper's Table 8 are not available to us, "
-            "and would be not comparable in absolute terms.",
+            "Ours alone, simulated, not comparable in absolute terms; the numbers of the paper's "
+            "Table 8 are not available to us.",
             f"Layers from the input on; out: the output layer. {_TOGETHER}",
         ),
         decimals=PUBLISHED_DECIMALS,

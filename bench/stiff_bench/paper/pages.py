@@ -25,13 +25,13 @@ from stiff_protocols.contract.files import make_folder, written_whole
 
 TABLE_FILES = {"github": "md", "csv": "csv", "latex": "tex"}
 PICTURE_FILES = ("png", "pdf")
-OF_LEADERBOARD = ("ranks", "learning-curves", "errors", "workspace")
+OF_LEADERBOARD = ("ranks", "learning-curves", "scores", "errors", "workspace")
 """Figures of its page; the others are the paper's questions."""
 OF_PAPER = tuple(name for name in FIGURES if name not in OF_LEADERBOARD[:2])
 """General figures that its page has beside the paper's own."""
 _ABOUT_LEADERBOARD = (
     "every model that stiffbench ships, on five specimens of the simulated KR10, on the same twin "
-    "pulled in every direction, and on 43 real measurements of a FANUC R-2000iC",
+    "with forces in all directions, and on 43 real measurements of a FANUC R-2000iC",
     f"`pretrain_steps={NETWORK_STEPS}` in a name: pre-trained for that many steps in place of the "
     "recipe's; `deep-ensemble` has 2 members in place of 5. What that changes: docs/findings.md; "
     "the full recipes: docs/models.md",
@@ -73,7 +73,7 @@ def write_paper(output: Path, command: str, n_missing: int) -> Iterator[Path]:
     page = [
         "# The source paper's tables and figures, published and ours",
         "Published numbers are of a measured KUKA KR10 R1100-2; ours are of `kr10-twin`, a "
-        "simulation of it. Compare methods within one source, never the two in absolute terms.",
+        "simulation of it. Compare methods within each, never across in absolute terms.",
         listed(*provenance(folder / "runs", command, n_missing)),
         "## Tables",
         *tables,
@@ -114,7 +114,7 @@ def provenance(folder: Path, command: str, n_missing: int) -> Iterator[str]:
     runs = list(read_manifests(folder))
     yield f"made by {markdown_code(command)}"
     if n_missing:
-        yield f"not finished: {counted(n_missing, 'cell')} of it not computed"
+        yield f"not finished: {counted(n_missing, 'fit')} not computed"
     for line in sources(folder, runs, Counter(one.run_id for one in stored_results(folder))):
         yield markdown_text(line)
     machines = Counter(

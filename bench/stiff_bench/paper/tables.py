@@ -83,8 +83,8 @@ KILO = 1e3
 _IN_SAMPLE = "in-sample fit"
 _VJM_NOTES = (
     COMPARE,
-    f"The VJM is fitted to all 151 samples of {DATASET} and read on the same ones, as in the "
-    "paper: a fit, not a test; data seed 0.",
+    f"The VJM is fitted to all 151 samples of {DATASET} and evaluated on the same ones, as in the "
+    "paper: not a test; data seed 0.",
     f"Specimens: mean ± standard deviation over {len(SPECIMENS)} robots of the type; {DATASET} is "
     "specimen 0, whose constants were calibrated against the published Tables 2 and 3.",
 )
@@ -171,7 +171,7 @@ _OWN_SOURCE_NOTE = (
 )
 _REDUCTION_NOTE = (
     f"100 (1 - {NEW} / {OLD}); of ours split by split, then mean ± standard deviation. Negative: "
-    f"{NEW} errs more."
+    f"{NEW} is worse."
 )
 
 

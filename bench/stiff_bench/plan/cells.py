@@ -70,7 +70,7 @@ def _numbers(samples: Samples) -> FloatArray:
     return np.hstack([samples.q, samples.wrench, samples.deflection]) + 0.0
 
 
-NO_SOURCE = "no source: target alone"
+NO_SOURCE = "no pre-training"
 """Regime of a model that has no source domain, where the others' comes from another robot."""
 
 
@@ -142,7 +142,7 @@ def _of_protocol(
 ) -> Iterator[CellTask]:
     """Yield the cells of one data set under one protocol."""
     protocol: EvaluationProtocol = choice.make()
-    splits, n_splits, first_of_source = _divided(protocol, choice.info.key, dataset, data, plan)
+    splits, n_splits, first_of_source = _divided(protocol, choice, dataset, data, plan)
 
     def on_first_split(model: Choice[ModelInfo], split: Split) -> CellTask:
         """Return a model's cell on the first split with a source: what is asked once is asked."""
@@ -209,7 +209,7 @@ def _of_protocol(
 
 def _divided(
     protocol: EvaluationProtocol,
-    key: str,
+    choice: Choice[ProtocolInfo],
     dataset: Choice[DatasetInfo],
     data: BenchmarkData,
     plan: RunPlan,
@@ -242,14 +242,16 @@ def _divided(
             seen(splits), len(data.samples), selects_on_test=protocol.selects_on_test
         )
     except StiffBenchError as error:
-        raise ConfigError(f"{dataset.name}: {error}") from error
+        raise ConfigError(f"{dataset.name} under {choice.name}: {error}") from error
     except Exception as error:  # whatever a stranger's protocol raises
-        raise ConfigError(f"protocol {key!r}: {type(error).__name__}: {error}") from error
+        raise ConfigError(
+            f"protocol {choice.info.key!r}: {type(error).__name__}: {error}"
+        ) from error
     if fault:
-        raise ConfigError(f"protocol {key!r}: {fault}")
+        raise ConfigError(f"protocol {choice.info.key!r}: {fault}")
     if unknown := first_of_source.keys() - {"", *plan.sources}:
         raise ConfigError(
-            f"protocol {key!r}: a split's source is {min(unknown)!r}, which its "
+            f"protocol {choice.info.key!r}: a split's source is {min(unknown)!r}, which its "
             f"source_datasets does not return (valid: {', '.join(plan.sources) or 'none'})"
         )
     return splits, n_splits, first_of_source

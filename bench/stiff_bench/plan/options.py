@@ -108,10 +108,10 @@ def parse_option(said: str, key: str, cls: type, name: str, text: str) -> Any:
     try:
         value = adapter.validate_strings(text)
     except ValidationError as error:
-        messages = (str(problem["msg"]) for problem in error.errors())
-        reasons = "; ".join(sorted({message[:1].lower() + message[1:] for message in messages}))
+        own = (one["ctx"]["error"] for one in error.errors() if one["type"] == "value_error")
+        why = "".join(f": {reason}" for reason in own)  # pydantic's words are for programmers
         raise ConfigError(
-            f"{said}: {text!r} is no valid {name}: {reasons} (valid: {option.type_text})"
+            f"{said}: {text!r} is no valid {name}{why} (valid: {option.type_text})"
         ) from None
     if isinstance(value, float) and not math.isfinite(value):
         raise ConfigError(f"{said}: {text!r} is not finite (valid: {option.type_text})")
@@ -167,11 +167,18 @@ class Choice(Generic[Info]):
     def identity(self) -> dict[str, Any]:
         """Every option and its value, defaults too, but for the context: what a key hashes.
 
-        A default spelled out is the same result, and a default that changes is another one.
+        A default spelled out is the same result, and a default that changes is another one. An
+        option of the class's `later_options` is left out at its default: results that were stored
+        before it keep their keys, and models their seeds.
         """
         defaults = {name: option.default for name, option in options_of(self.cls).items()}
         merged = {**defaults, **self.params}
-        found = {name: value for name, value in merged.items() if name not in self.context}
+        later = getattr(self.cls, "later_options", ())
+        found = {
+            name: value
+            for name, value in merged.items()
+            if name not in self.context and not (name in later and value == defaults[name])
+        }
         for name, value in found.items():
             plain = isinstance(value, str | int | float | type(None))
             if not plain or (isinstance(value, float) and not math.isfinite(value)):

@@ -42,7 +42,7 @@ def written_grids(
     grids = {model.info.key: model.info.grids[name] for model in models if name in model.info.grids}
     if not grids and name != DEFAULT_GRID:
         known = {grid for model in models for grid in model.info.grids}
-        unknown = unknown_name("grid of these models", name, known)
+        unknown = unknown_name("grid of these models", name, known | {DEFAULT_GRID})
         raise ConfigError(f"{said}: {unknown}; a file's name ends in {FILE_ENDING}")
     return grids
 

@@ -71,7 +71,7 @@
     inner.classList.add("scroll");
     tables.push(table);
   }
-  for (const text of document.querySelectorAll(".with-scripts")) text.hidden = false;
+  for (const text of document.querySelectorAll(".with-scripts")) text.hidden = tables.length === 0;
 
   // paper has no next page to click for; afterwards the screen is as it was
   const lengths = new Map();

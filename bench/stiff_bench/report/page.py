@@ -72,7 +72,7 @@ def page_table(table: Table) -> PageTable:
     if len(rows) < len(table.rows):
         notes.append(
             f"The first {len(rows)} of {len(table.rows)} rows are shown; --model, --dataset and "
-            "--protocol name fewer."
+            "--protocol select fewer."
         )
     styles = [
         _style(column, [row[number] for row in rows]) for number, column in enumerate(table.columns)

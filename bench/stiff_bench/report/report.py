@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from stiff_bench.analysis.collected import (
@@ -31,8 +31,9 @@ from stiff_bench.report.pairs import pair_table
 from stiff_bench.report.runs import Selection, failure_block, run_block
 from stiff_bench.report.scores import data_block, score_block
 from stiff_bench.store.database import read_data
-from stiff_bench.tables.metric_table import SELECTION_MARK
-from stiff_bench.tables.units import counted
+from stiff_bench.store.samples import StoredData
+from stiff_bench.tables.metric_table import SELECTION_MARK, number_format
+from stiff_bench.tables.units import PRINTED, counted
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, StoreError
 from stiff_protocols.contract.files import written_whole
 from stiff_protocols.contract.plugin import kind_label
@@ -63,16 +64,16 @@ def part_of(stored: StoredResults, choice: Selection, key: SortKey) -> Part:
         shown = StoredResults(folder, chosen, stored.runs)
         board = build_leaderboard(shown, models=choice.models, key=key, seed=choice.seed)
     except (ConfigError, StoreError) as error:
-        why_none = f"No ranks: {str(error).removesuffix('.')}."
+        why_none = f"No ranking: {str(error).removesuffix('.')}."
     data_of = functools.cache(functools.partial(read_data, folder))
     pictures = _pictures(FigureSource(folder, chosen, choice.models), choice)
     first = pictures.pop(FIRST_FIGURE, None)
     return Part(
         str(folder),
         [
-            _summary(chosen, choice, _verdict(board) if board is not None else why_none),
+            _summary(chosen, data_of, choice, _verdict(board) if board is not None else why_none),
             data_block(chosen, data_of),
-            *([Block("Errors", pictures=[first])] if first is not None else []),
+            *([Block("Error by model", pictures=[first])] if first is not None else []),
             *(_ranking(board, folder, choice) if board is not None else ()),
             score_block(chosen, choice.models, key.metric.key),
             *([Block("Figures", pictures=[*pictures.values()])] if pictures else []),
@@ -83,26 +84,43 @@ def part_of(stored: StoredResults, choice: Selection, key: SortKey) -> Part:
 
 
 def _verdict(board: Leaderboard) -> str:
-    """Return who is first, and who is not told apart from it."""
-    section = board.sections[0]
+    """Return which model is best, and which are not significantly worse."""
+    section, key = board.sections[0], board.key
     if not section.ranked:
-        return "No ranks: no two models have all results."
+        return "No ranking: no two models have all results."
     first, *others = section.ranked
-    n_cases = len(section.cases)
+    models, n_cases = counted(len(section.ranked), "model"), len(section.cases)
+    if n_cases == 1:
+        (case,) = section.cases
+        unit, factor = PRINTED[key.metric.unit]
+        value = f"{factor * case.mean(first.name):{number_format(key.metric)}} {unit}".rstrip()
+        best = "largest" if key.sign < 0.0 else "smallest"
+        text = f"{first.name} has the {best} {key.metric.label} of {models}: {value}."
+    else:
+        text = (
+            f"{first.name} ranks first of {models} by {key.text}: mean rank "
+            f"{first.mean_rank:.2f} over {n_cases} comparisons."
+        )
+    if key.is_cost or not others:
+        return text
     alike = [
         one.name
         for one in others
         if one.within_cd or (one.within_cd is None and one.like_best == n_cases)
     ]
     named = ", ".join(alike[:3]) + (f" and {len(alike) - 3} more" if len(alike) > 3 else "")
-    return (
-        f"{first.name} is first of {counted(len(section.ranked), 'model')} by {board.key.text}: "
-        f"mean rank {first.mean_rank:.2f} over {counted(n_cases, 'comparison')}. "
-        f"{f'Not told apart from it: {named}.' if alike else 'No other model is like it.'}"
-    )
+    if alike:
+        return f"{text} No significant difference from it: {named}."
+    worse = n_cases == 1 or all(one.within_cd is False for one in others)
+    return f"{text} All others are significantly worse." if worse else text
 
 
-def _summary(cases: Sequence[Case], choice: Selection, verdict: str) -> Block:
+def _summary(
+    cases: Sequence[Case],
+    data_of: Callable[[str], StoredData],
+    choice: Selection,
+    verdict: str,
+) -> Block:
     shown = [presentation(case) for case in cases]
     competitors = [
         one
@@ -125,7 +143,7 @@ def _summary(cases: Sequence[Case], choice: Selection, verdict: str) -> Block:
         ],
         notes=[
             *caveats_of(cases),
-            *same_name_other_data(cases),
+            *same_name_other_data(cases, data_of),
             *left_out_notes(cases),
         ],
     )
@@ -142,7 +160,7 @@ def _ranking(board: Leaderboard, folder: Path, choice: Selection) -> Iterator[Bl
             yield Block(f"Pairs of models{apart}", tables=[pairs])
 
 
-FIRST_FIGURE = "errors"
+FIRST_FIGURE = "scores"
 LARGEST_SVG = 300_000
 """Bytes; a picture of more is embedded as PNG."""
 

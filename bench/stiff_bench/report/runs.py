@@ -153,14 +153,14 @@ def failure_block(cases: Sequence[Case], models: Sequence[str]) -> Block:
     )
     heading = "Failed and skipped"
     if not found:
-        return Block(heading, ["Nothing failed and nothing was skipped."])
+        return Block(heading, ["None."])
     alike = grouped(
         found,
         lambda one: (one.shown.model, case_name_of(one), one.status, one.cause, one.failure),
     )
     header = ("model", "status", "reason", "cause", "data set", "protocol", "condition", "splits")
     logs = [one for one in found if one.log]
-    cut = [f"The first {MOST_LOGS} of {len(logs)} log ends are shown."]
+    cut = [f"The first {MOST_LOGS} of {len(logs)} logs are shown."]
     table = Table(
         f"{counted(len(found), 'fit')} without a result",
         [Column(name, "text") for name in header],
@@ -187,6 +187,6 @@ def _cut(text: str, longest: int) -> str:
 
 def _fold(one: CellResult) -> Fold:
     place = " | ".join(filter(None, (one.shown.dataset, one.shown.protocol, one.cell.condition)))
-    summary = f"Log end: {one.shown.model} on {place}, split {one.cell.split_index}"
+    summary = f"Log of {one.shown.model} on {place}, split {one.cell.split_index}"
     text = "\n".join(one.log)
     return Fold(summary, text if len(text) <= LONGEST_LOG else f"(cut) {text[-LONGEST_LOG:]}")

@@ -60,7 +60,7 @@ def score_block(cases: Sequence[Case], models: Sequence[str], metric: str) -> Bl
             *(column for metric in metrics for column in metric_columns([metric])),
         ],
         [_cells(case, competitor, metrics) for case, competitor in shown],
-        ["splits: with a result, of those asked for."],
+        ["splits: with a result / asked for."],
     )
     return Block("Scores", tables=[table], folds=_fit_notes(notes))
 
@@ -93,7 +93,7 @@ def _fit_notes(notes: Mapping[str, Sequence[str]]) -> list[Fold]:
 
 
 def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> Block:
-    """Return robot and size of the data sets, what must be read with them, and stiffnesses.
+    """Return robot, TCP and size of the data sets, and the stiffnesses.
 
     Args:
         cases: to show.
@@ -107,18 +107,25 @@ def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> B
         shown = presentation(case)
         try:
             data = data_of(sha256)
-            size: list[Cell] = [data.robot, len(data.samples), len(set(data.samples.pose_id))]
+            n_poses = len(set(data.samples.pose_id))
+            size: list[Cell] = [data.robot, _tcp(data), len(data.samples), n_poses]
         except StoreError:
-            size = [None, None, None]
-        kind, caveats = kind_label(shown.kind, shown.task), "; ".join(shown.caveats)
-        rows.append([case.name.dataset, kind, *size, caveats or "-", sha256])
+            size = [None, None, None, None]
+        rows.append([case.name.dataset, kind_label(shown.kind, shown.task), *size, sha256])
     columns = [
         *(Column(name, "text") for name in ("data set", "kind", "robot")),
-        *(Column("samples"), Column("poses")),
-        *(Column(name, "text") for name in ("to be read with it", "sha256 of its numbers")),
+        *(Column("TCP, frame of the last link [m]", "text"), Column("samples"), Column("poses")),
+        Column("sha256 of samples and robot", "text"),
     ]
     tables = [Table("Data sets", columns, rows), _stiffnesses(cases)]
     return Block("Robots and data", tables=[table for table in tables if table.rows])
+
+
+def _tcp(data: StoredData) -> str:
+    """Return the TCP as `--tcp` takes it."""
+    if data.tcp_on_flange is None:
+        return "not stored"
+    return ", ".join(f"{length:g}" for length in data.tcp_on_flange)
 
 
 _STIFFNESS = re.compile(r"stiffness (\S+ \[.+\])")

@@ -107,7 +107,7 @@ def chosen_execution(
     }
     needed = [reason for reason, holds in reasons.items() if holds]
     if isolate is False and needed:
-        raise ConfigError(f"--no-isolate: {needed[0]} needs a process for every cell")
+        raise ConfigError(f"--no-isolate: {needed[0]} needs a process for each fit")
     if dask and jobs > 1:
         raise ConfigError(f"--jobs {jobs}: the cluster of --dask says how many run at once")
     keys = {one.info.key for one in plan.models}

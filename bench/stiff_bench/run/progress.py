@@ -62,7 +62,7 @@ class Display:
         self._begun = self._last_end = time.monotonic()
         if n_cached:
             n_cells = len(missing) + n_cached
-            self.show(f"{n_cached} of {n_cells} cells are there; {len(missing)} to compute")
+            self.show(f"{n_cached} of {n_cells} fits are stored; {len(missing)} to compute")
 
     def start(self, task: CellTask) -> None:
         """A cell starts."""
@@ -102,7 +102,7 @@ class Display:
 
     @property
     def time_left(self) -> timedelta | None:
-        """How long the rest takes; None where nobody knows.
+        """How long the rest takes; None where it is not known, as when a fit outlasts the forecast.
 
         It follows the stored fits until a tenth of their time is done, and then the pace of the
         cells so far, since another machine has another one.
@@ -114,19 +114,20 @@ class Display:
             left /= self._at_once
         else:
             return None
-        return timedelta(seconds=round(max(left - (time.monotonic() - self._last_end), 0.0)))
+        seconds = round(left - (time.monotonic() - self._last_end))
+        return timedelta(seconds=seconds) if seconds >= 0 else None
 
 
 class _TimeLeft(TimeRemainingColumn):
-    """The time that a display says is left, or what rich makes of the steps so far."""
+    """The time that a display says is left; rich's own for the steps of a phase."""
 
     def render(self, task: Task) -> Text:
         """Return it as a cell of the bar's line."""
         display: Display | None = task.fields.get("display")
-        left = None if display is None else display.time_left
-        if left is None or task.finished:
+        if display is None or task.finished:
             return super().render(task)
-        return Text(str(left), style="progress.remaining")
+        left = display.time_left  # rich's own would stand still while a fit runs
+        return Text("-:--:--" if left is None else str(left), style="progress.remaining")
 
 
 class BarDisplay(Display):
@@ -135,7 +136,7 @@ class BarDisplay(Display):
     def __init__(self, bars: Bars) -> None:
         """Add the bars."""
         self._bars = bars
-        self._cells = bars.add_task("cells", total=None, note="", visible=False, display=self)
+        self._cells = bars.add_task("fits", total=None, note="", visible=False, display=self)
         self._phase = bars.add_task("", total=None, visible=False, note="")
         self._shown: tuple[str, int] | None = None
         super().__init__()

@@ -138,14 +138,14 @@ class ResultStore:
             write_run(db, manifest)
 
     def write_data(self, data: BenchmarkData) -> None:
-        """Store the samples that results belong to, once; damaged ones are replaced.
+        """Store the samples that results belong to, once; damaged or older ones are replaced.
 
         Raises:
             StoreError: they are too many, or cannot be written.
         """
         with suppress(StoreError):
-            read_data(self.folder, data.sha256)
-            return
+            if read_data(self.folder, data.sha256).tcp_on_flange is not None:
+                return
         content = data_content(data)
         row = (data.sha256, content, hashlib.sha256(content).hexdigest())
         with writing(self.folder) as db:

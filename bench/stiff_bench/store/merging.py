@@ -84,7 +84,7 @@ def _survey(folder: Path, stack: ExitStack, known: Sequence[FolderSurvey] = ()) 
     for result in stored_results(found.source, report=note):
         key = result.cell.key
         if replace(result.cell).key != key:  # what is written by its key must have its own
-            found.damaged.append(f"{folder}: the record {key!r} is another cell's")
+            found.damaged.append(f"{folder}: the record {key!r} is another result's")
             continue
         run_id = sys.intern(result.run_id)
         record = Record(result.status == "ok", run_id, _numbers_of(result))
@@ -253,7 +253,7 @@ def _join(one: FolderSurvey, keys: Set[str], output: Path) -> list[str]:
         (n_found,) = db.execute("SELECT count(*) FROM taken JOIN other.cell USING (key)").fetchone()
         if n_found < len(keys):
             raise StoreError(
-                f"{one.folder}: {len(keys) - n_found} of its cells cannot be read any more; give "
+                f"{one.folder}: {len(keys) - n_found} of its results cannot be read any more; give "
                 "the same command again"
             )
         for statement in _JOIN_CELLS.split(";\n"):

@@ -10,7 +10,7 @@ import io
 import lzma
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -44,6 +44,8 @@ class StoredData:
         robot: its name.
         tcp: (n, 3) m, where the unloaded TCP is in the base frame.
         torque_units: one a joint, "Nm" of a revolute one, "N" of a prismatic one.
+        tcp_on_flange: (3,) m, the TCP in the frame of the robot description's last link; None in a
+            file of a stiffbench that did not store it.
     """
 
     samples: Samples
@@ -52,6 +54,27 @@ class StoredData:
     robot: str
     tcp: FloatArray
     torque_units: tuple[str, ...]
+    tcp_on_flange: FloatArray | None = None
+
+
+def what_differs(found: Sequence[StoredData]) -> str:
+    """Return in what data sets of one name differ, for people; TCPs in their order."""
+    tcps = ["" if one.tcp_on_flange is None else _place(one.tcp_on_flange) for one in found]
+    if not all(tcps):
+        return "data or TCP"
+    changed = [tcp for tcp, before in zip(tcps, ["", *tcps[:-1]], strict=True) if tcp != before]
+    parts = [f"TCP {' -> '.join(changed)} m"] if len(changed) > 1 else []
+    if len({_samples_bytes(one.samples) for one in found}) > 1:
+        parts.append("samples")
+    return " and ".join(parts) or "robot's geometry"
+
+
+def _place(point: FloatArray) -> str:
+    return f"({', '.join(f'{length:g}' for length in point)})"
+
+
+def _samples_bytes(samples: Samples) -> bytes:
+    return b"".join(getattr(samples, item.name).tobytes() for item in fields(Samples))
 
 
 def data_content(data: BenchmarkData) -> bytes:
@@ -62,6 +85,7 @@ def data_content(data: BenchmarkData) -> bytes:
         file,
         torque=load_torque(data),
         tcp=data.robot.tcp_position(data.samples.q),
+        tcp_on_flange=data.robot.tcp_on_flange,
         joint_types=np.array(data.robot.joint_types),
         joint_names=np.array(data.robot.joint_names),
         robot=np.array(data.robot.name),
@@ -100,6 +124,11 @@ def _stored(found: Mapping[str, Any]) -> StoredData:
         robot=str(found["robot"]),
         tcp=frozen_array(found["tcp"], "tcp", (len(samples), 3)),
         torque_units=tuple("N" if kind == "prismatic" else "Nm" for kind in types),
+        tcp_on_flange=(
+            frozen_array(found["tcp_on_flange"], "tcp_on_flange", (3,))
+            if "tcp_on_flange" in found
+            else None
+        ),
     )
 
 

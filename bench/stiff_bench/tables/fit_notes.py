@@ -81,7 +81,7 @@ def _chosen_notes(name: str, done: Sequence[CellResult]) -> list[str]:
         f"{chosen} ({times} of {len(done)} splits)" if len(done) > 1 else chosen
         for chosen, times in choices.items()
     ]
-    return [f"{name}: chosen on inner folds: {'; '.join(each)}."] if each else []
+    return [f"{name}: options chosen by inner cross-validation: {'; '.join(each)}."] if each else []
 
 
 def _mean_text(values: Sequence[float]) -> str:

@@ -74,11 +74,12 @@ def duplicate_findings(samples: Samples, robot: Robot, lines: Lines) -> Iterator
     poses = pose_numbers(samples, robot)
     first_name: dict[int, str] = {}
     renamed = []
-    for row, (pose, name) in enumerate(zip(poses, samples.pose_id, strict=True)):
+    names = samples.pose_id.tolist()
+    for row, (pose, name) in enumerate(zip(poses, names, strict=True)):
         if first_name.setdefault(int(pose), name) != name:
             renamed.append(row)
     if renamed:
-        example = f"{str(samples.pose_id[renamed[0]])!r} is {first_name[int(poses[renamed[0]])]!r}"
+        example = f"{names[renamed[0]]!r} is {first_name[int(poses[renamed[0]])]!r}"
         yield warning(
             f"the joint angles of a pose stand under another pose_id too ({example}); a split by "
             "pose would put one measurement on both sides",

@@ -170,8 +170,13 @@ def table_problems(
     repeated = sorted({name for name in found if found.count(name) > 1})
     parts = [f"missing {', '.join(missing)}"] if missing else []
     parts += [f"repeated {', '.join(repeated)}"] if repeated else []
-    parts += [f"unknown {', '.join(sheet.unused)}"] if missing and sheet.unused else []
     if parts:
+        parts += [
+            f"unit of {name!r} (valid: {', '.join(units)})"
+            for name, units in sheet.odd_units.items()
+        ]
+        others = [name for name in sheet.unused if name not in sheet.odd_units]
+        parts += [f"columns not used: {', '.join(others)}"] if missing and others else []
         may_miss = f"; optional: {', '.join(optional)}" if optional else ""
         if missing and set(missing) <= set(TORQUE_COLUMNS):
             may_miss = "; --no-torque if none were measured"

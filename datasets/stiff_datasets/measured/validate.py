@@ -107,7 +107,7 @@ def validate(path: Path, chain: ChainModel, *, no_torque: bool = False) -> Valid
     unused = [fact("columns not used", ", ".join(checked.unused))] if checked.unused else []
     found = [
         *unused,
-        *_content_findings(samples, robot, chain, no_torque or _card_says_no_torque(path)),
+        *_content_findings(samples, robot, no_torque or _card_says_no_torque(path)),
         *duplicate_findings(samples, robot, lines),
         *range_findings(samples, lines),
         *repeat_findings(samples, robot, lines),
@@ -154,10 +154,8 @@ def render_report(report: ValidationReport) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _content_findings(
-    samples: Samples, robot: Robot, chain: ChainModel, no_torque: bool
-) -> Iterator[Finding]:
-    tcp = ", ".join(f"{length:g}" for length in chain.flange.actInv(chain.tcp).round(9) + 0.0)
+def _content_findings(samples: Samples, robot: Robot, no_torque: bool) -> Iterator[Finding]:
+    tcp = ", ".join(f"{length:g}" for length in robot.tcp_on_flange)
     yield fact("robot", f"{robot.name}, TCP ({tcp}) m in the frame of its last link")
     n_poses, n = len(set(samples.pose_id)), len(samples)
     loads = f"{n_poses} poses, " + (

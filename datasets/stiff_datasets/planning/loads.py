@@ -1,9 +1,9 @@
 """Loads on a robot: wrenches along the line of the source paper's Table 5, or pulls at a hook.
 
-Table 5's wrenches lie nearly on one line in wrench space. Their torques are no single rope's: a
+Table 5's wrenches lie nearly on one line in wrench space. Their torques are no single cable's: a
 force F that pulls on a lever r gives r x F, at right angles to F, and the table's first row has
-F . T = 1360. It takes two ropes, or a weight off the rope's line. `line_wrenches` is that regime;
-`hook_wrenches` is one rope on one hook.
+F . T = 1360. It takes two cables, or a weight off the cable's line. `line_wrenches` is that regime;
+`hook_wrenches` is one cable on one hook.
 """
 
 from __future__ import annotations
@@ -60,10 +60,12 @@ def line_wrenches(n: int, payload_kg: float, rng: np.random.Generator) -> FloatA
     return np.asarray(wrench * np.minimum(1.0, payload_kg * G / size))
 
 
-def omni_forces(n: int, payload_kg: float, rng: np.random.Generator) -> FloatArray:
-    """Return (n, 3) forces [N] of every direction, from a fifth of the payload to all of it."""
+def omni_forces(
+    n: int, payload_kg: float, rng: np.random.Generator, heaviest: float = 1.0
+) -> FloatArray:
+    """Return (n, 3) forces [N] of every direction, a fifth to `heaviest` of the payload."""
     direction = rng.normal(size=(n, 3))
-    size = rng.uniform(LIGHTEST, 1.0, size=(n, 1)) * payload_kg * G
+    size = rng.uniform(LIGHTEST, heaviest, size=(n, 1)) * payload_kg * G
     return np.asarray(direction / np.linalg.norm(direction, axis=1, keepdims=True) * size)
 
 

@@ -112,6 +112,7 @@ def robot_of(chain: ChainModel) -> Robot:
         masses=np.array([model.inertias[joint].mass for joint in joints]),
         centres_of_mass=np.stack([model.inertias[joint].lever for joint in joints]),
         tcp=chain.tcp,
+        flange=chain.flange.homogeneous,
     )
 
 

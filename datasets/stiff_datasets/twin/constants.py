@@ -7,6 +7,7 @@
     tcp_m = [0.0, 0.0, 0.1]           # frame of the URDF's last link
     payload_kg = 5.0
     hook_m = [0.0, 0.05, 0.0]         # where the load pulls, from the TCP, last joint's frame
+    clearance_m = 0.2                 # the default: of random poses, to the base column
 
     [[joint]]                         # one a joint, base to tip
     gear = 25                         # a catalogue size, or the three figures of [joint.gear]
@@ -53,6 +54,7 @@ from pydantic import (
 )
 
 from stiff_datasets.planning.loads import stream
+from stiff_datasets.planning.reachable import CLEARANCE
 from stiff_datasets.robots.robot import (
     LONGEST_TCP_M,
     ChainModel,
@@ -330,6 +332,8 @@ class TwinConstants(_Table):
         tcp_m: tool centre point in the frame of the URDF's last link, m.
         payload_kg: no load is heavier.
         hook_m: lever from the TCP to where the load pulls, frame of the last joint, m.
+        clearance_m: of random poses, see `stiff_datasets.planning.reachable`; larger robots need
+            more.
         joint: one table a joint, base to tip.
         beams: the links' elasticity; None: they are rigid.
         noise, scatter, errors: see there.
@@ -340,6 +344,7 @@ class TwinConstants(_Table):
     tcp_m: Vector
     payload_kg: Positive
     hook_m: Vector
+    clearance_m: Annotated[float, Ge(0), Le(LONGEST_TCP_M)] = CLEARANCE
     joint: tuple[JointTable, ...]
     beams: BeamsTable | None = None
     noise: Noise = Noise()

@@ -47,7 +47,7 @@ class PaperTwin(TwinData, ABC):
 
     Attributes:
         torques: "table-5": they lie along the line too, as in the paper's simulated loads;
-            "hook": they are those of one rope that pulls at a hook (see `loads.py`).
+            "hook": they are those of one cable that pulls at a hook (see `loads.py`).
     """
 
     loads_per_pose = 1
@@ -87,6 +87,8 @@ class Kr10Twin(PaperTwin):
         calibration: 1, or 2: nearer to the paper, with a bent wrist and a tracker that has heavy
             tails (see the data card).
     """
+
+    later_options = ("calibration",)
 
     def __init__(
         self,
@@ -154,6 +156,8 @@ class Kr10TwinOmni(TwinData):
     Attributes:
         calibration: as that of `Kr10Twin`.
     """
+
+    later_options = Kr10Twin.later_options
 
     def __init__(
         self,

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Gt
+from annotated_types import Ge, Gt, Le
 
 from stiff_datasets.planning.loads import LoadKind, stream
 from stiff_datasets.planning.poses import Poses
@@ -17,6 +18,7 @@ from stiff_datasets.twin.constants import (
     read_constants,
     shipped_constants,
 )
+from stiff_datasets.twin.effects import ALL_EFFECTS, parse_effects
 from stiff_datasets.twin.twin import TwinData
 from stiff_protocols.contract.types import BenchmarkData
 
@@ -27,10 +29,10 @@ class RobotTwin(TwinData):
     """A robot's twin at random reachable poses.
 
     Attributes:
-        constants: the TOML file (`constants.py` says what it holds).
-        poses: how many; inside the joint limits, clear of base and ground.
+        constants: TOML file; `constants.py` lists its tables.
+        poses: number of poses, inside the joint limits, clear of base and ground.
         loads: "line" (along Table 5's line, scaled to the payload), "line-hook" or "omni".
-        loads_per_pose: how many.
+        loads_per_pose: number of loads per pose.
         seed: draws poses, loads and noise; the robot itself does not depend on it.
     """
 
@@ -58,7 +60,7 @@ class RobotTwin(TwinData):
             DataError: a file is missing or wrong, or a load is beyond the twin.
         """
         constants = read_constants(self.constants)
-        poses = _random_poses(constants, self.poses, self.seed)
+        poses = random_poses(constants, self.poses, self.seed)
         return self.measured(constants, poses, self.loads, self.loads_per_pose)
 
 
@@ -72,10 +74,76 @@ class Ur5Twin(TwinData):
     def load(self) -> BenchmarkData:
         """Simulate the measurement."""
         constants = shipped_constants("ur5")
-        return self.measured(constants, _random_poses(constants, POSES, self.seed))
+        return self.measured(constants, random_poses(constants, POSES, self.seed))
 
 
-def _random_poses(constants: TwinConstants, n: int, seed: int) -> Poses:
-    q = reachable_poses(constants.chain(), n, stream("poses", constants.name, seed))
+@dataclass(frozen=True)
+class Arm:
+    """A type of robot in `ArmFamily`.
+
+    Attributes:
+        name: of its URDF and of its constants.
+        maker, type: the manufacturer's words.
+        masses: where those of its links are from; the URDF says it in full.
+    """
+
+    name: str
+    maker: str
+    type: str
+    masses: str
+
+
+ARMS = (
+    Arm("irb120_3_06", "ABB", "IRB 120-3/0.6", "public, from CAD"),
+    Arm("tx60", "Stäubli", "TX60", "public, from CAD"),
+    Arm("lr_mate_200id", "FANUC", "LR Mate 200iD", "scaled from KR 6 R700-2"),
+    Arm("gp12", "Yaskawa", "GP12", "scaled from KR 12 R1450 HW"),
+    Arm("kr16_r1610_2", "KUKA", "KR 16 R1610-2", "public; split inside the wrist"),
+    Arm("m20ib_25", "FANUC", "M-20iB/25", "scaled from KR 20 R1820-2 E"),
+    Arm("irb4600_40_255", "ABB", "IRB 4600-40/2.55", "scaled from KR 50 R2500"),
+    Arm("kr70_r2100", "KUKA", "KR 70 R2100", "public"),
+    Arm("gp180", "Yaskawa", "GP180", "scaled from KR 120 R2700-2"),
+    Arm("kr240_r2900_2", "KUKA", "KR 240 R2900-2", "public"),
+)
+"""Numbers 0 to 9, by payload."""
+
+HEAVIEST = 0.8  # of the payload
+
+
+class ArmFamily(TwinData):
+    """The twin of one of ten types of robot, pulled at a hook up to 80 % of its payload.
+
+    Attributes:
+        robot: 0 IRB 120, 1 TX60, 2 LR Mate 200iD, 3 GP12, 4 KR 16, 5 M-20iB/25, 6 IRB 4600,
+            7 KR 70, 8 GP180, 9 KR 240.
+        effects: hysteresis, links, kinematics and sensor, separated by commas, or "none"; each is
+            described in `effects.py`.
+        seed: draws poses, loads and noise; the robot itself does not depend on it.
+    """
+
+    def __init__(
+        self,
+        *,
+        robot: Annotated[int, Ge(0), Le(len(ARMS) - 1)] = 0,
+        specimen: SpecimenNumber = 0,
+        effects: str = ALL_EFFECTS,
+        seed: Annotated[int, Ge(0)] = 0,
+    ) -> None:
+        """Store the options; ConfigError for an unknown effect."""
+        super().__init__(specimen=specimen, seed=seed)
+        self.robot = robot
+        self.effects = parse_effects(effects)
+
+    def load(self) -> BenchmarkData:
+        """Simulate the measurement."""
+        constants = shipped_constants(ARMS[self.robot].name)
+        poses = random_poses(constants, POSES, self.seed)
+        return self.measured(constants, poses, heaviest=HEAVIEST, effects=self.effects)
+
+
+def random_poses(constants: TwinConstants, n: int, seed: int) -> Poses:
+    """Return random reachable poses of a robot, the same for the same seed."""
+    rng = stream("poses", constants.name, seed)
+    q = reachable_poses(constants.chain(), n, rng, constants.clearance_m)
     names = np.array([f"P{i + 1}" for i in range(n)])
     return Poses(q=q, pose_id=names, group=np.full(n, "random"))

@@ -85,7 +85,7 @@ def simulate(
         for block in range(-(-n_samples // (poses_a_block * loads_per_pose))):
             numbers = stream("simulated poses", constants.name, seed, block)
             poses = Poses(
-                q=reachable_poses(chain, poses_a_block, numbers),
+                q=reachable_poses(chain, poses_a_block, numbers, constants.clearance_m),
                 pose_id=np.array([f"P{poses_done + i + 1}" for i in range(poses_a_block)]),
                 group=np.full(poses_a_block, SIMULATED_GROUP),
             )

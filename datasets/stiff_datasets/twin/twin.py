@@ -55,6 +55,7 @@ class TwinExperiment:
         seed: draws loads and noise; the robot does not depend on it.
         loads_per_pose: how many.
         effects: what it has beyond the default twin, see `effects.py`.
+        heaviest: the largest "omni" load, over the payload.
 
     Attributes:
         twin: the robot.
@@ -72,10 +73,12 @@ class TwinExperiment:
         seed: int,
         loads_per_pose: int = 1,
         effects: Collection[str] = (),
+        heaviest: float = 1.0,
     ) -> None:
         """Build the twin."""
         self._constants = constants
         self._loads = loads
+        self._heaviest = heaviest
         self._loads_per_pose = loads_per_pose
         self._instruments = Instruments.of(constants, specimen, effects)
         chain = constants.chain()
@@ -135,7 +138,7 @@ class TwinExperiment:
         if self._loads == "line-hook":
             force = line_wrenches(len(q), payload, rng)[:, :3]
         else:
-            force = omni_forces(len(q), payload, rng)
+            force = omni_forces(len(q), payload, rng, self._heaviest)
         return hook_wrenches(force, self.twin.tool_vectors(q, self._constants.hook_m))
 
     def recorded(
@@ -177,7 +180,7 @@ class TwinData:
     """A twin's data set, another one for each specimen and seed.
 
     Attributes:
-        specimen: which of ten robots of the type; 0 has the constants as they stand.
+        specimen: one of ten robots of the type; 0 has the nominal constants.
         seed: draws the loads and the noise; the robot itself does not depend on it.
     """
 
@@ -193,6 +196,7 @@ class TwinData:
         loads: LoadKind = "omni",
         loads_per_pose: int = 1,
         effects: Collection[str] = (),
+        heaviest: float = 1.0,
     ) -> BenchmarkData:
         """Return the samples of this specimen and seed at the poses, pose by pose."""
         experiment = TwinExperiment(
@@ -202,6 +206,7 @@ class TwinData:
             seed=self.seed,
             loads_per_pose=loads_per_pose,
             effects=effects,
+            heaviest=heaviest,
         )
         return experiment.measured(poses)
 

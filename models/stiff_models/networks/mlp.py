@@ -25,7 +25,7 @@ class Mlp(NetworkModel):
 
     Attributes:
         epochs: length of the training.
-        learning_rate: of Adam, constant.
+        learning_rate: constant learning rate of Adam.
         training: "best" keeps the best epoch on the validation rows, "normal" the last.
     """
 

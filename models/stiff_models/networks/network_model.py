@@ -139,8 +139,8 @@ class NetworkModel(EncodedNetworkModel):
 
     Attributes:
         layers: hidden layers.
-        width: nodes a hidden layer.
-        activation: of the hidden layers; "auto" is "relu", unless a recipe says otherwise.
+        width: nodes per hidden layer.
+        activation: of the hidden layers; "auto" is "relu", unless the recipe has another.
     """
 
     layers: Layers = 4

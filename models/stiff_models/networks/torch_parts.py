@@ -91,7 +91,7 @@ class EncodedNetwork(torch.nn.Module):
         return torch.cat([*parts, wrench], dim=1)
 
 
-class JointSprings(torch.nn.Module):
+class VjmModule(torch.nn.Module):
     """Linear joint springs: ``d = J_v diag(c) J^T w``, the virtual joint model."""
 
     def __init__(self, robot: Robot, compliance: FloatArray) -> None:

@@ -38,7 +38,7 @@ class FullVjm(FittedModel):
     """The full VJM as a model; a load's own stiffness (congruence) is left out.
 
     Attributes:
-        springs: virtual springs a joint: 3 of the joint's kind (about the axes of a revolute
+        springs: virtual springs per joint: 3 of the joint's kind (about the axes of a revolute
             joint's moving frame, along those of a prismatic one's) or all 6. z is the joint's axis.
         solver: "nnls" finds compliances that are not negative; "ridge" small ones of either sign,
             over the directions that the samples resolve, its strength by generalised
@@ -74,7 +74,7 @@ class FullVjm(FittedModel):
             warnings.warn(
                 f"{len(train)} training samples give {len(matrix)} equations for {n_springs} "
                 f"springs (regressor rank {found.rank}): predictions at other poses and loads "
-                "mean little",
+                "are unreliable",
                 StiffBenchWarning,
                 stacklevel=3,
             )

@@ -95,8 +95,8 @@ class MultiSegmentVjm(FittedModel):
     """The multi-segment VJM as a model; a load's own stiffness (congruence) is left out.
 
     Attributes:
-        segments: slopes a joint.
-        breakpoints: where a slope ends: "quantile" of the training samples' torques (a quarter
+        segments: stiffness segments per joint.
+        breakpoints: where a segment ends: "quantile" of the training samples' torques (a quarter
             lies in the first segment, the others share the rest evenly), "search" among such
             quantiles for the least training residual (with few samples it follows their
             noise), or "given".

@@ -78,7 +78,7 @@ class VirtualJointModel(FittedModel):
     """The linear VJM as a model.
 
     Attributes:
-        congruence: whether the load's own stiffness counts (conservative congruence, K - K_g);
+        congruence: include the load's own stiffness (conservative congruence, K - K_g);
             predictions then are no longer linear in the wrench, and a load beyond buckling is a
             ModelError.
         joints_: what was identified.
@@ -126,7 +126,7 @@ def warn_unexplained(compliance: FloatArray, samples: Samples) -> None:
 def why_rigid(samples: Samples) -> str:
     """Return why these samples make every spring rigid."""
     if not samples.deflection.any():
-        return f"every deflection is zero in all {len(samples)} samples: every joint is found rigid"
+        return f"every deflection is zero in all {len(samples)} samples: every joint is rigid"
     return (
         "no joint spring explains any of the deflections: is the sign or the frame of the "
         "wrench wrong? `bench data validate` compares them"

@@ -74,8 +74,8 @@ class Search:
         best = min((searched(theta) for theta in (start.theta, *drawn)), key=lambda one: one.fun)
         if not best.success:
             warnings.warn(
-                f"hyperparameters of a Gaussian process: the search for the likeliest ones stopped "
-                f"early ({best.message.strip(' :')}); the best that it met are used",
+                "hyperparameters of a Gaussian process: the likelihood search stopped early "
+                f"({best.message.strip(' :')}); the best values so far are used",
                 StiffBenchWarning,
                 stacklevel=3,
             )
@@ -265,7 +265,7 @@ class GaussianProcess:
         except np.linalg.LinAlgError as error:
             raise ModelError(
                 f"a Gaussian process of {len(rows)} rows cannot be solved: {error}; are rows "
-                "repeated that differ in nothing?"
+                "duplicated?"
             ) from error
         weights, rho = weights_and_rho(factor, outputs, trend)
         return cls(covariance, rows, factor, weights, rho)

@@ -21,9 +21,9 @@ class GaussianProcessModel(StandardisedModel):
 
     Attributes:
         kernel: "matern" (Matern 5/2) or "rbf" (squared exponential).
-        ard: one length scale a feature; else all features share one.
+        ard: one length scale per feature; else all features share one.
         restarts: searches for the hyperparameters from random starts, after the first.
-        search_rows: training rows that the search looks at, at most (drawn at random); the
+        search_rows: training rows that the search uses at most (drawn at random); the
             process itself always learns from all of them.
         processes_: one an axis.
     """

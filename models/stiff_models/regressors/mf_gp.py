@@ -65,7 +65,7 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
     source the low fidelity is that robot's VJM, over its own samples' ranges.
 
     Attributes:
-        source_samples: drawn at random from the source's design, one wrench a pose, besides those
+        source_samples: drawn at random from the simulated design, one wrench a pose, besides those
             at the training samples' poses and loads; at most as many as the design has poses.
     """
 

@@ -31,7 +31,7 @@ class OnPhysics:
     Validation rows serve the learner alone.
 
     Attributes:
-        physics: what is identified first, with its default options.
+        physics: model that is identified first, with its default options.
     """
 
     physics: Physics = "vjm"

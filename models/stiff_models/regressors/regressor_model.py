@@ -86,7 +86,7 @@ class NearestNeighbours(RegressorModel):
     """k nearest neighbours in standardised features, Euclidean distance.
 
     Attributes:
-        neighbours: how many training samples are averaged.
+        neighbours: number of training samples that are averaged.
         weights: "uniform", or "distance" (inverse distance).
     """
 
@@ -111,10 +111,10 @@ class BoostingModel(RegressorModel):
     and small steps. All trees are kept: an early stop would cost training rows.
 
     Attributes:
-        trees: trees an axis.
-        learning_rate: share of a tree's correction that is taken.
-        leaves: leaves a tree at most.
-        leaf_samples: training samples a leaf at least.
+        trees: number of trees per axis.
+        learning_rate: factor on the correction of each tree.
+        leaves: most leaves of a tree.
+        leaf_samples: fewest training samples of a leaf.
     """
 
     trees: Annotated[int, Ge(1)] = 200

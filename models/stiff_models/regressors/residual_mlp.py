@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 
 from stiff_models.networks.mlp import Mlp
-from stiff_models.networks.torch_parts import JointSprings, SumOf
+from stiff_models.networks.torch_parts import SumOf, VjmModule
 from stiff_models.regressors.on_physics import OnPhysics
 from stiff_protocols.contract.errors import ConfigError
 
@@ -19,5 +19,5 @@ class ResidualMlp(OnPhysics, Mlp):
     def _torch_module(self) -> torch.nn.Module:
         if self.physics != "vjm":
             raise ConfigError(f"physics {self.physics!r} has no ONNX form (valid: vjm)")
-        springs = JointSprings(self.robot_, self.physics_.joints_.compliance)
+        springs = VjmModule(self.robot_, self.physics_.joints_.compliance)
         return SumOf([springs, super()._torch_module()])

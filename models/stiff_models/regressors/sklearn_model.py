@@ -79,7 +79,7 @@ def member(key: str) -> ModelInfo:
         ConfigError: the key names no class, or one that is no regressor or needs another one.
     """
     model = _model_class(key)
-    what = "what the VJM leaves" if issubclass(model, OnPhysics) else "standardised features"
+    what = "the residual of the VJM" if issubclass(model, OnPhysics) else "standardised features"
     return ModelInfo(
         key=key,
         target=model,

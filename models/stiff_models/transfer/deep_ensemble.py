@@ -32,7 +32,7 @@ class DeepEnsemble(FtMlp):
     poses, on the rest of them.
 
     Attributes:
-        members: how many; the first has the seed, and so the pre-training, that ft-mlp has.
+        members: number of networks; the first has the seed and the pre-training of ft-mlp.
     """
 
     members: Annotated[int, Ge(2)] = 5

@@ -70,7 +70,7 @@ class DtCnn(SourceModel, EncodedNetworkModel):
             feature its own place; "auto": the preset's.
         alignment: "none", "adabn" (batch statistics taken anew from target inputs), or the distance
             of the features: "mk-mmd", "jmmd", "coral", "dann", "rsd", "dare-gram".
-        alignment_weight: of the distance, against the loss on standardised outputs.
+        alignment_weight: weight of the distance against the loss on standardised outputs.
         supervision: "none" (no measured deflection trains the network) or "fine-tune" (all layers
             then learn from the measured training samples).
         recipe: "fast" (ours) or "udtl" (300 epochs of batches of 64: hours).

@@ -41,14 +41,14 @@ class FtMlp(MlpPretrained):
     """Fine-tuned MLP.
 
     Attributes:
-        freeze: which layers move in fine-tuning: "layers:1,2" (hidden layers from 1, "out" for the
+        freeze: layers that fine-tuning trains: "layers:1,2" (hidden layers from 1, "out" for the
             output layer; any set), "first:k", "last:k", "full", "head", "gradual",
             "discriminative", "l2sp", "lp-ft", "bias".
         training: "best" keeps the best epoch on the validation rows, "normal" the last.
-        epochs: of fine-tuning; none: the recipe's.
-        learning_rate: of fine-tuning; none: the recipe's.
-        precision: of fine-tuning's products: "float32", or "bfloat16" where the device has it,
-            which is faster; losses then differ by about 1 %.
+        epochs: epochs of fine-tuning; none: the recipe's.
+        learning_rate: learning rate of fine-tuning; none: the recipe's.
+        precision: of matrix products in fine-tuning: "float32", or "bfloat16" where the device has
+            it, which is faster; losses then differ by about 1 %.
         unfreeze_every: epochs between two layers of freeze="gradual".
         l2sp_alpha: strength of the penalty of freeze="l2sp", on the weights that the
             standardised network has.

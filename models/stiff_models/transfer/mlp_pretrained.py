@@ -130,7 +130,7 @@ def source_report(n_samples: int, seconds: float, errors: FloatArray) -> dict[st
     """Return the diagnostics of a pre-training, from its wall time and (7,) errors, m."""
     return {
         "source samples": float(n_samples),
-        "pre-training, when it was computed [s]": seconds,
+        "pre-training time, also of a cached one [s]": seconds,
     } | {
         f"source {name} [mm]": float(error) * 1000.0
         for name, error in zip(SOURCE_ERRORS, errors, strict=True)

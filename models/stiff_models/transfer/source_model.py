@@ -48,7 +48,7 @@ class SourceModel:
             data's).
         source_wrenches: "paper" (Table 5), "data" (drawn like the samples' wrenches), "uniform" or
             "sobol" (over the range of each of their components), "auto" (as above).
-        source_stiffness: of the joints that make the source's deflections: "identified" by the
+        source_stiffness: of the joints in the pre-training simulation: "identified" by the
             VJM on the samples, or "nominal".
         nominal_stiffness: values for "nominal", base to tip, N m/rad, as "5e4,6e4,..."; none:
             the paper's Table 3, for its own robot.
@@ -111,9 +111,9 @@ class SourceModel:
         )
         if measured > 0.0 and not 1.0 / FAR_OFF < simulated / measured < FAR_OFF:
             warnings.warn(
-                f"the source is simulated under forces of {simulated:.3g} N, the samples were "
-                f"measured under {measured:.3g} N (root mean square): is the file in N? "
-                "source_wrenches=data draws loads like the measured ones",
+                f"pre-training forces are {simulated:.3g} N, measured forces {measured:.3g} N "
+                "(root mean square): is the file in N? source_wrenches=data draws loads like the "
+                "measured ones",
                 StiffBenchWarning,
                 stacklevel=3,
             )
@@ -124,10 +124,10 @@ class SourceModel:
         if self.source_stiffness == "nominal":
             return np.asarray(1.0 / self._nominal(robot))
         joints = identify_joints(robot, samples)
-        of_source = "training samples" if self._source is None else "source's samples"
+        of_source = "training samples" if self._source is None else "samples of the source data set"
         if not joints.compliance.any():
             raise ModelError(
-                f"no source can be simulated from the {of_source}: {why_rigid(samples)}"
+                f"no pre-training data can be simulated from the {of_source}: {why_rigid(samples)}"
             )
         warn_unidentifiable(joints, of_source)
         return joints.compliance

@@ -56,6 +56,7 @@ def unknown_name(kind: str, name: str, valid: Iterable[str]) -> ConfigError:
     `kind` is what the name should have been, e.g. "model"; `valid` all names that would do.
     """
     names = sorted(valid)
-    near = difflib.get_close_matches(name, names, n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
+    lower = {one.lower(): one for one in names}
+    near = difflib.get_close_matches(name.lower(), lower, n=1)
+    hint = f"; did you mean {lower[near[0]]!r}?" if near else ""
     return ConfigError(f"unknown {kind} {name!r}{hint} (valid: {', '.join(names) or 'none'})")

@@ -72,6 +72,8 @@ class Robot:
         centres_of_mass: (n_joints, 3) its centre of mass in the joint's frame, m.
         tcp: (3,) tool centre point in the last joint's frame, m.
         gravity: (3,) acceleration of gravity in the base frame, m/s2.
+        flange: (4, 4) pose of the robot description's last link in the last joint's frame, m: the
+            frame in which people give a TCP. No number depends on it.
     """
 
     name: str
@@ -85,6 +87,9 @@ class Robot:
     centres_of_mass: FloatArray
     tcp: FloatArray
     gravity: FloatArray = field(default_factory=lambda: np.array(GRAVITY))
+    flange: FloatArray = field(
+        default_factory=lambda: np.eye(4), metadata={"shapes_no_result": True}
+    )
 
     def __post_init__(self) -> None:
         """Freeze and check every array."""
@@ -98,6 +103,7 @@ class Robot:
             "centres_of_mass": (n, 3),
             "tcp": (3,),
             "gravity": (3,),
+            "flange": (4, 4),
         }
         for name, shape in shapes.items():
             object.__setattr__(self, name, frozen_array(getattr(self, name), name, shape))
@@ -114,6 +120,15 @@ class Robot:
     def n_joints(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
+
+    @property
+    def tcp_on_flange(self) -> FloatArray:
+        """(3,) tool centre point in the frame of the robot description's last link, m.
+
+        As `--tcp` has it: rounded to 1 nm, so that a rotation leaves no digits behind.
+        """
+        lever = self.tcp - self.flange[:3, 3]
+        return np.asarray((lever @ self.flange[:3, :3]).round(9) + 0.0)
 
     def __repr__(self) -> str:
         """Return name, joints with their limits, and where the TCP is at zero positions."""

@@ -110,11 +110,11 @@ class CorrectedT:
     def posterior(self, rope: float = ROPE_M) -> Posterior:
         """Return the probabilities that A is better, that it makes no difference, that B is.
 
-        `rope` is the largest difference that makes none in practice, m; ConfigError where it is
+        `rope` is the largest difference that is negligible in practice, m; ConfigError where it is
         negative or no number.
         """
         if not rope >= 0.0:
-            raise ConfigError(f"rope is {rope:g} m, expected 0 or more")
+            raise ConfigError(f"equivalence region is {rope:g} m, expected 0 or more")
         a_better = self.probability_below(-rope)
         mirrored = CorrectedT(-self.mean, self.scale, self.df, self.test_share)
         b_better = mirrored.probability_below(-rope)  # not 1 - ...: a small one keeps its digits

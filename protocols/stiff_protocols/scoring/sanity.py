@@ -57,7 +57,7 @@ def check_units(predicted: FloatArray, measured: FloatArray) -> None:
         return
     if size > FAR_OFF * wanted:
         cause = (
-            "stiffbench wants m, are these mm?"
+            "expected m, are these mm?"
             if size < OUT_OF_HAND * wanted
             else "has the model diverged (a learning rate too high), or is its unit another one?"
         )
@@ -73,7 +73,7 @@ def check_units(predicted: FloatArray, measured: FloatArray) -> None:
     if size < wanted / FAR_OFF and explained > EXPLAINED:
         raise ModelError(
             f"predictions are about {_rough(factor)} times smaller than the training deflections, "
-            "and right when multiplied by that: stiffbench wants m"
+            "and right when multiplied by that: expected m"
         )
 
 
@@ -86,13 +86,13 @@ def warn_of_rows(train: Samples) -> None:
 def _findings(train: Samples) -> Iterator[str]:
     n = len(train)
     if n < FEWEST:
-        yield f"training samples: {n}; so few show neither what a pose nor what a load changes"
+        yield f"training samples: {n}, too few to learn the effect of pose and load"
     elif not np.ptp(train.q, axis=0).any():
-        yield f"all {n} training samples are of one pose: they do not show what a pose changes"
+        yield f"all {n} training samples are of one pose: the effect of the pose cannot be learned"
     if not train.wrench.any():
-        yield f"the wrench is zero in all {n} training samples: they do not show what a load does"
+        yield f"the wrench is zero in all {n} training samples: no stiffness can be learned"
     elif n >= FEWEST and not np.ptp(train.wrench, axis=0).any():
-        yield f"all {n} training samples have one load: they do not show what a load changes"
+        yield f"all {n} training samples have one load: the effect of the load cannot be learned"
     if not train.deflection.any():
         yield f"the deflection is zero in all {n} training samples: there is nothing to learn"
     sizes = (

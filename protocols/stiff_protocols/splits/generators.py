@@ -79,9 +79,10 @@ def inner_validation(samples: Samples, train: IntArray, fraction: float, seed: i
         return Split(0, train, NO_ROWS, NO_ROWS)
     n_validation = math.ceil(fraction * len(poses))
     if n_validation == len(poses):
-        raise ConfigError(
-            f"{len(train)} samples of {len(poses)} poses cannot be divided with this "
-            f"validation_fraction: {fraction:g} of them are all"
+        raise indivisible(
+            samples.take(train),
+            f"validation_fraction={fraction:g} leaves no pose to fit to (valid: at most "
+            f"{len(poses) - 1}/{len(poses)})",
         )
     is_drawn = np.zeros(len(poses), dtype=bool)
     is_drawn[_permutation(len(poses), seed)[:n_validation]] = True
@@ -96,12 +97,17 @@ def _permutation(n: int, seed: int) -> IntArray:
         return _RANDOM.permutation(n)
 
 
+def indivisible(samples: Samples, why: str) -> ConfigError:
+    """Return the error for samples that cannot be divided, with an option and what is valid."""
+    n_poses = len(np.unique(samples.pose_id))
+    return ConfigError(f"{len(samples)} samples of {n_poses} poses cannot be divided: {why}")
+
+
 def divided_by(
     splitter: Any,
     samples: Samples,
     *,
     n_splits: int,
-    option: str,
     validation_fraction: float | None,
     seed: int,
 ) -> LazySplits:
@@ -111,28 +117,17 @@ def divided_by(
         splitter: one of scikit-learn's group splitters, which makes `n_splits` divisions.
         samples: to be divided.
         n_splits: see above.
-        option: what an error blames.
         validation_fraction: of the training poses; None: the test rows are the validation rows.
         seed: of the inner divisions.
-
-    Raises:
-        ConfigError: there are too few poses.
     """
 
     def divided() -> Iterator[Split]:
-        try:
-            divisions = enumerate(splitter.split(samples.q, groups=samples.pose_id))
-            for index, (train, test) in divisions:
-                if validation_fraction is None:
-                    yield Split(index, np.sort(train), np.sort(test), np.sort(test))
-                else:
-                    yield divided_inside(samples, index, train, test, validation_fraction, seed)
-        except ValueError as error:
-            n_poses = len(np.unique(samples.pose_id))
-            raise ConfigError(
-                f"{len(samples)} samples of {n_poses} poses cannot be divided with this {option}: "
-                f"{error}"
-            ) from error
+        divisions = enumerate(splitter.split(samples.q, groups=samples.pose_id))
+        for index, (train, test) in divisions:
+            if validation_fraction is None:
+                yield Split(index, np.sort(train), np.sort(test), np.sort(test))
+            else:
+                yield divided_inside(samples, index, train, test, validation_fraction, seed)
 
     return LazySplits(divided, n_splits)
 

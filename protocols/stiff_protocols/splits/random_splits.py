@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated
@@ -12,7 +13,7 @@ from sklearn.model_selection import GroupKFold, GroupShuffleSplit
 
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import Samples, Split
-from stiff_protocols.splits.generators import LazySplits, divided_by, divided_inside
+from stiff_protocols.splits.generators import LazySplits, divided_by, divided_inside, indivisible
 
 Fraction = Annotated[float, Gt(0.0), Lt(1.0)]
 
@@ -42,7 +43,7 @@ class RepeatedHoldout(Holdout):
     """`holdout` drawn many times, enough for a corrected t test.
 
     Attributes:
-        repetitions: how many divisions; --splits has the last word.
+        repetitions: number of splits; --splits overrides it.
     """
 
     repetitions: Annotated[int, Ge(2)] = 15
@@ -57,7 +58,7 @@ class KFold:
     """Poses in k parts of about one size; each part is tested by models of the others.
 
     Attributes:
-        folds: how many parts; other folds are another protocol, so --splits cannot change them.
+        folds: number of folds; --splits cannot change it.
         validation_fraction: of the training side's poses, chooses the epoch.
     """
 
@@ -78,11 +79,14 @@ class KFold:
                 f"--splits {n_splits}: kfold has {self.folds} splits, one a fold; leave --splits "
                 f"out, or use --protocol kfold@folds={n_splits}"
             )
+        n_poses = len(np.unique(samples.pose_id))
+        if self.folds > n_poses:
+            why = f"(valid: 2 to {n_poses})" if n_poses > 1 else "needs as many poses"
+            raise indivisible(samples, f"folds={self.folds} {why}")
         return divided_by(
             GroupKFold(self.folds, shuffle=True, random_state=seed),
             samples,
             n_splits=self.folds,
-            option="number of folds",
             validation_fraction=self.validation_fraction,
             seed=seed,
         )
@@ -132,10 +136,7 @@ class LeaveOneOut:
             )
         first_rows = np.sort(np.unique(samples.pose_id, return_index=True)[1])
         if len(first_rows) < 2:
-            raise ConfigError(
-                f"{len(samples)} samples of one pose cannot be divided: leave-one-out needs two "
-                "poses"
-            )
+            raise indivisible(samples, "leave-one-out needs two poses")
 
         def divided() -> Iterator[Split]:
             for index, row in enumerate(first_rows):
@@ -153,13 +154,21 @@ def _shuffled(
     validation_fraction: float | None,
     seed: int,
 ) -> LazySplits:
-    """Return `n_splits` (default 1) random divisions; arguments as `divided_by`."""
+    """Return `n_splits` (default 1) random divisions; arguments as `divided_by`.
+
+    Raises:
+        ConfigError: there are too few poses.
+    """
     n = n_splits or 1
+    n_poses = len(np.unique(samples.pose_id))
+    if math.ceil(test_fraction * n_poses) >= n_poses:
+        why = f"leaves no pose to learn from (valid: at most {n_poses - 1}/{n_poses})"
+        why = why if n_poses > 1 else "needs two poses"
+        raise indivisible(samples, f"test_fraction={test_fraction:g} {why}")
     return divided_by(
         GroupShuffleSplit(n_splits=n, test_size=test_fraction, random_state=seed),
         samples,
         n_splits=n,
-        option="test_fraction",
         validation_fraction=validation_fraction,
         seed=seed,
     )

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import IntArray, Samples, Split, TextArray
-from stiff_protocols.splits.generators import LazySplits, divided_inside, numbers_in
+from stiff_protocols.splits.generators import LazySplits, divided_inside, indivisible, numbers_in
 from stiff_protocols.splits.random_splits import Fraction
 
 
@@ -48,9 +47,10 @@ class SampleEfficiency:
         poses = np.unique(samples.pose_id)
         n_test = int(self.test_fraction * len(poses))
         if n_test == 0 or len(poses) - n_test < 2:
-            raise ConfigError(
-                f"sample-efficiency: {len(poses)} poses cannot be divided with "
-                f"test_fraction {self.test_fraction:g}"
+            raise indivisible(
+                samples,
+                f"test_fraction={self.test_fraction:g} of the poses, rounded down, must leave one "
+                "to test and two to learn from",
             )
         asked = numbers_in("sample-efficiency.sizes", self.sizes, int, fewest=1)
         sizes = sorted({min(size, len(poses) - n_test) for size in asked})

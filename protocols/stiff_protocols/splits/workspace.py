@@ -27,7 +27,7 @@ class WorkspaceExtrapolation(Extrapolation):
     and not to the seed, which draws the training and validation parts.
 
     Attributes:
-        regions: how many.
+        regions: number of regions.
     """
 
     regions: Annotated[int, Ge(2)] = 4

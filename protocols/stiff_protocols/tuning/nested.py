@@ -18,12 +18,12 @@ class Nested(Holdout):
     """`holdout`'s divisions; an inner cross-validation by pose chooses the options.
 
     Attributes:
-        grid: which candidates: the name of a grid of each model's catalogue line, or a TOML file
+        grid: candidates: the name of a grid of each model's catalogue line, or a TOML file
             with a table a model. An option that was set stays as it was set.
         search: "grid" tries every combination, "optuna" some that TPE draws; both need the
             package optuna.
-        trials: of search=optuna.
-        inner_folds: parts of the training side's poses.
+        trials: number of candidates of search=optuna.
+        inner_folds: number of folds of the training poses.
     """
 
     grid: str = DEFAULT_GRID

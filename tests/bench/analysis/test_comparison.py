@@ -20,7 +20,9 @@ from stiff_bench.analysis.verdict import Question
 from stiff_bench.cli.compare import compare as compare_command
 from stiff_bench.run.cell import compute_cell
 from stiff_bench.store.database import ResultStore, read_results
+from stiff_datasets.robots.robot import shipped_robot
 from stiff_protocols.contract.errors import ConfigError, StoreError
+from stiff_protocols.contract.types import BenchmarkData
 
 A_SPLITS = (1.0e-4, 1.2e-4, 0.9e-4, 1.1e-4, 1.3e-4)
 B_SPLITS = (2.0e-4, 2.1e-4, 2.2e-4, 2.1e-4, 2.4e-4)
@@ -34,6 +36,18 @@ def compared(folder, a="a", b="b", **question):
 
 def report_on(folder, a="a", b="b", question=None, **words):
     return compare_folder(folder, a, b, question or Question(), **words)
+
+
+def store_specimens(folder, n_specimens, models=PAIR, **how):
+    """The same results on data of several specimens."""
+    for specimen in range(n_specimens):
+        name = f"made@specimen={specimen}" if specimen else "made"
+        store_results(folder, models, data=made_data(specimen), dataset=name, **how)
+
+
+def row_names(text):
+    """What the rows of a table begin with."""
+    return [line.split(" | ")[0].strip("| ") for line in text.splitlines() if "| made" in line]
 
 
 def text_of(folder, fmt="github", **words):
@@ -93,7 +107,7 @@ def test_equal_models_are_equivalent_and_noise_is_not_told_apart(tmp_path):
     noise = {"a": spread(0.0, 1e-3, seed=1), "b": spread(0.0, 1e-3, seed=2)}
     folder = store_results(tmp_path / "noise", noise)
     assert compared(folder).row("norm").verdict == "open"
-    assert "a and b are not told apart on made (kfold, 5 splits)" in text_of(folder)
+    assert "No significant difference between a and b on made (kfold, 5 splits)" in text_of(folder)
 
 
 def test_the_headline_names_the_better_one_and_by_how_much_and_stands_there_once(tmp_path):
@@ -128,12 +142,16 @@ def test_one_split_and_pooled_splits_are_judged_over_poses_and_say_of_what(tmp_p
     text = " ".join(text_of(folder).split())
     assert "these fits)" in sentence(report_on(folder))
     assert "A better (these fits) |" in text and "equivalent (these fits) |" in text
-    assert "nothing about another training" in text
+    assert "vary with the training samples" in text
     lines = list(csv.DictReader(io.StringIO(text_of(folder, "csv"))))
     found = json.loads(text_of(folder, "json"))
     rows = (row for table in found["tables"] for row in table["rows"] if "error" in row)
     verdicts = {row["verdict"] for row in (*lines, *rows)}
-    assert verdicts <= {"A better (these fits)", "equivalent (these fits)", "not told apart"}
+    assert verdicts <= {
+        "A better (these fits)",
+        "equivalent (these fits)",
+        "no significant difference",
+    }
 
 
 def test_verdicts_of_one_training_are_counted_apart(tmp_path):
@@ -147,11 +165,8 @@ def test_verdicts_of_one_training_are_counted_apart(tmp_path):
 
 
 def test_counts_over_data_sets_say_if_they_are_of_fits_alone(tmp_path):
-    for specimen in range(2):
-        name = f"made@specimen={specimen}" if specimen else "made"
-        data = made_data(specimen)
-        store_results(tmp_path / "one", ONE_FIT, data=data, dataset=name, tests=[np.arange(40)])
-        store_results(tmp_path / "five", PAIR, data=data, dataset=name)
+    store_specimens(tmp_path / "one", 2, ONE_FIT, tests=[np.arange(40)])
+    store_specimens(tmp_path / "five", 2)
     ((one,), (five,)) = (report_on(tmp_path / folder).across for folder in ("one", "five"))
     assert one.of_fits and not five.of_fits
     assert "| made, kfold, these fits " in text_of(tmp_path / "one")
@@ -172,7 +187,7 @@ def test_a_winner_on_the_poses_that_every_split_tests_needs_other_poses_too(tmp_
     assert row.over_poses.high > 0.0
     assert row.verdict == "open" and row.cautious == row.over_poses
     assert "over poses)" in sentence(report_on(folder))
-    assert "not told apart (poses)" in text_of(folder)
+    assert "no significant difference (poses)" in text_of(folder)
 
 
 def test_splits_that_one_of_them_lacks_are_left_out_and_named(tmp_path):
@@ -185,9 +200,7 @@ def test_splits_that_one_of_them_lacks_are_left_out_and_named(tmp_path):
 
 
 def test_specimens_count_as_data_sets_and_splits_do_not(tmp_path):
-    for specimen in range(5):
-        name = f"made@specimen={specimen}" if specimen else "made"
-        store_results(tmp_path, PAIR, data=made_data(specimen), dataset=name)
+    store_specimens(tmp_path, 5)
     (across,) = report_on(tmp_path).across
     assert across.family == "made" and across.verdicts == ("a",) * 5
     assert across.p_value == pytest.approx(2 * 0.5**5)  # of 5 data sets, not of 25 splits
@@ -197,9 +210,7 @@ def test_specimens_count_as_data_sets_and_splits_do_not(tmp_path):
 
 
 def test_a_word_with_a_default_spelled_out_is_one_data_set_and_its_key_all(tmp_path):
-    for specimen in range(2):
-        name = f"made@specimen={specimen}" if specimen else "made"
-        store_results(tmp_path, PAIR, data=made_data(specimen), dataset=name)
+    store_specimens(tmp_path, 2)
     assert len(report_on(tmp_path, datasets=("made",)).comparisons) == 2
     (only,) = report_on(tmp_path, datasets=("made@specimen=0",)).comparisons
     assert only.name.dataset == "made"
@@ -208,10 +219,9 @@ def test_a_word_with_a_default_spelled_out_is_one_data_set_and_its_key_all(tmp_p
 def test_many_cases_take_one_line_each_and_one_case_takes_one_screen(tmp_path):
     for size in (5, 10, 40):
         store_results(tmp_path, PAIR, condition=f"n = {size}")
-    many = text_of(tmp_path).splitlines()
-    lines = [line.split("|")[1].strip() for line in many if line.startswith("| made")]
-    assert lines == [f"made, kfold, n = {size}" for size in (5, 10, 40)]
-    assert many[0].startswith("Of 3 comparisons: a better in 3, b better in 0")
+    many = text_of(tmp_path)
+    assert row_names(many) == [f"made, kfold, n = {size}" for size in (5, 10, 40)]
+    assert many.startswith("Of 3 comparisons: a better in 3, b better in 0")
     assert len(text_of(tmp_path, conditions=("n = 10",)).splitlines()) <= 40
 
 
@@ -229,7 +239,12 @@ def test_what_must_stand_beside_the_names_stands_there(tmp_path):
     assert "**A = a [target labels not trained on], B = b [epoch picked on test part]" in text
     assert "made (measured pose-error, not stiffness)" in text
     *_, last, _ = json.loads(text_of(folder, "json"))["tables"]
-    for note in ("Not the same regime", "b alone picked", "the test part picks", "made by hand."):
+    for note in (
+        "Different training data",
+        "b alone picked",
+        "the test part picks",
+        "made by hand.",
+    ):
         assert any(note in said for said in last["notes"])
 
 
@@ -271,8 +286,7 @@ def test_in_the_overview_marks_stand_beside_their_case_alone(tmp_path):
     store_results(tmp_path, PAIR, condition="n = 7", own={"a": regime, "b": regime})
     text = text_of(tmp_path)
     assert "**A = a, B = b | 3 comparisons" in text
-    rows = [line.split(" | ")[0].strip("| ") for line in text.splitlines() if "| made" in line]
-    assert rows == [
+    assert row_names(text) == [
         "made, kfold, n = 5",
         "made, kfold, n = 6 [A: no source: target alone]",
         "made, kfold, n = 7 [A and B: no source: target alone]",
@@ -315,8 +329,7 @@ def test_cases_with_one_text_are_told_apart_by_what_differs_and_seeds_are_in_ord
         store_results(tmp_path / "r", PAIR, data=made_data(number), condition="n = 5")
     store_results(tmp_path / "r", PAIR, condition="n = 6")
     text = text_of(tmp_path / "r")
-    rows = [line.split(" | ")[0].strip("| ") for line in text.splitlines() if "| made" in line]
-    assert rows == [
+    assert row_names(text) == [
         "made, kfold, seed 3",
         "made, kfold, seed 10",
         *(f"made, kfold, n = 5, data {sha256[:8]}" for sha256 in sorted(hashes)),
@@ -337,16 +350,17 @@ def test_splits_that_were_asked_for_and_never_run_are_counted(tmp_path):
 @pytest.mark.parametrize(
     ("option", "value", "valid"),
     [
-        ("--equivalence", "inf", "(valid: x>=0)"),
-        ("--equivalence", "nan", "(valid: x>=0)"),
-        ("--confidence", "nan", "(valid: 0<x<1)"),
-        ("--seed", str(2**32), "0<=x<=4294947296"),
+        ("--equivalence", "inf", "(valid: a number of at least 0)"),
+        ("--equivalence", "-1mm", "(valid: a number of at least 0)"),
+        ("--confidence", "nan", "(valid: a number above 0 and below 1)"),
+        ("--seed", str(2**32), "(valid: a whole number from 0 to 4294947296)"),
     ],
 )
 def test_numbers_that_mean_nothing_are_refused(option, value, valid):
     done = CliRunner().invoke(compare_command, ["a", "b", option, value])
     assert done.exit_code == 2
-    assert f"Invalid value for '{option}': {value} is not" in done.output and valid in done.output
+    said = done.output.splitlines()[-1]
+    assert f"'{option}'" in said and value.removesuffix("mm") in said and valid in said
 
 
 def test_what_cannot_be_compared_is_one_clear_line(tmp_path):
@@ -358,8 +372,8 @@ def test_what_cannot_be_compared_is_one_clear_line(tmp_path):
         ({"b": "aa"}, r"'aa'; did you mean 'a'\? \(valid: a, b, vjm@slopes=2"),
         (
             {"b": "vjm@slopes=2"},
-            r"a and vjm@slopes=2 never met: a was run in \(made \| kfold\); vjm@slopes=2 was run "
-            r"in \(made \| kfold \| elsewhere\)",
+            r"a and vjm@slopes=2 have no comparison in common: a was run in "
+            r"\(made \| kfold\); vjm@slopes=2 was run in \(made \| kfold \| elsewhere\)",
         ),
         ({"datasets": ("mode",)}, "--dataset: .*'mode'; did you mean 'made'"),
         (
@@ -371,6 +385,15 @@ def test_what_cannot_be_compared_is_one_clear_line(tmp_path):
             report_on(folder, **words)
     with pytest.raises(StoreError, match="holds no results"):
         report_on(tmp_path / "nothing")
+
+
+def test_models_that_met_only_under_another_tcp_are_told_so(tmp_path):
+    data = made_data()
+    moved = BenchmarkData(data.samples, shipped_robot("kr10_r1100_2", tcp=(0.06, 0.0, 0.1)))
+    store_results(tmp_path, {"a": PAIR["a"]}, data=data)
+    store_results(tmp_path, {"b": PAIR["b"]}, data=moved)
+    with pytest.raises(ConfigError, match=r"never met: .*; made stands for different .*: TCP \("):
+        report_on(tmp_path)
 
 
 def test_a_model_that_failed_everywhere_is_said_to_have_failed(tmp_path):

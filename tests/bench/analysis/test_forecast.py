@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import weakref
 
 import pytest
@@ -40,7 +39,7 @@ def test_without_stored_results_cells_are_counted_and_nothing_is_written(tmp_pat
         ("vjm", 6, None),
     ]
     assert (found.n_cells, found.n_cached, found.n_unknown) == (12, 0, 12)
-    assert "12 to compute; time unknown: 12 cells" in forecast_line(found)
+    assert "12 to compute; time unknown: 12 fits" in forecast_line(found)
     assert not (tmp_path / "new").exists()
 
 
@@ -63,7 +62,7 @@ def test_models_without_a_stored_fit_are_said_beside_the_time_of_the_others(tmp_
     store_some(plan_into(tmp_path, models=("zero",), splits=1, seed=1), 60.0)
     found = told(plan_into(tmp_path))
     assert found.n_unknown == 3
-    assert "about 0:03:02 with 1 job, and 3 cells" in forecast_line(found)
+    assert "about 0:03:02 with 1 job, and 3 fits" in forecast_line(found)
     table = render([forecast_table(found)], "github", "bench run --plan")
     rows = {
         cells[1].strip(): cells[-2].strip()
@@ -106,14 +105,3 @@ def test_splits_are_made_one_by_one(protocol):
 def test_the_number_of_splits_of_each_condition_is_known_from_the_first_cell():
     tasks = cell_tasks(planned(protocols=("sample-efficiency@sizes=5,10",), splits=4))
     assert next(tasks).n_splits == 4
-
-
-def test_json_has_the_cells(tmp_path):
-    plan = plan_into(tmp_path)
-    store_some(plan, 60.0, of=lambda t: t.shown.model == "vjm" and t.cell.split_index == 0)
-    found = told(plan)
-    plain = json.loads(render([forecast_table(found)], "json", "bench run --plan"))
-    assert plain["command"] == "bench run --plan"
-    (table,) = plain["tables"]
-    *_, last = table["rows"]
-    assert [value["value"] for value in last["values"]] == [6, 1, 5, None]

@@ -80,7 +80,7 @@ def test_models_are_sorted_by_their_mean_rank(made):
     board = board_of(made)
     assert ranks(board) == pytest.approx({"a": 5 / 3, "b": 5 / 3, "c": 8 / 3})
     assert [model.won for model in board.sections[0].ranked] == [2, 1, 0]
-    assert "sorted by mean rank of norm [mm] (smaller is better)" in text_of(board)
+    assert "sorted by mean rank of 3-D error [mm] (smaller is better)" in text_of(board)
 
 
 def test_ranks_are_computed_anew_among_the_models_that_are_shown(made):
@@ -103,8 +103,25 @@ def test_a_model_that_lacks_a_case_has_no_mean_rank_and_moves_nobody_elses(made)
     assert ranks(board) == pytest.approx({"a": 5 / 3, "b": 5 / 3, "c": 8 / 3})
     ((name, missing),) = board.sections[0].unranked.items()
     assert name == "winner" and set(missing.values()) == {"not run"}
-    assert "winner lacks 2 of 3 results (twin@specimen=1 | holdout: not run)" in text_of(board)
+    lacking = ", ".join(f"twin@specimen={number} | holdout" for number in (1, 2))
+    assert f"winner lacks 2 of 3 results ({lacking}: not run)" in text_of(board)
     assert cells(board, "holdout")["winner"] == ["0.1000 (1/3)"]
+
+
+def test_many_missing_results_are_counted_and_it_is_said_what_lists_them(made):
+    add_three(made)
+    for number in range(5):
+        made.add(f"late-{number}", [9.0, 9.0], TWINS[0])
+    text = text_of(board_of(made))
+    (note,) = (line for line in text.splitlines() if "Without a mean rank" in line)
+    assert "late-0 lacks 2 of 3 results, " in note and "2 more models" in note
+    assert "--format json" in note and "specimen" not in note
+    every = json.loads(text_of(board_of(made), "json"))["tables"]
+    (scores,) = (one for one in every if one["table"] == "scores")
+    lacking = [
+        row["model"] for row in scores["rows"] if row["values"][0].get("status") == "not run"
+    ]
+    assert sorted(lacking) == sorted(2 * [f"late-{number}" for number in range(5)])
 
 
 def test_a_failure_is_missing_with_its_reason_and_is_said_in_its_column(made):
@@ -155,7 +172,7 @@ def test_of_data_that_changed_under_one_name_only_those_of_the_newest_run_count(
     board = board_of(made)
     assert ranks(board) == {"a": 1.0, "b": 2.0}
     assert len(board.sections[0].cases) == 1
-    assert "twin stands for different data or TCPs here" in text_of(board)
+    assert "twin stands for different data here: samples (" in text_of(board)
 
 
 def test_another_task_never_enters(made):
@@ -328,7 +345,7 @@ def test_a_metric_with_axes_ranks_by_one_of_them_or_by_their_mean(made):
     assert of_z.sections[0].cases[0].mean("a") == pytest.approx(3e-3)
     assert of_all.sections[0].cases[0].mean("a") == pytest.approx(1e-3)
     assert ranks(of_z) == {"b": 1.0, "a": 2.0} and ranks(of_x) == {"a": 1.5, "b": 1.5}
-    assert "mean rank of mae [mm], mean over x, y, z (smaller is better)" in text_of(of_all)
+    assert "mean rank of MAE [mm], mean over x, y, z (smaller is better)" in text_of(of_all)
 
 
 def test_where_larger_is_better_the_largest_is_first_and_nothing_is_drawn(made):
@@ -392,7 +409,7 @@ def test_a_model_without_the_metric_takes_no_splits_from_the_others(made):
     board = board_of(made)
     (scored,) = board.sections[0].cases
     assert len(scored.slots) == 3 and set(scored.scores) == {"a", "b"}
-    assert scored.missing["c"] == "no value of norm [mm]"
+    assert scored.missing["c"] == "no value of 3-D error [mm]"
     assert not scored.left_out
 
 
@@ -476,7 +493,7 @@ def test_of_two_versions_of_the_source_data_the_newest_counts(made):
         made.add("b", [2.0], protocol="cross-robot", run_id=run_id, source=source)
     board = board_of(made)
     assert ranks(board) == {"b": 1.0, "a": 2.0}
-    assert "different source data here (new, old)" in text_of(board)
+    assert "different pre-training data here (new, old)" in text_of(board)
 
 
 @pytest.mark.parametrize(
@@ -547,16 +564,3 @@ def test_costs_stand_beside_the_ranks_as_medians_with_their_range(made):
     assert rows["quick"] == ["40 us (20 to 200)", "12,300", "20 us (10 to 100)", "3.0", "3"]
     assert rows["slow"] == ["70 s (60 to 90)", "12,300", "35 s (30 to 45)", "-", "3"]
     assert "unknown" not in rows
-
-
-def test_json_holds_the_costs(made):
-    priced(made, "quick", [4e-5, 2e-5, 2e-4])
-    priced(made, "slow", [90.0, 60.0, 70.0])
-    tables = json.loads(text_of(board_of(made), "json"))["tables"]
-    (costs,) = (table for table in tables if table["table"] == "costs")
-    (slow,) = (row["values"] for row in costs["rows"] if row["model"] == "slow")
-    fit, _, latency, memory, fits = slow
-    assert fits["value"] == 3 and fit["unit"] == "ms"
-    assert [fit[name] for name in ("value", "low", "high")] == [70e3, 60e3, 90e3]
-    assert [latency[name] for name in ("value", "low", "high")] == [35e3, 30e3, 45e3]
-    assert (memory["metric"], memory["value"]) == ("memory", None)

@@ -216,7 +216,7 @@ def test_bad_words_are_refused_in_one_line(tmp_path, words, parts):
     ("text", "parts"),
     [
         (None, ["my.csv", "cannot be read"]),
-        ("a,b\n1,2\n", ["my.csv", "header", "missing q1_deg", "optional: pose_id", "unknown a, b"]),
+        ("a,b\n1,2\n", ["my.csv", "header", "missing q1_deg", "optional: pose_id", "used: a, b"]),
         (
             GOOD_HEADER + "P,1,a,0,60,0,0,0,0,9,0,0,0,0,0,1,1,1\n",
             ["q2_deg", "60", "-190..45", "A2"],

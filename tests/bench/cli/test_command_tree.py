@@ -5,6 +5,7 @@ The commands are found in click's own tree, so that a new one is covered by bein
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 
 import click
@@ -117,7 +118,8 @@ def test_nonsense_for_any_parameter_is_refused_in_one_line(leaf, refused):
         for word in nonsense(leaf, parameter):
             if isinstance(parameter, click.Option):
                 said = refused([*leaf.words, *needed(leaf, parameter), f"{name}={word}"])
-                assert not is_number(parameter) or name.strip("-") in said, word
+                if is_number(parameter):
+                    assert name.strip("-") in said and "(valid: " in said, word
             else:
                 refused([*leaf.words, *needed_around(leaf, parameter, word)])
 
@@ -141,12 +143,15 @@ def needed_around(leaf: Leaf, argument: click.Parameter, word: str) -> list[str]
 @pytest.mark.parametrize("leaf", LEAVES, ids=lambda leaf: leaf.name)
 def test_unknown_missing_and_superfluous_words_are_refused_in_one_line(leaf, refused):
     words = [*leaf.words, *needed(leaf)]
-    assert "no-such-option" in refused([*words, "--no-such-option"])
+    said = refused([*words, "--no-such-option"])
+    assert "no-such-option" in said
+    options = [one for one in leaf.command.params if isinstance(one, click.Option)]
+    assert all(spelled(option) in said for option in options)
     for parameter in leaf.command.params:
         if isinstance(parameter, click.Option) and not parameter.is_flag:
             assert spelled(parameter) in refused([*words, spelled(parameter)])
         if parameter.required:
-            refused([*leaf.words, *needed(leaf, parameter)])
+            assert spelled(parameter) in refused([*leaf.words, *needed(leaf, parameter)])
     if all(parameter.nargs == 1 for parameter in leaf.command.params):
         refused([*words, "superfluous"])
 
@@ -162,7 +167,9 @@ def groups(command: click.Command, words: tuple[str, ...] = ()) -> Iterator[tupl
     "words", list(groups(bench)), ids=lambda words: " ".join(("bench", *words))
 )
 def test_an_unknown_command_is_refused_in_one_line(words, refused):
-    assert "no-such-command" in refused([*words, "no-such-command"])
+    group = functools.reduce(lambda above, word: above.commands[word], words, bench)
+    said = refused([*words, "no-such-command"])
+    assert all(name in said for name in ("no-such-command", *group.commands))
     assert "--no-such-option" in refused([*words, "--no-such-option"])
 
 

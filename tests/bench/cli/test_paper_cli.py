@@ -81,12 +81,12 @@ def called(*words):
 def test_a_plan_says_what_would_be_computed_and_writes_nothing(small, tmp_path):
     status, out, err = called("--plan", "--output", str(tmp_path / "out"))
     assert status == 0
-    assert "| all " in out and "bench: 3 cells, 0 cached, 3 to compute; time unknown" in err
+    assert "| all " in out and "bench: 3 fits, 0 cached, 3 to compute; time unknown" in err
     assert not (tmp_path / "out").exists()
 
 
 def test_full_asks_for_more_splits_than_quick(small, tmp_path):
-    assert "bench: 6 cells" in called("--plan", "--full", "--output", str(tmp_path))[2]
+    assert "bench: 6 fits" in called("--plan", "--full", "--output", str(tmp_path))[2]
 
 
 @pytest.mark.slow
@@ -103,4 +103,4 @@ def test_what_was_computed_is_not_computed_again_and_the_files_are_named(small, 
 def test_the_leaderboard_has_one_size(size, tmp_path):
     done = CliRunner().invoke(reproduce, ["leaderboard", size, "--output", str(tmp_path)])
     assert done.exit_code == 2
-    assert "the leaderboard has one size" in done.output
+    assert "leaderboard has one size" in done.output

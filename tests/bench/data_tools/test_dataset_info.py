@@ -84,9 +84,9 @@ def ends(cells):
 
 
 def test_samples_poses_loads_and_groups_are_counted(planar):
-    assert [row(planar, 0, name)[0] for name in ("samples", "poses", "loads a pose", "groups")] == [
-        *("3", "2", "1 to 2", "straight (1), bent (2)")
-    ]
+    assert [
+        row(planar, 0, name)[0] for name in ("samples", "poses", "loads per pose", "groups")
+    ] == [*("3", "2", "1 to 2", "straight (1), bent (2)")]
     assert row(planar, 0, "sha256") == [planar.sha256]
 
 

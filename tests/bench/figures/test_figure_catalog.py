@@ -16,7 +16,7 @@ from stiff_bench.figures.source import FigureSource
 from stiff_bench.figures.style import COLUMN_INCH, DOTS_PER_INCH
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
-FROM_PREDICTIONS = ["regression", "errors", "workspace"]
+FROM_PREDICTIONS = ["scores", "regression", "errors", "workspace"]
 
 
 def drawn(name, source: FigureSource):
@@ -43,7 +43,7 @@ def test_a_figure_of_one_panel_is_as_wide_as_a_column_at_300_dots_an_inch(tmp_pa
     assert png_width(content) == pytest.approx(COLUMN_INCH * DOTS_PER_INCH, abs=1)
 
 
-@pytest.mark.parametrize("kind", ["svg", pytest.param("pdf", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kind", ["svg", "png", pytest.param("pdf", marks=pytest.mark.slow)])
 def test_the_same_results_give_the_same_file(tmp_path, kind):
     learned(tmp_path)
     line, source = FIGURES["learning-curves"], FigureSource.of(tmp_path)

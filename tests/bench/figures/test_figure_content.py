@@ -129,7 +129,7 @@ def test_a_model_that_lacks_a_draw_has_no_learning_curve(tmp_path):
         made.add("vjm", [0.1, 0.1], dataset=twin, condition="n = 5", **EFFICIENCY)
     content = learning_curves.gather(FigureSource.of(tmp_path, models=["vjm", "gp"]))
     assert content.paint.args[1] == ["vjm"]
-    assert "1 to 2 draws a size and data set" in content.caption
+    assert "1 to 2 draws per size and data set" in content.caption
     assert "Not shown: gp." in content.caption
 
 

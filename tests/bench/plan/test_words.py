@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import pytest
+from pydantic import AfterValidator
 
 from run_requests import planned
 from stiff_bench.plan.cells import cell_tasks
-from stiff_bench.plan.options import options_of
-from stiff_bench.plan.registry import build_registry
-from stiff_bench.plan.words import chosen_dataset, parse_settings
+from stiff_bench.plan.options import Choice, options_of
+from stiff_bench.plan.words import parse_settings
+from stiff_models.physics.vjm import VirtualJointModel
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.splits.random_splits import Holdout
 
-CLASSES = {"ft-mlp": FtMlp, "holdout": Holdout}
+CLASSES = {"ft-mlp": FtMlp, "holdout": Holdout, "vjm": VirtualJointModel}
 
 
 class Foreign:
@@ -39,6 +42,7 @@ def test_values_get_the_type_of_their_option():
             "pretrain_steps": None,
         },
         "holdout": {"test_fraction": 0.3},
+        "vjm": {},
     }
 
 
@@ -60,10 +64,11 @@ def test_a_key_may_hold_dots():
         ("ft-mlp.freze=full", "unknown ft-mlp option 'freze'; did you mean 'freeze'"),
         ("ft-mpl.freeze=full", "unknown key 'ft-mpl'; did you mean 'ft-mlp'"),
         ("ft-mlp.epochs=many", r"'many' is no valid epochs.*whole number >= 0"),
-        ("ft-mlp.epochs=-1", "greater than or equal to 0"),
+        ("ft-mlp.epochs=-1", r"'-1' is no valid epochs \(valid: whole number >= 0 or none\)"),
         ("ft-mlp.epochs=1.5", "no valid epochs"),
         ("ft-mlp.activation=swish", r"valid: auto \| relu \| tanh \| sigmoid \| gelu"),
-        ("holdout.test_fraction=1", "less than 1"),
+        ("holdout.test_fraction=1", r"\(valid: number > 0 and < 1\)"),
+        ("vjm.congruence=maybe", r"'maybe' is no valid congruence \(valid: true \| false\)$"),
         ("ft-mlp.learning_rate=nan", "no valid learning_rate"),
         ("ft-mlp.freeze", "expected KEY.option=value"),
         ("freeze=full", "expected KEY.option=value"),
@@ -74,6 +79,21 @@ def test_a_key_may_hold_dots():
 def test_a_wrong_setting_is_refused_with_what_is_valid(word, message):
     with pytest.raises(ConfigError, match=message):
         parse_settings([word], CLASSES)
+
+
+def even(value: int) -> int:
+    if value % 2:
+        raise ValueError("an odd number of turns")
+    return value
+
+
+class Turned:
+    def __init__(self, *, turns: Annotated[int, AfterValidator(even)] = 2): ...
+
+
+def test_a_plugins_own_reason_is_told_beside_what_is_valid():
+    with pytest.raises(ConfigError, match=r"'3' is no valid turns: an odd .* \(valid: whole"):
+        parse_settings(["t.turns=3"], {"t": Turned})
 
 
 def test_every_option_of_ours_is_described():
@@ -115,6 +135,17 @@ def test_a_default_spelled_out_is_the_same_thing_and_stands_once():
     assert names(made.datasets) == ["kr10-twin"]
 
 
+def test_a_later_option_is_part_of_the_identity_only_where_it_is_not_the_default():
+    words = ("kr10-twin", "kr10-twin@calibration=2")
+    default, chosen = planned(datasets=words).datasets
+    # what results of kr10-twin were stored with before it had the option
+    assert default.identity == {"specimen": 0, "torques": "table-5", "seed": 0}
+    assert chosen.identity == {**default.identity, "calibration": 2}
+    for choice, word in zip((default, chosen), words, strict=True):
+        assert Choice.of_stored(choice.info, choice.identity).name == word
+    assert names(planned(datasets=("kr10-twin@calibration=1",)).datasets) == ["kr10-twin"]
+
+
 def test_the_device_makes_no_other_model():
     assert names(planned(models=("mlp@device=cpu", "mlp")).models) == ["mlp"]
 
@@ -124,10 +155,6 @@ def test_set_reaches_every_variant_and_the_word_has_the_last_word():
         models=("mlp", "mlp@width=8"), settings=("mlp.width=16", "mlp.epochs=3"), metrics=("mae",)
     )
     assert names(made.models) == ["mlp@epochs=3@width=16", "mlp@epochs=3@width=8"]
-
-
-def test_every_command_that_takes_a_data_set_takes_a_word():
-    assert chosen_dataset("kr10-twin@specimen=4", (), build_registry()).params == {"specimen": 4}
 
 
 @pytest.mark.parametrize(

@@ -51,7 +51,7 @@ def test_every_model_stands_in_ranks_pairs_and_scores(results):
     (scores,) = blocks["Scores"].tables
     assert len(scores.rows) == 6
     assert [scores.heading(column) for column in scores.columns[:7]] == [
-        *("model", "data set", "protocol", "condition", "seed", "splits", "norm [mm]"),
+        *("model", "data set", "protocol", "condition", "seed", "splits", "3-D error [mm]"),
     ]
     assert scores.texts()[2][5:7] == ["2/2", "0.1500 ± 0.0707"]
 
@@ -59,12 +59,13 @@ def test_every_model_stands_in_ranks_pairs_and_scores(results):
 def test_the_page_opens_with_who_is_first_on_which_data(results):
     summary, data, *_ = blocks_of(results.folder).values()
     verdict, counts = summary.texts
-    assert verdict.startswith("vjm is first of 3 models")
+    assert verdict.startswith("vjm ranks first of 3 models")
     assert "12 results of 3 models in 2 comparisons; 0 failed, 0 skipped" in counts
     assert "made up, never measured" in summary.notes
     first, second = data.tables[0].texts()
-    assert first[:5] == [TWINS[0], "simulated", "kr10_r1100_2", "12", "12"]
-    assert second[5] == "made up, never measured"
+    tcp = "0.06, 0, 0.08"
+    assert first[:6] == [TWINS[0], "simulated", "kr10_r1100_2", tcp, "12", "12"]
+    assert second[:2] == [TWINS[1], "simulated"]
 
 
 def test_identified_stiffnesses_stand_with_the_data(results):
@@ -138,7 +139,7 @@ def test_a_failure_on_old_data_is_not_hidden_by_a_result_on_new_data(results):
 def test_missing_samples_cost_what_needs_them_and_nothing_else(results):
     change(results.folder, "DELETE FROM data")
     blocks = blocks_of(results.folder)
-    assert blocks["Summary"].texts[0].startswith("No ranks: ")
+    assert blocks["Summary"].texts[0].startswith("No ranking: ")
     assert "Leaderboard" not in blocks
     assert len(blocks["Scores"].tables[0].rows) == 6
 
@@ -191,13 +192,13 @@ def test_a_figure_that_cannot_be_drawn_is_left_out(results, monkeypatch, error):
 
     lines = {
         name: FigureLine(name, name, gather_it)
-        for name, gather_it in (("losses", broken), ("springs", whole), ("errors", whole))
+        for name, gather_it in (("losses", broken), ("springs", whole), ("scores", whole))
     }
     monkeypatch.setattr(gather, "FIGURES", lines)
     blocks = blocks_of(results.folder)
-    assert [picture.title for picture in blocks["Errors"].pictures] == ["errors"]
+    assert [picture.title for picture in blocks["Error by model"].pictures] == ["scores"]
     assert [picture.title for picture in blocks["Figures"].pictures] == ["springs"]
-    assert [*blocks].index("Errors") < [*blocks].index("Leaderboard")
+    assert [*blocks].index("Error by model") < [*blocks].index("Leaderboard")
 
 
 def test_protocols_that_select_on_test_stand_apart(results):

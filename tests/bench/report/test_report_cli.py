@@ -31,7 +31,7 @@ def test_the_page_is_written_and_said(folder, tmp_path):
     page = tmp_path / "page.html"
     done = run("--results", folder, "--output", page)
     assert done.exit_code == 0
-    assert f"{page}: the page is written" in done.stderr
+    assert f"{page}: written" in done.stderr
     assert done.stdout == ""
     assert page.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 

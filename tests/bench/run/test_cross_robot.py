@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from made_robots import random_chain
 from run_requests import planned
 from stiff_bench.plan.cells import NO_SOURCE, cell_tasks, check_source
 from stiff_bench.plan.registry import build_registry
@@ -148,20 +149,11 @@ def test_a_source_that_holds_but_one_sample_of_the_target_is_refused():
     check_source("ur5-twin", ur5, "fanuc", target)
 
 
-def test_a_source_with_other_joints_is_refused():
+def test_a_source_with_other_joints_is_refused(rng):
     target, ur5 = FanucR2000iC().load(), Ur5Twin().load()
-    five = replace(
-        ur5.robot,
-        name="five",
-        **{
-            name: getattr(ur5.robot, name)[:5]
-            for name in ("joint_names", "joint_types", "placements", "axes", "lower", "upper")
-        },
-        masses=ur5.robot.masses[:5],
-        centres_of_mass=ur5.robot.centres_of_mass[:5],
-    )
+    five = random_chain(rng, ("revolute",) * 5)
     fewer = BenchmarkData(replace(ur5.samples, q=ur5.samples.q[:, :5]), five)
-    with pytest.raises(ConfigError, match=r"'five' has 5 joints \(revolute\).*has 6 joints"):
+    with pytest.raises(ConfigError, match=r"'chain' has 5 joints \(revolute\).*has 6 joints"):
         check_source("mine", fewer, "fanuc", target)
     slides = replace(ur5.robot, joint_types=("prismatic", *ur5.robot.joint_types[1:]))
     with pytest.raises(ConfigError, match=r"has 6 joints \(prismatic, revolute, "):

@@ -102,7 +102,7 @@ def test_what_was_chosen_stands_under_the_table_and_comes_back_from_disk(tmp_pat
     assert [result.chosen for result in back] == [result.chosen for result in results]
     (table,) = build_tables(back, METRICS)
     assert [str(row[0]) for row in table.rows] == ["knn", "vjm [not tuned]"]
-    (note,) = [note for note in table.notes if "chosen on inner folds" in note]
+    (note,) = [note for note in table.notes if "inner cross-validation" in note]
     counts = [int(count) for count in re.findall(r"weights=\w+ \((\d) of 3 splits\)", note)]
     assert note.startswith("knn: ") and sum(counts) == 3
 

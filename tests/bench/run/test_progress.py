@@ -53,13 +53,15 @@ def test_a_machine_that_is_slower_than_the_forecast_corrects_it(clock):
     assert left(display) == 270.0
 
 
-def test_the_time_left_falls_while_a_long_cell_runs_and_to_nothing_when_all_have_ended(clock):
+def test_the_time_left_falls_while_a_long_cell_runs_and_is_unknown_once_it_outlasts_that(clock):
     display = begun("quick", "long")
     assert left(begun("quick", "long", at_once=2)) == 50.0
     seconds = []
-    for clock.now in (0.0, 30.0, 60.0, 89.0, 200.0):
+    for clock.now in (0.0, 30.0, 60.0, 89.0):
         seconds.append(left(display))
-    assert seconds == [100.0, 70.0, 40.0, 11.0, 0.0]
+    assert seconds == [100.0, 70.0, 40.0, 11.0]
+    clock.now = 200.0
+    assert display.time_left is None
     for model in ("quick", "long"):
         display.end(cell(model))
     assert left(display) == 0.0
@@ -69,3 +71,5 @@ def test_the_bar_says_how_long_a_run_takes_before_its_first_cell_has_ended(clock
     with Bars(_TimeLeft(), console=Console(file=io.StringIO()), auto_refresh=False) as bars:
         begun("quick", "long", display=BarDisplay(bars))
         assert str(_TimeLeft().render(bars.tasks[0])) == "0:01:40"
+        clock.now = 200.0
+        assert str(_TimeLeft().render(bars.tasks[0])) == "-:--:--"

@@ -145,7 +145,7 @@ def test_costs_are_measured_and_a_slow_model_is_not_asked_for_a_thousand_rows(ta
 @pytest.mark.parametrize(("factor", "part"), [(1e3, "are these mm?"), (1e-3, "times smaller")])
 def test_a_model_a_thousand_times_off_fails_and_is_told_the_unit(task_of, factor, part):
     result = compute_cell(task_of(Scaled, factor=factor), "r")
-    assert result.status == "failed" and part in result.failure and "wants m" in result.failure
+    assert result.status == "failed" and part in result.failure and "expected m" in result.failure
 
 
 def test_a_model_that_cannot_be_used_here_is_skipped_with_the_reason(task_of, monkeypatch):

@@ -248,7 +248,7 @@ def test_a_folder_that_changes_meanwhile_is_said(two, tmp_path, monkeypatch):
         return ()
 
     monkeypatch.setattr(merging, "_data_to_copy", vanishes)
-    with pytest.raises(StoreError, match="1 of its cells cannot be read any more"):
+    with pytest.raises(StoreError, match="1 of its results cannot be read any more"):
         merge(two, tmp_path / "c", NOTHING)
 
 
@@ -266,8 +266,8 @@ def run(*words):
 def test_the_command_says_what_it_took_and_its_status_is_1_where_a_file_was_left_out(two, tmp_path):
     done = run(*two, "--output", tmp_path / "c")
     assert done.return_value == 0
-    assert f"{two[0]}: 2 of 2 cells taken" in done.output
-    assert f"4 cells in {tmp_path / 'c'}, 0 of them were there" in done.output
+    assert f"{two[0]}: 2 of 2 results taken" in done.output
+    assert f"4 results in {tmp_path / 'c'}, 0 of them from before" in done.output
     change(two[0], "UPDATE run SET command = 'other'")
     done = run(*two, "--output", tmp_path / "d")
     assert (

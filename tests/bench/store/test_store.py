@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 import math
 import signal
 import sqlite3
@@ -16,6 +18,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from compared_results import made_data
 from made_results import MadeResults, change, tear
 from stiff_bench.store.damage import fault_of, repair
 from stiff_bench.store.database import (
@@ -30,11 +33,14 @@ from stiff_bench.store.database import (
     stored_statuses,
     writing,
 )
+from stiff_bench.store.samples import data_content, stored_data, what_differs
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
+from stiff_datasets.robots.robot import shipped_robot
+from stiff_datasets.robots.shipped import ROBOTS
 from stiff_models.physics.kinematics import jacobian
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.contract.types import Interval, Prediction
+from stiff_protocols.contract.types import BenchmarkData, Interval, Prediction
 from stored_cells import CELL, MANIFEST, VALUES, failure, result
 
 
@@ -120,6 +126,38 @@ def test_a_folder_keeps_the_samples_of_its_results_with_the_joints_torques(tmp_p
     torque = np.einsum("nki,nk->ni", jacobian(data.robot, data.samples.q), data.samples.wrench)
     np.testing.assert_allclose(back.torque, torque, atol=1e-9)
     assert back.joint_names == data.robot.joint_names and back.robot == data.robot.name
+    assert tuple(back.tcp_on_flange) == ROBOTS["fanuc-r2000ic"].tcp
+
+
+def test_a_file_from_before_the_tcp_was_stored_is_read_and_completed_by_the_next_run(tmp_path):
+    data = FanucR2000iC().load()
+    store = ResultStore(tmp_path)
+    store.write_data(data)
+    with np.load(io.BytesIO(data_content(data))) as arrays:
+        older = io.BytesIO()
+        np.savez(older, **{name: arrays[name] for name in arrays if name != "tcp_on_flange"})
+    content = older.getvalue()
+    with writing(tmp_path) as db:
+        row = (content, hashlib.sha256(content).hexdigest())
+        db.execute("UPDATE data SET content = ?, content_sha256 = ?", row)
+    assert read_data(tmp_path, data.sha256).tcp_on_flange is None
+    store.write_data(data)
+    assert read_data(tmp_path, data.sha256).tcp_on_flange is not None
+
+
+def test_it_is_told_in_what_data_of_one_name_differ():
+    data = made_data()
+    robot = shipped_robot("kr10_r1100_2", tcp=(0.06, 0.0, 0.1))
+    other = replace(data.samples, deflection=2.0 * data.samples.deflection)
+    first, tool, both = (
+        stored_data(data_content(one))
+        for one in (data, BenchmarkData(data.samples, robot), BenchmarkData(other, robot))
+    )
+    assert what_differs([first, tool]) == "TCP (0.06, 0, 0.08) -> (0.06, 0, 0.1) m"
+    assert what_differs([tool, both]) == "samples"
+    assert what_differs([first, both]) == "TCP (0.06, 0, 0.08) -> (0.06, 0, 0.1) m and samples"
+    assert what_differs([first, first]) == "robot's geometry"
+    assert what_differs([replace(first, tcp_on_flange=None), tool]) == "data or TCP"
 
 
 def test_samples_that_are_missing_or_damaged_are_said_to_be_and_written_anew(tmp_path):

@@ -122,14 +122,6 @@ def test_a_failed_or_skipped_model_is_a_row_with_its_reason_and_the_others_stay(
         assert not has_numbers(table, 0) and has_numbers(table, 1)
 
 
-def test_a_protocol_that_selects_on_test_marks_the_models_that_select(tasks_of):
-    tasks = tasks_of(models=("vjm", "mlp"), protocol="paper-holdout", splits=1)
-    (table,) = build_tables([result(task, 1e-4) for task in tasks], METRICS)
-    labels = [str(row[0]) for row in table.rows[:2]]
-    assert labels == ["vjm", "mlp [epoch picked on test part]"]
-    assert any("optimistic" in note for note in table.notes)
-
-
 def test_rows_of_different_splits_never_meet(tasks_of):
     ours, other = tasks_of(models=("vjm",)), tasks_of(models=("mlp",))
     moved = [replace(t, cell=replace(t.cell, split_sha256="another")) for t in other]
@@ -144,7 +136,7 @@ def test_the_published_rows_stand_beneath_the_kr10_and_nowhere_else(tasks_of):
         build_tables([result(tasks[0], 1e-4)], METRICS)[0] for tasks in (kr10, fanuc)
     )
     assert facts(with_rows, "source") == ["ours", *["published"] * 3]
-    assert "published, KR10 measured, not comparable in absolute terms" in with_rows.notes[-1]
+    assert "source paper, measured KR10, not comparable in absolute terms" in with_rows.notes[-1]
     assert facts(without, "source") == ["ours"]
     (task,) = tasks_of(splits=1)
     (none,) = build_tables([result(task, 1e-4)], [metric("norm")])  # no published value of it
@@ -219,7 +211,7 @@ def test_values_without_axes_and_costs_have_one_column_with_its_unit(tasks_of):
     (table,) = build_tables([scored(task, prediction, metrics)], metrics)
     header, _, row = render([table], "github", "bench run").splitlines()[2:5]
     columns = [cell.strip() for cell in header.strip("|").split("|")]
-    assert columns[4:] == ["norm", "skill [%]", "fit [ms]", "memory [MiB]"]
+    assert columns[4:] == ["3-D error", "skill [%]", "fit time [ms]", "memory [MiB]"]
     values = [cell.strip() for cell in row.strip("|").split("|")]
     assert values[4:] == ["0.5000", "50.0", "1500.000", "2.0"]
 

@@ -130,11 +130,22 @@ def test_a_file_in_an_old_encoding_is_refused_with_the_remedy(tmp_path, kr10):
     [
         ([""], "the file is empty"),
         ([HEADER], "no data rows"),
-        ([HEADER.replace("dz_mm", "dz_inch"), GOOD], "missing dz_mm; unknown dz_inch"),
+        ([HEADER.replace("dz_mm", "dz_inch"), GOOD], "missing dz_mm; columns not used: dz_inch"),
+        (
+            [HEADER.replace("fx_N", "Fx [lbf]") + ",note", GOOD + ",windy"],
+            r"missing fx_N; unit of 'Fx \[lbf\]' \(valid: N, kn, kg, kgf\); columns not used: note",
+        ),
+        (
+            [GERMAN[0].replace(";q1_deg", "") + ";Temperatur [°C]", GERMAN[1].replace(";10;", ";")],
+            r"header: missing q1_deg; columns not used: Temperatur \[°C\] \(valid: pose_id,",
+        ),
         ([HEADER.replace(",tz_Nm", ""), GOOD.replace(",2,0,", ",2,")], "tz_Nm.*--no-torque"),
         ([HEADER + ",Dx [mm]", GOOD + ",1"], "repeated dx_mm"),
         ([HEADER + ",dx_mm", GOOD + ",1"], "repeated dx_mm"),
-        (["some words"], r"header: missing q1_deg.*; unknown some words \(valid: pose_id,"),
+        (
+            ["some words"],
+            r"header: missing q1_deg.*; columns not used: some words \(valid: pose_id,",
+        ),
         ([HEADER, GOOD, "--- end of the log"], r"row 3, column pose_id: '--- end of the log'"),
         ([HEADER, GOOD, line(pose_id="P2", fx_N="abc")], r"row 3, column fx_N: 'abc'"),
         *(

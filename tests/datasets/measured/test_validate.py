@@ -155,6 +155,7 @@ def test_copies_of_a_row_of_its_deflection_or_of_the_whole_table_are_found(measu
     report = measurement.report_of(again)
     for words in ("under another pose_id", "the same joint angles and the same wrench", copied):
         assert only(report.warnings, words).rows == (n + 2,)
+    assert f"('again' is {table.pose_id[4]!r})" in only(report.warnings, "another pose_id").message
     twice = pd.concat([table, table.assign(load_id="2")])
     rows = tuple(range(n + 2, 2 * n + 2))
     assert only(measurement.report_of(twice).warnings, copied).rows == rows

@@ -6,7 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from stiff_datasets.robots.robot import load_robot, read_chain
+from stiff_datasets.robots.robot import load_robot, read_chain, robot_of
+from stiff_datasets.robots.shipped import ROBOTS
 from stiff_protocols.contract.errors import DataError
 
 
@@ -52,6 +53,12 @@ def test_the_kr10_has_its_data_sheets_limits_and_masses_and_the_default_tcp(kr10
     assert kr10.joint_names == ("A1", "A2", "A3", "A4", "A5", "A6")
     # the TCP: 80 mm before the flange, 60 mm off its axis; x is forward in the last joint's frame
     assert (kr10.tcp[0], np.hypot(*kr10.tcp[1:])) == pytest.approx((0.08, 0.06))
+
+
+@pytest.mark.parametrize("shipped", ROBOTS.values(), ids=lambda one: one.urdf)
+@pytest.mark.parametrize("tcp", [None, (-0.06, 0.0, 0.08)])
+def test_a_robot_gives_its_tcp_back_in_the_frame_in_which_people_give_it(shipped, tcp):
+    assert tuple(robot_of(shipped.chain(tcp)).tcp_on_flange) == (tcp or shipped.tcp)
 
 
 def test_continuous_joints_have_no_limits(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from dataclasses import replace
 
@@ -10,7 +11,6 @@ import numpy as np
 import pytest
 import torch
 
-from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.networks import cache, network_model
 from stiff_models.networks.arithmetic import Arithmetic
 from stiff_models.networks.cache import cache_info, clear_cache
@@ -23,11 +23,6 @@ pytestmark = pytest.mark.usefixtures("small_source")
 
 NEITHER = Arithmetic("highest", bfloat16=False)
 SMALL = {"width": 8, "pretrain_steps": 10, "device": "cpu", "source_poses": "data"}
-
-
-@pytest.fixture(scope="module")
-def data():
-    return Kr10Twin().load()
 
 
 @pytest.fixture(autouse=True)
@@ -50,23 +45,24 @@ def trainings(monkeypatch):
     return done
 
 
-def fit(data, seed=1, **options):
-    train = data.samples.take(np.arange(100))
-    return FtMlp(**SMALL, epochs=3, **options).fit(train, robot=data.robot, seed=seed)
+def fit(twin, seed=1, **options):
+    train = twin.samples.take(np.arange(100))
+    model = FtMlp(**SMALL | {"epochs": 3} | options)
+    return model.fit(train, robot=twin.robot, seed=seed)
 
 
-def test_variants_of_fine_tuning_pre_train_once_and_so_does_the_pretrained_model(data, trainings):
+def test_variants_of_fine_tuning_pre_train_once_and_so_does_the_pretrained_model(twin, trainings):
     for freeze in ("layers:1,2", "full", "head", "bias", "l2sp"):
-        fit(data, freeze=freeze)
-    MlpPretrained(**SMALL).fit(data.samples.take(np.arange(100)), robot=data.robot, seed=1)
+        fit(twin, freeze=freeze)
+    MlpPretrained(**SMALL).fit(twin.samples.take(np.arange(100)), robot=twin.robot, seed=1)
     assert trainings == ["pre-train"]
     assert cache_info().entries == 1 and cache_info().size_bytes > 0
 
 
-def test_the_source_error_is_measured_once_and_kept_with_the_training(data, monkeypatch):
-    first = fit(data).source_errors_
+def test_the_source_error_is_measured_once_and_kept_with_the_training(twin, monkeypatch):
+    first = fit(twin).source_errors_
     monkeypatch.delattr(mlp_pretrained, "source_errors")
-    np.testing.assert_array_equal(fit(data, freeze="full").source_errors_, first)
+    np.testing.assert_array_equal(fit(twin, freeze="full").source_errors_, first)
     assert first.shape == (7,) and (first > 0).all()
 
 
@@ -80,25 +76,22 @@ def test_the_source_error_is_measured_once_and_kept_with_the_training(data, monk
         {"pretrain_steps": 11},
     ],
 )
-def test_another_seed_network_or_plan_is_another_training(data, trainings, change, monkeypatch):
-    fit(data)
-    seed = change.get("seed", 1)
-    options = {k: v for k, v in change.items() if k != "seed"}
-    train = data.samples.take(np.arange(100))
-    FtMlp(**SMALL | {"epochs": 3} | options).fit(train, robot=data.robot, seed=seed)
+def test_another_seed_network_or_plan_is_another_training(twin, trainings, change):
+    fit(twin)
+    fit(twin, **change)
     assert len(trainings) == 2
 
 
 def test_other_training_samples_are_another_training_and_test_samples_are_no_part_of_the_key(
-    data, trainings
+    twin, trainings
 ):
-    fit(data)
+    fit(twin)
     scale = np.where(np.arange(151) < 100, 1.0, 7.0)[:, None]
-    moved = replace(data.samples, deflection=data.samples.deflection * scale)
+    moved = replace(twin.samples, deflection=twin.samples.deflection * scale)
     train = moved.take(np.arange(100))  # rows 100.. are the test part
-    FtMlp(**SMALL, epochs=3).fit(train, robot=data.robot, seed=1)
+    FtMlp(**SMALL, epochs=3).fit(train, robot=twin.robot, seed=1)
     assert len(trainings) == 1
-    FtMlp(**SMALL, epochs=3).fit(moved.take(np.arange(101)), robot=data.robot, seed=1)
+    FtMlp(**SMALL, epochs=3).fit(moved.take(np.arange(101)), robot=twin.robot, seed=1)
     assert len(trainings) == 2
 
 
@@ -113,22 +106,22 @@ class Strange(MlpPretrained):
         return Wavy(*super()._new_network(seed))
 
 
-def test_a_strangers_code_is_part_of_the_key(data, monkeypatch, tmp_path, trainings):
-    train = data.samples.take(np.arange(100))
+def test_a_strangers_code_is_part_of_the_key(twin, monkeypatch, tmp_path, trainings):
+    train = twin.samples.take(np.arange(100))
     source = tmp_path / "plugin.py"
     monkeypatch.setattr(sys.modules[Wavy.__module__], "__file__", str(source))
     for text, trained in (("a", 1), ("a", 1), ("bb", 2)):
         source.write_text(text)
-        Strange(**SMALL).fit(train, robot=data.robot, seed=1)
+        Strange(**SMALL).fit(train, robot=twin.robot, seed=1)
         assert len(trainings) == trained
 
 
-def test_our_own_files_are_no_part_of_the_key(data, monkeypatch, trainings):
+def test_our_own_files_are_no_part_of_the_key(twin, monkeypatch, trainings):
     def read(path):
         raise AssertionError(path)
 
     monkeypatch.setattr("stiff_protocols.contract.source_code.file_code", read)
-    fit(data)
+    fit(twin)
     assert len(trainings) == 1
 
 
@@ -142,62 +135,89 @@ def test_our_own_files_are_no_part_of_the_key(data, monkeypatch, trainings):
     ],
 )
 def test_another_version_or_machines_rounding_is_another_training(
-    data, monkeypatch, trainings, name, value
+    twin, monkeypatch, trainings, name, value
 ):
     monkeypatch.setattr(cache, "arithmetic", lambda device, mixed_precision: NEITHER)
-    fit(data)
+    fit(twin)
     monkeypatch.setattr(cache, name, value)
-    fit(data)
+    fit(twin)
     assert len(trainings) == 2
 
 
-def test_a_full_disk_is_a_warning_and_no_failure(data, monkeypatch, trainings):
+def test_a_full_disk_is_a_warning_and_no_failure(twin, monkeypatch, trainings):
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 
-    expected = fit(data).predict(data.samples.q, data.samples.wrench)
+    expected = fit(twin).predict(twin.samples.q, twin.samples.wrench)
     clear_cache()
     monkeypatch.setattr(joblib.memory.MemorizedFunc, "_check_previous_func_code", full)
     with pytest.warns(StiffBenchWarning, match="No space left"):
-        model = fit(data)
-    np.testing.assert_array_equal(model.predict(data.samples.q, data.samples.wrench), expected)
+        model = fit(twin)
+    np.testing.assert_array_equal(model.predict(twin.samples.q, twin.samples.wrench), expected)
     assert len(trainings) == 2
 
 
-def test_a_folder_where_everybody_may_write_is_not_used(data, empty_cache):
+def test_a_folder_where_everybody_may_write_is_not_used(twin, empty_cache):
     empty_cache.mkdir()
     empty_cache.chmod(0o777)
     with pytest.warns(StiffBenchWarning, match="others may write"):
-        fit(data)
+        fit(twin)
     assert not [*empty_cache.iterdir()]
 
 
-def test_no_steps_are_not_kept(data):
-    train = data.samples.take(np.arange(100))
-    MlpPretrained(**SMALL | {"pretrain_steps": 0}).fit(train, robot=data.robot)
+def test_no_steps_are_not_kept(twin):
+    train = twin.samples.take(np.arange(100))
+    MlpPretrained(**SMALL | {"pretrain_steps": 0}).fit(train, robot=twin.robot)
     assert cache_info().entries == 0
 
 
-def test_clearing_the_cache_empties_it(data, trainings, empty_cache):
-    fit(data)
+def test_clearing_the_cache_empties_it(twin, trainings, empty_cache):
+    fit(twin)
     assert clear_cache().entries == 1
     assert cache_info().entries == 0
-    fit(data)
+    fit(twin)
     assert len(trainings) == 2
 
 
-def test_switched_off_it_keeps_nothing(data, trainings, monkeypatch, empty_cache):
+def test_switched_off_it_keeps_nothing(twin, trainings, monkeypatch, empty_cache):
     monkeypatch.setenv("STIFFBENCH_CACHE", "off")
-    fit(data)
-    fit(data)
+    fit(twin)
+    fit(twin)
     assert len(trainings) == 2 and not empty_cache.exists()
     assert cache_info().folder is None
 
 
-def test_a_damaged_entry_is_trained_again(data, trainings, empty_cache):
-    first = fit(data).predict(data.samples.q, data.samples.wrench)
+def test_a_damaged_entry_is_trained_again(twin, trainings, empty_cache):
+    first = fit(twin).predict(twin.samples.q, twin.samples.wrench)
     (stored,) = empty_cache.rglob("output.pkl")
     stored.write_bytes(stored.read_bytes()[:100])
-    again = fit(data).predict(data.samples.q, data.samples.wrench)
+    again = fit(twin).predict(twin.samples.q, twin.samples.wrench)
     np.testing.assert_array_equal(first, again)
     assert len(trainings) == 2
+
+
+PROGRAM = """
+import time, numpy as np
+from stiff_models.networks.cache import Trained, remembered
+from stiff_models.networks.training import Curve
+for number in range(20):
+    def compute():
+        time.sleep(0.01)
+        print("computed")
+        curve = Curve(np.ones((1, 3)), 1, 0.0)
+        return Trained({"a": np.full(10_000, number)}, curve, 0.0, np.ones(3))
+    assert (remembered(str(number), compute).weights["a"] == number).all()
+"""
+
+
+@pytest.mark.slow
+def test_processes_that_use_it_at_once_harm_nothing_and_a_later_one_computes_nothing():
+    words = [sys.executable, "-c", PROGRAM]
+    at_once = [subprocess.Popen(words, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    said = [process.communicate(timeout=60)[0] for process in at_once]
+    assert [process.returncode for process in at_once] == [0, 0]
+    assert "".join(said).count("computed") >= 20
+    for number in range(20):
+        found = cache.remembered(str(number), lambda: pytest.fail("computed again"))
+        assert (found.weights["a"] == number).all()
+    assert cache_info().entries == 20

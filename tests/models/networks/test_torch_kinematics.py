@@ -11,8 +11,8 @@ from stiff_models.networks.features import Scaler, encode
 from stiff_models.networks.network import build_network
 from stiff_models.networks.torch_parts import (
     EncodedNetwork,
-    JointSprings,
     TorchJacobian,
+    VjmModule,
 )
 from stiff_models.physics.kinematics import jacobian
 
@@ -42,7 +42,7 @@ def test_joint_springs_bend_as_the_virtual_work_of_the_wrench_says(rng):
     for position, load, ours in zip(
         q,
         wrench,
-        JointSprings(robot, compliance)(torch.tensor(q), torch.tensor(wrench)).numpy(),
+        VjmModule(robot, compliance)(torch.tensor(q), torch.tensor(wrench)).numpy(),
         strict=True,
     ):
         matrix = jacobian(robot, position[None])[0]

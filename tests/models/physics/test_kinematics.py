@@ -18,22 +18,15 @@ from stiff_models.physics.kinematics import (
 from stiff_models.physics.straight_line import CHUNK
 from stiff_protocols.contract.errors import DataError
 
+SPRINGS = [getattr(pin, f"JointModel{kind}{axis}") for kind in "RP" for axis in "XYZ"]
 MIXED = ("revolute", "prismatic", "revolute", "revolute", "prismatic", "revolute", "revolute") * 2
 
 
-def pinocchio_jacobians(model, tcp, q):
-    """One Pinocchio call a sample: the independent truth."""
-    data = model.createData()
-    frame = model.addFrame(
-        pin.Frame(
-            "truth_tcp", model.njoints - 1, 0, pin.SE3(np.eye(3), tcp), pin.FrameType.OP_FRAME
-        )
-    )
-    data = model.createData()
-    out = np.empty((len(q), 6, model.nv))
-    for i, position in enumerate(q):
-        out[i] = pin.computeFrameJacobian(model, data, position, frame, pin.LOCAL_WORLD_ALIGNED)
-    return out
+def with_tcp(chain):
+    """Pinocchio's model of a shipped robot, and the number of its TCP."""
+    model = chain.model.copy()
+    at_tcp = pin.SE3(np.eye(3), chain.tcp)
+    return model, model.addFrame(pin.Frame("truth_tcp", 6, 0, at_tcp, pin.FrameType.OP_FRAME))
 
 
 def assert_relatively_equal(ours, truth):
@@ -42,8 +35,10 @@ def assert_relatively_equal(ours, truth):
 
 def test_jacobian_equals_pinocchio_on_1000_random_poses_of_the_kr10(kr10, kr10_chain, rng):
     q = rng.uniform(kr10.lower, kr10.upper, size=(1000, 6))
-    truth = pinocchio_jacobians(kr10_chain.model.copy(), kr10_chain.tcp, q)
-    assert_relatively_equal(jacobian(kr10, q), truth)
+    model, tcp = with_tcp(kr10_chain)
+    data = model.createData()
+    truth = [pin.computeFrameJacobian(model, data, p, tcp, pin.LOCAL_WORLD_ALIGNED) for p in q]
+    assert_relatively_equal(jacobian(kr10, q), np.array(truth))
 
 
 def test_a_batch_of_several_chunks_equals_its_rows_one_at_a_time(kr10, rng):
@@ -68,16 +63,14 @@ def test_wrong_number_of_joint_angles_is_refused(function, kr10):
 
 
 def test_kinematic_hessian_equals_pinocchios_time_variation_of_the_jacobian(kr10, kr10_chain, rng):
-    model = kr10_chain.model.copy()
-    at_tcp = pin.SE3(np.eye(3), kr10_chain.tcp)
-    frame = model.addFrame(pin.Frame("truth_tcp", 6, 0, at_tcp, pin.FrameType.OP_FRAME))
+    model, tcp = with_tcp(kr10_chain)
     data = model.createData()
     q = rng.uniform(kr10.lower, kr10.upper, size=(20, 6))
     for pose, hessian in zip(q, kinematic_hessian(jacobian(kr10, q)), strict=True):
         for joint, velocity in enumerate(np.eye(6)):
             pin.computeJointJacobiansTimeVariation(model, data, pose, velocity)
             pin.updateFramePlacements(model, data)
-            truth = pin.getFrameJacobianTimeVariation(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+            truth = pin.getFrameJacobianTimeVariation(model, data, tcp, pin.LOCAL_WORLD_ALIGNED)
             np.testing.assert_allclose(hessian[..., joint], truth, atol=1e-12)
 
 
@@ -95,17 +88,8 @@ def with_virtual_joints(robot):
         parent = model.addJoint(parent, joint, placement, f"own {i}")
         own.append(model.joints[parent].idx_v)
         columns = []
-        for k, spring in enumerate(
-            (
-                pin.JointModelRX(),
-                pin.JointModelRY(),
-                pin.JointModelRZ(),
-                pin.JointModelPX(),
-                pin.JointModelPY(),
-                pin.JointModelPZ(),
-            )
-        ):
-            parent = model.addJoint(parent, spring, zero, f"virtual {i} {k}")
+        for k, spring in enumerate(SPRINGS):
+            parent = model.addJoint(parent, spring(), zero, f"virtual {i} {k}")
             columns.append(model.joints[parent].idx_v)
         virtual.append(columns)
     tcp = joint_basis(robot.axes[-1]).T @ robot.tcp

@@ -162,17 +162,8 @@ def test_a_segment_that_no_training_torque_reaches_is_named():
 @pytest.mark.parametrize(
     ("text", "segments"),
     [
-        ("", 2),
-        ("ten", 2),
-        ("10,20", 2),
-        ("20,10", 3),
-        ("10,10", 3),
-        ("0,10", 3),
-        ("-5", 2),
-        ("nan", 2),
-        ("10,inf", 3),
-        ("10;", 2),
-        ("10;10,20", 2),
+        *((text, 2) for text in ("", "ten", "10,20", "-5", "nan", "10;", "10;10,20")),
+        *((text, 3) for text in ("20,10", "10,10", "0,10", "10,inf")),
     ],
 )
 def test_given_breakpoints_that_are_none_are_refused(text, segments):

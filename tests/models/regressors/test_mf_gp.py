@@ -8,7 +8,6 @@ import io
 import numpy as np
 import pytest
 
-from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.regressors.gaussian_process import (
     Covariance,
     GaussianProcess,
@@ -42,11 +41,6 @@ def co_kriging(low_start, delta_start, measured, restarts=0):
     search = Search(restarts=restarts, rows=100, seed=3)
     levels = process(low_start), process(delta_start)
     return fit_co_kriging(*levels, (CHEAP, low(CHEAP)), (DEAR, measured), search)
-
-
-@pytest.fixture(scope="module")
-def data():
-    return Kr10Twin().load()
 
 
 def test_forresters_function_is_found_from_four_points_and_its_low_fidelity():
@@ -136,11 +130,11 @@ def test_smts_co_kriging_is_the_same_joint_process_with_constant_means():
     np.testing.assert_allclose(smt.predict_values(LINE)[:, 0], mean, atol=1e-9)
 
 
-def test_its_simulated_samples_come_from_the_one_source_builder(data):
+def test_its_simulated_samples_come_from_the_one_source_builder(twin):
     model = MultiFidelityGp(source_samples=16, restarts=0, ard=False, source_stiffness="nominal")
-    few = data.samples.take(np.arange(0, 150, 8))
+    few = twin.samples.take(np.arange(0, 150, 8))
     soft = MultiFidelityGp(**model.get_params() | {"nominal_stiffness": ",".join(["1e3"] * 6)})
-    own, other = (m.fit(few, robot=data.robot).levels_[0].low for m in (model, soft))
+    own, other = (m.fit(few, robot=twin.robot).levels_[0].low for m in (model, soft))
     assert len(own.rows) == 16 + len(few)
     # the low fidelity is the softer robot's: what it predicts at the same rows is larger
     rows = own.rows / np.sqrt(5.0) * own.covariance.lengths

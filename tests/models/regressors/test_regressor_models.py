@@ -8,17 +8,11 @@ import numpy as np
 import pytest
 from sklearn.exceptions import ConvergenceWarning
 
-from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.regressors.baselines import MeanModel, ZeroModel
 from stiff_models.regressors.gp import GaussianProcessModel
 from stiff_models.regressors.regressor_model import NearestNeighbours, told_as_ours
 from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
 from stiff_protocols.contract.types import Samples
-
-
-@pytest.fixture(scope="module")
-def data():
-    return Kr10Twin().load()
 
 
 def smooth_samples(n, rng, noise=0.0):
@@ -30,26 +24,26 @@ def smooth_samples(n, rng, noise=0.0):
     return Samples(q, wrench, deflection + noise * rng.normal(size=(n, 3)), names, names, names)
 
 
-def test_zero_predicts_no_deflection_and_mean_the_training_mean(data):
-    train, test = data.samples.take(np.arange(40)), data.samples.take(np.arange(40, 60))
-    zero = ZeroModel().fit(train, robot=data.robot)
-    mean = MeanModel().fit(train, robot=data.robot)
+def test_zero_predicts_no_deflection_and_mean_the_training_mean(twin):
+    train, test = twin.samples.take(np.arange(40)), twin.samples.take(np.arange(40, 60))
+    zero = ZeroModel().fit(train, robot=twin.robot)
+    mean = MeanModel().fit(train, robot=twin.robot)
     np.testing.assert_array_equal(zero.predict(test.q, test.wrench), np.zeros((20, 3)))
     np.testing.assert_array_equal(
         mean.predict(test.q, test.wrench), np.tile(train.deflection.mean(axis=0), (20, 1))
     )
 
 
-def test_one_neighbour_gives_a_training_row_back(data):
-    model = NearestNeighbours(neighbours=1).fit(data.samples, robot=data.robot)
+def test_one_neighbour_gives_a_training_row_back(twin):
+    model = NearestNeighbours(neighbours=1).fit(twin.samples, robot=twin.robot)
     np.testing.assert_allclose(
-        model.predict(data.samples.q, data.samples.wrench), data.samples.deflection, atol=1e-15
+        model.predict(twin.samples.q, twin.samples.wrench), twin.samples.deflection, atol=1e-15
     )
 
 
-def test_more_neighbours_than_samples_are_refused(data):
+def test_more_neighbours_than_samples_are_refused(twin):
     with pytest.raises(ModelError, match="neighbours 5: only 3 training samples"):
-        NearestNeighbours().fit(data.samples.take(np.arange(3)), robot=data.robot)
+        NearestNeighbours().fit(twin.samples.take(np.arange(3)), robot=twin.robot)
 
 
 @pytest.mark.parametrize("ard", [True, False])

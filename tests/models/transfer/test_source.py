@@ -10,7 +10,6 @@ import pytest
 
 from made_robots import random_chain
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
-from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.physics.vjm import joint_deflection
 from stiff_models.transfer.mlp_pretrained import MlpPretrained
 from stiff_models.transfer.source import (
@@ -23,11 +22,6 @@ from stiff_models.transfer.source import (
 from stiff_protocols.contract.errors import ConfigError
 
 COMPLIANCE = 1 / np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])
-
-
-@pytest.fixture(scope="module")
-def twin():
-    return Kr10Twin().load()
 
 
 def test_the_papers_source_has_21280_poses_and_106400_samples(twin):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -25,7 +24,6 @@ from stiff_models.transfer.mlp_pretrained import MlpPretrained
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.interfaces import LearnsFromSource
 from stiff_protocols.contract.types import BenchmarkData
-from stiff_protocols.scoring.conformal import SplitConformal
 
 pytestmark = pytest.mark.usefixtures("small_source")
 
@@ -96,17 +94,6 @@ def test_simulated_deflections_are_those_of_the_source_robots_vjm(
     assert model.robot_ is target.robot
 
 
-def test_a_pretrained_network_of_another_robot_does_not_see_the_targets_labels(target, ur5):
-    other = replace(target.samples, deflection=target.samples.deflection[::-1] * 3.0)
-    first, second = (
-        predicted(fitted(MlpPretrained(**TINY), data, ur5), target)
-        for data in (target, BenchmarkData(other, target.robot))
-    )
-    np.testing.assert_array_equal(first, second)
-    own = predicted(fitted(MlpPretrained(**TINY), target, None), target)
-    assert (own != first).any()
-
-
 def test_fine_tuning_begins_with_the_other_robots_network_and_learns_the_targets_labels(
     target, ur5
 ):
@@ -164,15 +151,6 @@ def test_a_copy_keeps_the_source_and_a_new_model_has_none(key, ur5):
     assert type(model)()._source is None
 
 
-def test_split_conformal_intervals_come_from_a_copy_with_the_same_source(target, ur5):
-    model = MlpPretrained(**TINY)
-    model.use_source(ur5)
-    conformal = SplitConformal(model).fit(target.samples, robot=target.robot, seed=2)
-    # no label of the target trains it, so that the copy is the model of all rows
-    expected = predicted(fitted(MlpPretrained(**TINY), target, ur5, seed=2), target)
-    np.testing.assert_array_equal(predicted(conformal, target), expected)
-
-
 def test_a_saved_model_needs_its_source_no_more(target, ur5, tmp_path):
     model = fitted(FtMlp(**TINY, epochs=2), target, ur5)
     model.save(tmp_path / "m")
@@ -189,11 +167,3 @@ def test_options_of_the_source_are_checked_against_the_robot_of_the_source(targe
         model.check_robot(target.robot)
     model.use_source(Kr10Twin().load())
     model.check_robot(target.robot)
-
-
-def test_a_regime_says_when_the_targets_labels_identified_nothing(ur5):
-    model = MlpPretrained()
-    assert model.regime == "target labels not trained on"
-    model.use_source(ur5)
-    assert model.regime == "target labels not used"
-    assert FtMlp().regime == ""

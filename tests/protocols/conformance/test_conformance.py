@@ -8,24 +8,18 @@ import numpy as np
 import pytest
 
 from broken_models import BROKEN, BROKEN_CHOOSERS, CannotFit, Noisy, Springs, reader
-from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_protocols.conformance.suite import check_model
 from stiff_protocols.contract.errors import DataError, NotSavable
 from stiff_protocols.contract.types import BenchmarkData
 
 
-@pytest.fixture(scope="module")
-def data() -> BenchmarkData:
-    return FanucR2000iC().load()
-
-
-def failures(cls, data, *, uses_validation=False):
-    checks = check_model(cls, data, uses_validation=uses_validation, load=reader(cls))
+def failures(cls, fanuc, *, uses_validation=False):
+    checks = check_model(cls, fanuc, uses_validation=uses_validation, load=reader(cls))
     return [check for check in checks if check.status == "failed"]
 
 
-def test_a_model_that_keeps_the_contract_passes_every_question(data):
-    checks = check_model(Springs, data, uses_validation=False, load=reader(Springs))
+def test_a_model_that_keeps_the_contract_passes_every_question(fanuc):
+    checks = check_model(Springs, fanuc, uses_validation=False, load=reader(Springs))
     assert {check.name: check.reason for check in checks if check.status != "passed"} == {}
 
 
@@ -35,9 +29,9 @@ def test_a_model_that_keeps_the_contract_passes_every_question(data):
     ids=[row[0].__name__ for row in BROKEN + BROKEN_CHOOSERS],
 )
 def test_a_model_that_breaks_one_rule_fails_that_question_and_is_told_how_to_mend_it(
-    cls, name, reason, uses_validation, data
+    cls, name, reason, uses_validation, fanuc
 ):
-    failed = failures(cls, data, uses_validation=uses_validation)
+    failed = failures(cls, fanuc, uses_validation=uses_validation)
     if cls is Noisy:  # fits cannot be told apart from predictions that are not repeatable
         by_chance = ("the same", "save", "a row's")
         failed = [check for check in failed if not check.name.startswith(by_chance)]
@@ -47,8 +41,8 @@ def test_a_model_that_breaks_one_rule_fails_that_question_and_is_told_how_to_men
     assert failed[0].advice
 
 
-def test_when_fit_fails_the_questions_that_need_it_are_not_applicable(data):
-    checks = check_model(CannotFit, data, uses_validation=False)
+def test_when_fit_fails_the_questions_that_need_it_are_not_applicable(fanuc):
+    checks = check_model(CannotFit, fanuc, uses_validation=False)
     assert [check.status for check in checks].count("failed") == 1
     reasons = [check.reason for check in checks if check.status == "not applicable"]
     assert set(reasons) == {"fit failed"} and len(reasons) > 10
@@ -83,28 +77,28 @@ class Licensed(Springs):
         (Licensed, "save and load give the same numbers", "its weights are not ours"),
     ],
 )
-def test_what_a_model_may_do_is_said_and_no_failure(cls, name, reason, data):
-    checks = {c.name: c for c in check_model(cls, data, uses_validation=False, load=print)}
+def test_what_a_model_may_do_is_said_and_no_failure(cls, name, reason, fanuc):
+    checks = {c.name: c for c in check_model(cls, fanuc, uses_validation=False, load=print)}
     assert (checks[name].status, checks[name].reason) == ("not applicable", reason)
 
 
-def test_a_constructor_that_raises_is_one_failure(data):
+def test_a_constructor_that_raises_is_one_failure(fanuc):
     def refuse():
         raise SystemExit("no display")
 
-    (failed,) = failures(refuse, data)
+    (failed,) = failures(refuse, fanuc)
     assert failed.name == "the constructor takes keywords and only stores them"
     assert "raised SystemExit: no display" in failed.reason
 
 
-def test_too_few_samples_are_refused(data):
-    few = BenchmarkData(data.samples.take(np.arange(9)), data.robot)
+def test_too_few_samples_are_refused(fanuc):
+    few = BenchmarkData(fanuc.samples.take(np.arange(9)), fanuc.robot)
     with pytest.raises(DataError, match="9 samples are too few"):
         check_model(Springs, few, uses_validation=False)
 
 
 @pytest.mark.parametrize(("uses_validation", "n_fits"), [(False, 4), (True, 5)])
-def test_a_model_is_fitted_a_few_times_when_nothing_is_wrong(uses_validation, n_fits, data):
+def test_a_model_is_fitted_a_few_times_when_nothing_is_wrong(uses_validation, n_fits, fanuc):
     class Counts(Springs):
         fits = 0
 
@@ -112,5 +106,5 @@ def test_a_model_is_fitted_a_few_times_when_nothing_is_wrong(uses_validation, n_
             Counts.fits += 1
             return super().fit(train, **options)
 
-    assert not failures(Counts, data, uses_validation=uses_validation)
+    assert not failures(Counts, fanuc, uses_validation=uses_validation)
     assert Counts.fits == n_fits

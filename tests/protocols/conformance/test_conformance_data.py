@@ -1,4 +1,4 @@
-"""The conformance suite for data sets and protocols."""
+"""The conformance suite for fanuc sets and protocols."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
-from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_protocols.catalog import PROTOCOLS
 from stiff_protocols.conformance.data import check_dataset, check_protocol
 from stiff_protocols.contract.types import BenchmarkData, Split
@@ -16,18 +15,8 @@ from stiff_protocols.splits.extrapolation import SpaceTransfer
 from stiff_protocols.splits.random_splits import Holdout
 
 
-@pytest.fixture(scope="module")
-def data() -> BenchmarkData:
-    return FanucR2000iC().load()
-
-
-@pytest.fixture(scope="module")
-def twin() -> BenchmarkData:
-    return Kr10Twin().load()
-
-
-def by_name(make, data):
-    return {check.name: check for check in check_protocol(make, data)}
+def by_name(make, fanuc):
+    return {check.name: check for check in check_protocol(make, fanuc)}
 
 
 @pytest.mark.parametrize("info", PROTOCOLS, ids=lambda info: info.key)
@@ -40,8 +29,8 @@ def test_the_shipped_protocols_keep_the_contract_and_part_no_pose(info, twin):
     )
 
 
-def test_a_protocol_that_cannot_divide_a_data_set_says_so_once(data):
-    checks = check_protocol(SpaceTransfer, data)
+def test_a_protocol_that_cannot_divide_a_data_set_says_so_once(fanuc):
+    checks = check_protocol(SpaceTransfer, fanuc)
     (failed,) = (check for check in checks if check.status == "failed")
     assert "all samples are of group 'all'" in failed.reason and "--dataset KEY" in failed.advice
     assert {check.reason for check in checks if check is not failed} == {"splits failed"}
@@ -89,25 +78,25 @@ TOLD_APART, ERRORS = "splits are told apart", "sensor errors are those of the te
         (erring(9, 3), ERRORS, "failed", "loud | split 0 has sensor errors of shape (9, 3) for 9"),
     ],
 )
-def test_a_protocol_that_breaks_a_rule_is_told_which(how, question, status, reason, data):
+def test_a_protocol_that_breaks_a_rule_is_told_which(how, question, status, reason, fanuc):
     class Broken(Holdout):
         def splits(self, samples, *, n_splits, seed):
             return how(samples)
 
-    check = by_name(Broken, data)[question]
+    check = by_name(Broken, fanuc)[question]
     assert check.status == status and reason in check.reason
 
 
-def test_a_data_set_in_mm_or_of_chance_fails(data):
+def test_a_data_set_in_mm_or_of_chance_fails(fanuc):
     class Loads:
         factor = 1.0
 
         def load(self):
-            s = data.samples
+            s = fanuc.samples
             parts = (s.pose_id, s.load_id, s.group)
             shaken = s.wrench * np.random.default_rng().uniform()
             return BenchmarkData(
-                type(s)(s.q, shaken, s.deflection * self.factor, *parts), data.robot
+                type(s)(s.q, shaken, s.deflection * self.factor, *parts), fanuc.robot
             )
 
     class InMillimetres(Loads):

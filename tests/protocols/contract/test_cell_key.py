@@ -30,18 +30,27 @@ CELL = Cell(
     source_sha256="44",
 )
 PROGRAM = """
-import sys
+import contextlib, locale, sys
 sys.path.insert(0, sys.argv[1])
+with contextlib.suppress(locale.Error):  # not installed
+    locale.setlocale(locale.LC_ALL, "")
 from protocols.contract.test_cell_key import CELL
 print(CELL.key, CELL.model_seed)
 """
+ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 
 
-@pytest.mark.parametrize("hashing", ["1", pytest.param("0", marks=pytest.mark.slow)])
-def test_the_key_is_the_same_in_a_process_that_hashes_otherwise(hashing):
+@pytest.mark.parametrize(
+    "environment",
+    [
+        {"PYTHONHASHSEED": "1"} | ASCII,
+        pytest.param({"PYTHONHASHSEED": "0", "LC_ALL": "tr_TR.UTF-8"}, marks=pytest.mark.slow),
+    ],
+)
+def test_the_key_is_the_same_in_a_process_that_hashes_or_writes_otherwise(environment):
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, str(Path(__file__).parents[2])],
-        env=os.environ | {"PYTHONHASHSEED": hashing},
+        env=os.environ | environment,
         capture_output=True,
         text=True,
         check=True,
@@ -83,9 +92,3 @@ def test_every_option_and_its_type_changes_the_key(name):
     for one, other in ((1, "1"), ([10, 20], [20, 10])):
         keys = {replace(CELL, model_params={"a": value}).key for value in (one, other)}
         assert len(keys) == 2
-
-
-def test_models_of_one_split_share_their_random_numbers_and_splits_do_not():
-    seeds = {replace(CELL, model=model).model_seed for model in ("vjm", "mlp", "gp")}
-    assert seeds == {CELL.model_seed}
-    assert len({replace(CELL, seed=seed).model_seed for seed in range(100)}) == 100

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -55,6 +57,8 @@ def test_the_hash_of_data_changes_with_any_number_name_or_robot(kr10):
     assert BenchmarkData(make(), kr10).sha256 == base
     others = [make(deflection=np.ones((2, 3)) * (1 + 1e-15)), make(group=np.array(["g", "h"]))]
     assert all(BenchmarkData(other, kr10).sha256 != base for other in others)
+    assert BenchmarkData(make(), replace(kr10, tcp=[0.0, 0.0, 0.1])).sha256 != base
+    assert BenchmarkData(make(), replace(kr10, flange=2 * np.eye(4))).sha256 == base
 
 
 def test_samples_of_another_number_of_joints_do_not_fit_a_robot(kr10):

@@ -99,7 +99,7 @@ def test_a_share_outside_0_and_1_is_refused_with_its_name(share):
 
 @pytest.mark.parametrize("rope", [-1e-5, np.nan])
 def test_a_rope_below_zero_is_refused(rope):
-    with pytest.raises(ConfigError, match="rope is"):
+    with pytest.raises(ConfigError, match="equivalence region is"):
         corrected_t([1.0, 2.0], 0.2).posterior(rope)
 
 

@@ -30,6 +30,9 @@ DEMSAR_TABLE_6 = """
 """  # area under the curve: larger is better; the 0.9751 is printed as 0.975, but ranked before it
 
 
+NO_ROBOTS = "splits of one data set, and several data sets of one robot, do not count"
+
+
 def scores(rng, n_datasets=9, n_models=5, apart=0.6):
     return rng.normal(size=(n_datasets, n_models)) + apart * np.arange(n_models)
 
@@ -106,18 +109,8 @@ def test_data_sets_that_agree_on_every_rank_leave_conover_no_verdict():
     [
         (5, 3, ""),
         (12, 9, ""),
-        (
-            2,
-            9,
-            "needs at least 5 data sets of different robots, here are 2: splits of one data "
-            "set, and several data sets of one robot, do not count",
-        ),
-        (
-            1,
-            2,
-            "needs at least 5 data sets of different robots, here is 1: splits of one data "
-            "set, and several data sets of one robot, do not count",
-        ),
+        (2, 9, f"needs at least 5 data sets of different robots, here are 2: {NO_ROBOTS}"),
+        (1, 2, f"needs at least 5 data sets of different robots, here is 1: {NO_ROBOTS}"),
         (5, 2, "needs at least 3 models, here are 2"),
     ],
 )

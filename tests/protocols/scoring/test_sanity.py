@@ -21,7 +21,7 @@ def test_predictions_in_mm_are_refused_with_the_question(measured):
 
 def test_predictions_that_are_right_when_multiplied_by_a_thousand_are_refused(rng, measured):
     rough = measured + rng.normal(scale=5e-5, size=measured.shape)
-    with pytest.raises(ModelError, match=r"times smaller .* wants m"):
+    with pytest.raises(ModelError, match=r"times smaller .* expected m"):
         check_units(rough / 1000.0, measured)
 
 

@@ -52,12 +52,19 @@ def test_paper_holdout_validates_on_its_test_rows_and_says_so():
         *((protocol, 1, None, "1 samples of .* cannot be divided") for protocol in BY_POSE),
         (PaperHoldout(), 1, None, "cannot be divided"),
         (SensorNoise(), 1, None, "1 samples of 1 poses cannot be divided"),
-        (KFold(), 4, 5, "4 samples of 4 poses cannot be divided"),
+        (KFold(), 4, 5, r"4 samples of 4 poses cannot be divided: folds=5 \(valid: 2 to 4\)"),
+        (Holdout(test_fraction=0.9), 5, None, r"test_fraction=0.9 .*\(valid: at most 4/5\)"),
+        (
+            Holdout(validation_fraction=0.9),
+            5,
+            None,
+            r"validation_fraction=0.9 .*valid: at most 3/4",
+        ),
         (KFold(folds=3), 10, 4, r"--splits 4: kfold has 3 splits.*kfold@folds=4"),
         (LeaveOneOut(), 10, 2, "one split a pose"),
-        (SampleEfficiency(), 4, None, "4 poses cannot be divided with test_fraction"),
-        (SampleEfficiency(test_fraction=0.5), 2, None, "2 poses cannot be divided with test_frac"),
-        (SampleEfficiency(), 1, None, "1 poses cannot be divided with test_fraction"),
+        (SampleEfficiency(), 4, None, "4 poses cannot be divided: test_fraction=0.2"),
+        (SampleEfficiency(test_fraction=0.5), 2, None, "2 poses cannot be divided: test_frac"),
+        (SampleEfficiency(), 1, None, "1 poses cannot be divided: test_fraction=0.2"),
     ],
 )
 def test_what_the_poses_do_not_allow_is_refused_with_numbers(protocol, n_poses, n_splits, message):
@@ -144,7 +151,7 @@ def test_the_inner_part_is_that_of_scikit_learns_splitter():
 
 
 def test_a_fraction_that_leaves_no_pose_to_fit_to_is_refused():
-    with pytest.raises(ConfigError, match=r"validation_fraction: 0\.99"):
+    with pytest.raises(ConfigError, match=r"validation_fraction=0\.99 leaves no pose"):
         inner_validation(unloaded(3, 2), np.arange(6), 0.99, 0)
 
 

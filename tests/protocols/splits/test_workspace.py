@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from made_robots import planar_arm
 from made_samples import learned, samples_with
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import Robot, Samples
@@ -26,18 +27,9 @@ EXPECTED = [
 @pytest.fixture(scope="module")
 def portal() -> Robot:
     """Three slides along x, y and z: the TCP is where the joints say."""
-    return Robot(
-        name="portal",
-        joint_names=("x", "y", "z"),
-        joint_types=("prismatic",) * 3,
-        placements=np.tile(np.eye(4), (3, 1, 1)),
-        axes=np.eye(3),
-        lower=np.full(3, -2.0),
-        upper=np.full(3, 2.0),
-        masses=np.ones(3),
-        centres_of_mass=np.zeros((3, 3)),
-        tcp=np.zeros(3),
-    )
+    arm, placements = planar_arm(3, (0.0, 0.0, 1.0)), np.tile(np.eye(4), (3, 1, 1))
+    kinds = ("prismatic",) * 3
+    return replace(arm, joint_types=kinds, placements=placements, axes=np.eye(3), tcp=np.zeros(3))
 
 
 def around_corners(n_each, loads=1) -> Samples:

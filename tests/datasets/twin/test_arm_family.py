@@ -1,0 +1,123 @@
+"""Ten types of robot: constants of a plausible size, drawn by the rule that their files state."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from command_line import bench_here
+from stiff_datasets.planning.loads import G, stream
+from stiff_datasets.robots.shipped import ROBOTS
+from stiff_datasets.twin.arm_table import arm_table, payload_deflection, wrist_reach
+from stiff_datasets.twin.constants import shipped_constants
+from stiff_datasets.twin.robot_twin import ARMS, ArmFamily
+from stiff_protocols.contract.errors import ConfigError
+
+NUMBERS = range(len(ARMS))
+CLASSES = [  # lighter than kg: structure over K2, tilting ratio, wall over diameter
+    (10.0, 4.0, 3.0, 0.06),
+    (50.0, 4.0, 4.0, 0.06),
+    (np.inf, 4.0, 5.0, 0.045),
+]
+LOST_MOTION_ARCMIN = 0.8
+TUBES = [0.22, 0.2, 0.14, 0.12, 0.1, 0.08, 0.06]  # diameter over reach
+DIGITS = 6e-3  # three are kept
+
+
+@pytest.fixture(scope="module")
+def constants():
+    return [shipped_constants(arm.name) for arm in ARMS]
+
+
+@pytest.fixture(scope="module")
+def data():
+    return [ArmFamily(robot=number).load() for number in NUMBERS]
+
+
+def test_the_card_has_the_table_and_the_hash_of_the_data(data):
+    card = (files("stiff_datasets") / "data" / "arm_family.md").read_text(encoding="utf-8")
+    assert arm_table() in card and f"`{data[0].sha256}`" in card
+
+
+def test_ten_robots_have_151_poses_inside_the_limits_and_loads_to_80_percent(data, constants):
+    assert len({one.robot.name for one in data}) == len({one.sha256 for one in data}) == 10
+    for one, twin in zip(data, constants, strict=True):
+        samples, robot = one.samples, one.robot
+        assert len(set(samples.pose_id)) == len(samples) == 151
+        assert (samples.q > robot.lower - 1e-5).all() and (samples.q < robot.upper + 1e-5).all()
+        share = np.linalg.norm(samples.wrench[:, :3], axis=1) / (twin.payload_kg * G)
+        assert 0.19 < share.min() < 0.25 and 0.75 < share.max() < 0.85  # the sensor is 3 % off
+        direction = samples.wrench[:, :3] / share[:, None]
+        assert np.abs(direction.mean(axis=0)).max() < 0.2 * twin.payload_kg * G
+
+
+def test_makers_payloads_and_names_differ(constants):
+    assert len({arm.maker for arm in ARMS}) == 5
+    payloads = [twin.payload_kg for twin in constants]
+    assert payloads == sorted(payloads) and (payloads[0], payloads[-1]) == (3.0, 240.0)
+    for arm, twin in zip(ARMS, constants, strict=True):
+        assert ROBOTS[arm.name.replace("_", "-")].urdf == twin.urdf == twin.name == arm.name
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_the_payload_moves_the_tcp_by_a_plausible_amount(number, data, constants):
+    deflection_mm = payload_deflection(constants[number], data[number].samples.q) * 1000
+    assert 0.3 < np.median(deflection_mm) < 3.5 and deflection_mm.max() < 10
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_a_gears_rated_torque_is_near_the_joints_static_torque(number, data, constants):
+    twin, q = constants[number], data[number].samples.q
+    chain, robot = twin.chain(), twin.robot()
+    model, frames = chain.model, chain.model.createData()
+    stands = robot.forward(q)
+    hook = stands.points[:, -1] + stands.rotation @ np.array(twin.hook_m)
+    axes = np.einsum("njab,jb->nja", stands.rotations, robot.axes)
+    lever = np.linalg.norm(np.cross(axes, hook[:, None] - stands.points[:, :-1]), axis=2)
+    weight = [np.abs(pin.computeGeneralizedGravity(model, frames, angles)) for angles in q]
+    largest = (np.array(weight) + twin.payload_kg * G * lever).max(axis=0)
+    ratio = np.array([joint.springs.gear.rated_torque for joint in twin.joint]) / largest
+    assert (ratio > 0.5).all() and (ratio < 4).all()  # 14 is the smallest size
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_the_constants_are_those_of_the_rule_in_the_files_head(number, constants):
+    twin = constants[number]
+    structure, tilting, wall = next(
+        values for lighter, *values in CLASSES if twin.payload_kg < lighter
+    )
+    rng = stream("arm-family", twin.name)
+    factors, tubes = np.exp(0.3 * rng.normal(size=(6, 3))), np.exp(0.1 * rng.normal(size=7))
+    for joint, (stiff, tilted, lost) in zip(twin.joint, factors, strict=True):
+        middle = joint.springs.gear.slopes[1]
+        assert joint.structure_Nm_per_rad == pytest.approx(structure * stiff * middle, rel=DIGITS)
+        assert joint.tilting_ratio == pytest.approx(np.clip(tilting * tilted, 1, 8), rel=DIGITS)
+        assert joint.lost_motion_arcmin == pytest.approx(LOST_MOTION_ARCMIN * lost, rel=DIGITS)
+    reach = wrist_reach(twin.robot())
+    assert twin.clearance_m == pytest.approx(0.2 * reach / 1.101, rel=DIGITS)
+    for segment, share, factor in zip(twin.beams.segment, TUBES, tubes, strict=True):
+        assert segment.outer_m == pytest.approx(share * reach * factor, rel=DIGITS)
+        assert segment.wall_m == pytest.approx(wall * segment.outer_m, rel=DIGITS)
+
+
+def test_effects_and_specimens_change_the_data_and_none_leaves_the_described_robot(data):
+    plain, one, other = (
+        ArmFamily(robot=2, effects="none"),
+        ArmFamily(robot=2, effects="links"),
+        ArmFamily(robot=2, specimen=1),
+    )
+    assert len({data[2].sha256, *(each.load().sha256 for each in (plain, one, other))}) == 4
+    with pytest.raises(ConfigError, match=r"'link'.*links"):
+        ArmFamily(effects="link")
+
+
+@pytest.mark.parametrize(
+    ("word", "telling"), [("robot=12", "12"), ("robot=kr10", "kr10"), ("robto=1", "robot")]
+)
+def test_a_wrong_robot_is_one_clear_line(word, telling, tmp_path):
+    done = bench_here("run", "--model", "vjm", "--dataset", f"arm-family@{word}", cwd=tmp_path)
+    (line,) = done.stderr.strip().splitlines()
+    assert done.returncode != 0 and "arm-family" in line and telling in line and "valid" in line
