@@ -168,12 +168,12 @@ class Choice(Generic[Info]):
         """Every option and its value, defaults too, but for the context: what a key hashes.
 
         A default spelled out is the same result, and a default that changes is another one. An
-        option of the class's `later_options` is left out at its default: results that were stored
-        before it keep their keys, and models their seeds.
+        option that the class calls `added_later` is left out where it has its default, so that
+        results from before it keep their keys and seeds.
         """
         defaults = {name: option.default for name, option in options_of(self.cls).items()}
         merged = {**defaults, **self.params}
-        later = getattr(self.cls, "later_options", ())
+        later = getattr(self.cls, "added_later", ())
         found = {
             name: value
             for name, value in merged.items()

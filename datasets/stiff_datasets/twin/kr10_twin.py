@@ -88,7 +88,7 @@ class Kr10Twin(PaperTwin):
             tails (see the data card).
     """
 
-    later_options = ("calibration",)
+    added_later = ("calibration",)
 
     def __init__(
         self,
@@ -157,7 +157,7 @@ class Kr10TwinOmni(TwinData):
         calibration: as that of `Kr10Twin`.
     """
 
-    later_options = Kr10Twin.later_options
+    added_later = ("calibration",)
 
     def __init__(
         self,

@@ -135,7 +135,7 @@ def test_a_default_spelled_out_is_the_same_thing_and_stands_once():
     assert names(made.datasets) == ["kr10-twin"]
 
 
-def test_a_later_option_is_part_of_the_identity_only_where_it_is_not_the_default():
+def test_an_option_that_was_added_later_is_in_no_key_while_it_has_its_default():
     words = ("kr10-twin", "kr10-twin@calibration=2")
     default, chosen = planned(datasets=words).datasets
     # what results of kr10-twin were stored with before it had the option
