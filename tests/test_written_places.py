@@ -70,10 +70,8 @@ SIMULATE = "data simulate --samples 9 --output ../out/some.csv"
 FIT = "fit --model mlp@width=8@epochs=2 --dataset kr10-twin --output ../out/m.stiff"
 LEADERBOARD = ("leaderboard --results ../results",)
 WRITE_BELOW_OUTPUT = (
-    ("run --model vjm --splits 1 --output ../out",),
-    ("run --model mlp --set mlp.epochs=2 --splits 1 --output ../out --isolate",),
-    ("run --model mlp-pretrained@pretrain_steps=3 --splits 1 --output ../out",),
-    ("run --model vjm --model knn --splits 2 --output ../out --jobs 2",),
+    ("run --model vjm --model mlp-pretrained@pretrain_steps=3 --splits 1 --output ../out",),
+    ("run --model knn --model mlp@epochs=2 --splits 1 --output ../out --jobs 2",),
     ("list models", "show vjm", "compare vjm mlp --results ../results"),
     ("check vjm",),
     ("data info kr10-twin --output ../out",),
@@ -84,9 +82,9 @@ WRITE_BELOW_OUTPUT = (
     ("table 3", "report --results ../results --output ../out/report.html"),
     ("figure regression --results ../results --output ../out/regression.svg",),
     ("merge ../results --output ../out/merged", "reproduce --plan --output ../out"),
-    (SIMULATE, "data validate ../out/some.csv"),
     (
         SIMULATE,
+        "data validate ../out/some.csv",
         FIT,
         "predict --model ../out/m.stiff --input ../out/some.csv --output ../out/all.csv",
         "export --model ../out/m.stiff --output ../out/mlp.onnx",

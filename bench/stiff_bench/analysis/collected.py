@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from stiff_bench.store.database import DamagedFile, read_manifests, read_results
+from stiff_bench.store.database import DamagedFile, read_manifests, read_results, why_no_results
 from stiff_bench.store.names import OPTION_MARK, SHORT, CaseName, Variant, grouped, labels
 from stiff_bench.store.newest import (
     Runs,
@@ -143,9 +143,8 @@ class StoredResults:
                 remedy = "; the `bench run` that made it computes it again" if error.key else ""
                 raise StoreError(f"{error}{remedy}") from error
             if not by_name:
-                raise StoreError(
-                    f"--results {folder}: holds no results; `bench run --output` makes them"
-                )
+                why = why_no_results(folder)
+                raise StoreError(f"--results {folder}: {why} (valid: an --output of `bench run`)")
             runs = Runs.of(manifests)
             cases = tuple(_case(results, runs) for results in by_name.values())
             return cls(folder, cases, manifests)

@@ -75,7 +75,7 @@ def leaderboard(
 @seed_option
 @format_option
 def compare(a: str, b: str, results: Path, equivalence_mm: float, fmt: str, **asked: Any) -> None:
-    """Test whether model A is better than model B, by how much and where.
+    """Test whether model A is better than B, by how much and where.
 
     A and B are models with their options, as `bench run` names them: vjm, ft-mlp@freeze=full.
     """
@@ -101,9 +101,9 @@ def _stored(folder: Path) -> Results:
 def table(number: str, results: Path | None, fmt: str) -> None:
     """Print a table of the source paper beside ours: 2, 3, 6, 7, 8, 9 or 10.
 
-    2: errors of the VJM on the samples it was fitted to; 3: identified joint stiffnesses; 6, 7:
-    errors on simulated pre-training data by depth and by activation; 8: unfrozen layers; 9: last
-    epoch against best epoch; 10: VJM, FT-MLP and DT-CNN.
+    2: errors of the VJM on the samples it was fitted to; 3: identified joint stiffnesses;
+    6, 7: errors on simulated pre-training data by depth and by activation; 8: unfrozen layers; 9:
+    last epoch against best epoch; 10: VJM, FT-MLP and DT-CNN.
     """
     from stiff_bench.paper.tables import read_table
     from stiff_bench.tables.render import render

@@ -21,6 +21,7 @@ from stiff_bench.cli.options import (
     tcp_option,
 )
 from stiff_bench.cli.refusals import Commands
+from stiff_protocols.contract.errors import ConfigError
 
 
 @click.group(cls=Commands)
@@ -57,9 +58,16 @@ def info(
     from stiff_bench.plan.registry import build_registry
     from stiff_bench.plan.words import chosen_dataset, own_file
 
-    path = Path(key)
-    if path.suffix in (".csv", ".xlsx", ".parquet"):
-        choice = own_file(path, robot_words(words), no_torque)
+    path, robot = Path(key), robot_words(words)
+    if path.suffix.lower() in (".csv", ".xlsx", ".parquet"):
+        if settings:
+            raise ConfigError(f"--set {settings[0]!r}: the file {key} has no options")
+        choice = own_file(path, robot, no_torque)
+    elif robot.given or no_torque or path.is_file():
+        raise ConfigError(
+            f"{key}: no file of samples (valid: an ending .csv, .xlsx or .parquet; a KEY takes no "
+            "--robot, --urdf, --tcp or --no-torque)"
+        )
     else:
         choice = chosen_dataset(key, settings, build_registry(plugins))
     click.echo(show_info(choice, output))
@@ -163,7 +171,10 @@ def simulate(**words: Any) -> None:
 @click.argument("key", type=click.Choice(["ur5-pose-error"]), metavar="KEY")
 @click.option("--from", "source", type=FILE, metavar="DIR", help="Folder of downloaded files.")
 def fetch(key: str, source: Path | None) -> None:
-    """Download and check the files of a data set that is not shipped; KEY is ur5-pose-error."""
+    """Download and check the files of a data set that is not shipped.
+
+    KEY is ur5-pose-error.
+    """
     from stiff_datasets.measured.ur5_pose_error import fetch as fetch_files
 
     for path in fetch_files(source):
@@ -177,7 +188,10 @@ def fetch(key: str, source: Path | None) -> None:
 @tcp_option
 @no_torque_option
 def register(key: str, file: Path, urdf: Path | None, tcp: str, no_torque: bool) -> None:
-    """Register your own measurement as a named data set; KEY is kr10-measured."""
+    """Register your own measurement as a named data set.
+
+    KEY is kr10-measured.
+    """
     from stiff_bench.data_tools.commands import register_file
 
     click.echo(register_file(key, file, urdf, tcp, no_torque))

@@ -94,9 +94,9 @@ def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) 
 def reproduce(
     what: str, quick: bool | None, output: Path, write_only: bool, plan_only: bool, **how: Any
 ) -> int:
-    """Compute and write the paper's tables and figures, or another committed study.
+    """Make the paper's tables and figures again, or another study.
 
-    WHAT is paper (the default), leaderboard, or effects: does the order of the models change with
+    WHAT is paper (the default), leaderboard, or effects: does the ranking of the models depend on
     the physics of the simulated robot? Stored results are not computed again: an interrupted
     command can be repeated. On 2 cores the leaderboard takes about 2 hours, effects half an hour.
     """
@@ -112,7 +112,7 @@ def reproduce(
     from stiff_models.catalog import MODELS
 
     if what != "paper" and quick is not None:
-        raise ConfigError(f"--quick and --full are of the paper; {what} has one size")
+        raise click.UsageError(f"--quick and --full are of the paper; {what} has one size")
     if what == "leaderboard":
         write, runs = write_leaderboard, study.leaderboard_study([info.key for info in MODELS])
     elif what == study.EFFECTS_FOLDER:

@@ -147,7 +147,7 @@ def bench() -> None:
 @format_option
 @click.option("--verbose", is_flag=True, help="Print what fits report, such as stiffnesses.")
 def run(plugins: tuple[Path, ...], fmt: str, plan_only: bool, verbose: bool, **words: Any) -> int:
-    """Fit and test models and print a table for each data set and protocol.
+    """Fit and test models; print a table per data set and protocol.
 
     A fit is one model, trained and tested on one split. The VJM is run beside every model. Each
     result is stored in --output at once; the same command again computes what is missing.
@@ -172,7 +172,10 @@ def run(plugins: tuple[Path, ...], fmt: str, plan_only: bool, verbose: bool, **w
 )
 @plugin_option
 def list_(kind: str, plugins: tuple[Path, ...]) -> None:
-    """List what can be named; KIND is models, datasets, protocols or metrics."""
+    """List what can be named.
+
+    KIND is models, datasets, protocols or metrics.
+    """
     from stiff_bench.cli.show import metrics_overview, overview
     from stiff_bench.plan.registry import build_registry
 

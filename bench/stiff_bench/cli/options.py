@@ -20,7 +20,19 @@ if TYPE_CHECKING:
     from stiff_bench.plan.words import RobotWords
 
 Command = TypeVar("Command", bound=Callable[..., Any])
-FILE = click.Path(path_type=Path)
+
+
+class FilePath(click.Path):
+    """A file or folder; an empty word, such as an unset variable of a script, would be "."."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the path, or refuse an empty one."""
+        if str(value) == "":
+            self.fail("'' (valid: the name of a file or folder)", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+FILE = FilePath(path_type=Path)
 RESULTS = Path("results/runs")
 """Where results are stored, and read, unless the user says otherwise."""
 
@@ -83,6 +95,10 @@ class Millimetres(FiniteRange):
             self.fail(f"{value!r} is no length (valid: 0.01mm, 0.01, ...)", param, ctx)
 
 
+SMALLEST_SIZE = 2**20
+"""Bytes; a smaller number lacks its unit."""
+
+
 class Size(click.ParamType[int]):
     """A number of bytes, such as 2GiB."""
 
@@ -96,8 +112,8 @@ class Size(click.ParamType[int]):
             size = int(TypeAdapter(ByteSize).validate_python(value))
         except ValidationError:
             size = 0
-        if size <= 0:
-            self.fail(f"{value!r} is no size (valid: 2GiB, 500MB, ...)", param, ctx)
+        if size < SMALLEST_SIZE:
+            self.fail(f"{value!r} is no size (valid: 2GiB, 500MB, ... from 1MiB)", param, ctx)
         return size
 
 

@@ -53,8 +53,8 @@ def gather(source: FigureSource) -> Content:
         {"mean": [one.mean.item() for one in by_pose], "low": low, "high": high}, index=[*tested]
     )
     caption = (
-        "Mean 3-D error of the test samples of all splits, the best model first; bars: its "
-        f"{percent(1 - LEVEL)} bootstrap interval over poses, for these fitted models. "
+        "Mean 3-D error of the test samples of all splits, the best model first; bars: "
+        f"{percent(1 - LEVEL)} bootstrap intervals over poses, with the fitted models held fixed. "
         f"{compared.setting}"
     )
     return Content(caption, partial(scores_figure, errors.sort_values("mean", kind="stable")))

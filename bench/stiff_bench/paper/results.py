@@ -11,7 +11,7 @@ from stiff_bench.analysis.collected import Case, Competitor, collect
 from stiff_bench.figures.source import marks
 from stiff_bench.paper import PAPER_RESULTS
 from stiff_bench.paper.study import DATASET, SEED
-from stiff_bench.store.database import has_results, read_manifests
+from stiff_bench.store.database import has_results, read_manifests, why_no_results
 from stiff_bench.store.versions import sources
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import ConfigError, StoreError
@@ -98,7 +98,9 @@ class PaperResults:
                 damaged.
         """
         if not has_results(folder):
-            raise StoreError(f"--results {folder}: holds no results; {REPRODUCE} makes them")
+            raise StoreError(
+                f"--results {folder}: {why_no_results(folder)}; {REPRODUCE} makes the results"
+            )
         return cls(folder, tuple(collect(folder)))
 
     def of_models(self, models: Iterable[str], protocol: str) -> Found:

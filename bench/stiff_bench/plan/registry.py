@@ -118,6 +118,8 @@ class Registry:
         if families and (family := self._family(key)) is not None:
             return family.member(key)
         known = [*chain(*tables), *(f"{family.prefix}..." for family in families)]
+        if (head := key.partition("@")[0]) in known:
+            raise ConfigError(f"key {key!r} holds options; give {head!r} alone")
         raise unknown_name(kind or "key", key, known)
 
     def _family(self, key: str) -> ModelFamily | None:
@@ -174,9 +176,10 @@ def _guarded(origin: str) -> Iterator[None]:
             yield
     except (Exception, SystemExit) as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
+        at = f" ({place.filename}:{place.lineno})"
+        at = "" if isinstance(error, SyntaxError) else at  # its text has the place
         raise ConfigError(
-            f"{origin}: cannot be imported: {type(error).__name__}: {error} "
-            f"({place.filename}:{place.lineno})"
+            f"{origin}: cannot be imported: {type(error).__name__}: {error}{at}"
         ) from error
 
 

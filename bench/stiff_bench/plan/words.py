@@ -206,7 +206,10 @@ def choices(
     keys = {choice.info.key for of_kind in found.values() for choice in of_kind}
     for path in data:
         if path.name in keys:
-            raise ConfigError(f"--data {path}: its name is also a key of this run; rename it")
+            raise ConfigError(
+                f"--data {path}: something else in this run is called {path.name!r}; give a file "
+                "once, or rename it"
+            )
         keys.add(path.name)
         found["dataset"].append(own_file(path, robot, no_torque))
     return Chosen(found["model"], found["dataset"], found["protocol"])

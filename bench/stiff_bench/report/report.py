@@ -112,7 +112,8 @@ def _verdict(board: Leaderboard) -> str:
     if alike:
         return f"{text} No significant difference from it: {named}."
     worse = n_cases == 1 or all(one.within_cd is False for one in others)
-    return f"{text} All others are significantly worse." if worse else text
+    losers = "All others are" if len(others) > 1 else f"{others[0].name} is"
+    return f"{text} {losers} significantly worse." if worse else text
 
 
 def _summary(

@@ -35,7 +35,7 @@ PID, PROGRESS, LOG = "pid", "progress", "log"
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36  # prctl(2)
 _WHY_OTHER_CODE = (
     "the model's version, its plugin's files or the library that it wraps are not what they were "
-    "when the run began, or not the same on the machine that ran this cell"
+    "when the run began, or not the same on the machine that ran this fit"
 )
 
 

@@ -174,6 +174,13 @@ def has_results(folder: Path) -> bool:
     return False
 
 
+def why_no_results(folder: Path) -> str:
+    """Return why a folder has no results to read, for people."""
+    if folder.is_dir():
+        return "holds no results"
+    return "is a file, no folder of results" if folder.exists() else "there is no such folder"
+
+
 def read_results(folder: Path) -> list[CellResult]:
     """Return every cell of a folder, failed and skipped ones too, in the order of their keys.
 

@@ -21,6 +21,7 @@ from stiff_bench.store.database import (
     readable_manifests,
     reading,
     stored_results,
+    why_no_results,
     write_run,
     writing,
 )
@@ -212,7 +213,9 @@ def _inputs(folders: Sequence[Path], output: Path) -> list[Path]:
     """Return each folder once, without the output."""
     for folder in folders:
         if not has_results(folder):
-            raise StoreError(f"{folder}: holds no results; `bench run --output` makes them")
+            raise StoreError(
+                f"{folder}: {why_no_results(folder)} (valid: an --output of `bench run`)"
+            )
     different = {folder.resolve(): folder for folder in folders}
     different.pop(output.resolve(), None)
     if not different:

@@ -166,6 +166,8 @@ def table_problems(
         optional: those that may be missing.
     """
     found = list(sheet.cells.columns)
+    if sum(map(_is_number, sheet.unused)) > len(columns) / 2:
+        return [Problem("no header: the first row holds numbers", ",".join(columns))]
     missing = [name for name in columns if name not in (*found, *optional)]
     repeated = sorted({name for name in found if found.count(name) > 1})
     parts = [f"missing {', '.join(missing)}"] if missing else []
@@ -184,6 +186,14 @@ def table_problems(
             Problem(_shortened(f"header: {'; '.join(parts)}", 500), ",".join(columns) + may_miss)
         ]
     return [Problem("no data rows below the header", "")] if sheet.cells.empty else []
+
+
+def _is_number(name: str) -> bool:
+    try:
+        float(name.replace(",", "."))
+    except ValueError:
+        return False
+    return True
 
 
 def _without_junk(sheet: Sheet) -> tuple[Sheet, list[Problem]]:

@@ -10,13 +10,14 @@ loaded minus the unloaded position. Other names and units that people write are 
 from __future__ import annotations
 
 import codecs
+import csv
 import io
 import math
 import re
 import warnings
 import zipfile
-from collections.abc import Mapping
-from contextlib import closing
+from collections.abc import Mapping, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -24,7 +25,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.errors import ConfigError, DataError
 from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.files import written_whole
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot, Samples
@@ -224,8 +225,10 @@ def write_table(path: Path, table: pd.DataFrame) -> None:
 
     Raises:
         StoreError: the file cannot be written.
-        ConfigError: Parquet is asked for and pyarrow is not installed.
+        ConfigError: Excel is asked for, or Parquet and pyarrow is not installed.
     """
+    if path.suffix.lower() == EXCEL:
+        raise ConfigError(f"{path}: Excel files are read, not written (valid: .csv, {PARQUET})")
     if path.suffix == PARQUET:
         require(f"{path}: Parquet", "pyarrow")
     with written_whole(path) as temporary:
@@ -263,15 +266,30 @@ def _read_csv(path: Path) -> Sheet:
     except pd.errors.EmptyDataError:
         raise DataError(f"{path}: the file is empty") from None
     except UnicodeDecodeError as error:
+        byte = f"byte 0x{error.object[error.start]:02x} at {error.start}"
         raise DataError(
-            f"{path}: not a CSV table in UTF-8 or UTF-16, {error}; save it as 'CSV UTF-8' or .xlsx"
+            f"{path}: no text in UTF-8 or UTF-16 ({byte}); save it as 'CSV UTF-8' or .xlsx"
         ) from error
     except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
-        raise DataError(f"{path}: not a CSV table: {' '.join(str(error).split())}") from error
+        why = _too_wide(lines, separator) or " ".join(str(error).split())
+        raise DataError(f"{path}: not a CSV table: {why}") from error
     cells = cells.rename(columns=str.strip).fillna("").map(str.strip)
     cells = cells[(cells != "").any(axis=1)]
     numbers = cells.index.to_numpy(dtype=np.int64) + first + 2
     return Sheet(path, cells, numbers, decimal="." if separator == "," else ",")
+
+
+def _too_wide(lines: Sequence[str], separator: str) -> str:
+    """Name the first row that has more cells than the header; "" where none has."""
+    rows = csv.reader(lines, delimiter=separator)
+    header: list[str] = []
+    with suppress(csv.Error):
+        for row in rows:
+            header = header or row
+            if len(row) > len(header):
+                hint = "; decimal commas need semicolons between columns" * (separator == ",")
+                return f"row {rows.line_num} has {len(row)} cells, the header {len(header)}{hint}"
+    return ""
 
 
 def _read_excel(path: Path) -> Sheet:
@@ -293,6 +311,8 @@ def _read_excel(path: Path) -> Sheet:
             }
     except OSError:
         raise
+    except zipfile.BadZipFile as error:
+        raise DataError(f"{path}: not an Excel table (valid: .xlsx, or 'CSV UTF-8')") from error
     except Exception as error:  # of a damaged file openpyxl raises whatever its parsers do
         reason = " ".join(str(error).split())
         raise DataError(f"{path}: not an Excel table: {reason}") from error
@@ -323,6 +343,8 @@ def _read_parquet(path: Path) -> Sheet:
         # as a dictionary, a long text in many rows is kept once
         table = ParquetFile(path, read_dictionary=paths).read()
         cells = table.to_pandas(ignore_metadata=True)
+    except pa.ArrowInvalid as error:
+        raise DataError(f"{path}: not a Parquet table, or a damaged one") from error
     except (ValueError, KeyError, pa.ArrowException) as error:
         reason = " ".join(str(error).split())
         raise DataError(f"{path}: not a Parquet table: {reason}") from error

@@ -118,7 +118,7 @@ def chosen_plan(
     fewest = -(-chain.model.nv // 3)
     if not fewest <= n_poses <= len(pool.q):
         raise ConfigError(
-            f"n_poses is {n_poses}, expected {fewest} (for {chain.model.nv} joints) to "
+            f"poses is {n_poses}, expected {fewest} (for {chain.model.nv} joints) to "
             f"{len(pool.q)} (the candidates)"
         )
     choose = choose_d_optimal if criterion == "d-optimal" else choose_by_condition

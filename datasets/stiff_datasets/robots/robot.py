@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -138,8 +139,11 @@ def _parse(urdf: Path) -> pin.Model:
         with urdf.open("rb") as file:
             content = file.read(LARGEST_URDF + 1)
         text = content.decode()
-    except (OSError, ValueError) as error:  # ValueError: no UTF-8, or a name that holds NUL
-        raise DataError(f"{urdf}: cannot read the URDF: {error}") from error
+    except UnicodeDecodeError as error:
+        raise DataError(f"{urdf}: cannot read the URDF: no text in UTF-8") from error
+    except (OSError, ValueError) as error:  # ValueError: a name that holds NUL
+        reason = getattr(error, "strerror", None) or error
+        raise DataError(f"{urdf}: cannot read the URDF: {reason}") from error
     if len(content) > LARGEST_URDF:
         raise DataError(f"{urdf}: larger than {LARGEST_URDF} bytes, which no robot's URDF is")
     try:
@@ -149,7 +153,8 @@ def _parse(urdf: Path) -> pin.Model:
     except ElementTree.ParseError as error:
         raise DataError(f"{urdf}: not a robot description (URDF): not XML: {error}") from error
     except (ValueError, RuntimeError) as error:
-        reason = " ".join([str(error), *printed])
+        found = [re.sub(r"^Error: +|\s+at line \d+ in \S+$", "", line.strip()) for line in printed]
+        reason = next(filter(None, found), str(error))  # the parser's first word says most
         raise DataError(f"{urdf}: not a robot description (URDF): {reason}") from error
 
 

@@ -66,7 +66,7 @@ from stiff_datasets.robots.robot import (
 )
 from stiff_datasets.twin.beams import Beams, Tube
 from stiff_datasets.twin.springs import Gear, JointSprings
-from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.errors import DataError, unknown_name
 from stiff_protocols.contract.files import read_toml
 from stiff_protocols.contract.types import FloatArray, Robot
 
@@ -420,13 +420,49 @@ def _first_problem(error: ValidationError) -> str:
     telling = [p for p in problems if p["type"] not in ("int_type", "model_type")] or problems
     # a wrong name explains the name that is missing
     problem = next((p for p in telling if p["type"] == "extra_forbidden"), telling[0])
-    where = ".".join(
+    path = [
         str(part + 1) if isinstance(part, int) else part
         for part in problem["loc"]
         if not str(part).startswith(("int", "GearTable", "function-"))
-    )
-    given = "" if problem["type"] == "missing" else f": {problem['input']!r}"
-    return f"{where}{given}: {problem['msg'].removeprefix('Value error, ')}"
+    ]
+    where = ".".join(path)
+    kind, about = problem["type"], problem.get("ctx", {})
+    if kind == "missing":
+        return f"{where} is missing"
+    if kind == "value_error":  # our own, of a value or of a whole table
+        given = "" if isinstance(problem["input"], dict) else f": {problem['input']!r}"
+        return f"{where}{given}: {about['error']}"
+    if kind == "extra_forbidden":
+        *above, name = path
+        inner = next((word for word in reversed(above) if word in _TABLES), "")
+        table = _TABLES.get(inner, TwinConstants)
+        return str(unknown_name(f"{'.'.join(above)} key".strip(), name, table.model_fields))
+    valid = _VALID[kind].format(**about) if kind in _VALID else problem["msg"]
+    return f"{where}: {problem['input']!r} (valid: {valid})"
+
+
+_VALID = {
+    **dict.fromkeys(("float_type", "float_parsing"), "a number"),
+    **dict.fromkeys(("int_type", "int_parsing"), "a whole number"),
+    **dict.fromkeys(("tuple_type", "list_type"), "a list"),
+    **dict.fromkeys(("model_type", "dict_type"), "a table"),
+    "string_type": "a text",
+    "string_pattern_mismatch": "letters, digits, and _ . -",
+    "finite_number": "a finite number",
+    "greater_than": "a number above {gt:g}",
+    "greater_than_equal": "a number of at least {ge:g}",
+    "less_than": "a number below {lt:g}",
+    "less_than_equal": "a number of at most {le:g}",
+    "too_long": "at most {max_length} entries",
+    "too_short": "at least {min_length} entries",
+}
+"""Pydantic's name of a problem -> what is valid, in our words."""
+
+
+_TABLES: dict[str, type[_Table]] = {
+    **{"joint": JointTable, "gear": GearTable, "noise": Noise, "scatter": Scatter},
+    **{"errors": Errors, "beams": BeamsTable, "segment": SegmentTable},
+}
 
 
 def shipped_constants(name: str) -> TwinConstants:

@@ -159,7 +159,9 @@ def _check_archive(data: bytes) -> None:
             size = sum(member.file_size for member in archive.infolist())
             known = "schema.json" in archive.namelist()
     except zipfile.BadZipFile as error:
-        raise DataError(f"no model file, or a damaged one: {error}") from error
+        raise DataError(
+            "no model file, or a damaged one (valid: what `bench fit` wrote)"
+        ) from error
     if not known:
         raise DataError("no model file of stiffbench's (valid: what model.save wrote)")
     if size > len(data):  # `save` compresses nothing

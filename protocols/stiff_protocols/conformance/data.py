@@ -117,7 +117,7 @@ def _rows_exist(divided: DividedRows) -> str:
     return f"{len(splits)} splits"
 
 
-@_PROTOCOL.asks("splits are told apart", "number the splits of each condition 0, 1, 2, ...")
+@_PROTOCOL.asks("splits have different indices", "number the splits of each condition 0, 1, 2, ...")
 def _told_apart(divided: DividedRows) -> str:
     splits = divided.splits()
     if fault := fault_of_numbers((split.condition, split.index) for split in splits):

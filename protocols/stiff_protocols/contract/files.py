@@ -18,7 +18,8 @@ def make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise StoreError(f"{folder}: cannot be made: {error.strerror or error}") from error
+        reason = "it is a file" if folder.is_file() else error.strerror or error
+        raise StoreError(f"{folder}: cannot be made: {reason}") from error
 
 
 def refuse_existing(path: Path) -> None:

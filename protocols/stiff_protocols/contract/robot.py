@@ -114,7 +114,10 @@ class Robot:
             limits.flags.writeable = False
             object.__setattr__(self, name, limits)
         if not np.allclose(np.linalg.norm(self.axes, axis=1), 1.0, atol=1e-9):
-            raise DataError(f"robot {self.name!r}: joint axes must have unit length")
+            lengths = ", ".join(f"{length:g}" for length in np.linalg.norm(self.axes, axis=1))
+            raise DataError(
+                f"robot {self.name!r}: joint axes must have unit length, here {lengths}"
+            )
 
     @property
     def n_joints(self) -> int:

@@ -260,25 +260,18 @@ def test_cases_on_the_same_poses_are_drawn_together(made, rng):
     assert (first.low, first.high) == (1.0, 2.0)  # independent draws would give 1.5 too
 
 
-def test_what_noise_can_explain_is_like_the_best_and_a_clear_difference_is_not(made, rng):
+def test_what_noise_can_explain_or_makes_none_in_practice_is_like_the_best_and_no_other(made, rng):
+    """Every split and pose of `equivalent` differs by 0.005 mm: `bench compare` calls it that."""
     base = rng.gamma(9.0, 1.0, size=(3, 4))
     noise = rng.normal(size=(3, 4))
-    for model, change in (("best", 0.0), ("like", noise - noise.mean() + 0.1), ("worse", 50.0)):
+    changes = {"best": 0.0, "equivalent": 0.005, "near": 0.015, "worse": 50.0}
+    for model, change in (changes | {"like": noise - noise.mean() + 0.1}).items():
         made.add(model, list(base + change))
     board = board_of(made)
     found = {model.name: model.like_best for model in board.sections[0].ranked}
-    assert found == {"best": 1, "like": 1, "worse": 0}
+    assert found == {"best": 1, "equivalent": 1, "near": 0, "like": 1, "worse": 0}
     marks = {name: cell.split()[-1] for name, (cell,) in cells(board, "holdout").items()}
     assert marks["like"] == "≈" and marks["best"] == "*" and marks["worse"] not in "≈*"
-
-
-def test_a_certain_difference_that_makes_none_in_practice_is_like_the_best(made, rng):
-    """Every split and pose differs by 0.005 mm: `bench compare` calls that equivalent."""
-    base = rng.gamma(9.0, 1.0, size=(3, 4))
-    for model, change in (("best", 0.0), ("equivalent", 0.005), ("worse", 0.015)):
-        made.add(model, list(base + change))
-    found = {model.name: model.like_best for model in board_of(made).sections[0].ranked}
-    assert found == {"best": 1, "equivalent": 1, "worse": 0}
 
 
 def test_a_single_split_is_tested_over_its_poses(made, rng):

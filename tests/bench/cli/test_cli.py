@@ -231,6 +231,44 @@ def test_a_bad_data_file_is_refused_in_one_line(tmp_path, text, parts):
     assert not (tmp_path / "results").exists()
 
 
+FIT = ["fit", "--model", "vjm", "--output", "new", "--data", "good.csv", "--urdf"]
+
+
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        ([*FIT, "folder"], ["folder: cannot read the URDF: Is a directory"]),
+        ([*FIT, "bytes"], ["bytes: cannot read the URDF: no text in UTF-8"]),
+        (
+            ["predict", "--model", "bytes", "--input", "x", "--output", "y"],
+            ["bytes: no model file"],
+        ),
+        (["leaderboard", "--results", "absent"], ["--results absent: there is no such folder"]),
+        (["leaderboard", "--results", "bytes"], ["--results bytes: is a file, no folder of res"]),
+        (["compare", "a", "b", "--results", "folder"], ["--results folder: holds no results"]),
+        (["merge", "absent", "--output", "new"], ["absent: there is no such folder"]),
+        (["run", "--model", "vjm", "--output", "bytes"], ["--output bytes", "it is a file"]),
+        (["data", "info", "bytes"], ["bytes: no file of samples (valid: an ending .csv"]),
+        (["data", "info", "bytes.xlsx", "--robot", "ur5"], ["bytes.xlsx: not an Excel table"]),
+        (["show", "vjm@congruence=true"], ["'vjm@congruence=true'", "give 'vjm' alone"]),
+        (
+            ["run", "--model", "vjm", *(2 * ["--data", "good.csv"]), "--robot", "ur5"],
+            ["--data good.csv: something else in this run is called 'good.csv'"],
+        ),
+    ],
+)
+def test_a_wrong_file_or_folder_is_refused_in_one_line_and_nothing_is_written(
+    tmp_path, words, parts
+):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "good.csv").write_text(GOOD_HEADER + "P,1,a,0,0,0,0,0,0,9,0,0,0,0,0,1,1,1\n")
+    for name in ("bytes", "bytes.xlsx"):
+        (tmp_path / name).write_bytes(b"\xff\x00\x80")
+    there = sorted(tmp_path.rglob("*"))
+    assert_refused(bench_here(*words, cwd=tmp_path), *parts)
+    assert sorted(tmp_path.rglob("*")) == there
+
+
 def test_bad_robot_files_and_tools_are_refused_in_one_line(tmp_path):
     (tmp_path / "my.urdf").write_text("<robot")
     base = ["run", "--model", "vjm", "--data", shipped("data/fanuc_r2000ic.csv"), "--urdf"]

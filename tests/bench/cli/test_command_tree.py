@@ -78,8 +78,8 @@ def nonsense(leaf: Leaf, parameter: click.Parameter) -> list[str]:
             *([] if upper is None else [str(upper + 1)]),
         ]
     if isinstance(kind, click.Path):
-        missing = [] if name in WRITTEN else ["none.csv", "none\udcff.toml", "", "folder"]
-        return ["file.txt/below", "x" * 5000, *missing, "file.txt"]
+        missing = [] if name in WRITTEN else ["none.csv", "none\udcff.toml", "folder"]
+        return ["", "file.txt/below", "x" * 5000, *missing, "file.txt"]
     words = WORDS[1:] if (leaf.name, name) in NEW_NAMES else WORDS
     return [word for word in words if word or parameter.default != ""]
 

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from command_line import bench_here
+from command_line import assert_refused, bench_here
 from stiff_bench.api.model import load_model
 from stiff_bench.cli import models as deploy_cli
 from stiff_datasets.measured.measured import write_samples
@@ -116,6 +116,14 @@ def test_what_is_odd_is_predicted_with_a_warning(predict):
     assert len(table) == 2
     assert "columns not used: note" in said
     assert "1 row has a joint outside of its limits, the first: row 3, column q1_deg" in said
+
+
+def test_predictions_are_not_written_as_text_into_a_file_that_says_excel(tmp_path, vjm_file):
+    (tmp_path / "loads.csv").write_text(f"{HEADER}\n{ROW}\n")
+    words = ["--input", "loads.csv", "--output", "out.xlsx"]
+    done = bench_here("predict", "--model", vjm_file, *words, cwd=tmp_path)
+    assert_refused(done, "out.xlsx: Excel files are read, not written (valid: .csv, .parquet)")
+    assert [path.name for path in tmp_path.iterdir()] == ["loads.csv"]
 
 
 @pytest.mark.parametrize(

@@ -85,9 +85,9 @@ def test_an_unknown_suffix_is_refused_before_anything_is_read(tmp_path):
 
 
 def test_missing_results_of_the_paper_name_the_command_that_makes_them(tmp_path):
-    for folder in (tmp_path / "nothing", tmp_path):
+    for folder, why in ((tmp_path / "nothing", "no such folder"), (tmp_path, "holds no results")):
         message = refusal("9", "--results", folder, "--output", tmp_path / "a.png")
-        assert "holds no results; `bench reproduce` makes them" in message
+        assert f"{why}; `bench reproduce` makes the results" in message
     assert not list(tmp_path.iterdir())
 
 

@@ -56,7 +56,9 @@ def test_tables_2_and_3_are_fitted_on_the_spot_and_refuse_results():
 
 def test_the_command_refuses_in_one_line_with_status_2_and_prints_nothing(tmp_path):
     done = bench_here("table", "9", "--results", "none", cwd=tmp_path)
-    assert_refused(done, "--results none: holds no results", "`bench reproduce` makes them")
+    assert_refused(
+        done, "--results none: there is no such folder", "`bench reproduce` makes the results"
+    )
 
 
 @pytest.fixture
@@ -101,6 +103,5 @@ def test_what_was_computed_is_not_computed_again_and_the_files_are_named(small, 
 
 @pytest.mark.parametrize("size", ["--quick", "--full"])
 def test_the_leaderboard_has_one_size(size, tmp_path):
-    done = CliRunner().invoke(reproduce, ["leaderboard", size, "--output", str(tmp_path)])
-    assert done.exit_code == 2
-    assert "leaderboard has one size" in done.output
+    done = bench_here("reproduce", "leaderboard", size, cwd=tmp_path)
+    assert_refused(done, "--quick and --full", "leaderboard has one size")

@@ -10,6 +10,7 @@ from pydantic import AfterValidator
 from run_requests import planned
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.options import Choice, options_of
+from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.words import parse_settings
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_models.transfer.ft_mlp import FtMlp
@@ -160,6 +161,7 @@ def test_set_reaches_every_variant_and_the_word_has_the_last_word():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
+        ({"models": ("VJM",)}, "unknown model 'VJM'; did you mean 'vjm'"),
         ({"models": ("vmj",)}, "unknown model 'vmj'; did you mean 'vjm'"),
         ({"models": ("mlp@widht=8",)}, "--model 'mlp@widht=8': unknown mlp option 'widht'; did"),
         (

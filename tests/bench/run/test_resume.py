@@ -14,7 +14,7 @@ import psutil
 import pytest
 
 import hostile_models
-from command_line import bench, started
+from command_line import bench, bench_here, started
 from made_results import damage, tear
 from run_requests import planned
 from stiff_bench.analysis.collected import collect
@@ -139,15 +139,15 @@ def test_failures_stay_until_they_are_asked_for_again(tmp_path):
     )
     words = ["run", "--plugin", str(plugin), "--model", "Good", "--model", "knn", "--splits", "2"]
     words += ["--no-isolate", "--output", "out"]
-    first = bench(*words, cwd=tmp_path)
+    first = bench_here(*words, cwd=tmp_path)
     assert first.returncode == 1 and summary_of(first.stderr) == "2 ok, 2 failed (OSError)"
     flag.touch()
-    second = bench(*words, cwd=tmp_path)
+    second = bench_here(*words, cwd=tmp_path)
     assert second.returncode == 1
     assert summary_of(second.stderr) == "0 ok, 2 failed (OSError), 2 cached"
     assert "2 of the failures are of earlier runs; --rerun failed computes them" in second.stderr
     assert "Good: FAILED (2 of 2 splits): OSError: no licence today" in second.stdout
-    third = bench(*words, "--rerun", "failed", cwd=tmp_path)
+    third = bench_here(*words, "--rerun", "failed", cwd=tmp_path)
     assert third.returncode == 0 and summary_of(third.stderr) == "2 ok, 2 cached"
     assert set(stored_statuses(tmp_path / "out").values()) == {"ok"}
 
@@ -155,7 +155,7 @@ def test_failures_stay_until_they_are_asked_for_again(tmp_path):
 @pytest.mark.slow
 def test_a_disk_that_is_full_stops_the_run_and_what_was_stored_stays(tmp_path):
     words = ["run", "--model", "knn", "--output", "out", "--splits"]
-    assert bench(*words, "1", cwd=tmp_path).returncode == 0
+    assert bench_here(*words, "1", cwd=tmp_path).returncode == 0
     size = (tmp_path / "out" / FILE).stat().st_size
 
     def small_files() -> None:
@@ -169,7 +169,7 @@ def test_a_disk_that_is_full_stops_the_run_and_what_was_stored_stays(tmp_path):
     assert "Traceback" not in done.stderr and n_stored(tmp_path / "out") >= 1
     assert fault_of(tmp_path / "out") is None
     n_there = n_stored(tmp_path / "out")
-    after = bench(*words, "40", cwd=tmp_path)
+    after = bench_here(*words, "40", cwd=tmp_path)
     assert (
         after.returncode == 0 and summary_of(after.stderr) == f"{40 - n_there} ok, {n_there} cached"
     )

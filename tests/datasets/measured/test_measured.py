@@ -130,6 +130,7 @@ def test_a_file_in_an_old_encoding_is_refused_with_the_remedy(tmp_path, kr10):
     [
         ([""], "the file is empty"),
         ([HEADER], "no data rows"),
+        ([GOOD, GOOD], r"no header: the first row holds numbers \(valid: pose_id,"),
         ([HEADER.replace("dz_mm", "dz_inch"), GOOD], "missing dz_mm; columns not used: dz_inch"),
         (
             [HEADER.replace("fx_N", "Fx [lbf]") + ",note", GOOD + ",windy"],
@@ -167,7 +168,11 @@ def test_a_file_in_an_old_encoding_is_refused_with_the_remedy(tmp_path, kr10):
             [HEADER, GOOD, line(load_id=2, q1_deg=11)],
             r"row 3, column q1_deg: '11', expected 10, as in row 2 of the same pose 'P1'",
         ),
-        ([HEADER, GOOD + ",7,8"], "not a CSV table"),
+        (
+            ["# by hand", HEADER, GOOD, GOOD.replace("-0.9", "-0,9")],
+            "not a CSV table: row 4 has 19 cells, the header 18; decimal commas need semicolons",
+        ),
+        ([HEADER, GOOD + ",7,8"], "not a CSV table: row 2 has 20 cells, the header 18"),
         ([HEADER, "", "", line(fx_N="abc")], "row 4, column fx_N: 'abc'"),
         (
             [HEADER, line(q1_deg="1e999"), line(q1_deg="1e999", load_id="2")],
@@ -186,7 +191,7 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path, kr10):
     with pytest.raises(DataError, match=r"absent\.csv: cannot be read"):
         read_samples(tmp_path / "absent.csv", kr10)
     (tmp_path / "binary.csv").write_bytes(bytes(range(256)))
-    with pytest.raises(DataError, match=r"binary\.csv: not a CSV table"):
+    with pytest.raises(DataError, match=r"binary\.csv: no text in UTF-8 or UTF-16 \(byte 0x"):
         read_samples(tmp_path / "binary.csv", kr10)
 
 

@@ -239,7 +239,7 @@ def test_a_file_that_exists_is_not_overwritten_and_others_are_refused_before_the
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"n_poses": 101}, r"n_poses is 101, expected 2 \(for 6 joints\) to 100"),
+        ({"n_poses": 101}, r"poses is 101, expected 2 \(for 6 joints\) to 100"),
         ({"payload_kg": 0.0}, "payload_kg is 0, expected a number above 0"),
         ({"payload_kg": np.nan}, "payload_kg is nan"),
         ({"clearance": -0.1}, "clearance is -0.1, expected m, 0 or more"),

@@ -76,6 +76,7 @@ def test_continuous_joints_have_no_limits(tmp_path):
             joint() + joint("l1", "t1", "fixed") + joint("l1", "t2", "fixed"),
             r"last link is not unique \(t1, t2\)",
         ),
+        (joint(kind="spherical"), r"\(URDF\): Joint \[to_l1\] has no known type \[spherical\]$"),
         (joint(kind="floating"), "6 degrees of freedom"),
         (
             joint().replace('lower="-1"', 'lower="2"'),

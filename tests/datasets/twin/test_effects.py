@@ -185,9 +185,13 @@ def test_links_that_shall_bend_need_sections(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("modulus_Pa = 7.0e10", "modulus_Pa = 70e3", r"beams.modulus_Pa: 70000.0: .*1000000000"),
-        ("poisson = 0.33", "poisson = 0.6", r"beams.poisson: 0.6: .*0.5"),
-        ("outer_m = 0.22", "outer_m = 220", r"beams.segment.1.outer_m: 220: .*2"),
+        (
+            "modulus_Pa = 7.0e10",
+            "modulus_Pa = 70e3",
+            r"modulus_Pa: 70000.0 .*at least 1e\+09",
+        ),
+        ("poisson = 0.33", "poisson = 0.6", r"beams.poisson: 0.6 .*at most 0.5"),
+        ("outer_m = 0.22", "outer_m = 220", r"beams.segment.1.outer_m: 220 .*at most 2"),
         ("wall_m = 0.006\n\n", "wall_m = 0.2\n\n", r"segment.1.*wall_m 0.2 is more than half"),
         ("2.92e6", "-2.92e6", r"joint.1.structure_Nm_per_rad: -2920000.0: .*nor inf"),
         ("2.92e6", "2.92e12", r"joint.1.structure_Nm_per_rad"),

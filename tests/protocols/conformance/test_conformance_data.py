@@ -60,7 +60,7 @@ def erring(*shape):
     return lambda samples: [by_row(samples, condition="loud", wrench_error=np.ones(shape))]
 
 
-TOLD_APART, ERRORS = "splits are told apart", "sensor errors are those of the test rows"
+TOLD_APART, ERRORS = "splits have different indices", "sensor errors are those of the test rows"
 
 
 @pytest.mark.parametrize(

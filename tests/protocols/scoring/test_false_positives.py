@@ -236,7 +236,7 @@ def bootstrap_rate(a, b):
 @pytest.mark.slow
 def test_the_bootstrap_over_31_poses_is_a_little_narrow_even_for_fixed_models():
     """Neither model is fitted: each knows its features' true weights. BCa needs more poses."""
-    features, target = simulated(np.random.default_rng(1), 4000, n_poses=31)
+    features, target = simulated(np.random.default_rng(1), 1500, n_poses=31)
     known = features.sum(axis=3) / np.sqrt(2 * FEATURES)
     rate, error = bootstrap_rate(*np.abs(target - known))
     print(f"bootstrap, fixed models: {rate:.4f} +- {error:.4f}")
@@ -253,10 +253,10 @@ def test_the_bootstrap_over_poses_does_not_cover_that_a_fit_ends_elsewhere_each_
     The fitted models do differ, so the interval is right about them, and wrong about the learners.
     """
     rng = np.random.default_rng(2)
-    inputs = rng.normal(size=(1500, 31, 2 * FEATURES))
-    noise = NOISE * rng.normal(size=(1500, 31))
+    inputs = rng.normal(size=(400, 31, 2 * FEATURES))
+    noise = NOISE * rng.normal(size=(400, 31))
     a, b = (
-        np.abs(noise + (inputs @ (spread * rng.normal(size=(1500, 2 * FEATURES, 1))))[..., 0])
+        np.abs(noise + (inputs @ (spread * rng.normal(size=(400, 2 * FEATURES, 1))))[..., 0])
         for _ in range(2)
     )
     rate, error = bootstrap_rate(a, b)
