@@ -10,7 +10,6 @@ from pydantic import AfterValidator
 from run_requests import planned
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.options import Choice, options_of
-from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.words import parse_settings
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_models.transfer.ft_mlp import FtMlp

@@ -21,8 +21,6 @@ KEYS = {
     "kr10-twin-omni": Kr10TwinOmni,
     "kr10-twin-multiload": Kr10TwinMultiload,
 }
-
-
 VARIANTS = [(key, number) for key in KEYS for number in CALIBRATIONS]
 
 
