@@ -21,16 +21,17 @@ KEYS = {
     "kr10-twin-omni": Kr10TwinOmni,
     "kr10-twin-multiload": Kr10TwinMultiload,
 }
+VARIANTS = [(key, number) for key in KEYS for number in CALIBRATIONS]
 
 
-@pytest.fixture(scope="module", params=CALIBRATIONS, ids=lambda number: f"calibration {number}")
-def data(request):
-    return {key: make(calibration=request.param).load() for key, make in KEYS.items()}
+@pytest.fixture(scope="module")
+def data():
+    return {(key, number): KEYS[key](calibration=number).load() for key, number in VARIANTS}
 
 
-@pytest.mark.parametrize(("key", "loads"), [(key, 5 if "multi" in key else 1) for key in KEYS])
-def test_it_holds_the_151_planned_poses_with_its_number_of_loads(data, key, loads):
-    samples = data[key].samples
+@pytest.mark.parametrize(("key", "number"), VARIANTS)
+def test_it_holds_the_151_planned_poses_with_its_number_of_loads(data, key, number):
+    samples, loads = data[key, number].samples, 5 if "multi" in key else 1
     assert len(samples) == 151 * loads and len(set(samples.pose_id)) == 151
     assert (samples.group == "joint-space").sum() == 61 * loads
     assert (samples.group == "cartesian").sum() == 90 * loads
@@ -41,19 +42,12 @@ def test_it_holds_the_151_planned_poses_with_its_number_of_loads(data, key, load
     assert np.linalg.norm(samples.wrench[:, :3], axis=1).max() < PAYLOAD_N + 0.2
     size_mm = np.linalg.norm(samples.deflection, axis=1) * 1000  # as the paper reports
     assert 0.3 < np.median(size_mm) < 3.0 and size_mm.max() < 10.0
-
-
-@pytest.mark.parametrize("key", KEYS)
-def test_the_card_states_the_hash_of_each_calibration_which_is_1_by_default(key):
-    first, second = (KEYS[key](calibration=number).load().sha256 for number in CALIBRATIONS)
-    assert KEYS[key]().load().sha256 == first
     card = (files("stiff_datasets") / "data" / "kr10_twin.md").read_text(encoding="utf-8")
-    assert f"| `{key}` | 1 | `{first}` |" in card
-    assert f"| `{key}` | 2 | `{second}` |" in card
+    assert f"| `{key}` | {number} | `{data[key, number].sha256}` |" in card
 
 
-def test_two_calibrations_share_no_loads():
-    first, second = (Kr10Twin(calibration=number).load().samples for number in CALIBRATIONS)
+def test_two_calibrations_share_no_loads(data):
+    first, second = (data["kr10-twin", number].samples for number in CALIBRATIONS)
     assert (first.pose_id == second.pose_id).all()
     assert np.abs(np.corrcoef(first.wrench[:, 0], second.wrench[:, 0])[0, 1]) < 0.3
 
@@ -66,10 +60,10 @@ def test_a_ropes_torque_is_at_right_angles_to_its_force(make):
 
 
 @pytest.mark.parametrize("key", KEYS)
-def test_specimens_and_seeds_differ_and_the_same_words_give_the_same_bytes(key):
+def test_specimens_and_seeds_differ_and_the_same_words_give_the_same_bytes(data, key):
     variants = [KEYS[key](specimen=number) for number in range(10)] + [KEYS[key](seed=1)]
     hashes = [variant.load().sha256 for variant in variants]
-    assert hashes[0] == KEYS[key]().load().sha256
+    assert hashes[0] == data[key, 1].sha256  # the default calibration
     assert len(set(hashes)) == 11
 
 
