@@ -10,6 +10,7 @@ from stiff_bench.paper.study import (
     DEPTHS,
     WIDTH_DEPTHS,
     WIDTHS,
+    effects_study,
     leaderboard_study,
     paper_study,
     pretrained,
@@ -33,7 +34,7 @@ def study_of(runs, folder):
     return study_plans(runs, output=folder, command="bench reproduce", registry=registry)
 
 
-@pytest.mark.parametrize("runs", [paper_study(full=True), leaderboard_study(KEYS)])
+@pytest.mark.parametrize("runs", [paper_study(full=True), leaderboard_study(KEYS), effects_study()])
 def test_every_variant_has_the_name_under_which_its_results_are_stored(runs, tmp_path):
     for run, plan in zip(runs, study_of(runs, tmp_path), strict=True):
         assert tuple(choice.name for choice in plan.models) == tuple(different(run.models))
