@@ -40,7 +40,7 @@ FEW_NEIGHBOURS = {
     frozenset({"knn"}): "fails: neighbours 5: only ",
     frozenset({"vjm + neighbours"}): "fails: .*n_neighbors = 5, n_samples_fit = ",
 }
-OTHER_LOADS = {frozenset(PRETRAINED): "warns: .*simulated under forces of .* N, the samples"}
+OTHER_LOADS = {frozenset(PRETRAINED): "warns: .*pre-training forces are .* N, measured forces"}
 NO_MASSES = {frozenset(SEGMENTS): "warns: robot 'chain' has no masses"}
 NOT_BOTH = {
     frozenset({"residual-mlp", "mlp"}): "(works|warns: .*none of 3 epochs was better)",
@@ -122,8 +122,8 @@ OUTCOMES: dict[str, dict[frozenset[str], str]] = {
 ALWAYS = {"sklearn mlp": "warns: Stochastic Optimizer: Maximum iterations .20. reached"}
 
 ROWS = {
-    "1 row": "training samples: 1; so few",
-    "2 rows": "training samples: 2; so few",
+    "1 row": "training samples: 1, too few",
+    "2 rows": "training samples: 2, too few",
     "one pose": "all 32 training samples are of one pose",
     "one load": "all 32 training samples have one load",
     "no load": "the wrench is zero in all 32 training samples",

@@ -203,7 +203,7 @@ def test_intervals_are_computed_only_for_a_metric_that_needs_them():
 @pytest.mark.parametrize(
     ("metric", "coverage", "part"),
     [
-        ("mae", 0.8, "add --metric coverage"),
+        ("mae", 0.8, "add the metric coverage"),
         ("width", 1.0, "between 0 and 1"),
         ("width", float("nan"), "between 0 and 1"),
     ],
