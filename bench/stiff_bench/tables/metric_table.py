@@ -63,6 +63,7 @@ def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
     rows = [
         [name, *facts.values(), *metric_cells(values, metrics)]
         for name, values in (_of_model(model, of, metrics) for model, of in by_model.items())
+        if values or name.text not in beside  # they have neither costs nor intervals
     ]
     rows += [
         [Name(method, MARK), *of_others.values(), *metric_cells(values, metrics)]

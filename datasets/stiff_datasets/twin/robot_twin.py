@@ -18,7 +18,7 @@ from stiff_datasets.twin.constants import (
     read_constants,
     shipped_constants,
 )
-from stiff_datasets.twin.effects import ALL_EFFECTS, parse_effects
+from stiff_datasets.twin.effects import ALL_EFFECTS, NO_EFFECTS, parse_effects
 from stiff_datasets.twin.twin import TwinData
 from stiff_protocols.contract.types import BenchmarkData
 
@@ -44,10 +44,12 @@ class RobotTwin(TwinData):
         loads: LoadKind = "omni",
         loads_per_pose: Annotated[int, Gt(0)] = 1,
         specimen: SpecimenNumber = 0,
+        effects: str = NO_EFFECTS,
         seed: Annotated[int, Ge(0)] = 0,
     ) -> None:
-        """Store the options."""
+        """Store the options; ConfigError for an unknown effect."""
         super().__init__(specimen=specimen, seed=seed)
+        self.effects = parse_effects(effects)
         self.constants = constants
         self.poses = poses
         self.loads = loads
@@ -61,7 +63,9 @@ class RobotTwin(TwinData):
         """
         constants = read_constants(self.constants)
         poses = random_poses(constants, self.poses, self.seed)
-        return self.measured(constants, poses, self.loads, self.loads_per_pose)
+        return self.measured(
+            constants, poses, self.loads, self.loads_per_pose, effects=self.effects
+        )
 
 
 class Ur5Twin(TwinData):

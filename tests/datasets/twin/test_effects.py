@@ -16,6 +16,7 @@ from stiff_datasets.robots.robot import robot_of
 from stiff_datasets.twin.constants import read_constants, shipped_constants, specimen_springs
 from stiff_datasets.twin.effects import EFFECTS, Instruments, parse_effects, real_chain
 from stiff_datasets.twin.kr10_twin import Kr10Twin, Kr10TwinBeam, Kr10TwinRough
+from stiff_datasets.twin.robot_twin import RobotTwin
 from stiff_datasets.twin.springs import SpringLaw
 from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
 from stiff_protocols.contract.errors import ConfigError, DataError
@@ -231,3 +232,14 @@ def test_the_card_states_the_hash_of_the_data(of):
     name = {Kr10TwinRough: "kr10_twin_rough", Kr10TwinBeam: "kr10_twin_beam"}[of]
     card = (files("stiff_datasets") / "data" / f"{name}.md").read_text(encoding="utf-8")
     assert f"`{of().load().sha256}`" in card
+
+
+def test_a_users_own_twin_has_the_effects_that_its_file_has_constants_for():
+    path = files("stiff_datasets") / "twins" / "kr10_beam.toml"
+    plain, rough = (
+        RobotTwin(constants=path, poses=10, effects=text).load().samples.deflection
+        for text in ("none", "hysteresis,kinematics,sensor")
+    )
+    assert not np.allclose(plain, rough, atol=1e-5)
+    with pytest.raises(ConfigError, match="unknown effect 'beams'"):
+        RobotTwin(constants=path, effects="beams")
