@@ -174,7 +174,7 @@ def _content_findings(samples: Samples, robot: Robot, no_torque: bool) -> Iterat
     yield fact("robot", f"{robot.name}, TCP ({tcp}) m in the frame of its last link")
     n_poses, n = len(set(samples.pose_id)), len(samples)
     loads = f"{n_poses} poses, " + (
-        "one load a pose" if n_poses == n else f"{n / n_poses:.3g} loads a pose on average"
+        "one load per pose" if n_poses == n else f"{n / n_poses:.3g} loads per pose on average"
     )
     groups, counts = np.unique(samples.group, return_counts=True)
     few = f"; fewer than {FEWEST_SAMPLES} hardly tell methods apart" if n < FEWEST_SAMPLES else ""
@@ -214,7 +214,7 @@ def _spring_findings(data: Reading, diagnosis: Diagnosis, lines: Lines) -> Itera
         )
     yield fact(
         "joint springs",
-        f"{given.explained:.1%} of the squared deflection explained where left out, residual "
+        f"{given.explained:.1%} of the squared deflection explained (cross-validated), residual "
         f"{given.rms * MM_PER_M:.3g} mm RMS",
     )
     names = tuple(data.chain.model.names)[1:]
