@@ -54,7 +54,7 @@ def test_from_the_plan_to_the_leaderboard_with_ones_own_file(tmp_path, home, kr1
     checked = bench_here(*words, "--no-torque", cwd=tmp_path)
     assert checked.returncode == 0, checked.stdout
     assert checked.stdout.startswith("measured.csv: ok")
-    assert "kr10-r1100-2 was taken" in checked.stdout
+    assert "kr10-r1100-2, the default" in checked.stdout
     words = ["run", "--model", "vjm", "--format", "csv"]
     by_name = bench_here(*words, "--data", "measured.csv", "--robot", "kr10-r1100-2", cwd=tmp_path)
     registered = bench_here(

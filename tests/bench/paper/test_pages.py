@@ -46,7 +46,7 @@ def test_the_page_shows_every_picture_that_was_written_and_no_other(paper):
 def test_the_page_names_command_and_numbers_and_what_cannot_be_made_with_its_reason(paper):
     page = paper[1][-1].read_text()
     assert "made by `bench reproduce --quick`" in page
-    assert "not finished: 39 cells of it not computed" in page
+    assert "not finished: 39 fits not computed" in page
     for number in (2, 3, 10):
         assert f"**Table {number}." in page
     assert re.search(r"^- Table 6: .*bench reproduce", page, re.MULTILINE)
