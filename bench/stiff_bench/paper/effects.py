@@ -166,26 +166,25 @@ def _paint(ratios: Mapping[str, Mapping[str, Quantity]]) -> Figure:
     of_twins = {name: text for name, text in {**TWINS, FAMILY: FAMILY}.items()}
     models = [name for name in ratios if name not in KNOWN.values()]
     styles = dict(zip(models, looks(len(models)), strict=True))
-    for axes, heads in zip(panels, (of_steps, of_twins), strict=True):
+    for axes, heads, joined in zip(panels, (of_steps, of_twins), (True, False), strict=True):
         there = [name for name in heads if name in ratios[REFERENCE_MODEL]]
         for model, of in ratios.items():
             known = [(i, of[name]) for i, name in enumerate(there) if name in of]
             x, y = [i for i, _ in known], [found.order for _, found in known]
             if model in KNOWN.values():
-                dash = ":" if model == KNOWN["noise"] else "--"
-                axes.plot(x, y, dash, color=REFERENCE_COLOR, label=model)
+                line = ":" if model == KNOWN["noise"] else "--"
+                axes.plot(x, y, line if joined else "_", color=REFERENCE_COLOR, label=model)
                 continue
             look = styles[model]
+            style = look.connected() | {"marker": look.marker} if joined else look.points()
             spread = [found.spread or 0.0 for _, found in known]
-            axes.errorbar(
-                x, y, spread, **look.connected(), marker=look.marker, capsize=1.5, label=model
-            )
+            axes.errorbar(x, y, spread, capsize=1.5, label=model, **style)
         axes.set_xticks(range(len(there)), [heads[name] for name in there])
         axes.set_yscale("log")
         plain_numbers(axes.yaxis)
     panels[0].set_ylabel("3-D error / VJM's")
     name_panels(panels)
-    share_legend(figure, panels, ncols=4)
+    share_legend(figure, reversed(panels), ncols=4)
     return figure
 
 
