@@ -214,7 +214,7 @@ def _spring_findings(data: Reading, diagnosis: Diagnosis, lines: Lines) -> Itera
         )
     yield fact(
         "joint springs",
-        f"{given.explained:.1%} of the squared deflection explained (cross-validated), residual "
+        f"{given.explained:.1%} of squared deflection explained, cross-validated; residual "
         f"{given.rms * MM_PER_M:.3g} mm RMS",
     )
     names = tuple(data.chain.model.names)[1:]
