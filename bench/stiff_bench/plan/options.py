@@ -229,6 +229,8 @@ class Choice(Generic[Info]):
                 raise ConfigError(f"{self.info.key!r} needs its option: {self.info.key}@{name}=...")
         try:
             return self.cls(**self.params, **self.context)
+        except ConfigError as error:
+            raise ConfigError(f"{self.name}: {error}") from error
         except Exception as error:
             raise ConfigError(
                 f"{self.info.key!r} cannot be made: {type(error).__name__}: {error}"

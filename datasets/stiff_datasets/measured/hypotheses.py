@@ -11,6 +11,7 @@ import functools
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
@@ -35,6 +36,8 @@ EXPLAINS = 0.9
 """Share of the squared deflection that must be explained once the named mistake is undone, or it
 is another: joint springs explain 0.94 of the FANUC measurement and at least 0.93 of ten specimens
 each of the shipped twins."""
+SOUND = 0.995
+"""Where joint springs explain this share, free numbers would be fitted to what links give."""
 USUAL_SAG = 2e-3
 """rad; how far the joint that gives way most turns under the arm's own weight. 2 to 2.8e-3 in all
 specimens of the shipped twins."""
@@ -212,6 +215,8 @@ def diagnose(
     if n_poses < FEWEST_POSES:
         return Diagnosis(given)
     better = _better(data, given, pose, fold, joints_only, may_fit)
+    if _size(data) == "usual":  # what makes it unusual is no mistake undone
+        better = [fit for fit in better if _size(fit.reading) != "unusual"]
     lowest = min((fit.score for fit in better), default=0.0)
     close = [fit for fit in better if fit.score <= NEARLY_AS_GOOD * lowest]
     best = min(close, key=functools.partial(_unlikely, AS_GOOD * lowest), default=None)
@@ -236,7 +241,8 @@ def _better(
     for text, each, gain in readings(data, joints_only):
         plain = functools.partial(_plain_fit, text, each, fold, gain)
         tried.append((_rms(each) / (1.0 - gain), len(tried), plain))
-    for free in FITTED if may_fit and not joints_only else ():
+    may_fit = may_fit and not joints_only and given.explained < SOUND
+    for free in FITTED if may_fit else ():
         numbers = _fitted(free, data, np.zeros(free.n_free))
         if numbers[0] > 0.0 or not free.positive:
             bound = _rms(free.change(data, numbers)) / (1.0 - free.must_gain)
@@ -283,10 +289,16 @@ def _unlikely(as_good: float, fit: Fit) -> tuple[bool, bool, bool]:
 
     Stiffnesses of another order of magnitude, a score above `as_good`, a negative stiffness.
     """
-    factor = softness(fit.reading, compliances(fit.reading))
-    usual = factor == 0.0 or 1.0 / UNUSUAL < factor < UNUSUAL
     negative = bool(clearly_negative(fit.reading).any())
-    return not usual, fit.score > as_good, negative
+    return _size(fit.reading) == "unusual", fit.score > as_good, negative
+
+
+def _size(data: Reading) -> Literal["usual", "unusual", "unknown"]:
+    """Say whether the joints' stiffnesses are of a robot's usual size."""
+    factor = softness(data, compliances(data))
+    if factor == 0.0:
+        return "unknown"
+    return "usual" if 1.0 / UNUSUAL < factor < UNUSUAL else "unusual"
 
 
 def compliances(data: Reading) -> FloatArray:

@@ -92,19 +92,20 @@ def bent_wrist_poses(chain: ChainModel) -> Poses:
     level = paper_poses(chain)
     q = level.q.copy()
     for pose in np.flatnonzero(level.group == "joint-space"):
-        q[pose, 4] = _bent_a5(chain, q[pose])
+        q[pose, 4] = _bent_a5(chain, q[pose], np.delete(q, pose, axis=0))
     return replace(level, q=q)
 
 
-def _bent_a5(chain: ChainModel, q: FloatArray) -> float:
-    """Return A5 [rad] for a pose (6,) of the joint-space group."""
+def _bent_a5(chain: ChainModel, q: FloatArray, others: FloatArray) -> float:
+    """Return A5 [rad] for a pose (6,) of the joint-space group; no other pose is there already."""
     first, last = _A5_RANGE_DEG
     a5 = np.deg2rad(np.arange(last, first - 1, -_A5_STEP_DEG))  # the most wanted first
     candidates = np.tile(q, (len(a5), 1))
     candidates[:, 4] = a5
+    candidates = candidates[~np.isclose(candidates[:, None], others).all(axis=2).any(axis=1)]
     clear = self_clearance(chain, candidates) >= LEAST_GAP_M
     off_a1 = tcp_off_a1(chain, candidates) >= TCP_OFF_A1_M
-    return float(a5[np.argmax(clear.astype(int) + (clear & off_a1))])
+    return float(candidates[np.argmax(clear.astype(int) + (clear & off_a1)), 4])
 
 
 def tcp_off_a1(chain: ChainModel, q: FloatArray) -> FloatArray:

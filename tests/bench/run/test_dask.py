@@ -219,7 +219,7 @@ def test_an_interrupted_run_leaves_no_cell_running_on_the_cluster(tmp_path):
         wait_until(lambda: cells_below(cluster))
         command.send_signal(signal.SIGINT)
         _, said = command.communicate(timeout=60)
-        assert command.returncode == 130 and "the same command again computes the rest" in said
+        assert command.returncode == 130 and "the same command computes the rest" in said
         wait_until(lambda: not cells_below(cluster), 30.0)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
@@ -43,6 +44,9 @@ def assert_figures(found, stated):
     np.testing.assert_allclose(found.stiffness, stated["stiffness_Nm_per_rad"], rtol=1e-4)
 
 
+NUMBER = r"[-+]?\d+(?:\.\d+)?"
+
+
 @pytest.mark.parametrize("number", CALIBRATIONS)
 def test_the_shipped_constants_are_those_that_were_found(number):
     constants = shipped(number).model_dump(mode="json", exclude_none=True)
@@ -68,9 +72,20 @@ def test_the_card_shows_the_figures_of_every_specimen_of_the_records():
         for figures, stated in zip(specimens, record(number)["specimens"], strict=True):
             assert_figures(figures, stated)
     card = (files("stiff_datasets") / "data" / "kr10_twin.md").read_text(encoding="utf-8")
-    assert figures_text(found, paper_figures()) in card
+    assert_alike(figures_text(found, paper_figures()), card)
     done = CliRunner().invoke(main, ["--figures"])
-    assert done.exit_code == 0 and done.output.strip() in card
+    assert done.exit_code == 0
+    assert_alike(done.output.strip(), card)
+
+
+def assert_alike(table, card):
+    """The card has the table; another machine may round a last digit the other way."""
+    start = card.index(table.splitlines()[0])
+    shown = card[start : card.index("\n\n", start)]
+    assert re.sub(NUMBER, "#", table).split() == re.sub(NUMBER, "#", shown).split()
+    for found, stated in zip(re.findall(NUMBER, table), re.findall(NUMBER, shown), strict=True):
+        last_digit = 10.0 ** -len(stated.partition(".")[2])
+        assert abs(float(found) - float(stated)) < 1.5 * last_digit
 
 
 def test_the_papers_figures_are_those_of_its_tables_2_and_3():

@@ -33,6 +33,7 @@ def data():
 def test_it_holds_the_151_planned_poses_with_its_number_of_loads(data, key, number):
     samples, loads = data[key, number].samples, 5 if "multi" in key else 1
     assert len(samples) == 151 * loads and len(set(samples.pose_id)) == 151
+    assert len(np.unique(samples.q, axis=0)) == 151  # a pose under two names would be a leak
     assert (samples.group == "joint-space").sum() == 61 * loads
     assert (samples.group == "cartesian").sum() == 90 * loads
     assert set(samples.load_id) == {str(i + 1) for i in range(loads)}
