@@ -51,6 +51,7 @@ CARTESIAN_Z_MM = (300, 550, 800)
 
 _CARTESIAN_A5_DEG = (15, 30, 45, 60, 75)
 _A5_RANGE_DEG = (0.0, 90.0)
+SAME_POSE_RAD = 1e-6
 _A5_STEP_DEG = 5
 TCP_OFF_A1_M = 0.25
 LEAST_GAP_M = 0.02
@@ -102,7 +103,8 @@ def _bent_a5(chain: ChainModel, q: FloatArray, others: FloatArray) -> float:
     a5 = np.deg2rad(np.arange(last, first - 1, -_A5_STEP_DEG))  # the most wanted first
     candidates = np.tile(q, (len(a5), 1))
     candidates[:, 4] = a5
-    candidates = candidates[~np.isclose(candidates[:, None], others).all(axis=2).any(axis=1)]
+    apart = np.abs(candidates[:, None] - others).max(axis=2).min(axis=1)  # rad
+    candidates = candidates[apart > SAME_POSE_RAD]
     clear = self_clearance(chain, candidates) >= LEAST_GAP_M
     off_a1 = tcp_off_a1(chain, candidates) >= TCP_OFF_A1_M
     return float(candidates[np.argmax(clear.astype(int) + (clear & off_a1)), 4])
