@@ -6,7 +6,7 @@ parameters. Here its physics become rougher step by step, and then another robot
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -45,8 +45,9 @@ if TYPE_CHECKING:
 STEPS = {variant.name: text for text, variant in EFFECT_STEPS.items()}
 """Data set -> what it adds to the one before."""
 FAMILY = "arms"
-TWINS = {next(iter(STEPS)): "default", next(reversed(STEPS)): "rough", BEAM.name: "beam"}
-"""Twins whose orders of the models are compared, beside the arms."""
+OTHERS = {BEAM.name: "beam", FAMILY: FAMILY}
+TWINS = {next(iter(STEPS)): "default", next(reversed(STEPS)): "rough", **OTHERS}
+"""Twins whose orders of the models are compared; the arms are one of them."""
 Errors = Mapping[str, Mapping[str, float]]
 """Model -> data set -> mean 3-D error, m."""
 
@@ -100,8 +101,8 @@ def relative(errors: Errors) -> dict[str, dict[str, Quantity]]:
 def effects_table(errors: Errors) -> Table:
     """Return each model's 3-D error relative to the VJM's, best on the rough twin first."""
     ratios, last = relative(errors), next(reversed(STEPS))
-    data = [name for name in (*STEPS, BEAM.name, FAMILY) if name in ratios[REFERENCE_MODEL]]
-    heads = {**STEPS, BEAM.name: "beam", FAMILY: FAMILY}
+    heads = STEPS | OTHERS
+    data = [name for name in heads if name in ratios[REFERENCE_MODEL]]
     order = sorted(ratios, key=lambda model: ratios[model].get(last, Quantity(np.inf)).order or 0.0)
     sizes = [f"{heads[d]} {MM * errors[REFERENCE_MODEL][d]:.3f}" for d in data if d != FAMILY]
     return Table(
@@ -119,14 +120,13 @@ def effects_table(errors: Errors) -> Table:
 def orders(errors: Errors) -> dict[str, dict[str, float]]:
     """Return twin -> model -> relative 3-D error, for models that every twin has."""
     ratios = relative(errors)
-    names = {**TWINS, FAMILY: FAMILY}
-    there = [name for name in names if name in ratios[REFERENCE_MODEL]]
+    there = [name for name in TWINS if name in ratios[REFERENCE_MODEL]]
     models = [
         model
         for model, of in ratios.items()
         if model not in KNOWN.values() and all(name in of for name in there)
     ]
-    return {names[name]: {m: ratios[m][name].order or 0.0 for m in models} for name in there}
+    return {TWINS[name]: {m: ratios[m][name].order or 0.0 for m in models} for name in there}
 
 
 def taus_table(errors: Errors) -> Table:
@@ -162,11 +162,9 @@ def effects_figure(errors: Errors) -> Prepared:
 def _paint(ratios: Mapping[str, Mapping[str, Quantity]]) -> Figure:
     figure = new_figure(PAGE_INCH, 3.6)
     panels = figure.subplots(1, 2, sharey=True, width_ratios=[5, 4])
-    of_steps = dict(STEPS)
-    of_twins = {name: text for name, text in {**TWINS, FAMILY: FAMILY}.items()}
     models = [name for name in ratios if name not in KNOWN.values()]
     styles = dict(zip(models, looks(len(models)), strict=True))
-    for axes, heads, joined in zip(panels, (of_steps, of_twins), (True, False), strict=True):
+    for axes, heads, joined in zip(panels, (STEPS, TWINS), (True, False), strict=True):
         there = [name for name in heads if name in ratios[REFERENCE_MODEL]]
         for model, of in ratios.items():
             known = [(i, of[name]) for i, name in enumerate(there) if name in of]
@@ -203,7 +201,7 @@ def write_effects(output: Path, command: str, n_missing: int) -> Iterator[Path]:
     errors = stored_errors(folder / "runs")
     figure = effects_figure(errors)
     yield from pictures([figure], folder / "figures")
-    tables: Sequence[Table] = [effects_table(errors), taus_table(errors)]
+    tables = [effects_table(errors), taus_table(errors)]
     yield written(output / "effects.csv", render(tables, "csv", command))
     page = [
         "# Does the order of the models outlast other physics?",
