@@ -91,7 +91,6 @@ MODELS = (
         target="stiff_models.transfer.dt_cnn:DtCnn",
         summary="1x1-convolution network, features aligned between simulation and measurement",
         reference="Zhao et al., UDTL, 2021; the source paper's DT-CNN",
-        uses_validation=True,
         quick={"pretrain_steps": 12},
         grids={"default": {"alignment": ("none", "mk-mmd", "coral")}},
     ),

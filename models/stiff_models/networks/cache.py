@@ -21,7 +21,7 @@ import torch
 
 from stiff_models.io.cache_folder import OFF, VARIABLE, cache_folder, usable_folder
 from stiff_models.networks.arithmetic import arithmetic
-from stiff_models.networks.training import PRETRAINING_VERSION, Curve, Rows
+from stiff_models.networks.training import PRETRAINING_VERSION, Curve
 from stiff_models.networks.training_plan import TrainingPlan
 from stiff_protocols.contract.errors import StiffBenchWarning, StoreError
 from stiff_protocols.contract.source_code import code_of
@@ -32,13 +32,13 @@ from stiff_protocols.contract.types import FloatArray
 class Trained:
     """The outcome of a training: the network's state, its curve, and the wall time it took.
 
-    `judged` is what was measured with the network right after; empty: nothing.
+    `judged` is what was measured with the network right after, by name.
     """
 
     weights: dict[str, np.ndarray[Any, Any]]
     curve: Curve
     seconds: float
-    judged: FloatArray
+    judged: dict[str, FloatArray]
 
 
 @dataclass(frozen=True)
@@ -117,21 +117,20 @@ def _memory(folder: Path | None) -> joblib.Memory:
 
 def training_digest(
     network: torch.nn.Module,
-    rows: Rows,
     plan: TrainingPlan,
     seed: int,
+    tensors: Iterable[torch.Tensor],
     *,
     actors: Iterable[object] = (),
-    extra: Iterable[torch.Tensor] = (),
     about: str = "",
 ) -> str:
     """Return the hash of everything that shapes a training.
 
-    That is the network with its first weights, rows, plan and seed (of the batches' order), further
-    tensors (`extra`) and settings as text (`about`), and a stranger's code: of its parts
-    and of the `actors` that take part, such as the model.
+    That is the network with its first weights, plan and seed (of the batches' order), what it
+    learns from or is made of (`tensors`), settings as text (`about`), and a stranger's code: of
+    its parts and of the `actors` that take part, such as the model.
     """
-    device = rows.inputs.device
+    device = next(network.parameters()).device
     digest = hashlib.sha256()
     for text in (
         repr(network),
@@ -144,7 +143,7 @@ def training_digest(
         *sorted({code_of(type(thing)) for thing in (*network.modules(), *actors)}),
     ):
         digest.update(text.encode() + b"\0")
-    for tensor in (rows.inputs, rows.targets, *network.state_dict().values(), *extra):
+    for tensor in (*tensors, *network.state_dict().values()):
         array = tensor.detach().cpu().contiguous().numpy()
         digest.update(f"{array.dtype}{array.shape}".encode())
         digest.update(array.tobytes())

@@ -9,14 +9,13 @@ from typing import Annotated, Literal
 from annotated_types import Ge, Gt
 
 from stiff_models.networks.network_model import NetworkModel
-from stiff_models.networks.training import train_network
 from stiff_models.networks.training_plan import TrainingPlan
 from stiff_protocols.contract.errors import StiffBenchWarning
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
 Epochs = Annotated[int, Ge(0)]
 LearningRate = Annotated[float, Gt(0.0)]
-Selection = Literal["best", "normal"]
+Selection = Literal["cv", "best", "normal"]
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -24,14 +23,16 @@ class Mlp(NetworkModel):
     """MLP from scratch, full-batch Adam on the mean absolute error.
 
     Attributes:
-        epochs: length of the training.
+        epochs: length of the training, or the longest to choose from.
         learning_rate: constant learning rate of Adam.
-        training: "best" keeps the best epoch on the validation rows, "normal" the last.
+        training: "cv" chooses the number of epochs (0, 10, 30, 100, 400, or the longest) by
+            cross-validation and trains on all rows, "best" keeps the best epoch on the validation
+            rows, "normal" the last.
     """
 
     epochs: Epochs = 1000
     learning_rate: LearningRate = 1e-3
-    training: Selection = "best"
+    training: Selection = "cv"
 
     @property
     def curves_(self) -> dict[str, FloatArray]:
@@ -44,21 +45,21 @@ class Mlp(NetworkModel):
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         self._start(robot, train.q, train.wrench, train.deflection, seed)
-        self.history_ = train_network(
-            self.network_,
-            self._measured_rows(train),
-            TrainingPlan(
-                steps=self.epochs,
-                learning_rate=self.learning_rate,
-                loss="mae",
-                optimizer="adam",
-                keep_best=self.training == "best",
-            ),
-            seed=seed,
-            phase="train",
-            validation=None if validation is None else self._measured_rows(validation),
+        rows, held_out = self._measured_rows(train), None
+        if validation is not None and self.training == "best":
+            held_out = self._measured_rows(validation)
+        plan = TrainingPlan(
+            steps=self.epochs,
+            learning_rate=self.learning_rate,
+            loss="mae",
+            optimizer="adam",
+            keep_best=held_out is not None,
         )
-        if self.history_.best_step < min(self.epochs, 1):
+
+        if self.training == "cv":
+            plan = self._cross_validated(train, rows, plan, seed)
+        self.history_ = self._learn(self.network_, rows, plan, seed, validation=held_out)[0]
+        if self.history_.best_step < min(plan.steps, 1):
             warnings.warn(
                 f"none of {self.epochs} epochs was better on the validation rows than the "
                 "untrained network, which is kept; is a learning rate of "

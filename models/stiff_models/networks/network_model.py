@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 import time
 from abc import abstractmethod
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
+from types import MappingProxyType
 from typing import Annotated
 
 import numpy as np
@@ -15,15 +18,19 @@ from annotated_types import Ge, Le
 from stiff_models.base import FittedModel
 from stiff_models.device import RunsOnDevice, torch_device
 from stiff_models.networks.cache import Trained, remembered, training_digest
+from stiff_models.networks.epochs import chosen_epochs, lengths_up_to
 from stiff_models.networks.features import AngleEncoding, Scaler, encode
 from stiff_models.networks.network import Activation, ChosenActivation, build_network
 from stiff_models.networks.torch_parts import EncodedNetwork
-from stiff_models.networks.training import Objective, Rows, train_network
+from stiff_models.networks.training import Curve, Objective, Rows, Visits, train_network
 from stiff_models.networks.training_plan import Trainable, TrainingPlan
-from stiff_protocols.contract.types import FloatArray, Robot, Samples
+from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 
 Layers = Annotated[int, Ge(1), Le(20)]
 Width = Annotated[int, Ge(1), Le(4096)]
+
+Judge = Callable[[], dict[str, FloatArray]]
+"""Measures a network that was just trained."""
 
 PREDICTED_AT_ONCE = 1024  # rows: what the layers pass on stays in the processor's cache
 
@@ -39,10 +46,14 @@ class EncodedNetworkModel(RunsOnDevice, FittedModel):
     angle_encoding: AngleEncoding = "sincos"
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        return self.output_scaler_.undo(self._outputs(q, wrench))
+
+    def _outputs(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the network's (n, n_outputs) outputs."""
         inputs = self._inputs(q, wrench)
         with torch.no_grad():
             outputs = [self.network_(part) for part in torch.split(inputs, PREDICTED_AT_ONCE)]
-        return self.output_scaler_.undo(torch.cat(outputs).cpu().double().numpy())
+        return np.asarray(torch.cat(outputs).cpu().double().numpy())
 
     def _start(
         self, robot: Robot, q: FloatArray, wrench: FloatArray, deflection: FloatArray, seed: int
@@ -51,11 +62,12 @@ class EncodedNetworkModel(RunsOnDevice, FittedModel):
         self.robot_ = robot
         self.input_scaler_ = Scaler.of(encode(robot, q, wrench, self.angle_encoding))
         self.output_scaler_ = Scaler.of_deflection(deflection)
-        self.network_ = self._new_network(seed).to(torch_device(self.device)).eval()
+        network = self._new_network(len(self.input_scaler_.mean), seed)
+        self.network_ = network.to(torch_device(self.device)).eval()
 
     @abstractmethod
-    def _new_network(self, seed: int) -> torch.nn.Module:
-        """Return an untrained network; the scalers say how many inputs it has."""
+    def _new_network(self, n_inputs: int, seed: int, n_outputs: int = 3) -> torch.nn.Module:
+        """Return an untrained network; its output layer comes last in its `state_dict`."""
 
     def _torch_module(self) -> torch.nn.Module:
         """The fitted prediction as a module, for export; see `onnx_export`."""
@@ -68,7 +80,34 @@ class EncodedNetworkModel(RunsOnDevice, FittedModel):
         )
 
     def _empty_module(self, name: str) -> torch.nn.Module:
-        return self._new_network(seed=0)
+        return self._new_network(len(self.input_scaler_.mean), seed=0)
+
+    def _train(
+        self,
+        rows: Rows,
+        plan: TrainingPlan,
+        seed: int,
+        phase: str,
+        *,
+        trainable: Trainable | None = None,
+        objective: Objective | None = None,
+        judge: Judge = dict,
+    ) -> Trained:
+        """Train the network in place; `judge` measures it once, see `_train_remembered`."""
+        start = time.perf_counter()
+        curve = train_network(
+            self.network_,
+            rows,
+            plan,
+            seed=seed,
+            phase=phase,
+            trainable=trainable,
+            objective=objective,
+        )
+        weights = {
+            name: tensor.cpu().numpy() for name, tensor in self.network_.state_dict().items()
+        }
+        return Trained(weights, curve, time.perf_counter() - start, judge())
 
     def _train_remembered(
         self,
@@ -79,45 +118,88 @@ class EncodedNetworkModel(RunsOnDevice, FittedModel):
         *,
         trainable: Trainable | None = None,
         objective: Objective | None = None,
-        judge: Callable[[], FloatArray] = lambda: np.empty(0),
+        judge: Judge = dict,
         extra: Iterable[torch.Tensor] = (),
         about: str = "",
     ) -> Trained:
         """Train the network in place, or put in the weights of the same training done before.
 
-        `judge` measures the trained network once: the outcome is kept with the weights. `extra`
-        (tensors) and `about` say what `objective` and `judge` are made of; the other arguments are
-        those of `train_network`.
+        What `judge` measures of the trained network is kept with the weights. `extra` (tensors) and
+        `about` say what `objective` and `judge` are made of; the other arguments are those of
+        `train_network`.
         """
 
         def compute() -> Trained:
-            start = time.perf_counter()
-            curve = train_network(
-                self.network_,
-                rows,
-                plan,
-                seed=seed,
-                phase=phase,
-                trainable=trainable,
-                objective=objective,
+            return self._train(
+                rows, plan, seed, phase, trainable=trainable, objective=objective, judge=judge
             )
-            weights = {
-                name: tensor.cpu().numpy() for name, tensor in self.network_.state_dict().items()
-            }
-            seconds = time.perf_counter() - start
-            return Trained(weights, curve, seconds, judge())
 
         if plan.steps == 0:
             return compute()
         actors = [thing for thing in (self, objective) if thing is not None]
-        digest = training_digest(
-            self.network_, rows, plan, seed, actors=actors, extra=extra, about=about
-        )
+        tensors = (rows.inputs, rows.targets, *extra)
+        digest = training_digest(self.network_, plan, seed, tensors, actors=actors, about=about)
         trained = remembered(digest, compute)
         self.network_.load_state_dict(
             {name: torch.from_numpy(array.copy()) for name, array in trained.weights.items()}
         )
         return trained
+
+    def _learn(
+        self,
+        network: torch.nn.Module,
+        rows: Rows,
+        plan: TrainingPlan,
+        seed: int,
+        *,
+        validation: Rows | None = None,
+        visits: Visits = MappingProxyType({}),
+    ) -> list[Curve]:
+        """Train a network in place on measured rows and return each stage's curve."""
+        curve = train_network(
+            network, rows, plan, seed=seed, phase="train", validation=validation, visits=visits
+        )
+        return [curve]
+
+    def _n_stages(self) -> int:
+        """Return how many stages `_learn` has."""
+        return 1
+
+    def _cross_validated(
+        self, samples: Samples, rows: Rows, plan: TrainingPlan, seed: int
+    ) -> TrainingPlan:
+        """Return the plan with as many epochs, up to its own, as cross-validation chooses.
+
+        `rows` are those of `samples`. What a network knows before (physics, a pre-training) comes
+        from all of them, and counts for the shorter trainings.
+        """
+        lengths = lengths_up_to(plan.steps)
+        scale = torch.as_tensor(self.output_scaler_.scale, dtype=torch.float32).to(rows.inputs)
+
+        def errors_of(learn: IntArray, held_out: IntArray) -> FloatArray:
+            learned, tested = rows.take(learn), rows.take(held_out)
+            errors = {}
+
+            def look(network: torch.nn.Module, length: int) -> None:
+                error = (network(tested.inputs) - tested.targets) * scale
+                errors[length] = error.norm(dim=1).cpu().double().numpy()
+
+            if plan.schedule == "constant" and self._n_stages() == 1:
+                # a short training is the beginning of a long one
+                network = copy.deepcopy(self.network_)
+                visits = {length: partial(look, network, length) for length in lengths}
+                self._learn(network, learned, plan, seed, visits=visits)
+            else:
+                for length in lengths:
+                    network = copy.deepcopy(self.network_)
+                    self._learn(network, learned, replace(plan, steps=length), seed)
+                    with torch.no_grad():
+                        look(network, length)
+            return np.stack([errors[length] for length in lengths])
+
+        epochs = chosen_epochs(samples, lengths, errors_of, seed)
+        self.best_params_ = {"epochs": epochs}
+        return replace(plan, steps=epochs)
 
     def _inputs(self, q: FloatArray, wrench: FloatArray) -> torch.Tensor:
         """Return what the network is given for each sample, (n, n_inputs) on the device."""
@@ -140,7 +222,8 @@ class NetworkModel(EncodedNetworkModel):
     Attributes:
         layers: hidden layers.
         width: nodes per hidden layer.
-        activation: of the hidden layers; "auto" is "relu", unless the recipe has another.
+        activation: of the hidden layers; "auto" is "relu", or for a network that is pre-trained on
+            smooth simulated deflections "gelu".
     """
 
     layers: Layers = 4
@@ -152,11 +235,12 @@ class NetworkModel(EncodedNetworkModel):
         """The activation that the network gets."""
         return "relu" if self.activation == "auto" else self.activation
 
-    def _new_network(self, seed: int) -> torch.nn.Module:
+    def _new_network(self, n_inputs: int, seed: int, n_outputs: int = 3) -> torch.nn.Module:
         return build_network(
-            len(self.input_scaler_.mean),
+            n_inputs,
             layers=self.layers,
             width=self.width,
             activation=self.hidden_activation,
             seed=seed,
+            n_outputs=n_outputs,
         )

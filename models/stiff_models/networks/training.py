@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 import torch
@@ -16,7 +17,7 @@ from stiff_models.networks.plain_sequence import PlainSequence
 from stiff_models.networks.training_plan import Trainable, TrainingPlan, loss_function
 from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
 from stiff_protocols.contract.progress import report
-from stiff_protocols.contract.types import FloatArray
+from stiff_protocols.contract.types import FloatArray, IntArray
 
 RISEN = 10.0
 """So many times both the first loss and that of outputs of zero: the training has diverged."""
@@ -31,7 +32,10 @@ Objective = Callable[[float, torch.Tensor, torch.Tensor], torch.Tensor]
 """Takes the progress of the training (0 at its first step, towards 1), inputs (n, n_features) and
 standardised targets (n, 3); returns the loss."""
 
-PRETRAINING_VERSION = 1
+Visits = Mapping[int, Callable[[], None]]
+"""Number of steps -> what is called then."""
+
+PRETRAINING_VERSION = 2
 """Part of the name under which a finished training is kept. Raise it with every change after which
 the same network, rows, plan and seed give other weights or other errors on the source: in this
 loop, the optimizers, the losses, the alignments, a network's forward pass, `source_errors`."""
@@ -50,6 +54,11 @@ class Rows:
     def __len__(self) -> int:
         """Return the number of rows."""
         return len(self.inputs)
+
+    def take(self, rows: IntArray) -> Rows:
+        """Return the rows of these numbers."""
+        chosen = torch.from_numpy(rows).to(self.inputs.device)
+        return Rows(self.inputs[chosen], self.targets[chosen])
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,18 +87,20 @@ def train_network(
     trainable: Trainable | None = None,
     validation: Rows | None = None,
     objective: Objective | None = None,
+    visits: Visits = MappingProxyType({}),
 ) -> Curve:
     """Train `network` in place; it is in train mode meanwhile, and in eval mode afterwards.
 
     Args:
         network: maps (n, n_features) inputs to (n, 3) outputs.
         rows: what it learns from.
-        plan: how; `seed` gives the order of the batches.
-        seed: see above.
+        plan: how.
+        seed: of the batches' order and of what layers draw.
         phase: name for progress reports.
         trainable: which parameters move; None: all of the network's.
         validation: rows that choose the step when the plan keeps the best; never learned from.
         objective: what is minimised; None: the plan's loss on the network's outputs.
+        visits: what is called after so many steps, from 0, with the network in eval mode.
 
     Raises:
         ModelError: the loss became NaN or infinite.
@@ -99,14 +110,21 @@ def train_network(
         parameter.requires_grad_(parameter in trainable.rates)
     held_out = validation if plan.keep_best else None
     kind = arithmetic(rows.inputs.device, mixed_precision=plan.mixed_precision)
-    with kind.in_force():
+    with kind.in_force(), torch.random.fork_rng():
+        torch.manual_seed(seed)  # what layers draw: dropout
         run = _Run(network, rows, plan, trainable, held_out, seed, objective, kind.bfloat16)
-        curve = _steps(run, plan, trainable, phase)
+        curve = _steps(run, plan, trainable, phase, visits)
     network.eval()
     return curve
 
 
-def _steps(run: _Run, plan: TrainingPlan, trainable: Trainable, phase: str) -> Curve:
+def _steps(
+    run: _Run,
+    plan: TrainingPlan,
+    trainable: Trainable,
+    phase: str,
+    visits: Visits,
+) -> Curve:
     moving = list(trainable.rates)
     origin = [parameter.detach().clone() for parameter in moving] if trainable.pull else []
     too_high = f"a learning rate of {plan.learning_rate:g} is too high here"
@@ -121,6 +139,7 @@ def _steps(run: _Run, plan: TrainingPlan, trainable: Trainable, phase: str) -> C
     run.network.train()
     first = loss = torch.tensor(0.0)
     for step in range(plan.steps):
+        run.visited(visits, step)
         loss = run.step(step)
         first = loss if step == 0 else first
         if origin:
@@ -129,6 +148,7 @@ def _steps(run: _Run, plan: TrainingPlan, trainable: Trainable, phase: str) -> C
             value = finite(loss, step + 1)
             run.points.append((step + 1, value, run.validation_loss))
             report(phase, step + 1, plan.steps, value)
+    run.visited(visits, plan.steps)
     curve = run.finish()
     if plan.steps:
         inputs, targets = run.rows.inputs[:ROWS_LOOKED_AT], run.rows.targets[:ROWS_LOOKED_AT]
@@ -242,6 +262,14 @@ class _Run:
             outputs: torch.Tensor = self.tail(inputs)
         self.network.train()
         return outputs
+
+    def visited(self, visits: Visits, step: int) -> None:
+        """Call what is to be called after so many steps."""
+        if step in visits:
+            self.network.eval()
+            with torch.no_grad():
+                visits[step]()
+            self.network.train()
 
     def finish(self) -> Curve:
         """Judge the last weights, put the best ones back, and return what happened."""

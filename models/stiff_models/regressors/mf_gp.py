@@ -8,7 +8,6 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge
 
-from stiff_models.physics.kinematics import joint_deflection
 from stiff_models.regressors.gaussian_process import Covariance, GaussianProcess, Search
 from stiff_models.regressors.gp import GaussianProcessModel, noise_in_mm
 from stiff_models.transfer.source import PoseDesign, WrenchDesign, drawn_from
@@ -77,7 +76,7 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         inputs, targets = self._standardised(robot, train)
         origin = self._origin(train, robot)
-        compliance = self._source_compliance(origin.samples, origin.robot)
+        teacher = self._teacher(origin.samples, origin.robot)
         drawn_q, drawn_wrench = drawn_from(
             self._design(origin.samples, origin.robot, seed),
             self.source_samples,
@@ -86,7 +85,7 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
         # nested designs: the low fidelity is simulated where the high one was measured too
         q, wrench = np.vstack([drawn_q, train.q]), np.vstack([drawn_wrench, train.wrench])
         cheap_inputs = self._inputs(robot, q, wrench)
-        cheap = self.output_scaler_.apply(joint_deflection(origin.robot, compliance, q, wrench))
+        cheap = self.output_scaler_.apply(teacher(q, wrench))
         self.levels_ = tuple(
             fit_co_kriging(
                 self._start(inputs.shape[1], noise=False),

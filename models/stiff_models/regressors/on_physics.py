@@ -6,22 +6,12 @@ A family is ``class VjmX(OnPhysics, X)``.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
-from stiff_models.physics.full_vjm import FullVjm
-from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
-from stiff_models.physics.vjm import VirtualJointModel
+from stiff_models.physics.families import Physics, fitted_physics
 from stiff_models.regressors.gp import GaussianProcessModel
 from stiff_models.regressors.regressor_model import BoostingModel
 from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples
-
-Physics = Literal["vjm", "vjm-multisegment", "vjm-full"]
-
-_FAMILIES: dict[Physics, Any] = {
-    "vjm": VirtualJointModel,
-    "vjm-multisegment": MultiSegmentVjm,
-    "vjm-full": FullVjm,
-}
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -38,7 +28,7 @@ class OnPhysics:
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         vars(self).pop("diagnostics_", None)  # an earlier fit's
-        self.physics_ = _FAMILIES[self.physics]().fit(train, robot=robot, seed=seed)
+        self.physics_ = fitted_physics(self.physics, train, robot)
         learner: Any = super()
         residuals = None if validation is None else self._residual(validation)
         learner._fit(self._residual(train), robot, residuals, seed)

@@ -2,7 +2,7 @@
 
 Its shape is that of Zhao et al., "Applications of Unsupervised Deep Transfer Learning to
 Intelligent Fault Diagnosis: A Survey and Comparative Study", IEEE TIM 2021 (UDTL,
-`models/cnn_1d.py`), with three outputs and kernels of width 1: the features of a sample are no
+`models/cnn_1d.py`), with linear outputs and kernels of width 1: the features of a sample are no
 signal, so their neighbourhood means nothing.
 """
 
@@ -19,7 +19,6 @@ CHANNELS = (1, 16, 32, 64, 128)
 POOLED_AFTER = 2  # convolutions before the max pooling of pairs
 CELLS = 4  # of the adaptive pooling behind the last convolution
 WIDTH = 256  # of the hidden and the bottleneck layer
-N_OUTPUTS = 3
 
 
 class CellMaxPool(torch.nn.Module):
@@ -57,7 +56,7 @@ class SampleNormalisation(torch.nn.Module):
 
 
 class Cnn(torch.nn.Module):
-    """Four 1x1 convolutions, a hidden layer, a bottleneck layer, three linear outputs.
+    """Four 1x1 convolutions, a hidden layer, a bottleneck layer, linear outputs.
 
     Each convolution is followed by batch normalisation and ReLU, the two layers of 256 by ReLU
     and dropout. With `pool="udtl"` the maximum of neighbouring pairs follows the second
@@ -67,7 +66,9 @@ class Cnn(torch.nn.Module):
     `pool="none"` the layer of 256 sees every feature at its own place.
     """
 
-    def __init__(self, n_inputs: int, *, pool: Pool, dropout: float, per_sample: bool) -> None:
+    def __init__(
+        self, n_inputs: int, n_outputs: int, *, pool: Pool, dropout: float, per_sample: bool
+    ) -> None:
         """Draw the weights from torch's random state.
 
         `dropout` is the share of the values behind both layers of 256 that a training step drops;
@@ -91,7 +92,7 @@ class Cnn(torch.nn.Module):
             length = CELLS
         modules += [torch.nn.Flatten(), *_layer(CHANNELS[-1] * length, dropout)]
         self.body = torch.nn.Sequential(*modules, *_layer(WIDTH, dropout))
-        self.head = torch.nn.Linear(WIDTH, N_OUTPUTS)
+        self.head = torch.nn.Linear(WIDTH, n_outputs)
         self.statistics_frozen = False
 
     def bottleneck(self, inputs: torch.Tensor) -> torch.Tensor:
@@ -100,7 +101,7 @@ class Cnn(torch.nn.Module):
         return features
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Return the (n, 3) outputs of (n, n_inputs) inputs."""
+        """Return the (n, n_outputs) outputs of (n, n_inputs) inputs."""
         outputs: torch.Tensor = self.head(self.bottleneck(inputs))
         return outputs
 
@@ -122,11 +123,19 @@ class Cnn(torch.nn.Module):
         return [module for module in self.body if isinstance(module, torch.nn.BatchNorm1d)]
 
 
-def build_cnn(n_inputs: int, *, pool: Pool, dropout: float, per_sample: bool, seed: int) -> Cnn:
+def build_cnn(
+    n_inputs: int,
+    *,
+    pool: Pool,
+    dropout: float,
+    per_sample: bool,
+    seed: int,
+    n_outputs: int = 3,
+) -> Cnn:
     """Return a network with weights drawn from `seed`; torch's own random state stays."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        return Cnn(n_inputs, pool=pool, dropout=dropout, per_sample=per_sample)
+        return Cnn(n_inputs, n_outputs, pool=pool, dropout=dropout, per_sample=per_sample)
 
 
 @torch.no_grad()

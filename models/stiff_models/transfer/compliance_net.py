@@ -17,11 +17,11 @@ from annotated_types import Ge
 
 from stiff_models.device import torch_device
 from stiff_models.networks.features import Scaler, encode
-from stiff_models.networks.network import build_network, linear_layers
+from stiff_models.networks.network import ChosenActivation, build_network, linear_layers
 from stiff_models.networks.torch_parts import EncodedNetwork, TorchJacobian
-from stiff_models.networks.training_plan import TrainingPlan
 from stiff_models.physics.kinematics import jacobian, joint_torque
-from stiff_models.transfer.ft_mlp import GENTLE, FtMlp
+from stiff_models.transfer.ft_mlp import FtMlp
+from stiff_models.transfer.source import SourceDomain
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
 _SOFTPLUS_0 = math.log(2.0)
@@ -66,7 +66,13 @@ class ComplianceNet(FtMlp):
     """
 
     freeze: str = "full"
+    activation: ChosenActivation = "relu"
     pretrain_steps: Annotated[int, Ge(0)] | None = 0
+
+    @property
+    def shares_pretraining(self) -> bool:
+        """Its own equation has the compliances of the training part."""
+        return False
 
     def compliance(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """Return the (n, n_joints) joint compliances, rad/(N m); arguments as of `predict`."""
@@ -75,15 +81,12 @@ class ComplianceNet(FtMlp):
             relative = cast(ComplianceNetwork, self.network_).compliance(features)
         return np.asarray(relative.cpu().double().numpy() * self.reference_compliance_)
 
-    def _fine_tuning_recipe(self) -> TrainingPlan:
-        return super()._fine_tuning_recipe() if self.recipe == "paper" else GENTLE
-
-    def _source_compliance(self, samples: Samples, robot: Robot) -> FloatArray:
-        compliance = super()._source_compliance(samples, robot)
+    def _simulated(self, samples: Samples, robot: Robot, seed: int) -> SourceDomain:
+        compliance = self._source_compliance(samples, robot)
         # a joint that the VJM found rigid must still be able to give way
         typical = np.median(compliance[compliance > 0.0])
         self.reference_compliance_ = np.where(compliance > 0.0, compliance, typical)
-        return compliance
+        return super()._simulated(samples, robot, seed)
 
     def _start(
         self, robot: Robot, q: FloatArray, wrench: FloatArray, deflection: FloatArray, seed: int
@@ -94,12 +97,13 @@ class ComplianceNet(FtMlp):
         size = np.sqrt((deflection**2).mean(axis=0))
         # no shift of the outputs: no load must give no deflection
         self.output_scaler_ = Scaler(np.zeros(3), np.where(size > 0.0, size, 1.0))
-        self.network_ = self._new_network(seed).to(torch_device(self.device)).eval()
+        network = self._new_network(len(self.input_scaler_.mean), seed)
+        self.network_ = network.to(torch_device(self.device)).eval()
 
-    def _new_network(self, seed: int) -> torch.nn.Module:
-        n_joints = self.robot_.n_joints
+    def _new_network(self, n_inputs: int, seed: int, n_outputs: int = 3) -> torch.nn.Module:
+        n_joints = self.robot_.n_joints  # n_outputs: of the body they are the joints
         body = build_network(
-            len(self.input_scaler_.mean),
+            n_inputs,
             layers=self.layers,
             width=self.width,
             activation=self.hidden_activation,

@@ -7,29 +7,24 @@ unlabelled target inputs the features of the source.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import numpy as np
-import torch
 from annotated_types import Ge
 
 from stiff_models.networks.cache import Trained
 from stiff_models.networks.features import Scaler
-from stiff_models.networks.network_model import EncodedNetworkModel
-from stiff_models.networks.training import Rows, train_network
+from stiff_models.networks.network_model import Judge
+from stiff_models.networks.training import Rows
 from stiff_models.networks.training_plan import Trainable, TrainingPlan
 from stiff_models.transfer.alignment import AlignedObjective, Alignment, uses_target
 from stiff_models.transfer.cnn import Cnn, Pool, adapt_statistics, build_cnn
-from stiff_models.transfer.ft_mlp import GENTLE
-from stiff_models.transfer.mlp_pretrained import divided, source_errors, source_report
-from stiff_models.transfer.source_model import SourceModel
+from stiff_models.transfer.ft_mlp import FINE_TUNING
+from stiff_models.transfer.pretraining import PretrainedModel
 from stiff_protocols.contract.errors import ModelError
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
-SOURCE_TEST_ROWS = 4096  # of the randomly drawn test part: this network is slow to predict
 UDTL_EPOCHS, UDTL_BATCH, UDTL_DROPOUT = 300, 64, 0.5
 
 FAST = TrainingPlan(
@@ -57,7 +52,7 @@ def udtl_plan(n_source: int) -> TrainingPlan:
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class DtCnn(SourceModel, EncodedNetworkModel):
+class DtCnn(PretrainedModel):
     """Deep-transfer CNN, in two regimes that cannot be compared; a table says in which a row is.
 
     Even with `supervision="none"`, as in UDTL, the training labels identify the joint stiffnesses
@@ -65,50 +60,48 @@ class DtCnn(SourceModel, EncodedNetworkModel):
 
     Attributes:
         preset: "ours" (no dropout, every feature standardised with the source's statistics) or
-            "udtl" (the literal network: pooling, dropout 0.5, every sample normalised on its own).
+            "udtl" (the literal network: pooling, dropout 0.5, every sample normalised on its own)
+            or "paper" (our network on the source domain of the source paper's Tables 4 and 5).
         pool: "udtl" cannot tell apart the features of a neighbouring pair; "none" gives every
             feature its own place; "auto": the preset's.
         alignment: "none", "adabn" (batch statistics taken anew from target inputs), or the distance
             of the features: "mk-mmd", "jmmd", "coral", "dann", "rsd", "dare-gram".
         alignment_weight: weight of the distance against the loss on standardised outputs.
         supervision: "none" (no measured deflection trains the network) or "fine-tune" (all layers
-            then learn from the measured training samples).
+            then learn from the measured training samples, for a number of epochs that
+            cross-validation chooses).
         recipe: "fast" (ours) or "udtl" (300 epochs of batches of 64: hours).
-        pretrain_steps: length of the training on the source; none: the recipe's.
     """
 
-    preset: Literal["ours", "udtl"] = "ours"
+    preset: Literal["ours", "udtl", "paper"] = "ours"
     pool: Literal["auto", "none", "udtl"] = "auto"
-    alignment: Alignment = "mk-mmd"
+    alignment: Alignment = "none"
     alignment_weight: Annotated[float, Ge(0.0)] = 1.0
     supervision: Literal["none", "fine-tune"] = "none"
     recipe: Literal["fast", "udtl"] = "fast"
-    pretrain_steps: Annotated[int, Ge(0)] | None = None
 
     @property
     def regime(self) -> str:
         """Whether measured deflections train the network."""
         return self._unlabelled() if self.supervision == "none" else ""
 
-    def chooses_epoch(self) -> bool:
-        """Whether validation rows choose the epoch: only of the fine-tuning."""
-        return self.supervision == "fine-tune"
+    @property
+    def paper_source(self) -> bool:
+        """With the paper's preset."""
+        return self.preset == "paper"
+
+    @property
+    def shares_pretraining(self) -> bool:
+        """Whether a pre-training serves all training parts: not where it sees their inputs."""
+        return not uses_target(self.alignment) and super().shares_pretraining
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
-        origin = self._origin(train, robot)
-        domain = self._simulated(origin.samples, origin.robot, seed)
-        learn, test = divided(domain, seed)
-        self._start(origin.robot, learn.q, learn.wrench, learn.deflection, seed)
-        rows = self._rows(learn.q, learn.wrench, learn.deflection)
-        trained = self._transfer(rows, self._inputs(train.q, train.wrench), seed)
-        self.history_ = trained.curve
-        some = test.take(np.arange(min(len(test), SOURCE_TEST_ROWS)))
-        self.source_errors_ = source_errors(self, learn, some)
-        self.diagnostics_ = source_report(len(domain), trained.seconds, self.source_errors_)
+        self._pretrain(train, self._origin(train, robot), seed)
+        if self.alignment == "adabn":
+            adapt_statistics(self._cnn(), self._inputs(train.q, train.wrench))
         self.robot_ = robot  # predictions are of the target from here on
         if self.supervision == "fine-tune":
-            held_out = None if validation is None else self._measured_rows(validation)
-            self._fine_tune(self._measured_rows(train), held_out, seed)
+            self._fine_tune(train, seed)
 
     @property
     def curves_(self) -> dict[str, FloatArray]:
@@ -118,21 +111,12 @@ class DtCnn(SourceModel, EncodedNetworkModel):
             found["fine-tuning"] = self.fine_tuning_.points
         return found
 
-    def _transfer(self, rows: Rows, target: torch.Tensor, seed: int) -> Trained:
-        """Train the network on source rows and on the (n, n_inputs) inputs of target rows."""
-        plan = self._plan(len(rows))
-        with _seeded(seed):
-            if uses_target(self.alignment):
-                trained = self._train_aligned(rows, target, plan, seed)
-            else:
-                trained = self._train_remembered(rows, plan, seed, "pre-train")
-        if self.alignment == "adabn":
-            adapt_statistics(self._cnn(), target)
-        return trained
-
-    def _train_aligned(
-        self, rows: Rows, target: torch.Tensor, plan: TrainingPlan, seed: int
+    def _trained_on_source(
+        self, rows: Rows, plan: TrainingPlan, train: Samples, seed: int, judge: Judge
     ) -> Trained:
+        if not uses_target(self.alignment):
+            return super()._trained_on_source(rows, plan, train, seed, judge)
+        target = self._inputs(train.q, train.wrench)
         if self.alignment == "coral" and len(target) < 2:
             raise ModelError("alignment 'coral' compares covariances: 2 training samples or more")
         objective = AlignedObjective(
@@ -151,25 +135,20 @@ class DtCnn(SourceModel, EncodedNetworkModel):
             "pre-train",
             trainable=Trainable(dict.fromkeys(moving, 1.0)),
             objective=objective,
+            judge=judge,
             extra=(target,),
             about=f"{self.alignment} {self.alignment_weight!r}",
         )
 
-    def _fine_tune(self, rows: Rows, validation: Rows | None, seed: int) -> None:
+    def _fine_tune(self, train: Samples, seed: int) -> None:
         """Train every layer on measured rows, with the batch statistics of the pre-training.
 
         The measured rows are few, and would move the statistics away from what the layers know.
         """
         self._cnn().freeze_statistics()
-        with _seeded(seed):
-            self.fine_tuning_ = train_network(
-                self.network_,
-                rows,
-                replace(GENTLE, keep_best=validation is not None),
-                seed=seed,
-                phase="fine-tune",
-                validation=validation,
-            )
+        rows = self._measured_rows(train)
+        plan = self._cross_validated(train, rows, FINE_TUNING["fast"], seed)
+        self.fine_tuning_ = self._learn(self.network_, rows, plan, seed)[0]
 
     def _start(
         self, robot: Robot, q: FloatArray, wrench: FloatArray, deflection: FloatArray, seed: int
@@ -183,24 +162,17 @@ class DtCnn(SourceModel, EncodedNetworkModel):
         assert isinstance(self.network_, Cnn)  # for the type checker
         return self.network_
 
-    def _new_network(self, seed: int) -> Cnn:
+    def _new_network(self, n_inputs: int, seed: int, n_outputs: int = 3) -> Cnn:
         pool: Pool = "udtl" if self.preset == "udtl" else "none"
         return build_cnn(
-            len(self.input_scaler_.mean),
+            n_inputs,
             pool=pool if self.pool == "auto" else self.pool,
             dropout=UDTL_DROPOUT if self.preset == "udtl" else 0.0,
             per_sample=self.preset == "udtl",
             seed=seed,
+            n_outputs=n_outputs,
         )
 
-    def _plan(self, n_rows: int) -> TrainingPlan:
+    def _pretraining_plan(self, n_rows: int) -> TrainingPlan:
         plan = FAST if self.recipe == "fast" else udtl_plan(n_rows)
         return plan if self.pretrain_steps is None else replace(plan, steps=self.pretrain_steps)
-
-
-@contextmanager
-def _seeded(seed: int) -> Iterator[None]:
-    """Draw what torch's layers draw (dropout) from `seed`, and leave its random state as it was."""
-    with torch.random.fork_rng():
-        torch.manual_seed(seed)
-        yield

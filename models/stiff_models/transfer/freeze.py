@@ -12,6 +12,7 @@ Written as in ``freeze=layers:1,2``. Hidden layers count from 1; ``out`` is the 
 ``l2sp``                  every layer, with the penalty alpha/2 |w - w0|^2 (Li et al. 2018)
 ``lp-ft``                 the output layer for half of the epochs, then every layer
 ``bias``                  the biases of every layer
+``lora:r``                an update of rank r of every hidden layer's weights (Hu et al. 2021)
 ========================  ========================================================================
 """
 
@@ -23,7 +24,7 @@ from stiff_protocols.contract.errors import ConfigError
 
 DISCRIMINATIVE_FACTOR = 2.6
 _PLAIN = ("full", "head", "gradual", "discriminative", "l2sp", "lp-ft", "bias")
-VALID = f"layers:1,2 (hidden layers from 1, out), first:k, last:k, {', '.join(_PLAIN)}"
+VALID = f"layers:1,2 (hidden layers from 1, out), first:k, last:k, lora:r, {', '.join(_PLAIN)}"
 
 
 @dataclass(frozen=True)
@@ -35,12 +36,14 @@ class Stage:
         rates: layer number from 0 (the last is the output layer) -> factor on the learning rate.
         biases_only: the weights stay.
         pull: alpha of the l2sp penalty; 0: none.
+        rank: of an update of the weights, which alone moves; 0: the weights themselves move.
     """
 
     epochs: int
     rates: dict[int, float]
     biases_only: bool = False
     pull: float = 0.0
+    rank: int = 0
 
 
 def stages(
@@ -57,6 +60,8 @@ def stages(
     if name in ("layers", "first", "last") and argument:
         chosen = _layers(freeze, name, argument, hidden_layers)
         return (Stage(epochs, dict.fromkeys(chosen, 1.0)),)
+    if name == "lora" and argument.isdecimal() and int(argument) > 0:
+        return (Stage(epochs, dict.fromkeys(range(out), 1.0), rank=int(argument)),)
     if argument or freeze not in _PLAIN:
         raise ConfigError(f"freeze={freeze!r}: no such strategy (valid: {VALID})")
     if freeze == "head":

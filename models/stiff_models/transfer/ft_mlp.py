@@ -11,23 +11,23 @@ import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Annotated, Literal
 
 import numpy as np
 import torch
 from annotated_types import Ge
+from torch.nn.utils import parametrize
 
 from stiff_models.networks.mlp import Epochs, LearningRate, Selection
 from stiff_models.networks.network import linear_layers
-from stiff_models.networks.training import Curve, Rows, train_network
+from stiff_models.networks.training import Curve, Rows, Visits, train_network
 from stiff_models.networks.training_plan import Trainable, TrainingPlan
 from stiff_models.transfer.freeze import Stage, stages
 from stiff_models.transfer.mlp_pretrained import MlpPretrained, Recipe
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
-_FAST = TrainingPlan(steps=400, learning_rate=1e-3, loss="mae", optimizer="adam", schedule="linear")
-# for networks of other kinds, in which every layer moves
-GENTLE = TrainingPlan(steps=300, learning_rate=3e-4, loss="mae", optimizer="adam")
+_FAST = TrainingPlan(steps=400, learning_rate=3e-4, loss="mae", optimizer="adam")
 FINE_TUNING: dict[Recipe, TrainingPlan] = {
     "fast": _FAST,
     "best": _FAST,
@@ -43,9 +43,11 @@ class FtMlp(MlpPretrained):
     Attributes:
         freeze: layers that fine-tuning trains: "layers:1,2" (hidden layers from 1, "out" for the
             output layer; any set), "first:k", "last:k", "full", "head", "gradual",
-            "discriminative", "l2sp", "lp-ft", "bias".
-        training: "best" keeps the best epoch on the validation rows, "normal" the last.
-        epochs: epochs of fine-tuning; none: the recipe's.
+            "discriminative", "l2sp", "lp-ft", "bias", "lora:r" (updates of rank r).
+        training: "cv" chooses the number of epochs (0, 10, 30, 100, 400, or the longest) by
+            cross-validation and trains on all rows, "best" keeps the best epoch on the validation
+            rows, "normal" the last.
+        epochs: epochs of fine-tuning, or the most to choose from; none: the recipe's.
         learning_rate: learning rate of fine-tuning; none: the recipe's.
         precision: of matrix products in fine-tuning: "float32", or "bfloat16" where the device has
             it, which is faster; losses then differ by about 1 %.
@@ -55,7 +57,7 @@ class FtMlp(MlpPretrained):
     """
 
     freeze: str = "layers:1,2"
-    training: Selection = "best"
+    training: Selection = "cv"
     epochs: Epochs | None = None
     learning_rate: LearningRate | None = None
     precision: Literal["float32", "bfloat16"] = "float32"
@@ -80,17 +82,36 @@ class FtMlp(MlpPretrained):
         self.check_params()
         super()._fit(train, robot, None, seed)
         self.source_network_ = copy.deepcopy(self.network_)
-        rows = self._measured_rows(train)
-        held_out = None if validation is None else self._measured_rows(validation)
+        rows, held_out = self._measured_rows(train), None
+        if validation is not None and self.training == "best":
+            held_out = self._measured_rows(validation)
         plan = self._fine_tuning_plan(keep_best=held_out is not None)
-        self.fine_tuning_ = fine_tune(
-            self.network_, rows, plan, self._stages(plan.steps), validation=held_out, seed=seed
-        )
+        if self.training == "cv":
+            plan = self._cross_validated(train, rows, plan, seed)
+        self.fine_tuning_ = self._learn(self.network_, rows, plan, seed, validation=held_out)
         learned = np.abs(self.predict(train.q, train.wrench) - train.deflection)
         self.diagnostics_ |= {
             "training MAE [mm]": float(learned.mean()) * 1000.0,  # of all axes together
             "training STDE [mm]": float(learned.std()) * 1000.0,
         }
+
+    def _learn(
+        self,
+        network: torch.nn.Module,
+        rows: Rows,
+        plan: TrainingPlan,
+        seed: int,
+        *,
+        validation: Rows | None = None,
+        visits: Visits = MappingProxyType({}),
+    ) -> list[Curve]:
+        steps = self._stages(plan.steps)
+        return fine_tune(
+            network, rows, plan, steps, validation=validation, seed=seed, visits=visits
+        )
+
+    def _n_stages(self) -> int:
+        return len(self._stages(epochs=1))
 
     @property
     def curves_(self) -> dict[str, FloatArray]:
@@ -102,17 +123,14 @@ class FtMlp(MlpPretrained):
         return found
 
     def _fine_tuning_plan(self, *, keep_best: bool) -> TrainingPlan:
-        plan = self._fine_tuning_recipe()
+        plan = FINE_TUNING[self.recipe]
         return replace(
             plan,
             steps=plan.steps if self.epochs is None else self.epochs,
             learning_rate=plan.learning_rate if self.learning_rate is None else self.learning_rate,
-            keep_best=keep_best and self.training == "best",
+            keep_best=keep_best,
             mixed_precision=self.precision == "bfloat16",
         )
-
-    def _fine_tuning_recipe(self) -> TrainingPlan:
-        return FINE_TUNING[self.recipe]
 
     def _stages(self, epochs: int) -> tuple[Stage, ...]:
         return stages(
@@ -132,25 +150,30 @@ def fine_tune(
     *,
     validation: Rows | None,
     seed: int,
+    visits: Visits = MappingProxyType({}),
 ) -> list[Curve]:
     """Train `network` in place, stage after stage, and return each stage's curve.
 
     A stage goes on from the weights that the stage before kept; with `plan.keep_best` the best
-    weights of all stages are put back at the end.
+    weights of all stages are put back at the end. `visits` count the steps of each stage.
     """
     curves = []
     best_loss, best_weights = math.inf, copy.deepcopy(network.state_dict())
     for number, stage in enumerate(steps):
         phase = "fine-tune" if len(steps) == 1 else f"fine-tune {number + 1}/{len(steps)}"
+        low_rank = _low_rank_updates(network, stage, seed) if stage.rank else {}
         curve = train_network(
             network,
             rows,
             replace(plan, steps=stage.epochs),
             seed=seed,
             phase=phase,
-            trainable=_trainable(network, stage),
+            trainable=Trainable(low_rank or _rates(network, stage), stage.pull),
             validation=validation,
+            visits=visits,
         )
+        if low_rank:
+            _merge_updates(network)
         curves.append(curve)
         if curve.best_loss < best_loss:
             best_loss, best_weights = curve.best_loss, copy.deepcopy(network.state_dict())
@@ -159,11 +182,48 @@ def fine_tune(
     return curves
 
 
-def _trainable(network: torch.nn.Module, stage: Stage) -> Trainable:
+def _rates(network: torch.nn.Module, stage: Stage) -> dict[torch.Tensor, float]:
+    """Return the parameters that move with their factors on the learning rate."""
     rates: dict[torch.Tensor, float] = {}
     for number, layer in enumerate(linear_layers(network)):
         if number in stage.rates:
             rates[layer.bias] = stage.rates[number]
             if not stage.biases_only:
                 rates[layer.weight] = stage.rates[number]
-    return Trainable(rates, stage.pull)
+    return rates
+
+
+class _LowRankUpdate(torch.nn.Module):
+    """Adds ``B A`` of rank r to a weight (Hu et al., "LoRA", 2021); B is zero at first."""
+
+    def __init__(self, weight: torch.Tensor, rank: int) -> None:
+        super().__init__()
+        n_out, n_in = weight.shape
+        self.down = torch.nn.Parameter(torch.randn(rank, n_in) / math.sqrt(n_in))
+        self.up = torch.nn.Parameter(torch.zeros(n_out, rank))
+        self.to(weight.device)
+
+    def forward(self, weight: torch.Tensor) -> torch.Tensor:
+        return weight + self.up @ self.down
+
+
+def _low_rank_updates(
+    network: torch.nn.Module, stage: Stage, seed: int
+) -> dict[torch.Tensor, float]:
+    """Give the hidden layers a low-rank update each, and return what moves."""
+    rates: dict[torch.Tensor, float] = {}
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        for number, layer in enumerate(linear_layers(network)):
+            if number in stage.rates:
+                update = _LowRankUpdate(layer.weight, stage.rank)
+                parametrize.register_parametrization(layer, "weight", update)
+                rates |= dict.fromkeys(update.parameters(), stage.rates[number])
+    return rates
+
+
+def _merge_updates(network: torch.nn.Module) -> None:
+    """Make the updates part of the weights."""
+    for layer in linear_layers(network):
+        if parametrize.is_parametrized(layer):
+            parametrize.remove_parametrizations(layer, "weight")

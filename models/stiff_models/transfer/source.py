@@ -1,27 +1,27 @@
 """The simulated source domain: many poses and wrenches whose deflection a VJM supplies.
 
-A design is a set of poses and some wrenches a pose. The compliance matrix is computed once a pose
-and shared by that pose's wrenches; on a grid it is computed once for all values of the first joint.
-Where a design follows data, it follows the training samples alone.
+A design is a set of poses and some wrenches a pose. Where it follows data, it follows the ranges of
+the training samples alone, rounded outwards: so much do different training parts of one data set
+have in common that nearly all of them get one design.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
-from stiff_models.physics.kinematics import compliance_matrix
+from stiff_models.physics.kinematics import jacobian, unit_deflections
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 
-PoseDesign = Literal["auto", "paper", "data", "sobol"]
-WrenchDesign = Literal["auto", "paper", "data", "uniform", "sobol"]
+PoseDesign = Literal["paper", "data", "sobol"]
+WrenchDesign = Literal["paper", "data", "uniform", "sobol"]
 
-PAPER_ROBOT = "kr10_r1100_2"
 _PAPER_GRID_DEG = (  # source paper, Table 4: A1..A6
     range(-45, 46, 15),
     range(-180, 1, 10),
@@ -41,6 +41,8 @@ PAPER_WRENCHES = np.array(  # source paper, Table 5: N, N m
 )
 POSE_BUDGET = 21_280  # poses of the paper's grid; a grid of ours has no more
 WRENCHES_A_POSE = len(PAPER_WRENCHES)
+ANGLE_STEP = np.deg2rad(15.0)
+ROUNDING = 1e-6  # share of a step that a bound may lie beyond it
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,30 +52,44 @@ class SourceDesign:
     Attributes:
         q: (n_poses, n_joints) rad.
         wrench: (n_poses, n_wrenches, 6) or (1, n_wrenches, 6) when all poses share them.
-        first_values: (k,) values of the first joint where the poses are a grid, of which `q` holds
-            all others' poses k times, once a value; None where they are none.
     """
 
     q: FloatArray
     wrench: FloatArray
-    first_values: FloatArray | None = None
+
+    def rows(self) -> tuple[FloatArray, FloatArray]:
+        """Return pose (n, n_joints) and wrench (n, 6) of every sample, pose by pose."""
+        n_poses, n_wrenches = len(self.q), self.wrench.shape[1]
+        wrench = np.broadcast_to(self.wrench, (n_poses, n_wrenches, 6)).reshape(-1, 6)
+        return np.repeat(self.q, n_wrenches, axis=0), wrench
 
 
 @dataclass(frozen=True, eq=False)
 class SourceDomain:
-    """Simulated samples, pose by pose: `q` (n, n_joints), `wrench` (n, 6), `deflection` (n, 3)."""
+    """Simulated samples, pose by pose.
+
+    Attributes:
+        q: (n, n_joints) rad.
+        wrench: (n, 6) N and N m.
+        parts: (n, 3, n_parts) m, which add up to the deflection: one a joint spring, or one in all.
+    """
 
     q: FloatArray
     wrench: FloatArray
-    deflection: FloatArray
+    parts: FloatArray
 
     def __len__(self) -> int:
         """Return the number of samples."""
         return len(self.q)
 
+    @property
+    def deflection(self) -> FloatArray:
+        """(n, 3) m."""
+        return np.asarray(self.parts.sum(axis=2))
+
     def take(self, rows: IntArray) -> SourceDomain:
         """Return the samples of these row numbers."""
-        return SourceDomain(self.q[rows], self.wrench[rows], self.deflection[rows])
+        return SourceDomain(self.q[rows], self.wrench[rows], self.parts[rows])
 
 
 def source_design(
@@ -88,67 +104,74 @@ def source_design(
         ConfigError: the paper's poses were asked for a robot without six joints.
     """
     check_poses(poses, robot)
-    automatic: Literal["paper", "data"] = "paper" if robot.name == PAPER_ROBOT else "data"
     rng = np.random.default_rng(seed)
-    q, first_values = _poses(automatic if poses == "auto" else poses, train, rng)
-    wrench = _wrenches(automatic if wrenches == "auto" else wrenches, train, len(q), rng)
-    return SourceDesign(q, wrench, first_values)
+    q = _poses(poses, robot, train, rng)
+    return SourceDesign(q, _wrenches(wrenches, train, len(q), rng))
 
 
-def check_poses(poses: PoseDesign, robot: Robot) -> None:
+def check_poses(poses: str, robot: Robot) -> None:
     """Raise ConfigError when the paper's grid is asked for a robot without six joints."""
     if poses == "paper" and robot.n_joints != len(_PAPER_GRID_DEG):
         raise ConfigError(
             f"source_poses=paper: Table 4 has {len(_PAPER_GRID_DEG)} joints, robot "
-            f"{robot.name!r} has {robot.n_joints} (valid: auto, data, sobol)"
+            f"{robot.name!r} has {robot.n_joints} (valid: data, sobol)"
         )
 
 
 def simulate(robot: Robot, compliance: FloatArray, design: SourceDesign) -> SourceDomain:
-    """Return the deflections of joint springs, (n_joints,) rad/(N m), over a design."""
-    n_poses, n_wrenches = len(design.q), design.wrench.shape[1]
-    wrench = np.broadcast_to(design.wrench, (n_poses, n_wrenches, 6))
-    return SourceDomain(
-        q=np.repeat(design.q, n_wrenches, axis=0),
-        wrench=wrench.reshape(-1, 6),
-        deflection=design_deflection(robot, compliance, design).reshape(-1, 3),
+    """Return a design's deflections, spring by spring; compliances (n_joints,) rad/(N m)."""
+    q, wrench = design.rows()
+    rows = np.repeat(jacobian(robot, design.q), design.wrench.shape[1], axis=0)
+    return SourceDomain(q, wrench, unit_deflections(rows, wrench) * compliance)
+
+
+def joint_ranges(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the (n_joints,) lowest and highest joint positions, rounded outwards.
+
+    Angles are rounded to 15 degrees, slides as loads are.
+    """
+    lower, upper = q.min(axis=0), q.max(axis=0)
+    slides = np.array([kind == "prismatic" for kind in robot.joint_types])
+    slid = _outwards(lower[slides], upper[slides])
+    lower = ANGLE_STEP * np.floor(lower / ANGLE_STEP + ROUNDING)
+    upper = ANGLE_STEP * np.ceil(upper / ANGLE_STEP - ROUNDING)
+    lower[slides], upper[slides] = slid
+    return lower, upper
+
+
+def load_ranges(wrench: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the (6,) lowest and highest components of (n, 6) wrenches, rounded outwards.
+
+    A bound is 0 or 1, 2 or 5 times a power of ten, and not smaller than a tenth of the largest
+    force, or torque.
+    """
+    lower, upper = wrench.min(axis=0), wrench.max(axis=0)
+    force, torque = (_outwards(lower[part], upper[part]) for part in (slice(3), slice(3, 6)))
+    return np.concatenate([force[0], torque[0]]), np.concatenate([force[1], torque[1]])
+
+
+def _outwards(lower: FloatArray, upper: FloatArray) -> tuple[FloatArray, FloatArray]:
+    largest = max(np.abs(lower).max(initial=0.0), np.abs(upper).max(initial=0.0))
+    smallest = _one_two_five(largest / 10.0, up=True) if largest > 0.0 else 0.0
+
+    def down(bound: float) -> float:
+        if bound < -ROUNDING * smallest:
+            return -max(_one_two_five(-bound, up=True), smallest)
+        return _one_two_five(bound, up=False) if bound >= smallest > 0.0 else 0.0
+
+    return (
+        np.array([down(bound) for bound in lower]),
+        0.0 - np.array([down(-bound) for bound in upper]),
     )
 
 
-def design_deflection(robot: Robot, compliance: FloatArray, design: SourceDesign) -> FloatArray:
-    """Return the (n_poses, n_wrenches, 3) deflections [m] of joint springs over a design."""
-    if design.first_values is not None and len(design.wrench) == 1:
-        return _on_grid(robot, compliance, design.q, design.first_values, design.wrench[0])
-    matrices = compliance_matrix(robot, compliance, design.q)  # (p, 3, 6)
-    return np.asarray(design.wrench @ matrices.transpose(0, 2, 1))
-
-
-def _on_grid(
-    robot: Robot,
-    compliance: FloatArray,
-    q: FloatArray,
-    first_values: FloatArray,
-    wrenches: FloatArray,
-) -> FloatArray:
-    """Return the deflections where every value of the first joint meets the same other poses.
-
-    A turn R of the first joint turns the whole chain: ``C(q) = R C(0, q2, ...) R^T``, and a slide
-    leaves C as it is. The deflection ``d = R C' R^T w`` is linear in the 18 components of C', with
-    factors that depend on the first joint and the wrench alone.
-    """
-    k, n_others = len(first_values), len(q) // len(first_values)
-    others = q[:n_others].copy()
-    others[:, 0] = 0.0
-    matrices = compliance_matrix(robot, compliance, others).reshape(1, n_others, 18)
-    turns = np.tile(np.eye(3), (k, 1, 1))  # (k, 3, 3)
-    if robot.joint_types[0] == "revolute":
-        axis = robot.placements[0, :3, :3] @ robot.axes[0]
-        turns = Rotation.from_rotvec(first_values[:, None] * axis).as_matrix()
-    # wrenches as the turned chain feels them: R^T f and R^T m
-    felt = np.einsum("kba,wcb->kwca", turns, wrenches.reshape(-1, 2, 3)).reshape(k, -1, 6)
-    factors = np.einsum("kxa,kwb->kabwx", turns, felt).reshape(k, 18, -1)
-    deflection = matrices @ factors  # (k, n_others, w * 3)
-    return np.asarray(deflection.reshape(len(q), -1, 3))
+def _one_two_five(value: float, *, up: bool) -> float:
+    """Return the next number 1, 2 or 5 times a power of ten from a positive one."""
+    power = 10.0 ** math.floor(math.log10(value) + ROUNDING)
+    factors = (1.0, 2.0, 5.0, 10.0)
+    if up:
+        return power * min(factor for factor in factors if factor >= value / power - ROUNDING)
+    return power * max(factor for factor in factors if factor <= value / power + ROUNDING)
 
 
 def drawn_from(
@@ -161,21 +184,19 @@ def drawn_from(
     return design.q[chosen], wrench[chosen, which]
 
 
-def _grid(axes: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
-    """Return the product of the joints' values, the first slowest, and the first's values."""
-    values = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    return values.reshape(-1, len(axes)), np.asarray(axes[0])
+def _grid(axes: Sequence[FloatArray]) -> FloatArray:
+    """Return the product of the joints' values, the first slowest."""
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
 
 
 def _poses(
-    design: Literal["paper", "data", "sobol"], train: Samples, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray | None]:
-    """Return the poses of a design, and of a grid the first joint's values."""
+    design: PoseDesign, robot: Robot, train: Samples, rng: np.random.Generator
+) -> FloatArray:
     if design == "paper":
         return _grid([np.deg2rad(axis) for axis in _PAPER_GRID_DEG])
-    lower, upper = train.q.min(axis=0), train.q.max(axis=0)
+    lower, upper = joint_ranges(robot, train.q)
     if design == "sobol":
-        return _sobol(lower, upper, POSE_BUDGET, rng), None
+        return _sobol(lower, upper, POSE_BUDGET, rng)
     moving = upper > lower
     # every moving joint gets the same number of values, as many as the budget of poses allows
     n_values = int(POSE_BUDGET ** (1.0 / moving.sum())) if moving.any() else 1
@@ -188,21 +209,18 @@ def _poses(
 
 
 def _wrenches(
-    design: Literal["paper", "data", "uniform", "sobol"],
-    train: Samples,
-    n_poses: int,
-    rng: np.random.Generator,
+    design: WrenchDesign, train: Samples, n_poses: int, rng: np.random.Generator
 ) -> FloatArray:
     if design == "paper":
         return PAPER_WRENCHES[None]
+    if design == "data":
+        return _wrenches_like(train, n_poses, rng)
     shape = (n_poses, WRENCHES_A_POSE, 6)
-    lower, upper = train.wrench.min(axis=0), train.wrench.max(axis=0)
+    lower, upper = load_ranges(train.wrench)
     if design == "uniform":
         return rng.uniform(lower, upper, size=shape)
-    if design == "sobol":
-        # in another order than the poses: two Sobol sequences side by side are not independent
-        return rng.permutation(_sobol(lower, upper, n_poses * WRENCHES_A_POSE, rng)).reshape(shape)
-    return _wrenches_like(train, n_poses, rng)
+    # in another order than the poses: two Sobol sequences side by side are not independent
+    return rng.permutation(_sobol(lower, upper, n_poses * WRENCHES_A_POSE, rng)).reshape(shape)
 
 
 def _wrenches_like(train: Samples, n_poses: int, rng: np.random.Generator) -> FloatArray:

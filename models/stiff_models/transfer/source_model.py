@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Literal, Self
 
 import numpy as np
 
+from stiff_models.physics.families import Physics, fitted_physics
+from stiff_models.physics.kinematics import joint_deflection
 from stiff_models.physics.vjm import identify_joints, warn_unidentifiable, why_rigid
 from stiff_models.transfer.source import (
-    PAPER_ROBOT,
     PoseDesign,
     SourceDesign,
     SourceDomain,
     WrenchDesign,
     check_poses,
-    simulate,
     source_design,
 )
 from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
@@ -35,6 +37,10 @@ NO_TARGET_LABELS_AT_ALL = "target labels not used"
 """The same where another robot's labels identify the VJM."""
 
 
+Teacher = Callable[[FloatArray, FloatArray], FloatArray]
+"""Returns (n, 3) deflections [m] of joint positions (n, n_joints) and wrenches (n, 6)."""
+
+
 @dataclass(kw_only=True, eq=False, repr=False)
 class SourceModel:
     """Options of the source domain; a mixin of model families, before their base class.
@@ -43,19 +49,23 @@ class SourceModel:
     `use_source` was given; "the samples" below are these.
 
     Attributes:
-        source_poses: "paper" (grid of Table 4), "data" (grid over the samples' joint ranges),
-            "sobol" (Sobol points in them), "auto" (the paper's for its own robot, else the
-            data's).
-        source_wrenches: "paper" (Table 5), "data" (drawn like the samples' wrenches), "uniform" or
-            "sobol" (over the range of each of their components), "auto" (as above).
+        source_poses: "data" (grid over the samples' joint ranges), "sobol" (Sobol points in them),
+            "paper" (grid of Table 4); "auto": the paper's where its source is asked for, else
+            "data". Ranges of samples are rounded outwards.
+        source_wrenches: "uniform" or "sobol" (over the range of each component of the samples'
+            wrenches), "data" (drawn like the samples' wrenches), "paper" (Table 5); "auto": the
+            paper's where its source is asked for, else "uniform".
+        source_teacher: model that is identified on the samples and says how the simulated robot
+            gives way; with its default options.
         source_stiffness: of the joints in the pre-training simulation: "identified" by the
             VJM on the samples, or "nominal".
         nominal_stiffness: values for "nominal", base to tip, N m/rad, as "5e4,6e4,..."; none:
-            the paper's Table 3, for its own robot.
+            the paper's Table 3, where its source is asked for.
     """
 
-    source_poses: PoseDesign = "auto"
-    source_wrenches: WrenchDesign = "auto"
+    source_poses: Literal["auto", "data", "sobol", "paper"] = "auto"
+    source_wrenches: Literal["auto", "uniform", "sobol", "data", "paper"] = "auto"
+    source_teacher: Physics = "vjm"
     source_stiffness: Literal["identified", "nominal"] = "identified"
     nominal_stiffness: str | None = None
     _source: BenchmarkData | None = field(default=None, init=False)
@@ -76,6 +86,11 @@ class SourceModel:
         copy.use_source(self._source)
         return copy
 
+    @property
+    def paper_source(self) -> bool:
+        """Whether the options ask for the source paper's Tables 4 and 5."""
+        return False
+
     def check_robot(self, robot: Robot) -> None:
         """Check that the source can be made for the robot, or of the one that `use_source` gave.
 
@@ -84,13 +99,18 @@ class SourceModel:
                 that are missing, do not fit it, or would not be used.
         """
         robot = robot if self._source is None else self._source.robot
-        check_poses(self.source_poses, robot)
+        check_poses(self._designs()[0], robot)
         if self.source_stiffness == "nominal":
             self._nominal(robot)
         elif self.nominal_stiffness is not None:
             raise ConfigError(
                 f"nominal_stiffness={self.nominal_stiffness!r} would not be used: "
                 f"source_stiffness is {self.source_stiffness!r} (valid with it: nominal)"
+            )
+        if self.source_stiffness == "nominal" and self.source_teacher != "vjm":
+            raise ConfigError(
+                f"source_teacher={self.source_teacher!r} identifies its own springs: "
+                "source_stiffness=nominal would not be used (valid with it: vjm)"
             )
 
     def _unlabelled(self) -> str:
@@ -99,12 +119,28 @@ class SourceModel:
     def _origin(self, train: Samples, robot: Robot) -> BenchmarkData:
         return BenchmarkData(train, robot) if self._source is None else self._source
 
+    def _designs(self) -> tuple[PoseDesign, WrenchDesign]:
+        """Return what "auto" stands for, or what was asked for."""
+        poses: PoseDesign = "paper" if self.paper_source else "data"
+        wrenches: WrenchDesign = "paper" if self.paper_source else "uniform"
+        return (
+            poses if self.source_poses == "auto" else self.source_poses,
+            wrenches if self.source_wrenches == "auto" else self.source_wrenches,
+        )
+
     def _simulated(self, samples: Samples, robot: Robot, seed: int) -> SourceDomain:
-        compliance = self._source_compliance(samples, robot)
-        return simulate(robot, compliance, self._design(samples, robot, seed))
+        """Return the source domain: the teacher's deflections over the design."""
+        q, wrench = self._design(samples, robot, seed).rows()
+        return SourceDomain(q, wrench, self._teacher(samples, robot)(q, wrench)[:, :, None])
+
+    def _teacher(self, samples: Samples, robot: Robot) -> Teacher:
+        """Return what says how the simulated robot gives way."""
+        if self.source_teacher == "vjm":
+            return partial(joint_deflection, robot, self._source_compliance(samples, robot))
+        return fitted_physics(self.source_teacher, samples, robot).predict
 
     def _design(self, samples: Samples, robot: Robot, seed: int) -> SourceDesign:
-        design = source_design(self.source_poses, self.source_wrenches, robot, samples, seed)
+        design = source_design(*self._designs(), robot, samples, seed)
         simulated, measured = (
             float(np.sqrt(np.mean(wrench[..., :3] ** 2)))
             for wrench in (design.wrench, samples.wrench)
@@ -112,8 +148,8 @@ class SourceModel:
         if measured > 0.0 and not 1.0 / FAR_OFF < simulated / measured < FAR_OFF:
             warnings.warn(
                 f"pre-training forces are {simulated:.3g} N, measured forces {measured:.3g} N "
-                "(root mean square): is the file in N? source_wrenches=data draws loads like the "
-                "measured ones",
+                "(root mean square): is the file in N? source_wrenches=uniform draws loads in the "
+                "measured ones' range",
                 StiffBenchWarning,
                 stacklevel=3,
             )
@@ -134,10 +170,11 @@ class SourceModel:
 
     def _nominal(self, robot: Robot) -> FloatArray:
         if self.nominal_stiffness is None:
-            if robot.name != PAPER_ROBOT:
+            if not self.paper_source:
                 raise ConfigError(
-                    f"source_stiffness=nominal: no stiffnesses are known for robot {robot.name!r}; "
-                    f"give nominal_stiffness={robot.n_joints} values in N m/rad, or use identified"
+                    f"source_stiffness=nominal: no stiffnesses were given for robot "
+                    f"{robot.name!r}; give nominal_stiffness={robot.n_joints} values in N m/rad, "
+                    "or use identified"
                 )
             return np.array(PAPER_STIFFNESS)
         words = self.nominal_stiffness.split(",")

@@ -1,0 +1,217 @@
+"""Pre-training on the source domain: once a robot where that can be, else once a training part.
+
+The deflection of linear joint springs is a sum over the joints, ``d = sum_i c_i u_i(q, w)``. A
+network with one output a joint and axis learns each joint's deflection at a reference compliance.
+Its outputs, added up with the compliances that a training part identifies, are the usual network
+with three outputs that knows this part's source domain. Reference compliances are powers of four,
+which nearly all training parts of a robot share.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+import torch
+from annotated_types import Ge
+
+from stiff_models.device import torch_device
+from stiff_models.networks.cache import Trained, remembered, training_digest
+from stiff_models.networks.features import NO_DEFLECTION, Scaler, encode
+from stiff_models.networks.network_model import EncodedNetworkModel, Judge
+from stiff_models.networks.training import Rows
+from stiff_models.networks.training_plan import TrainingPlan
+from stiff_models.transfer.source import SourceDomain, simulate
+from stiff_models.transfer.source_model import SourceModel
+from stiff_protocols.contract.types import AXES, BenchmarkData, FloatArray, Samples
+
+SOURCE_TRAIN_SHARE = 0.7  # source paper: 70 % train, 30 % test, at random
+JUDGED_ROWS = 4096  # of either part of the source, for the errors on it
+CONSTANT = 1e-9  # share of the others' spread below which an axis does not move
+SOURCE_ERRORS = (
+    *(f"test MAE {axis.upper()}" for axis in AXES),
+    "training MAE",
+    "training STDE",
+    "test MAE",
+    "test STDE",
+)
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class PretrainedModel(SourceModel, EncodedNetworkModel):
+    """Base of the families whose network learns the source domain.
+
+    Attributes:
+        pretrain_steps: length of the pre-training; none: the recipe's.
+        pretrain_seed: of everything random in a pre-training that training parts share; where each
+            has one of its own, it is added to the seed of the fit.
+    """
+
+    pretrain_steps: Annotated[int, Ge(0)] | None = None
+    pretrain_seed: Annotated[int, Ge(0)] = 0
+
+    @property
+    def shares_pretraining(self) -> bool:
+        """Whether a pre-training serves all training parts of a robot."""
+        return self.source_teacher == "vjm"
+
+    @abstractmethod
+    def _pretraining_plan(self, n_rows: int) -> TrainingPlan:
+        """Return how the network learns so many simulated samples."""
+
+    def _pretrain(self, train: Samples, origin: BenchmarkData, seed: int) -> None:
+        """Set a network that knows the source domain of `origin`; `train` is the target's."""
+        if self.shares_pretraining:
+            trained, n_samples, residual = self._learn_parts(origin)
+        else:
+            trained, n_samples = self._learn_sum(train, origin, seed + self.pretrain_seed)
+            residual = trained.judged["residual"]
+        self.history_ = trained.curve
+        self.source_errors_ = source_errors(residual)
+        self.diagnostics_ = source_report(n_samples, trained.seconds, self.source_errors_)
+
+    def _learn_sum(self, train: Samples, origin: BenchmarkData, seed: int) -> tuple[Trained, int]:
+        """Train the network of one training part."""
+        domain = self._simulated(origin.samples, origin.robot, seed)
+        learn, test = divided(domain, seed)
+        self._start(origin.robot, learn.q, learn.wrench, learn.deflection, seed)
+        rows = self._rows(learn.q, learn.wrench, learn.deflection)
+
+        def judge() -> dict[str, FloatArray]:
+            parts = some_of(learn, test)
+            residual = [self.predict(part.q, part.wrench) - part.deflection for part in parts]
+            return {"residual": np.stack(residual)}
+
+        plan = self._pretraining_plan(len(rows))
+        return self._trained_on_source(rows, plan, train, seed, judge), len(domain)
+
+    def _trained_on_source(
+        self, rows: Rows, plan: TrainingPlan, train: Samples, seed: int, judge: Judge
+    ) -> Trained:
+        """Train the network on rows of the source; `train` is the target's."""
+        return self._train_remembered(rows, plan, seed, "pre-train", judge=judge)
+
+    def _learn_parts(self, origin: BenchmarkData) -> tuple[Trained, int, FloatArray]:
+        """Train an output a joint and axis, or find them trained, and add the joints up."""
+        robot, seed = origin.robot, self.pretrain_seed
+        compliance = self._source_compliance(origin.samples, robot)
+        reference = power_of_four(compliance)
+        design = self._design(origin.samples, robot, seed)
+        n_samples = len(design.q) * design.wrench.shape[1]
+        n_inputs = encode(robot, design.q[:1], np.zeros((1, 6)), self.angle_encoding).shape[1]
+        network = self._new_network(n_inputs, seed, n_outputs=3 * robot.n_joints)
+        network = network.to(torch_device(self.device))
+        plan = self._pretraining_plan(round(SOURCE_TRAIN_SHARE * n_samples))
+
+        def compute() -> Trained:
+            learn, test = divided(simulate(robot, reference, design), seed)
+            self._start(robot, learn.q, learn.wrench, learn.deflection, seed)
+            self.network_ = network
+            scale = self.output_scaler_.scale[:, None]  # of all joints together: what counts
+            mean = learn.parts.mean(axis=0)  # (3, n_joints)
+            targets = ((learn.parts - mean) / scale).reshape(len(learn), -1)
+            inputs = self._inputs(learn.q, learn.wrench)
+            rows = Rows(inputs, torch.as_tensor(targets, dtype=torch.float32, device=inputs.device))
+
+            def judge() -> dict[str, FloatArray]:
+                residual = []
+                for part in some_of(learn, test):
+                    outputs = self._outputs(part.q, part.wrench).reshape(part.parts.shape)
+                    residual.append(outputs * scale + mean - part.parts)
+                return {
+                    "residual": np.stack(residual).astype(np.float32),
+                    "mean": mean,
+                    "scale": scale,
+                    "covariance": np.einsum(
+                        "nai,naj->aij", *[targets.reshape(learn.parts.shape)] * 2
+                    )
+                    / len(learn),
+                    "input_mean": self.input_scaler_.mean,
+                    "input_scale": self.input_scaler_.scale,
+                }
+
+            return self._train(rows, plan, seed, "pre-train", judge=judge)
+
+        geometry = (robot.placements, robot.axes, robot.tcp)
+        digest = training_digest(
+            network,
+            plan,
+            seed,
+            map(torch.tensor, (design.q, design.wrench, reference, *geometry)),
+            actors=[self],
+            about=f"an output a joint, {self.angle_encoding}, {robot.joint_types}",
+        )
+        trained = remembered(digest, compute) if plan.steps else compute()
+        self.robot_ = robot
+        weights = compliance / np.where(reference > 0.0, reference, 1.0)
+        self._add_up(trained, weights)
+        return trained, n_samples, trained.judged["residual"] @ weights
+
+    def _add_up(self, trained: Trained, weights: FloatArray) -> None:
+        """Set scalers and the network whose outputs are weighted sums of the joints'."""
+        known = trained.judged
+        self.input_scaler_ = Scaler(known["input_mean"], known["input_scale"])
+        spread = np.sqrt(np.einsum("aij,i,j->a", known["covariance"], weights, weights))
+        spread = known["scale"][:, 0] * spread
+        size = float(np.sqrt(np.mean(spread**2))) or NO_DEFLECTION
+        spread = np.where(spread > CONSTANT * size, spread, size)
+        self.output_scaler_ = Scaler(known["mean"] @ weights, spread)
+        factors = known["scale"] / spread[:, None] * weights  # (3, n_joints)
+        weight, bias = list(trained.weights)[-2:]  # of the output layer
+        parts = {
+            weight: trained.weights[weight].reshape(*factors.shape, -1),
+            bias: trained.weights[bias].reshape(*factors.shape, 1),
+        }
+        state = trained.weights | {
+            name: np.einsum("ai,aih->ah", factors, layer) for name, layer in parts.items()
+        }
+        state[bias] = state[bias][:, 0]
+        self.network_ = self._new_network(len(known["input_mean"]), self.pretrain_seed)
+        self.network_.load_state_dict(
+            {name: torch.from_numpy(np.array(array)) for name, array in state.items()}
+        )
+        self.network_ = self.network_.to(torch_device(self.device)).eval()
+
+
+def power_of_four(compliance: FloatArray) -> FloatArray:
+    """Return the powers of four nearest to compliances by ratio; 0 for a rigid joint."""
+    some = compliance > 0.0
+    exponent = np.round(np.emath.logn(4.0, np.where(some, compliance, 1.0)))
+    return np.where(some, 4.0**exponent, 0.0)
+
+
+def divided(domain: SourceDomain, seed: int) -> tuple[SourceDomain, SourceDomain]:
+    """Return a random 70 % of a source domain, to learn from, and the rest, to test on."""
+    order = np.random.default_rng(seed).permutation(len(domain))
+    n_train = round(SOURCE_TRAIN_SHARE * len(domain))
+    return domain.take(order[:n_train]), domain.take(order[n_train:])
+
+
+def some_of(learn: SourceDomain, test: SourceDomain) -> tuple[SourceDomain, SourceDomain]:
+    """Return as many samples of both parts, of which the errors on the source are taken."""
+    rows = np.arange(min(len(learn), len(test), JUDGED_ROWS))
+    return learn.take(rows), test.take(rows)
+
+
+def source_errors(residual: FloatArray) -> FloatArray:
+    """Return the (7,) errors on the source, m, of (2, n, 3) residuals: training part, test part.
+
+    `SOURCE_ERRORS` names them. Those without an axis are over the samples and axes together, as in
+    the source paper's Tables 6 and 7.
+    """
+    learned, tested = np.abs(residual)
+    together = [value for errors in (learned, tested) for value in (errors.mean(), errors.std())]
+    return np.array([*tested.mean(axis=0), *together])
+
+
+def source_report(n_samples: int, seconds: float, errors: FloatArray) -> dict[str, float]:
+    """Return the diagnostics of a pre-training, from its wall time and (7,) errors, m."""
+    return {
+        "source samples": float(n_samples),
+        "pre-training time, also of a cached one [s]": seconds,
+    } | {
+        f"source {name} [mm]": float(error) * 1000.0
+        for name, error in zip(SOURCE_ERRORS, errors, strict=True)
+    }
