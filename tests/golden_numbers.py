@@ -35,14 +35,14 @@ from threadpoolctl import threadpool_limits
 from quick_models import twin_data
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.catalog import MODELS, model_info
-from stiff_models.networks import arithmetic, training
+from stiff_models.networks import arithmetic, epochs, network_model, training
 from stiff_models.networks.network import build_network
 from stiff_models.networks.network_model import EncodedNetworkModel
 from stiff_models.networks.training import PRETRAINING_VERSION, Curve, Rows, train_network
 from stiff_models.networks.training_plan import Trainable, TrainingPlan
 from stiff_models.regressors import gaussian_process as likelihood
 from stiff_models.regressors.tabular import PytabkitModel, TabPfn
-from stiff_models.transfer import dt_cnn
+from stiff_models.transfer import dt_cnn, ft_mlp
 from stiff_models.transfer.alignment import AlignedObjective, uses_target
 from stiff_models.transfer.cnn import Cnn, build_cnn
 from stiff_models.transfer.mlp_pretrained import PRETRAINING
@@ -116,21 +116,24 @@ VARIANTS: dict[str, tuple[Options, ...]] = {
     ),
     "mlp-pretrained": (
         *({"recipe": recipe} for recipe in ("fast", "best", "paper")),
-        {"source_poses": "data", "source_wrenches": "data"},
-        {"source_poses": "sobol", "source_wrenches": "uniform"},
+        {"source_wrenches": "data"},
+        {"source_poses": "sobol"},
         {"source_poses": "sobol", "source_wrenches": "sobol"},
-        {"source_stiffness": "nominal"},
+        {"source_stiffness": "nominal", "preset": "paper"},
+        {"source_teacher": "vjm-multisegment"},
+        {"source_teacher": "vjm-full", "pretrain_seed": 1},
         OTHER_SOURCE,
     ),
     "ft-mlp": (
         {},
+        {"training": "best"},
         {"recipe": "paper"},
         OTHER_SOURCE | LEARNS,
         *(
             {"freeze": freeze} | LEARNS
             for freeze in (
                 *("layers:1,2", "layers:3,out", "first:2", "last:2", "full", "head"),
-                *("discriminative", "lp-ft", "bias"),
+                *("discriminative", "lp-ft", "bias", "lora:2"),
             )
         ),
         {"freeze": "gradual", "unfreeze_every": 1} | LEARNS,
@@ -140,12 +143,13 @@ VARIANTS: dict[str, tuple[Options, ...]] = {
         *({"alignment": name, "alignment_weight": w} for name, w in ALIGNMENT_WEIGHTS.items()),
         {"supervision": "fine-tune", "alignment": "none"},
         {"preset": "udtl", "alignment": "none"},
+        {"preset": "paper"},
         {"recipe": "udtl", "pool": "udtl", "alignment": "none"},
     ),
     "compliance-net": (
         LEARNS,
         {"recipe": "paper"},
-        {"source_stiffness": "nominal"} | LEARNS,
+        {"source_stiffness": "nominal", "preset": "paper"} | LEARNS,
         OTHER_SOURCE | LEARNS,
     ),
     "deep-ensemble": ({}, LEARNS),
@@ -238,7 +242,7 @@ def predicted(key: str, options: Options) -> list[float]:
 
 def losses(curve: FloatArray) -> list[float]:
     """Return the last training loss of a curve, and validation loss where there is one."""
-    last = curve[-1, 1:]
+    last = curve[-1:, 1:]  # none of no steps
     found: list[float] = (last[np.isfinite(last)] * DEVIATION_M).tolist()
     return found
 
@@ -256,7 +260,10 @@ def plans(key: str, recipe: str) -> list[dict[str, Any]]:
     """
     found: list[dict[str, Any]] = []
 
-    def seen(run: Any, plan: TrainingPlan, trainable: Trainable, phase: str) -> Curve:
+    def longest(samples: Any, lengths: Any, *_: Any) -> Any:
+        return lengths[-1]
+
+    def seen(run: Any, plan: TrainingPlan, trainable: Trainable, phase: str, visits: Any) -> Curve:
         steps = range(0, plan.steps, max(1, plan.steps // 20))
         one = {"phase": phase, **asdict(plan)} | {
             "rates": [round(plan.rate(step), 12) for step in steps]
@@ -270,7 +277,11 @@ def plans(key: str, recipe: str) -> list[dict[str, Any]]:
     options = {name: defaults[name] for name in lengths} | ({"recipe": recipe} if recipe else {})
     if key == "dt-cnn":
         options |= {"supervision": "fine-tune"}
-    with same_everywhere(), mock.patch.object(training, "_steps", seen):
+    with (
+        same_everywhere(),
+        mock.patch.object(training, "_steps", seen),
+        mock.patch.object(network_model, "chosen_epochs", longest),
+    ):
         fitted(key, options)
     return found
 
@@ -367,7 +378,8 @@ def few_steps() -> Iterator[None]:
 
     with (
         same_everywhere(),
-        mock.patch.object(dt_cnn, "GENTLE", replace(dt_cnn.GENTLE, steps=5)),
+        mock.patch.object(epochs, "LENGTHS", (0, 2)),
+        mock.patch.dict(ft_mlp.FINE_TUNING, fast=replace(ft_mlp.FINE_TUNING["fast"], steps=5)),
         mock.patch.object(dt_cnn, "build_cnn", without_noise),
         mock.patch.object(likelihood, "minimize", search),
     ):

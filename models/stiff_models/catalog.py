@@ -57,6 +57,7 @@ MODELS = (
     ModelInfo(
         key="mlp",
         target="stiff_models.networks.mlp:Mlp",
+        version=2,
         summary="4 x 380 network from scratch on the measured training samples",
         reference="network of the source paper, without its transfer",
         uses_validation=True,
@@ -66,6 +67,7 @@ MODELS = (
     ModelInfo(
         key="mlp-pretrained",
         target="stiff_models.transfer.mlp_pretrained:MlpPretrained",
+        version=2,
         summary="4 x 380 network trained on simulated samples alone",
         reference="pre-training of the source paper",
         quick=_QUICK_SOURCE,
@@ -73,6 +75,7 @@ MODELS = (
     ModelInfo(
         key="ft-mlp",
         target="stiff_models.transfer.ft_mlp:FtMlp",
+        version=2,
         summary="mlp-pretrained, fine-tuned on the measured training samples",
         reference="the method of the source paper",
         uses_validation=True,
@@ -89,6 +92,7 @@ MODELS = (
     ModelInfo(
         key="dt-cnn",
         target="stiff_models.transfer.dt_cnn:DtCnn",
+        version=2,
         summary="1x1-convolution network, features aligned between simulation and measurement",
         reference="Zhao et al., UDTL, 2021; the source paper's DT-CNN",
         quick={"pretrain_steps": 12},
@@ -97,6 +101,7 @@ MODELS = (
     ModelInfo(
         key="compliance-net",
         target="stiff_models.transfer.compliance_net:ComplianceNet",
+        version=2,
         summary="network of pose-dependent joint compliances in the VJM's equation",
         uses_validation=True,
         quick=_QUICK_NETWORK,
@@ -104,6 +109,7 @@ MODELS = (
     ModelInfo(
         key="deep-ensemble",
         target="stiff_models.transfer.deep_ensemble:DeepEnsemble",
+        version=2,
         summary="mean of several ft-mlp with different seeds",
         reference="Lakshminarayanan, Pritzel and Blundell 2017",
         uses_validation=True,
@@ -112,6 +118,7 @@ MODELS = (
     ModelInfo(
         key="residual-mlp",
         target="stiff_models.regressors.residual_mlp:ResidualMlp",
+        version=2,
         summary="VJM plus an MLP of its residual",
         uses_validation=True,
         quick=_QUICK_NETWORK,
@@ -137,6 +144,7 @@ MODELS = (
     ModelInfo(
         key="mf-gp",
         target="stiff_models.regressors.mf_gp:MultiFidelityGp",
+        version=2,
         summary="co-kriging of simulated (VJM) and measured samples, with prediction intervals",
         reference="Kennedy and O'Hagan 2000; Le Gratiet and Garnier 2014",
         quick=_QUICK_PROCESS | {"source_samples": 16},

@@ -7,15 +7,16 @@ import copy
 import numpy as np
 import pytest
 
-from stiff_models.transfer import mlp_pretrained
+from stiff_models.physics.vjm import VirtualJointModel
+from stiff_models.transfer import pretraining
 from stiff_models.transfer.ft_mlp import FtMlp
 
 SMALL = {"layers": 2, "width": 8, "device": "cpu", "pretrain_steps": 3, "epochs": 2}
 MM = 1000.0
 
 
-@pytest.fixture(scope="module")
-def fitted(parts):
+@pytest.fixture(scope="module", params=["fast", "paper"])  # shared by training parts, and not
+def fitted(parts, request):
     """A small network, its samples, and the parts of the source it learned and was tested on."""
     robot, train, held_out, _ = parts
     seen = []
@@ -24,10 +25,12 @@ def fitted(parts):
         seen.append(divided(domain, seed))
         return seen[-1]
 
-    divided = mlp_pretrained.divided
+    divided = pretraining.divided
+    model = FtMlp(**SMALL, preset="paper", recipe=request.param, training="normal")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(mlp_pretrained, "divided", noted)
-        model = FtMlp(**SMALL).fit(train, robot=robot, validation=held_out, seed=5)
+        patch.setenv("STIFFBENCH_CACHE", "off")
+        patch.setattr(pretraining, "divided", noted)
+        model.fit(train, robot=robot, validation=held_out, seed=5)
     ((learn, test),) = seen
     return model, train, learn, test
 
@@ -40,12 +43,13 @@ def test_the_source_is_divided_into_70_and_30_per_cent_that_share_no_sample(fitt
 
 
 def test_errors_on_the_source_are_those_of_the_network_before_fine_tuning_in_mm(fitted):
-    model, _, learn, test = fitted
+    model, train, learn, test = fitted
     before = copy.copy(model)
     before.network_ = model.source_network_
+    vjm = VirtualJointModel().fit(train, robot=model.robot_)
     learned, tested = (
-        np.abs(before.predict(part.q, part.wrench) - part.deflection) * MM
-        for part in (learn.take(np.arange(len(test))), test)
+        np.abs(before.predict(part.q, part.wrench) - vjm.predict(part.q, part.wrench)) * MM
+        for part in pretraining.some_of(learn, test)
     )
     expected = {
         "source training MAE [mm]": learned.mean(),
@@ -54,7 +58,7 @@ def test_errors_on_the_source_are_those_of_the_network_before_fine_tuning_in_mm(
         "source test STDE [mm]": np.std(tested),
     } | {f"source test MAE {axis} [mm]": tested[:, i].mean() for i, axis in enumerate("XYZ")}
     reported = {name: model.diagnostics_[name] for name in expected}
-    assert reported == pytest.approx(expected, rel=1e-6)
+    assert reported == pytest.approx(expected, rel=1e-4)
     after = np.abs(model.predict(test.q, test.wrench) - test.deflection) * MM
     assert after.mean() != pytest.approx(expected["source test MAE [mm]"], rel=1e-6)
 

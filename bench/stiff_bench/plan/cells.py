@@ -21,6 +21,7 @@ from stiff_protocols.contract.interfaces import (
     EvaluationProtocol,
     LearnsFromSource,
     StatesRegime,
+    StatesSource,
     StiffnessModel,
 )
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
@@ -158,6 +159,7 @@ def _of_protocol(
         chooses = chooses_epoch(model.info, made)
         if isinstance(made, StatesRegime):
             regimes.append(made.regime)
+        of_source = made.source_words if isinstance(made, StatesSource) else ""
         cell = Cell(
             model=model.info.key,
             model_params=model.identity,
@@ -174,7 +176,7 @@ def _of_protocol(
             model_version=version_of(model),
             scoring_version=SCORING_VERSION,
         )
-        of_source = plan.sources[split.source].info.caveats if split.source else ()
+        caveats = plan.sources[split.source].info.caveats if split.source else ()
         shown = Presentation(
             model=model.name,
             dataset=dataset.name,
@@ -185,9 +187,10 @@ def _of_protocol(
             picked_on_test=protocol.selects_on_test and chooses,
             selects_on_test=protocol.selects_on_test,
             pooled=protocol.pooled,
-            caveats=tuple(dict.fromkeys(dataset.info.caveats + of_source)),
+            caveats=tuple(dict.fromkeys(dataset.info.caveats + caveats)),
             published=dataset.info.published,
             warning=choice.info.warning,
+            source=of_source,
         )
         return CellTask(cell, shown, model, data, split, chooses, n_splits[split.condition], source)
 

@@ -148,6 +148,7 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
         ),
         diagnostics=diagnostics,
         n_train=len(_training_rows(task)),
+        n_labels=len(train),
         n_splits=task.n_splits,
         chosen={name: str(value) for name, value in chosen.items()},
         curves={str(name): _thinned(name, curve) for name, curve in curves.items()},

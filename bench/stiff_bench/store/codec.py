@@ -78,6 +78,7 @@ def cell_content(result: CellResult) -> Content:
             "warnings": result.warnings,
             "log": result.log,
             "chosen": dict(result.chosen),
+            "n_labels": result.n_labels,
         }
     )
     content["prediction_arrays"], content["prediction"] = _packed(result.prediction)
@@ -165,6 +166,7 @@ def _about(text: str) -> dict[str, Any]:
         "warnings": tuple(about["warnings"]),
         "log": tuple(about["log"]),
         "chosen": about["chosen"],
+        "n_labels": about.get("n_labels", 0),  # results of stiffbench 0.1 may lack it
     }
 
 

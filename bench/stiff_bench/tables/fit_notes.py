@@ -48,7 +48,7 @@ def outcome_notes(results: Sequence[CellResult]) -> list[str]:
     """Return a model's choices, what its intervals are, warnings and reasons of failure."""
     name = results[0].shown.model
     done = [result for result in results if result.status == "ok"]
-    notes = _chosen_notes(name, done)
+    notes = [*_source_notes(results), *_chosen_notes(name, done), *_label_notes(name, done)]
     coverage = results[0].cell.coverage
     predictions = [result.prediction for result in done]
     if coverage is not None and any(one and one.interval is not None for one in predictions):
@@ -82,6 +82,22 @@ def _chosen_notes(name: str, done: Sequence[CellResult]) -> list[str]:
         for chosen, times in choices.items()
     ]
     return [f"{name}: options chosen by inner cross-validation: {'; '.join(each)}."] if each else []
+
+
+def _source_notes(results: Sequence[CellResult]) -> list[str]:
+    """Return what the model's source domain is; none where it has none."""
+    shown = results[0].shown
+    return [f"{shown.model}: source domain: {shown.source}."] if shown.source else []
+
+
+def _label_notes(name: str, done: Sequence[CellResult]) -> list[str]:
+    """Return how many of the training samples the fits learned from, where not from all."""
+    some = [result for result in done if 0 < result.n_labels < result.n_train]
+    if not some:
+        return []
+    labels = _range(tuple(result.n_labels for result in some))
+    of_all = _range(tuple(result.n_train for result in some))
+    return [f"{name}: trained on {labels} of {of_all} samples; the others choose the epoch."]
 
 
 def _mean_text(values: Sequence[float]) -> str:

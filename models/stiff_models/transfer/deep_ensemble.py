@@ -32,7 +32,7 @@ class DeepEnsemble(FtMlp):
     poses, on the rest of them.
 
     Attributes:
-        members: number of networks; the first has the seed and the pre-training of ft-mlp.
+        members: number of networks; the first has the seeds of ft-mlp, the others their own.
     """
 
     members: Annotated[int, Ge(2)] = 5
@@ -47,11 +47,11 @@ class DeepEnsemble(FtMlp):
             )
         further = np.random.default_rng(seed).integers(2**31, size=self.members - 1)
         self.members_ = [
-            self._member().fit(train, robot=robot, validation=validation, seed=int(member_seed))
-            for member_seed in (seed, *further)
+            self._member(n).fit(train, robot=robot, validation=validation, seed=int(member_seed))
+            for n, member_seed in enumerate((seed, *further))
         ]
         held_out = train.take(parts.validation)
-        probe = self._member().fit(
+        probe = self._member(0).fit(
             train.take(parts.train), robot=robot, validation=validation, seed=seed
         )
         error = probe.predict(held_out.q, held_out.wrench) - held_out.deflection
@@ -67,10 +67,10 @@ class DeepEnsemble(FtMlp):
         deviation = np.sqrt(members.var(axis=0) + self.noise_**2)
         return normal_interval(members.mean(axis=0), deviation, coverage)
 
-    def _member(self) -> FtMlp:
+    def _member(self, number: int) -> FtMlp:
         """Return an unfitted network with the ensemble's options and source."""
         options = {item.name: getattr(self, item.name) for item in fields(FtMlp) if item.init}
-        member = FtMlp(**options)
+        member = FtMlp(**options | {"pretrain_seed": self.pretrain_seed + number})
         member.use_source(self._source)
         return member
 

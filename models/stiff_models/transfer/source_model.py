@@ -113,6 +113,25 @@ class SourceModel:
                 "source_stiffness=nominal would not be used (valid with it: vjm)"
             )
 
+    @property
+    def source_words(self) -> str:
+        """What the source domain is, in words."""
+        poses, wrenches = self._designs()
+        springs = "" if self.source_stiffness == "identified" else " of nominal stiffnesses"
+        samples = "training samples" if self._source is None else "source data set's samples"
+        of_poses = {
+            "paper": "the paper's Table 4",
+            "data": f"a grid over the {samples}' joint ranges",
+            "sobol": f"Sobol poses in the {samples}' joint ranges",
+        }[poses]
+        of_wrenches = {
+            "paper": "the paper's Table 5",
+            "data": f"wrenches drawn like the {samples}'",
+            "uniform": f"uniform wrenches in the {samples}' range",
+            "sobol": f"Sobol wrenches in the {samples}' range",
+        }[wrenches]
+        return f"{self.source_teacher}{springs} on {of_poses}, {of_wrenches}"
+
     def _unlabelled(self) -> str:
         return NO_TARGET_LABELS if self._source is None else NO_TARGET_LABELS_AT_ALL
 

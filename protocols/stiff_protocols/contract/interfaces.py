@@ -119,6 +119,15 @@ class StatesRegime(Protocol):
 
 
 @runtime_checkable
+class StatesSource(Protocol):
+    """Optional power: say what the simulated source domain of a model is."""
+
+    @property
+    def source_words(self) -> str:
+        """Words that follow from the options and from `use_source` alone."""
+
+
+@runtime_checkable
 class LearnsFromSource(Protocol):
     """Optional power: build the simulated source domain from another robot's samples.
 

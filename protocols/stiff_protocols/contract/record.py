@@ -177,6 +177,7 @@ class Presentation:
         kind: of the data, e.g. "simulated".
         task: "stiffness", or what else the deflections are.
         regime: how the model used training labels; "" for nothing to say.
+        source: what the model's simulated source domain is; "" where it has none.
         picked_on_test: the model chose its epoch on the test part.
         selects_on_test: the protocol lets models do so.
         pooled: the protocol's metrics are computed over the predictions of all splits together.
@@ -197,6 +198,7 @@ class Presentation:
     caveats: tuple[str, ...] = ()
     published: str = ""
     warning: str = ""
+    source: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,6 +221,8 @@ class CellResult:
         calibration_samples: that the split-conformal intervals come from; 0 where the model gave
             its own, and where there are none.
         n_train: rows of the training side, with those that choose an epoch; 0 where it is not ok.
+        n_labels: rows of the training side that the model was fitted to: without those that choose
+            an epoch; 0 where it is not known.
         chosen: option -> value, as text, that the fit chose itself; empty where it chose none.
         n_splits: how many splits its run was asked for in its condition; 0 where it is not known.
         curves: name of each training -> (n_points, 3) of step, training loss and validation loss
@@ -239,6 +243,7 @@ class CellResult:
     log: tuple[str, ...] = ()
     calibration_samples: int = 0
     n_train: int = 0
+    n_labels: int = 0
     chosen: Mapping[str, str] = field(default_factory=dict)
     n_splits: int = 0
     curves: Mapping[str, FloatArray] = field(default_factory=dict)

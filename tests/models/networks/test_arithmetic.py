@@ -37,11 +37,19 @@ def test_the_check_passes_float32_and_fails_bfloat16():
 def test_a_route_that_is_less_accurate_than_its_name_is_not_taken(monkeypatch, error):
     monkeypatch.setattr(module, "_relative_error", lambda dtype, device: error)
     monkeypatch.setattr(torch.cpu, "_is_avx512_bf16_supported", lambda: True)
+    monkeypatch.setattr(module, "_seconds", lambda dtype: dtype.itemsize)
     accurate = error == 0.0
     assert arithmetic(CPU, mixed_precision=True) == Arithmetic(
         "medium" if accurate else "highest", bfloat16=accurate
     )
     assert not arithmetic(CPU, mixed_precision=False).bfloat16
+
+
+def test_bfloat16_is_not_taken_where_it_is_slower(monkeypatch):
+    monkeypatch.setattr(module, "_relative_error", lambda dtype, device: 0.0)
+    monkeypatch.setattr(torch.cpu, "_is_avx512_bf16_supported", lambda: True)
+    monkeypatch.setattr(module, "_seconds", lambda dtype: 1.0 / dtype.itemsize)
+    assert not module.has_fast_bfloat16(CPU)
 
 
 def test_a_training_leaves_everybody_elses_route_as_it_was(monkeypatch):

@@ -14,7 +14,7 @@ import torch
 from stiff_models.networks import cache, network_model
 from stiff_models.networks.arithmetic import Arithmetic
 from stiff_models.networks.cache import cache_info, clear_cache
-from stiff_models.transfer import mlp_pretrained
+from stiff_models.transfer import pretraining
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_models.transfer.mlp_pretrained import MlpPretrained
 from stiff_protocols.contract.errors import StiffBenchWarning
@@ -61,7 +61,7 @@ def test_variants_of_fine_tuning_pre_train_once_and_so_does_the_pretrained_model
 
 def test_the_source_error_is_measured_once_and_kept_with_the_training(twin, monkeypatch):
     first = fit(twin).source_errors_
-    monkeypatch.delattr(mlp_pretrained, "source_errors")
+    monkeypatch.delattr(pretraining, "some_of")
     np.testing.assert_array_equal(fit(twin, freeze="full").source_errors_, first)
     assert first.shape == (7,) and (first > 0).all()
 
@@ -69,7 +69,8 @@ def test_the_source_error_is_measured_once_and_kept_with_the_training(twin, monk
 @pytest.mark.parametrize(
     "change",
     [
-        {"seed": 2},
+        {"pretrain_seed": 2},
+        {"source_teacher": "vjm-full"},
         {"width": 9},
         {"activation": "tanh"},
         {"recipe": "paper"},
@@ -102,8 +103,8 @@ class Wavy(torch.nn.Sequential):
 class Strange(MlpPretrained):
     """A plugin's model."""
 
-    def _new_network(self, seed):
-        return Wavy(*super()._new_network(seed))
+    def _new_network(self, n_inputs, seed, n_outputs=3):
+        return Wavy(*super()._new_network(n_inputs, seed, n_outputs))
 
 
 def test_a_strangers_code_is_part_of_the_key(twin, monkeypatch, tmp_path, trainings):

@@ -74,9 +74,21 @@ def test_every_strategy_moves_its_own_parameters_and_no_others(freeze, parts):
     assert changed == {f"{layer}.{kind}" for layer in STRATEGIES[freeze] for kind in kinds}
 
 
+@pytest.mark.parametrize("rank", [1, 3])
+def test_a_low_rank_update_changes_hidden_weights_by_that_rank_alone(rank, parts):
+    model = fit(FtMlp(**SMALL_SOURCE, epochs=20, freeze=f"lora:{rank}", training="normal"), parts)
+    before, after = state(model.source_network_), state(model.network_)
+    assert before.keys() == after.keys()
+    hidden = [name for name in before if name.endswith("weight")][:-1]
+    assert {n for n in before if not np.array_equal(before[n], after[n])} == {*hidden}
+    for name in hidden:
+        singular = np.linalg.svd(after[name] - before[name], compute_uv=False)
+        assert (singular[rank:] < 1e-5 * singular[0]).all() and singular[rank - 1] > 0
+
+
 def test_fine_tuning_brings_the_source_network_nearer_to_the_measurements(parts):
     _, train, _, _ = parts
-    model = fit(FtMlp(**SMALL_SOURCE, epochs=200, freeze="full"), parts)
+    model = fit(FtMlp(**SMALL_SOURCE, epochs=200, freeze="full", training="normal"), parts)
     tuned = np.abs(model.predict(train.q, train.wrench) - train.deflection).mean()
     model.network_ = model.source_network_
     assert tuned < 0.8 * np.abs(model.predict(train.q, train.wrench) - train.deflection).mean()
@@ -109,10 +121,10 @@ def test_the_papers_schedule_is_the_papers():
     assert (PRETRAINING["paper"].steps, PRETRAINING["paper"].loss) == (100_000, "mse")
 
 
-def test_the_best_recipe_has_gelu_unless_the_option_says_otherwise():
+def test_what_is_pretrained_has_gelu_unless_an_option_or_the_paper_says_otherwise():
     for options, expected in (
-        ({}, "relu"),
-        ({"recipe": "best"}, "gelu"),
+        ({}, "gelu"),
+        ({"preset": "paper"}, "relu"),
         ({"recipe": "best", "activation": "relu"}, "relu"),
         ({"activation": "tanh"}, "tanh"),
         ({"recipe": "paper"}, "relu"),
@@ -122,14 +134,16 @@ def test_the_best_recipe_has_gelu_unless_the_option_says_otherwise():
 
 
 def test_fine_tuning_in_bfloat16_is_close_to_float32_and_is_asked_for(parts):
-    exact = fit(FtMlp(**SMALL_SOURCE, epochs=20), parts).fine_tuning_[0]
-    low = fit(FtMlp(**SMALL_SOURCE, epochs=20, precision="bfloat16"), parts).fine_tuning_[0]
+    exact = fit(FtMlp(**SMALL_SOURCE, epochs=20, training="best"), parts).fine_tuning_[0]
+    low = fit(
+        FtMlp(**SMALL_SOURCE, epochs=20, training="best", precision="bfloat16"), parts
+    ).fine_tuning_[0]
     assert FtMlp().precision == "float32"
     assert low.best_loss == pytest.approx(exact.best_loss, rel=0.02)
 
 
 @pytest.mark.slow
-def test_the_fast_recipe_predicts_the_full_source_to_5_micrometres(parts):
+def test_the_fast_recipe_predicts_the_full_source_to_3_5_micrometres(parts):
     model = fit(MlpPretrained(device="cpu"), parts)
-    assert model.diagnostics_["source samples"] == 106_400
-    assert model.source_errors_[:3].mean() * 1000 <= 0.005
+    assert model.diagnostics_["source samples"] == 103_680
+    assert model.source_errors_[:3].mean() * 1000 <= 0.0035

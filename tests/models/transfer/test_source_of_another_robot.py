@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-
 import numpy as np
 import pytest
 from sklearn.base import clone
@@ -13,14 +11,18 @@ from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_datasets.twin.robot_twin import Ur5Twin
 from stiff_models import load
 from stiff_models.catalog import MODELS, model_info
+from stiff_models.physics.families import fitted_physics
 from stiff_models.physics.kinematics import jacobian
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_models.regressors import mf_gp
 from stiff_models.regressors.mf_gp import MultiFidelityGp
+from stiff_models.transfer import pretraining
 from stiff_models.transfer.compliance_net import ComplianceNet
 from stiff_models.transfer.deep_ensemble import DeepEnsemble
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_models.transfer.mlp_pretrained import MlpPretrained
+from stiff_models.transfer.pretraining import power_of_four
+from stiff_models.transfer.source import joint_ranges
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.interfaces import LearnsFromSource
 from stiff_protocols.contract.types import BenchmarkData
@@ -61,36 +63,43 @@ def test_every_family_with_a_source_domain_takes_another_robots_and_no_other_doe
 
 
 @pytest.mark.parametrize(
-    ("key", "module"),
+    ("key", "options"),
     [
-        ("mlp-pretrained", "mlp_pretrained"),
-        ("ft-mlp", "mlp_pretrained"),
-        ("compliance-net", "mlp_pretrained"),
-        ("dt-cnn", "dt_cnn"),
+        ("mlp-pretrained", {}),
+        ("mlp-pretrained", {"source_teacher": "vjm-full"}),
+        ("ft-mlp", {"preset": "paper"}),
+        ("compliance-net", {"epochs": 0}),
+        ("dt-cnn", {"alignment": "mk-mmd"}),
     ],
 )
-def test_simulated_deflections_are_those_of_the_source_robots_vjm(
-    key, module, target, ur5, monkeypatch
+def test_simulated_deflections_are_those_of_the_source_robots_physics(
+    key, options, target, ur5, monkeypatch
 ):
     domains = []
 
     def divided_before_witnesses(domain, seed):
         domains.append(domain)
-        few = domain.take(np.arange(0, len(domain), 100))
-        return few, few
+        return divided(domain, seed)
 
-    owner = importlib.import_module(f"stiff_models.transfer.{module}")
-    monkeypatch.setattr(owner, "divided", divided_before_witnesses)
-    options = {"pretrain_steps": 0} | ({} if key == "dt-cnn" else {"width": 8})
+    divided = pretraining.divided
+    monkeypatch.setattr(pretraining, "divided", divided_before_witnesses)
+    options = {"pretrain_steps": 0} | ({} if key == "dt-cnn" else {"width": 8}) | options
     model = fitted(model_info(key).load()(**options, device="cpu"), target, ur5)
     (domain,) = domains
-    q, wrench, own = domain.q[::50], domain.wrench[::50], ur5.samples
-    assert (q >= own.q.min(axis=0)).all() and (q <= own.q.max(axis=0)).all()
-    stiffness = vjm_of(ur5).joints_.stiffness
-    rows = jacobian(ur5.robot, q)
-    joint = np.einsum("nij,ni->nj", rows, wrench) / stiffness  # rad
-    expected = np.einsum("nij,nj->ni", rows[:, :3], joint)
-    np.testing.assert_allclose(domain.deflection[::50], expected, rtol=1e-9, atol=1e-15)
+    q, wrench = domain.q[::50], domain.wrench[::50]
+    if "preset" not in options:
+        lower, upper = joint_ranges(ur5.robot, ur5.samples.q)
+        assert (q >= lower).all() and (q <= upper).all()
+    physics = fitted_physics(options.get("source_teacher", "vjm"), ur5.samples, ur5.robot)
+    if model.shares_pretraining:  # each spring at its reference compliance
+        own = physics.joints_.compliance
+        rows = jacobian(ur5.robot, q)
+        torque = np.einsum("nij,ni->nj", rows, wrench)
+        expected = rows[:, :3] * (torque * power_of_four(own))[:, None, :]
+        np.testing.assert_allclose(domain.parts[::50], expected, rtol=1e-9, atol=1e-15)
+    else:
+        expected = physics.predict(q, wrench)
+        np.testing.assert_allclose(domain.deflection[::50], expected, rtol=1e-9, atol=1e-15)
     assert model.robot_ is target.robot
 
 
@@ -161,9 +170,9 @@ def test_a_saved_model_needs_its_source_no_more(target, ur5, tmp_path):
 
 def test_options_of_the_source_are_checked_against_the_robot_of_the_source(target):
     model = MlpPretrained(**TINY, source_stiffness="nominal")
-    with pytest.raises(
-        ConfigError, match=f"no stiffnesses are known for robot '{target.robot.name}'"
-    ):
+    with pytest.raises(ConfigError, match=f"for robot '{target.robot.name}'"):
         model.check_robot(target.robot)
+    model = MlpPretrained(**TINY, source_stiffness="nominal", nominal_stiffness="1,2,3")
     model.use_source(Kr10Twin().load())
-    model.check_robot(target.robot)
+    with pytest.raises(ConfigError, match="6 positive numbers"):
+        model.check_robot(target.robot)

@@ -1,0 +1,109 @@
+"""How cross-validation chooses the number of epochs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stiff_models.networks.epochs import FOLDS, chosen_epochs, lengths_up_to
+from stiff_models.networks.mlp import Mlp
+from stiff_models.regressors.residual_mlp import ResidualMlp
+from stiff_models.transfer.ft_mlp import FtMlp
+
+SMALL = {"width": 8, "device": "cpu"}
+
+
+def samples_of(twin, n_poses, loads=1):
+    rows = np.repeat(np.arange(n_poses), loads)
+    return twin.samples.take(rows)
+
+
+def test_the_lengths_to_choose_from_end_with_the_longest():
+    assert lengths_up_to(400) == (0, 10, 30, 100, 400)
+    assert lengths_up_to(50) == (0, 10, 30, 50)
+    assert lengths_up_to(0) == (0,)
+
+
+def test_every_row_is_held_out_once_with_all_rows_of_its_pose(twin):
+    samples, parts = samples_of(twin, 23, loads=2), []
+
+    def errors_of(learn, held_out):
+        parts.append(held_out)
+        assert not np.isin(samples.pose_id[held_out], samples.pose_id[learn]).any()
+        assert len(learn) + len(held_out) == len(samples)
+        return np.ones((2, len(held_out)))
+
+    assert chosen_epochs(samples, (0, 10), errors_of, seed=1) == 0
+    assert len(parts) == FOLDS
+    np.testing.assert_array_equal(np.sort(np.concatenate(parts)), np.arange(len(samples)))
+
+
+@pytest.mark.parametrize(
+    ("gain", "scatter", "chosen"),
+    [
+        (0.0, 1.0, 0),  # nothing is gained
+        (0.05, 1.0, 0),  # less than a standard error of the difference, 1/sqrt(100)
+        (0.5, 1.0, 10),
+        (0.05, 0.1, 10),  # the same gain on every pose, however much the poses differ
+        (-0.5, 1.0, 0),
+    ],
+)
+def test_more_epochs_are_taken_where_they_gain_a_standard_error(gain, scatter, chosen, twin):
+    rng = np.random.default_rng(3)
+    of_pose = rng.uniform(1, 9, size=100)
+    difference = rng.normal(size=100)
+    difference = gain + scatter * (difference - difference.mean()) / difference.std()
+
+    def errors_of(learn, held_out):
+        return np.stack([of_pose, of_pose - difference])[:, held_out]
+
+    assert chosen_epochs(samples_of(twin, 100), (0, 10), errors_of, seed=0) == chosen
+
+
+def test_a_single_pose_is_trained_to_the_end(twin):
+    one = replace(twin.samples.take(np.arange(5)), pose_id=np.full(5, "p"))
+    assert chosen_epochs(one, (0, 30), lambda *_: pytest.fail("divided"), seed=0) == 30
+
+
+@pytest.mark.parametrize("cls", [Mlp, ResidualMlp, FtMlp])
+def test_a_network_is_then_trained_so_long_on_all_rows(cls, parts, small_source):
+    robot, train, held_out, _ = parts
+    options = SMALL | ({"pretrain_steps": 5} if cls is FtMlp else {})
+    model = cls(**options, epochs=30).fit(train, robot=robot, validation=held_out, seed=2)
+    epochs = model.best_params_["epochs"]
+    assert not model.chooses_epoch() and epochs in (0, 10, 30)
+    same = cls(**options, epochs=epochs, training="normal").fit(train, robot=robot, seed=2)
+    assert "best_params_" not in vars(same)
+    q, wrench = held_out.q, held_out.wrench
+    np.testing.assert_array_equal(model.predict(q, wrench), same.predict(q, wrench))
+
+
+@pytest.mark.parametrize("freeze", ["layers:1,2", "gradual", "lora:2"])
+def test_a_short_training_of_the_choice_is_the_training_of_that_length(
+    freeze, parts, small_source, monkeypatch
+):
+    robot, train, _, _ = parts
+    model = FtMlp(**SMALL, pretrain_steps=5, epochs=12, freeze=freeze)
+    seen = {}
+
+    def witnessed(samples, lengths, errors_of, seed):
+        seen[lengths] = errors_of(np.arange(60), np.arange(60, 90))
+        return 0
+
+    monkeypatch.setattr("stiff_models.networks.network_model.chosen_epochs", witnessed)
+    model.fit(train, robot=robot, seed=2)
+    ((lengths, errors),) = seen.items()
+    assert lengths == (0, 10, 12)
+    short = model.get_params() | {"training": "normal"}
+    for length, error in zip(lengths, errors, strict=True):
+        network = FtMlp(**short | {"epochs": length})
+        network.fit(train, robot=robot, seed=2)  # scalers and pre-training of all rows
+        rows = network._measured_rows(train).take(np.arange(60))
+        network.network_ = network.source_network_
+        plan = network._fine_tuning_plan(keep_best=False)
+        network._learn(network.network_, rows, plan, 2)
+        held_out = train.take(np.arange(60, 90))
+        left = network.predict(held_out.q, held_out.wrench) - held_out.deflection
+        np.testing.assert_allclose(np.linalg.norm(left, axis=1), error, atol=2e-8)
