@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from statistics import median
 
+import numpy as np
 import pytest
 import torch
 from sklearn.neural_network import MLPRegressor
@@ -19,7 +20,8 @@ from stiff_models.networks.arithmetic import has_fast_bfloat16
 from stiff_models.networks.network import Activation, build_network, linear_layers
 from stiff_models.networks.training import Rows, train_network
 from stiff_models.networks.training_plan import TrainingPlan
-from stiff_models.transfer.mlp_pretrained import PRETRAINING, MlpPretrained, divided
+from stiff_models.transfer.mlp_pretrained import PRETRAINING, MlpPretrained
+from stiff_models.transfer.pretraining import divided
 from stiff_protocols.contract.types import FloatArray
 
 WIDTH, BATCH, STEPS = 380, 1024, 20
@@ -58,7 +60,7 @@ class Source:
 
 @lru_cache
 def source_of(seed: int) -> Source:
-    data, model = twin_data(), MlpPretrained(device="cpu")
+    data, model = twin_data(), MlpPretrained(device="cpu", preset="paper")
     origin = model._origin(data.samples, data.robot)
     domain = model._simulated(origin.samples, origin.robot, seed)
     learn, test = divided(domain, seed)
@@ -198,6 +200,25 @@ def test_plain_accuracy(benchmark, source):
     peer(benchmark, PLAIN, work=float(benchmark.pedantic(run, rounds=1) * BATCH), unit="sample")
     what = f"source test MAE of {PLAIN}, {PEERS_BUDGET} s"
     figure(benchmark, what, source.error(network), "mm")
+
+
+@pytest.mark.slow
+@pytest.mark.benchmark(group="pre-training, an output a joint and axis, as ft-mlp has it")
+def test_shared_accuracy(benchmark, monkeypatch, tmp_path):
+    """The default: one training for all splits, then the sum of the joints for each."""
+    monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path))
+    data = twin_data()
+    model = MlpPretrained(device="cpu")
+    spent = seconds_of(partial(model.fit, data.samples, robot=data.robot))
+    rows = np.arange(len(data.samples) - 1)
+    other = partial(model.fit, data.samples.take(rows), robot=data.robot)
+    ours(benchmark, work=1.0, unit="split")
+    benchmark.pedantic(other, rounds=5)
+    error = 1000.0 * float(model.source_errors_[:3].mean())
+    figure(benchmark, "source test MAE", error, "mm", at_most=0.0035)
+    figure(benchmark, "CPU seconds of the first split", spent, "s")
+    share = 100.0 * benchmark.stats.stats.min / spent
+    figure(benchmark, "time, a further split of the first", share, "%", at_most=2.0)
 
 
 def seconds_of(work: Callable[[], object]) -> float:

@@ -13,7 +13,6 @@ import torch
 
 from stiff_models.networks.arithmetic import arithmetic
 from stiff_models.networks.optimizers import optimizers, pull_back
-from stiff_models.networks.plain_sequence import PlainSequence
 from stiff_models.networks.training_plan import Trainable, TrainingPlan, loss_function
 from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
 from stiff_protocols.contract.progress import report
@@ -192,7 +191,6 @@ class _Run:
         )
         self.rows = _through(before, rows)
         self.validation = None if validation is None else _through(before, validation)
-        self.by_hand = None if objective else PlainSequence.of(self.tail, trainable.rates)
         self.loss = loss_function(plan.loss)
         self.optimizers = optimizers(
             self.tail, plan, trainable, self.rows.inputs, bfloat16=self.bfloat16
@@ -236,18 +234,11 @@ class _Run:
         outputs = self._outputs(inputs, low)
         if self.validation is not None and self.one_pass:
             self._judge(step, outputs[n:].detach())
-        learned = outputs[:n]
-        if self.by_hand is not None:  # autograd's part begins behind the network
-            learned.requires_grad_()
-        loss = self.loss(learned, targets)
+        loss = self.loss(outputs[:n], targets)
         loss.backward()  # type: ignore[no-untyped-call]
-        if self.by_hand is not None and learned.grad is not None:
-            self.by_hand.backward(learned.grad)
         return loss
 
     def _outputs(self, inputs: torch.Tensor, low: bool) -> torch.Tensor:
-        if self.by_hand is not None:
-            return self.by_hand.outputs(inputs, bfloat16=low)
         with self._autocast(low):
             outputs: torch.Tensor = self.tail(inputs)
         return outputs.float()

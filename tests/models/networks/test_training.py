@@ -9,7 +9,6 @@ import torch
 
 from stiff_models.networks.network import build_network, linear_layers
 from stiff_models.networks.optimizers import orthogonalised, whitening
-from stiff_models.networks.plain_sequence import PlainSequence
 from stiff_models.networks.training import Rows, train_network
 from stiff_models.networks.training_plan import Trainable, TrainingPlan
 from stiff_protocols.contract.errors import ModelError
@@ -130,86 +129,3 @@ def test_muon_moves_every_hidden_matrix_and_leaves_no_hook_behind():
     ]
     assert all(moved)
     assert not any(layer._forward_pre_hooks for layer in net)
-
-
-N_LEARNED = 20
-
-
-def passed_network(activation="relu"):
-    return build_network(5, layers=3, width=32, activation=activation, seed=0)
-
-
-def passed_inputs():
-    return torch.randn(30, 5, generator=torch.Generator().manual_seed(1))
-
-
-def passed_loss(outputs):
-    return outputs[:N_LEARNED].square().mean()
-
-
-def by_autograd(net):
-    outputs = net(passed_inputs())
-    passed_loss(outputs).backward()
-    return outputs.detach(), {name: p.grad for name, p in net.named_parameters()}
-
-
-def by_hand(net, moving, *, bfloat16=False):
-    passes = PlainSequence.of(net, moving)
-    outputs = passes.outputs(passed_inputs(), bfloat16=bfloat16)
-    learned = outputs[:N_LEARNED].requires_grad_()
-    passed_loss(learned).backward()
-    passes.backward(learned.grad)
-    return outputs, {name: p.grad for name, p in net.named_parameters()}
-
-
-@pytest.mark.parametrize("activation", ["relu", "tanh", "sigmoid", "gelu"])
-@pytest.mark.parametrize("names", [{"2.weight", "4.bias"}, None], ids=["some", "all"])
-def test_outputs_and_gradients_of_what_moves_are_autograds(activation, names):
-    outputs, gradients = by_autograd(passed_network(activation))
-    net = passed_network(activation)
-    names = names or gradients.keys()
-    same, ours = by_hand(net, {p for name, p in net.named_parameters() if name in names})
-    torch.testing.assert_close(same, outputs)
-    moved = {name: gradient for name, gradient in ours.items() if gradient is not None}
-    torch.testing.assert_close(moved, {name: gradients[name] for name in moved})
-    assert moved.keys() == names
-
-
-def test_in_bfloat16_they_agree_to_its_8_bits():
-    outputs, gradients = by_autograd(passed_network())
-    net = passed_network()
-    same, ours = by_hand(net, set(net.parameters()), bfloat16=True)
-    assert same.dtype == torch.float32
-    assert (same - outputs).norm() < 2**-6 * outputs.norm()
-    for name, gradient in ours.items():
-        assert (gradient - gradients[name]).norm() < 2**-5 * gradients[name].norm()
-
-
-def test_in_bfloat16_a_pass_sees_the_weights_that_moved_since_the_last():
-    net = passed_network()
-    moving = {linear_layers(net)[0].weight}
-    passes = PlainSequence.of(net, moving)
-    before = passes.outputs(passed_inputs(), bfloat16=True)
-    with torch.no_grad():
-        linear_layers(net)[0].weight.add_(1.0)
-    assert not torch.equal(passes.outputs(passed_inputs(), bfloat16=True), before)
-
-
-class Residual(torch.nn.Sequential):
-    def forward(self, x):
-        return x + super().forward(x)
-
-
-@pytest.mark.parametrize(
-    "net",
-    [
-        Residual(torch.nn.Linear(5, 5)),
-        torch.nn.Sequential(torch.nn.Linear(5, 5), torch.nn.SiLU(), torch.nn.Linear(5, 3)),
-        torch.nn.Sequential(torch.nn.Linear(5, 5), torch.nn.GELU("tanh"), torch.nn.Linear(5, 3)),
-        torch.nn.Sequential(torch.nn.Linear(5, 3, bias=False)),
-        torch.nn.Linear(5, 3),
-    ],
-    ids=["subclass", "silu", "tanh-gelu", "no-bias", "no-sequence"],
-)
-def test_other_networks_are_left_to_autograd(net):
-    assert PlainSequence.of(net, set(net.parameters())) is None
