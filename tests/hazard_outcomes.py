@@ -11,6 +11,7 @@ from stiff_models.catalog import MODELS
 
 VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     **{info.key: (info.key, {}) for info in MODELS},
+    "ft-mlp, paper": ("ft-mlp", {"preset": "paper"}),
     "vjm, loaded": ("vjm", {"congruence": True}),
     "vjm-multisegment, search": ("vjm-multisegment", {"breakpoints": "search"}),
     "vjm-full, ridge": ("vjm-full", {"solver": "ridge"}),
@@ -29,7 +30,7 @@ LOADED = {"vjm, loaded"}
 SEGMENTS = {"vjm-multisegment", "vjm-multisegment, search"}
 RESIDUAL = {"residual-mlp", "vjm-gp", "vjm-boosting", "vjm + neighbours"}
 CNN = {"dt-cnn", "dt-cnn, adabn", "dt-cnn, coral", "dt-cnn, udtl"}
-PRETRAINED = {"mlp-pretrained", "ft-mlp", "compliance-net", "deep-ensemble"} | CNN
+PRETRAINED = {"mlp-pretrained", "ft-mlp", "ft-mlp, paper", "compliance-net", "deep-ensemble"} | CNN
 SOURCE = PRETRAINED | {"mf-gp"}
 SPRINGS = {"vjm"} | RESIDUAL | SOURCE  # one linear spring a joint
 FULL = {"vjm-full", "vjm-full, ridge"}
@@ -40,7 +41,9 @@ FEW_NEIGHBOURS = {
     frozenset({"knn"}): "fails: neighbours 5: only ",
     frozenset({"vjm + neighbours"}): "fails: .*n_neighbors = 5, n_samples_fit = ",
 }
-OTHER_LOADS = {frozenset(PRETRAINED): "warns: .*pre-training forces are .* N, measured forces"}
+OTHER_LOADS = {
+    frozenset({"ft-mlp, paper"}): "warns: .*pre-training forces are .* N, measured forces"
+}
 NO_MASSES = {frozenset(SEGMENTS): "warns: robot 'chain' has no masses"}
 NOT_BOTH = {
     frozenset({"residual-mlp", "mlp"}): "(works|warns: .*none of 3 epochs was better)",

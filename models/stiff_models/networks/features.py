@@ -11,6 +11,7 @@ from stiff_protocols.contract.types import FloatArray, Robot
 
 AngleEncoding = Literal["sincos", "raw"]
 
+ROUNDED_ZERO = 1e-3
 NO_DEFLECTION = 1e-9
 """Unit [m] of deflections that are all zero: far below what any instrument resolves."""
 
@@ -42,7 +43,8 @@ class Scaler:
     def of(cls, values: FloatArray, *, of_constant: float = 1.0) -> Self:
         """Take those of (n, n_columns) values; a constant column is scaled by `of_constant`."""
         scale = values.std(axis=0)
-        constant = scale <= 1e-12 * np.maximum(np.abs(values).max(axis=0), 1e-300)
+        # sines of half turns differ by 1e-16: what is left of a zero is no scale either
+        constant = scale <= 1e-12 * np.maximum(np.abs(values).max(axis=0), ROUNDED_ZERO)
         return cls(values.mean(axis=0), np.where(constant, of_constant, scale))
 
     @classmethod

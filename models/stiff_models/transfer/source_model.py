@@ -49,9 +49,9 @@ class SourceModel:
     `use_source` was given; "the samples" below are these.
 
     Attributes:
-        source_poses: "data" (grid over the samples' joint ranges), "sobol" (Sobol points in them),
-            "paper" (grid of Table 4); "auto": the paper's where its source is asked for, else
-            "data". Ranges of samples are rounded outwards.
+        source_poses: "sobol" (Sobol points in the samples' joint ranges), "data" (a grid over
+            them), "paper" (grid of Table 4); "auto": the paper's where its source is asked for,
+            else "sobol". Ranges of samples are rounded outwards.
         source_wrenches: "uniform" or "sobol" (over the range of each component of the samples'
             wrenches), "data" (drawn like the samples' wrenches), "paper" (Table 5); "auto": the
             paper's where its source is asked for, else "uniform".
@@ -140,7 +140,7 @@ class SourceModel:
 
     def _designs(self) -> tuple[PoseDesign, WrenchDesign]:
         """Return what "auto" stands for, or what was asked for."""
-        poses: PoseDesign = "paper" if self.paper_source else "data"
+        poses: PoseDesign = "paper" if self.paper_source else "sobol"
         wrenches: WrenchDesign = "paper" if self.paper_source else "uniform"
         return (
             poses if self.source_poses == "auto" else self.source_poses,

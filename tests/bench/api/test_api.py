@@ -88,7 +88,7 @@ def test_a_model_fits_predicts_scores_and_is_the_same_after_a_file(twin, tmp_pat
 
 
 def test_a_model_that_chooses_its_epoch_gets_poses_to_choose_by_and_says_so(twin, monkeypatch):
-    model, seen = sb.make_model("mlp"), {}
+    model, seen = sb.make_model("mlp", training="best"), {}
 
     def fit(self, train, *, robot, validation, seed):
         seen.update(train=train, validation=validation)

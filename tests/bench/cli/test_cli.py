@@ -85,10 +85,10 @@ def test_ones_own_file_and_robot_run_like_a_shipped_data_set(tmp_path):
 
 
 def test_paper_holdout_warns_and_marks_its_rows(tmp_path):
-    words = ["--model", "mlp", "--protocol", "paper-holdout", "--set", "mlp.epochs=5"]
+    words = ["--model", "mlp@epochs=5@training=best", "--protocol", "paper-holdout"]
     done = bench_here("run", *words, cwd=tmp_path)
     assert "warning: paper-holdout" in done.stderr
-    assert "| mlp@epochs=5 [epoch picked on test part] |" in done.stdout
+    assert "| mlp@epochs=5@training=best [epoch picked on test part] |" in done.stdout
 
 
 PLUGIN_HEAD = "from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo\n"
@@ -149,7 +149,7 @@ def test_list_and_show_answer(tmp_path):
     assert "simulated" in bench_here("list", "datasets", cwd=tmp_path).stdout
     assert "leave-one-out" in bench_here("list", "protocols", cwd=tmp_path).stdout
     shown = bench_here("show", "ft-mlp", cwd=tmp_path).stdout
-    assert "ft-mlp.freeze" in shown and "layers:1,2" in shown and "\nversion: 1 (" in shown
+    assert "ft-mlp.freeze" in shown and "layers:1,2" in shown and "\nversion: 2 (" in shown
     assert "caveat" in bench_here("show", "fanuc-r2000ic", cwd=tmp_path).stdout
 
 

@@ -31,7 +31,7 @@ from stiff_protocols.splits.random_splits import Holdout
 pytestmark = pytest.mark.usefixtures("small_source")
 
 FROM_UR5 = "source ur5-twin"
-OPTIONS = {"width": 8, "pretrain_steps": 3, "epochs": 4}
+OPTIONS = {"width": 8, "pretrain_steps": 3, "epochs": 4, "training": "best"}
 FT_MLP = "@".join(["ft-mlp", *(f"{name}={value}" for name, value in OPTIONS.items())])
 
 

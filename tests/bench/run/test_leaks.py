@@ -63,7 +63,7 @@ def rows(samples):
 
 @pytest.mark.parametrize(
     ("model", "n_train", "n_validation"),
-    [("vjm", 34, 0), ("mlp-pretrained", 34, 0), ("mlp", 27, 7), ("ft-mlp", 27, 7)],
+    [("vjm", 34, 0), ("mlp-pretrained", 34, 0), ("mlp@training=best", 27, 7), ("ft-mlp", 34, 0)],
 )
 @pytest.mark.parametrize("protocol", ["holdout", "leave-one-out"])
 def test_no_fair_protocol_gives_a_model_a_test_deflection(
@@ -81,7 +81,7 @@ def test_no_fair_protocol_gives_a_model_a_test_deflection(
 
 
 def test_under_the_papers_protocol_test_rows_choose_an_epoch_and_nothing_else(tasks):
-    train, validation, test = given(tasks("ft-mlp", "paper-holdout")[0])
+    train, validation, test = given(tasks("ft-mlp@training=best", "paper-holdout")[0])
     assert rows(validation) == rows(test)
     assert not rows(train) & rows(test)
     train, validation, test = given(tasks("vjm", "paper-holdout")[0])
@@ -129,14 +129,14 @@ def test_no_test_deflection_is_read_before_the_last_prediction_nor_changes_one(
 
 def test_an_ensemble_that_chooses_no_epoch_takes_nothing_from_the_papers_test_rows(tasks):
     task = tasks("deep-ensemble", "paper-holdout")[0]
-    options = SMALL_ENSEMBLE | {"training": "normal"}
+    options = SMALL_ENSEMBLE
     assert_the_same(*as_it_is_and_with_other_test_deflections(task, options, computed_under_seal))
 
 
 def test_an_ensembles_noise_is_not_that_of_the_papers_test_rows_that_choose_its_epoch(tasks):
     task = tasks("deep-ensemble", "paper-holdout")[0]
     first, second = as_it_is_and_with_other_test_deflections(
-        task, SMALL_ENSEMBLE, lambda spoiled: compute_cell(spoiled, "r")
+        task, SMALL_ENSEMBLE | {"training": "best"}, lambda spoiled: compute_cell(spoiled, "r")
     )
     widths = [np.max(each.interval.upper - each.interval.lower) for each in (first, second)]
     assert max(widths) < 0.1  # m; the deflections are moved by 7 m
@@ -155,7 +155,7 @@ def test_no_fair_protocol_lets_a_test_deflection_be_read_early(protocol, model, 
 def test_the_papers_protocol_breaks_the_seal_for_models_that_choose_an_epoch_alone(tasks):
     computed_under_seal(tasks("vjm", "paper-holdout")[0])
     with pytest.raises(Leak, match=r"read before .*\.fit"):
-        computed_under_seal(tasks("mlp", "paper-holdout")[0])
+        computed_under_seal(tasks("mlp@training=best", "paper-holdout")[0])
 
 
 class Thief(Witness):
@@ -233,7 +233,7 @@ def test_a_protocol_that_selects_on_test_and_does_not_say_so_is_refused(tasks, m
 @pytest.mark.parametrize("fmt", ["github", "latex", "html", "csv", "json"])
 @pytest.mark.parametrize("protocol", ["holdout", "paper-holdout"])
 def test_rows_that_were_selected_on_test_carry_the_mark_in_every_format(protocol, fmt, tasks_of):
-    tasks = tasks_of(("vjm", "mlp"), "fanuc-r2000ic", protocol)
+    tasks = tasks_of(("vjm", "mlp@training=best"), "fanuc-r2000ic", protocol)
     results = [compute_cell(witnessed(task), "r") for task in tasks]
     text = render(build_tables(results, [metric("mae")]), fmt, "bench run")
     *before_marks, _ = text.split(SELECTION_MARK)

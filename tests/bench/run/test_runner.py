@@ -94,7 +94,7 @@ def test_a_model_with_intervals_of_its_own_is_fitted_once(task_of):
 
 
 def test_rows_that_choose_an_epoch_are_given_to_both_fits_and_calibrate_nothing(task_of):
-    result = compute_cell(task_of(Scaled, 0.9, model="ft-mlp"), "r")
+    result = compute_cell(task_of(Scaled, 0.9, model="ft-mlp@training=best"), "r")
     assert result.status == "ok", result.failure
     (first, validation, _), (second, also, _) = FITS
     assert len(first) == 27 and len(second) == 27 - result.calibration_samples == 18

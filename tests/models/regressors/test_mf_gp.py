@@ -131,7 +131,9 @@ def test_smts_co_kriging_is_the_same_joint_process_with_constant_means():
 
 
 def test_its_simulated_samples_come_from_the_one_source_builder(twin):
-    model = MultiFidelityGp(source_samples=16, restarts=0, ard=False, source_stiffness="nominal")
+    stiff = ",".join(["5e4"] * 6)
+    options = {"ard": False, "source_stiffness": "nominal", "nominal_stiffness": stiff}
+    model = MultiFidelityGp(source_samples=16, restarts=0, **options)
     few = twin.samples.take(np.arange(0, 150, 8))
     soft = MultiFidelityGp(**model.get_params() | {"nominal_stiffness": ",".join(["1e3"] * 6)})
     own, other = (m.fit(few, robot=twin.robot).levels_[0].low for m in (model, soft))

@@ -91,10 +91,12 @@ def test_every_alignment_trains_to_another_network_than_none(parts, alignment):
     assert np.isfinite(predictions(aligned, parts)).all()
 
 
-def test_without_alignment_one_pre_training_serves_every_training_part(parts, monkeypatch):
+def test_without_alignment_one_pre_training_serves_every_training_part(
+    parts, monkeypatch, tmp_path
+):
     trained = []
     real = network_model.train_network
-    monkeypatch.delenv("STIFFBENCH_CACHE")
+    monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path))
     monkeypatch.setattr(
         network_model, "train_network", lambda *a, **o: trained.append(o["phase"]) or real(*a, **o)
     )

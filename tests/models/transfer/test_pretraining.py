@@ -133,9 +133,9 @@ def test_a_rigid_joint_takes_no_part(twin):
 
 def test_the_source_domain_of_a_row_is_named():
     for options, words in (
-        ({}, "vjm on a grid over the training samples' joint ranges, uniform wrenches"),
+        ({}, "vjm on Sobol poses in the training samples' joint ranges, uniform wrenches"),
         ({"preset": "paper"}, "vjm on the paper's Table 4, the paper's Table 5"),
-        ({"source_teacher": "vjm-full", "source_poses": "sobol"}, "vjm-full on Sobol poses"),
+        ({"source_teacher": "vjm-full", "source_poses": "data"}, "vjm-full on a grid over"),
     ):
         assert FtMlp(**options).source_words.startswith(words)
 
