@@ -56,6 +56,10 @@ def numbered(*indices):
     return lambda samples: [by_row(samples, index=index, condition="c") for index in indices]
 
 
+def self_reporting(samples):
+    return [by_row(samples, also_reported=np.arange(5))]
+
+
 def erring(*shape):
     return lambda samples: [by_row(samples, condition="loud", wrench_error=np.ones(shape))]
 
@@ -67,6 +71,7 @@ TOLD_APART, ERRORS = "splits have different indices", "sensor errors are those o
     ("how", "question", "status", "reason"),
     [
         (careless, "no row is learned from and tested", "failed", "trains on 10 rows of its other"),
+        (self_reporting, "no row is learned from and tested", "failed", "reports 5 rows that are"),
         (careless, "the same seed gives the same splits", "failed", "the same seed gave other"),
         (careless, "every row is used", "not applicable", "leaves out 3 of 43 rows"),
         (by_deflection, "the division does not look at deflections", "failed", "gave other splits"),
