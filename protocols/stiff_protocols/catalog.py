@@ -111,7 +111,11 @@ PROTOCOLS = (
         key="paper-holdout",
         target="stiff_protocols.splits.random_splits:PaperHoldout",
         summary="as in the source paper: 80/20 by pose, the 20 % also picks the best epoch",
-        reasoning="Only to reproduce the paper's figures. It is not fair, and its rows say so.",
+        reasoning=(
+            "Only to reproduce the paper's figures. It is not fair, and its rows say so. "
+            "`read_on=all` reports the errors of the same fits on all samples, those that they "
+            "learned from among them, as the paper's Table 10 most likely does: no test at all."
+        ),
         warning=(
             "paper-holdout picks the best epoch on the very samples it reports, as the source "
             "paper does: rows of models that choose an epoch are optimistic. Use 'holdout' for "

@@ -35,7 +35,7 @@ from stiff_bench.store.names import CaseName, grouped, labels, natural_key
 from stiff_bench.store.newest import Slot
 from stiff_bench.store.samples import StoredData
 from stiff_bench.store.versions import differing_libraries, sources
-from stiff_bench.tables.metric_table import pooled_prediction
+from stiff_bench.tables.metric_table import TRAINING_MARK, pooled_prediction
 from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name
 from stiff_protocols.contract.record import Presentation
 from stiff_protocols.contract.types import AXES, FloatArray, IntArray
@@ -357,6 +357,9 @@ def compare_folder(
     comparisons, shared, notes = [], [], []
     for case in chosen:
         if not {a, b} <= case.competitors.keys():
+            continue
+        if case.competitors[a].shown.reports_training:
+            notes.append(f"not compared: {called[case.name]}: {TRAINING_MARK}.")
             continue
         data = data_of(case.name.data_sha256)
         try:

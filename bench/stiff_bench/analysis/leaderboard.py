@@ -36,7 +36,7 @@ from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.store.names import CaseName, labels, natural_key
 from stiff_bench.store.samples import StoredData
 from stiff_bench.store.versions import sources
-from stiff_bench.tables.metric_table import mark_of
+from stiff_bench.tables.metric_table import TRAINING_MARK, mark_of
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import STIFFNESS, kind_label
 from stiff_protocols.contract.record import Presentation
@@ -162,7 +162,11 @@ def build_leaderboard(
     """Return the leaderboard of the results that are given; see `stored_leaderboard`."""
     rankings = Rankings(key, stored.folder, seed)
     with no_garbage_collection():
-        usable = [c for c in of_newest_data(stored.cases) if presentation(c).task == STIFFNESS]
+        usable = [
+            case
+            for case in of_newest_data(stored.cases)
+            if presentation(case).task == STIFFNESS and not presentation(case).reports_training
+        ]
         names = chosen_models(usable, models)
         n_run = {c.name: sum(name in c.competitors for name in names) for c in usable}
         shown = sorted((c for c in usable if n_run[c.name] > 1), key=in_order)
@@ -224,6 +228,8 @@ def _data_notes(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> 
     others = {c.name.dataset: presentation(c) for c in cases if presentation(c).task != STIFFNESS}
     for dataset, shown in sorted(others.items()):
         yield f"{dataset} is left out: it is {kind_label(shown.kind, shown.task)}."
+    for protocol in sorted({c.name.protocol for c in cases if presentation(c).reports_training}):
+        yield f"{protocol} is left out: {TRAINING_MARK}."
 
 
 def in_order(case: Case) -> tuple[Any, ...]:

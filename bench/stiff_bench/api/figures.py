@@ -60,15 +60,15 @@ def figure(
 def paper_table(
     number: int, results: Results | Path | str | None = None, *, command: str = ""
 ) -> Tables:
-    """Return a table of the source paper beside ours: 2, 3, 6, 7, 8, 9 or 10.
+    """Return a table of the source paper, beside ours where there are ours.
 
     Args:
-        number: of the table in the paper.
+        number: of the table in the paper, 1 to 10.
         results: of `bench reproduce`, or their folder; None: where it stores them.
         command: that made it, for the record.
 
     Raises:
-        ConfigError: the paper's table of that number is not made, or reads no results.
+        ConfigError: the paper has no table of that number, or it reads no results.
         StoreError: the results have nothing of it.
     """
     from stiff_bench.paper.tables import read_table

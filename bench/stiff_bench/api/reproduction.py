@@ -55,7 +55,15 @@ class Reproduction(Run):
         return WRITERS[self.what](self.output, self.plans[0].command, missing)
 
 
-def reproduction(what: What, *, full: bool, output: Path, command: str, **how: Any) -> Reproduction:
+def reproduction(
+    what: What,
+    *,
+    full: bool,
+    output: Path,
+    command: str,
+    paper_recipe: bool = False,
+    **how: Any,
+) -> Reproduction:
     """Return the study behind the pages of a kind.
 
     Args:
@@ -63,6 +71,7 @@ def reproduction(what: What, *, full: bool, output: Path, command: str, **how: A
         full: of the paper: five splits, every width, depth and pair of layers.
         output: folder of the folder of this name.
         command: for the record.
+        paper_recipe: of the paper: the first split by its own recipe, too.
         how: the options of `chosen_execution`; as many jobs as there are cores by default.
 
     Raises:
@@ -74,6 +83,7 @@ def reproduction(what: What, *, full: bool, output: Path, command: str, **how: A
         runs = study.effects_study()
     else:
         runs = study.paper_study(full=full)
+        runs += study.paper_recipe_study() if paper_recipe else ()
     if how["jobs"] is None and not how["dask"] and how["isolate"] is not False:
         how["jobs"] = usable_cores()
     folder = output / what / "runs"

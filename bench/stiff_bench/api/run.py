@@ -62,8 +62,7 @@ class Run:
         """
         plan, tasks = self.plans[0], list(cell_tasks(*self.plans))
         store = ResultStore(plan.output)
-        protocols = (choice.info for one in self.plans for choice in one.protocols)
-        for warning in dict.fromkeys(info.warning for info in protocols if info.warning):
+        for warning in dict.fromkeys(task.shown.warning for task in tasks if task.shown.warning):
             say(f"warning: {warning}")
         with display() as shown:
             finished = run_cells(tasks, plan.command, store, self.execution, shown)

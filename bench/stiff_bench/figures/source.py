@@ -99,8 +99,13 @@ class FigureSource:
 
     @cached_property
     def newest(self) -> tuple[Case, ...]:
-        """The cases that figures show: those of the data that each name stands for last."""
-        return tuple(of_newest_data(self.cases))
+        """The cases that figures show: those of the data that each name stands for last.
+
+        Those whose reported rows hold training rows are shown where there are no others alone.
+        """
+        newest = tuple(of_newest_data(self.cases))
+        tests = tuple(case for case in newest if not presentation(case).reports_training)
+        return tests or newest
 
     def names(self, cases: Iterable[Case] | None = None) -> list[str]:
         """Return the models asked for, or all, that have a result in these cases, or in any.

@@ -217,6 +217,6 @@ _ABOUT = (
     "three splits on the twins of the KR10, one on each arm",
     "`oracle` and `instrument noise`: what the twin's own physics, and what the noise of its "
     "instruments alone would score",
-    "`source_poses=data@source_wrenches=data`: pre-trained on poses and loads like those of the "
-    "training samples; without it, on the paper's",
+    "`preset=paper`: pre-trained on the paper's poses and loads; without it, in the training "
+    "samples' ranges",
 )

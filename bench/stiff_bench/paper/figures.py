@@ -43,6 +43,7 @@ from stiff_bench.figures.variants import (
     mean_error,
     strategies,
 )
+from stiff_bench.paper.method_tables import METHODS, NEW, OLD
 from stiff_bench.paper.results import REPRODUCE, Found, PaperResults, named_results
 from stiff_bench.paper.study import (
     ACTIVATIONS,
@@ -51,7 +52,6 @@ from stiff_bench.paper.study import (
     BASE_WIDTH,
     DATASET,
     DEPTH_WIDTH,
-    DT_CNN,
     EARLY_STEPS,
     FT_MLP,
     PAPER_PROTOCOL,
@@ -85,7 +85,8 @@ def _setting(found: Found, of: str = "", *others: Found) -> str:
     n_splits = between([len(results) for results in found.results.values()], "split")
     with_them = marks(results[0].shown for results in found.results.values())
     absent = "".join(f" {note}" for one in (found, *others) for note in one.absences())
-    return f"Data: {DATA}; {PAPER_PROTOCOL}, {n_splits}{of}, seed {SEED}.{with_them}{absent}"
+    protocol = PAPER_PROTOCOL.name
+    return f"Data: {DATA}; {protocol}, {n_splits}{of}, seed {SEED}.{with_them}{absent}"
 
 
 def figure_4(_: PaperResults) -> Content:
@@ -94,49 +95,52 @@ def figure_4(_: PaperResults) -> Content:
     data = loaded(Choice.of(registry.datasets[DATASET]))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StiffBenchWarning)
-        model = registry.model(VJM).load()().fit(data.samples, robot=data.robot, seed=SEED)
+        model = registry.model(VJM.key).load()().fit(data.samples, robot=data.robot, seed=SEED)
     samples = data.samples
     predicted = model.predict(samples.q, samples.wrench)
     tested = Prediction(np.arange(len(samples)), predicted, samples.deflection)
     caption = (
-        f"The paper's Figure 4: the linear VJM ({VJM}), fitted to the same {len(samples)} samples "
-        f"that are shown (no split). Data: {DATA}. {LINES_NOTE} In brackets: the paper's MAE (its "
-        "Table 2)."
+        f"The paper's Figure 4: the linear VJM ({VJM.key}), fitted to the same {len(samples)} "
+        f"samples that are shown (no split). Data: {DATA}. {LINES_NOTE} In brackets: the paper's "
+        "MAE (its Table 2)."
     )
-    series = [Series(VJM, tested, _published_mae("table_2", VJM))]
+    series = [Series(VJM.key, tested, _published_mae("table_2", OLD))]
     return Content(caption, partial(regression_figure, series))
 
 
-def _regression(number: int, models: Sequence[str], results: PaperResults) -> Content:
-    """Take the models' test samples on the splits that all have.
+def _regression(number: int, methods: Sequence[str], results: PaperResults) -> Content:
+    """Take the methods' test samples on the splits that all have.
 
     Raises:
-        StoreError: a model has no result.
+        StoreError: a method has no result.
     """
-    found = results.on_shared_splits(models, PAPER_PROTOCOL)
+    method_of = {METHODS[method].name: method for method in methods}
+    found = results.on_shared_splits(method_of, PAPER_PROTOCOL.name)
     lacking = [*found.missing, *found.failures]
     if lacking:
         why = "; ".join(found.failures.values()) or "not run"
         raise StoreError(
             f"{results.folder}: no result of {', '.join(lacking)} on {DATASET} under "
-            f"{PAPER_PROTOCOL}: {why}; {REPRODUCE} makes it",
+            f"{PAPER_PROTOCOL.name}: {why}; {REPRODUCE} makes it",
             "results",
         )
     series = [
-        Series(name, pooled_prediction(of_model), _published_mae("table_10", name))
-        for name, of_model in found.results.items()
+        Series(
+            method_of[name], pooled_prediction(results), _published_mae("table_10", method_of[name])
+        )
+        for name, results in found.results.items()
     ]
+    models = " and ".join(f"{method} ({name})" for name, method in method_of.items())
     caption = (
-        f"The paper's Figure {number}: {' and '.join(models)} on the test samples of all splits. "
+        f"The paper's Figure {number}: {models} on the test samples of all splits. "
         f"{_setting(found)} {LINES_NOTE} In brackets: the paper's MAE (its Table 10)."
     )
     return Content(caption, partial(regression_figure, series))
 
 
-def _published_mae(table: str, model: str) -> tuple[float, ...]:
+def _published_mae(table: str, method: str) -> tuple[float, ...]:
     """Return a method's published mean absolute errors along x, y and z, m."""
-    name = {VJM: "VJM", FT_MLP: "FT-MLP", DT_CNN: "DT-CNN"}[model]
-    values = published_errors(table)[name]
+    values = published_errors(table)[method]
     return tuple(values["mae", axis] / MM for axis in AXES)
 
 
@@ -150,19 +154,19 @@ def figure_6(results: PaperResults) -> Content:
         StoreError: there is none of one kind.
     """
     names = [unfrozen(layers).name for layers in (*SINGLE_LAYERS, *ADJACENT_PAIRS)]
-    found = results.on_shared_splits((*names, VJM), PAPER_PROTOCOL)
-    tuned = [one for name, of in found.results.items() if name != VJM for one in of]
+    found = results.on_shared_splits((*names, VJM.name), PAPER_PROTOCOL.name)
+    tuned = [one for name, of in found.results.items() if name != VJM.name for one in of]
     errors = strategies(tuned)
     for kind in KINDS[:2]:
         if kind not in set(errors["kind"]):
             raise StoreError(
-                f"{results.folder}: no result of {FT_MLP} under {PAPER_PROTOCOL} that "
+                f"{results.folder}: no result of {FT_MLP.key} under {PAPER_PROTOCOL.name} that "
                 f"moves {kind}; {REPRODUCE} makes it",
                 "results",
             )
-    linear = [mean_error(one) for one in found.results.get(VJM, ())]
+    linear = [mean_error(one) for one in found.results.get(VJM.name, ())]
     caption = (
-        f"The paper's Figure 6: {FT_MLP} with one hidden layer unfrozen (dashed) or two. (a) "
+        f"The paper's Figure 6: {FT_MLP.key} with one hidden layer unfrozen (dashed) or two. (a) "
         "Validation loss of the fine-tuning, first split; mark: least of the stored epochs. (b) "
         "MAE of the test part at the epoch that was kept, all axes together; symbol: mean over the "
         f"splits, bars: splits. {_setting(found)}"
@@ -211,21 +215,21 @@ def figure_5(results: PaperResults) -> Content:
         StoreError: a depth has fewer than two widths, or no activation has a training curve.
     """
     names = [pretrained(layers=d, width=width).name for width in WIDTHS for d in WIDTH_DEPTHS]
-    found = results.of_models(names, PAPER_PROTOCOL)
+    found = results.of_models(names, PAPER_PROTOCOL.name)
     n_widths = errors_on_source(found.each).groupby("depth")["width"].nunique()
     few = [str(depth) for depth in WIDTH_DEPTHS if n_widths.get(depth, 0) < FEWEST_WIDTHS]
     if few:
         raise StoreError(
             f"{results.folder}: fewer than {FEWEST_WIDTHS} widths of {', '.join(few)} "
-            f"hidden layers have results under {PAPER_PROTOCOL}; {REPRODUCE} makes them"
+            f"hidden layers have results under {PAPER_PROTOCOL.name}; {REPRODUCE} makes them"
             + "".join(f"; {reason}" for reason in found.failures.values()),
             "results",
         )
     stopped = [pretrained(layers=d, width=DEPTH_WIDTH, stopped_early=True) for d in WIDTH_DEPTHS]
     stopped.append(pretrained(stopped_early=True))
-    early = results.of_models([one.name for one in stopped], PAPER_PROTOCOL)
+    early = results.of_models([one.name for one in stopped], PAPER_PROTOCOL.name)
     activations = {pretrained(activation=kind).name: kind for kind in reversed(ACTIVATIONS)}
-    trained = results.on_shared_splits(activations, PAPER_PROTOCOL)
+    trained = results.on_shared_splits(activations, PAPER_PROTOCOL.name)
     curves = [
         curve
         for name, (first, *_) in trained.results.items()
@@ -306,8 +310,8 @@ _LINES = (
     FigureLine("4", f"{_AXES}, VJM fitted to them", figure_4),
     FigureLine("5", "Depth, width and pre-training of the network", figure_5),
     FigureLine("6", "One unfrozen layer against two", figure_6),
-    FigureLine("8", f"{_AXES}, DT-CNN", partial(_regression, 8, (DT_CNN,))),
-    FigureLine("9", f"{_AXES}, FT-MLP and VJM", partial(_regression, 9, (FT_MLP, VJM))),
+    FigureLine("8", f"{_AXES}, DT-CNN", partial(_regression, 8, ("DT-CNN",))),
+    FigureLine("9", f"{_AXES}, FT-MLP and VJM", partial(_regression, 9, (NEW, OLD))),
 )
 FIGURES: Mapping[str, FigureLine[PaperResults]] = {line.name: line for line in _LINES}
 _FITTED_FIGURE = "4"
@@ -315,5 +319,5 @@ _FITTED_FIGURE = "4"
 
 def prepare_figure(name: str, folder: Path | None) -> Prepared:
     """Return one of the paper's figures; folder, None and errors are those of `named_results`."""
-    fitted = name == _FITTED_FIGURE
-    return FIGURES[name].prepare(named_results(folder, f"figure {name}", fitted=fitted))
+    made_of = "is fitted here" if name == _FITTED_FIGURE else ""
+    return FIGURES[name].prepare(named_results(folder, f"figure {name}", made_of=made_of))

@@ -1,4 +1,4 @@
-"""Tables 6 to 9: rows are variants of a network, with the same errors of training and test each."""
+"""Tables 6 to 8: rows are variants of a network, with the same errors each."""
 
 from __future__ import annotations
 
@@ -15,8 +15,6 @@ from stiff_bench.paper.study import (
     DEPTH_WIDTH,
     DEPTHS,
     EARLY_STEPS,
-    FT_MLP,
-    FT_MLP_LAST_EPOCH,
     PAPER_PROTOCOL,
     pretrained,
     unfrozen,
@@ -44,6 +42,7 @@ class NetworkTable:
         headings: of the columns that name a row.
         published: row -> what the paper prints; empty where it is not known.
         ours, early: rows and models; those of a second group of columns were stopped early.
+        columns: of each group.
         errors: a result -> its values by column.
         notes: before those that every table has.
         decimals: of our first group.
@@ -54,6 +53,7 @@ class NetworkTable:
     headings: Labels
     published: Mapping[Labels, Values]
     ours: Models
+    columns: Labels
     errors: Callable[[CellResult], Values]
     notes: tuple[str, ...]
     decimals: int = 5
@@ -77,7 +77,7 @@ _ON_SOURCE = {
     "test STDE": "source test STDE [mm]",
 }
 """Column -> what a pre-trained network reports."""
-_ON_TARGET = ("train MAE", "train STDE", "validation MAE", "validation STDE")
+_ON_TARGET = ("validation MAE", "validation STDE")
 
 
 def _source_errors(result: CellResult) -> Values:
@@ -87,16 +87,9 @@ def _source_errors(result: CellResult) -> Values:
 
 
 def _target_errors(result: CellResult) -> Values:
-    """Return the errors on training and test part, mm, all axes and samples together."""
+    """Return the errors on the test part, mm, all axes and samples together."""
     errors = absolute_errors(pooled_prediction([result])) * MM
-    names = {"train MAE": "training MAE [mm]", "train STDE": "training STDE [mm]"}
-    trained = {
-        column: result.diagnostics[name]
-        for column, name in names.items()
-        if name in result.diagnostics
-    }
-    validated = {"validation MAE": float(errors.mean()), "validation STDE": float(errors.std())}
-    return trained | validated
+    return dict(zip(_ON_TARGET, (float(errors.mean()), float(errors.std())), strict=True))
 
 
 _ON_SOURCE_TEXT = ": errors on the simulated pre-training data, all axes together"
@@ -106,21 +99,13 @@ _SOURCE_NOTES = (
     f"Stopped early: {EARLY_STEPS} steps of plain Adam, chosen afterwards to be near the MAEs of "
     "the paper's Table 6: compare the order, not the errors.",
 )
-_TOGETHER = "All axes and samples together; validation is the 20 % test part."
-LAST, BEST = ("normal (last epoch)",), ("optimized (best epoch)",)
-
-
-def _table_9() -> dict[Labels, Values]:
-    published = _published("table_9", "training", _ON_TARGET)
-    return {LAST: published["normal",], BEST: published["optimized",]}
-
-
 NETWORK_TABLES: Mapping[int, Callable[[], NetworkTable]] = {
     6: lambda: NetworkTable(
         f"Hidden layers of {DEPTH_WIDTH} nodes each{_ON_SOURCE_TEXT}",
         ("layers",),
         _published("table_6", "layers", tuple(_ON_SOURCE)),
         {(str(d),): pretrained(layers=d, width=DEPTH_WIDTH).name for d in DEPTHS},
+        tuple(_ON_SOURCE),
         _source_errors,
         _SOURCE_NOTES,
         early={
@@ -133,6 +118,7 @@ NETWORK_TABLES: Mapping[int, Callable[[], NetworkTable]] = {
         ("activation",),
         _published("table_7", "activation", tuple(_ON_SOURCE)),
         {(kind,): pretrained(activation=kind).name for kind in ACTIVATIONS},
+        tuple(_ON_SOURCE),
         _source_errors,
         _SOURCE_NOTES,
         early={
@@ -147,22 +133,16 @@ NETWORK_TABLES: Mapping[int, Callable[[], NetworkTable]] = {
             (counted(len(layers), "layer"), " + ".join(layers)): unfrozen(layers).name
             for layers in (*ALL_SINGLES, *ALL_PAIRS)
         },
+        _ON_TARGET,
         _target_errors,
         (
             "Ours alone, simulated, not comparable in absolute terms; the numbers of the paper's "
             "Table 8 are not available to us.",
-            f"Layers from the input on; out: the output layer. {_TOGETHER}",
+            "Layers from the input on; out: the output layer. All axes and samples together; "
+            "validation is the 20 % test part, which picks the epoch.",
         ),
         decimals=PUBLISHED_DECIMALS,
         remedy=FULL,
-    ),
-    9: lambda: NetworkTable(
-        "Fine-tuning of layers 1 + 2: last epoch and best epoch",
-        ("training",),
-        _table_9(),
-        {LAST: FT_MLP_LAST_EPOCH.name, BEST: FT_MLP},
-        _target_errors,
-        (COMPARE, _TOGETHER),
     ),
 }
 """Number in the paper -> what it shows."""
@@ -175,11 +155,11 @@ def network_table(number: int, results: PaperResults) -> Table:
         StoreError: the folder has none of the models.
     """
     wanted = NETWORK_TABLES[number]()
-    columns = tuple(_ON_SOURCE) if wanted.early else _ON_TARGET
+    columns = wanted.columns
     early = wanted.early or {}
     labels = {model: " ".join(row) for row, model in wanted.ours.items()}
     labels |= {model: f"{' '.join(row)} ({EARLY})" for row, model in early.items()}
-    found = results.on_shared_splits(labels, PAPER_PROTOCOL)
+    found = results.on_shared_splits(labels, PAPER_PROTOCOL.name)
     values = {
         model: [wanted.errors(result) for result in of_model]
         for model, of_model in found.results.items()
@@ -196,7 +176,7 @@ def network_table(number: int, results: PaperResults) -> Table:
             for column in columns
             if all(column in of_split for of_split in values[model])
         }
-        return Group.ours(PAPER_PROTOCOL, columns, decimals, numbers, label)
+        return Group.ours(PAPER_PROTOCOL.name, columns, decimals, numbers, label)
 
     groups = [group(wanted.ours, wanted.decimals)]
     if wanted.published:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from stiff_bench.analysis.collected import Case, Competitor, collect
+from stiff_bench.analysis.collected import Case, Competitor, collect, competitor_meant
 from stiff_bench.figures.source import marks
 from stiff_bench.paper import PAPER_RESULTS
 from stiff_bench.paper.study import DATASET, SEED
 from stiff_bench.store.database import has_results, read_manifests, why_no_results
+from stiff_bench.store.newest import slot_of
 from stiff_bench.store.versions import sources
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import ConfigError, StoreError
@@ -104,12 +106,10 @@ class PaperResults:
 
     def of_models(self, models: Iterable[str], protocol: str) -> Found:
         """Return the results of models under a protocol, each on its own splits."""
-        case = self._case(protocol)
-        competitors: Mapping[str, Competitor] = {} if case is None else case.competitors
         results, failures, missing = dict[str, list[CellResult]](), dict[str, str](), list[str]()
         for model in models:
-            found = competitors.get(model)
-            if case is None or found is None:
+            found = self._competitor(model, protocol)
+            if found is None:
                 missing.append(model)
             elif found.failures:
                 first = next(iter(found.failures.values()))
@@ -118,7 +118,7 @@ class PaperResults:
                     f"{counted(len(found.failures), 'split')}: {first.why_none}"
                 )
             else:
-                results[model] = case.results(model)
+                results[model] = list(found.done.values())
         return Found(protocol, results, failures, missing)
 
     def on_shared_splits(self, models: Iterable[str], protocol: str) -> Found:
@@ -127,8 +127,8 @@ class PaperResults:
         Raises:
             StoreError: none has a result, or no split is of all.
         """
-        found, case = self.of_models(models, protocol), self._case(protocol)
-        if case is None or not found.results:
+        found = self.of_models(models, protocol)
+        if not found.results:
             missing = found.missing
             why = "; ".join(found.failures.values()) or f"no result of {missing[0]}"
             if len(missing) > 1 and not found.failures:
@@ -138,17 +138,20 @@ class PaperResults:
                 f"{REPRODUCE} makes it",
                 "results",
             )
-        shared = case.shared_slots(found.results)
+        slots = [set(map(slot_of, of_model)) for of_model in found.results.values()]
+        shared, any_of = set.intersection(*slots), set.union(*slots)
         if not shared:
             raise StoreError(
                 f"{self.folder}: {', '.join(found.results)} have no split of {protocol} "
                 f"in common; {FULL} makes what is missing",
                 "results",
             )
-        any_of = {slot for model in found.results for slot in case.competitors[model].done}
         return Found(
             protocol,
-            {model: case.results(model, shared) for model in found.results},
+            {
+                model: [one for one in of_model if slot_of(one) in shared]
+                for model, of_model in found.results.items()
+            },
             found.failures,
             found.missing,
             n_left_out=len(any_of) - len(shared),
@@ -159,6 +162,15 @@ class PaperResults:
         counts = Counter(one.run_id for found in shown for one in found.each)
         (line,) = sources(self.folder, list(read_manifests(self.folder)), counts)
         return line
+
+    def _competitor(self, model: str, protocol: str) -> Competitor | None:
+        """Return what is stored of a model that names its options, defaults among them."""
+        case = self._case(protocol)
+        if case is None:
+            return None
+        with suppress(ConfigError):
+            return case.competitors[competitor_meant(model, [case])]
+        return None
 
     def _case(self, protocol: str) -> Case | None:
         """Return the newest case under a protocol: other seeds and older data are others."""
@@ -172,20 +184,20 @@ class PaperResults:
         return max(found, key=lambda case: case.newest_run, default=None)
 
 
-def named_results(folder: Path | None, what: str, *, fitted: bool) -> PaperResults:
+def named_results(folder: Path | None, what: str, *, made_of: str = "") -> PaperResults:
     """Return the results of a folder; None: where `bench reproduce` puts them.
 
     Args:
         folder: that was named.
         what: is made of them.
-        fitted: it is fitted on the spot, of no results.
+        made_of: why it needs none of them, such as "is fitted here"; "": it does.
 
     Raises:
         StoreError: as `PaperResults.of`.
         ConfigError: a folder was named that is not read.
     """
-    if not fitted:
+    if not made_of:
         return PaperResults.of(folder or PAPER_RESULTS)
     if folder is not None:
-        raise ConfigError(f"{folder}: {what} is fitted here and reads none", "results")
+        raise ConfigError(f"{folder}: {what} {made_of} and reads none", "results")
     return PaperResults(PAPER_RESULTS, ())

@@ -5,7 +5,7 @@ All parts of a study are one run: each cell once, one progress display, one mani
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
 from pathlib import Path
@@ -21,18 +21,35 @@ from stiff_bench.store.names import Variant
 DATASET = "kr10-twin"
 """What stands for the paper's robot."""
 TWIN = Variant(DATASET)
-PAPER_PROTOCOL, FAIR_PROTOCOL = "paper-holdout", "holdout"
+PAPER_PROTOCOL, FAIR_PROTOCOL = Variant("paper-holdout"), Variant("holdout")
 """The paper's division, whose test part picks the epoch; and the one in which it does not."""
+READ_ON_ALL = Variant("paper-holdout", {"read_on": "all"})
+"""The paper's division, its fits read on all samples: most likely what the paper's Table 10 is."""
 SEED = 0
 METRICS = ("mae", "stde", "me")
 
-VJM, FT_MLP, DT_CNN, MLP_PRETRAINED = "vjm", "ft-mlp", "dt-cnn", "mlp-pretrained"
-MULTI_SEGMENT = "vjm-multisegment"
+# every option on which a number of these pages depends is named, default or not
+PAPER_SOURCE: Mapping[str, Any] = {"preset": "paper"}
+"""Of the pre-training: the poses and wrenches of the paper's Tables 4 and 5."""
+OWN_SOURCE: Mapping[str, Any] = {}
+"""Poses and loads in the training samples' ranges in place of these."""
+BEST_EPOCH: Mapping[str, Any] = {"training": "best"}
+"""On the validation rows; Table 9's "optimized"."""
+LAST_EPOCH: Mapping[str, Any] = {"training": "normal"}
+"""Table 9's "normal"."""
+PAPER_RECIPE: Mapping[str, Any] = {"recipe": "paper"}
+"""100,000 iterations of pre-training, then 50,000 of fine-tuning."""
+
+VJM = Variant("vjm")
+MULTI_SEGMENT = Variant("vjm-multisegment")
 """Not in the paper: joints whose springs change their slope, as the gears' catalogue has them."""
-FT_MLP_LAST_EPOCH = Variant(FT_MLP, {"training": "normal"})
-"""Table 9's "normal": the weights after the last epoch."""
-FT_MLP_OWN_SOURCE = Variant(FT_MLP, {"source_poses": "data", "source_wrenches": "data"})
-"""Pre-trained on poses and loads like the training samples' in place of the paper's Tables 4, 5."""
+FT_MLP = Variant("ft-mlp", {**PAPER_SOURCE, **BEST_EPOCH})
+FT_MLP_LAST_EPOCH = Variant("ft-mlp", {**PAPER_SOURCE, **LAST_EPOCH})
+FT_MLP_OWN_SOURCE = Variant("ft-mlp", {**OWN_SOURCE, **BEST_EPOCH})
+FT_MLP_PAPER_RECIPE = Variant("ft-mlp", {**FT_MLP.options, **PAPER_RECIPE})
+FT_MLP_PAPER_RECIPE_LAST_EPOCH = Variant("ft-mlp", {**FT_MLP_LAST_EPOCH.options, **PAPER_RECIPE})
+DT_CNN = Variant("dt-cnn", {**OWN_SOURCE, "alignment": "none", "supervision": "none"})
+"""The paper's section 5.3: "directly predicting the target domain after training in the source"."""
 
 BASE_LAYERS, BASE_WIDTH = 4, 380
 """Of the paper's network, and of ours by default."""
@@ -64,14 +81,16 @@ def pretrained(
     given = {"activation": activation, "layers": layers, "width": width}
     usual = {"activation": "relu", "layers": BASE_LAYERS, "width": BASE_WIDTH}
     changed = {name: value for name, value in given.items() if value != usual[name]}
-    early = {"pretrain_steps": EARLY_STEPS, "recipe": "paper"} if stopped_early else {}
-    return Variant(MLP_PRETRAINED, dict(sorted((changed | early).items())))
+    early = {"pretrain_steps": EARLY_STEPS, **PAPER_RECIPE} if stopped_early else {}
+    return Variant("mlp-pretrained", {**PAPER_SOURCE, **changed, **early})
 
 
 def unfrozen(layers: Sequence[str]) -> Variant:
     """Return the fine-tuned network whose `layers` move, such as ("1", "2", "out")."""
     freeze = f"layers:{','.join(layers)}"
-    return Variant(FT_MLP, {} if freeze == BEST_PAIR else {"freeze": freeze})
+    return Variant(
+        "ft-mlp", {**FT_MLP.options, **({"freeze": freeze} if freeze != BEST_PAIR else {})}
+    )
 
 
 HIDDEN_LAYERS = tuple(str(number) for number in range(1, BASE_LAYERS + 1))
@@ -93,14 +112,13 @@ class StudyRun:
     """A part of a study: every model on every data set under every protocol.
 
     Attributes:
-        models, datasets: with their options.
-        protocols: keys.
+        models, datasets, protocols: with their options.
         splits: how many; None: the protocol's own.
     """
 
     models: tuple[Variant, ...]
     datasets: tuple[Variant, ...]
-    protocols: tuple[str, ...]
+    protocols: tuple[Variant, ...]
     splits: int | None
 
     def chosen(self, registry: Registry) -> Chosen:
@@ -112,7 +130,7 @@ class StudyRun:
         return Chosen(
             [Choice.of(registry.model(one.key), one.options) for one in self.models],
             [Choice.of(registry.datasets[one.key], one.options) for one in self.datasets],
-            [Choice.of(registry.protocols[key]) for key in self.protocols],
+            [Choice.of(registry.protocols[one.key], one.options) for one in self.protocols],
         )
 
 
@@ -127,15 +145,16 @@ def paper_study(*, full: bool) -> tuple[StudyRun, ...]:
     widths = WIDTHS if full else QUICK_WIDTHS
     layers = (*ALL_SINGLES, *ALL_PAIRS) if full else (*SINGLE_LAYERS, *ADJACENT_PAIRS)
 
-    def run(models: Sequence[Variant], protocol: str = PAPER_PROTOCOL) -> StudyRun:
-        return StudyRun(tuple(models), (TWIN,), (protocol,), splits)
+    def run(models: Sequence[Variant], *protocols: Variant) -> StudyRun:
+        return StudyRun(tuple(models), (TWIN,), protocols or (PAPER_PROTOCOL,), splits)
 
-    vjm, multi_segment, ft_mlp, dt_cnn = map(Variant, (VJM, MULTI_SEGMENT, FT_MLP, DT_CNN))
+    methods = [VJM, FT_MLP, FT_MLP_OWN_SOURCE, DT_CNN]
     return (
         # first what others go on from: pre-trainings are kept, by their content
         run([pretrained(activation=activation) for activation in ACTIVATIONS]),
-        run([vjm, ft_mlp, FT_MLP_LAST_EPOCH, *map(unfrozen, layers), dt_cnn, FT_MLP_OWN_SOURCE]),
-        run([vjm, multi_segment, ft_mlp, dt_cnn, FT_MLP_OWN_SOURCE], FAIR_PROTOCOL),
+        run([*methods, FT_MLP_LAST_EPOCH], PAPER_PROTOCOL, READ_ON_ALL),
+        run([*map(unfrozen, layers)]),
+        run([*methods, MULTI_SEGMENT], FAIR_PROTOCOL),
         run([pretrained(layers=depth, width=DEPTH_WIDTH) for depth in DEPTHS]),
         run(
             [pretrained(layers=d, width=DEPTH_WIDTH, stopped_early=True) for d in DEPTHS]
@@ -143,6 +162,12 @@ def paper_study(*, full: bool) -> tuple[StudyRun, ...]:
         ),
         run([pretrained(layers=d, width=w) for w in widths for d in WIDTH_DEPTHS]),
     )
+
+
+def paper_recipe_study() -> tuple[StudyRun, ...]:
+    """Return what Tables 9 and 10 show of the paper's own recipe, on the first split."""
+    models = (FT_MLP_PAPER_RECIPE, FT_MLP_PAPER_RECIPE_LAST_EPOCH)
+    return (StudyRun(models, (TWIN,), (PAPER_PROTOCOL, READ_ON_ALL), 1),)
 
 
 NETWORK_STEPS = 300
@@ -169,10 +194,10 @@ def leaderboard_study(keys: Sequence[str]) -> tuple[StudyRun, ...]:
     """
     models = tuple(Variant(key, _SHORTENED.get(key, {})) for key in keys)
     return (
-        StudyRun(models, (*TWINS, MEASURED), ("holdout",), 5),
+        StudyRun(models, (*TWINS, MEASURED), (FAIR_PROTOCOL,), 5),
         # the measured data are of one group of poses: there is no other space to go to
-        StudyRun(models, TWINS, ("space-transfer",), None),
-        StudyRun(models, (*TWINS, MEASURED), ("sample-efficiency",), None),
+        StudyRun(models, TWINS, (Variant("space-transfer"),), None),
+        StudyRun(models, (*TWINS, MEASURED), (Variant("sample-efficiency"),), None),
     )
 
 
@@ -188,8 +213,9 @@ EFFECT_STEPS = {
 """What each step adds to the one before -> the rough twin with these effects; the last has all."""
 ARMS = (Variant(ARM), *(Variant(ARM, {"robot": number}) for number in range(1, 10)))
 EFFECT_MODELS = (
-    *map(Variant, (VJM, MULTI_SEGMENT, "vjm-full", "gp", "vjm-gp", "compliance-net")),
-    *(Variant("residual-mlp"), Variant(FT_MLP), FT_MLP_OWN_SOURCE),
+    *(VJM, MULTI_SEGMENT),
+    *map(Variant, ("vjm-full", "gp", "vjm-gp", "compliance-net", "residual-mlp", "ft-mlp")),
+    Variant("ft-mlp", PAPER_SOURCE),
 )
 
 

@@ -23,6 +23,7 @@ from stiff_protocols.contract.interfaces import (
     StatesRegime,
     StatesSource,
     StiffnessModel,
+    reports_training,
 )
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
 from stiff_protocols.contract.record import SCORING_VERSION, Cell, Presentation
@@ -71,6 +72,11 @@ def _numbers(samples: Samples) -> FloatArray:
     return np.hstack([samples.q, samples.wrench, samples.deflection]) + 0.0
 
 
+NO_TEST = (
+    "reports samples that the models learned from among the others: its errors are no test errors, "
+    "and are neither ranked nor compared."
+)
+"""What a protocol that declares `reports_training` does."""
 NO_SOURCE = "no pre-training"
 """Regime of a model that has no source domain, where the others' comes from another robot."""
 
@@ -144,6 +150,7 @@ def _of_protocol(
     """Yield the cells of one data set under one protocol."""
     protocol: EvaluationProtocol = choice.make()
     splits, n_splits, first_of_source = _divided(protocol, choice, dataset, data, plan)
+    no_test = f"{choice.name} {NO_TEST}" if reports_training(protocol) else ""
 
     def on_first_split(model: Choice[ModelInfo], split: Split) -> CellTask:
         """Return a model's cell on the first split with a source: what is asked once is asked."""
@@ -189,8 +196,9 @@ def _of_protocol(
             pooled=protocol.pooled,
             caveats=tuple(dict.fromkeys(dataset.info.caveats + caveats)),
             published=dataset.info.published,
-            warning=choice.info.warning,
             source=of_source,
+            warning=" ".join(filter(None, [choice.info.warning, no_test])),
+            reports_training=bool(no_test),
         )
         return CellTask(cell, shown, model, data, split, chooses, n_splits[split.condition], source)
 
@@ -205,7 +213,7 @@ def _of_protocol(
                 split_index=split.index,
                 split_sha256=split.sha256,
                 condition=split.condition,
-                rows_sha256="" if split.wrench_error is None else split.rows_sha256,
+                rows_sha256="" if split.sha256 == split.rows_sha256 else split.rows_sha256,
             )
             yield replace(first, cell=cell, split=split, n_splits=n_splits[split.condition])
 
@@ -242,7 +250,10 @@ def _divided(
         # a stranger's collection need not give the same splits twice
         splits = found if isinstance(found, LazySplits) else tuple(found)
         fault = first_fault(
-            seen(splits), len(data.samples), selects_on_test=protocol.selects_on_test
+            seen(splits),
+            len(data.samples),
+            selects_on_test=protocol.selects_on_test,
+            reports_training=reports_training(protocol),
         )
     except StiffBenchError as error:
         raise ConfigError(f"{dataset.name} under {choice.name}: {error}") from error

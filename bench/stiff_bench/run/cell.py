@@ -98,9 +98,10 @@ def unfinished(
 
 
 def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
-    """Fit and predict, and only then look at what was measured at the test rows."""
+    """Fit and predict, and only then look at what was measured at the reported rows."""
     train, validation = _training_side(task, chooses_epoch=task.chooses_epoch)
-    q, wrench = task.data.samples.q[task.split.test], task.split.test_wrench(task.data.samples)
+    reported = task.split.reported
+    q, wrench = task.data.samples.q[reported], task.split.told_wrench(task.data.samples)
     model = task.make()
     memory = MemoryMeter()
     start = time.perf_counter()
@@ -131,9 +132,9 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
     )
     curves = model.curves_ if isinstance(model, KeepsCurves) else {}
     reference = _reference(task, q, wrench)
-    measured = task.data.samples.deflection[task.split.test]
+    measured = task.data.samples.deflection[reported]
     prediction = Prediction(
-        *(task.split.test, predicted, measured, interval, reference), _known(task, wrench)
+        *(reported, predicted, measured, interval, reference), _known(task, wrench)
     )
     return CellResult(
         cell=task.cell,
@@ -196,11 +197,11 @@ def _reference(task: CellTask, q: FloatArray, wrench: FloatArray) -> FloatArray 
 
 
 def _known(task: CellTask, wrench: FloatArray) -> dict[str, FloatArray]:
-    """Return what the simulation knows of the test rows: nothing of loads that it never had."""
-    test = task.split.test
-    if not np.array_equal(wrench, task.data.samples.wrench[test]):
+    """Return what the simulation knows of the reported rows; nothing of loads that it never had."""
+    rows = task.split.reported
+    if not np.array_equal(wrench, task.data.samples.wrench[rows]):
         return {}
-    return {name: deflection[test] for name, deflection in task.data.known.items()}
+    return {name: deflection[rows] for name, deflection in task.data.known.items()}
 
 
 def _interval_source(

@@ -14,7 +14,10 @@ from stiff_protocols.contract.record import CellResult
 
 
 def size_notes(results: Sequence[CellResult]) -> list[str]:
-    """Return how many samples a split's training side and its test part have; none if unknown."""
+    """Return how many samples a split's training side and its reported rows are; none if unknown.
+
+    The results are of one protocol.
+    """
     sizes = {
         (result.n_train, len(result.prediction.rows))
         for result in results
@@ -23,6 +26,8 @@ def size_notes(results: Sequence[CellResult]) -> list[str]:
     if not sizes:
         return []
     trained, tested = (_range(column) for column in zip(*sizes, strict=True))
+    if results[0].shown.reports_training:
+        return [f"a split trains on {trained} samples and reports {tested}, these among them."]
     return [f"a split trains on {trained} samples, validation included, and tests on {tested}."]
 
 

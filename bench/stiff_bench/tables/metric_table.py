@@ -24,6 +24,7 @@ from stiff_protocols.contract.types import AXES, KNOWN, Interval, Prediction
 from stiff_protocols.scoring.metrics import METRICS, WHOLE, Metric
 
 SELECTION_MARK = "epoch picked on test part"
+TRAINING_MARK = "training samples among those reported"
 DECIMALS = {"mm": 4, "%": 1, "": 3, "ms": 3, "MiB": 1, "1/s": 0}
 """Of mm: as in the source paper's Table 10."""
 Values = Mapping[tuple[str, str], Quantity]
@@ -48,7 +49,8 @@ def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
     beside = _beside_models(by_model)
     reference = {name: beside.pop(name) for name in [REFERENCE_MODEL] if name in beside}
     by_model = reference | by_model | beside  # what only a simulation knows comes last
-    notes = [*shown.caveats, *size_notes(group), *([shown.warning] * shown.selects_on_test)]
+    warned = shown.selects_on_test or shown.reports_training
+    notes = [*shown.caveats, *size_notes(group), *([shown.warning] * warned)]
     for results in by_model.values():
         notes += outcome_notes(results)
     published = {} if cell.condition else _published(shown.published, metrics)
@@ -225,7 +227,9 @@ def metric_values(results: Sequence[CellResult], metrics: Sequence[Metric]) -> V
 
 def mark_of(shown: Presentation) -> str:
     """Return what must stand beside the model's name; "" for nothing."""
-    return ", ".join(filter(None, [shown.regime, SELECTION_MARK if shown.picked_on_test else ""]))
+    picked = SELECTION_MARK if shown.picked_on_test else ""
+    trained_on = TRAINING_MARK if shown.reports_training else ""
+    return ", ".join(filter(None, [shown.regime, picked, trained_on]))
 
 
 def mean_over(values: Sequence[float], mark: str = "") -> Quantity:

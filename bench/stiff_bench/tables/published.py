@@ -7,8 +7,8 @@ from importlib.resources import files
 
 MARK = "published"
 NOTE = (
-    "source paper, measured KR10, not comparable in absolute terms; FT-MLP's epoch was picked on "
-    "its test part"
+    "source paper, measured KR10, not comparable in absolute terms; most likely read on all "
+    "samples, training samples among them"
 )
 
 

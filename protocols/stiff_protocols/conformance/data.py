@@ -15,7 +15,12 @@ from stiff_protocols.conformance.checklist import (
     StageFailed,
 )
 from stiff_protocols.contract.errors import StiffBenchError
-from stiff_protocols.contract.interfaces import DividesByRobot, EvaluationProtocol, StiffnessDataset
+from stiff_protocols.contract.interfaces import (
+    DividesByRobot,
+    EvaluationProtocol,
+    StiffnessDataset,
+    reports_training,
+)
 from stiff_protocols.contract.types import BenchmarkData, Samples, Split
 from stiff_protocols.splits.checks import (
     fault_of_numbers,
@@ -128,11 +133,16 @@ def _told_apart(divided: DividedRows) -> str:
 
 @_PROTOCOL.asks(
     "no row is learned from and tested",
-    "keep the parts disjoint, or set selects_on_test = True if test rows choose the epoch",
+    "keep the parts disjoint, or set selects_on_test = True if test rows choose the epoch, "
+    "reports_training = True if training rows are reported",
 )
 def _disjoint(divided: DividedRows) -> None:
+    declared = {
+        "selects_on_test": divided.protocol.selects_on_test,
+        "reports_training": reports_training(divided.protocol),
+    }
     for split in divided.splits():
-        if leak := leak_of(split, selects_on_test=divided.protocol.selects_on_test):
+        if leak := leak_of(split, **declared):
             raise Failed(f"{named(split)} {leak}")
 
 

@@ -191,6 +191,23 @@ class EvaluationProtocol(Protocol):
 
 
 @runtime_checkable
+class ReportsTrainingRows(Protocol):
+    """Optional power of a protocol: report training rows beside the test rows, and say so.
+
+    Attributes:
+        reports_training: whether it does so with its options; its results are then marked
+            everywhere, and never ranked or compared.
+    """
+
+    reports_training: bool
+
+
+def reports_training(protocol: EvaluationProtocol) -> bool:
+    """Say whether a protocol declares that it reports training rows."""
+    return isinstance(protocol, ReportsTrainingRows) and bool(protocol.reports_training)
+
+
+@runtime_checkable
 class DividesByRobot(Protocol):
     """Optional power of a protocol: be told which robot was measured, before it divides."""
 

@@ -38,6 +38,10 @@ SCORING_VERSION = 1
 A change of these numbers raises it; tests/protocols/scoring/test_golden_scoring.py notices."""
 
 
+READING_OPTION = "read_on"
+"""Option of protocols that says which rows are reported: the fit and its seed are the same."""
+
+
 @dataclass(frozen=True)
 class Cell:
     """One model on one split: what is computed, stored and compared.
@@ -50,7 +54,8 @@ class Cell:
         seed: the run's seed.
         coverage: nominal coverage of the intervals that are computed too; None: none are.
         condition: which of its protocol's; "" where that has but one.
-        rows_sha256: hash of the split's rows alone, where sensor errors are in the other; else "".
+        rows_sha256: hash of training, validation and test rows alone, where sensor errors or more
+            reported rows are in the other; else "".
         source_sha256: of the other robot's data that the source domain comes from; else "".
         model_version: of a built-in model its `ModelInfo.version`, with the version of the library
             that it wraps; of a plugin's the hash of its files; "" where it is not known.
@@ -88,10 +93,13 @@ class Cell:
         """Seed given to the model: from data, protocol, split and the run's seed alone.
 
         Common random numbers: what differs between two models on one split is the models, and
-        variants that begin with the same pre-training can share it. Two conditions with the same
-        rows give the same fit.
+        variants that begin with the same pre-training can share it. Two conditions, or two
+        readings (`READING_OPTION`), with the same rows give the same fit.
         """
         identity = self._identity()
+        identity["protocol_params"] = {
+            name: value for name, value in self.protocol_params.items() if name != READING_OPTION
+        }
         identity["split_sha256"] = self.rows_sha256 or self.split_sha256
         for name in ("model", "model_params", *_OPTIONAL):
             del identity[name]
@@ -180,6 +188,7 @@ class Presentation:
         source: what the model's simulated source domain is; "" where it has none.
         picked_on_test: the model chose its epoch on the test part.
         selects_on_test: the protocol lets models do so.
+        reports_training: training rows are among those that the metrics are computed on.
         pooled: the protocol's metrics are computed over the predictions of all splits together.
         caveats: of the data.
         published: name of the published table that belongs beneath; "" for none.
@@ -199,6 +208,7 @@ class Presentation:
     published: str = ""
     warning: str = ""
     source: str = ""
+    reports_training: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +221,7 @@ class CellResult:
         run_id: the run that computed it.
         status: "ok", "failed", or "skipped": the model cannot be used on this machine.
         records: metric values; empty where it is not ok.
-        prediction: predicted and measured test rows; None where it is not ok.
+        prediction: predicted and measured reported rows; None where it is not ok.
         cost: time and memory, without what split-conformal intervals cost; None where it is not ok.
         diagnostics: numbers the model reported, by name and unit.
         warnings: what was warned of during fit and prediction.

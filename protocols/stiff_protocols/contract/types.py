@@ -108,14 +108,16 @@ class Split:
         index: number of the split in its condition, from 0.
         train: rows a model learns from.
         validation: rows that choose an epoch; empty where the protocol gives none.
-        test: rows the metrics are computed on.
+        test: rows that no parameter is fitted to.
         condition: what a protocol varies beside the rows' draw ("n = 20", "joint-space ->
             cartesian"); results of different conditions are never averaged. "" where it varies
             nothing.
-        wrench_error: (n_test, 6) N and N m, base frame, what the force sensor adds to the test
-            rows' wrenches; None for nothing.
+        wrench_error: (n, 6) N and N m, base frame, what the force sensor adds to the wrenches of
+            the reported rows; None for nothing.
         source: word of the data set of another robot or specimen that simulated source domains
             come from; "" for the training rows.
+        also_reported: rows of the training side that the metrics are computed on beside the test
+            rows; empty but where the protocol says so (`ReportsTrainingRows`).
     """
 
     index: int
@@ -125,28 +127,38 @@ class Split:
     condition: str = ""
     wrench_error: FloatArray | None = None
     source: str = ""
+    also_reported: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+
+    @cached_property
+    def reported(self) -> IntArray:
+        """Rows that the metrics are computed on: the test rows, and `also_reported`."""
+        if not len(self.also_reported):
+            return self.test
+        return np.sort(np.concatenate([self.test, self.also_reported]))
 
     @cached_property
     def sha256(self) -> str:
-        """Hash of rows and sensor errors: rows of different splits never meet in one table."""
-        if self.wrench_error is None:
+        """Hash of all that is reported: rows of different splits never meet in one table."""
+        if self.wrench_error is None and not len(self.also_reported):
             return self.rows_sha256
         digest = hashlib.sha256(self.rows_sha256.encode())
-        digest.update(_canonical_bytes(self.wrench_error))
+        if self.wrench_error is not None:
+            digest.update(_canonical_bytes(self.wrench_error))
+        digest.update(np.ascontiguousarray(self.also_reported, dtype="<i8").tobytes())
         return digest.hexdigest()
 
     @cached_property
     def rows_sha256(self) -> str:
-        """Hash of the three row lists alone."""
+        """Hash of training, validation and test rows: splits that share it share the fit."""
         digest = hashlib.sha256()
         for rows in (self.train, self.validation, self.test):
             digest.update(len(rows).to_bytes(8, "little"))
             digest.update(np.ascontiguousarray(rows, dtype="<i8").tobytes())
         return digest.hexdigest()
 
-    def test_wrench(self, samples: Samples) -> FloatArray:
-        """Return the (n_test, 6) wrenches [N, N m] that a model is told of the test rows."""
-        wrench = samples.wrench[self.test]
+    def told_wrench(self, samples: Samples) -> FloatArray:
+        """Return the (n, 6) wrenches [N, N m] that a model is told of the reported rows."""
+        wrench = samples.wrench[self.reported]
         return wrench if self.wrench_error is None else wrench + self.wrench_error
 
 
@@ -173,7 +185,7 @@ class Interval:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What a model said about the test rows of one split, beside what was measured.
+    """What a model said about the reported rows of one split, beside what was measured.
 
     Attributes:
         rows: (n,) row numbers in the data set.

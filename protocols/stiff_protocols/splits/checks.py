@@ -19,24 +19,31 @@ def fault_of_rows(split: Split, n_samples: int) -> str:
 
     Negative numbers would count rows from the end, and pass for rows that they are not.
     """
-    parts = {"training": split.train, "validation": split.validation, "test": split.test}
+    parts = {
+        **{"training": split.train, "validation": split.validation, "test": split.test},
+        "also reported": split.also_reported,
+    }
     for name, rows in parts.items():
         array = np.asarray(rows)
         if not isinstance(rows, np.ndarray) or array.ndim != 1 or array.dtype.kind not in "iu":
             return f"has {name} rows that are no one-dimensional integer array"
-        if name != "validation" and not len(array):
+        if name in ("training", "test") and not len(array):
             return f"has no {name} rows"
         if len(array) and (array.min() < 0 or array.max() >= n_samples):
             return f"has {name} rows outside 0..{n_samples - 1}"
         if len(np.unique(array)) < len(array):
             return f"has {name} rows that occur twice"
-    return ""
+    twice = np.intersect1d(split.test, split.also_reported)
+    return f"has {len(twice)} test rows among the also reported ones" if len(twice) else ""
 
 
-def leak_of(split: Split, *, selects_on_test: bool) -> str:
-    """Return how test rows of a split reach the training side; "" where they do not.
+def leak_of(split: Split, *, selects_on_test: bool, reports_training: bool = False) -> str:
+    """Return how rows of a split are learned from and tested; "" where none is.
 
-    `selects_on_test`: the protocol says that the validation rows are test rows.
+    Args:
+        split: to look at.
+        selects_on_test: the protocol says that the validation rows are test rows.
+        reports_training: the protocol says that rows beside the test rows are reported.
     """
     learned = np.intersect1d(split.train, np.concatenate([split.validation, split.test]))
     if len(learned):
@@ -47,6 +54,11 @@ def leak_of(split: Split, *, selects_on_test: bool) -> str:
             f"has {len(chosen_on)} test rows that choose an epoch, and the protocol does not "
             "declare selects_on_test"
         )
+    if len(split.also_reported) and not reports_training:
+        return (
+            f"reports {len(split.also_reported)} rows that are no test rows, and the protocol does "
+            "not declare reports_training"
+        )
     return ""
 
 
@@ -55,9 +67,10 @@ def fault_of_sensor_errors(split: Split) -> str:
     if split.wrench_error is None:
         return ""
     error = np.asarray(split.wrench_error)
-    if error.shape != (len(split.test), 6) or not np.isfinite(error).all():
+    n_rows = len(split.reported)
+    if error.shape != (n_rows, 6) or not np.isfinite(error).all():
         return (
-            f"has sensor errors of shape {error.shape} for {len(split.test)} test rows, or some "
+            f"has sensor errors of shape {error.shape} for {n_rows} test rows, or some "
             "that are not finite"
         )
     return ""
@@ -74,7 +87,13 @@ def fault_of_numbers(numbers: Iterable[tuple[str, int]]) -> str:
     return ""
 
 
-def first_fault(splits: Iterable[Split], n_samples: int, *, selects_on_test: bool) -> str:
+def first_fault(
+    splits: Iterable[Split],
+    n_samples: int,
+    *,
+    selects_on_test: bool,
+    reports_training: bool = False,
+) -> str:
     """Return the first fault of a protocol's splits; "" where there is none.
 
     The splits are looked at once, one by one.
@@ -83,7 +102,7 @@ def first_fault(splits: Iterable[Split], n_samples: int, *, selects_on_test: boo
     for split in splits:
         fault = (
             fault_of_rows(split, n_samples)
-            or leak_of(split, selects_on_test=selects_on_test)
+            or leak_of(split, selects_on_test=selects_on_test, reports_training=reports_training)
             or fault_of_sensor_errors(split)
         )
         if fault:

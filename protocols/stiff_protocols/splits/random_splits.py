@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Annotated
+from dataclasses import dataclass, replace
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Lt
@@ -99,16 +99,34 @@ class PaperHoldout:
 
     Attributes:
         test_fraction: of all poses.
+        read_on: rows that are reported: "test", or "all" for those of the same fits on all samples,
+            four fifths of which they were trained on, as the source paper's Table 10 most likely
+            is: no test.
     """
 
     selects_on_test = True
     pooled = False
+    added_later = ("read_on",)
 
     test_fraction: Fraction = 0.2
+    read_on: Literal["test", "all"] = "test"
+
+    @property
+    def reports_training(self) -> bool:
+        """Whether training rows are reported beside the test rows."""
+        return self.read_on == "all"
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
-        """Return `n_splits` (default 1) divisions."""
-        return _shuffled(samples, n_splits, self.test_fraction, None, seed)
+        """Return `n_splits` (default 1) divisions, the same ones for either reading."""
+        divisions = _shuffled(samples, n_splits, self.test_fraction, None, seed)
+        if not self.reports_training:
+            return divisions
+
+        def read_on_all() -> Iterator[Split]:
+            for division in divisions:
+                yield replace(division, also_reported=division.train)
+
+        return LazySplits(read_on_all, len(divisions))
 
 
 @dataclass(kw_only=True, eq=False)

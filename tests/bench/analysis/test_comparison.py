@@ -20,6 +20,7 @@ from stiff_bench.analysis.verdict import Question
 from stiff_bench.cli.compare import compare as compare_command
 from stiff_bench.run.cell import compute_cell
 from stiff_bench.store.database import ResultStore, read_results
+from stiff_bench.tables.metric_table import TRAINING_MARK
 from stiff_datasets.robots.robot import shipped_robot
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.types import BenchmarkData
@@ -314,6 +315,16 @@ def test_what_selects_on_the_test_part_is_marked_and_not_counted(tmp_path):
     assert f"| made, kfold, paper {mark} " in text_of(tmp_path)
     lines = csv.DictReader(io.StringIO(text_of(tmp_path, "csv")))
     assert {line["condition"] for line in lines if line["selects_on_test"] == "True"} == {"paper"}
+
+
+def test_what_reports_training_rows_is_not_compared_and_the_reason_is_said(tmp_path):
+    store_results(tmp_path, PAIR, condition="all samples", reports_training=True)
+    with pytest.raises(ConfigError, match=f"not compared: .*all samples.*: {TRAINING_MARK}"):
+        report_on(tmp_path)
+    store_results(tmp_path, PAIR, condition="n = 5")
+    report = report_on(tmp_path)
+    assert [one.name.condition for one in report.comparisons] == ["n = 5"]
+    assert any(TRAINING_MARK in note for note in report.notes)
 
 
 def test_cases_with_one_text_are_told_apart_by_what_differs_and_seeds_are_in_order(tmp_path):

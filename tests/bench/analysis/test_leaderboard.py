@@ -21,6 +21,7 @@ from stiff_bench.analysis.leaderboard import Leaderboard, stored_leaderboard
 from stiff_bench.analysis.leaderboard_tables import render_leaderboard
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.store.database import ResultStore, read_results
+from stiff_bench.tables.metric_table import TRAINING_MARK
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.record import Cost, ResultRecord
 from stiff_protocols.scoring.bootstrap import pose_errors, resampled_means
@@ -213,6 +214,16 @@ def test_protocols_that_select_on_the_test_part_are_ranked_apart_and_marked(made
     text = text_of(board)
     assert "b [epoch picked on test part]" in text
     assert "not a fair comparison" in text and "it is optimistic" in text
+
+
+def test_a_protocol_that_reports_training_rows_is_left_out_and_named(made):
+    add_three(made)
+    before = ranks(board_of(made))
+    for model, error in (("a", 2.0), ("b", 1.0)):
+        made.add(model, [error], protocol="paper-holdout@read_on=all", reports_training=True)
+    board = board_of(made)
+    assert ranks(board) == before and len(board.sections) == 1
+    assert f"paper-holdout@read_on=all is left out: {TRAINING_MARK}." in text_of(board)
 
 
 def test_the_interval_of_one_case_is_that_of_the_ranks_over_its_poses(made, rng):

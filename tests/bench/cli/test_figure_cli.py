@@ -15,7 +15,7 @@ from stiff_bench.cli.figures import figure
 from stiff_bench.figures.figure import can_be_drawn
 from stiff_bench.paper.figures import FIGURES
 from stiff_bench.paper.results import PaperResults
-from stiff_bench.paper.study import pretrained, unfrozen
+from stiff_bench.paper.study import DT_CNN, FT_MLP, pretrained, unfrozen
 
 PAPER = {"dataset": "kr10-twin", "protocol": "paper-holdout", "selects_on_test": True}
 
@@ -34,7 +34,7 @@ def refusal(*words: object) -> str:
 def paper(tmp_path_factory) -> PaperResults:
     """The smallest results from which every figure of the paper can be drawn: read-only."""
     made = MadeResults(tmp_path_factory.mktemp("paper") / "runs")
-    for name in ("vjm", "dt-cnn"):
+    for name in ("vjm", DT_CNN.name):
         made.add(name, [0.1, 0.2], **PAPER)
     for layers in (("1",), ("1", "2")):
         freeze = {"freeze": f"layers:{','.join(layers)}"}
@@ -150,15 +150,15 @@ def caption_of(name: str, results: PaperResults) -> str:
 def test_the_models_that_picked_an_epoch_are_named_in_the_papers_figures(tmp_path):
     made = MadeResults(tmp_path)
     made.add("vjm", [0.1], **PAPER)
-    made.add("ft-mlp", [0.1], picked_on_test=True, **PAPER)
+    made.add(FT_MLP.name, [0.1], picked_on_test=True, **PAPER)
     caption = caption_of("9", PaperResults.of(tmp_path))
-    assert "seed 0. ft-mlp: epoch picked on test part." in caption
+    assert f"seed 0. {FT_MLP.name}: epoch picked on test part." in caption
 
 
 def test_figure_8_says_that_no_target_label_trained_its_model(tmp_path):
-    MadeResults(tmp_path).add("dt-cnn", [0.1], regime="target labels not trained on", **PAPER)
+    MadeResults(tmp_path).add(DT_CNN.name, [0.1], regime="target labels not trained on", **PAPER)
     caption = caption_of("8", PaperResults.of(tmp_path))
-    assert "dt-cnn: target labels not trained on." in caption
+    assert f"{DT_CNN.name}: target labels not trained on." in caption
 
 
 def test_one_failed_cell_leaves_its_network_out_of_figure_5_and_names_it(changing):

@@ -28,8 +28,8 @@ def printed(*words: str) -> str:
 
 def test_every_number_that_can_be_made_is_a_choice_and_no_other(tmp_path):
     done = CliRunner().invoke(table, ["--help"])
-    assert "2, 3, 6, 7, 8, 9 or 10" in done.output
-    for number in range(1, 12):
+    assert "1 to 10" in done.output
+    for number in range(12):
         done = CliRunner().invoke(table, [str(number), "--results", str(tmp_path / "none")])
         assert ("is not one of" in done.output) == (number not in TABLES)
 
@@ -54,6 +54,12 @@ def test_tables_2_and_3_are_fitted_on_the_spot_and_refuse_results():
             printed("3", "--results", folder)
 
 
+def test_the_papers_plan_its_grid_and_its_wrenches_are_printed_without_any_results():
+    assert "| cartesian " in printed("1")
+    assert "| A3 " in printed("4")
+    assert "fz [N]" in printed("5")
+
+
 def test_the_command_refuses_in_one_line_with_status_2_and_prints_nothing(tmp_path):
     done = bench_here("table", "9", "--results", "none", cwd=tmp_path)
     assert_refused(
@@ -68,8 +74,15 @@ def small(monkeypatch):
     def small_study(*, full):
         splits = 2 if full else 1
         return (
-            StudyRun((Variant("vjm"),), (study.TWIN,), ("paper-holdout", "holdout"), splits),
-            StudyRun((Variant("vjm"), Variant("zero")), (study.TWIN,), ("holdout",), splits),
+            StudyRun(
+                (Variant("vjm"),),
+                (study.TWIN,),
+                (study.PAPER_PROTOCOL, study.FAIR_PROTOCOL),
+                splits,
+            ),
+            StudyRun(
+                (Variant("vjm"), Variant("zero")), (study.TWIN,), (study.FAIR_PROTOCOL,), splits
+            ),
         )
 
     monkeypatch.setattr(study, "paper_study", small_study)
@@ -91,6 +104,13 @@ def test_full_asks_for_more_splits_than_quick(small, tmp_path):
     assert "bench: 6 fits" in called("--plan", "--full", "--output", str(tmp_path))[2]
 
 
+def test_the_papers_recipe_is_asked_for_apart(small, tmp_path):
+    """Two trainings in two readings, on the first split, whatever the size of the rest."""
+    words = ["--plan", "--paper-recipe", "--output", str(tmp_path)]
+    assert "bench: 7 fits" in called(*words)[2]
+    assert "bench: 10 fits" in called(*words, "--full")[2]
+
+
 @pytest.mark.slow
 def test_what_was_computed_is_not_computed_again_and_the_files_are_named(small, tmp_path):
     words = ["--no-isolate", "--output", str(tmp_path)]
@@ -99,6 +119,11 @@ def test_what_was_computed_is_not_computed_again_and_the_files_are_named(small, 
     assert "bench: 3 ok; " in err
     assert out.splitlines()[-1] == str(tmp_path / "paper" / "README.md")
     assert "0 ok, 3 cached" in called(*words)[2]
+
+
+def test_the_papers_recipe_is_of_the_paper_alone(tmp_path):
+    done = bench_here("reproduce", "effects", "--paper-recipe", cwd=tmp_path)
+    assert_refused(done, "--paper-recipe is of the paper, not of effects")
 
 
 @pytest.mark.parametrize("size", ["--quick", "--full"])

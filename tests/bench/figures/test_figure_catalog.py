@@ -111,6 +111,16 @@ def test_a_fair_protocol_comes_before_one_that_picks_on_the_test_part(tmp_path):
     assert FigureSource.of(tmp_path).case().name.protocol == "holdout"
 
 
+def test_a_protocol_that_reports_training_rows_is_drawn_where_nothing_else_is_there_alone(tmp_path):
+    made = compared(tmp_path)
+    for name in ("vjm", "gp", "mlp", "a", "b", "c", "d"):
+        made.add(name, [0.1], protocol="paper-holdout@read_on=all", reports_training=True)
+    assert {one.name.protocol for one in FigureSource.of(tmp_path).newest} == {"holdout"}
+    asked = FigureSource.of(tmp_path, protocols=["paper-holdout"])
+    assert asked.case().name.protocol == "paper-holdout@read_on=all"
+    assert "training samples among those reported" in caption_of("errors", asked)
+
+
 def test_the_caption_says_data_protocol_splits_and_seed(tmp_path):
     compared(tmp_path)
     caption = caption_of("regression", FigureSource.of(tmp_path))

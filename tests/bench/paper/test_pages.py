@@ -9,6 +9,7 @@ import pytest
 from figure_results import ranked
 from made_results import MadeResults
 from stiff_bench.paper.pages import write_leaderboard, write_paper
+from stiff_bench.paper.study import DT_CNN
 
 pytestmark = pytest.mark.xdist_group("paper")  # writing it takes seconds
 
@@ -20,7 +21,7 @@ def paper(tmp_path_factory):
     made = MadeResults(output / "paper" / "runs")
     keys = []
     for protocol in ("paper-holdout", "holdout"):
-        for model, error in (("vjm", 0.2), ("dt-cnn", 0.3)):
+        for model, error in (("vjm", 0.2), (DT_CNN.name, 0.3)):
             keys += made.add(model, [error], dataset="kr10-twin", protocol=protocol)
     made.add_run("run-1", keys)
     return output, [*write_paper(output, "bench reproduce --quick", 39)]

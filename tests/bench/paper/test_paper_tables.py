@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import re
 import shutil
 import statistics
@@ -13,23 +15,27 @@ import numpy as np
 import pytest
 
 from made_results import MadeResults
+from stiff_bench.paper.method_tables import RECIPE
 from stiff_bench.paper.results import PaperResults
 from stiff_bench.paper.study import (
     DT_CNN,
     FT_MLP,
     FT_MLP_LAST_EPOCH,
     FT_MLP_OWN_SOURCE,
+    FT_MLP_PAPER_RECIPE,
     VJM,
     pretrained,
     unfrozen,
 )
-from stiff_bench.paper.tables import FITTED_HERE, TABLES, build
+from stiff_bench.paper.tables import NEEDS_NO_RESULTS, TABLES, build, read_table
+from stiff_bench.tables.metric_table import TRAINING_MARK
 from stiff_bench.tables.render import render
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
-PAPER, FAIR = "paper-holdout", "holdout"
+PAPER, ON_ALL, FAIR = "paper-holdout", "paper-holdout@read_on=all", "holdout"
 HOSTILE = "<script>alert(1)</script> | 50 & 60_% # $x$ ^{2} ~ \\input{x} `code`"
-OURS, FAIRLY, EARLY = "ours, paper-holdout", "ours, holdout", "ours, stopped early"
+OURS, EARLY = "ours, paper-holdout", "ours, stopped early"
+TESTED, READ, FAIRLY = "ours, test part", "ours, all samples", "ours, holdout"
 
 
 class PaperRuns(MadeResults):
@@ -37,23 +43,23 @@ class PaperRuns(MadeResults):
 
     Attributes:
         seed: of the results that are written from now on.
-        old: they are without errors of training.
     """
 
-    seed, old = 0, False
+    seed = 0
 
     def _done(self, cell, presentation, run_id, data, rows, error_mm):
         cell = replace(cell, seed=self.seed)
+        if cell.protocol == ON_ALL:  # the fit of the split of the same number
+            sha256 = cell.split_sha256
+            cell = replace(cell, rows_sha256=sha256, split_sha256=f"{sha256}, all rows")
         result = super()._done(cell, presentation, run_id, data, rows, error_mm)
-        if self.old:
-            return result
         names = ("training MAE", "training STDE", "test MAE", "test STDE")
-        of_source = {f"source {name} [mm]": (i + 1) * error_mm for i, name in enumerate(names)}
-        of_target = {"training MAE [mm]": error_mm / 10, "training STDE [mm]": error_mm / 20}
+        along_z = np.mean(error_mm)
+        of_source = {f"source {name} [mm]": (i + 1) * along_z for i, name in enumerate(names)}
         steps = np.array([[0.0, 1.0, 1.0], [1234.0, 0.1, 0.1]])
         return replace(
             result,
-            diagnostics=of_source | of_target,
+            diagnostics=of_source,
             curves={"pre-training": steps, "fine-tuning": steps / 2},
         )
 
@@ -119,103 +125,157 @@ def test_table_8_is_ours_alone_and_has_the_layers_that_were_run(runs):
     )
 
 
-def test_table_9_takes_all_axes_and_samples_together(runs):
-    runs.of(FT_MLP_LAST_EPOCH.name, [0.9])
-    runs.of(FT_MLP, [0.3], picked_on_test=True)
+def test_table_9_has_every_error_on_both_parts_of_the_fits_that_are_read_on_all_samples(runs):
+    """Of the twelve samples the first four are held out, with an error of 0.3 mm along z."""
+    runs.of(FT_MLP.name, [0.3], picked_on_test=True)
+    runs.of(FT_MLP.name, [[0.3] * 4 + [0.1] * 4 + [0.2] * 4], ON_ALL, rows=range(12))
     (part,) = (table := build(9, runs.read))
-    best = values(part, OURS, ("optimized (best epoch)",))
-    errors = [0.3, 0.0, 0.0]  # of four samples each
-    assert best["validation MAE"].value == pytest.approx(statistics.mean(errors))
-    assert best["validation STDE"].value == pytest.approx(statistics.pstdev(errors))
-    assert best["train MAE"].value == pytest.approx(0.03)
-    assert best["train MAE"].mark == "epoch picked on test part"
-    last = values(part, OURS, ("normal (last epoch)",))
-    assert last["validation MAE"].value == pytest.approx(0.3) and last["train MAE"].mark == ""
-    assert f"{FT_MLP}: epoch picked on test part." in notes(table)
-    published = values(part, "published", ("normal (last epoch)",))
+    best = "optimized (best epoch)"
+    assert labels(part)[4:] == [(best, error) for error in ("3-D", "X", "Y", "Z")]
+    for error in ("3-D", "Z"):
+        found = values(part, OURS, (best, error))
+        assert found["validation MAE"].value == pytest.approx(0.3)
+        assert found["validation STDE"].value == pytest.approx(0.0, abs=1e-12)
+        assert found["train MAE"].value == pytest.approx(0.15)
+        assert found["train STDE"].value == pytest.approx(0.05)
+        assert found["train MAE"].mark == "epoch picked on test part"
+    assert values(part, OURS, (best, "X"))["train MAE"].value == pytest.approx(0.0, abs=1e-12)
+    assert f"{FT_MLP.name}: epoch picked on test part." in notes(table)
+    published = values(part, "published", ("normal (last epoch)", "3-D"))
     assert published["validation MAE"].value == 0.1997
+    assert set(values(part, "published", ("normal (last epoch)", "X")).values()) == {None}
 
 
-def test_table_10_has_both_protocols_and_reductions_split_by_split(runs):
-    runs.of(VJM, [0.1, 0.4])
-    runs.of(FT_MLP, [0.05, 0.1])
+def test_table_9_has_no_training_part_where_no_fit_is_read_on_all_samples(runs):
+    runs.of(FT_MLP.name, [0.3, 0.4])
+    runs.of(FT_MLP.name, [[0.3] * 12], ON_ALL, rows=range(12))  # of one split alone
+    runs.of(FT_MLP_LAST_EPOCH.name, [0.9, 0.9])
+    (part,) = (table := build(9, runs.read))
+    for label in ("optimized (best epoch)", "normal (last epoch)"):
+        found = values(part, OURS, (label, "Z"))
+        assert found["train MAE"] is None and found["validation MAE"].n == 2
+    assert "Without a result under paper-holdout@read_on=all: normal (last epoch)" in notes(table)
+
+
+def test_table_10_has_three_readings_and_reductions_split_by_split(runs):
+    runs.of(VJM.name, [0.1, 0.4])
+    runs.of(FT_MLP.name, [0.05, 0.1])
     runs.of(FT_MLP_OWN_SOURCE.name, [0.025, 0.3])
-    runs.of(VJM, [0.2], FAIR)
-    runs.of(FT_MLP, [0.3], FAIR)
-    errors, reductions = build(10, runs.read)
+    runs.of(VJM.name, [0.2], FAIR)
+    runs.of(FT_MLP.name, [0.3], FAIR)
+    runs.of(VJM.name, [0.4], ON_ALL)
+    runs.of(FT_MLP.name, [0.1], ON_ALL, reports_training=True)
+    errors, reductions = (table := build(10, runs.read))
     row = ("Z", "MAE")
     assert values(errors, "published", row)["DT-CNN"].value == 0.0628
-    assert values(errors, OURS, row)["FT-MLP"].value == pytest.approx(0.075)
-    assert values(errors, OURS, row)["DT-CNN"] is None
+    assert values(errors, TESTED, row)["FT-MLP"].value == pytest.approx(0.075)
+    assert values(errors, TESTED, row)["DT-CNN"] is None
     assert values(errors, FAIRLY, row)["VJM"].value == pytest.approx(0.2)
+    assert values(errors, READ, row)["FT-MLP"].value == pytest.approx(0.1)
+    assert values(errors, READ, row)["FT-MLP"].mark == TRAINING_MARK
+    assert TRAINING_MARK in notes(table)
     published = values(reductions, "published", row)
     assert published["claimed"].value == 24.9
     assert published["from Table 10"].value == pytest.approx(24.87, abs=0.01)
-    ours, own_source = values(reductions, OURS, row).values()
+    ours, own_source = values(reductions, TESTED, row).values()
     assert own_source.value == pytest.approx(50)  # 75 and 25 %
     assert list(values(errors, "published", row)) == ["VJM", "FT-MLP", "DT-CNN"]
-    assert values(errors, OURS, row)["FT-MLP, own source"].value == pytest.approx(0.1625)
+    assert values(errors, TESTED, row)["FT-MLP, own source"].value == pytest.approx(0.1625)
     assert ours.value == pytest.approx(62.5)  # 50 and 75 %; that of the means would be 70
     assert ours.spread == pytest.approx(statistics.stdev([50, 75])) and ours.n == 2
     fairly, _ = values(reductions, FAIRLY, row).values()
     assert fairly.value == pytest.approx(-50)
-    undefined, _ = values(reductions, OURS, ("X", "MAE")).values()
+    read, _ = values(reductions, READ, row).values()
+    assert read.value == pytest.approx(75)
+    undefined, _ = values(reductions, TESTED, ("X", "MAE")).values()
     assert undefined is None  # the VJM has no error there
 
 
+def test_the_papers_recipe_is_one_column_more_where_it_is_stored_and_a_command_where_not(runs):
+    for model in (VJM, FT_MLP):
+        runs.of(model.name, [0.4, 0.8])
+    errors, _ = build(10, runs.read)
+    (part,) = build(9, runs.read)
+    for table in (errors, part):
+        assert "`bench reproduce --paper-recipe`" in notes([table])
+        assert not any("recipe" in column.name + column.group for column in table.columns)
+    runs.of(FT_MLP_PAPER_RECIPE.name, [0.1])
+    errors, reductions = build(10, runs.read)
+    (part,) = build(9, runs.read)
+    assert "--paper-recipe" not in notes([errors, part])
+    row = ("Z", "MAE")
+    found = values(errors, TESTED, row)
+    assert (found[RECIPE].value, found[RECIPE].n) == (pytest.approx(0.1), 1)
+    assert (found["VJM"].value, found["VJM"].n) == (pytest.approx(0.6), 2)
+    assert RECIPE not in values(errors, FAIRLY, row)
+    assert values(reductions, TESTED, row)[f"{RECIPE} against VJM"].value == pytest.approx(75)
+    of_recipe = values(part, "ours, the paper's recipe", ("optimized (best epoch)", "Z"))
+    assert of_recipe["validation MAE"].value == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(("number", "n_rows"), [(1, 15), (4, 6), (5, 5)])
+def test_the_papers_own_plans_are_printed_as_typed_and_read_no_results(number, n_rows, tmp_path):
+    (part,) = build(number, None)
+    assert len(part.rows) == n_rows and "published" in part.title and len(part.notes) == 1
+    line = next(csv.DictReader(io.StringIO(render([part], "csv", ""))))
+    assert line["source"] == "published" and line["table"] == str(number)
+    with pytest.raises(ConfigError, match=f"table {number} is the paper's alone and reads none"):
+        read_table(number, tmp_path)
+
+
+def test_what_is_stored_under_a_name_without_defaults_is_found_by_its_options(runs):
+    options = {**FT_MLP.options, "epochs": "none"}
+    runs.of("ft-mlp", [0.3], options=options)
+    runs.of("ft-mlp@epochs=5", [0.9], options={**options, "epochs": 5})
+    (found,) = runs.read.of_models([FT_MLP.name], PAPER).results.values()
+    assert found[0].shown.model == "ft-mlp"
+    other = FT_MLP_LAST_EPOCH.name
+    assert runs.read.of_models([other], PAPER).missing == [other]
+
+
 def test_only_splits_that_all_models_have_count_and_a_note_says_how_many_do_not(runs):
-    runs.of(VJM, [0.1, 0.2, 0.3])
-    runs.of(FT_MLP, [0.4])
+    runs.of(VJM.name, [0.1, 0.2, 0.3])
+    runs.of(FT_MLP.name, [0.4])
     errors, _ = (table := build(10, runs.read))
-    vjm = values(errors, OURS, ("Z", "MAE"))["VJM"]
+    vjm = values(errors, TESTED, ("Z", "MAE"))["VJM"]
     assert (vjm.value, vjm.n) == (pytest.approx(0.1), 1)
     assert "Left out: 2 splits of paper-holdout" in notes(table)
 
 
 def test_a_model_that_failed_is_a_row_of_dashes_with_its_reason(runs):
     runs.of(FT_MLP_LAST_EPOCH.name, failed=[0])
-    runs.of(FT_MLP, [0.3])
+    runs.of(FT_MLP.name, [0.3])
     table = build(9, runs.read)
-    row = ("normal (last epoch)",)
+    row = ("normal (last epoch)", "Z")
     assert set(values(table[0], OURS, row).values()) == {None}
     assert "failed: it broke" in notes(table)
 
 
 def test_a_protocol_without_results_leaves_its_columns_empty_and_says_so(runs):
-    runs.of(VJM, [0.1], FAIR)
+    runs.of(VJM.name, [0.1], FAIR)
     errors, reductions = (table := build(10, runs.read))
-    assert set(values(errors, OURS, ("Z", "MAE")).values()) == {None}
+    assert set(values(errors, TESTED, ("Z", "MAE")).values()) == {None}
     assert set(values(reductions, FAIRLY, ("Z", "MAE")).values()) == {None}
     assert "nothing to print of kr10-twin under paper-holdout" in notes(table)
 
 
-@pytest.mark.parametrize("number", sorted(set(TABLES) - FITTED_HERE))
+@pytest.mark.parametrize("number", sorted(set(TABLES) - NEEDS_NO_RESULTS.keys()))
 def test_a_folder_without_the_tables_results_is_refused_naming_the_command(runs, number):
     runs.of("knn", [0.1])
     with pytest.raises(StoreError, match=r"nothing to print .*`bench reproduce` makes it"):
         build(number, runs.read)
 
 
-def test_an_error_that_was_not_reported_is_a_dash(runs):
-    runs.of(FT_MLP, [0.3])
-    runs.old = True
-    runs.of(FT_MLP_LAST_EPOCH.name, [0.9])
-    (part,) = build(9, runs.read)
-    last = values(part, OURS, ("normal (last epoch)",))
-    assert last["train MAE"] is None and last["validation MAE"].value == pytest.approx(0.3)
-    assert values(part, OURS, ("optimized (best epoch)",))["train MAE"] is not None
-
-
 def test_a_table_that_the_paper_has_not_is_refused_with_those_that_are_made():
-    with pytest.raises(ConfigError, match=r"'4'.*valid: 10, 2, 3, 6, 7, 8, 9"):
-        build(4, None)
+    with pytest.raises(ConfigError, match=r"'11'.*valid: 1, 10, 2, 3, 4, 5, 6, 7, 8, 9"):
+        build(11, None)
 
 
 def test_results_of_another_seed_data_set_or_specimen_do_not_count(runs):
-    runs.add(VJM, [0.1], "kr10-twin@specimen=1", PAPER)
-    runs.add(VJM, [0.1], "fanuc-r2000ic", PAPER)
+    runs.add(VJM.name, [0.1], "kr10-twin@specimen=1", PAPER)
+    runs.add(VJM.name, [0.1], "fanuc-r2000ic", PAPER)
     runs.seed = 7
-    runs.of(VJM, [0.1])
+    runs.of(VJM.name, [0.1])
     with pytest.raises(StoreError, match="nothing to print"):
         build(10, runs.read)
 
@@ -238,37 +298,37 @@ def test_the_vjm_of_the_twin_is_near_the_papers_tables_2_and_3_that_it_was_calib
     assert all(said in " ".join(errors.notes) for said in ("calibrated against", "not a test"))
 
 
-@pytest.mark.parametrize("number", TABLES)
-def test_every_table_says_that_ours_cannot_be_compared_in_absolute_terms(runs, number):
-    for model in (VJM, FT_MLP, pretrained(width=100).name, pretrained().name):
-        runs.of(model, [0.1])
-    table = build(number, None if number in FITTED_HERE else runs.read)
+@pytest.mark.parametrize("number", [number for number in TABLES if number not in (1, 4, 5)])
+def test_every_table_with_ours_says_that_ours_cannot_be_compared_in_absolute_terms(runs, number):
+    for model in (VJM, FT_MLP, pretrained(width=100), pretrained()):
+        runs.of(model.name, [0.1])
+    table = build(number, None if number in NEEDS_NO_RESULTS else runs.read)
     for part in table:
         assert f"Table {number}." in part.title
         said = " ".join(part.notes)
         assert "ot comparable in absolute terms" in said and "seed 0" in said
-        if number not in FITTED_HERE:
+        if number not in NEEDS_NO_RESULTS:
             assert "paper-holdout, 1 split" in said
             assert f"of {runs.folder}" in said  # how many results of which version
 
 
 def test_table_9_has_the_digits_that_ours_need(runs):
     runs.of(FT_MLP_LAST_EPOCH.name, [0.00121])
-    assert "| 0.00012" in re.sub(" +", " ", render(build(9, runs.read), "github", ""))
+    assert "| 0.00121 |" in re.sub(" +", " ", render(build(9, runs.read), "github", ""))
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no pdflatex is installed")
 def test_every_table_compiles_with_pdflatex_and_fits_the_line(runs, tmp_path):
     models = [
-        *(VJM, FT_MLP, FT_MLP_LAST_EPOCH.name, DT_CNN, unfrozen(["1"]).name),
-        pretrained(width=100).name,
-        *(pretrained().name, pretrained(stopped_early=True).name),
+        *(VJM, FT_MLP, FT_MLP_LAST_EPOCH, FT_MLP_PAPER_RECIPE, DT_CNN, unfrozen(["1"])),
+        *(pretrained(width=100), pretrained(), pretrained(stopped_early=True)),
     ]
     for model in models:
-        runs.of(model, [0.1, 12.0, 0.3])
-        runs.of(model, [0.2, 0.3, 0.1], FAIR)
-    tables = [build(number, None if number in FITTED_HERE else runs.read) for number in TABLES]
+        runs.of(model.name, [0.1, 12.0, 0.3])
+        runs.of(model.name, [0.2, 0.3, 0.1], FAIR)
+        runs.of(model.name, [0.2, 0.3, 0.1], ON_ALL, rows=range(12))
+    tables = [build(number, None if number in NEEDS_NO_RESULTS else runs.read) for number in TABLES]
     log = compiled(tmp_path, [render(one, "latex", HOSTILE) for one in tables])
     assert "Overfull" not in log
 

@@ -90,6 +90,19 @@ def test_table_4s_counts_follow_from_begin_end_and_step_and_multiply_to_all_pose
     assert math.prod(counts) * len(published_lines("table_5")) == N_SAMPLES
 
 
+def test_table_1_has_90_cartesian_poses_and_60_of_61_in_joint_space_at_a_step_of_15_deg():
+    lines = published_lines("table_1")
+    cartesian = {line["moving"]: int(line["values"]) for line in lines[-3:]}
+    assert cartesian == {"X": 6, "Y": 5, "Z": 3} and math.prod(cartesian.values()) == 90
+    along = [line for line in lines if line["moving"] == "A2"]
+    swept = [abs(int(line["end"]) - int(line["begin"])) / 15 + 1 for line in along]
+    turned = [int(line["values"]) for line in lines if line["moving"] == "A1"]
+    assert sum(swept) + sum(turned) == 48 + 12
+    # the erratum: three values of an interval of 300 mm do not fit into 300 to 800 mm
+    *_, z = lines
+    assert int(z["begin"]) + 2 * int(z["interval"]) > int(z["end"])
+
+
 def test_our_source_domain_has_the_poses_of_table_4_and_the_wrenches_of_table_5(parts):
     robot, train, _, _ = parts
     design = source_design("paper", "paper", robot, train, seed=0)
@@ -128,6 +141,40 @@ def test_table_9s_best_epoch_is_better_on_validation_alone_and_four_times_table_
     mean = np.mean([ft_mlp["mae", axis] for axis in AXES])
     assert mean == pytest.approx(0.0424, abs=FOUR_DECIMALS)
     assert float(optimized["validation_mae_mm"]) / mean == pytest.approx(3.8, abs=0.05)
+
+
+def rms(pairs) -> float:
+    """The root mean square that mean and deviation of an absolute error have together, mm."""
+    return math.sqrt(sum(mean**2 + deviation**2 for mean, deviation in pairs))
+
+
+def test_table_10s_vjm_is_that_of_all_samples_in_table_2_within_5_per_cent_in_all_nine_figures():
+    of_all, of_table_10 = published_errors("table_2")["VJM"], published_errors("table_10")["VJM"]
+    assert len(of_all) == 9
+    for place, value in of_all.items():
+        assert of_table_10[place] == pytest.approx(value, rel=0.0501)
+
+
+def test_table_9_fits_table_10_as_lengths_over_all_samples_and_then_beats_no_vjm_on_its_fifth():
+    """Of four fifths for training and one for validation."""
+    of_method = {
+        name: rms([(errors["mae", axis], errors["stde", axis]) for axis in AXES])
+        for name, errors in published_errors("table_10").items()
+    }
+    _, best = published_lines("table_9")
+    trained, validated = (
+        rms([(float(best[f"{part}_mae_mm"]), float(best[f"{part}_stde_mm"]))])
+        for part in ("train", "validation")
+    )
+    together = math.sqrt(0.8 * trained**2 + 0.2 * validated**2)
+    assert of_method["FT-MLP"] == pytest.approx(0.131, abs=5e-4)
+    assert together == pytest.approx(0.121, abs=5e-4)
+    assert validated == pytest.approx(0.206, abs=5e-4)
+    assert of_method["VJM"] == pytest.approx(0.194, abs=5e-4) and validated > of_method["VJM"]
+    # as errors along axes they do not fit, on whichever samples
+    along_axes = 0.8 * float(best["train_mae_mm"]) + 0.2 * float(best["validation_mae_mm"])
+    mean = np.mean([published_errors("table_10")["FT-MLP"]["mae", axis] for axis in AXES])
+    assert along_axes > 2 * mean
 
 
 def test_our_twin_has_the_151_poses_61_and_90_divided_80_to_20_by_whole_poses():

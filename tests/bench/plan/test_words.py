@@ -146,6 +146,14 @@ def test_an_option_that_was_added_later_is_in_no_key_while_it_has_its_default():
     assert names(planned(datasets=("kr10-twin@calibration=1",)).datasets) == ["kr10-twin"]
 
 
+def test_results_of_paper_holdout_keep_their_keys_though_it_got_another_reading():
+    words = ("paper-holdout", "paper-holdout@read_on=all", "paper-holdout@read_on=test")
+    default, read_on_all = planned(protocols=words).protocols
+    assert default.identity == {"test_fraction": 0.2}
+    assert read_on_all.identity == {"test_fraction": 0.2, "read_on": "all"}
+    assert Choice.of_stored(read_on_all.info, read_on_all.identity).name == words[1]
+
+
 def test_the_device_makes_no_other_model():
     assert names(planned(models=("mlp@device=cpu", "mlp")).models) == ["mlp"]
 

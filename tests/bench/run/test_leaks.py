@@ -11,13 +11,13 @@ import pytest
 
 from sealed_samples import Leak, computed_under_seal
 from stiff_bench.run.cell import compute_cell
-from stiff_bench.tables.metric_table import SELECTION_MARK, build_tables
+from stiff_bench.tables.metric_table import SELECTION_MARK, TRAINING_MARK, build_tables
 from stiff_bench.tables.render import render
 from stiff_models.catalog import FAMILIES, MODELS, model_info
 from stiff_protocols.catalog import PROTOCOLS
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.scoring.metrics import metric
-from stiff_protocols.splits.random_splits import PaperHoldout
+from stiff_protocols.splits.random_splits import Holdout, PaperHoldout
 
 SEEN = []
 KEYS = [*(info.key for info in MODELS), *(family.example for family in FAMILIES)]
@@ -224,6 +224,59 @@ def test_validation_rows_are_test_rows_if_and_only_if_the_protocol_says_so(proto
         assert chosen_on_test == task.shown.selects_on_test == (protocol not in FAIR)
 
 
+READ_ON_ALL = "paper-holdout@read_on=all"
+
+
+@pytest.mark.parametrize("protocol", [*(info.key for info in PROTOCOLS), READ_ON_ALL])
+def test_no_test_row_is_trained_on_and_more_rows_are_reported_by_one_protocol_alone(
+    protocol, tasks_of
+):
+    for task in tasks_of(protocol=protocol):
+        assert not len(np.intersect1d(task.split.train, task.split.test))
+        more = len(np.setdiff1d(task.split.reported, task.split.test)) > 0
+        assert more == task.shown.reports_training == (protocol == READ_ON_ALL)
+
+
+def test_a_protocol_that_reports_training_rows_and_does_not_say_so_is_refused(tasks, monkeypatch):
+    def honest_words_only(self, samples, *, n_splits, seed):
+        (split,) = PaperHoldout(read_on="all").splits(samples, n_splits=n_splits, seed=seed)
+        return [split]
+
+    monkeypatch.setattr(Holdout, "splits", honest_words_only)
+    monkeypatch.setattr(Holdout, "selects_on_test", True)
+    with pytest.raises(ConfigError, match="reports 34 rows that are no test rows, and the prot"):
+        tasks("vjm", "holdout")
+
+
+def test_both_readings_of_the_papers_protocol_are_of_the_same_fit(tasks):
+    """Small networks, whose weights and best epochs depend on the seed."""
+    for model in ("vjm", "mlp@width=4@epochs=3"):
+        tested, read = (
+            computed(task) for word in ("paper-holdout", READ_ON_ALL) for task in tasks(model, word)
+        )
+        assert tested.cell.model_seed == read.cell.model_seed
+        assert tested.cell.key != read.cell.key
+        assert tested.n_train == read.n_train == 34
+        np.testing.assert_array_equal(read.prediction.rows, np.arange(43))
+        rows = tested.prediction.rows
+        for name in ("predicted", "measured", "reference"):
+            of_tested, of_read = (getattr(one.prediction, name) for one in (tested, read))
+            # one row more or less in a product of matrices rounds its sums otherwise
+            np.testing.assert_allclose(of_read[rows], of_tested, rtol=1e-4, atol=1e-9)
+
+
+def computed(task):
+    result = compute_cell(task, "r")
+    assert result.status == "ok", result.failure
+    return result
+
+
+def test_what_is_read_on_all_samples_looks_at_no_test_deflection_before_the_last_prediction(tasks):
+    computed_under_seal(tasks("vjm", READ_ON_ALL)[0])
+    with pytest.raises(Leak, match=r"read before .*\.fit"):
+        computed_under_seal(tasks("mlp", READ_ON_ALL)[0])
+
+
 def test_a_protocol_that_selects_on_test_and_does_not_say_so_is_refused(tasks, monkeypatch):
     monkeypatch.setattr(PaperHoldout, "selects_on_test", False)
     with pytest.raises(ConfigError, match="9 test rows that choose an epoch, and the protocol doe"):
@@ -241,3 +294,14 @@ def test_rows_that_were_selected_on_test_carry_the_mark_in_every_format(protocol
     assert all(before.rindex("mlp") > before.rfind("vjm") for before in before_marks)
     warned = bool(before_marks) and fmt != "csv"  # which has the mark alone
     assert ("picks the best epoch on the very samples it reports" in text) == warned
+
+
+@pytest.mark.parametrize("fmt", ["github", "latex", "html", "csv", "json"])
+def test_every_row_that_is_read_on_all_samples_carries_the_mark_in_every_format(fmt, tasks_of):
+    tasks = tasks_of(("vjm", "mlp"), "fanuc-r2000ic", READ_ON_ALL)
+    results = [compute_cell(witnessed(task), "r") for task in tasks]
+    text = render(build_tables(results, [metric("mae")]), fmt, "bench run")
+    assert text.count(TRAINING_MARK) >= 2
+    if fmt != "csv":
+        assert "its errors are no test errors" in text
+        assert "trains on 34 samples and reports 43" in text

@@ -12,7 +12,7 @@ from stiff_protocols.catalog import PROTOCOLS
 from stiff_protocols.conformance.data import check_dataset, check_protocol
 from stiff_protocols.contract.types import BenchmarkData, Split
 from stiff_protocols.splits.extrapolation import SpaceTransfer
-from stiff_protocols.splits.random_splits import Holdout
+from stiff_protocols.splits.random_splits import Holdout, PaperHoldout
 
 
 def by_name(make, fanuc):
@@ -27,6 +27,21 @@ def test_the_shipped_protocols_keep_the_contract_and_part_no_pose(info, twin):
     assert (checks["sensor errors are those of the test rows"].status == "passed") == (
         info.key == "sensor-noise"
     )
+
+
+def test_a_protocol_may_report_training_rows_where_it_declares_that_and_nowhere_else(fanuc):
+    question = "no row is learned from and tested"
+    declared = by_name(lambda: PaperHoldout(read_on="all"), fanuc)
+    assert [str(check) for check in declared.values() if check.status == "failed"] == []
+
+    class Silent(PaperHoldout):
+        reports_training = False
+
+        def splits(self, samples, *, n_splits, seed):
+            return PaperHoldout(read_on="all").splits(samples, n_splits=n_splits, seed=seed)
+
+    check = by_name(Silent, fanuc)[question]
+    assert check.status == "failed" and "does not declare reports_training" in check.reason
 
 
 def test_a_protocol_that_cannot_divide_a_data_set_says_so_once(fanuc):
@@ -56,6 +71,10 @@ def numbered(*indices):
     return lambda samples: [by_row(samples, index=index, condition="c") for index in indices]
 
 
+def self_reporting(samples):
+    return [by_row(samples, also_reported=np.arange(5))]
+
+
 def erring(*shape):
     return lambda samples: [by_row(samples, condition="loud", wrench_error=np.ones(shape))]
 
@@ -67,6 +86,7 @@ TOLD_APART, ERRORS = "splits have different indices", "sensor errors are those o
     ("how", "question", "status", "reason"),
     [
         (careless, "no row is learned from and tested", "failed", "trains on 10 rows of its other"),
+        (self_reporting, "no row is learned from and tested", "failed", "reports 5 rows that are"),
         (careless, "the same seed gives the same splits", "failed", "the same seed gave other"),
         (careless, "every row is used", "not applicable", "leaves out 3 of 43 rows"),
         (by_deflection, "the division does not look at deflections", "failed", "gave other splits"),

@@ -104,5 +104,5 @@ def test_fits_are_the_same_at_every_level_and_know_no_error(tasks_of):
     assert train == samples.wrench[split.train].tobytes()
     assert validation == samples.wrench[split.validation].tobytes()
     for task, result in zip(tasks, results, strict=True):
-        told = task.split.test_wrench(samples)
+        told = task.split.told_wrench(samples)
         np.testing.assert_array_equal(result.prediction.predicted, 1e-6 * told[:, :3])

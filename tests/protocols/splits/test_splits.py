@@ -102,8 +102,19 @@ def test_splits_that_differ_in_sensor_errors_alone_have_other_hashes_and_the_sam
     noisy, again = (replace(split, wrench_error=error.copy()) for _ in range(2))
     assert noisy.sha256 == again.sha256 != split.sha256 == split.rows_sha256
     assert noisy.rows_sha256 == split.rows_sha256
-    np.testing.assert_array_equal(noisy.test_wrench(samples), samples.wrench[split.test] + 0.5)
-    np.testing.assert_array_equal(split.test_wrench(samples), samples.wrench[split.test])
+    np.testing.assert_array_equal(noisy.told_wrench(samples), samples.wrench[split.test] + 0.5)
+    np.testing.assert_array_equal(split.told_wrench(samples), samples.wrench[split.test])
+
+
+def test_paper_holdout_read_on_all_samples_divides_as_before_and_reports_them_all():
+    samples = unloaded(151)
+    tested = PaperHoldout().splits(samples, n_splits=3, seed=4)
+    read = PaperHoldout(read_on="all").splits(samples, n_splits=3, seed=4)
+    for one, other in zip(tested, read, strict=True):
+        assert one.rows_sha256 == other.rows_sha256 == one.sha256 != other.sha256
+        np.testing.assert_array_equal(other.reported, np.arange(151))
+        np.testing.assert_array_equal(one.reported, one.test)
+        np.testing.assert_array_equal(other.told_wrench(samples), samples.wrench)
 
 
 def split_of(**changes):
@@ -125,6 +136,9 @@ def split_of(**changes):
         ([split_of(train=np.arange(9))], "trains on 3 rows of its other parts"),
         ([split_of(validation=np.arange(8, 10))], "has 2 test rows that choose an epoch"),
         ([split_of(wrench_error=np.zeros((3, 6)))], r"sensor errors of shape \(3, 6\) for 2"),
+        ([split_of(also_reported=np.arange(3))], "reports 3 rows that are no test rows, and the p"),
+        ([split_of(also_reported=np.arange(9))], "has 1 test rows among the also reported ones"),
+        ([split_of(also_reported=np.array([10]))], r"also reported rows outside 0\.\.9"),
         ([split_of(), split_of()], r"condition '' has splits of index \[0, 0\]"),
         ([split_of(condition="a"), replace(split_of(), index=1)], "condition '' has splits of"),
     ],
@@ -137,6 +151,15 @@ def test_splits_that_keep_the_rules_have_no_fault_and_selecting_on_test_can_be_d
     assert first_fault([split_of(), replace(split_of(), index=1)], 10, selects_on_test=False) == ""
     selecting = split_of(validation=np.arange(8, 10))
     assert first_fault([selecting], 10, selects_on_test=True) == ""
+
+
+def test_reporting_training_rows_can_be_declared_and_excuses_no_training_on_test_rows():
+    declared = {"selects_on_test": False, "reports_training": True}
+    reporting = split_of(also_reported=np.arange(8))
+    assert first_fault([reporting], 10, **declared) == ""
+    assert "trains on 3 rows" in first_fault(
+        [replace(reporting, train=np.arange(9), also_reported=np.arange(8))], 10, **declared
+    )
 
 
 def test_the_inner_part_is_that_of_scikit_learns_splitter():
