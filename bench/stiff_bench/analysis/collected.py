@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from stiff_bench.store.database import DamagedFile, read_manifests, read_results, why_no_results
+from stiff_bench.store.database import DamagedFile, read_manifests, stored_results, why_no_results
 from stiff_bench.store.names import OPTION_MARK, SHORT, CaseName, Variant, grouped, labels
 from stiff_bench.store.newest import (
     Runs,
@@ -138,7 +138,7 @@ class StoredResults:
         with no_garbage_collection():
             try:
                 manifests = tuple(read_manifests(folder))
-                by_name = grouped(read_results(folder), _names_and_data)
+                by_name = grouped(stored_results(folder), _names_and_data)
             except DamagedFile as error:
                 remedy = "; the `bench run` that made it computes it again" if error.key else ""
                 raise StoreError(f"{error}{remedy}") from error
@@ -146,7 +146,10 @@ class StoredResults:
                 why = why_no_results(folder)
                 raise StoreError(f"{folder}: {why} (valid: an output of `bench run`)", "results")
             runs = Runs.of(manifests)
-            cases = tuple(_case(results, runs) for results in by_name.values())
+            # in the order of their keys, whichever was stored first
+            in_order = [sorted(found, key=_key) for found in by_name.values()]
+            in_order.sort(key=lambda found: _key(found[0]))
+            cases = tuple(_case(results, runs) for results in in_order)
             return cls(folder, cases, manifests)
 
 
@@ -173,6 +176,10 @@ def case_name_of(result: CellResult) -> CaseName:
     cell = result.cell
     variant = Variant.shown(cell.dataset, result.shown.dataset, cell.dataset_params)
     return CaseName(*_names_and_data(result), variant)
+
+
+def _key(result: CellResult) -> str:
+    return result.cell.key
 
 
 def _names_and_data(result: CellResult) -> tuple[str, str, str, int, str, str]:

@@ -5,7 +5,6 @@ docs/comparing.md says what the columns and marks mean.
 
 from __future__ import annotations
 
-import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
@@ -344,10 +343,11 @@ def _spread(key: str, costs: Sequence[Cost]) -> Quantity | None:
     metric = METRICS[key]
     assert metric.of_cost is not None
     _, factor = PRINTED[metric.unit]
-    values = [factor * value for cost in costs if (value := metric.of_cost(cost)) is not None]
-    if not values:
+    known = [value for value in map(metric.of_cost, costs) if value is not None]
+    if not known:
         return None
-    return Quantity(statistics.median(values), low=min(values), high=max(values))
+    values = factor * np.array(known, dtype=np.float64)
+    return Quantity(float(np.median(values)), low=float(values.min()), high=float(values.max()))
 
 
 def _range(found: Quantity, unit: str, number: Callable[[float], str]) -> str:

@@ -71,10 +71,11 @@ class SortKey:
             found = [self.metric.values(pooled_prediction(results))]
         else:
             found = [result.values(self.metric.key) for result in results]
-        if any(axis not in values for values in found for axis in self._axes):
+        try:
+            of_axes = [[values[axis] for values in found] for axis in self._axes]
+        except KeyError:
             return None
-        of_axes = np.array([[values[axis] for axis in self._axes] for values in found])
-        return np.asarray(of_axes.mean(axis=1))
+        return np.asarray(np.mean(of_axes, axis=0))
 
     def of_rows(self, prediction: Prediction) -> FloatArray:
         """Return the (n,) errors, m, whose mean is the value; of metrics that `resamples` alone."""

@@ -7,7 +7,6 @@ gives a cell whose worker ends to another one.
 from __future__ import annotations
 
 import logging
-import math
 import multiprocessing
 import re
 import time
@@ -77,13 +76,13 @@ class DaskCluster:
             return  # and no cluster is needed
         code = shared_code()
         given: dict[Future, CellTask] = {}
-        n_workers, counted = -1, -math.inf
+        n_workers, counted = -1, 0.0
         with ExitStack() as stack:
             client = self._connected(stack)
             while task is not None or given:
                 if time.monotonic() - counted >= SECONDS_BETWEEN_COUNTS:
-                    before, n_workers = n_workers, len(client.scheduler_info()["workers"])
-                    counted = time.monotonic()
+                    every = client.scheduler_info(n_workers=-1)["workers"]  # some count five
+                    before, n_workers, counted = n_workers, len(every), time.monotonic()
                     if n_workers == 0 != before:
                         say(f"{self._said}: there is no worker; waiting for one")
                 while task is not None and len(given) < n_workers:

@@ -44,7 +44,7 @@ _OF_CELL = {
 _PARAMS = ("model_params", "dataset_params", "protocol_params")
 _NAMES = ("model", "dataset", "protocol")
 _SHOWN = tuple(item.name for item in fields(Presentation) if item.name not in _NAMES)
-_COST = tuple(item.name for item in fields(Cost))
+_COST = Cost._fields
 _PLAIN = ("run_id", "status", "n_splits", "n_train", "calibration_samples", "cause", "failure")
 COLUMNS = (
     *("key", *_NAMES, *_OF_CELL, *_PLAIN, *_COST),
@@ -52,6 +52,7 @@ COLUMNS = (
 )
 """In the order of the table, beside the checksum."""
 REALS = ("coverage", "fit_s", "predict_s", "latency_s", "throughput_per_s")
+_INTEGER, _FLOAT = np.dtype("<i8"), np.dtype("<f8")
 _ARRAYS = ("predicted", "measured", "reference", "lower", "upper", *KNOWN)
 
 _FAULTS = (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, zlib.error)
@@ -146,7 +147,7 @@ def _result(row: Sequence[Any], records: Sequence[ResultRecord]) -> CellResult:
     values["prediction"] = (
         None if prediction is None else _prediction(prediction, array_names, cell["coverage"])
     )
-    values["cost"] = None if cost[0] is None else _made(Cost, dict(zip(_COST, cost, strict=True)))
+    values["cost"] = None if cost[0] is None else Cost(*cost)
     values["curves"] = {} if curves is None else _curves(curves)
     return _made(CellResult, values)
 
@@ -231,18 +232,19 @@ def _prediction(blob: bytes, array_names: str, coverage: float | None) -> Predic
     n, more = divmod(len(raw), 8 + 24 * len(names))
     if more:
         raise ValueError(f"{len(raw)} bytes are no rows of {array_names!r}")
-    numbers = np.ndarray((len(names), n, 3), "<f8", raw, 8 * n)
+    numbers = np.ndarray((len(names), n, 3), _FLOAT, raw, 8 * n)
     arrays: dict[str, FloatArray] = dict(zip(names, numbers, strict=True))
     interval = None
-    if "lower" in arrays and coverage is not None:
-        interval = Interval(arrays["lower"], arrays["upper"], coverage)
+    if "lower" in arrays:
+        lower, upper = arrays.pop("lower"), arrays.pop("upper")
+        interval = None if coverage is None else Interval(lower, upper, coverage)
     return Prediction.of_stored(
-        np.ndarray((n,), "<i8", raw),
-        arrays["predicted"],
-        arrays["measured"],
-        interval,
-        arrays.get("reference"),
-        {name: arrays[name] for name in KNOWN if name in arrays},
+        rows=np.ndarray((n,), _INTEGER, raw),
+        predicted=arrays.pop("predicted"),
+        measured=arrays.pop("measured"),
+        interval=interval,
+        reference=arrays.pop("reference", None),
+        known=arrays,
     )
 
 

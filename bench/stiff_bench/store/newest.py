@@ -67,7 +67,8 @@ def of_newest_splits(
     protocol). Then the newest run's splits count, with those of each run that shares a split with
     them and has none of another division. Who shares none may be of either, and is left out too.
     """
-    if len({slot_of(one) for one in results}) == len({one.cell.split_index for one in results}):
+    slots = {*map(slot_of, results)}
+    if len(slots) == len(dict(slots)):
         return list(results), []
     by_run = grouped(runs.newest_first(results), runs.run_of)
     splits = [dict(sorted(map(slot_of, found))) for found in by_run.values()]

@@ -250,12 +250,12 @@ def pooled_prediction(results: Sequence[CellResult]) -> Prediction:
         )
         interval = Interval(lower, upper, intervals[0].coverage)
     return Prediction.of_stored(
-        np.concatenate([part.rows for part in parts]),
-        np.concatenate([part.predicted for part in parts]),
-        np.concatenate([part.measured for part in parts]),
-        interval,
-        np.concatenate(references) if len(references) == len(parts) else None,
-        {},
+        rows=np.concatenate([part.rows for part in parts]),
+        predicted=np.concatenate([part.predicted for part in parts]),
+        measured=np.concatenate([part.measured for part in parts]),
+        interval=interval,
+        reference=np.concatenate(references) if len(references) == len(parts) else None,
+        known={},
     )
 
 

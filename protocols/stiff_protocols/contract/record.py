@@ -12,8 +12,7 @@ from typing import Any, Literal, NamedTuple
 from stiff_protocols.contract.types import FloatArray, Prediction
 
 
-@dataclass(frozen=True)
-class Cost:
+class Cost(NamedTuple):
     """Wall times and memory; they differ from run to run and are no part of a result's identity.
 
     Attributes:

@@ -215,22 +215,13 @@ class Prediction:
             raise DataError(f"{len(self.interval.lower)} intervals for {n} predictions")
 
     @classmethod
-    def of_stored(
-        cls,
-        rows: IntArray,
-        predicted: FloatArray,
-        measured: FloatArray,
-        interval: Interval | None,
-        reference: FloatArray | None,
-        known: Mapping[str, FloatArray],
-    ) -> Self:
+    def of_stored(cls, **arrays: Any) -> Self:
         """Return a prediction that was checked before it was stored, with its arrays as they are.
 
         Checking 35,000 of them again takes longer than a leaderboard does.
         """
         made = object.__new__(cls)
-        vars(made).update(rows=rows, predicted=predicted, measured=measured)
-        vars(made).update(interval=interval, reference=reference, known=known)
+        vars(made).update(arrays)
         return made
 
 

@@ -205,6 +205,8 @@ def test_a_folder_without_a_file_or_whose_tables_are_still_to_be_made_holds_noth
     "statement",
     [
         "UPDATE value SET value = value + 1e-12",
+        "UPDATE value SET value = 'many'",
+        "UPDATE value SET value = NULL",
         "DELETE FROM value WHERE measure = 1",
         "UPDATE measure SET axis = 'y' WHERE id = 1",
         "UPDATE cell SET fit_s = fit_s + 1e-9",

@@ -96,7 +96,7 @@ def test_costs_are_read_off_and_absent_where_they_are_not_known(prediction, key,
     cost = Cost(1.5, 0.1, 1e-5, 2e5, 4096)
     assert metric(key).values(prediction, cost) == {"": value}
     assert metric(key).values(prediction) == {}
-    assert metric("memory").values(prediction, replace(cost, memory_bytes=None)) == {}
+    assert metric("memory").values(prediction, cost._replace(memory_bytes=None)) == {}
 
 
 def test_a_metric_is_found_by_its_key_and_an_unknown_one_refused_with_the_nearest():
