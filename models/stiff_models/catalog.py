@@ -109,7 +109,7 @@ MODELS = (
         summary="boosting of simulated and measured samples that drops what they contradict",
         reference="two-stage TrAdaBoost.R2, Pardoe and Stone 2010",
         quick={"source_samples": 32, "steps": 3, "rounds": 1},
-        grids={"default": {"source_samples": (200, 600), "learner": ("kernel-ridge", "tree")}},
+        grids={"default": {"source_samples": (300, 1000), "learner": ("kernel-ridge", "tree")}},
     ),
     ModelInfo(
         key="compliance-net",

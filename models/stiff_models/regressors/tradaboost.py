@@ -35,7 +35,7 @@ LARGEST_EXPONENT = 1e6  # -log of the smallest beta
 HARDLY = 1e-12  # AdaBoost.R2's error of a learner without any, and below that of a useless one
 TREE_DEPTH = 6
 KERNEL_GAMMA = 1 / 3  # times the number of standardised features
-RIDGE = 1e-3
+RIDGE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,9 +208,9 @@ class TrAdaBoost(SourceModel, StandardisedModel):
 
     source_poses: PoseDesign = "sobol"
     source_wrenches: WrenchDesign = "sobol"
-    source_samples: Annotated[int, Ge(1)] = 600
+    source_samples: Annotated[int, Ge(1)] = 1000
     learner: Literal["kernel-ridge", "tree"] = "kernel-ridge"
-    steps: Annotated[int, Ge(2)] = 8
+    steps: Annotated[int, Ge(2)] = 6
     rounds: Annotated[int, Ge(1)] = 3
     folds: Annotated[int, Ge(2)] = 5
 
