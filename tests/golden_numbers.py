@@ -146,6 +146,8 @@ VARIANTS: dict[str, tuple[Options, ...]] = {
         {"preset": "paper"},
         {"recipe": "udtl", "pool": "udtl", "alignment": "none"},
     ),
+    "adann-2r": ({}, {"supervision": "labels"}, OTHER_SOURCE),
+    "tradaboost": ({"steps": 4}, {"rounds": 1, "folds": 3}, OTHER_SOURCE),
     "compliance-net": (
         LEARNS,
         {"recipe": "paper"},

@@ -30,8 +30,11 @@ LOADED = {"vjm, loaded"}
 SEGMENTS = {"vjm-multisegment", "vjm-multisegment, search"}
 RESIDUAL = {"residual-mlp", "vjm-gp", "vjm-boosting", "vjm + neighbours"}
 CNN = {"dt-cnn", "dt-cnn, adabn", "dt-cnn, coral", "dt-cnn, udtl"}
-PRETRAINED = {"mlp-pretrained", "ft-mlp", "ft-mlp, paper", "compliance-net", "deep-ensemble"} | CNN
-SOURCE = PRETRAINED | {"mf-gp"}
+PRETRAINED = {
+    *("mlp-pretrained", "ft-mlp", "ft-mlp, paper", "adann-2r", "compliance-net", "deep-ensemble"),
+    *CNN,
+}
+SOURCE = PRETRAINED | {"mf-gp", "tradaboost"}
 SPRINGS = {"vjm"} | RESIDUAL | SOURCE  # one linear spring a joint
 FULL = {"vjm-full", "vjm-full, ridge"}
 IDENTIFY = SPRINGS | LOADED | SEGMENTS | FULL

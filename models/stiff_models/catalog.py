@@ -99,6 +99,22 @@ MODELS = (
         grids={"default": {"alignment": ("none", "mk-mmd", "coral")}},
     ),
     ModelInfo(
+        key="adann-2r",
+        target="stiff_models.transfer.adann:Adann2R",
+        summary="4 x 380 network with two regressors, adversarially adapted to the measured poses",
+        reference="after Saito et al. 2018 and Xia et al. 2022",
+        quick=_QUICK_SOURCE,
+        grids={"default": {"adversarial_weight": (0.0, 0.1, 0.3, 1.0)}},
+    ),
+    ModelInfo(
+        key="tradaboost",
+        target="stiff_models.regressors.tradaboost:TrAdaBoost",
+        summary="boosting of simulated and measured samples that drops what they contradict",
+        reference="two-stage TrAdaBoost.R2, Pardoe and Stone 2010",
+        quick={"source_samples": 32, "steps": 3, "rounds": 1},
+        grids={"default": {"source_samples": (300, 1000), "learner": ("kernel-ridge", "tree")}},
+    ),
+    ModelInfo(
         key="compliance-net",
         target="stiff_models.transfer.compliance_net:ComplianceNet",
         version=2,

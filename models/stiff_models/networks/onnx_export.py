@@ -54,7 +54,7 @@ def export_onnx(model: FittedModel, path: Path) -> None:
     if not isinstance(model, TorchPrediction):
         raise ConfigError(
             f"{key_of(model)} cannot be written as ONNX: it is no network (valid: mlp, "
-            "mlp-pretrained, ft-mlp, dt-cnn, compliance-net, deep-ensemble, residual-mlp)"
+            "mlp-pretrained, ft-mlp, dt-cnn, adann-2r, compliance-net, deep-ensemble, residual-mlp)"
         )
     if not hasattr(model, "robot_"):
         raise NotFittedError(f"{type(model).__name__}: call fit before export_onnx")

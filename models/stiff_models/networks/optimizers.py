@@ -150,7 +150,11 @@ def optimizers(
     if plan.optimizer == "adam":
         groups = _groups(rates, plan.learning_rate)
         return [torch.optim.Adam(groups, weight_decay=plan.weight_decay, fused=True)]
-    hidden = [layer for layer in linear_layers(network)[1:-1] if layer.weight in rates]
+    hidden = [
+        layer
+        for layer in linear_layers(network)[1:-1]
+        if layer.weight in rates and layer.in_features == layer.out_features
+    ]
     weights = {layer.weight for layer in hidden}
     rest = {parameter: rate for parameter, rate in rates.items() if parameter not in weights}
     optimizers: list[torch.optim.Optimizer] = [

@@ -24,7 +24,7 @@ pytest.importorskip("onnxscript")
 
 
 pytestmark = pytest.mark.xdist_group("onnx")  # an import of seconds, in one process
-ALIKE = ("mlp", "mlp-pretrained", "ft-mlp", "deep-ensemble", "compliance-net", "dt-cnn")
+ALIKE = ("mlp", "mlp-pretrained", "ft-mlp", "deep-ensemble", "compliance-net", "dt-cnn", "adann-2r")
 """Of whose graphs another test here has each part; an export takes seconds."""
 
 

@@ -30,7 +30,10 @@ from stiff_protocols.contract.types import BenchmarkData
 pytestmark = pytest.mark.usefixtures("small_source")
 
 TINY = {"width": 8, "pretrain_steps": 3, "device": "cpu"}
-TAKE_A_SOURCE = ("mlp-pretrained", "ft-mlp", "dt-cnn", "compliance-net", "deep-ensemble", "mf-gp")
+TAKE_A_SOURCE = (
+    *("mlp-pretrained", "ft-mlp", "dt-cnn", "adann-2r", "tradaboost"),
+    *("compliance-net", "deep-ensemble", "mf-gp"),
+)
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +73,7 @@ def test_every_family_with_a_source_domain_takes_another_robots_and_no_other_doe
         ("ft-mlp", {"preset": "paper"}),
         ("compliance-net", {"epochs": 0}),
         ("dt-cnn", {"alignment": "mk-mmd"}),
+        ("adann-2r", {}),
     ],
 )
 def test_simulated_deflections_are_those_of_the_source_robots_physics(

@@ -1,0 +1,257 @@
+"""`tradaboost`: two-stage TrAdaBoost.R2, boosting of simulated and measured samples together.
+
+Pardoe and Stone, "Boosting for Regression Transfer", ICML 2010. Step by step the weight of the
+simulated samples falls, most of those that are predicted worst, until in the last step the measured
+ones are alone. In each step AdaBoost.R2 (Drucker 1997) learns with these weights, which for the
+source stay as they are, and cross-validation on the measured samples says which step is the best.
+Of the paper's two algorithms this is the better defined one: in plain TrAdaBoost.R2 nothing says
+how far the weight of the source falls, and nothing chooses where to stop.
+
+Ours: learners take weights in place of drawn samples; the error of the cross-validation is the mean
+absolute one; all rows of a pose are in one fold. The package `adapt` has the algorithm, but needs
+tensorflow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from annotated_types import Ge
+from scipy.optimize import brentq
+from sklearn.base import clone
+from sklearn.kernel_ridge import KernelRidge
+from sklearn.model_selection import GroupKFold
+from sklearn.tree import DecisionTreeRegressor
+
+from stiff_models.regressors.standardised_model import StandardisedModel
+from stiff_models.transfer.source import PoseDesign, WrenchDesign
+from stiff_models.transfer.source_model import SourceModel
+from stiff_protocols.contract.types import AXES, FloatArray, IntArray, Robot, Samples, TextArray
+
+LARGEST_EXPONENT = 1e6  # -log of the smallest beta
+HARDLY = 1e-12  # AdaBoost.R2's error of a learner without any, and below that of a useless one
+TREE_DEPTH = 6
+KERNEL_GAMMA = 1 / 3  # times the number of standardised features
+RIDGE = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Boosted:
+    """Fitted learners and their weights in the weighted median, (n_learners,)."""
+
+    learners: tuple[Any, ...]
+    weights: FloatArray
+
+    def predict(self, inputs: FloatArray) -> FloatArray:
+        """Return the (n,) weighted medians of what the learners predict."""
+        predicted = np.stack([each.predict(inputs) for each in self.learners], axis=1)
+        order = np.argsort(predicted, axis=1)
+        below = np.cumsum(self.weights[order], axis=1)
+        median = (below >= 0.5 * below[:, -1:]).argmax(axis=1)
+        rows = np.arange(len(inputs))
+        return np.asarray(predicted[rows, order[rows, median]])
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Samples of both domains: `inputs` (n, n_features), `outputs` (n,), the source's first."""
+
+    inputs: FloatArray
+    outputs: FloatArray
+    n_source: int
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.inputs)
+
+    def take(self, chosen: IntArray) -> Rows:
+        """Return these rows; the source's must be among them, and first."""
+        return Rows(self.inputs[chosen], self.outputs[chosen], self.n_source)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A step of the first stage.
+
+    Attributes:
+        weights: (n,) of the rows, which together are 1.
+        error: of the cross-validation on the target; NaN where its rows cannot be divided.
+    """
+
+    weights: FloatArray
+    error: float
+
+
+def adaboost_r2(learner: Any, rows: Rows, weights: FloatArray, rounds: int) -> Boosted:
+    """Boost a learner `rounds` times, or until its weighted error is 1/2 (or none at all).
+
+    The (n,) weights of the source's rows stay as they are, and so does the sum of the target's.
+    """
+    source, total = rows.n_source, weights[rows.n_source :].sum()
+    learners: list[Any] = []
+    votes: list[float] = []
+    for _ in range(rounds):
+        fitted = learned(learner, rows, weights)
+        errors = relative_errors(fitted, rows)
+        error = float(weights @ errors)
+        if error >= 0.5 and learners:
+            break
+        bounded = float(np.clip(error, HARDLY, 0.5 - HARDLY))
+        beta = bounded / (1.0 - bounded)
+        learners.append(fitted)
+        votes.append(-np.log(beta))
+        if error != bounded:
+            break
+        raised = weights[source:] * beta ** (1.0 - errors[source:])
+        weights = np.concatenate([weights[:source], raised * (total / raised.sum())])
+    return Boosted(tuple(learners), np.array(votes))
+
+
+def learned(learner: Any, rows: Rows, weights: FloatArray) -> Any:
+    """Return a copy of the learner, fitted with weights that are 1 on average.
+
+    Rows without weight are left out: a learner may keep every row that it is given.
+    """
+    used = weights > 0.0
+    shares = weights[used] / weights[used].mean()
+    return clone(learner).fit(rows.inputs[used], rows.outputs[used], sample_weight=shares)
+
+
+def relative_errors(fitted: Any, rows: Rows) -> FloatArray:
+    """Return the (n,) absolute errors, divided by the largest of them."""
+    errors = np.abs(fitted.predict(rows.inputs) - rows.outputs)
+    return np.asarray(errors / (errors.max() or 1.0))
+
+
+def steps_of(
+    learner: Any, rows: Rows, groups: TextArray, *, steps: int, rounds: int, folds: int
+) -> Iterator[Step]:
+    """Yield the steps of the first stage; `groups` (n_target,) are never parted by a fold.
+
+    The target's share of the weight grows evenly, from its share of the rows to all of it.
+    """
+    n_target, n = len(rows) - rows.n_source, len(rows)
+    weights = np.full(n, 1.0 / n)
+    for number, share in enumerate(np.linspace(n_target / n, 1.0, steps)):
+        if number:
+            weights = reweighted(learner, rows, weights, share)
+        error = cross_validated(learner, rows, weights, groups, rounds=rounds, folds=folds)
+        yield Step(weights, error)
+
+
+def reweighted(learner: Any, rows: Rows, weights: FloatArray, share: float) -> FloatArray:
+    """Return (n,) weights of which the target has a larger `share`; the source's rows fade."""
+    errors = relative_errors(learned(learner, rows, weights), rows)
+    of_source, of_target = np.split(weights, [rows.n_source])
+    wanted = of_target.sum() * (1.0 - share) / share
+    changed = np.concatenate([faded(of_source, errors[: rows.n_source], wanted), of_target])
+    return np.asarray(changed / changed.sum())
+
+
+def faded(weights: FloatArray, errors: FloatArray, total: float) -> FloatArray:
+    """Return (n,) weights times beta^errors, with the beta (0..1) for which their sum is `total`.
+
+    It is less than their sum now. Where rows without error have more than that, what is left of all
+    is scaled.
+    """
+    if total <= 0.0:
+        return np.zeros_like(weights)
+
+    def surplus(exponent: float) -> float:
+        return float(weights @ np.exp(-exponent * errors)) - total
+
+    endless = surplus(LARGEST_EXPONENT) >= 0.0
+    exponent = LARGEST_EXPONENT if endless else brentq(surplus, 0.0, LARGEST_EXPONENT)
+    left = weights * np.exp(-exponent * errors)
+    return np.asarray(left * (total / left.sum()))
+
+
+def cross_validated(
+    learner: Any, rows: Rows, weights: FloatArray, groups: TextArray, *, rounds: int, folds: int
+) -> float:
+    """Return the mean absolute error on target rows that the boosted learner did not see.
+
+    The target's weights of the rows that it sees keep their sum. NaN: there is one group alone.
+    """
+    folds = min(folds, len(np.unique(groups)))
+    if folds < 2:
+        return np.nan
+    source = rows.n_source
+    errors = np.empty(len(groups))
+    for seen, held_out in GroupKFold(folds).split(groups, groups=groups):
+        chosen = np.concatenate([np.arange(source), source + seen])
+        share = weights[chosen].copy()
+        share[source:] *= weights[source:].sum() / share[source:].sum()
+        boosted = adaboost_r2(learner, rows.take(chosen), share, rounds)
+        tested = source + held_out
+        errors[held_out] = np.abs(boosted.predict(rows.inputs[tested]) - rows.outputs[tested])
+    return float(errors.mean())
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class TrAdaBoost(SourceModel, StandardisedModel):
+    """Two-stage TrAdaBoost.R2, one an axis.
+
+    As with `mf-gp`, the few simulated samples should lie where the measured ones do.
+
+    Attributes:
+        source_samples: drawn at random from the simulated ones; at most all.
+        learner: "kernel-ridge" (ridge regression with a Gaussian kernel) or "tree" (a decision tree
+            of depth 6).
+        steps: in which the weight of the simulated samples falls to zero.
+        rounds: of boosting within a step.
+        folds: of the cross-validation that chooses the step, by pose.
+    """
+
+    source_poses: PoseDesign = "sobol"
+    source_wrenches: WrenchDesign = "sobol"
+    source_samples: Annotated[int, Ge(1)] = 1000
+    learner: Literal["kernel-ridge", "tree"] = "kernel-ridge"
+    steps: Annotated[int, Ge(2)] = 6
+    rounds: Annotated[int, Ge(1)] = 3
+    folds: Annotated[int, Ge(2)] = 5
+
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
+        inputs, targets = self._standardised(robot, train)
+        origin = self._origin(train, robot)
+        domain = self._simulated(origin.samples, origin.robot, seed)
+        order = np.random.default_rng(seed).permutation(len(domain))
+        drawn = domain.take(order[: self.source_samples])
+        both = np.vstack([self._inputs(robot, drawn.q, drawn.wrench), inputs])
+        outputs = np.vstack([self.output_scaler_.apply(drawn.deflection), targets])
+        learner = self._learner(both.shape[1], seed)
+        self.diagnostics_: dict[str, float] = {}
+        boosted = []
+        for axis, name in enumerate(AXES):
+            rows = Rows(both, outputs[:, axis], len(drawn))
+            steps = [
+                *steps_of(
+                    learner,
+                    rows,
+                    train.pose_id,
+                    steps=self.steps,
+                    rounds=self.rounds,
+                    folds=self.folds,
+                )
+            ]
+            best = int(np.nan_to_num([step.error for step in steps], nan=np.inf).argmin())
+            weights = steps[best].weights
+            boosted.append(adaboost_r2(learner, rows, weights, self.rounds))
+            self.diagnostics_ |= {
+                f"step {name.upper()}": best + 1.0,
+                f"simulated share of the weight {name.upper()}": float(weights[: len(drawn)].sum()),
+            }
+        self.boosted_ = tuple(boosted)
+
+    def _learner(self, n_features: int, seed: int) -> Any:
+        if self.learner == "tree":
+            return DecisionTreeRegressor(max_depth=TREE_DEPTH, random_state=seed)
+        return KernelRidge(kernel="rbf", gamma=KERNEL_GAMMA / n_features, alpha=RIDGE)
+
+    def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        inputs = self._inputs(self.robot_, q, wrench)
+        predicted = np.stack([each.predict(inputs) for each in self.boosted_], axis=1)
+        return self.output_scaler_.undo(predicted)

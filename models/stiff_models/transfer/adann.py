@@ -1,0 +1,196 @@
+"""`adann-2r`: adversarial domain adaptation with two regressors on a common feature extractor.
+
+After maximum classifier discrepancy (Saito, Watanabe, Ushiku and Harada, "Maximum Classifier
+Discrepancy for Unsupervised Domain Adaptation", CVPR 2018) with regressors for the classifiers, as
+in Xia et al., "Adversarial Bi-Regressor Network for Domain Adaptive Regression", IJCAI 2022. Both
+regressors learn the simulated source domain. On inputs of the target nothing ties them: they move
+apart, as far as the source lets them, and the extractor gives such inputs features on which they
+agree. Ours are the division of the base network, one step in place of three in turn (the extractor
+gets the reversed gradient), and the schedule of the weight, that of `dt-cnn`. The paper that the
+source paper cites for ADANN-2R was not at hand.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Annotated, Literal, cast
+
+import numpy as np
+import torch
+from annotated_types import Ge
+
+from stiff_models.networks.cache import Trained
+from stiff_models.networks.network_model import Judge, NetworkModel
+from stiff_models.networks.training import Rows
+from stiff_models.networks.training_plan import HUBER_DELTA, TrainingPlan, loss_function
+from stiff_models.transfer.alignment import ramp, reverse_gradient
+from stiff_models.transfer.pretraining import PretrainedModel
+from stiff_protocols.contract.types import FloatArray, Robot, Samples
+
+REGRESSORS_SHARE = 0.05
+"""Of the disagreement's weight: outputs have no bound, as class probabilities have, and regressors
+with the weight of the extractor run away from it."""
+
+FAST = TrainingPlan(
+    steps=150,  # in more, with labels, it learns the few measured samples by heart
+    learning_rate=0.04,
+    loss="huber",
+    optimizer="muon",
+    batch=1024,
+    schedule="linear",
+    mixed_precision=True,
+)
+
+
+class TwoRegressors(torch.nn.Module):
+    """A feature extractor and two regressors of its features; the output is their mean.
+
+    They are two networks of one shape with the first half of their hidden layers in common, the
+    larger one where their number is odd.
+    """
+
+    def __init__(self, one: torch.nn.Sequential, other: torch.nn.Sequential) -> None:
+        """Take the common half from `one`."""
+        super().__init__()
+        n_hidden = len(one) // 2  # each with its activation, then the outputs
+        common = 2 * ((n_hidden + 1) // 2)
+        self.extractor = torch.nn.Sequential(*list(one)[:common])
+        self.first = torch.nn.Sequential(*list(one)[common:])
+        self.second = torch.nn.Sequential(*list(other)[common:])
+
+    def forward(self, inputs: torch.Tensor) -> torch.Tensor:
+        """Return the (n, 3) outputs of (n, n_inputs) inputs."""
+        features = self.extractor(inputs)
+        outputs: torch.Tensor = (self.first(features) + self.second(features)) / 2.0
+        return outputs
+
+    def disagreement(self, features: torch.Tensor) -> torch.Tensor:
+        """Return the mean absolute difference of both regressors on (n, width) features."""
+        apart: torch.Tensor = self.first(features) - self.second(features)
+        return apart.abs().mean()
+
+
+class AdversarialObjective:
+    """Callable for `train_network`: both regressors' loss - weight * lambda * disagreement.
+
+    The loss is of the source batch, and of measured rows where there are `labels`; the Huber loss
+    is divided by its width, as in `AlignedObjective`. The disagreement is on as many target rows
+    as the batch has, or all of them; its gradient is reversed on the way to the extractor, which
+    so makes small what the regressors make large. lambda is `ramp`.
+    """
+
+    def __init__(
+        self,
+        network: TwoRegressors,
+        target: torch.Tensor,
+        labels: torch.Tensor | None,
+        *,
+        weight: float,
+        seed: int,
+    ) -> None:
+        """Store the parts; `target` is (n, n_inputs), `labels` (n, 3) standardised or None."""
+        self.network, self.target, self.labels = network, target, labels
+        self.weight = weight
+        self.loss = loss_function("huber")
+        self.generator = torch.Generator().manual_seed(seed)
+
+    def __call__(
+        self, progress: float, inputs: torch.Tensor, targets: torch.Tensor
+    ) -> torch.Tensor:
+        """Return the loss of a source batch (n, n_inputs) with its (n, 3) standardised outputs."""
+        loss = self._learned(self.network.extractor(inputs), targets)
+        chosen = torch.randperm(len(self.target), generator=self.generator)[: len(inputs)]
+        chosen = chosen.to(self.target.device)
+        # what two regressors differ by is lost in low precision
+        with torch.autocast(inputs.device.type, enabled=False):
+            features = self.network.extractor(self.target[chosen])
+            if self.labels is not None:
+                loss = loss + self._learned(features, self.labels[chosen])
+            apart = self.network.disagreement(reverse_gradient(features, 1.0 / REGRESSORS_SHARE))
+            return loss - REGRESSORS_SHARE * self.weight * ramp(progress) * apart
+
+    def _learned(self, features: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
+        network = self.network
+        outputs = (network.first(features).float(), network.second(features).float())
+        return (self.loss(outputs[0], targets) + self.loss(outputs[1], targets)) / HUBER_DELTA
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class Adann2R(PretrainedModel, NetworkModel):
+    """Two regressors, adversarially trained, in two regimes that cannot be compared.
+
+    With `supervision="none"` the training labels still identify the joint stiffnesses that make the
+    source, as with `dt-cnn`. Of the hidden layers the first half is the extractor, the rest is each
+    regressor's own.
+
+    Attributes:
+        adversarial_weight: weight of the disagreement on target inputs against the loss on
+            standardised outputs; 0: both regressors learn the source and nothing else.
+        supervision: "none" (no measured deflection trains the network) or "labels" (both regressors
+            also learn the measured training samples, with the weight of the source).
+    """
+
+    adversarial_weight: Annotated[float, Ge(0.0)] = 0.3
+    supervision: Literal["none", "labels"] = "none"
+
+    @property
+    def regime(self) -> str:
+        """Whether measured deflections train the network."""
+        return self._unlabelled() if self.supervision == "none" else ""
+
+    @property
+    def shares_pretraining(self) -> bool:
+        """Never: the training sees the inputs of the training part."""
+        return False
+
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
+        self._pretrain(train, self._origin(train, robot), seed)
+        apart = 1000.0 * self._disagreement(self._measured_rows(train))
+        self.diagnostics_["disagreement on the target [mm]"] = apart
+        self.robot_ = robot  # predictions are of the target from here on
+
+    def _trained_on_source(
+        self, rows: Rows, plan: TrainingPlan, train: Samples, seed: int, judge: Judge
+    ) -> Trained:
+        measured = self._measured_rows(train)
+        labels = measured.targets if self.supervision == "labels" else None
+        objective = AdversarialObjective(
+            self._two(), measured.inputs, labels, weight=self.adversarial_weight, seed=seed
+        )
+        return self._train_remembered(
+            rows,
+            plan,
+            seed,
+            "pre-train",
+            objective=objective,
+            judge=judge,
+            extra=(measured.inputs, *(() if labels is None else (labels,))),
+            about=f"adversarial {self.adversarial_weight!r}",
+        )
+
+    @property
+    def curves_(self) -> dict[str, FloatArray]:
+        """The training's curve."""
+        return {"pre-training": self.history_.points}
+
+    def _disagreement(self, rows: Rows) -> float:
+        """Return the mean absolute difference of both regressors on rows, m, all axes together."""
+        network = self._two()
+        with torch.no_grad():
+            features = network.extractor(rows.inputs)
+            difference = network.first(features) - network.second(features)
+        scale = self.output_scaler_.scale
+        return float(np.mean(np.abs(difference.cpu().double().numpy()) * scale))
+
+    def _two(self) -> TwoRegressors:
+        return cast(TwoRegressors, self.network_)
+
+    def _new_network(self, n_inputs: int, seed: int, n_outputs: int = 3) -> torch.nn.Module:
+        other = int(np.random.default_rng(seed).integers(2**31))
+        one, two = (
+            NetworkModel._new_network(self, n_inputs, each, n_outputs) for each in (seed, other)
+        )
+        return TwoRegressors(cast(torch.nn.Sequential, one), cast(torch.nn.Sequential, two))
+
+    def _pretraining_plan(self, n_rows: int) -> TrainingPlan:
+        return FAST if self.pretrain_steps is None else replace(FAST, steps=self.pretrain_steps)

@@ -1,0 +1,207 @@
+"""Two-stage TrAdaBoost.R2 on domains whose difference is known, alone and as `tradaboost`."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sklearn.kernel_ridge import KernelRidge
+from sklearn.tree import DecisionTreeRegressor
+
+from made_samples import samples_with
+from stiff_models.physics.kinematics import joint_deflection
+from stiff_models.regressors.tradaboost import (
+    Boosted,
+    Rows,
+    TrAdaBoost,
+    adaboost_r2,
+    cross_validated,
+    faded,
+    relative_errors,
+    steps_of,
+)
+
+RIDGE = KernelRidge(kernel="rbf", gamma=20.0, alpha=1e-3)
+TREE = DecisionTreeRegressor(max_depth=3, random_state=0)
+N_SOURCE, N_TARGET = 60, 12
+SOURCE = np.linspace(0.0, 1.0, N_SOURCE)[:, None]
+TARGET = np.linspace(0.02, 0.98, N_TARGET)[:, None]
+GROUPS = np.arange(N_TARGET).astype(str)
+LINE = np.linspace(0.05, 0.95, 91)[:, None]
+
+
+def truth(x):
+    return np.sin(8.0 * x[:, 0])
+
+
+def rows_with(shift):
+    """Both domains, of which the source is `shift` (n_source,) off."""
+    inputs = np.vstack([SOURCE, TARGET])
+    outputs = truth(inputs)
+    outputs[:N_SOURCE] += shift
+    return Rows(inputs, outputs, N_SOURCE)
+
+
+def all_steps(rows, steps=6, rounds=2):
+    return [*steps_of(RIDGE, rows, GROUPS, steps=steps, rounds=rounds, folds=4)]
+
+
+def best(steps):
+    return min(steps, key=lambda step: step.error)
+
+
+def error_of(model):
+    return np.abs(model.predict(LINE) - truth(LINE)).mean()
+
+
+def test_a_weighted_median_is_the_prediction_that_half_of_the_weight_does_not_exceed():
+    class Constant:
+        def __init__(self, value):
+            self.value = value
+
+        def predict(self, inputs):
+            return np.full(len(inputs), self.value)
+
+    learners = tuple(map(Constant, (5.0, 1.0, 3.0)))
+    for weights, median in (((1, 1, 1), 3.0), ((3, 1, 1), 5.0), ((1, 4, 1), 1.0), ((2, 1, 1), 3.0)):
+        boosted = Boosted(learners, np.array(weights, dtype=float))
+        np.testing.assert_array_equal(boosted.predict(LINE[:2]), median)
+
+
+def test_faded_weights_have_the_wanted_sum_and_fall_as_a_power_of_the_error(rng):
+    weights, errors = rng.uniform(0.5, 1.0, size=8), rng.uniform(0.1, 1.0, size=8)
+    left = faded(weights, errors, 0.3)
+    assert left.sum() == pytest.approx(0.3, rel=1e-9)
+    exponents = np.log(left / weights) / errors  # log beta, the same for all rows
+    np.testing.assert_allclose(exponents, exponents[0], rtol=1e-9)
+    assert exponents[0] < 0.0
+
+
+def test_rows_without_error_are_faded_alike_where_the_others_have_not_enough_to_lose():
+    left = faded(np.ones(4), np.array([0.0, 0.0, 0.5, 1.0]), 1.0)
+    np.testing.assert_allclose(left, [0.5, 0.5, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_array_equal(faded(np.ones(2), np.ones(2), 0.0), 0.0)
+
+
+class Witness(DecisionTreeRegressor):
+    """Notes the weights that it learns with, as shares of all."""
+
+    seen: list[np.ndarray]
+
+    def fit(self, inputs, outputs, sample_weight):
+        Witness.seen.append(sample_weight / sample_weight.sum())
+        return super().fit(inputs, outputs, sample_weight=sample_weight)
+
+
+def test_boosting_raises_target_rows_by_their_error_and_leaves_the_source_alone(monkeypatch):
+    monkeypatch.setattr(Witness, "seen", [], raising=False)
+    rows = rows_with(0.0)
+    weights = np.full(len(rows), 1.0 / len(rows))
+    boosted = adaboost_r2(Witness(max_depth=2, random_state=0), rows, weights, rounds=2)
+    first, second = Witness.seen
+    np.testing.assert_allclose(first, weights)
+    np.testing.assert_allclose(second[:N_SOURCE], weights[:N_SOURCE])
+    # Drucker 1997: w beta^(1 - e), beta = error / (1 - error), error = sum w e
+    errors = relative_errors(boosted.learners[0], rows)
+    beta = (weights @ errors) / (1.0 - weights @ errors)
+    raised = weights[N_SOURCE:] * beta ** (1.0 - errors[N_SOURCE:])
+    expected = raised / raised.sum() * weights[N_SOURCE:].sum()
+    np.testing.assert_allclose(second[N_SOURCE:], expected)
+    assert boosted.weights[0] == pytest.approx(-np.log(beta))
+
+
+def test_a_learner_without_error_ends_the_boosting():
+    rows = Rows(SOURCE, np.ones(N_SOURCE), N_SOURCE - 10)
+    weights = np.full(N_SOURCE, 1.0 / N_SOURCE)
+    boosted = adaboost_r2(TREE, rows, weights, rounds=5)
+    assert len(boosted.learners) == 1
+    np.testing.assert_array_equal(boosted.predict(LINE), 1.0)
+
+
+def test_the_targets_share_of_the_weight_grows_evenly_to_all_of_it():
+    steps = all_steps(rows_with(0.5))
+    first = N_TARGET / (N_TARGET + N_SOURCE)
+    expected = first + np.arange(6) / 5 * (1.0 - first)
+    np.testing.assert_allclose([step.weights[N_SOURCE:].sum() for step in steps], expected)
+    np.testing.assert_allclose([step.weights.sum() for step in steps], 1.0)
+    assert not steps[-1].weights[:N_SOURCE].any()
+
+
+def test_simulated_rows_that_contradict_the_measured_ones_lose_their_weight():
+    wrong = np.arange(N_SOURCE) % 3 == 0
+    steps = all_steps(rows_with(np.where(wrong, 2.0, 0.0)))
+    ratios = []
+    for step in steps[:-1]:
+        of_source = step.weights[:N_SOURCE]
+        ratios.append(of_source[wrong].max() / of_source[~wrong].min())
+    assert ratios[0] == 1.0 and (np.diff(ratios) <= 0.0).all()
+    assert ratios[-1] < 0.05
+
+
+def test_in_equal_domains_it_is_as_good_as_learning_from_everything():
+    rows = rows_with(0.0)
+    chosen = best(all_steps(rows))
+    everything = RIDGE.fit(rows.inputs, rows.outputs)
+    alone = error_of(RIDGE.fit(TARGET, truth(TARGET)))
+    error = error_of(adaboost_r2(RIDGE, rows, chosen.weights, rounds=2))
+    assert error < 1.5 * error_of(everything) or error < 0.01
+    assert error < 0.5 * alone
+
+
+def test_a_source_that_is_off_everywhere_does_no_harm():
+    rows = rows_with(2.0)
+    chosen = best(all_steps(rows))
+    assert chosen.weights[:N_SOURCE].sum() < 0.3
+    boosted = adaboost_r2(RIDGE, rows, chosen.weights, rounds=2)
+    everything = RIDGE.fit(rows.inputs, rows.outputs)
+    assert error_of(boosted) < 0.2 * error_of(everything)
+
+
+def test_rows_of_a_pose_are_never_in_two_folds():
+    outputs = np.where(np.arange(N_TARGET) % 2, 5.0, -5.0)
+    twice = np.repeat(np.arange(N_TARGET), 2)
+    rows = Rows(TARGET[twice], outputs[twice], 0)
+    weights = np.full(len(rows), 1.0 / len(rows))
+    memory = DecisionTreeRegressor(random_state=0)
+    by_pose, by_row = (
+        cross_validated(memory, rows, weights, groups, rounds=1, folds=4)
+        for groups in (GROUPS[twice], np.arange(2 * N_TARGET).astype(str))
+    )
+    assert by_pose > 5.0 > by_row
+    one = np.full(len(rows), "a")
+    assert np.isnan(cross_validated(memory, rows, weights, one, rounds=1, folds=4))
+
+
+COMPLIANCE = 1.0 / np.array([5e4, 6e4, 5e4, 2e3, 9e3, 1e3])  # rad/(N m)
+FEW = {"source_samples": 80, "steps": 4, "rounds": 1}
+
+
+@pytest.fixture(scope="module")
+def linear_samples(kr10):
+    """Samples of a robot that is its VJM."""
+    rng = np.random.default_rng(5)
+    q, wrench = rng.uniform(-1.0, 1.0, size=(40, 6)), rng.normal(scale=50.0, size=(40, 6))
+    return samples_with(q, wrench, joint_deflection(kr10, COMPLIANCE, q, wrench))
+
+
+def softer(factor):
+    stiffness = ",".join(f"{1.0 / (factor * c):.17g}" for c in COMPLIANCE)
+    return {"source_stiffness": "nominal", "nominal_stiffness": stiffness}
+
+
+def test_a_source_of_softer_joints_is_given_up_and_the_true_one_kept(kr10, linear_samples):
+    def share(**options):
+        model = TrAdaBoost(**FEW, **options).fit(linear_samples, robot=kr10, seed=1)
+        return np.mean([model.diagnostics_[f"simulated share of the weight {a}"] for a in "XYZ"])
+
+    assert share(**softer(5.0)) < 0.5 * share()
+
+
+@pytest.mark.usefixtures("small_source")
+@pytest.mark.parametrize("learner", ["kernel-ridge", "tree"])
+def test_the_same_seed_draws_the_same_simulated_samples_and_another_seed_others(learner, parts):
+    robot, train, _, test = parts
+    options = FEW | {"source_samples": 40, "steps": 2, "learner": learner}
+    models = [TrAdaBoost(**options).fit(train, robot=robot, seed=seed) for seed in (1, 1, 2)]
+    first, again, other = (model.predict(test.q, test.wrench) for model in models)
+    np.testing.assert_array_equal(first, again)
+    assert np.abs(first - other).max() > 0.0

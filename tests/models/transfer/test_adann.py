@@ -1,0 +1,216 @@
+"""Two regressors against one extractor, alone and as `adann-2r`."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from made_samples import samples_with
+from stiff_models.networks.network import build_network, linear_layers
+from stiff_models.networks.training import Rows, train_network
+from stiff_models.networks.training_plan import HUBER_DELTA, TrainingPlan
+from stiff_models.physics.kinematics import joint_deflection
+from stiff_models.transfer.adann import (
+    REGRESSORS_SHARE,
+    Adann2R,
+    AdversarialObjective,
+    TwoRegressors,
+)
+from stiff_models.transfer.alignment import SOURCE_ONLY, ramp
+from stiff_models.transfer.source_model import NO_TARGET_LABELS
+
+SMALL = {"device": "cpu", "source_poses": "sobol", "width": 16, "pretrain_steps": 8}
+
+
+def normal(n, columns, seed):
+    return torch.randn(n, columns, generator=torch.Generator().manual_seed(seed))
+
+
+INPUTS, TARGETS, OF_TARGET = normal(50, 7, 0), normal(50, 3, 1), 1.0 + normal(40, 7, 2)
+
+
+def two_regressors(layers=4, width=8):
+    networks = (
+        build_network(7, layers=layers, width=width, activation="relu", seed=seed)
+        for seed in (0, 1)
+    )
+    return TwoRegressors(*networks)
+
+
+def objective(network, labels=None, weight=2.0, target=OF_TARGET):
+    return AdversarialObjective(network, target, labels, weight=weight, seed=3)
+
+
+def gradients(network, loss):
+    parameters = dict(network.named_parameters())
+    found = torch.autograd.grad(loss, list(parameters.values()), allow_unused=True)
+    return dict(zip(parameters, found, strict=True))
+
+
+@pytest.mark.parametrize(("layers", "common"), [(1, 1), (3, 2), (4, 2)])
+def test_the_regressors_share_the_first_half_of_the_hidden_layers(layers, common):
+    network = two_regressors(layers)
+    assert len(linear_layers(network.extractor)) == common
+    for regressor in (network.first, network.second):
+        assert len(linear_layers(regressor)) == layers + 1 - common
+    assert network.disagreement(network.extractor(INPUTS)) > 0.0
+    mean = (
+        network.first(network.extractor(INPUTS)) + network.second(network.extractor(INPUTS))
+    ) / 2
+    torch.testing.assert_close(network(INPUTS), mean)
+
+
+def test_before_a_sixth_of_the_training_both_regressors_learn_the_source_alone():
+    network = two_regressors()
+    loss = objective(network)(SOURCE_ONLY, INPUTS, TARGETS)
+    features = network.extractor(INPUTS)
+    huber = torch.nn.HuberLoss(delta=HUBER_DELTA)
+    expected = sum(
+        huber(regressor(features), TARGETS) / HUBER_DELTA
+        for regressor in (network.first, network.second)
+    )
+    torch.testing.assert_close(loss, expected)
+
+
+def test_regressors_are_driven_apart_on_the_target_and_the_extractor_against_them():
+    network, weight, progress = two_regressors(), 2.0, 0.6
+    full = objective(network, weight=weight)(progress, INPUTS, TARGETS)
+    alone = objective(network, weight=0.0)(progress, INPUTS, TARGETS)
+    apart = network.disagreement(network.extractor(OF_TARGET))
+    strength = weight * ramp(progress)
+    torch.testing.assert_close(full, alone - REGRESSORS_SHARE * strength * apart)
+    with_target, without = gradients(network, full), gradients(network, alone)
+    for name, slope in gradients(network, apart).items():
+        factor = strength if name.startswith("extractor") else -REGRESSORS_SHARE * strength
+        torch.testing.assert_close(
+            with_target[name] - without[name], factor * slope, rtol=1e-4, atol=1e-6
+        )
+
+
+def test_labels_of_the_target_are_learned_like_those_of_the_source():
+    network, labels = two_regressors(), normal(40, 3, 5)
+    loss = objective(network, labels, weight=0.0)(0.9, INPUTS, TARGETS)
+    both = [objective(network, weight=0.0)(0.9, *rows) for rows in ((INPUTS, TARGETS),)]
+    both.append(objective(network, weight=0.0)(0.9, OF_TARGET, labels))
+    torch.testing.assert_close(loss, sum(both))
+
+
+def test_adversarial_training_brings_the_regressors_together_on_the_target():
+    """The target has an input that never moves in the source, and of which nothing depends."""
+    inputs, target = normal(400, 7, 6), normal(60, 7, 7)
+    inputs[:, 0], target[:, 0] = 0.0, 3.0
+    rows = Rows(inputs, torch.sin(inputs[:, 1:4]) + inputs[:, 4:7])
+    plan = TrainingPlan(80, 1e-2, "huber", "adam", batch=100, schedule="linear")
+    apart = []
+    for weight in (0.0, 0.3):
+        network = two_regressors(width=16)
+        aim = objective(network, weight=weight, target=target)
+        train_network(network, rows, plan, seed=0, phase="train", objective=aim)
+        with torch.no_grad():
+            apart.append(network.disagreement(network.extractor(target)).item())
+            learned = (network(inputs) - rows.targets).abs().mean()
+        assert learned < 0.5 * rows.targets.abs().mean()
+    assert apart[1] < 0.7 * apart[0]
+
+
+@pytest.fixture()
+def quick(small_source, monkeypatch):
+    monkeypatch.setenv("STIFFBENCH_CACHE", "off")
+
+
+def fit(parts, train=None, seed=5, **options):
+    robot, own, _, _ = parts
+    model = Adann2R(**(SMALL | options))
+    return model.fit(own if train is None else train, robot=robot, seed=seed)
+
+
+def predictions(model, parts):
+    return model.predict(parts[3].q, parts[3].wrench)
+
+
+def with_other_labels(samples):
+    return replace(samples, deflection=2.0 * samples.deflection[::-1])
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize("supervision", ["none", "labels"])
+def test_the_same_seed_gives_the_same_predictions_and_another_seed_others(parts, supervision):
+    state = torch.random.get_rng_state()
+    first, again, other = (
+        predictions(fit(parts, seed=seed, supervision=supervision), parts) for seed in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert np.abs(first - other).max() > 0.0
+    assert torch.equal(torch.random.get_rng_state(), state)
+
+
+@pytest.mark.usefixtures("quick")
+def test_unsupervised_labels_of_the_target_change_nothing_but_the_source(parts):
+    train = parts[1]
+    for supervision, used in (("none", False), ("labels", True)):
+        options = {"supervision": supervision, "source_stiffness": "nominal"}
+        model = fit(parts, **options)
+        moved = predictions(fit(parts, with_other_labels(train), **options), parts)
+        assert (np.abs(moved - predictions(model, parts)).max() > 0.0) == used
+        assert model.regime == ("" if used else NO_TARGET_LABELS)
+    identified = predictions(fit(parts, with_other_labels(train)), parts)
+    assert np.abs(identified - predictions(fit(parts), parts)).max() > 0.0
+
+
+@pytest.mark.usefixtures("small_source")
+def test_a_kept_training_is_taken_for_no_other_weight_or_label(parts, tmp_path, monkeypatch):
+    monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path))
+    train = parts[1]
+    options = {"source_stiffness": "nominal", "supervision": "labels"}
+    first = fit(parts, **options)
+    np.testing.assert_array_equal(
+        predictions(fit(parts, **options), parts), predictions(first, parts)
+    )
+    others = [
+        fit(parts, **options, adversarial_weight=2.0),
+        fit(parts, **options | {"supervision": "none"}),
+        fit(parts, with_other_labels(train), **options),
+    ]
+    for other in others:
+        assert np.abs(predictions(other, parts) - predictions(first, parts)).max() > 0.0
+
+
+COMPLIANCE = 1.0 / np.array([5e4, 6e4, 5e4, 2e3, 9e3, 1e3])  # rad/(N m)
+
+
+@pytest.mark.usefixtures("quick")
+def test_labels_teach_what_a_source_of_too_stiff_joints_has_wrong(kr10, rng):
+    """The target's deflection is twice the source's."""
+    q, wrench = rng.uniform(-0.5, 0.5, size=(60, 6)), rng.normal(scale=50.0, size=(60, 6))
+    samples = samples_with(q, wrench, 2.0 * joint_deflection(kr10, COMPLIANCE, q, wrench))
+    stiffness = ",".join(f"{1.0 / c:.17g}" for c in COMPLIANCE)
+    options = {"source_stiffness": "nominal", "nominal_stiffness": stiffness}
+    options |= {"source_wrenches": "uniform", "width": 32, "pretrain_steps": 120}
+    half, whole = (
+        np.polyfit(
+            samples.deflection.ravel(),
+            Adann2R(**(SMALL | options), supervision=supervision)
+            .fit(samples, robot=kr10, seed=0)
+            .predict(q, wrench)
+            .ravel(),
+            1,
+        )[0]
+        for supervision in ("none", "labels")
+    )
+    assert half == pytest.approx(0.5, abs=0.2)
+    assert whole > half + 0.2
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_result_says_how_far_the_regressors_are_apart_on_the_target(parts):
+    model = fit(parts)
+    network, rows = copy.deepcopy(model.network_), model._measured_rows(parts[1])
+    with torch.no_grad():
+        features = network.extractor(rows.inputs)
+        apart = (network.first(features) - network.second(features)).abs().double().numpy()
+    expected = 1000.0 * (apart * model.output_scaler_.scale).mean()
+    assert model.diagnostics_["disagreement on the target [mm]"] == pytest.approx(expected)
