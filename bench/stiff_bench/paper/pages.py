@@ -20,8 +20,10 @@ from stiff_bench.store.database import FILE, read_manifests, stored_results
 from stiff_bench.store.versions import sources
 from stiff_bench.tables.render import markdown_code, markdown_text, render
 from stiff_bench.tables.units import counted
+from stiff_models.catalog import MODELS
 from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.files import make_folder, written_whole
+from stiff_protocols.contract.record import CellResult
 
 TABLE_FILES = {"github": "md", "csv": "csv", "latex": "tex"}
 PICTURE_FILES = ("png", "pdf")
@@ -111,11 +113,17 @@ def write_leaderboard(output: Path, command: str, n_missing: int) -> Iterator[Pa
 
 def provenance(folder: Path, command: str, n_missing: int) -> Iterator[str]:
     """Yield lines of markdown: the command, the versions, and each machine."""
-    runs = list(read_manifests(folder))
+    runs, results = list(read_manifests(folder)), list(stored_results(folder))
     yield f"made by {markdown_code(command)}"
     if n_missing:
         yield f"not finished: {counted(n_missing, 'fit')} not computed"
-    for line in sources(folder, runs, Counter(one.run_id for one in stored_results(folder))):
+    former = {one.cell.model for one in results if one.cell.model_version != _version(one)}
+    if former:
+        yield (
+            f"waits to be made again: {', '.join(sorted(former))} gave other numbers then (their "
+            "version was raised since; `bench show MODEL` has it)"
+        )
+    for line in sources(folder, runs, Counter(one.run_id for one in results)):
         yield markdown_text(line)
     machines = Counter(
         f"{known.get('processor', 'unknown processor')}, {known.get('cores', '?')} cores, "
@@ -125,6 +133,14 @@ def provenance(folder: Path, command: str, n_missing: int) -> Iterator[str]:
     )
     for machine, n_runs in machines.items():
         yield f"{markdown_text(machine)}: {counted(n_runs, 'run')} (`{folder.name}/{FILE}`)"
+
+
+def _version(result: CellResult) -> str:
+    """Return today's version of the shipped model that a result is of."""
+    line = next((info for info in MODELS if info.key == result.cell.model), None)
+    # a library's or a plugin's model is known by more than a number
+    plain = line is not None and result.cell.model_version.isdecimal()
+    return str(line.version) if line is not None and plain else result.cell.model_version
 
 
 def figures_and_missing(

@@ -274,7 +274,7 @@ def computed(task):
 def test_what_is_read_on_all_samples_looks_at_no_test_deflection_before_the_last_prediction(tasks):
     computed_under_seal(tasks("vjm", READ_ON_ALL)[0])
     with pytest.raises(Leak, match=r"read before .*\.fit"):
-        computed_under_seal(tasks("mlp", READ_ON_ALL)[0])
+        computed_under_seal(tasks("mlp@training=best", READ_ON_ALL)[0])
 
 
 def test_a_protocol_that_selects_on_test_and_does_not_say_so_is_refused(tasks, monkeypatch):

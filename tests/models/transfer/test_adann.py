@@ -25,6 +25,8 @@ from stiff_models.transfer.source_model import NO_TARGET_LABELS
 
 SMALL = {"device": "cpu", "source_poses": "sobol", "width": 16, "pretrain_steps": 8}
 
+NOMINAL = {"source_stiffness": "nominal", "nominal_stiffness": "5e4,6e4,5e4,2e3,9e3,1e3"}
+
 
 def normal(n, columns, seed):
     return torch.randn(n, columns, generator=torch.Generator().manual_seed(seed))
@@ -152,7 +154,7 @@ def test_the_same_seed_gives_the_same_predictions_and_another_seed_others(parts,
 def test_unsupervised_labels_of_the_target_change_nothing_but_the_source(parts):
     train = parts[1]
     for supervision, used in (("none", False), ("labels", True)):
-        options = {"supervision": supervision, "source_stiffness": "nominal"}
+        options = {"supervision": supervision, **NOMINAL}
         model = fit(parts, **options)
         moved = predictions(fit(parts, with_other_labels(train), **options), parts)
         assert (np.abs(moved - predictions(model, parts)).max() > 0.0) == used
@@ -165,7 +167,7 @@ def test_unsupervised_labels_of_the_target_change_nothing_but_the_source(parts):
 def test_a_kept_training_is_taken_for_no_other_weight_or_label(parts, tmp_path, monkeypatch):
     monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path))
     train = parts[1]
-    options = {"source_stiffness": "nominal", "supervision": "labels"}
+    options = {**NOMINAL, "supervision": "labels"}
     first = fit(parts, **options)
     np.testing.assert_array_equal(
         predictions(fit(parts, **options), parts), predictions(first, parts)
