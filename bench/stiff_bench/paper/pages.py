@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from stiff_bench.analysis.leaderboard import stored_leaderboard
@@ -117,10 +117,9 @@ def provenance(folder: Path, command: str, n_missing: int) -> Iterator[str]:
     yield f"made by {markdown_code(command)}"
     if n_missing:
         yield f"not finished: {counted(n_missing, 'fit')} not computed"
-    former = {one.cell.model for one in results if one.cell.model_version != _version(one)}
-    if former:
+    if former := former_models(results):
         yield (
-            f"waits to be made again: {', '.join(sorted(former))} gave other numbers then (their "
+            f"waits to be made again: {', '.join(former)} gave other numbers then (their "
             "version was raised since; `bench show MODEL` has it)"
         )
     for line in sources(folder, runs, Counter(one.run_id for one in results)):
@@ -135,12 +134,15 @@ def provenance(folder: Path, command: str, n_missing: int) -> Iterator[str]:
         yield f"{markdown_text(machine)}: {counted(n_runs, 'run')} (`{folder.name}/{FILE}`)"
 
 
-def _version(result: CellResult) -> str:
-    """Return today's version of the shipped model that a result is of."""
-    line = next((info for info in MODELS if info.key == result.cell.model), None)
-    # a library's or a plugin's model is known by more than a number
-    plain = line is not None and result.cell.model_version.isdecimal()
-    return str(line.version) if line is not None and plain else result.cell.model_version
+def former_models(results: Iterable[CellResult]) -> list[str]:
+    """Return the shipped models of which results are of a former version.
+
+    A model that is a library's is known by more than a number, and left out.
+    """
+    today = {info.key: str(info.version) for info in MODELS}
+    of_cells = {(one.cell.model, one.cell.model_version) for one in results}
+    numbered = {(key, version) for key, version in of_cells if version.isdecimal()}
+    return sorted({key for key, version in numbered if today.get(key, version) != version})
 
 
 def figures_and_missing(

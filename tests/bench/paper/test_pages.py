@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import pytest
 
 from figure_results import ranked
 from made_results import MadeResults
-from stiff_bench.paper.pages import write_leaderboard, write_paper
+from stiff_bench.paper.pages import former_models, write_leaderboard, write_paper
 from stiff_bench.paper.study import DT_CNN
+from stiff_bench.store.database import stored_results
+from stiff_models.catalog import MODELS
 
 pytestmark = pytest.mark.xdist_group("paper")  # writing it takes seconds
 
@@ -52,6 +55,22 @@ def test_the_page_names_command_and_numbers_and_what_cannot_be_made_with_its_rea
         assert f"**Table {number}." in page
     assert re.search(r"^- Table 6: .*bench reproduce", page, re.MULTILINE)
     assert re.search(r"^- Figure 9: ", page, re.MULTILINE)
+
+
+def test_models_whose_version_was_raised_since_are_named(tmp_path):
+    made = MadeResults(tmp_path)
+    for model in ("vjm", "ft-mlp", "mine"):
+        made.add(model, [0.2])
+    today = {info.key: info.version for info in MODELS}
+
+    def of_versions(**versions):
+        for result in stored_results(tmp_path):
+            key = result.cell.model
+            number = versions.get(key.replace("-", "_"), today.get(key, 7))
+            yield replace(result, cell=replace(result.cell, model_version=str(number)))
+
+    assert former_models(of_versions()) == []
+    assert former_models(of_versions(ft_mlp=1, mine=1)) == ["ft-mlp"]
 
 
 @pytest.mark.slow
