@@ -140,10 +140,3 @@ def test_fine_tuning_in_bfloat16_is_close_to_float32_and_is_asked_for(parts):
     ).fine_tuning_[0]
     assert FtMlp().precision == "float32"
     assert low.best_loss == pytest.approx(exact.best_loss, rel=0.02)
-
-
-@pytest.mark.slow
-def test_the_fast_recipe_predicts_the_full_source_to_3_5_micrometres(parts):
-    model = fit(MlpPretrained(device="cpu"), parts)
-    assert model.diagnostics_["source samples"] == 106_400
-    assert model.source_errors_[:3].mean() * 1000 <= 0.0035
