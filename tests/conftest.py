@@ -12,6 +12,7 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # `pytest -n`: one process a core
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -87,6 +88,22 @@ def parts(twin: BenchmarkData) -> tuple[Robot, Samples, Samples, Samples]:
 def small_source(monkeypatch: pytest.MonkeyPatch) -> None:
     """Networks learn from a source of few poses: what is asked of them is no matter of its size."""
     monkeypatch.setattr("stiff_models.transfer.source.POSE_BUDGET", 120)
+
+
+@pytest.fixture()
+def trainings(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The phase of each training that is really done, and not taken from the cache."""
+    from stiff_models.networks import network_model  # torch: few tests need it
+
+    done: list[str] = []
+    real = network_model.train_network
+
+    def counted(*args: Any, **options: Any) -> Any:
+        done.append(options["phase"])
+        return real(*args, **options)
+
+    monkeypatch.setattr(network_model, "train_network", counted)
+    return done
 
 
 @pytest.fixture()

@@ -24,6 +24,7 @@ from stiff_models.networks.network_model import Judge, NetworkModel
 from stiff_models.networks.training import Rows
 from stiff_models.networks.training_plan import HUBER_DELTA, TrainingPlan, loss_function
 from stiff_models.transfer.alignment import ramp, reverse_gradient
+from stiff_models.transfer.mlp_pretrained import PRETRAINING
 from stiff_models.transfer.pretraining import PretrainedModel
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
@@ -31,15 +32,8 @@ REGRESSORS_SHARE = 0.05
 """Of the disagreement's weight: outputs have no bound, as class probabilities have, and regressors
 with the weight of the extractor run away from it."""
 
-FAST = TrainingPlan(
-    steps=150,  # in more, with labels, it learns the few measured samples by heart
-    learning_rate=0.04,
-    loss="huber",
-    optimizer="muon",
-    batch=1024,
-    schedule="linear",
-    mixed_precision=True,
-)
+# in more steps, with labels, it learns the few measured samples by heart
+FAST = replace(PRETRAINING["fast"], steps=150)
 
 
 class TwoRegressors(torch.nn.Module):

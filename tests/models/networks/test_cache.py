@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from stiff_models.networks import cache, network_model
+from stiff_models.networks import cache
 from stiff_models.networks.arithmetic import Arithmetic
 from stiff_models.networks.cache import cache_info, clear_cache
 from stiff_models.transfer import pretraining
@@ -29,20 +29,6 @@ SMALL = {"width": 8, "pretrain_steps": 10, "device": "cpu", "source_poses": "dat
 def empty_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path / "cache"))
     return tmp_path / "cache"
-
-
-@pytest.fixture()
-def trainings(monkeypatch):
-    """Counts what is really trained."""
-    done = []
-    real = network_model.train_network
-
-    def counted(*args, **options):
-        done.append(options["phase"])
-        return real(*args, **options)
-
-    monkeypatch.setattr(network_model, "train_network", counted)
-    return done
 
 
 def fit(twin, seed=1, **options):

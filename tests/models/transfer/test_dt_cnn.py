@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from stiff_models.networks import epochs, network_model
+from stiff_models.networks import epochs
 from stiff_models.transfer.cnn import CellMaxPool, SampleNormalisation
 from stiff_models.transfer.dt_cnn import FAST, DtCnn
 from stiff_models.transfer.ft_mlp import FINE_TUNING
@@ -92,18 +92,13 @@ def test_every_alignment_trains_to_another_network_than_none(parts, alignment):
 
 
 def test_without_alignment_one_pre_training_serves_every_training_part(
-    parts, monkeypatch, tmp_path
+    parts, monkeypatch, tmp_path, trainings
 ):
-    trained = []
-    real = network_model.train_network
     monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path))
-    monkeypatch.setattr(
-        network_model, "train_network", lambda *a, **o: trained.append(o["phase"]) or real(*a, **o)
-    )
     samples = parts[1]
     for rows in (np.arange(0, 90), np.arange(3, 96)):
         fit(parts, samples.take(rows), source_poses="paper")
-    assert trained == ["pre-train"]
+    assert trainings == ["pre-train"]
 
 
 def test_adabn_changes_only_the_batch_statistics(parts):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import torch
 
-from stiff_models.networks import network_model
 from stiff_models.physics.vjm import VirtualJointModel, identify_joints
 from stiff_models.transfer import source
 from stiff_models.transfer.dt_cnn import DtCnn
@@ -23,20 +22,6 @@ SMALL = {"pretrain_steps": 20, "device": "cpu"}
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path, monkeypatch, small_source):
     monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path / "cache"))
-
-
-@pytest.fixture()
-def trainings(monkeypatch):
-    """Counts the pre-trainings."""
-    done = []
-    real = network_model.train_network
-
-    def counted(*args, **options):
-        done.append(options["phase"])
-        return real(*args, **options)
-
-    monkeypatch.setattr(network_model, "train_network", counted)
-    return done
 
 
 def predicted(model, samples):
