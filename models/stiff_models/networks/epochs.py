@@ -42,6 +42,8 @@ def chosen_epochs(
     rows_a_pose = np.bincount(pose_of_row)
     of_poses = np.stack([np.bincount(pose_of_row, row) / rows_a_pose for row in errors])
     best = of_poses[of_poses.mean(axis=1).argmin()]
-    more = of_poses - best  # (n_lengths, n_poses)
-    within = more.mean(axis=1) <= more.std(axis=1, ddof=1) / np.sqrt(len(poses))
-    return lengths[int(within.argmax())]  # the first; the best is one of them
+    for length, error in zip(lengths, of_poses, strict=True):
+        more = error - best
+        if more.mean() <= more.std(ddof=1) / np.sqrt(len(poses)):
+            return length
+    return lengths[-1]  # not reached: the best is within
