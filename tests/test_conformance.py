@@ -15,7 +15,10 @@ NOT_SAVABLE = ("realmlp", "tabm", "tabpfn")  # pickled by their packages, or ano
 
 
 @pytest.mark.usefixtures("small_source")
-@pytest.mark.parametrize("key", KEYS)
+@pytest.mark.parametrize(
+    "key",  # the ensemble is ft-mlp several times
+    [pytest.param(key, marks=[pytest.mark.slow] * (key == "deep-ensemble")) for key in KEYS],
+)
 def test_a_shipped_model_keeps_the_contract(key, fanuc, monkeypatch):
     monkeypatch.setenv(VARIABLE, OFF)  # a remembered training always repeats itself
     registry = Registry(families=FAMILIES)

@@ -5,7 +5,10 @@ import pytest
 
 from golden_commands import KEPT, differences, printed
 
-pytestmark = pytest.mark.xdist_group("golden commands")  # one process makes all the numbers
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.xdist_group("golden commands"),  # one process makes all the numbers
+]
 
 
 @pytest.fixture(scope="module")

@@ -135,10 +135,10 @@ def models(valid: list[bytes]) -> tuple[bytes, ...]:
             if type(value) is int:
                 model = {**content["model"], "params": {**params, name: 4096}}
                 found.append(skops.io.dumps({**content, "model": model}))
-        parts = members(data)
-        arrays = [name for name in parts if name.endswith(".npy")][:2]
-        bombs = [(name, npy_header((2**27,), "|u1") + bytes(2**27)) for name in arrays]
-        for name, bomb in (*bombs, ("schema.json", b"[" * 2**27)):
-            found.append(archived(parts | {name: bomb}, zipfile.ZIP_DEFLATED))
-        found += [archived(parts | {name: npy_header((2**40,), "<f8")}) for name in arrays]
+    parts = members(valid[0])  # the archive is checked alike for every model
+    arrays = [name for name in parts if name.endswith(".npy")][:2]
+    bombs = [(name, npy_header((2**27,), "|u1") + bytes(2**27)) for name in arrays]
+    for name, bomb in (*bombs, ("schema.json", b"[" * 2**27)):
+        found.append(archived(parts | {name: bomb}, zipfile.ZIP_DEFLATED))
+    found += [archived(parts | {name: npy_header((2**40,), "<f8")}) for name in arrays]
     return tuple(found)

@@ -20,7 +20,13 @@ from stiff_models.transfer import freeze
 KNOWN: dict[str, Any] = json.loads(KEPT.read_text())
 
 
-@pytest.mark.parametrize("key", KEYS)
+LONG = ("dt-cnn", "ft-mlp", "mlp-pretrained", "deep-ensemble")
+"""Seconds each: their many variants."""
+
+
+@pytest.mark.parametrize(
+    "key", [pytest.param(key, marks=[pytest.mark.slow] * (key in LONG)) for key in KEYS]
+)
 def test_a_model_gives_the_numbers_of_its_version(key: str) -> None:
     if key != PRETRAINING_KEY and (why := model_info(key).missing()):
         pytest.skip(why)

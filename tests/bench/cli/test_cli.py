@@ -17,12 +17,7 @@ from command_line import assert_refused, bench, bench_here, started
 from stiff_bench.store.database import ResultStore, read_manifests, read_results, stored_statuses
 from stiff_protocols.scoring.metrics import METRICS
 
-SMALL = [
-    word
-    for key in ("mlp-pretrained", "ft-mlp")
-    for option in ("width=16", "pretrain_steps=20")
-    for word in ("--set", f"{key}.{option}")
-]
+SMALL = ["--set=ft-mlp.width=16", "--set=ft-mlp.pretrain_steps=20", "--set=ft-mlp.epochs=5"]
 GOOD_HEADER = (
     "pose_id,load_id,group,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,"
     "fx_N,fy_N,fz_N,tx_Nm,ty_Nm,tz_Nm,dx_mm,dy_mm,dz_mm\n"
@@ -37,13 +32,13 @@ def shipped(name: str) -> str:
 
 def test_a_run_prints_one_table_and_stores_every_cell(tmp_path):
     done = bench(
-        *["run", "--model", "vjm", "--model", "ft-mlp", "--splits", "2", *SMALL[4:]], cwd=tmp_path
+        "run", "--model", "vjm", "--model", "ft-mlp", "--splits", "2", *SMALL, cwd=tmp_path
     )
     assert done.returncode == 0, done.stderr
     for part in (
         "kr10-twin (simulated) | holdout, 2 splits, seed 0 | mm",
         "| vjm ",
-        "| ft-mlp@pretrain_steps=20@width=16 ",
+        "| ft-mlp@epochs=5@pretrain_steps=20@width=16 ",
         "X MAE",
         "Z ME",
         "| FT-MLP [published] ",

@@ -51,6 +51,7 @@ def test_onnxruntime_predicts_what_the_model_does(key, tmp_path, capfd):
     assert meta["robot"] == model.robot_.name and "rad" in meta["units"]
 
 
+@pytest.mark.slow
 def test_the_literal_network_of_dt_cnn_pools_and_normalises_each_sample_in_its_graph(tmp_path):
     samples = twin_data().samples.take(np.arange(0, 151, 4))
     quick = dict(model_info("dt-cnn").quick) | {"preset": "udtl", "device": "cpu"}
@@ -61,7 +62,8 @@ def test_the_literal_network_of_dt_cnn_pools_and_normalises_each_sample_in_its_g
     assert np.abs(ours - model.predict(samples.q, samples.wrench)).max() <= 1e-8
 
 
-@pytest.mark.parametrize("family", [pytest.param(Mlp, marks=pytest.mark.slow), ComplianceNet])
+@pytest.mark.slow
+@pytest.mark.parametrize("family", [Mlp, ComplianceNet])
 def test_a_robot_with_a_slide_and_raw_angles_is_exported_whole(family, tmp_path, rng):
     kr10 = twin_data().robot
     robot = replace(kr10, joint_types=("prismatic", *kr10.joint_types[1:]))

@@ -70,7 +70,12 @@ def test_the_udtl_preset_is_the_literal_network(parts):
 
 
 @pytest.mark.parametrize(
-    "options", [{}, {"alignment": "dann"}, {"preset": "udtl", "supervision": "fine-tune"}]
+    "options",
+    [
+        {},
+        {"alignment": "dann"},
+        pytest.param({"preset": "udtl", "supervision": "fine-tune"}, marks=pytest.mark.slow),
+    ],
 )
 def test_the_same_seed_gives_the_same_predictions_and_another_seed_others(parts, options):
     state = torch.random.get_rng_state()
