@@ -111,7 +111,7 @@ VARIANTS: dict[str, tuple[Options, ...]] = {
     "mlp": (
         {},
         {"training": "normal"},
-        *({"activation": name} for name in ("tanh", "sigmoid", "gelu")),
+        *({"activation": name} for name in ("tanh", "sigmoid", "gelu", "sharp-gelu")),
         {"angle_encoding": "raw", "layers": 2},
     ),
     "mlp-pretrained": (
@@ -297,7 +297,7 @@ def pretrained() -> dict[str, list[float]]:
     with same_everywhere(), torch.random.fork_rng():
         torch.manual_seed(SEED)  # of dropout
         for recipe, plan in PRETRAINING.items():
-            for activation in ("relu", "gelu"):
+            for activation in ("relu", "gelu", "sharp-gelu"):
                 mlp = build_network(8, layers=4, width=16, activation=activation, seed=SEED)
                 short = replace(plan, steps=15, batch=plan.batch and 32)
                 curve = train_network(mlp, rows, short, seed=SEED, phase=recipe)

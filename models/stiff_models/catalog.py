@@ -67,7 +67,7 @@ MODELS = (
     ModelInfo(
         key="mlp-pretrained",
         target="stiff_models.transfer.mlp_pretrained:MlpPretrained",
-        version=2,
+        version=3,
         summary="4 x 380 network trained on simulated samples alone",
         reference="pre-training of the source paper",
         quick=_QUICK_SOURCE,
@@ -75,7 +75,7 @@ MODELS = (
     ModelInfo(
         key="ft-mlp",
         target="stiff_models.transfer.ft_mlp:FtMlp",
-        version=2,
+        version=3,
         summary="mlp-pretrained, fine-tuned on the measured training samples",
         reference="the method of the source paper",
         uses_validation=True,
@@ -101,6 +101,7 @@ MODELS = (
     ModelInfo(
         key="adann-2r",
         target="stiff_models.transfer.adann:Adann2R",
+        version=2,
         summary="4 x 380 network with two regressors, adversarially adapted to the measured poses",
         reference="after Saito et al. 2018 and Xia et al. 2022",
         quick=_QUICK_SOURCE,
@@ -117,7 +118,7 @@ MODELS = (
     ModelInfo(
         key="compliance-net",
         target="stiff_models.transfer.compliance_net:ComplianceNet",
-        version=2,
+        version=3,
         summary="network of pose-dependent joint compliances in the VJM's equation",
         uses_validation=True,
         quick=_QUICK_NETWORK,
@@ -125,7 +126,7 @@ MODELS = (
     ModelInfo(
         key="deep-ensemble",
         target="stiff_models.transfer.deep_ensemble:DeepEnsemble",
-        version=2,
+        version=3,
         summary="mean of several ft-mlp with different seeds",
         reference="Lakshminarayanan, Pritzel and Blundell 2017",
         uses_validation=True,

@@ -7,14 +7,28 @@ from typing import Literal
 
 import torch
 
-Activation = Literal["relu", "tanh", "sigmoid", "gelu"]
-ChosenActivation = Literal["auto", "relu", "tanh", "sigmoid", "gelu"]
+Activation = Literal["relu", "tanh", "sigmoid", "gelu", "sharp-gelu"]
+ChosenActivation = Literal["auto", "relu", "tanh", "sigmoid", "gelu", "sharp-gelu"]
 
-_ACTIVATIONS = {
+
+class SharpGelu(torch.nn.Module):
+    """GELU with a standard deviation of 1/4: x P(X <= 4 x), of a standard normal X.
+
+    Between GELU, which learns a smooth source best, and ReLU, which learns the kinks of lost motion
+    and of gear slopes best (Hendrycks and Gimpel 2016 leave the deviation open).
+    """
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Return the same shape."""
+        return torch.nn.functional.gelu(4.0 * x) * 0.25
+
+
+_ACTIVATIONS: dict[Activation, type[torch.nn.Module]] = {
     "relu": torch.nn.ReLU,
     "tanh": torch.nn.Tanh,
     "sigmoid": torch.nn.Sigmoid,
     "gelu": torch.nn.GELU,
+    "sharp-gelu": SharpGelu,
 }
 
 

@@ -223,7 +223,7 @@ class NetworkModel(EncodedNetworkModel):
         layers: hidden layers.
         width: nodes per hidden layer.
         activation: of the hidden layers; "auto" is "relu", or for a network that is pre-trained on
-            smooth simulated deflections "gelu".
+            simulated deflections "sharp-gelu".
     """
 
     layers: Layers = 4

@@ -20,7 +20,6 @@ from stiff_models.networks.training import Rows
 from stiff_models.networks.training_plan import Trainable, TrainingPlan
 from stiff_models.transfer.alignment import AlignedObjective, Alignment, uses_target
 from stiff_models.transfer.cnn import Cnn, Pool, adapt_statistics, build_cnn
-from stiff_models.transfer.ft_mlp import FINE_TUNING
 from stiff_models.transfer.pretraining import PretrainedModel
 from stiff_protocols.contract.errors import ModelError
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
@@ -36,6 +35,9 @@ FAST = TrainingPlan(
     schedule="linear",
     mixed_precision=True,
 )
+
+
+FINE_TUNING = TrainingPlan(steps=400, learning_rate=3e-4, loss="mae", optimizer="adam")
 
 
 def udtl_plan(n_source: int) -> TrainingPlan:
@@ -147,7 +149,7 @@ class DtCnn(PretrainedModel):
         """
         self._cnn().freeze_statistics()
         rows = self._measured_rows(train)
-        plan = self._cross_validated(train, rows, FINE_TUNING["fast"], seed)
+        plan = self._cross_validated(train, rows, FINE_TUNING, seed)
         self.fine_tuning_ = self._learn(self.network_, rows, plan, seed)[0]
 
     def _start(

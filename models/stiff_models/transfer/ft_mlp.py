@@ -27,7 +27,7 @@ from stiff_models.transfer.freeze import Stage, stages
 from stiff_models.transfer.mlp_pretrained import MlpPretrained, Recipe
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
-_FAST = TrainingPlan(steps=400, learning_rate=3e-4, loss="mae", optimizer="adam")
+_FAST = TrainingPlan(steps=400, learning_rate=1e-4, loss="mae", optimizer="adam")
 FINE_TUNING: dict[Recipe, TrainingPlan] = {
     "fast": _FAST,
     "best": _FAST,
