@@ -382,6 +382,7 @@ def few_steps() -> Iterator[None]:
         same_everywhere(),
         mock.patch.object(epochs, "LENGTHS", (0, 2)),
         mock.patch.dict(ft_mlp.FINE_TUNING, fast=replace(ft_mlp.FINE_TUNING["fast"], steps=5)),
+        mock.patch.object(dt_cnn, "FINE_TUNING", replace(dt_cnn.FINE_TUNING, steps=5)),
         mock.patch.object(dt_cnn, "build_cnn", without_noise),
         mock.patch.object(likelihood, "minimize", search),
     ):
