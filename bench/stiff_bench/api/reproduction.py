@@ -14,13 +14,19 @@ from stiff_bench.console import say
 from stiff_bench.paper import study
 from stiff_bench.paper.effects import write_effects
 from stiff_bench.paper.pages import write_leaderboard, write_paper
+from stiff_bench.paper.transfer import write_transfer
 from stiff_bench.run.execution import chosen_execution
 from stiff_bench.run.machine import usable_cores
 from stiff_bench.store.database import ResultStore
 from stiff_models.catalog import MODELS
 
-What = Literal["paper", "leaderboard", "effects"]
-WRITERS = {"paper": write_paper, "leaderboard": write_leaderboard, "effects": write_effects}
+What = Literal["paper", "leaderboard", "effects", "transfer"]
+WRITERS = {
+    "paper": write_paper,
+    "leaderboard": write_leaderboard,
+    "effects": write_effects,
+    "transfer": write_transfer,
+}
 
 
 @dataclass(frozen=True)
@@ -81,6 +87,8 @@ def reproduction(
         runs = study.leaderboard_study([info.key for info in MODELS])
     elif what == "effects":
         runs = study.effects_study()
+    elif what == "transfer":
+        runs = study.transfer_study()
     else:
         runs = study.paper_study(full=full)
         runs += study.paper_recipe_study() if paper_recipe else ()

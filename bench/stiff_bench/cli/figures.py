@@ -54,7 +54,7 @@ def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) 
 @click.command()
 @click.argument(
     "what",
-    type=click.Choice(["paper", "leaderboard", "effects"]),
+    type=click.Choice(["paper", "leaderboard", "effects", "transfer"]),
     default="paper",
     metavar="[WHAT]",
 )
@@ -76,12 +76,12 @@ def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) 
     type=FILE,
     default=Path("results"),
     metavar="DIR",
-    help="Folder that takes paper/, leaderboard/ or effects/.",
+    help="Folder that takes the folder of this name.",
 )
 @click.option("--write-only", is_flag=True, help="Write from stored results alone.")
 @execution_options("the number of cores")
 def reproduce(
-    what: Literal["paper", "leaderboard", "effects"],
+    what: Literal["paper", "leaderboard", "effects", "transfer"],
     quick: bool | None,
     paper_recipe: bool,
     output: Path,
@@ -91,9 +91,10 @@ def reproduce(
 ) -> int:
     """Make the paper's tables and figures again, or another study.
 
-    WHAT is paper (the default), leaderboard, or effects: does the ranking of the models depend on
-    the physics of the simulated robot? Stored results are not computed again: an interrupted
-    command can be repeated. On 2 cores the leaderboard takes about 2 hours, effects half an hour.
+    WHAT is paper (the default), leaderboard, effects (does the ranking of the models depend on the
+    physics of the simulated robot?) or transfer (what do simulated data add to a few measured
+    poses?). Stored results are not computed again: an interrupted command can be repeated. On 2
+    cores the leaderboard and transfer take about 2 hours each, effects half an hour.
     """
     from stiff_bench.api.reproduction import reproduction
     from stiff_bench.cli.run import say_summary, show_plan

@@ -6,7 +6,7 @@ parameters. Here its physics become rougher step by step, and then another robot
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -46,6 +46,8 @@ STEPS = {variant.name: text for text, variant in EFFECT_STEPS.items()}
 """Data set -> what it adds to the one before."""
 FAMILY = "arms"
 OTHERS = {BEAM.name: "beam", FAMILY: FAMILY}
+COLUMNS = {name: (name,) for name in (*STEPS, BEAM.name)} | {FAMILY: [arm.name for arm in ARMS]}
+"""Column -> its data sets."""
 TWINS = {next(iter(STEPS)): "default", next(reversed(STEPS)): "rough", **OTHERS}
 """Twins whose orders of the models are compared; the arms are one of them."""
 Errors = Mapping[str, Mapping[str, float]]
@@ -73,28 +75,31 @@ def stored_errors(folder: Path) -> dict[str, dict[str, float]]:
             error = float(np.linalg.norm(predicted - found.measured, axis=1).mean())
             each.setdefault(name, {}).setdefault(data, []).append(error)
     if REFERENCE_MODEL not in each:
-        raise StoreError(f"{folder}: no result of {REFERENCE_MODEL} (bench reproduce effects)")
+        raise StoreError(f"{folder}: no result of {REFERENCE_MODEL} to compare with")
     return {
         model: {data: float(np.mean(values)) for data, values in of.items()}
         for model, of in each.items()
     }
 
 
-def relative(errors: Errors) -> dict[str, dict[str, Quantity]]:
+def relative(
+    errors: Errors, columns: Mapping[str, Sequence[str]] = COLUMNS
+) -> dict[str, dict[str, Quantity]]:
     """Return model -> column -> 3-D error relative to the VJM's on the same data.
 
-    The arms are one column: mean and standard deviation over the robots.
+    Args:
+        errors: of each model on each data set.
+        columns: the data sets of each column; several: mean and standard deviation over them.
     """
     vjm, found = errors[REFERENCE_MODEL], dict[str, dict[str, Quantity]]()
     for model, of in errors.items():
-        ratio = {data: error / vjm[data] for data, error in of.items() if data in vjm}
-        found[model] = {
-            data: Quantity(ratio[data]) for data in (*STEPS, BEAM.name) if data in ratio
-        }
-        arms = [ratio[arm.name] for arm in ARMS if arm.name in ratio]
-        if arms:
-            spread = float(np.std(arms, ddof=1)) if len(arms) > 1 else None
-            found[model][FAMILY] = Quantity(float(np.mean(arms)), spread, n=len(arms))
+        found[model] = {}
+        for column, data in columns.items():
+            ratios = [of[one] / vjm[one] for one in data if one in of and one in vjm]
+            if ratios:
+                spread = float(np.std(ratios, ddof=1)) if len(ratios) > 1 else None
+                n = len(ratios) if len(data) > 1 else None
+                found[model][column] = Quantity(float(np.mean(ratios)), spread, n=n)
     return found
 
 

@@ -232,6 +232,50 @@ def effects_study() -> tuple[StudyRun, ...]:
     )
 
 
+TRANSFER_FOLDER = "transfer"
+SPECIMENS = (0, 1, 2, 3, 4)
+TRANSFER_DATA = {
+    **{
+        column: tuple(Variant(key, {"specimen": n} if n else {}) for n in SPECIMENS)
+        for column, key in (
+            ("default", DATASET),
+            ("omni", "kr10-twin-omni"),
+            ("rough", ROUGH),
+            ("beam", BEAM.key),
+        )
+    },
+    "ur5": (Variant("ur5-twin"),),
+    "arms": ARMS[:5],
+    "FANUC": (MEASURED,),
+}
+"""Column -> its data sets."""
+_OWN_WAYS = (
+    *(VJM, Variant("vjm-gp"), Variant("compliance-net"), Variant("mlp-pretrained")),
+    *(Variant("ft-mlp"), Variant("dt-cnn"), Variant("dt-cnn", {"supervision": "fine-tune"})),
+    Variant("tradaboost"),
+)
+_OTHER_WAYS = (
+    *(Variant("adann-2r", options) for options in ({}, {"supervision": "labels"})),
+    Variant("deep-ensemble", {"members": 2}),
+    *(Variant("ft-mlp", {"source_teacher": f"vjm-{name}"}) for name in ("multisegment", "full")),
+    Variant("dt-cnn", {"alignment": "mk-mmd"}),
+)
+_OF_THE_KR10 = (Variant("ft-mlp", PAPER_SOURCE), Variant("dt-cnn", PAPER_SOURCE))
+
+
+def transfer_study() -> tuple[StudyRun, ...]:
+    """Return what compares ways to carry simulated data over to measurements."""
+    simulated = tuple(one for of in TRANSFER_DATA.values() for one in of if one != MEASURED)
+    kr10 = tuple(one for one in simulated if one.key.startswith(DATASET))
+    return (
+        StudyRun(_OWN_WAYS, simulated, (FAIR_PROTOCOL,), 1),
+        StudyRun(_OWN_WAYS, (MEASURED,), (FAIR_PROTOCOL,), 5),
+        StudyRun(_OF_THE_KR10, kr10, (FAIR_PROTOCOL,), 1),
+        StudyRun(_OTHER_WAYS, simulated, (FAIR_PROTOCOL,), 1),
+        StudyRun(_OTHER_WAYS, (MEASURED,), (FAIR_PROTOCOL,), 5),
+    )
+
+
 def study_plans(
     runs: Sequence[StudyRun], *, output: Path, command: str, registry: Registry
 ) -> tuple[RunPlan, ...]:

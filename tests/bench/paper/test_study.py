@@ -20,6 +20,7 @@ from stiff_bench.paper.study import (
     paper_study,
     pretrained,
     study_plans,
+    transfer_study,
     unfrozen,
 )
 from stiff_bench.plan.cells import cell_tasks
@@ -44,6 +45,7 @@ STUDIES = [
     (*paper_study(full=True), *paper_recipe_study()),
     leaderboard_study(KEYS),
     effects_study(),
+    transfer_study(),
 ]
 
 
