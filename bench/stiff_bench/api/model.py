@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -24,6 +25,7 @@ from stiff_protocols.contract.errors import (
     DataError,
     NotFittedError,
     StiffBenchError,
+    StiffBenchWarning,
     StoreError,
 )
 from stiff_protocols.contract.files import refuse_existing
@@ -35,7 +37,13 @@ from stiff_protocols.contract.interfaces import (
 from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.source_code import code_of
 from stiff_protocols.contract.training_range import TrainingRange
-from stiff_protocols.contract.types import BenchmarkData, FloatArray, Prediction, frozen_array
+from stiff_protocols.contract.types import (
+    BenchmarkData,
+    FloatArray,
+    Prediction,
+    Robot,
+    frozen_array,
+)
 from stiff_protocols.scoring.metrics import METRICS
 from stiff_protocols.splits.generators import inner_validation
 
@@ -61,6 +69,7 @@ class Model:
         self.fitted: Any = None
         self.note = ""
         self._file: Path | None = None
+        self._has_warned = False
 
     @property
     def name(self) -> str:
@@ -103,11 +112,14 @@ class Model:
         for name, value in (("robot_", data.robot), ("training_range_", TrainingRange.of(train))):
             if not hasattr(model, name):  # a plugin's model need not have them
                 setattr(model, name, value)
-        self.fitted, self.note = model, note
+        self.fitted, self.note, self._has_warned = model, note, False
         return self
 
     def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """Return (n, 3) the deflections of the TCP, m, base frame.
+
+        The first call with rows beyond the training range warns of them, with numbers;
+        ``model.training_range.extrapolates(q, wrench)`` has the rule, and says it of every row.
 
         Args:
             q: (n, n_joints) joint positions, rad or m.
@@ -118,15 +130,39 @@ class Model:
             ModelError: the shapes are not those of the robot.
         """
         self._check_fitted()
-        return np.asarray(self.fitted.predict(q, wrench))
+        predicted = np.asarray(self.fitted.predict(q, wrench))
+        if not self._has_warned:
+            _, warning = _extrapolation(
+                self.training_range, np.asarray(q), np.asarray(wrench), self.fitted.robot_
+            )
+            self._has_warned = bool(warning)
+            if warning:
+                warnings.warn(warning, StiffBenchWarning, stacklevel=2)
+        return predicted
+
+    @property
+    def training_range(self) -> TrainingRange | None:
+        """Joint positions and loads of the samples that it was fitted to; saved with the model.
+
+        None: the model is of a file that was written before files held a training range.
+
+        Raises:
+            NotFittedError: `fit` was not called.
+        """
+        self._check_fitted()
+        found = getattr(self.fitted, "training_range_", None)
+        return found if isinstance(found, TrainingRange) else None
 
     def predict_file(
         self, loads: Path | str, output: Path | str, *, coverage: float | None = None
     ) -> int:
         """Predict the deflections of a file's rows, write them, and return how many rows it has.
 
-        The column ``outside_training`` says what lies far outside of what the model learned from,
-        see `TrainingRange.outside`; a prediction there is a guess.
+        The column ``extrapolates`` names what lies beyond the training range, where a prediction
+        is a guess: ``joints`` (one of them by more than a tenth of its training span, and 0.01
+        rad or m), ``load`` (the length of force or torque by more than a tenth of the largest in
+        training, and 0.1 N or 0.01 N m), or ``joints load``. It is empty inside, and ``unknown``
+        where the model's file holds no training range. One warning has the numbers.
 
         Args:
             loads: a file of poses and wrenches, in the columns of a measurement.
@@ -160,14 +196,14 @@ class Model:
             predicted = frozen_array(
                 model.predict(table.q, table.wrench), "the prediction", (len(table.q), 3)
             )
-            outside = model.training_range_.outside(table.q, table.wrench)
-        write_predictions(Path(output), table, predicted, outside, interval)
-        if far := [row for row, what in enumerate(outside) if what]:
-            say(
-                f"warning: {len(far)} of {len(outside)} rows lie far outside of the training data "
-                f"(column outside_training); the first: row {far[0] + 1}, {outside[far[0]]}"
+            extrapolates, warning = _extrapolation(
+                self.training_range, table.q, table.wrench, model.robot_
             )
-        return len(outside)
+        write_predictions(Path(output), table, predicted, extrapolates, interval)
+        if warning:
+            warning += "; see the column extrapolates"
+            warnings.warn(warning, StiffBenchWarning, stacklevel=2)
+        return len(extrapolates)
 
     def export(self, file: Path | str) -> None:
         """Write a network as ONNX: inputs q [rad or m], wrench [N, N m]; output deflection [m].
@@ -293,6 +329,35 @@ def check_new_file(path: Path) -> None:
     refuse_existing(path)
     if not path.parent.is_dir():
         raise StoreError(f"{path}: cannot be written: no folder {path.parent}")
+
+
+def _extrapolation(
+    known: TrainingRange | None, q: FloatArray, wrench: FloatArray, robot: Robot
+) -> tuple[list[str], str]:
+    """Return what of each row extrapolates, and a warning with numbers, "" for none."""
+    if known is None:
+        return ["unknown"] * len(q), (
+            "the training range is unknown: the model's file was written before files held one "
+            "(fit the model again)"
+        )
+    extrapolates = known.extrapolates(q, wrench)
+    if not any(extrapolates):
+        return extrapolates, ""
+    from stiff_datasets.measured.sample_files import file_units, joint_columns
+
+    far, units = known.beyond(q, wrench), np.r_[file_units(robot), 1.0, 1.0]
+    values = known.quantities(q, wrench) * units
+    lower, upper = (end * units for end in known.ends)
+    texts = []
+    for i, column in enumerate((*joint_columns(robot), "force_N", "torque_Nm")):
+        if far[:, i].any():
+            beyond = values[far[:, i], i]
+            farthest = beyond[np.maximum(lower[i] - beyond, beyond - upper[i]).argmax()]
+            name, _, unit = column.partition("_")
+            learned = f"{lower[i]:.4g} to" if i < len(known.lower) else "up to"
+            texts.append(f"{name} {farthest:.4g} {unit} (training: {learned} {upper[i]:.4g})")
+    number = sum(map(bool, extrapolates))
+    return extrapolates, f"extrapolation in {number} of {len(q)} rows: {', '.join(texts)}"
 
 
 @contextmanager

@@ -76,7 +76,8 @@ def fit(output: Path, seed: int, **words: Any) -> None:
 def predict(model: Path, loads: Path, output: Path, coverage: float | None) -> None:
     """Predict the deflections of a file of poses and wrenches.
 
-    The column outside_training names joint angles and loads far outside the training data.
+    The column extrapolates names what lies more than a tenth beyond the training range: joints,
+    load, or both. There a prediction is a guess.
     """
     from stiff_bench.api.model import load_model
 
@@ -84,10 +85,12 @@ def predict(model: Path, loads: Path, output: Path, coverage: float | None) -> N
     if str(output) == "-":
         with TemporaryDirectory() as folder:
             rows_file = Path(folder) / "rows.csv"
-            found.predict_file(loads, rows_file, coverage=coverage)
+            with warnings_said():
+                found.predict_file(loads, rows_file, coverage=coverage)
             click.echo(rows_file.read_text(encoding="utf-8"), nl=False)
         return
-    rows = found.predict_file(loads, output, coverage=coverage)
+    with warnings_said():
+        rows = found.predict_file(loads, output, coverage=coverage)
     number = "1 row" if rows == 1 else f"{rows} rows"
     click.echo(f"{output}: {number} predicted by {found.name}, robot {found.fitted.robot_.name}")
 

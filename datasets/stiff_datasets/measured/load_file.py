@@ -108,7 +108,7 @@ def write_predictions(
     path: Path,
     table: LoadTable,
     deflection: FloatArray,
-    outside: Sequence[str],
+    extrapolates: Sequence[str],
     interval: Interval | None = None,
 ) -> None:
     """Write the rows with their predicted deflections, whole or not at all.
@@ -117,8 +117,7 @@ def write_predictions(
         path: the file; Parquet if it ends in .parquet, else CSV.
         table: the rows.
         deflection: (n, 3) m, base frame; ``dx_mm, dy_mm, dz_mm``.
-        outside: (n,) what of a row lies far outside of what the model learned from, such as
-            "q3 force"; ``outside_training``.
+        extrapolates: (n,) what of a row lies beyond the training range, such as "joints load".
         interval: of the same rows; ``dx_lower_mm, dx_upper_mm, ...``.
 
     Raises:
@@ -131,4 +130,4 @@ def write_predictions(
             columns[f"d{axis}_lower_mm"] = interval.lower[:, i]
             columns[f"d{axis}_upper_mm"] = interval.upper[:, i]
     in_mm = {name: in_file_units(np.asarray(values), MM_PER_M) for name, values in columns.items()}
-    write_table(path, table.columns.assign(**in_mm, outside_training=list(outside)))
+    write_table(path, table.columns.assign(**in_mm, extrapolates=list(extrapolates)))

@@ -1,17 +1,20 @@
-"""Where a model has learned: predictions far outside of it are a guess, and are marked."""
+"""Where a model has learned: predictions far beyond it are a guess, and are marked."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from stiff_protocols.contract.arrays import FloatArray
+from stiff_protocols.contract.arrays import FloatArray, frozen_array
+from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import Samples
 
-MARGIN, LEAST_MARGIN = 0.1, 0.01
-"""Part of a joint's training range, or of the largest training load, that is still inside; and rad
-or m, for a joint that hardly moved."""
+MARGIN = 0.1
+"""Part of a quantity's training range that still counts as inside beyond its ends."""
+LEAST_MARGIN, LEAST_FORCE, LEAST_TORQUE = 0.01, 0.1, 0.01
+"""The least margin, rad or m, N, N m: for a joint that hardly moved and a load that was none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,31 +33,69 @@ class TrainingRange:
     force: float
     torque: float
 
+    def __post_init__(self) -> None:
+        """Freeze and check every array."""
+        for name in ("lower", "upper"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name), name, (None,)))
+        loads = frozen_array([self.force, self.torque], "largest force and torque", (2,))
+        if self.lower.shape != self.upper.shape or (self.lower > self.upper).any():
+            raise DataError("a training range's lower ends lie above its upper ends")
+        if (loads < 0.0).any():
+            raise DataError(f"a training range's largest loads are {loads}, expected >= 0")
+
     @classmethod
     def of(cls, samples: Samples) -> TrainingRange:
         """Return the range of some samples, at least one."""
         force, torque = _lengths(samples.wrench).max(axis=0)
         return cls(samples.q.min(axis=0), samples.q.max(axis=0), float(force), float(torque))
 
-    def outside(self, q: FloatArray, wrench: FloatArray) -> list[str]:
-        """Say for each row what lies far outside, such as "q3 force"; "" where nothing does.
+    @property
+    def ends(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper ends of `quantities`, (n_joints + 2,) each; loads begin at zero."""
+        return np.r_[self.lower, 0.0, 0.0], np.r_[self.upper, self.force, self.torque]
 
-        A joint does where it is more than a tenth of its training range beyond that (at least
-        0.01 rad or m); force and torque do where they are more than a tenth larger than the
-        largest in training.
+    @staticmethod
+    def quantities(q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return (n, n_joints + 2): joint positions, then lengths of force and torque.
 
         Args:
             q: (n, n_joints) rad or m.
             wrench: (n, 6) N and N m at the TCP, base frame.
         """
-        room = np.maximum(MARGIN * (self.upper - self.lower), LEAST_MARGIN)
-        far = (q < self.lower - room) | (q > self.upper + room)
-        largest = np.array([self.force, self.torque])
-        heavy = _lengths(wrench) > (1.0 + MARGIN) * largest
-        names = [*(f"q{joint + 1}" for joint in range(q.shape[1])), "force", "torque"]
+        return np.hstack([q, _lengths(wrench)])
+
+    def beyond(self, q: FloatArray, wrench: FloatArray) -> NDArray[np.bool_]:
+        """Return (n, n_joints + 2) which `quantities` lie beyond, by the rule of `extrapolates`.
+
+        Raises:
+            DataError: `q` has another number of joints.
+        """
+        if q.shape[1] != len(self.lower):
+            raise DataError(f"a training range of {len(self.lower)} joints, q has {q.shape[1]}")
+        values, (lower, upper) = self.quantities(q, wrench), self.ends
+        least = np.r_[np.full(len(self.lower), LEAST_MARGIN), LEAST_FORCE, LEAST_TORQUE]
+        room = np.maximum(MARGIN * (upper - lower), least)
+        return np.asarray((values < lower - room) | (values > upper + room))
+
+    def extrapolates(self, q: FloatArray, wrench: FloatArray) -> list[str]:
+        """Say for each row what lies beyond: "joints", "load", "joints load"; "" where nothing.
+
+        A joint does where it is beyond its smallest or largest training position by more than a
+        tenth of the span between them (at least 0.01 rad or m). A load does where the length of
+        its force or torque is more than a tenth above the largest in training (at least 0.1 N or
+        0.01 N m). The tenth is there because a robot put to work never repeats the ends of the
+        measured range to the digit, and the deflection changes little over it. Angles count as
+        they stand (350 deg is not -10 deg: not every model is periodic); directions of loads
+        and gaps between the training poses are not looked at.
+
+        Args:
+            q: (n, n_joints) rad or m.
+            wrench: (n, 6) N and N m at the TCP, base frame.
+        """
+        far = self.beyond(q, wrench)
         return [
-            " ".join(name for name, is_far in zip(names, row, strict=True) if is_far)
-            for row in np.hstack([far, heavy])
+            " ".join(["joints"] * bool(row[:-2].any()) + ["load"] * bool(row[-2:].any()))
+            for row in far
         ]
 
 

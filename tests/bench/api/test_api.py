@@ -8,11 +8,18 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import stiffbench as sb
 from stiff_datasets.measured.measured import write_samples
-from stiff_protocols.contract.errors import ConfigError, DataError, NotFittedError, StiffBenchError
+from stiff_protocols.contract.errors import (
+    ConfigError,
+    DataError,
+    NotFittedError,
+    StiffBenchError,
+    StiffBenchWarning,
+)
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +92,47 @@ def test_a_model_fits_predicts_scores_and_is_the_same_after_a_file(twin, tmp_pat
     again = sb.load_model(tmp_path / "vjm.stiff")
     np.testing.assert_array_equal(again.predict(twin.samples.q, twin.samples.wrench), predicted)
     assert again.name == "vjm"
+
+
+def test_a_model_warns_once_beyond_its_training_range_also_after_a_file(twin, tmp_path):
+    samples = twin.samples
+    fitted = sb.make_model("vjm").fit(twin)
+    fitted.save(tmp_path / "vjm.stiff")
+    for model in (fitted, sb.load_model(tmp_path / "vjm.stiff")):
+        known = model.training_range
+        np.testing.assert_array_equal(known.upper, samples.q.max(axis=0))
+        model.predict(samples.q, samples.wrench)  # a warning would be an error
+        with pytest.warns(StiffBenchWarning) as caught:
+            for _ in range(2):
+                model.predict(samples.q[:3], 5.0 * samples.wrench[:3])
+        (warning,) = (str(one.message) for one in caught)
+        largest = 5.0 * np.linalg.norm(samples.wrench[:3, :3], axis=1).max()
+        for part in ("3 of 3", f"force {largest:.4g} N", f"{known.force:.4g}"):
+            assert part in warning
+
+
+def test_a_model_whose_training_range_is_unknown_says_so_once(twin):
+    model = sb.make_model("vjm").fit(twin)
+    del model.fitted.training_range_
+    assert model.training_range is None
+    with pytest.warns(StiffBenchWarning, match="unknown") as caught:
+        for _ in range(2):
+            model.predict(twin.samples.q, twin.samples.wrench)
+    assert len(caught) == 1
+
+
+def test_rows_of_a_file_beyond_the_training_range_are_marked_with_each_call_warned_of(
+    twin, tmp_path
+):
+    model, loads = sb.make_model("vjm").fit(twin), tmp_path / "loads.csv"
+    frame = twin.frame().head(2)
+    frame.loc[1, "q2_deg"] = -180.0 - 60.0
+    frame.to_csv(loads, index=False)
+    for name in ("a.csv", "b.csv"):
+        with pytest.warns(StiffBenchWarning, match=r"1 of 2 rows: q2 -240 deg"):
+            model.predict_file(loads, tmp_path / name)
+        marks = pd.read_csv(tmp_path / name)["extrapolates"].fillna("")
+        assert marks.tolist() == ["", "joints"]
 
 
 def test_a_model_that_chooses_its_epoch_gets_poses_to_choose_by_and_says_so(twin, monkeypatch):

@@ -24,7 +24,7 @@ from stiff_protocols.contract.types import Samples
 JOINTS = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg"
 WRENCH = "fx_N,fy_N,fz_N,tx_Nm,ty_Nm,tz_Nm"
 HEADER = f"{JOINTS},{WRENCH}"
-PREDICTED = ("dx_mm", "dy_mm", "dz_mm", "outside_training")
+PREDICTED = ("dx_mm", "dy_mm", "dz_mm", "extrapolates")
 ROW = "10,-60,70,0,40,0,50,10,-80,1,2,0"
 
 
@@ -186,11 +186,39 @@ def test_a_fit_needs_one_set_of_data(words, tmp_path):
         run(deploy_cli.fit, "--model", "vjm", *words, "--output", tmp_path / "vjm.stiff")
 
 
-def test_rows_far_outside_of_the_training_data_are_marked(predict):
-    heavy = ROW.replace("-80", "-800")
-    table, said = predict(HEADER, ROW, heavy, ROW.replace("70", "-119", 1))
-    assert table["outside_training"].fillna("").tolist() == ["", "force", "q3"]
-    assert "2 of 3 rows lie far outside" in said
+def test_rows_inside_the_training_range_have_no_mark_and_no_warning(predict):
+    table, said = predict(HEADER, ROW, ROW)
+    assert table["extrapolates"].isna().all() and "warning" not in said
+
+
+def test_rows_beyond_the_training_range_are_marked_and_one_warning_has_the_numbers(
+    predict, vjm_file
+):
+    heavy = ROW.replace("50,10,-80", "250,50,-400")  # five times the load
+    turned = ROW.replace("10,-60", "105,-60")  # 60 degrees beyond the training poses
+    table, said = predict(HEADER, ROW, heavy, turned, heavy.replace("10,-60", "-75,-60"))
+    marks = table["extrapolates"].fillna("").tolist()
+    assert marks == ["", "load", "joints", "joints load"]
+    (warning,) = (line for line in said.splitlines() if "warning" in line)
+    known = load(vjm_file).training_range_
+    low, high = np.degrees([known.lower[0], known.upper[0]])
+    force = np.linalg.norm([250.0, 50.0, 400.0])
+    for part in ("3 of 4 rows", f"q1 105 deg (training: {low:.4g} to {high:.4g})",
+                 f"force {force:.4g} N (training: up to {known.force:.4g})"):  # fmt: skip
+        assert part in warning
+    assert "torque" not in warning
+
+
+def test_a_file_without_a_training_range_is_read_and_says_that_it_is_unknown(vjm_file, tmp_path):
+    old, poses = tmp_path / "old.stiff", tmp_path / "poses.csv"
+    model = load(vjm_file)
+    del model.training_range_
+    model.save(old)
+    poses.write_text(f"{HEADER}\n{ROW}\n")
+    words = ("--model", old, "--input", poses, "--output", tmp_path / "out.csv")
+    said = run(deploy_cli.predict, *words)
+    assert "training range is unknown" in said and said.count("warning") == 1
+    assert pd.read_csv(tmp_path / "out.csv")["extrapolates"].tolist() == ["unknown"]
 
 
 def test_a_plugins_model_is_saved_and_read_where_its_file_is_named(plugin_file, tmp_path):
@@ -198,12 +226,12 @@ def test_a_plugins_model_is_saved_and_read_where_its_file_is_named(plugin_file, 
     run(deploy_cli.fit, "--model", "mine", "--plugin", plugin, "--dataset", "kr10-twin",
         "--output", saved)  # fmt: skip
     poses = tmp_path / "poses.csv"
-    poses.write_text(f"{HEADER}\n{ROW}\n")
+    poses.write_text(f"{HEADER}\n{ROW.replace('-80', '-400')}\n")
     words = ("--model", saved, "--input", poses, "--output", tmp_path / "out.csv")
     with pytest.raises(DataError, match=r"holds mine, a plugin's model.*--plugin"):
         run(deploy_cli.predict, *words)
     run(deploy_cli.predict, *words, "--plugin", plugin)
-    assert len(pd.read_csv(tmp_path / "out.csv")) == 1
+    assert pd.read_csv(tmp_path / "out.csv")["extrapolates"].tolist() == ["load"]
     plugin.write_text(plugin.read_text() + "\n# other code\n")
     (tmp_path / "out.csv").unlink()
     with pytest.raises(DataError, match="other code"):

@@ -1,4 +1,4 @@
-"""What lies outside of the samples that a model learned from."""
+"""What lies beyond the samples that a model learned from."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from quick_models import twin_data
+from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.training_range import TrainingRange
 
 
@@ -16,17 +17,45 @@ def samples():
 
 def test_training_samples_and_what_is_a_little_beyond_them_are_inside(samples):
     known = TrainingRange.of(samples)
-    assert not any(known.outside(samples.q, 1.05 * samples.wrench))
+    assert not any(known.extrapolates(samples.q, 1.05 * samples.wrench))
+    tenth = 0.09 * (known.upper - known.lower)
+    ends = np.array([known.lower - tenth, known.upper + tenth])
+    assert not any(known.extrapolates(ends, samples.wrench[:2]))
 
 
-def test_each_joint_and_load_far_beyond_is_named(samples):
+def test_each_joint_and_load_far_beyond_is_marked(samples):
     known = TrainingRange.of(samples)
-    wrench = samples.wrench[:1]
-    for joint in range(6):
-        q = samples.q[:1].copy()
-        q[0, joint] = known.upper[joint] + 0.1 + 0.2 * (known.upper - known.lower)[joint]
-        assert known.outside(q, wrench) == [f"q{joint + 1}"]
-    heavy = np.tile(wrench, (2, 1))
-    heavy[0, :3] *= 3.0
+    q, wrench = np.tile(samples.q[:1], (6, 1)), np.tile(samples.wrench[:1], (6, 1))
+    for end, turn in ((known.lower, -1.0), (known.upper, 1.0)):
+        off = np.where(np.eye(6, dtype=bool), end + turn * np.deg2rad(60.0), q)
+        np.testing.assert_array_equal(known.beyond(off, wrench)[:, :6], np.eye(6, dtype=bool))
+        assert known.extrapolates(off, wrench) == ["joints"] * 6
+        assert known.extrapolates(off, 5.0 * wrench) == ["joints load"] * 6
+    heavy = wrench[:3].copy()
+    heavy[0, :3] *= 5.0
     heavy[1, 3:] *= 30.0
-    assert known.outside(np.tile(samples.q[:1], (2, 1)), heavy) == ["force", "torque"]
+    assert known.extrapolates(q[:3], heavy) == ["load", "load", ""]
+
+
+def test_rounding_of_a_load_that_was_none_in_training_is_no_extrapolation(samples):
+    known = TrainingRange(samples.q.min(axis=0), samples.q.max(axis=0), force=100.0, torque=0.0)
+    wrench = np.array([[0.0, 0.0, -80.0, 1e-9, 0.0, 0.0], [0.0, 0.0, -80.0, 1.0, 0.0, 0.0]])
+    assert known.extrapolates(samples.q[:2], wrench) == ["", "load"]
+
+
+@pytest.mark.parametrize(
+    ("changed", "named"),
+    [
+        ({"lower": [0.0, np.nan]}, "nan"),
+        ({"lower": [0.0, 0.0, 0.0]}, "ends"),
+        ({"lower": [0.0, 9.0]}, "ends"),
+        ({"force": np.inf}, "inf"),
+        ({"torque": -1.0}, "-1"),
+    ],
+)
+def test_a_range_that_is_none_is_refused(changed, named):
+    with pytest.raises(DataError, match=named):
+        TrainingRange(**{"lower": [0.0, 0.0], "upper": [1.0, 1.0], "force": 1.0, "torque": 1.0}
+                      | changed)  # fmt: skip
+    with pytest.raises(DataError, match="2 joints"):
+        TrainingRange(np.zeros(2), np.ones(2), 1.0, 1.0).beyond(np.zeros((1, 6)), np.zeros((1, 6)))
