@@ -196,9 +196,9 @@ def _draw_strategies(
             left.plot(step[best], loss[best], **look.points(), markersize=4.5, zorder=4.0)
     left.set(xscale="log", yscale="log", xlabel="epochs", ylabel="validation loss [standardised]")
     plain_numbers(left.xaxis)
-    plain_numbers(left.yaxis)
+    plain_numbers(left.yaxis, (1.0, 1.5, 2.0, 3.0, 5.0, 7.0))  # often less than a decade
     if left.lines:
-        left.legend(ncols=2, loc="best")
+        share_legend(figure, [left], below=True)
     draw_strategies(right, errors, linear)
     name_panels([left, right])
     return figure
