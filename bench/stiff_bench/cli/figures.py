@@ -69,7 +69,7 @@ def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) 
     "--paper-recipe",
     is_flag=True,
     help="Add the paper's own recipe to its Tables 9 and 10: 100,000 iterations of pre-training, "
-    "50,000 of fine-tuning, on the first split alone, about an hour.",
+    "50,000 of fine-tuning, on the first split alone, about half an hour.",
 )
 @click.option(
     "--output",
