@@ -15,12 +15,14 @@ from stiff_bench.run.progress import display
 from stiff_bench.tables.published import published_stiffness
 from stiff_bench.tables.render import plain_text
 from stiff_bench.tables.table import Cell, Column, Table
+from stiff_bench.tables.units import counted
 from stiff_datasets.measured import registered, ur5_pose_error
 from stiff_datasets.measured import validate as validation
 from stiff_datasets.measured.identifiability import REFERENCE_COMPLIANCE, regressor
+from stiff_datasets.planning.design import Criterion, SpringDesign
 from stiff_datasets.planning.plan import (
     FORCE_SHARE,
-    Criterion,
+    MeasurementPlan,
     candidate_plan,
     check_plan_file,
     chosen_plan,
@@ -38,10 +40,12 @@ from stiff_datasets.twin.constants import (
     shipped_twins,
 )
 from stiff_datasets.twin.effects import parse_effects
+from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, Robot
 
 PAPER_POSES = 151  # as many as the paper measured
+POSES_AFTER = 10  # further ones
 FEWEST_CANDIDATES, CANDIDATES_A_POSE = 2000, 10
 
 
@@ -57,14 +61,19 @@ def plan_poses(
     robot: str | None = None,
     urdf: Path | str | None = None,
     tcp: Sequence[float] | None = None,
+    after: Path | str | None = None,
+    model: str | None = None,
+    workspace: Path | str | None = None,
+    no_torque: bool = False,
 ) -> Text:
     """Write a measurement plan to fill in, and return what it gains over random plans.
 
     Args:
         output: a new FILE.csv.
-        poses: how many to choose; None: the paper's 151 poses of the KR10, or 151 chosen ones.
-        criterion: what chosen poses are best in: "d-optimal", which None stands for, or
-            "condition".
+        poses: how many to choose; None: the paper's 151 poses of the KR10, or 151 chosen ones; 10
+            with `after`.
+        criterion: what chosen poses are best in: "d-optimal" (joint compliances; None stands for
+            it), "i-optimal" (predictions; None stands for it with `after`) or "condition".
         candidates: random poses to choose from; None: 2000, or ten a pose.
         payload: kg; None: the shipped robot's.
         clearance: smallest distance of the arm from the base column, m.
@@ -73,56 +82,116 @@ def plan_poses(
         urdf: of another robot.
         tcp: (3,) tool centre point in the frame of the last link, m; None: the shipped robot's, or
             the origin with `urdf`.
+        after: file of the poses that are measured already; the plan goes on from them, and their
+            learning curve says what more poses would gain. None: there are none.
+        model: that will be fitted to all poses, with `after`; None: "vjm". The poses are chosen
+            for its predictions if it is a Gaussian process, else for those of joint springs.
+        workspace: file of poses and wrenches where predictions are to be good, with `after`; None:
+            all that the robot can reach.
+        no_torque: no torques were measured in `after`.
 
     Raises:
         ConfigError: an argument is wrong, or the payload is unknown.
+        DataError: a file cannot be read, or is of another robot.
         StoreError: the file cannot be written, or exists.
     """
     output, words = Path(output), RobotWords(robot, urdf, tcp)
     check_plan_file(output)
+    if after is None:
+        given = {"model": model, "workspace": workspace, "no-torque": no_torque or None}
+        for name, value in given.items():
+            if value is not None:
+                raise ConfigError(
+                    "describes what comes after a measurement; give --after too", name
+                )
     arm, chain, known_payload = words.read()
     payload = known_payload if payload is None else payload
     if payload is None:
         raise ConfigError(f"of {arm.name} is not known; give it, in kg", "payload")
-    n_poses = poses or PAPER_POSES
+    usual = PAPER_POSES if after is None else POSES_AFTER
+    n_poses = usual if poses is None else poses
     n_candidates = candidates or max(FEWEST_CANDIDATES, CANDIDATES_A_POSE * n_poses)
+    if after is not None:
+        from stiff_bench.api import next_poses
+
+        measured = next_poses.read_measured(
+            Path(after), words, model or REFERENCE_MODEL, no_torque=no_torque
+        )
+        with display():
+            found = next_poses.choose_next(
+                measured,
+                n_poses,
+                n_candidates=n_candidates,
+                criterion=criterion or "i-optimal",
+                workspace=None if workspace is None else Path(workspace),
+                payload_kg=payload,
+                clearance=clearance,
+                seed=seed,
+            )
+            curve = next_poses.curve_text(measured, n_poses, seed)
+        lines = [
+            _heading(output, found.plan, f"{arm.name} after those of {after}"),
+            "",
+            plain_text(next_poses.gain_table(measured, found)),
+            "",
+            *next_poses.gain_text(measured, found),
+            *_advice(words, f"append the rows to {after}", Path(after)),
+            "",
+            *curve,
+        ]
+        write_plan(output, found.plan, arm)
+        return Text("\n".join(lines))
     with display():
         pool = candidate_plan(
             chain, n_candidates, seed=seed, payload_kg=payload, clearance=clearance
         )
+        regressors = regressor(chain, pool.q, pool.wrench)
         if poses is None and criterion is None and words.is_papers:
             name, plan = "the paper's plan", paper_plan(chain, payload, seed, clearance)
         else:
-            criterion = criterion or "d-optimal"
-            name = f"chosen, {criterion}"
-            plan = chosen_plan(chain, pool, n_poses, criterion=criterion)
+            design = SpringDesign(regressors, criterion or "d-optimal")
+            name = f"chosen, {design.criterion}"
+            plan, _ = chosen_plan(pool, n_poses, design)
     gain = plan_gain(
         regressor(chain, plan.q, plan.wrench),
-        regressor(chain, pool.q, pool.wrench),
+        regressors,
         arm.joint_names,
         reference_compliance=_reference(words, arm),
         seed=seed,
     )
     write_plan(output, plan, arm)
-    size = np.linalg.norm(plan.wrench[0, :3])
     notes = [
         "",
         f"D-efficiency {gain.efficiency:.2f} relative to the mean random plan, "
         f"{gain.efficiency_over_best:.2f} relative to the best one"
         + ("." if gain.efficiency >= 1.0 else ": worse than random poses."),
-        "Checked: joint limits, the arm's centre line against base column and ground. Not checked: "
-        "shape of links and tool, surroundings. Approach each pose slowly.",
-        "Replace the suggested wrench by the actual one and fill in dx_mm, dy_mm, dz_mm; then: "
-        f"bench data validate {output}{words.text}",
+        *_advice(words, "", output),
     ]
     unseen = [joint for joint in arm.joint_names if joint not in gain.joints]
     if unseen:
         notes.append(f"Not identifiable with this TCP: {', '.join(unseen)}.")
     return Text(
-        f"{output}: {len(plan.q)} poses of {arm.name}, one suggested force each "
-        f"({size:.1f} N at the TCP, {FORCE_SHARE:.0%} of the payload)\n\n"
+        f"{_heading(output, plan, arm.name)}\n\n"
         + plain_text(_gain_table(name, gain, notes, with_errors=words.is_papers))
     )
+
+
+def _heading(output: Path, plan: MeasurementPlan, robot: str) -> str:
+    size = np.linalg.norm(plan.wrench[0, :3])
+    return (
+        f"{output}: {counted(len(plan.q), 'pose')} of {robot}, one suggested force each "
+        f"({size:.1f} N at the TCP, {FORCE_SHARE:.0%} of the payload)"
+    )
+
+
+def _advice(words: RobotWords, step: str, file: Path) -> list[str]:
+    """Return what was checked, and what to do with the plan until `file` can be validated."""
+    return [
+        "Checked: joint limits, the arm's centre line against base column and ground. Not checked: "
+        "shape of links and tool, surroundings. Approach each pose slowly.",
+        "Replace the suggested wrench by the actual one and fill in dx_mm, dy_mm, dz_mm; "
+        f"{step and f'{step}; '}then: bench data validate {file}{words.text}",
+    ]
 
 
 def _reference(words: RobotWords, robot: Robot) -> float | FloatArray:

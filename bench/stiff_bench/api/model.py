@@ -90,29 +90,9 @@ class Model:
             ConfigError: the model cannot be used here, or not for this robot.
             ModelError: the samples cannot be fitted.
         """
-        if why := self.choice.missing():
-            raise ConfigError(f"{self.name!r} cannot be used here: {why}")
-        model = self.choice.make()
-        if isinstance(model, ChecksRobot):
-            model.check_robot(data.robot)
-        train, validation, note = data.samples, None, ""
-        if chooses_epoch(self.choice.info, model):
-            rows = np.arange(len(train))
-            split = inner_validation(train, rows, VALIDATION_FRACTION, seed)
-            if len(split.validation):
-                train, validation = train.take(split.train), train.take(split.validation)
-                note = (
-                    f"{len(validation)} samples of {len(set(validation.pose_id))} poses chose the "
-                    f"number of epochs; {len(train)} samples were learned from"
-                )
-            else:
-                note = "one pose gives no rows to choose the epoch by: the last one was kept"
         with display():
-            model.fit(train, robot=data.robot, validation=validation, seed=seed)
-        for name, value in (("robot_", data.robot), ("training_range_", TrainingRange.of(train))):
-            if not hasattr(model, name):  # a plugin's model need not have them
-                setattr(model, name, value)
-        self.fitted, self.note, self._has_warned = model, note, False
+            self.fitted, self.note = fitted(self.choice, data, seed=seed)
+        self._has_warned = False
         return self
 
     def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
@@ -272,6 +252,34 @@ class Model:
         """Name it, and say whether it is fitted."""
         state = "not fitted" if self.fitted is None else "fitted"
         return f"Model {self.name} ({state})"
+
+
+def fitted(
+    choice: Choice[ModelInfo], data: Dataset | BenchmarkData, *, seed: int = 0
+) -> tuple[Any, str]:
+    """Return a new fitted model, and how its number of epochs was chosen; see `Model.fit`."""
+    if why := choice.missing():
+        raise ConfigError(f"{choice.name!r} cannot be used here: {why}")
+    model = choice.make()
+    if isinstance(model, ChecksRobot):
+        model.check_robot(data.robot)
+    train, validation, note = data.samples, None, ""
+    if chooses_epoch(choice.info, model):
+        rows = np.arange(len(train))
+        split = inner_validation(train, rows, VALIDATION_FRACTION, seed)
+        if len(split.validation):
+            train, validation = train.take(split.train), train.take(split.validation)
+            note = (
+                f"{len(validation)} samples of {len(set(validation.pose_id))} poses chose the "
+                f"number of epochs; {len(train)} samples were learned from"
+            )
+        else:
+            note = "one pose gives no rows to choose the epoch by: the last one was kept"
+    model.fit(train, robot=data.robot, validation=validation, seed=seed)
+    for name, value in (("robot_", data.robot), ("training_range_", TrainingRange.of(train))):
+        if not hasattr(model, name):  # a plugin's model need not have them
+            setattr(model, name, value)
+    return model, note
 
 
 def model_choice(model: str | type | Model, options: dict[str, Any]) -> Choice[ModelInfo]:

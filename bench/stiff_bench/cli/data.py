@@ -55,12 +55,14 @@ def info(key: str, output: Path, **words: Any) -> None:
 @click.option(
     "--poses",
     type=WholeRange(1, 10_000),
-    help="Number of poses.  [default: the paper's 151 poses of the KR10, or 151 chosen ones]",
+    help="Number of poses.  [default: the paper's 151 poses of the KR10, or 151 chosen ones; 10 "
+    "with --after]",
 )
 @click.option(
     "--criterion",
-    type=click.Choice(["d-optimal", "condition"]),
-    help="Criterion that the choice optimises.  [default: d-optimal]",
+    type=click.Choice(["d-optimal", "i-optimal", "condition"]),
+    help="Criterion that the choice optimises: joint compliances, predictions or the condition "
+    "number.  [default: d-optimal; i-optimal with --after]",
 )
 @click.option(
     "--candidates",
@@ -80,10 +82,34 @@ def info(key: str, output: Path, **words: Any) -> None:
     metavar="M",
     help="Smallest distance between arm and base column.",
 )
+@click.option(
+    "--after",
+    type=FILE,
+    metavar="FILE",
+    help="Your measurement so far (.csv, .xlsx or .parquet): choose the poses to measure next.",
+)
+@click.option(
+    "--model",
+    metavar="KEY",
+    help="Model that will be fitted, with --after; gp, vjm-gp and mf-gp choose by their own "
+    "intervals.  [default: vjm]",
+)
+@click.option(
+    "--workspace",
+    type=FILE,
+    metavar="FILE.csv",
+    help="Poses and wrenches where predictions are to be good, with --after.  [default: all that "
+    "the robot can reach]",
+)
+@no_torque_option
+@plugin_option
 @seed_option
 @output_option("FILE.csv")
 def plan(**words: Any) -> None:
-    """Write a measurement plan to fill in; without a robot, for the KR10."""
+    """Write a measurement plan to fill in; without a robot, for the KR10.
+
+    With --after it goes on from a measurement and says what more poses would gain.
+    """
     from stiff_bench.api.measuring import plan_poses
 
     click.echo(plan_poses(**words))

@@ -8,7 +8,7 @@ optimal designs are those of linear least squares (V. Fedorov, Theory of Optimal
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -155,7 +155,9 @@ def identifiability(
     )
 
 
-def choose_d_optimal(candidates: FloatArray, n: int) -> IntArray:
+def choose_d_optimal(
+    candidates: FloatArray, n: int, *, measured: FloatArray | None = None
+) -> IntArray:
     """Choose candidates one by one, each the one that raises the determinant most.
 
     The first k choices are the choice of k. A candidate's effect on the determinant is exact, by
@@ -165,39 +167,90 @@ def choose_d_optimal(candidates: FloatArray, n: int) -> IntArray:
     Args:
         candidates: (n_candidates, 3, n_joints), as `regressor` gives.
         n: how many, at most n_candidates.
+        measured: (n_measured, 3, n_joints) regressors of samples that are there already; None:
+            none.
 
     Returns:
         (n,) row numbers in the order of choice; of equals the first.
     """
-    rows = _excited_columns(candidates)
-    information = _START * np.eye(rows.shape[2])
+    rows, information = excited_columns(candidates, measured)
+
+    def gain(spread: FloatArray, _: FloatArray) -> FloatArray:
+        return np.asarray(np.linalg.det(np.eye(3) + spread))
+
+    return _one_by_one(rows, n, information, gain)
+
+
+def choose_i_optimal(
+    candidates: FloatArray,
+    n: int,
+    *,
+    workspace: FloatArray,
+    measured: FloatArray | None = None,
+) -> IntArray:
+    """Choose candidates one by one, each the one that lowers the mean variance of predictions most.
+
+    The variance of a prediction with rows X goes with the trace of X M^-1 X^T, M the information
+    matrix. Its decrease by a candidate is exact, by the Woodbury identity. Also called V- or
+    IV-optimal. Other arguments and return value as `choose_d_optimal`.
+
+    Args:
+        candidates: see there.
+        n: see there.
+        workspace: (m, 3, n_joints) regressors where predictions are to be good.
+        measured: see there.
+    """
+    rows, information, wanted = excited_columns(candidates, measured, workspace)
+
+    def gain(spread: FloatArray, known: FloatArray) -> FloatArray:
+        lowered = known @ wanted @ known.transpose(0, 2, 1)
+        traces = np.trace(np.linalg.solve(np.eye(3) + spread, lowered), axis1=1, axis2=2)
+        return np.asarray(traces)
+
+    return _one_by_one(rows, n, information, gain)
+
+
+def _one_by_one(
+    rows: FloatArray,
+    n: int,
+    information: FloatArray,
+    gain: Callable[[FloatArray, FloatArray], FloatArray],
+) -> IntArray:
+    """Choose (n,) of (n_candidates, 3, n_columns) rows, each the one of the largest gain.
+
+    `gain` gets B M^-1 B^T and B M^-1 of every candidate, with all chosen before in M.
+    """
+    information = information + _START * np.eye(rows.shape[2])
     free = np.ones(len(rows), dtype=bool)
     chosen = np.empty(n, dtype=np.int64)
     for step in range(n):
         report("choose", step, n)
-        spread = rows @ np.linalg.inv(information) @ rows.transpose(0, 2, 1)
-        gain = np.linalg.det(np.eye(3) + spread)
-        chosen[step] = best = np.argmax(np.where(free, gain, -np.inf))
+        known = rows @ np.linalg.inv(information)
+        gained = gain(known @ rows.transpose(0, 2, 1), known)
+        chosen[step] = best = np.argmax(np.where(free, gained, -np.inf))
         free[best] = False
         information += rows[best].T @ rows[best]
     return chosen
 
 
-def choose_by_condition(candidates: FloatArray, n: int) -> IntArray:
+def choose_by_condition(
+    candidates: FloatArray, n: int, *, measured: FloatArray | None = None
+) -> IntArray:
     """Choose candidates one by one, each the one that leaves the smallest condition number.
 
-    The condition number is that of `Identifiability`: columns scaled to unit length. As it is
-    infinite at first, the first n_joints choices are those of `choose_d_optimal`. Arguments and
-    return value as there.
+    The condition number is that of `Identifiability`: columns scaled to unit length. Where it is
+    infinite at first, the first choices, one a joint that cannot be identified, are those of
+    `choose_d_optimal`. Arguments and return value as there.
 
     A warning: this evens the joints out by weakly loaded poses, so that the standard errors grow.
     """
-    rows = _excited_columns(candidates)
-    start = choose_d_optimal(candidates, min(n, rows.shape[2]))
+    rows, information = excited_columns(candidates, measured)
+    missing = rows.shape[2] - int(np.linalg.matrix_rank(information, TOLERANCE, hermitian=True))
+    start = choose_d_optimal(candidates, min(n, missing), measured=measured)
     free = np.ones(len(rows), dtype=bool)
     free[start] = False
     gained = rows.transpose(0, 2, 1) @ rows  # (n_candidates, n_joints, n_joints)
-    information = gained[start].sum(axis=0)
+    information = information + gained[start].sum(axis=0)
     chosen = list(start)
     while len(chosen) < n:
         report("choose", len(chosen), n)
@@ -213,11 +266,20 @@ def choose_by_condition(candidates: FloatArray, n: int) -> IntArray:
     return np.array(chosen, dtype=np.int64)
 
 
-def _excited_columns(candidates: FloatArray) -> FloatArray:
-    """Return the columns that are not next to zero, each of unit mean square over candidates."""
+def excited_columns(candidates: FloatArray, *others: FloatArray | None) -> tuple[FloatArray, ...]:
+    """Return the columns that are not next to zero, each of unit mean square over candidates.
+
+    Of the candidates as rows, of each of the others as the information matrix of all its rows.
+    """
     size = np.sqrt((candidates**2).sum(axis=1).mean(axis=0))
     excited = size > TOLERANCE * size.max()
-    return np.asarray(candidates[:, :, excited] / size[excited])
+    scale = size[excited]
+    found = [candidates[:, :, excited] / scale]
+    for other in others:
+        matrix = np.empty((0, 3, len(size))) if other is None else other
+        matrix = matrix[:, :, excited].reshape(-1, len(scale)) / scale
+        found.append(matrix.T @ matrix)
+    return tuple(found)
 
 
 def per_joint(compliance: float | FloatArray, n_joints: int) -> FloatArray:

@@ -8,14 +8,13 @@ rows stand in the order of their worth: where time runs out, the first rows are 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import pandas as pd
 
-from stiff_datasets.measured.identifiability import choose_by_condition, choose_d_optimal, regressor
 from stiff_datasets.measured.sample_files import (
     DEFLECTION_COLUMNS,
     ID_COLUMNS,
@@ -23,21 +22,24 @@ from stiff_datasets.measured.sample_files import (
     file_units,
     joint_columns,
 )
+from stiff_datasets.planning.design import Design, Loads
 from stiff_datasets.planning.loads import G, stream
 from stiff_datasets.planning.poses import Poses, paper_poses
 from stiff_datasets.planning.reachable import CLEARANCE, LOWEST_HEIGHT, keeps_clear, reachable_poses
 from stiff_datasets.robots.robot import ChainModel, robot_of
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.files import refuse_existing, written_whole
-from stiff_protocols.contract.types import FloatArray, Robot
-
-Criterion = Literal["d-optimal", "condition"]
+from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples, TextArray
 
 PAPER_ROBOT = "kr10_r1100_2"
 """The robot whose 151 poses the source paper gives."""
 
 FORCE_SHARE = 0.8
 """Size of a suggested force as a share of the payload's weight; the rest is for tool and sensor."""
+
+APART = np.deg2rad(1.0)
+"""rad, or m: a pose whose joints are all nearer than this to those of a measured one is that one
+again."""
 
 _DECIMALS_DEG, _DECIMALS_N = 4, 3
 
@@ -51,6 +53,15 @@ class MeasurementPlan(Poses):
     """
 
     wrench: FloatArray
+
+    @property
+    def loads(self) -> Loads:
+        """Poses and loads alone."""
+        return Loads(self.q, self.wrench)
+
+    def take(self, rows: IntArray | slice) -> MeasurementPlan:
+        """Return the samples of the given row numbers, in that order."""
+        return MeasurementPlan(*(getattr(self, one.name)[rows] for one in fields(self)))
 
 
 def paper_plan(
@@ -100,32 +111,58 @@ def candidate_plan(
 
 
 def chosen_plan(
-    chain: ChainModel, pool: MeasurementPlan, n_poses: int, *, criterion: Criterion = "d-optimal"
-) -> MeasurementPlan:
-    """Choose from candidates those that identify the joint compliances best.
+    pool: MeasurementPlan, n_poses: int, design: Design, *, measured: Samples | None = None
+) -> tuple[MeasurementPlan, IntArray]:
+    """Choose from candidates those that tell a model most.
 
     Args:
-        chain: the robot, at least three joints.
-        pool: what `candidate_plan` gives.
+        pool: the candidates, as `candidate_plan` and `unmeasured` give them.
         n_poses: number of samples, each at a pose of its own.
-        criterion: "d-optimal" (largest determinant of the information matrix) or "condition"
-            (smallest condition number of the column-scaled regressor).
+        design: chooses among the candidates.
+        measured: what is measured already: the new poses are numbered on; None: nothing.
+
+    Returns:
+        The plan, and the (n_poses,) row numbers of the candidates that it takes.
 
     Raises:
-        ConfigError: `n_poses` is out of range: it takes three components of a deflection a
-            sample to see every joint.
+        ConfigError: `n_poses` is out of range: without measurements it takes three components of a
+            deflection a sample to see every joint.
     """
-    fewest = -(-chain.model.nv // 3)
-    if not fewest <= n_poses <= len(pool.q):
+    if not design.fewest <= n_poses <= len(pool.q):
+        joints = f" (for {pool.q.shape[1]} joints)" if design.fewest > 1 else ""
         raise ConfigError(
-            f"poses is {n_poses}, expected {fewest} (for {chain.model.nv} joints) to "
-            f"{len(pool.q)} (the candidates)"
+            f"poses is {n_poses}, expected {design.fewest}{joints} to {len(pool.q)} "
+            "(the candidates)"
         )
-    choose = choose_d_optimal if criterion == "d-optimal" else choose_by_condition
-    rows = choose(regressor(chain, pool.q, pool.wrench), n_poses)
-    width = max(2, len(str(n_poses)))
-    names = np.array([f"P{i + 1:0{width}d}" for i in range(n_poses)])
-    return MeasurementPlan(pool.q[rows], names, np.full(n_poses, criterion), pool.wrench[rows])
+    rows = design.choose(n_poses)
+    last = 0 if measured is None else _last_number(measured.pose_id)
+    width = max(2, len(str(last + n_poses)))
+    names = np.array([f"P{last + i + 1:0{width}d}" for i in range(n_poses)])
+    group = np.full(n_poses, design.criterion)
+    return MeasurementPlan(pool.q[rows], names, group, pool.wrench[rows]), rows
+
+
+def _last_number(pose_id: TextArray) -> int:
+    """Return the largest number of a pose that is named as a plan's, such as P07; 0: none is."""
+    found = (re.fullmatch(r"P(\d{1,9})", name) for name in pose_id.tolist())
+    return max((int(one[1]) for one in found if one), default=0)
+
+
+def unmeasured(pool: MeasurementPlan, measured: Samples, robot: Robot) -> MeasurementPlan:
+    """Return the candidates that are no measured pose again.
+
+    Args:
+        pool: the candidates.
+        measured: samples of the same robot.
+        robot: whose revolute joints are back where they were after a turn.
+    """
+    turns = np.array(robot.joint_types) == "revolute"
+    is_new = np.ones(len(pool.q), dtype=bool)
+    for q in np.unique(measured.q, axis=0):
+        off = pool.q - q
+        off = np.where(turns, (off + np.pi) % (2.0 * np.pi) - np.pi, off)
+        is_new &= np.abs(off).max(axis=1) >= APART
+    return pool.take(np.flatnonzero(is_new))
 
 
 def plan_table(plan: MeasurementPlan, robot: Robot) -> pd.DataFrame:

@@ -13,10 +13,9 @@ from stiff_datasets.measured.identifiability import (
     identifiability,
     per_joint,
 )
+from stiff_datasets.planning.design import N_RANDOM
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray
-
-N_RANDOM = 20
 
 
 class Criteria(NamedTuple):

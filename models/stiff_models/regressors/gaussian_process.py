@@ -287,6 +287,18 @@ class GaussianProcess:
         variance = self.covariance.variance + self.covariance.noise - known
         return np.sqrt(np.maximum(variance, 0.0))
 
+    def between(self, inputs: FloatArray, others: FloatArray) -> FloatArray:
+        """Return the (n, m) covariance of the process at two sets of inputs, noise excluded."""
+        covariance = self.covariance
+        first, second = covariance.scaled(inputs), covariance.scaled(others)
+        known = cho_solve((self.factor, True), covariance.between(self.rows, second))
+        return covariance.between(first, second) - covariance.between(first, self.rows) @ known
+
+    @property
+    def noise(self) -> float:
+        """Variance of a measured output's own error."""
+        return self.covariance.noise
+
 
 def weights_and_rho(
     factor: FloatArray, outputs: FloatArray, trend: FloatArray | None

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Protocol
 
 import numpy as np
 from annotated_types import Ge
@@ -13,6 +13,17 @@ from stiff_models.base import normal_interval
 from stiff_models.regressors.gaussian_process import Covariance, GaussianProcess, Kernel, Search
 from stiff_models.regressors.standardised_model import StandardisedModel
 from stiff_protocols.contract.types import AXES, FloatArray, Interval, Robot, Samples
+
+
+class AxisProcess(Protocol):
+    """What predicts the deflection along an axis, standardised."""
+
+    @property
+    def noise(self) -> float:
+        """Variance of a measured output's own error."""
+
+    def between(self, inputs: FloatArray, others: FloatArray) -> FloatArray:
+        """Return the (n, m) covariance at two sets of inputs, noise excluded."""
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -51,6 +62,24 @@ class GaussianProcessModel(StandardisedModel):
         inputs, scaler = self._inputs(self.robot_, q, wrench), self.output_scaler_
         mean, deviation = scaler.undo(self._means(inputs)), self._deviations(inputs) * scaler.scale
         return normal_interval(mean, deviation, coverage)
+
+    def covariance(
+        self, q: FloatArray, wrench: FloatArray, other_q: FloatArray, other_wrench: FloatArray
+    ) -> FloatArray:
+        """Return how deflections go together, as `PredictsCovariance` says; errors as `predict`."""
+        first = self._inputs(self.robot_, *self._checked(q, wrench))
+        second = self._inputs(self.robot_, *self._checked(other_q, other_wrench))
+        scale = self.output_scaler_.scale[:, None, None] ** 2
+        return np.stack([one.between(first, second) for one in self._of_axes()]) * scale
+
+    def noise_variance(self) -> FloatArray:
+        """Return (3,) the variance of a measured deflection's own error, m²."""
+        noise = np.array([one.noise for one in self._of_axes()])
+        return np.asarray(noise * self.output_scaler_.scale**2)
+
+    def _of_axes(self) -> Sequence[AxisProcess]:
+        """Return what predicts each axis."""
+        return self.processes_
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         return self.output_scaler_.undo(self._means(self._inputs(self.robot_, q, wrench)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -9,7 +10,7 @@ import numpy as np
 from annotated_types import Ge
 
 from stiff_models.regressors.gaussian_process import Covariance, GaussianProcess, Search
-from stiff_models.regressors.gp import GaussianProcessModel, noise_in_mm
+from stiff_models.regressors.gp import AxisProcess, GaussianProcessModel, noise_in_mm
 from stiff_models.transfer.source import PoseDesign, WrenchDesign, drawn_from
 from stiff_models.transfer.source_model import SourceModel
 from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
@@ -35,6 +36,18 @@ class CoKriging:
         """Return the (n,) standard deviation, delta's noise included; rho counts as known."""
         low = self.rho * self.low.deviation(inputs)
         return np.asarray(np.hypot(low, self.delta.deviation(inputs)))
+
+    def between(self, inputs: FloatArray, others: FloatArray) -> FloatArray:
+        """Return the (n, m) covariance of the high fidelity at two sets of inputs, noise excluded.
+
+        As in `deviation`, rho counts as known.
+        """
+        return self.rho**2 * self.low.between(inputs, others) + self.delta.between(inputs, others)
+
+    @property
+    def noise(self) -> float:
+        """Variance of a measured output's own error."""
+        return self.delta.noise
 
 
 def fit_co_kriging(
@@ -106,3 +119,6 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
 
     def _deviations(self, inputs: FloatArray) -> FloatArray:
         return np.stack([level.deviation(inputs) for level in self.levels_], axis=1)
+
+    def _of_axes(self) -> Sequence[AxisProcess]:
+        return self.levels_

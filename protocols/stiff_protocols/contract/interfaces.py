@@ -107,6 +107,25 @@ class PredictsInterval(Protocol):
 
 
 @runtime_checkable
+class PredictsCovariance(Protocol):
+    """Optional power: say how unknown deflections go together, to choose the next poses by.
+
+    A measurement lowers the variance elsewhere by what it has in common with it.
+    """
+
+    def covariance(
+        self, q: FloatArray, wrench: FloatArray, other_q: FloatArray, other_wrench: FloatArray
+    ) -> FloatArray:
+        """Return (3, n, m) the covariance [m²] at n and m poses and loads, axis by axis.
+
+        That of the deflections without a measurement's noise, given the training samples.
+        """
+
+    def noise_variance(self) -> FloatArray:
+        """Return (3,) the variance [m²] of a measured deflection's own error, axis by axis."""
+
+
+@runtime_checkable
 class StatesRegime(Protocol):
     """Optional power: say what a row must say of how the training labels were used.
 

@@ -11,6 +11,7 @@ import pytest
 from stiff_datasets.measured.identifiability import (
     choose_by_condition,
     choose_d_optimal,
+    choose_i_optimal,
     identifiability,
     regressor,
 )
@@ -221,6 +222,29 @@ def test_the_greedy_choice_is_that_of_brute_force_determinants(kr10_regressors):
         dets = [np.linalg.det(1e-6 * np.eye(6) + information(scaled[[*chosen, i]])) for i in left]
         chosen.append(left[int(np.argmax(dets))])
     assert choose_d_optimal(candidates, 8).tolist() == chosen
+
+
+def test_the_i_optimal_choice_is_that_of_brute_force_variances(kr10_regressors):
+    candidates, workspace, measured = np.split(kr10_regressors, [25, 45])
+    wanted, known, chosen = workspace.reshape(-1, 6), information(measured), []
+
+    def spread(rows):
+        found = np.linalg.solve(known + information(candidates[rows]), wanted.T)
+        return np.trace(wanted @ found)
+
+    for _ in range(6):
+        left = [i for i in range(25) if i not in chosen]
+        chosen.append(min(left, key=lambda i: spread([*chosen, i])))
+    found = choose_i_optimal(candidates, 6, workspace=workspace, measured=measured)
+    assert found.tolist() == chosen
+
+
+@pytest.mark.parametrize("choose", [choose_d_optimal, choose_by_condition])
+def test_a_choice_goes_on_where_an_earlier_one_ended(kr10_regressors, choose):
+    whole = choose(kr10_regressors, 16)
+    rest = np.delete(np.arange(60), whole[:10])
+    further = choose(kr10_regressors[rest], 6, measured=kr10_regressors[whole[:10]])
+    assert rest[further].tolist() == whole[10:].tolist()
 
 
 def test_the_greedy_choice_comes_near_the_best_of_all_subsets(kr10_regressors):

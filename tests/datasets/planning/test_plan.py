@@ -8,16 +8,20 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from made_samples import samples_with
 from stiff_datasets.measured.identifiability import identifiability, regressor
 from stiff_datasets.measured.measured import read_samples
 from stiff_datasets.measured.sample_files import DEFLECTION_COLUMNS
+from stiff_datasets.planning.design import Loads, ProcessDesign, SpringDesign, variance_gain
 from stiff_datasets.planning.plan import (
+    APART,
     MeasurementPlan,
     candidate_plan,
     check_plan_file,
     chosen_plan,
     paper_plan,
     plan_table,
+    unmeasured,
     write_plan,
 )
 from stiff_datasets.planning.plan_gain import plan_gain
@@ -39,12 +43,14 @@ ROBOTS = {  # name: TCP m, payload kg, clearance m
     "kr10_r1100_2": ((0.06, 0.0, 0.08), 10.0, 0.2),
     "fanuc_r2000ic": (FANUC_TCP, 165.0, 0.5),
 }
-CRITERIA = ("d-optimal", "condition")
+CRITERIA = ("d-optimal", "i-optimal", "condition")
 
 
 def plan_of(chain, n_poses, *, criterion="d-optimal", **options):
     """A plan chosen from candidates of its own."""
-    return chosen_plan(chain, candidate_plan(chain, **options), n_poses, criterion=criterion)
+    pool = candidate_plan(chain, **options)
+    design = SpringDesign(regressor(chain, pool.q, pool.wrench), criterion)
+    return chosen_plan(pool, n_poses, design)[0]
 
 
 @pytest.fixture(scope="module", params=ROBOTS)
@@ -111,7 +117,7 @@ def test_the_distance_to_a_column_of_one_metre_has_its_closed_form(elbow, tcp, e
 def test_a_plan_is_better_than_every_random_one_by_the_criterion_it_was_chosen_by(case):
     robot, chain, options = case
     pool = candidate_plan(chain, **options)
-    d_optimal, by_condition = (
+    d_optimal, i_optimal, by_condition = (
         plan_gain(
             regressor(chain, plan.q, plan.wrench),
             regressor(chain, pool.q, pool.wrench),
@@ -122,6 +128,7 @@ def test_a_plan_is_better_than_every_random_one_by_the_criterion_it_was_chosen_b
     assert d_optimal.n_random == 20
     assert d_optimal.efficiency > d_optimal.efficiency_over_best > 1.2
     assert d_optimal.plan.worst_error < d_optimal.random_best.worst_error
+    assert i_optimal.plan.worst_error < i_optimal.random_best.worst_error
     assert by_condition.plan.condition < by_condition.random_best.condition
     assert by_condition.plan.condition < d_optimal.plan.condition
 
@@ -274,3 +281,133 @@ def test_the_papers_plan_is_for_its_own_robot_and_a_tool_that_hits_nothing(
 def test_a_robot_without_an_elbow_is_refused(tmp_path):
     with pytest.raises(ConfigError, match="arm has 2 joints; expected at least three"):
         candidate_plan(read_chain(arm_urdf(tmp_path, ["revolute"] * 2)), 10, seed=0, payload_kg=5.0)
+
+
+# ---- after a measurement ---------------------------------------------------------------------
+
+
+def measured_at(plan, **names):
+    """The plan's poses and loads with a deflection: a design does not look at it."""
+    return samples_with(plan.q, plan.wrench, np.full((len(plan.q), 3), 1e-4), **names)
+
+
+@pytest.fixture(scope="module")
+def going_on(case):
+    """A robot's candidates and workspace, and 15 poses that are measured."""
+    _, chain, options = case
+    drawn = candidate_plan(chain, **(options | {"candidates": 500}))
+    measured = measured_at(candidate_plan(chain, **(options | {"candidates": 15, "seed": 77})))
+    return chain, drawn.take(slice(150, None)), drawn.take(slice(150)), measured
+
+
+def spring_design(going_on, criterion):
+    chain, pool, workspace, measured = going_on
+    regressors = [regressor(chain, one.q, one.wrench) for one in (pool, workspace, measured)]
+    return SpringDesign(regressors[0], criterion, *regressors[1:])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_next_poses_beat_random_ones_by_their_criterion(going_on, seed):
+    _, pool, _, measured = going_on
+    rng, names = np.random.default_rng(seed), [f"j{i}" for i in range(6)]
+    random = [rng.choice(len(pool.q), 10, replace=False) for _ in range(20)]
+    found = {}
+    for criterion in CRITERIA:
+        design = spring_design(going_on, criterion)
+        _, rows = chosen_plan(pool, 10, design, measured=measured)
+        found[criterion] = (
+            [
+                identifiability(np.concatenate([design.measured, design.candidates[one]]), names)
+                for one in (rows, *random)
+            ],
+            [design.variance(one) for one in (rows, *random)],
+        )
+    log_det = [one.log_det for one in found["d-optimal"][0]]
+    assert log_det[0] > max(log_det[1:])
+    variance = found["i-optimal"][1]
+    assert variance[0] < 0.9 * min(variance[1:])
+    assert variance[0] <= found["d-optimal"][1][0]
+    condition = [one.condition for one in found["condition"][0]]
+    assert condition[0] < min(condition[1:])
+
+
+def test_the_variance_of_a_prediction_is_that_of_simulated_measurements(going_on, rng):
+    """Least squares on many draws of the noise, and the spread of what it then predicts."""
+    design = spring_design(going_on, "i-optimal")
+    rows = design.choose(5)
+    seen = np.concatenate([design.measured, design.candidates[rows]]).reshape(-1, 6)
+    noise = rng.normal(scale=np.sqrt(design.noise), size=(len(seen), 4000))
+    errors = design.workspace.reshape(-1, 6) @ np.linalg.lstsq(seen, noise, rcond=None)[0]
+    assert design.variance(rows) == pytest.approx(errors.var(), rel=0.05)
+    assert design.variance(rows) < design.variance(rows[:2]) < design.variance(rows[:0])
+
+
+def test_a_joint_that_was_not_seen_is_seen_with_the_first_new_pose(kr10_chain):
+    pool = candidate_plan(kr10_chain, 200, seed=0, payload_kg=10.0)
+    candidates = regressor(kr10_chain, pool.q, pool.wrench)
+    measured = candidates[:20].copy()
+    measured[:, :, 3] = 0.0
+    for criterion in CRITERIA:
+        design = SpringDesign(candidates, criterion, None, measured)
+        assert np.isinf(design.variance(np.arange(0)))
+        assert np.isfinite(design.variance(design.choose(1)))
+    gain = variance_gain(design, design.choose(5), 200)
+    assert np.isinf(gain.before) and np.isnan(gain.ratio) and gain.plan < gain.random_mean
+
+
+def test_a_measured_pose_is_not_proposed_again_and_new_ones_are_numbered_on(kr10, kr10_chain):
+    pool = candidate_plan(kr10_chain, 60, seed=0, payload_kg=10.0)
+    first = SpringDesign(regressor(kr10_chain, pool.q, pool.wrench), "d-optimal")
+    plan, rows = chosen_plan(pool, 9, first)
+    reached = plan.q + np.deg2rad(0.3)  # a controller's log
+    reached[0, 5] += 2.0 * np.pi
+    measured = measured_at(MeasurementPlan(reached, plan.pose_id, plan.group, plan.wrench))
+    left = unmeasured(pool, measured, kr10)
+    assert sorted(left.pose_id) == sorted(np.delete(pool.pose_id, rows))
+    again = SpringDesign(regressor(kr10_chain, left.q, left.wrench), "d-optimal")
+    more, _ = chosen_plan(left, 51, again, measured=measured_at(plan, pose_id=plan.pose_id))
+    assert more.pose_id[[0, -1]].tolist() == ["P10", "P60"]
+    assert np.abs(more.q[:, None] - plan.q).max(axis=2).min() > APART
+
+
+class Wave:
+    """A process of one feature, q1, with a kernel of length 0.5 rad, given three samples."""
+
+    at = np.array([-1.0, -0.9, 2.0])
+    noise = 0.01
+
+    def covariance(self, q, wrench, other_q, other_wrench):
+        def kernel(a, b):
+            return np.exp(-0.5 * ((a[:, None] - b) / 0.5) ** 2)
+
+        first, second = q[:, 0], other_q[:, 0]
+        known = kernel(self.at, self.at) + self.noise * np.eye(3)
+        left = kernel(first, self.at) @ np.linalg.solve(known, kernel(self.at, second))
+        return np.stack([scale * (kernel(first, second) - left) for scale in (1.0, 4.0, 0.0)])
+
+    def noise_variance(self):
+        return self.noise * np.array([1.0, 4.0, 1.0])
+
+
+def lines(q1):
+    return Loads(np.outer(q1, np.eye(6)[0]), np.ones((len(q1), 6)))
+
+
+def test_each_choice_for_a_process_is_the_best_step_by_brute_force(rng):
+    design = ProcessDesign(Wave(), lines(rng.uniform(-3, 3, 40)), lines(np.linspace(-2, 3, 30)))
+    chosen = design.choose(6).tolist()
+    for k in range(6):
+        left = [i for i in range(40) if i not in chosen[:k]]
+        variances = [design.variance(np.array([*chosen[:k], i])) for i in left]
+        assert chosen[k] == left[int(np.argmin(variances))]
+    assert design.noise == pytest.approx(0.02)
+    gain = variance_gain(design, np.array(chosen), 40)
+    assert gain.plan < gain.random_best < gain.random_mean < gain.before
+    assert gain.ratio == pytest.approx(
+        (gain.before - gain.plan) / (gain.before - gain.random_mean), rel=1e-12
+    )
+
+
+def test_the_first_choices_for_a_process_are_the_smaller_plan(rng):
+    design = ProcessDesign(Wave(), lines(rng.uniform(-3, 3, 300)), lines(np.linspace(-2, 3, 30)))
+    assert design.choose(9)[:4].tolist() == design.choose(4).tolist()

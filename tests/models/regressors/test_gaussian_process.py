@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.special import ndtri
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, WhiteKernel
 
@@ -14,7 +15,10 @@ from stiff_models.regressors.gaussian_process import (
     log_likelihood,
 )
 from stiff_models.regressors.gp import GaussianProcessModel
+from stiff_models.regressors.mf_gp import MultiFidelityGp
+from stiff_models.regressors.on_physics import VjmGp
 from stiff_protocols.contract.errors import ModelError
+from stiff_protocols.contract.interfaces import PredictsCovariance
 
 N_ROWS, N_FEATURES = 40, 5
 
@@ -55,6 +59,28 @@ def test_likelihood_gradient_and_predictions_are_scikit_learns(kernel, shared, n
     mean, deviation = truth.predict(elsewhere, return_std=True)
     np.testing.assert_allclose(process.mean(elsewhere), mean, atol=1e-8)
     np.testing.assert_allclose(process.deviation(elsewhere), deviation, atol=1e-7)
+    _, together = truth.predict(elsewhere[:9], return_cov=True)
+    found = process.between(elsewhere[:9], elsewhere[4:9]) + noise * np.eye(9)[:, 4:]
+    np.testing.assert_allclose(found, together[:, 4:], atol=1e-8)
+
+
+@pytest.mark.parametrize("model", [GaussianProcessModel, VjmGp, MultiFidelityGp])
+def test_covariances_of_a_model_are_those_of_its_intervals(model, parts):
+    robot, train, _, test = parts
+    fitted = model(restarts=0)
+    if model is MultiFidelityGp:
+        fitted.set_params(source_samples=40)
+    fitted.fit(train.take(np.arange(40)), robot=robot)
+    assert isinstance(fitted, PredictsCovariance)
+    q, wrench = test.q[:6], test.wrench[:6]
+    found = fitted.covariance(q, wrench, q, wrench)
+    np.testing.assert_allclose(found, found.transpose(0, 2, 1), atol=1e-18)
+    variance = np.diagonal(found, axis1=1, axis2=2).T + fitted.noise_variance()
+    interval = fitted.predict_interval(q, wrench, 0.9)
+    half = (interval.upper - interval.lower) / 2.0
+    np.testing.assert_allclose(ndtri(0.95) * np.sqrt(variance), half, rtol=1e-4)
+    other = fitted.covariance(q, wrench, test.q[2:5], test.wrench[2:5])
+    np.testing.assert_allclose(other, found[:, :, 2:5], atol=1e-18)
 
 
 def test_the_gradient_with_a_trend_is_that_of_the_likelihood_at_its_likeliest_scale(rng):

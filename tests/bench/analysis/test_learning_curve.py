@@ -1,0 +1,86 @@
+"""Learning curves: the law behind errors that follow one, and what is said where none shows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import curve_fit
+
+from stiff_bench.analysis.learning_curve import (
+    EXPONENT_BOUNDS,
+    USUAL_EXPONENT,
+    CurveErrors,
+    PowerLaw,
+    learning_curve,
+    power_law,
+)
+from stiff_protocols.contract.errors import DataError
+
+SIZES = np.array([6, 9, 14, 21, 32, 48])
+N_DRAWS, N_POSES = 10, 60
+
+
+def errors_of(law, rng, *, scatter=0.0, poses=0.5):
+    """Errors [m] that follow a law; those of a pose differ by its own factor, each by scatter."""
+    counts = np.zeros((N_DRAWS, N_POSES), dtype=np.int64)
+    for draw in counts:
+        draw[rng.permutation(N_POSES)[: N_POSES // 5]] = 1
+    factor = np.exp(poses * rng.normal(size=N_POSES))
+    factor /= (counts @ factor).sum() / counts.sum()
+    each = np.exp(scatter * rng.normal(size=(N_DRAWS, len(SIZES), N_POSES)))
+    means = np.array([law(n) for n in SIZES])
+    return CurveErrors(SIZES, counts[:, None] * means[:, None] * factor * each, counts)
+
+
+@pytest.mark.parametrize("c", [0.3, 0.5, 1.2])
+def test_the_law_of_errors_without_scatter_is_told_with_its_exponent(rng, c):
+    law = PowerLaw(0.05e-3, 0.4e-3, c)
+    found = learning_curve(errors_of(law, rng), resamples=30)
+    assert found.told
+    assert found.law.c == pytest.approx(c, rel=1e-3)
+    np.testing.assert_allclose(found.errors, [law(n) for n in SIZES], rtol=1e-12)
+    assert found.law(120) == pytest.approx(law(120), rel=1e-4)
+    low, high = found.interval(120, 60)
+    assert low == pytest.approx(high, rel=1e-3)  # factors of poses cancel
+
+
+def test_the_fit_is_that_of_scipys_general_one(rng):
+    errors = (0.05 + 0.4 * SIZES**-0.7) * (1.0 + 0.02 * rng.normal(size=6))
+    general, _ = curve_fit(
+        lambda n, a, b, c: a + b * n**-c,
+        SIZES.astype(float),
+        errors,
+        (0.05, 0.4, 0.7),
+        sigma=errors,
+        bounds=([0.0, 0.0, EXPONENT_BOUNDS[0]], [np.inf, np.inf, EXPONENT_BOUNDS[1]]),
+    )
+    found = power_law(SIZES.astype(float), errors)
+    assert found(200) == pytest.approx(PowerLaw(*general)(200), rel=1e-3)
+
+
+def test_intervals_of_what_more_poses_gain_hold_it(rng):
+    law, held = PowerLaw(0.05e-3, 0.4e-3, 0.5), 0
+    for seed in range(10):
+        found = learning_curve(errors_of(law, rng, scatter=0.3), resamples=40, seed=seed)
+        low, high = np.array(found.interval(120, 60)) / found.law(60)
+        held += low <= law(120) / law(60) <= high
+        assert 0.0 < low < high < 1.0
+    assert held >= 8
+
+
+def test_errors_that_do_not_tell_the_exponent_get_the_usual_one(rng):
+    found = learning_curve(errors_of(PowerLaw(0.1e-3, 0.1e-3, 0.5), rng, scatter=0.5), resamples=30)
+    assert not found.told and found.law.c == USUAL_EXPONENT
+    assert len({law.c for law in found.others}) == 30  # the interval holds other exponents, too
+
+
+@pytest.mark.parametrize("errors", [[1.0] * 6, [1.0, 1.1, 1.2, 1.3, 1.4, 1.5], [0.0] * 6])
+def test_more_poses_never_look_worse(errors):
+    law = power_law(SIZES.astype(float), np.array(errors))
+    assert law(96) == pytest.approx(law(48), rel=1e-6)
+    assert law(48) == pytest.approx(np.exp(np.log(errors).mean()) if errors[0] else 0.0, rel=0.05)
+
+
+def test_two_sizes_and_no_errors_are_no_curve():
+    with pytest.raises(DataError, match="of 2 numbers of poses, expected 3"):
+        CurveErrors(SIZES[:2], np.ones((1, 2, 4)), np.ones((1, 4), dtype=np.int64))

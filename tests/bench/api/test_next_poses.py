@@ -1,0 +1,174 @@
+"""`bench data plan --after`: where it goes on, what it says of its gain, what it refuses."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import planned_poses
+import stiffbench as sb
+from command_line import assert_refused, bench_here
+from stiff_bench.api.model import model_choice
+from stiff_bench.api.next_poses import curve_errors
+from stiff_datasets.measured.measured import write_samples
+from stiff_datasets.twin.robot_twin import Ur5Twin
+from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.types import BenchmarkData
+
+UR5 = ("data", "plan", "--robot", "ur5", "--candidates", "200", "--output", "next.csv")
+
+
+@pytest.fixture(scope="module")
+def ur5():
+    return Ur5Twin().load()
+
+
+@pytest.fixture()
+def measured(ur5, tmp_path):
+    """A function that writes the first poses of the UR5's twin as a user's file."""
+
+    def write(n_poses, name="my.csv"):
+        write_samples(tmp_path / name, ur5.samples.take(np.arange(n_poses)), ur5.robot)
+        return name
+
+    return write
+
+
+def lowered(text):
+    """Standard error before, with the plan, with random poses, with the best of them."""
+    line = next(line for line in text.splitlines() if line.startswith("standard error"))
+    return [float(word) for word in line.split("[mm]")[1].split()]
+
+
+def test_the_next_poses_lower_the_interval_more_than_random_ones_and_a_curve_says_how_far(
+    tmp_path, measured
+):
+    done = bench_here(*UR5, "--after", measured(20), "--poses", "6", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    before, plan, random, best = lowered(done.stdout)
+    assert plan < best <= random < before
+    ratio = float(re.search(r"([\d.]+) times as much as random", done.stdout)[1])
+    assert ratio > 1.2
+    table = pd.read_csv(tmp_path / "next.csv")
+    assert len(table) == 6 and table["dx_mm"].isna().all()
+    sentence = done.stdout.splitlines()[-1]
+    assert "extrapolation" in sentence
+    now, *later = (float(one) for one in re.findall(r"(?:is|about) ([\d.]+) mm", sentence))
+    assert re.findall(r"with (\d+) more poses", sentence) == ["6", "20"]
+    assert now >= later[0] >= later[1] > 0.0
+
+
+def test_a_process_chooses_by_its_own_intervals(tmp_path, measured):
+    words = [*UR5, "--after", measured(12), "--poses", "4"]
+    process = bench_here(*words, "--model", "vjm-gp", cwd=tmp_path)
+    assert process.returncode == 0, process.stderr
+    before, plan, random, best = lowered(process.stdout)
+    assert plan < best <= random < before
+    assert "Predictions of vjm-gp" in process.stdout
+    assert "No learning curve" in process.stdout and "at least 15" in process.stdout
+    first = (tmp_path / "next.csv").read_text()
+    (tmp_path / "next.csv").unlink()
+    springs = bench_here(*words, "--model", "knn", cwd=tmp_path)
+    assert "chosen for joint springs" in springs.stdout
+    assert first != (tmp_path / "next.csv").read_text()
+
+
+def test_the_workspace_may_be_the_users_own_rows(tmp_path, measured):
+    measured(30, "all.csv")
+    rows = pd.read_csv(tmp_path / "all.csv")
+    rows.iloc[20:].to_csv(tmp_path / "work.csv", index=False)
+    words = [*UR5, "--after", measured(14), "--poses", "4", "--workspace", "work.csv"]
+    done = bench_here(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "10 rows of work.csv" in done.stdout
+    _, plan, random, _ = lowered(done.stdout)
+    assert plan < random
+
+
+def test_a_plan_and_what_was_measured_of_it_are_one_file(tmp_path, measured, ur5):
+    sb.plan_poses(tmp_path / "plan.csv", robot="ur5", poses=12, candidates=50)
+    rows = pd.read_csv(tmp_path / "plan.csv").assign(dx_mm=0.1, dy_mm=-0.2, dz_mm=0.3)
+    rows.to_csv(tmp_path / "my.csv", index=False)
+    sb.plan_poses(
+        tmp_path / "more.csv", robot="ur5", poses=5, candidates=50, after=tmp_path / "my.csv"
+    )
+    more = pd.read_csv(tmp_path / "more.csv")
+    both = pd.concat([rows, more.assign(dx_mm=0.1, dy_mm=-0.2, dz_mm=0.3)])
+    assert both["pose_id"].is_unique
+    joints = [f"q{i}_deg" for i in range(1, 7)]
+    apart = np.abs(more[joints].to_numpy()[:, None] - rows[joints].to_numpy()).max(axis=2)
+    assert apart.min() > 1.0
+    both.to_csv(tmp_path / "both.csv", index=False)
+    assert len(sb.read_samples(tmp_path / "both.csv", robot="ur5")) == 17
+
+
+def test_springs_that_explain_little_raise_the_question_of_the_robot(tmp_path, measured):
+    rows = pd.read_csv(tmp_path / measured(12))
+    rows[["dx_mm", "dy_mm", "dz_mm"]] *= -1.0
+    rows.to_csv(tmp_path / "my.csv", index=False)
+    done = bench_here(*UR5, "--after", "my.csv", cwd=tmp_path)
+    assert done.returncode == 0 and "is it this robot's" in done.stdout
+
+
+def test_errors_of_a_curve_are_those_of_fits_to_nested_poses_tested_on_others(ur5):
+    data = BenchmarkData(ur5.samples.take(np.arange(20)), ur5.robot)
+    found = curve_errors(model_choice("vjm", {}), data, 0)
+    assert found.sizes.tolist() == sorted(set(found.sizes.tolist()))
+    assert (found.sizes[0], found.sizes[-1]) == (5, 16)
+    assert (found.counts.sum(axis=1) == 4).all()  # a fifth, one load a pose
+    assert ((found.totals > 0) == (found.counts[:, None] > 0)).all()
+    zero = curve_errors(model_choice("zero", {}), data, 0)
+    lengths = np.linalg.norm(data.samples.deflection, axis=1)
+    order = np.argsort(data.samples.pose_id)
+    np.testing.assert_allclose(zero.totals[3, 0], zero.counts[3] * lengths[order])
+    with pytest.raises(DataError, match="14 poses, it needs at least 15"):
+        few = BenchmarkData(ur5.samples.take(np.arange(14)), ur5.robot)
+        curve_errors(model_choice("vjm", {}), few, 0)
+
+
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        (["--poses", "0"], ["--poses", "'0'", "from 1 to 10000"]),
+        (["--poses", "201"], ["poses is 201", "1 to 200"]),
+        (["--model", "vjm-gq"], ["vjm-gq", "vjm-gp"]),
+        (["--model", "vjm-gp"], ["my.csv: 9 poses", "from 10 poses on", "--model vjm"]),
+        (["--model", "gp", "--criterion", "d-optimal"], ["--criterion d-optimal", "i-optimal"]),
+        (["--workspace", "no.csv"], ["no.csv: cannot be read"]),
+        (["--robot", "gp12"], ["my.csv: row", "limits of joint", "gp12"]),
+    ],
+)
+def test_what_cannot_be_planned_after_a_measurement_is_refused(tmp_path, measured, words, parts):
+    measured(9)
+    done = bench_here(*UR5, "--after", "my.csv", *words, cwd=tmp_path)
+    assert_refused(done, *parts)
+    assert not (tmp_path / "next.csv").exists()
+
+
+@pytest.mark.parametrize("words", [["--model", "vjm"], ["--workspace", "x"], ["--no-torque"]])
+def test_what_is_of_a_plan_after_a_measurement_needs_one(tmp_path, words):
+    assert_refused(bench_here(*UR5, *words, cwd=tmp_path), words[0], "--after")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("twin", planned_poses.TWINS)
+@pytest.mark.parametrize("case", planned_poses.CASES, ids=str)
+def test_planned_poses_lower_the_variance_a_fifth_more_than_random_ones_on_twins(twin, case):
+    """docs/how-to/own-robot.md states the ratios."""
+    found = [planned_poses.outcome(twin, *case, seed) for seed in range(planned_poses.SEEDS)]
+    assert np.mean([one.ratio for one in found]) > 1.2
+
+
+@pytest.mark.slow
+def test_few_planned_poses_give_better_springs_than_random_ones_on_twins():
+    """Of many poses the model's own error remains, which no pose removes."""
+    errors = [
+        planned_poses.outcome(twin, "vjm", 5, 5, seed).errors
+        for twin in planned_poses.TWINS
+        for seed in range(planned_poses.SEEDS)
+    ]
+    _, random, planned = np.mean(errors, axis=0)
+    assert planned < 0.97 * random

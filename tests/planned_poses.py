@@ -1,0 +1,116 @@
+"""Next poses of `bench data plan --after` on twins: how much more do they tell than random ones?
+
+`python tests/planned_poses.py` prints the table of docs/how-to/own-robot.md (minutes).
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from stiff_bench.api.model import fitted, model_choice
+from stiff_bench.api.next_poses import Measured, choose_next
+from stiff_datasets.planning.plan import MeasurementPlan, candidate_plan
+from stiff_datasets.twin.constants import shipped_constants
+from stiff_datasets.twin.twin import TwinExperiment
+from stiff_protocols.contract.types import BenchmarkData, Samples
+
+TWINS = {"kr10-twin": "kr10_r1100_2", "ur5-twin": "ur5", "arm-family (gp12)": "gp12"}
+CASES = (("vjm", 5, 5), ("vjm", 40, 20), ("vjm-gp", 40, 20), ("gp", 40, 20))
+"""Model, poses measured, poses planned after them."""
+TESTED, CANDIDATES, SEEDS = 500, 2000, 5
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What poses gain after others.
+
+    Attributes:
+        ratio: by how much more than random poses the plan lowers the mean variance of predictions.
+        lowered: share by which the plan lowers it.
+        errors: mean 3-D error [mm] on poses that nobody measured: before, with random poses, with
+            the plan.
+    """
+
+    ratio: float
+    lowered: float
+    errors: tuple[float, float, float]
+
+
+class Robot:
+    """A twin that measures plans."""
+
+    def __init__(self, constants: str) -> None:
+        self.constants = shipped_constants(constants)
+        self.chain, self.robot = self.constants.chain(), self.constants.robot()
+
+    def random(self, n: int, seed: int) -> MeasurementPlan:
+        return candidate_plan(self.chain, n, seed=seed, payload_kg=self.constants.payload_kg)
+
+    def measure(self, plan: MeasurementPlan, seed: int) -> Samples:
+        experiment = TwinExperiment(self.constants, loads="omni", specimen=0, seed=seed)
+        q = experiment.logged_q(plan)
+        return experiment.recorded(plan, plan.wrench, experiment.twin.readings(q, plan.wrench))
+
+
+def together(*parts: Samples) -> Samples:
+    return Samples(
+        **{
+            one.name: np.concatenate([getattr(p, one.name) for p in parts])
+            for one in fields(Samples)
+        }
+    )
+
+
+def outcome(twin: str, model: str, n_measured: int, n_new: int, seed: int) -> Outcome:
+    robot, choice = Robot(TWINS[twin]), model_choice(model, {})
+    samples = robot.measure(robot.random(n_measured, 1000 + seed), seed)
+    tested = robot.measure(robot.random(TESTED, 2000 + seed), 2000 + seed)
+    measured = Measured("my.csv", samples, robot.robot, robot.chain, choice)
+    found = choose_next(
+        measured,
+        n_new,
+        n_candidates=CANDIDATES,
+        criterion="i-optimal",
+        workspace=None,
+        payload_kg=robot.constants.payload_kg,
+        clearance=0.2,
+        seed=seed,
+    )
+
+    def error(*new: MeasurementPlan) -> float:
+        parts = (robot.measure(plan, 3000 + seed) for plan in new)
+        data = BenchmarkData(together(samples, *parts), robot.robot)
+        predicted = fitted(choice, data)[0].predict(tested.q, tested.wrench)
+        return float(np.linalg.norm(predicted - tested.deflection, axis=1).mean() * 1000.0)
+
+    errors = (error(), error(robot.random(n_new, 4000 + seed)), error(found.plan))
+    return Outcome(found.gain.ratio, 1.0 - found.gain.plan / found.gain.before, errors)
+
+
+def main() -> None:
+    warnings.simplefilter("ignore")
+    print(
+        "| twin | model | poses | variance lowered | times random | error before [mm] | + random | "
+        "+ planned |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
+    for twin in TWINS:
+        for model, n_measured, n_new in CASES:
+            found = [outcome(twin, model, n_measured, n_new, seed) for seed in range(SEEDS)]
+            ratios = [one.ratio for one in found]
+            lowered = np.mean([one.lowered for one in found])
+            errors = np.mean([one.errors for one in found], axis=0)
+            print(
+                f"| `{twin}` | `{model}` | {n_measured} + {n_new} | {lowered:.0%} | "
+                f"{np.mean(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f}) | "
+                + " | ".join(f"{one:.3f}" for one in errors)
+                + " |",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()
