@@ -350,7 +350,7 @@ def compare_folder(
     if a == b:
         raise ConfigError(f"compare {a!r} with another model than itself")
     chosen = chosen_cases(stored.cases, datasets=datasets, protocols=protocols)
-    chosen = _under(conditions, chosen)
+    chosen = under(conditions, chosen)
     called = labels(one.name for one in chosen)
     run = {name: [called[one.name] for one in chosen if name in one.competitors] for name in (a, b)}
     data_of = functools.cache(functools.partial(read_data, folder))
@@ -406,7 +406,7 @@ def compare_folder(
     )
 
 
-def _under(conditions: Sequence[str], cases: Sequence[Case]) -> list[Case]:
+def under(conditions: Sequence[str], cases: Sequence[Case]) -> list[Case]:
     """Return the cases of these conditions in order; none named means all."""
     known = {case.name.condition for case in cases}
     for condition in conditions:

@@ -13,7 +13,14 @@ from stiff_bench.api.tables import Text
 from stiff_bench.plan.options import Choice, parse_option
 from stiff_bench.plan.registry import Kind
 from stiff_bench.plan.request import loaded
-from stiff_bench.plan.words import RobotWords, chosen, chosen_dataset, measured_file, own_file
+from stiff_bench.plan.words import (
+    RobotWords,
+    chosen,
+    chosen_dataset,
+    held_data,
+    measured_file,
+    own_file,
+)
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.files import make_folder
 from stiff_protocols.contract.plugin import STIFFNESS, DatasetInfo
@@ -37,18 +44,6 @@ def choice_of(kind: Kind, word: str, options: Mapping[str, Any]) -> Choice[Any]:
     return replace(choice, params={**choice.params, **parsed})
 
 
-class HeldData:
-    """A data set that is in memory."""
-
-    def __init__(self, *, data: BenchmarkData) -> None:
-        """Store it."""
-        self.data = data
-
-    def load(self) -> BenchmarkData:
-        """Return it."""
-        return self.data
-
-
 @dataclass(frozen=True, eq=False)
 class Dataset:
     """Samples, the robot that they belong to, and the name that tables give them.
@@ -66,11 +61,7 @@ class Dataset:
         Raises:
             DataError: samples and robot have different numbers of joints.
         """
-        info = DatasetInfo(
-            key=name, target=HeldData, kind="user's data", summary="samples from memory"
-        )
-        data = BenchmarkData(samples, robot)
-        return cls(Choice(info, HeldData, {}, {"data": data}))
+        return cls(held_data(BenchmarkData(samples, robot), name))
 
     @classmethod
     def from_frame(cls, frame: DataFrame, robot: Robot, *, name: str = "own-data") -> Dataset:

@@ -11,12 +11,15 @@ from stiff_bench.api import RESULTS
 from stiff_bench.cli.options import (
     FILE,
     PROBABILITY,
+    FiniteRange,
     Millimetres,
+    WholeRange,
     case_options,
     command_line,
     format_option,
     output_option,
     picture,
+    plugin_option,
     ranking_options,
     results_option,
     seed_option,
@@ -56,9 +59,19 @@ def leaderboard(
     return 1 if why_none else 0
 
 
+PERTURBATIONS = {
+    "tcp_off_mm": "--tcp-off",
+    "force_noise_percent": "--force-noise",
+    "registration_deg": "--registration",
+    "deflection_shift_mm": "--deflection-shift",
+    "draws": "--draws",
+    "jobs": "--jobs",
+}
+"""Options of `bench compare --perturb` by their names in `Results.sensitivity`."""
+
+
 @click.command()
-@click.argument("a", metavar="A")
-@click.argument("b", metavar="B")
+@click.argument("models", nargs=-1, metavar="A B")
 @results_option
 @case_options
 @several_keys("--condition", "conditions", help='Condition of a protocol, such as "n = 40".')
@@ -73,14 +86,71 @@ def leaderboard(
 @click.option(
     "--confidence", type=PROBABILITY, default=0.95, help="Level of intervals and verdicts."
 )
+@click.option(
+    "--perturb",
+    is_flag=True,
+    help="Does the order of the models outlast mistakes of the measurement? Fits them anew, on "
+    "perturbed copies of the data set.",
+)
+@click.option(
+    "--tcp-off",
+    "tcp_off_mm",
+    type=Millimetres(min=0),
+    metavar="LENGTH",
+    help="With --perturb: how far the TCP lies from where it was said to be.  [default: 0.5mm]",
+)
+@click.option(
+    "--force-noise",
+    "force_noise_percent",
+    type=FiniteRange(0, 100),
+    metavar="PERCENT",
+    help="With --perturb: standard deviation of each component of force and torque, of its norm.  "
+    "[default: 2]",
+)
+@click.option(
+    "--registration",
+    "registration_deg",
+    type=FiniteRange(0, 180),
+    metavar="DEGREES",
+    help="With --perturb: angle between the measuring device's frame and the robot's base.  "
+    "[default: 0.1]",
+)
+@click.option(
+    "--deflection-shift",
+    "deflection_shift_mm",
+    type=Millimetres(min=0),
+    metavar="LENGTH",
+    help="With --perturb: a constant that is in every deflection.  [default: 0.05mm]",
+)
+@click.option(
+    "--draws",
+    type=WholeRange(1, 10_000),
+    help="With --perturb: how often each of them is drawn.  [default: 10]",
+)
+@click.option(
+    "--jobs",
+    type=WholeRange(1, 1024),
+    help="With --perturb: number of fits at once, each in its own process.  [default: 1]",
+)
+@plugin_option
 @seed_option
 @format_option
-def compare(a: str, b: str, results: Path, equivalence_mm: float, fmt: str, **asked: Any) -> None:
+def compare(models: tuple[str, ...], results: Path, fmt: str, perturb: bool, **asked: Any) -> None:
     """Test whether model A is better than B, by how much and where.
 
-    A and B are models with their options, as `bench run` names them: vjm, ft-mlp@freeze=full.
+    A and B are models with their options, as `bench run` names them: vjm, ft-mlp@freeze=full. With
+    --perturb there may be more of them, or none: then all that have results take part.
     """
-    found = _stored(results).compare(a, b, equivalence_mm=equivalence_mm, **asked)
+    how = {name: asked.pop(name) for name in PERTURBATIONS}
+    given = {name: value for name, value in how.items() if value is not None}
+    if perturb:
+        found = _stored(results).sensitivity(*models, **given, **asked)
+    elif given:
+        raise click.UsageError(f"{PERTURBATIONS[min(given)]} goes with --perturb; give it too")
+    elif len(models) != 2:
+        raise click.UsageError(f"{len(models)} models: give two, A and B, or --perturb")
+    else:
+        found = _stored(results).compare(*models, **asked)
     print_text(found.text_as(fmt))
 
 

@@ -36,7 +36,7 @@ from stiff_bench.cli.results import cache, merge
 from stiff_bench.console import print_text, say
 from stiff_protocols.contract.errors import StiffBenchError
 
-INTERRUPTION = "interrupted; finished fits are stored, the same command computes the rest"
+INTERRUPTION = "interrupted; what is stored stays, the same command computes the rest"
 USAGE_ERROR, CELLS_FAILED = 2, 1
 
 

@@ -13,14 +13,12 @@ import numpy as np
 from stiff_bench.figures.figure import Content
 from stiff_bench.figures.source import FigureSource, setting
 from stiff_bench.figures.style import looks, name_panels, new_panels, share_legend, short
-from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.plan.request import loaded
+from stiff_bench.plan.request import robot_of_results
 from stiff_bench.store.database import read_data
 from stiff_bench.store.samples import StoredData
 from stiff_models.catalog import REFERENCE_MODEL
 from stiff_models.physics.kinematics import gravity_torque
-from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray
 
@@ -140,12 +138,10 @@ def _numbered(found: Mapping[str, float], name: Callable[[int], str]) -> FloatAr
 
 def _torques(stored: StoredData, result: CellResult) -> tuple[FloatArray, str]:
     """Return the (n, n_joints) torques that the model's springs see, and of what they are."""
-    if result.cell.model_params.get("gravity"):
-        try:
-            info = build_registry().datasets[result.cell.dataset]
-            robot = loaded(Choice.of_stored(info, result.cell.dataset_params)).robot
-            weights = gravity_torque(robot, stored.samples.q)
-            return stored.torque + weights, "of loads and the links' weights"
-        except (KeyError, StiffBenchError):  # of a plugin or somebody's file: no robot is stored
-            return stored.torque, "of the loads alone: the robot's masses are not known here"
-    return stored.torque, "of the loads"
+    if not result.cell.model_params.get("gravity"):
+        return stored.torque, "of the loads"
+    robot = robot_of_results(stored, result.cell, build_registry())
+    if robot is None:
+        return stored.torque, "of the loads alone: the robot's masses are not known here"
+    weights = gravity_torque(robot, stored.samples.q)
+    return stored.torque + weights, "of loads and the links' weights"

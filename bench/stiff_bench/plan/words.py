@@ -19,7 +19,7 @@ from stiff_datasets.robots.robot import ChainModel, read_chain, robot_of
 from stiff_datasets.robots.shipped import DEFAULT_ROBOT, named_robot
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.plugin import DatasetInfo
-from stiff_protocols.contract.types import Robot
+from stiff_protocols.contract.types import BenchmarkData, Robot
 
 DEFAULT_DATASET = "kr10-twin"
 
@@ -227,3 +227,21 @@ def measured_file(path: Path, robot: Robot, *, no_torque: bool = False) -> Choic
     """Return the data set of a file of measured samples, which has the file's name."""
     context = {"csv": path, "robot": robot, "no_torque": no_torque}
     return replace(Choice.of(replace(MEASURED_FILE, key=path.name)), context=context)
+
+
+class HeldData:
+    """A data set that is in memory."""
+
+    def __init__(self, *, data: BenchmarkData) -> None:
+        """Store it."""
+        self.data = data
+
+    def load(self) -> BenchmarkData:
+        """Return it."""
+        return self.data
+
+
+def held_data(data: BenchmarkData, name: str) -> Choice[DatasetInfo]:
+    """Return the data set of this name that is in memory."""
+    info = DatasetInfo(key=name, target=HeldData, kind="user's data", summary="samples from memory")
+    return Choice(info, HeldData, {}, {"data": data})

@@ -144,7 +144,7 @@ class ResultStore:
             StoreError: they are too many, or cannot be written.
         """
         with suppress(StoreError):
-            if read_data(self.folder, data.sha256).tcp_on_flange is not None:
+            if read_data(self.folder, data.sha256).geometry is not None:
                 return
         content = data_content(data)
         row = (data.sha256, content, hashlib.sha256(content).hexdigest())

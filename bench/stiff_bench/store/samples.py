@@ -1,7 +1,7 @@
 """The samples behind the results of a folder: what a comparison needs to say where models differ.
 
-Samples, robot's name, joint torques of the loads and TCP positions, as a NumPy archive (`.npz`):
-so a folder of results can be judged without the data set's own files.
+Samples, robot, joint torques of the loads and TCP positions, as a NumPy archive (`.npz`): so a
+folder of results can be judged, and its models fitted anew, without the data set's own files.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.types import BenchmarkData, FloatArray, Samples, frozen_array
+from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot, Samples, frozen_array
 
 
 def load_torque(data: BenchmarkData) -> FloatArray:
@@ -46,6 +46,7 @@ class StoredData:
         torque_units: one a joint, "Nm" of a revolute one, "N" of a prismatic one.
         tcp_on_flange: (3,) m, the TCP in the frame of the robot description's last link; None in a
             file of a stiffbench that did not store it.
+        geometry: the robot as models are told that it is; None likewise.
     """
 
     samples: Samples
@@ -55,6 +56,13 @@ class StoredData:
     tcp: FloatArray
     torque_units: tuple[str, ...]
     tcp_on_flange: FloatArray | None = None
+    geometry: Robot | None = None
+
+
+_ROBOT_NAMES = ("name", "joint_names", "joint_types")
+_ROBOT_ARRAYS = tuple(item.name for item in fields(Robot) if item.name not in _ROBOT_NAMES)
+_OF_ROBOT = "robot "
+"""How the names of the robot's arrays begin: `tcp` alone is another array."""
 
 
 def what_differs(found: Sequence[StoredData]) -> str:
@@ -90,6 +98,7 @@ def data_content(data: BenchmarkData) -> bytes:
         joint_names=np.array(data.robot.joint_names),
         robot=np.array(data.robot.name),
         **arrays,
+        **{f"{_OF_ROBOT}{name}": getattr(data.robot, name) for name in _ROBOT_ARRAYS},
     )
     return file.getvalue()
 
@@ -129,6 +138,16 @@ def _stored(found: Mapping[str, Any]) -> StoredData:
             if "tcp_on_flange" in found
             else None
         ),
+        geometry=_geometry(found, joint_names) if f"{_OF_ROBOT}tcp" in found else None,
+    )
+
+
+def _geometry(found: Mapping[str, Any], joint_names: tuple[str, ...]) -> Robot:
+    return Robot(
+        name=str(found["robot"]),
+        joint_names=joint_names,
+        joint_types=tuple(str(kind) for kind in found["joint_types"]),  # type: ignore[misc]
+        **{name: found[f"{_OF_ROBOT}{name}"] for name in _ROBOT_ARRAYS},
     )
 
 

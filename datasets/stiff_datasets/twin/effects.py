@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
+from stiff_datasets.measured.perturbations import direction
 from stiff_datasets.planning.loads import stream
 from stiff_datasets.robots.robot import ChainModel
 from stiff_datasets.twin.constants import Errors, Noise, TwinConstants
@@ -55,17 +56,12 @@ def real_chain(chain: ChainModel, errors: Errors, rng: np.random.Generator) -> C
     """Return the robot that stands there, where `chain` is what its description says."""
     model = chain.model.copy()
     for joint in range(1, model.njoints):
-        turn, shift = errors.turn_rad * _direction(rng), errors.place_m * _direction(rng)
+        turn, shift = errors.turn_rad * direction(rng), errors.place_m * direction(rng)
         model.jointPlacements[joint] *= pin.SE3(pin.exp3(turn), shift)
         described = model.inertias[joint]
         mass = described.mass * (1.0 + errors.mass * rng.choice([-1.0, 1.0]))
         model.inertias[joint] = pin.Inertia(mass, described.lever, described.inertia)
-    return replace(chain, model=model, tcp=chain.tcp + errors.tcp_m * _direction(rng))
-
-
-def _direction(rng: np.random.Generator) -> FloatArray:
-    vector = rng.normal(size=3)
-    return np.asarray(vector / np.linalg.norm(vector))
+    return replace(chain, model=model, tcp=chain.tcp + errors.tcp_m * direction(rng))
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +88,7 @@ class Instruments:
             constants.errors,
             constants.noise,
         )
-        registration, misalignment = _direction(rng), _direction(rng)
+        registration, misalignment = direction(rng), direction(rng)
         gain = 1.0 + errors.force_gain * rng.choice([-1.0, 1.0], size=2)
         if SENSOR in effects:
             noise = noise.model_copy(update={"tracker_m": errors.tracker_m, "tail": errors.tail})

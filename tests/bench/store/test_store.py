@@ -129,20 +129,31 @@ def test_a_folder_keeps_the_samples_of_its_results_with_the_joints_torques(tmp_p
     assert tuple(back.tcp_on_flange) == ROBOTS["fanuc-r2000ic"].tcp
 
 
-def test_a_file_from_before_the_tcp_was_stored_is_read_and_completed_by_the_next_run(tmp_path):
+def test_a_folder_keeps_the_robot_of_its_results_so_that_the_data_are_whole(tmp_path):
+    data = FanucR2000iC().load()
+    ResultStore(tmp_path).write_data(data)
+    back = read_data(tmp_path, data.sha256)
+    assert BenchmarkData(back.samples, back.geometry).sha256 == data.sha256
+    np.testing.assert_array_equal(back.geometry.flange, data.robot.flange)
+
+
+def test_a_file_from_before_the_robot_was_stored_is_read_and_completed_by_the_next_run(tmp_path):
     data = FanucR2000iC().load()
     store = ResultStore(tmp_path)
     store.write_data(data)
     with np.load(io.BytesIO(data_content(data))) as arrays:
         older = io.BytesIO()
-        np.savez(older, **{name: arrays[name] for name in arrays if name != "tcp_on_flange"})
+        since = ("tcp_on_flange", "robot ")
+        np.savez(older, **{name: arrays[name] for name in arrays if not name.startswith(since)})
     content = older.getvalue()
     with writing(tmp_path) as db:
         row = (content, hashlib.sha256(content).hexdigest())
         db.execute("UPDATE data SET content = ?, content_sha256 = ?", row)
     assert read_data(tmp_path, data.sha256).tcp_on_flange is None
+    assert read_data(tmp_path, data.sha256).geometry is None
     store.write_data(data)
     assert read_data(tmp_path, data.sha256).tcp_on_flange is not None
+    assert read_data(tmp_path, data.sha256).geometry is not None
 
 
 def test_it_is_told_in_what_data_of_one_name_differ():

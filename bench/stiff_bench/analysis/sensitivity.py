@@ -1,0 +1,467 @@
+"""Does the order of the models outlast the mistakes of a measurement? `bench compare --perturb`.
+
+The models of stored results are fitted and scored anew, with their options and seeds and on their
+splits, on copies of the data set that hold a mistake each (`Perturbations`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiff_bench.analysis.collected import (
+    Case,
+    StoredResults,
+    chosen_cases,
+    competitor_meant,
+    few_notes,
+)
+from stiff_bench.analysis.comparison import NORM, compare, under
+from stiff_bench.analysis.comparison_text import VERDICTS
+from stiff_bench.analysis.sort_key import sort_key
+from stiff_bench.analysis.verdict import Question
+from stiff_bench.plan.cells import CellTask, cell_tasks
+from stiff_bench.plan.options import Chosen
+from stiff_bench.plan.registry import Kind, Registry
+from stiff_bench.plan.request import RunPlan, plan_run, robot_of_results
+from stiff_bench.plan.words import chosen, held_data
+from stiff_bench.run.execution import Execution, chosen_execution
+from stiff_bench.run.progress import Display, display
+from stiff_bench.store.database import mean_seconds, read_data
+from stiff_bench.store.newest import Slot
+from stiff_bench.tables.metric_table import TRAINING_MARK, mark_of, mean_over, number_format
+from stiff_bench.tables.render import render
+from stiff_bench.tables.table import Cell, Column, Quantity, Table
+from stiff_bench.tables.units import MM, PRINTED, counted, marked
+from stiff_datasets.measured.perturbations import Draw, Perturbations
+from stiff_protocols.contract.errors import ConfigError, DataError, ModelError
+from stiff_protocols.contract.plugin import kind_label
+from stiff_protocols.contract.record import Cell as StoredCell
+from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.types import BenchmarkData, FloatArray
+from stiff_protocols.scoring.paired import ranked
+
+BoolArray = NDArray[np.bool_]
+UNPERTURBED = "none"
+"""Names the data as they are."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mistake:
+    """What becomes of m models under one mistake of the measurement, drawn S times.
+
+    Attributes:
+        name: what it is, with its size.
+        unperturbed: (m,) mean 3-D errors on the data as they are, m, ascending.
+        errors: (S, m) the same of each draw, m.
+    """
+
+    name: str
+    unperturbed: FloatArray
+    errors: FloatArray
+
+    @property
+    def ranks(self) -> FloatArray:
+        """(m,) ranks by the mean over the draws; 1 is the smallest error."""
+        return ranked(self.errors.mean(axis=0))
+
+    @property
+    def best_held(self) -> int:
+        """In how many draws the first model is the best, alone or with others."""
+        return int((self.errors[:, 0] == self.errors.min(axis=1)).sum())
+
+    @cached_property
+    def pairs_held(self) -> BoolArray:
+        """(S, m, m) whether two models stand in the order of the unperturbed data."""
+        signs = np.sign(self.errors[:, :, None] - self.errors[:, None])
+        return np.asarray(signs == np.sign(self.unperturbed[:, None] - self.unperturbed))
+
+    @property
+    def orders_held(self) -> int:
+        """In how many draws all of them do."""
+        return int(self.pairs_held.all(axis=(1, 2)).sum())
+
+    @cached_property
+    def taus(self) -> FloatArray:
+        """(S,) Kendall's tau-b of each draw with the unperturbed order; NaN where all tie."""
+        from scipy.stats import kendalltau
+
+        return np.array([kendalltau(self.unperturbed, one).statistic for one in self.errors])
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivity:
+    """The models of one case under every mistake.
+
+    Attributes:
+        case: the stored results.
+        models: names, the best on the unperturbed data first.
+        n_splits: that all of them have.
+        mistakes: one at least.
+        notes: what must be read with the numbers.
+    """
+
+    case: Case
+    models: tuple[str, ...]
+    n_splits: int
+    mistakes: tuple[Mistake, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Places of each pair of models, the better one first."""
+        return [*combinations(range(len(self.models)), 2)]
+
+
+def sensitivities(
+    folder: Path,
+    models: Sequence[str],
+    perturbations: Perturbations,
+    registry: Registry,
+    *,
+    draws: int,
+    question: Question,
+    threads: int,
+    jobs: int = 1,
+    datasets: Sequence[str] = (),
+    protocols: Sequence[str] = (),
+    conditions: Sequence[str] = (),
+) -> list[Sensitivity]:
+    """Fit and score models of stored results anew under the mistakes of a measurement.
+
+    Args:
+        folder: of the results; nothing is stored there.
+        models: their names; none: all that have results in a case.
+        perturbations: what the experimenter has wrong.
+        registry: knows the models and protocols.
+        draws: how often each mistake is drawn.
+        question: what is asked of a pair that changes places; its seed is that of the draws.
+        threads: of each fit.
+        jobs: how many fits at once.
+        datasets: which ones; none named means all.
+        protocols: the same.
+        conditions: the same.
+
+    Raises:
+        ConfigError: a name is unknown, fewer than two models can be compared, or models, data or
+            splits cannot be had again.
+        ModelError: a fit fails.
+        StoreError: the folder holds no results, or damaged ones.
+    """
+    mistakes = perturbations.mistakes()
+    if not mistakes:
+        raise ConfigError("nothing is perturbed: every size is 0 (valid: one of them above 0)")
+    stored = StoredResults.read(folder)
+    names = [*dict.fromkeys(competitor_meant(word, stored.cases) for word in models)]
+    if len(names) == 1:
+        raise ConfigError(f"{names[0]} alone has no order (valid: two models or more, or none)")
+    cases = chosen_cases(stored.cases, datasets=datasets, protocols=protocols)
+    whys, fits = [], []
+    for case in under(conditions, cases):
+        asked = names or [name for name, one in case.competitors.items() if one.done]
+        if why := _why_not(case, asked):
+            whys.append(f"{case.name.text}: {why}")
+        else:
+            fits.append(_fits_of(folder, case, asked, registry))
+    if not fits:
+        raise ConfigError(f"nothing to perturb: {'; '.join(whys)}")
+    found = []
+    for one in fits:  # all of them are there before the first is computed
+        execution = chosen_execution(one.plan, registry, threads=threads, jobs=jobs)
+        with display() as shown:
+            n_rounds = 1 + draws * len(mistakes)
+            cells = [task for task in one.tasks.values() for _ in range(n_rounds)]
+            shown.begin(cells, 0, mean_seconds(folder), execution.executor.at_once)
+            found.append(_of_fits(one, execution, shown, mistakes, draws, question, folder))
+    left_out = tuple(f"not computed: {why}." for why in whys)
+    return [replace(found[0], notes=(*found[0].notes, *left_out)), *found[1:]]
+
+
+def _why_not(case: Case, models: Sequence[str]) -> str:
+    """Return why the models of a case cannot be put in order, "" where they can."""
+    if len(models) < 2:
+        return "fewer than two models have results"
+    if lacking := [m for m in models if m not in case.competitors or not case.competitors[m].done]:
+        return f"no result of {', '.join(lacking)}"
+    if any(case.competitors[model].shown.reports_training for model in models):
+        return TRAINING_MARK
+    return "" if case.shared_slots(models) else "the models have no result on the same split"
+
+
+@dataclass(frozen=True, eq=False)
+class _Fits:
+    """The fits of the models of a case, as they were when their results were stored.
+
+    Attributes:
+        case: the stored results.
+        data: they were fitted to.
+        plan: that they follow from.
+        tasks: model and split -> the fit; models by name, splits in order.
+        notes: on what is not as it was.
+    """
+
+    case: Case
+    data: BenchmarkData
+    plan: RunPlan
+    tasks: Mapping[tuple[str, Slot], CellTask]
+    notes: tuple[str, ...]
+
+    def errors(self, data: BenchmarkData, execution: Execution, shown: Display) -> dict[str, float]:
+        """Return each model's mean 3-D error [m] where it is fitted to and tested on other data.
+
+        Raises:
+            ModelError: a fit fails.
+        """
+        of_keys = {}
+        tasks = [replace(task, data=data) for task in self.tasks.values()]
+        for result in execution.executor.results(tasks, "", shown):
+            if result.status != "ok":
+                raise ModelError(
+                    f"{result.shown.model} on {self.case.name.text}: {result.why_none} (without "
+                    "it: name the other models)"
+                )
+            of_keys[result.cell.key] = result
+            shown.end(result)
+        results: dict[str, list[CellResult]] = {}
+        for (model, _), task in self.tasks.items():
+            results.setdefault(model, []).append(of_keys[task.cell.key])
+        return {model: mean_error(found) for model, found in results.items()}
+
+
+def mean_error(results: Sequence[CellResult]) -> float:
+    """Return a model's mean 3-D error over its splits, or over all their samples together, m."""
+    values = sort_key(NORM, None).of_splits(results)
+    assert values is not None
+    return float(values.mean())
+
+
+def _fits_of(folder: Path, case: Case, models: Sequence[str], registry: Registry) -> _Fits:
+    """Return the fits that made the stored results of some models.
+
+    Raises:
+        ConfigError: a model, the protocol, the robot or the splits cannot be had again.
+    """
+    stored = read_data(folder, case.name.data_sha256)
+    robot = robot_of_results(stored, case.cell, registry)
+    data = None if robot is None else BenchmarkData(stored.samples, robot)
+    if data is None or data.sha256 != case.name.data_sha256:
+        raise ConfigError(
+            f"{case.name.dataset}: its robot is not stored with these results of an older "
+            "stiffbench, and not known here; the same `bench run` once more stores it"
+        )
+    try:
+        words: dict[Kind, Sequence[str]] = {"model": models, "protocol": [case.name.protocol]}
+        choices = chosen(words, (), registry)
+    except ConfigError as error:
+        raise ConfigError(
+            f"{case.name.text} cannot be computed anew: {error}; what is a plugin's needs --plugin"
+        ) from error
+    asked = Chosen(choices["model"], [held_data(data, case.name.dataset)], choices["protocol"])
+    plan = plan_run(asked, registry, output=folder, seed=case.name.seed)
+    names = {choice.name: name for choice, name in zip(asked.models, models, strict=True)}
+    slots = case.shared_slots(models)
+    asked_for = [case.competitors[model].n_asked for model in models]
+    n_splits = max(1 + max(index for index, _ in slots), *asked_for)
+    for splits in (None, n_splits):  # some have a number of their own, and others none
+        of_plan = _of_plan(replace(plan, splits=splits), case, names)
+        tasks = {(m, s): of_plan[m, s] for m in models for s in slots if (m, s) in of_plan}
+        if len(tasks) == len(models) * len(slots):
+            return _as_stored(case, data, plan, tasks)
+    raise ConfigError(
+        f"{case.name.text}: this stiffbench divides the data otherwise than the one that stored "
+        "these results; the same `bench run` once more divides them anew"
+    )
+
+
+def _of_plan(
+    plan: RunPlan, case: Case, names: Mapping[str, str]
+) -> dict[tuple[str, Slot], CellTask]:
+    """Return the cells of a case that a plan has; none where it cannot have so many splits.
+
+    `names` are those of the results, by what the models are called now.
+    """
+    try:
+        tasks = list(cell_tasks(plan))
+    except ConfigError:
+        if plan.splits is None:
+            raise
+        return {}
+    return {
+        (names[task.shown.model], (task.cell.split_index, task.cell.split_sha256)): task
+        for task in tasks
+        if task.cell.condition == case.name.condition
+        and task.cell.source_sha256 == case.name.source_sha256
+    }
+
+
+def _as_stored(
+    case: Case, data: BenchmarkData, plan: RunPlan, tasks: Mapping[tuple[str, Slot], CellTask]
+) -> _Fits:
+    """Return fits with the seeds of the stored results: on the same data they give the same."""
+    fits, changed = {}, {}
+    n_count, n_all = len({slot for _, slot in tasks}), len(case.slots)
+    few = f"only the {n_count} of {n_all} splits that all have count." * (n_count < n_all)
+    models = {model for model, _ in tasks}
+    lacking = [m for m, one in case.competitors.items() if m not in models and not one.done]
+    none = f"no result of {', '.join(lacking)}." if lacking else ""
+    for (model, slot), task in tasks.items():
+        result = case.competitors[model].done[slot]
+        cell = replace(result.cell, coverage=None)
+        if _version(task.cell) != _version(cell):
+            changed[model] = (
+                f"{model}: the stored results are of another version or other options than those "
+                "fitted here."
+            )
+        fits[model, slot] = replace(task, cell=cell, shown=result.shown)
+    return _Fits(case, data, plan, fits, tuple(filter(None, (*changed.values(), few, none))))
+
+
+def _version(cell: StoredCell) -> tuple[object, ...]:
+    return cell.model_version, cell.scoring_version, dict(cell.model_params)
+
+
+def _of_fits(
+    fits: _Fits,
+    execution: Execution,
+    shown: Display,
+    mistakes: Mapping[str, Draw],
+    draws: int,
+    question: Question,
+    folder: Path,
+) -> Sensitivity:
+    """Return what becomes of the models of a case under each mistake, every draw of it fitted."""
+    before = fits.errors(fits.data, execution, shown)
+    models = sorted(before, key=lambda model: before[model])
+    base = np.array([before[model] for model in models])
+    found = []
+    for number, (name, draw) in enumerate(mistakes.items()):
+        rows = []
+        for index in range(draws):
+            rng = np.random.default_rng([question.seed, number, index])
+            errors = fits.errors(draw(fits.data, rng), execution, shown)
+            rows.append([errors[model] for model in models])
+        found.append(Mistake(name, base, np.array(rows)))
+    n_splits = len(fits.case.shared_slots(models))
+    partial = Sensitivity(fits.case, tuple(models), n_splits, tuple(found), ())
+    return replace(partial, notes=tuple(_notes(partial, fits, question, folder)))
+
+
+def _notes(found: Sensitivity, fits: _Fits, question: Question, folder: Path) -> Iterator[str]:
+    """Yield which pairs change places, the most often first, and what must be read with them."""
+    data = read_data(folder, fits.case.name.data_sha256)
+    changes = []
+    for mistake in found.mistakes:
+        draws = len(mistake.errors)
+        for i, j in found.pairs:
+            if (held := int(mistake.pairs_held[:, i, j].sum())) < draws:
+                changes.append((held, draws, mistake.name, found.models[i], found.models[j]))
+    for held, draws, name, a, b in sorted(changes):
+        try:
+            verdict = compare(fits.case, a, b, data, question).row(NORM).verdict
+        except DataError:  # one pose alone
+            verdict = "open"
+        verdicts = VERDICTS | {"a": f"{a} better", "b": f"{b} better"}
+        unperturbed = f"without it: {verdicts[verdict]}"
+        yield f"{name}: {a} is ahead of {b} in {held} of {draws} draws ({unperturbed})."
+    yield from fits.notes
+    yield from fits.case.competitors[found.models[0]].shown.caveats
+
+
+def render_sensitivities(found: Sequence[Sensitivity], fmt: str, command: str) -> str:
+    """Return the tables as text of the given format, with all notes in json."""
+    tables = [sensitivity_table(one, every_note=fmt == "json") for one in found]
+    return render(tables, fmt, command, text=sentence(found))
+
+
+def sentence(found: Sequence[Sensitivity]) -> str:
+    """Return the result, a sentence a case."""
+    parts = []
+    for one in found:
+        draws = sum(len(mistake.errors) for mistake in one.mistakes)
+        best = sum(mistake.best_held for mistake in one.mistakes)
+        whole = sum(mistake.orders_held for mistake in one.mistakes)
+        parts.append(
+            f"{one.case.name.text}: {one.models[0]} stays the best in {best} of {draws} perturbed "
+            f"data sets, and the whole order ({', '.join(one.models)}) holds in {whole}."
+        )
+    return " ".join(parts)
+
+
+def sensitivity_table(found: Sensitivity, *, every_note: bool = False) -> Table:
+    """Return a row a mistake: errors with ranks, and in how many draws the order holds."""
+    case, key = found.case, sort_key(NORM, None)
+    shown = case.competitors[found.models[0]].shown
+    unit, _ = PRINTED[key.metric.unit]
+    draws = len(found.mistakes[0].errors)
+    spread = "" if draws == 1 else ", mean ± standard deviation"
+    setting = f"{counted(found.n_splits, 'split')}, seed {case.name.seed}"
+    names = [marked(one, mark_of(case.competitors[one].shown)) for one in found.models]
+    first = found.mistakes[0].unperturbed
+    ranks = ranked(first)
+    shares = [None] * (3 + len(found.pairs))
+    rows: list[list[Cell]] = [[UNPERTURBED, *map(_placed, MM * first, ranks), *ranks, *shares]]
+    for one in found.mistakes:
+        held = one.pairs_held
+        of_pairs = [Quantity(share=(int(held[:, i, j].sum()), draws)) for i, j in found.pairs]
+        n_held = sum(pair.share[0] for pair in of_pairs if pair.share is not None)
+        rows.append(
+            [
+                one.name,
+                *(
+                    replace(mean_over(errors), mark=_mark(rank))
+                    for errors, rank in zip((MM * one.errors).T.tolist(), one.ranks, strict=True)
+                ),
+                *one.ranks.tolist(),
+                Quantity(share=(one.best_held, draws)),
+                Quantity(share=(n_held, draws * len(of_pairs))),
+                _tau(one.taus),
+                *of_pairs,
+            ]
+        )
+    return Table(
+        title=(
+            f"{shown.dataset} ({kind_label(shown.kind, shown.task)}) | "
+            f"{' | '.join(filter(None, (shown.protocol, case.name.condition)))}, {setting} | "
+            f"{key.metric.label} [{unit}]{spread} over {counted(draws, 'draw')} (rank)"
+        ),
+        columns=[
+            Column("perturbed", "text"),
+            *(Column(name, unit=unit, format=number_format(key.metric)) for name in names),
+            *(Column(f"rank of {name}", hidden=True) for name in found.models),
+            Column("best holds"),
+            Column("pairs hold"),
+            Column("Kendall's tau", format=".2f"),
+            *(
+                Column(f"{found.models[i]} before {found.models[j]}", hidden=True)
+                for i, j in found.pairs
+            ),
+        ],
+        rows=rows,
+        notes=found.notes if every_note else few_notes(found.notes),
+        unit=unit,
+        about={
+            **{"dataset": shown.dataset, "protocol": shown.protocol},
+            **{"condition": case.name.condition, "seed": case.name.seed},
+            **{"splits": found.n_splits, "draws": draws},
+        },
+    )
+
+
+def _placed(error_mm: float, rank: float) -> Quantity:
+    return Quantity(float(error_mm), mark=_mark(rank))
+
+
+def _mark(rank: float) -> str:
+    return f"({rank:g})"
+
+
+def _tau(taus: FloatArray) -> Quantity:
+    """Return mean and deviation over the draws; none where all models tie."""
+    found = taus[np.isfinite(taus)]
+    return mean_over(found.tolist()) if len(found) else Quantity(status="ties")
