@@ -144,7 +144,7 @@ def test_list_and_show_answer(tmp_path):
     assert "simulated" in bench_here("list", "datasets", cwd=tmp_path).stdout
     assert "leave-one-out" in bench_here("list", "protocols", cwd=tmp_path).stdout
     shown = bench_here("show", "ft-mlp", cwd=tmp_path).stdout
-    assert "ft-mlp.freeze" in shown and "layers:1,2" in shown and "\nversion: 2 (" in shown
+    assert "ft-mlp.freeze" in shown and "layers:1,2" in shown and "\nversion: " in shown
     assert "caveat" in bench_here("show", "fanuc-r2000ic", cwd=tmp_path).stdout
 
 

@@ -10,8 +10,7 @@ import torch
 
 from stiff_models.networks import epochs
 from stiff_models.transfer.cnn import CellMaxPool, SampleNormalisation
-from stiff_models.transfer.dt_cnn import FAST, DtCnn
-from stiff_models.transfer.ft_mlp import FINE_TUNING
+from stiff_models.transfer.dt_cnn import FAST, FINE_TUNING, DtCnn
 from stiff_models.transfer.source_model import NO_TARGET_LABELS
 
 SMALL = {"device": "cpu", "source_poses": "sobol", "pretrain_steps": 8}
@@ -22,7 +21,7 @@ def short_training(small_source, monkeypatch):
     monkeypatch.setenv("STIFFBENCH_CACHE", "off")
     monkeypatch.setattr("stiff_models.transfer.dt_cnn.FAST", replace(FAST, batch=32))
     monkeypatch.setattr(epochs, "LENGTHS", (0, 6))
-    monkeypatch.setitem(FINE_TUNING, "fast", replace(FINE_TUNING["fast"], steps=12))
+    monkeypatch.setattr("stiff_models.transfer.dt_cnn.FINE_TUNING", replace(FINE_TUNING, steps=12))
 
 
 def fit(parts, train=None, validation=False, seed=5, **options):
