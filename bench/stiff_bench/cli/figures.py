@@ -62,7 +62,7 @@ def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) 
     "--quick/--full",
     default=None,
     help="Size of the paper's study. Quick: one split and coarse sweeps, about 7 minutes on 2 "
-    "cores. Full: five splits, every width, depth and pair of layers, about an hour.  "
+    "cores. Full: five splits, every width, depth and pair of layers, about half an hour.  "
     "[default: quick]",
 )
 @click.option(
