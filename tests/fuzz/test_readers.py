@@ -6,7 +6,7 @@ import pytest
 from fuzz.fuzzing import fuzz
 from fuzz.readers import READERS
 
-FEW, MANY = 30, 500
+FEW, MANY = 20, 500
 
 
 @pytest.mark.parametrize("name", READERS)

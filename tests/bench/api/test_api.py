@@ -325,6 +325,7 @@ def test_classes_of_a_script_run_but_are_never_kept(tmp_path):
     assert not Path("kept").exists()
 
 
+@pytest.mark.slow
 def test_several_jobs_work_in_a_script_without_a_main_guard(tmp_path):
     done = script(
         tmp_path,

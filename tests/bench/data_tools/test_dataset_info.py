@@ -216,7 +216,10 @@ def png_size(path):
     return struct.unpack(">II", content[16:24])
 
 
-@pytest.mark.parametrize(("suffix", "start"), [(".pdf", b"%PDF-"), (".SVG", b"<?xml")])
+@pytest.mark.parametrize(
+    ("suffix", "start"),
+    [pytest.param(".pdf", b"%PDF-", marks=pytest.mark.slow), (".SVG", b"<?xml")],
+)
 def test_the_suffix_chooses_the_format_and_the_same_data_give_the_same_file(
     suffix, start, planar, tmp_path
 ):

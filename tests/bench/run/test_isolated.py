@@ -190,6 +190,7 @@ def test_a_failure_keeps_the_end_of_its_log(run):
     assert results["Good"].log == () and "    | about to raise" in done.stderr
 
 
+@pytest.mark.slow
 def test_the_manifest_says_how_it_was_run(tmp_path):
     words = ["--model", "zero", "--threads", "2", "--isolate", "--output", "out"]
     assert bench_here("run", *words, cwd=tmp_path).returncode == 0
