@@ -37,6 +37,7 @@ def test_a_model_of_the_page_keeps_the_contract_and_can_be_run(key, tmp_path):
     assert bool(result.diagnostics) == (key == "bagged-ridge")
 
 
+@pytest.mark.slow
 def test_the_page_on_python_prints_what_it_says():
     page = Path(__file__).parents[1] / "docs" / "python.md"
     found = doctest.testfile(

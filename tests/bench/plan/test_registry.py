@@ -147,6 +147,7 @@ def test_an_installed_package_brings_its_model_and_what_is_broken_in_it_is_said(
     assert "cartesian-spring (stiffbench.models: taken)" in taken and "key 'vjm'" in taken
 
 
+@pytest.mark.slow
 def test_a_good_line_beside_a_taken_one_is_there_and_passes_the_conformance_suite(
     installed, tmp_path
 ):

@@ -22,7 +22,7 @@ from stiff_protocols.contract.errors import DataError, StoreError
 from stiff_protocols.contract.types import Robot, Samples
 
 few = settings(max_examples=40, deadline=None, derandomize=True, database=None)
-many = settings(few, max_examples=120)
+many = settings(few, max_examples=60)
 
 LIMIT = {"revolute": np.deg2rad(350.0), "prismatic": 3.0}
 NAMES = st.text(min_size=1, max_size=8).map(str.strip).filter(lambda name: name.isprintable())
