@@ -90,6 +90,7 @@ def pids(results) -> list[float]:
     return [result.diagnostics["pid"] for result in found]
 
 
+@pytest.mark.slow
 def test_models_of_ours_share_a_process_and_a_strangers_cell_has_its_own(computed):
     assert len(set(pids(computed("SaysWhere", splits=3)[1]))) == 1
     own = pids(computed("SaysWhere", splits=3, strangers={"SaysWhere"})[1])

@@ -24,12 +24,15 @@ pytest.importorskip("onnxscript")
 
 
 pytestmark = pytest.mark.xdist_group("onnx")  # an import of seconds, in one process
-ALIKE = ("mlp", "mlp-pretrained", "ft-mlp", "deep-ensemble", "compliance-net", "dt-cnn", "adann-2r")
-"""Of whose graphs another test here has each part; an export takes seconds."""
+LONG = (
+    *("mlp", "mlp-pretrained", "ft-mlp", "deep-ensemble", "residual-mlp"),
+    *("compliance-net", "dt-cnn", "adann-2r"),
+)
+"""Networks: an export takes seconds."""
 
 
 @pytest.mark.parametrize(
-    "key", [pytest.param(key, marks=[pytest.mark.slow] * (key in ALIKE)) for key in KEYS]
+    "key", [pytest.param(key, marks=[pytest.mark.slow] * (key in LONG)) for key in KEYS]
 )
 def test_onnxruntime_predicts_what_the_model_does(key, tmp_path, capfd):
     model, samples = quick_model(key), twin_data().samples

@@ -20,6 +20,7 @@ def ensemble(parts):
     return DeepEnsemble(**SMALL, members=3).fit(train, robot=robot, validation=held_out, seed=4)
 
 
+@pytest.mark.slow
 def test_its_first_member_is_ft_mlp_with_the_same_seed_and_the_others_differ(ensemble, parts):
     robot, train, held_out, test = parts
     alone = FtMlp(**SMALL).fit(train, robot=robot, validation=held_out, seed=4)
