@@ -6,6 +6,7 @@ splits, on copies of the data set that hold a mistake each (`Perturbations`).
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -25,7 +26,7 @@ from stiff_bench.analysis.collected import (
 from stiff_bench.analysis.comparison import NORM, compare, under
 from stiff_bench.analysis.comparison_text import VERDICTS
 from stiff_bench.analysis.sort_key import sort_key
-from stiff_bench.analysis.verdict import Question
+from stiff_bench.analysis.verdict import Question, Verdict
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.plan.options import Chosen
 from stiff_bench.plan.registry import Kind, Registry
@@ -35,6 +36,7 @@ from stiff_bench.run.execution import Execution, chosen_execution
 from stiff_bench.run.progress import Display, display
 from stiff_bench.store.database import mean_seconds, read_data
 from stiff_bench.store.newest import Slot
+from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.metric_table import TRAINING_MARK, mark_of, mean_over, number_format
 from stiff_bench.tables.render import render
 from stiff_bench.tables.table import Cell, Column, Quantity, Table
@@ -178,7 +180,7 @@ def sensitivities(
             n_rounds = 1 + draws * len(mistakes)
             cells = [task for task in one.tasks.values() for _ in range(n_rounds)]
             shown.begin(cells, 0, mean_seconds(folder), execution.executor.at_once)
-            found.append(_of_fits(one, execution, shown, mistakes, draws, question, folder))
+            found.append(_of_fits(one, execution, shown, mistakes, draws, question))
     left_out = tuple(f"not computed: {why}." for why in whys)
     return [replace(found[0], notes=(*found[0].notes, *left_out)), *found[1:]]
 
@@ -200,13 +202,15 @@ class _Fits:
 
     Attributes:
         case: the stored results.
-        data: they were fitted to.
+        stored: the data as they are stored.
+        data: the same, which they were fitted to.
         plan: that they follow from.
         tasks: model and split -> the fit; models by name, splits in order.
         notes: on what is not as it was.
     """
 
     case: Case
+    stored: StoredData
     data: BenchmarkData
     plan: RunPlan
     tasks: Mapping[tuple[str, Slot], CellTask]
@@ -272,7 +276,7 @@ def _fits_of(folder: Path, case: Case, models: Sequence[str], registry: Registry
         of_plan = _of_plan(replace(plan, splits=splits), case, names)
         tasks = {(m, s): of_plan[m, s] for m in models for s in slots if (m, s) in of_plan}
         if len(tasks) == len(models) * len(slots):
-            return _as_stored(case, data, plan, tasks)
+            return _as_stored(case, stored, data, plan, tasks)
     raise ConfigError(
         f"{case.name.text}: this stiffbench divides the data otherwise than the one that stored "
         "these results; the same `bench run` once more divides them anew"
@@ -301,7 +305,11 @@ def _of_plan(
 
 
 def _as_stored(
-    case: Case, data: BenchmarkData, plan: RunPlan, tasks: Mapping[tuple[str, Slot], CellTask]
+    case: Case,
+    stored: StoredData,
+    data: BenchmarkData,
+    plan: RunPlan,
+    tasks: Mapping[tuple[str, Slot], CellTask],
 ) -> _Fits:
     """Return fits with the seeds of the stored results: on the same data they give the same."""
     fits, changed = {}, {}
@@ -319,7 +327,9 @@ def _as_stored(
                 "fitted here."
             )
         fits[model, slot] = replace(task, cell=cell, shown=result.shown)
-    return _Fits(case, data, plan, fits, tuple(filter(None, (*changed.values(), few, none))))
+    return _Fits(
+        case, stored, data, plan, fits, tuple(filter(None, (*changed.values(), few, none)))
+    )
 
 
 def _version(cell: StoredCell) -> tuple[object, ...]:
@@ -333,7 +343,6 @@ def _of_fits(
     mistakes: Mapping[str, Draw],
     draws: int,
     question: Question,
-    folder: Path,
 ) -> Sensitivity:
     """Return what becomes of the models of a case under each mistake, every draw of it fitted."""
     before = fits.errors(fits.data, execution, shown)
@@ -349,12 +358,12 @@ def _of_fits(
         found.append(Mistake(name, base, np.array(rows)))
     n_splits = len(fits.case.shared_slots(models))
     partial = Sensitivity(fits.case, tuple(models), n_splits, tuple(found), ())
-    return replace(partial, notes=tuple(_notes(partial, fits, question, folder)))
+    return replace(partial, notes=tuple(_notes(partial, fits, question)))
 
 
-def _notes(found: Sensitivity, fits: _Fits, question: Question, folder: Path) -> Iterator[str]:
+def _notes(found: Sensitivity, fits: _Fits, question: Question) -> Iterator[str]:
     """Yield which pairs change places, the most often first, and what must be read with them."""
-    data = read_data(folder, fits.case.name.data_sha256)
+    verdict_of = functools.cache(functools.partial(_verdict, fits, question))
     changes = []
     for mistake in found.mistakes:
         draws = len(mistake.errors)
@@ -362,15 +371,19 @@ def _notes(found: Sensitivity, fits: _Fits, question: Question, folder: Path) ->
             if (held := int(mistake.pairs_held[:, i, j].sum())) < draws:
                 changes.append((held, draws, mistake.name, found.models[i], found.models[j]))
     for held, draws, name, a, b in sorted(changes):
-        try:
-            verdict = compare(fits.case, a, b, data, question).row(NORM).verdict
-        except DataError:  # one pose alone
-            verdict = "open"
         verdicts = VERDICTS | {"a": f"{a} better", "b": f"{b} better"}
-        unperturbed = f"without it: {verdicts[verdict]}"
+        unperturbed = f"without it: {verdicts[verdict_of(a, b)]}"
         yield f"{name}: {a} is ahead of {b} in {held} of {draws} draws ({unperturbed})."
     yield from fits.notes
     yield from fits.case.competitors[found.models[0]].shown.caveats
+
+
+def _verdict(fits: _Fits, question: Question, a: str, b: str) -> Verdict:
+    """Return the verdict on two models of the stored results."""
+    try:
+        return compare(fits.case, a, b, fits.stored, question).row(NORM).verdict
+    except DataError:  # one pose alone
+        return "open"
 
 
 def render_sensitivities(found: Sequence[Sensitivity], fmt: str, command: str) -> str:

@@ -50,6 +50,10 @@ COLUMNS = {name: (name,) for name in (*STEPS, BEAM.name)} | {FAMILY: [arm.name f
 """Column -> its data sets."""
 TWINS = {next(iter(STEPS)): "default", next(reversed(STEPS)): "rough", **OTHERS}
 """Twins whose orders of the models are compared; the arms are one of them."""
+ABOUT_KNOWN = (
+    "`oracle` and `instrument noise`: what the twin's own physics, and what the noise of its "
+    "instruments alone would score"
+)
 Errors = Mapping[str, Mapping[str, float]]
 """Model -> data set -> mean 3-D error, m."""
 
@@ -107,18 +111,40 @@ def effects_table(errors: Errors) -> Table:
     """Return each model's 3-D error relative to the VJM's, best on the rough twin first."""
     ratios, last = relative(errors), next(reversed(STEPS))
     heads = STEPS | OTHERS
-    data = [name for name in heads if name in ratios[REFERENCE_MODEL]]
-    order = sorted(ratios, key=lambda model: ratios[model].get(last, Quantity(np.inf)).order or 0.0)
-    sizes = [f"{heads[d]} {MM * errors[REFERENCE_MODEL][d]:.3f}" for d in data if d != FAMILY]
+    there = {name: head for name, head in heads.items() if name in ratios[REFERENCE_MODEL]}
+    vjm = {there[d]: errors[REFERENCE_MODEL][d] for d in there if d != FAMILY}
+    notes = [
+        "Each column to the left of beam adds an effect to those before it.",
+        *(["arms: mean ± standard deviation over the robots."] if FAMILY in there else []),
+    ]
+    return ratio_table(ratios, there, last, vjm, notes)
+
+
+def ratio_table(
+    ratios: Mapping[str, Mapping[str, Quantity]],
+    heads: Mapping[str, str],
+    best_on: str,
+    vjm: Mapping[str, float],
+    notes: Sequence[str],
+) -> Table:
+    """Return a row a model of errors relative to the VJM's.
+
+    Args:
+        ratios: what `relative` gives.
+        heads: its columns that are shown -> what stands above them.
+        best_on: the column that sorts the models, best first.
+        vjm: what stands above a column -> the VJM's own error, m.
+        notes: of this table.
+    """
+    order = sorted(
+        ratios, key=lambda model: ratios[model].get(best_on, Quantity(np.inf)).order or 0.0
+    )
+    sizes = ", ".join(f"{head} {MM * error:.3f}" for head, error in vjm.items())
     return Table(
         title="3-D error relative to the VJM's on the same data",
-        columns=[Column("model", "text"), *(Column(heads[name], format=".2f") for name in data)],
-        rows=[[model, *(ratios[model].get(name) for name in data)] for model in order],
-        notes=[
-            f"3-D error of the VJM [mm]: {', '.join(sizes)}.",
-            "Each column to the left of beam adds an effect to those before it.",
-            *(["arms: mean ± standard deviation over the robots."] if FAMILY in data else []),
-        ],
+        columns=[Column("model", "text"), *(Column(one, format=".2f") for one in heads.values())],
+        rows=[[model, *(ratios[model].get(name) for name in heads)] for model in order],
+        notes=[f"3-D error of the VJM [mm]: {sizes}.", *notes],
     )
 
 
@@ -220,8 +246,7 @@ def write_effects(output: Path, command: str, n_missing: int) -> Iterator[Path]:
 _ABOUT = (
     "models have their default recipes, or the options in their names; protocol `holdout`, seed 0: "
     "three splits on the twins of the KR10, one on each arm",
-    "`oracle` and `instrument noise`: what the twin's own physics, and what the noise of its "
-    "instruments alone would score",
+    ABOUT_KNOWN,
     "`preset=paper`: pre-trained on the paper's poses and loads; without it, in the training "
     "samples' ranges",
 )

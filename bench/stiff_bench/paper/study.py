@@ -83,10 +83,9 @@ def pretrained(
     given = {"activation": activation, "layers": layers, "width": width}
     usual = {"activation": "relu", "layers": BASE_LAYERS, "width": BASE_WIDTH}
     changed = {name: value for name, value in given.items() if value != usual[name]}
-    steps = EARLY_STEPS if stopped_early else SWEEP_STEPS
-    recipe = PAPER_RECIPE if stopped_early else {}
-    options = {**PAPER_SOURCE, **changed, "pretrain_steps": steps, **recipe}
-    return Variant("mlp-pretrained", options)
+    early = {"pretrain_steps": EARLY_STEPS, **PAPER_RECIPE}
+    training = early if stopped_early else {"pretrain_steps": SWEEP_STEPS}
+    return Variant("mlp-pretrained", {**PAPER_SOURCE, **changed, **training})
 
 
 def unfrozen(layers: Sequence[str]) -> Variant:
@@ -182,11 +181,14 @@ _SHORTENED = {
     "dt-cnn": {"pretrain_steps": NETWORK_STEPS},
     "deep-ensemble": {"members": 2, "pretrain_steps": NETWORK_STEPS},
 }
-TWINS = (
-    TWIN,
-    *(Variant(DATASET, {"specimen": number}) for number in range(1, 5)),
-    Variant("kr10-twin-omni"),
-)
+
+
+def five_specimens(key: str) -> tuple[Variant, ...]:
+    """Return a twin's specimens 0 to 4, each another robot of the same kind."""
+    return (Variant(key), *(Variant(key, {"specimen": number}) for number in range(1, 5)))
+
+
+TWINS = (*five_specimens(DATASET), Variant("kr10-twin-omni"))
 MEASURED = Variant("fanuc-r2000ic")
 
 
@@ -233,17 +235,11 @@ def effects_study() -> tuple[StudyRun, ...]:
 
 
 TRANSFER_FOLDER = "transfer"
-SPECIMENS = (0, 1, 2, 3, 4)
 TRANSFER_DATA = {
-    **{
-        column: tuple(Variant(key, {"specimen": n} if n else {}) for n in SPECIMENS)
-        for column, key in (
-            ("default", DATASET),
-            ("omni", "kr10-twin-omni"),
-            ("rough", ROUGH),
-            ("beam", BEAM.key),
-        )
-    },
+    "default": five_specimens(DATASET),
+    "omni": five_specimens("kr10-twin-omni"),
+    "rough": five_specimens(ROUGH),
+    "beam": five_specimens(BEAM.key),
     "ur5": (Variant("ur5-twin"),),
     "arms": ARMS[:5],
     "FANUC": (MEASURED,),

@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from stiff_bench.paper.effects import Errors, relative, stored_errors
+from stiff_bench.paper.effects import ABOUT_KNOWN, Errors, ratio_table, relative, stored_errors
 from stiff_bench.paper.pages import listed, provenance, written
 from stiff_bench.paper.study import TRANSFER_DATA, TRANSFER_FOLDER
 from stiff_bench.tables.render import render
-from stiff_bench.tables.table import Column, Quantity, Table
-from stiff_bench.tables.units import MM
+from stiff_bench.tables.table import Table
 from stiff_models.catalog import REFERENCE_MODEL
 
 
@@ -20,24 +19,11 @@ def transfer_table(errors: Errors) -> Table:
     """Return each model's 3-D error relative to the VJM's, best on the default twin first."""
     columns = {head: [one.name for one in data] for head, data in TRANSFER_DATA.items()}
     ratios = relative(errors, columns)
-    heads = [head for head in columns if head in ratios[REFERENCE_MODEL]]
-    vjm = errors[REFERENCE_MODEL]
-    sizes = [
-        f"{head} {MM * np.mean([vjm[one] for one in columns[head] if one in vjm]):.3f}"
-        for head in heads
-    ]
-    order = sorted(
-        ratios, key=lambda model: ratios[model].get(heads[0], Quantity(np.inf)).order or 0.0
-    )
-    return Table(
-        title="3-D error relative to the VJM's on the same data",
-        columns=[Column("model", "text"), *(Column(head, format=".2f") for head in heads)],
-        rows=[[model, *(ratios[model].get(head) for head in heads)] for model in order],
-        notes=[
-            f"3-D error of the VJM [mm]: {', '.join(sizes)}.",
-            "Mean ± standard deviation over the specimens of a twin, and over the arms.",
-        ],
-    )
+    heads = {head: head for head in columns if head in ratios[REFERENCE_MODEL]}
+    of = errors[REFERENCE_MODEL]
+    vjm = {head: float(np.mean([of[one] for one in columns[head] if one in of])) for head in heads}
+    note = "Mean ± standard deviation over the specimens of a twin, and over the arms."
+    return ratio_table(ratios, heads, next(iter(heads)), vjm, [note])
 
 
 def write_transfer(output: Path, command: str, n_missing: int) -> Iterator[Path]:
@@ -68,6 +54,5 @@ _ABOUT = (
     "`mlp-pretrained`, `dt-cnn` and `adann-2r` without `supervision` learn no measured deflection: "
     "the labels only identify the VJM that makes their simulated data",
     "`preset=paper`: the source paper's poses and loads, of the KR10 alone",
-    "`oracle` and `instrument noise`: what the twin's own physics, and what the noise of its "
-    "instruments alone would score",
+    ABOUT_KNOWN,
 )

@@ -36,7 +36,7 @@ FAST = TrainingPlan(
     mixed_precision=True,
 )
 
-
+# the rate is its own: ft-mlp's was chosen for ft-mlp
 FINE_TUNING = TrainingPlan(steps=400, learning_rate=3e-4, loss="mae", optimizer="adam")
 
 
