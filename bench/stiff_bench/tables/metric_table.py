@@ -120,7 +120,7 @@ def _beside(result: CellResult, name: str) -> CellResult | None:
     )
     return CellResult(
         result.cell,
-        replace(result.shown, model=name, regime="", picked_on_test=False),
+        replace(result.shown, model=name, regime="", source="", picked_on_test=False),
         *(result.run_id, "ok", records, prediction),
         n_train=result.n_train,
         n_splits=result.n_splits,

@@ -239,3 +239,20 @@ def test_a_table_says_how_many_samples_a_split_trains_and_tests_on(tasks_of):
     )
     (unknown,) = build_tables([result(task, 1e-4) for task in tasks], METRICS)
     assert not any("a split trains" in note for note in unknown.notes)
+
+
+def test_rows_that_stand_beside_a_model_claim_no_source_domain(tasks_of):
+    (task,) = tasks_of(splits=1)
+    measured = task.data.samples.deflection[task.split.test]
+    prediction = Prediction(
+        *(task.split.test, measured + 1e-4, measured),
+        reference=measured + 2e-4,
+        known={"oracle": measured, "noise": measured + 1e-5},
+    )
+    shown = replace(task.shown, model="ft-mlp", source="vjm on Sobol poses")
+    (table,) = build_tables([scored(replace(task, shown=shown), prediction, METRICS)], METRICS)
+    names = [str(row[0]) for row in table.rows]
+    assert all(name in " ".join(names) for name in ("vjm", "oracle", "instrument noise"))
+    assert [note for note in table.notes if "source domain" in note] == [
+        "ft-mlp: source domain: vjm on Sobol poses."
+    ]
