@@ -13,8 +13,9 @@ import time
 import pytest
 import torch
 
-from command_line import assert_refused, bench, bench_here, started
+from command_line import assert_refused, bench_here, started
 from stiff_bench.store.database import ResultStore, read_manifests, read_results, stored_statuses
+from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.scoring.metrics import METRICS
 
 SMALL = ["--set=ft-mlp.width=16", "--set=ft-mlp.pretrain_steps=20", "--set=ft-mlp.epochs=5"]
@@ -31,9 +32,8 @@ def shipped(name: str) -> str:
 
 
 def test_a_run_prints_one_table_and_stores_every_cell(tmp_path):
-    done = bench(
-        "run", "--model", "vjm", "--model", "ft-mlp", "--splits", "2", *SMALL, cwd=tmp_path
-    )
+    words = ["--model", "vjm", "--model", "ft-mlp", "--splits", "2", *SMALL]
+    done = bench_here("run", *words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     for part in (
         "kr10-twin (simulated) | holdout, 2 splits, seed 0 | mm",
@@ -68,7 +68,7 @@ def test_vjm_under_leave_one_out_gives_the_independent_figures_of_the_fanuc(tmp_
 def test_ones_own_file_and_robot_run_like_a_shipped_data_set(tmp_path):
     files = ["--data", shipped("data/fanuc_r2000ic.csv")]
     files += ["--urdf", shipped("robots/fanuc_r2000ic.urdf"), "--tcp", "0.0069,0.2453,0.3193"]
-    words = ["run", "--model", "vjm", "--protocol", "leave-one-out", "--format", "csv"]
+    words = ["run", "--model", "vjm", "--format", "csv"]
     own = bench_here(*words, *files, cwd=tmp_path)
     shipped_run = bench_here(*words, "--dataset", "fanuc-r2000ic", cwd=tmp_path)
     assert own.returncode == 0, own.stderr
@@ -287,8 +287,8 @@ def test_a_gpu_that_is_not_there_is_refused(tmp_path):
 
 
 def test_debug_shows_the_traceback(tmp_path):
-    done = bench("run", "--model", "nothing", "--debug", cwd=tmp_path)
-    assert done.returncode != 0 and "Traceback" in done.stderr and "ConfigError" in done.stderr
+    with pytest.raises(ConfigError, match="nothing"):
+        bench_here("run", "--model", "nothing", "--debug", cwd=tmp_path)
 
 
 @pytest.mark.slow

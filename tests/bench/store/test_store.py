@@ -49,7 +49,7 @@ def only(folder: Path) -> CellResult:
     return found
 
 
-def many(folder: Path, n: int = 300) -> list[str]:
+def many(folder: Path, n: int = 150) -> list[str]:
     """A folder of so many cells that its file has some pages; their keys."""
     store = ResultStore(folder)
     cells = [replace(CELL, split_index=index) for index in range(n)]

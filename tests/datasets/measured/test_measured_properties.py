@@ -104,6 +104,7 @@ def assert_identical(found, wanted):
             assert have.tolist() == want.tolist()
 
 
+@pytest.mark.slow
 @few
 @given(table=tables())
 def test_what_was_read_is_written_and_read_again_to_the_last_bit(folder, table):
@@ -196,7 +197,7 @@ def test_any_single_fault_is_refused_with_file_row_and_column(folder, table, fau
         assert f"row {row}, column {column}: " in str(caught.value)
 
 
-@few
+@settings(few, max_examples=12)
 @given(table=tables(), data=st.data())
 def test_a_missing_column_is_named(folder, table, data):
     needed = all_columns(table.robot)[len(ID_COLUMNS) :]
