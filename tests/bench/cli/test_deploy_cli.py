@@ -84,16 +84,8 @@ def test_fit_predict_and_export_on_the_command_line(tmp_path):
         assert next(csv.reader(file)) == [
             *"pose_id,load_id,group".split(","), *HEADER.split(","), *PREDICTED,
         ]  # fmt: skip
-    small = (
-        "--set",
-        "mlp.training=best",
-        "--set",
-        "mlp.width=8",
-        "--set",
-        "mlp.layers=1",
-        "--set",
-        "mlp.epochs=3",
-    )
+    options = ("training=best", "width=8", "layers=1", "epochs=3")
+    small = [f"--set=mlp.{option}" for option in options]
     words = ("--dataset", "kr10-twin", "--output", "mlp.stiff")
     done = bench_here("fit", "--model", "mlp", *small, *words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
