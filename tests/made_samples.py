@@ -30,6 +30,11 @@ def samples_with(
     return Samples(q=q, wrench=wrench, deflection=deflection, **(usual | names))
 
 
+def with_other_labels(samples: Samples) -> Samples:
+    """The same poses and loads with twice the deflections of the opposite rows."""
+    return replace(samples, deflection=2.0 * samples.deflection[::-1])
+
+
 def unloaded(n_poses: int, loads: int = 1) -> Samples:
     """Poses p0, p1, ... of one group, several rows each; every number is zero."""
     n = n_poses * loads

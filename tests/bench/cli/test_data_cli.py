@@ -81,6 +81,7 @@ def test_a_chosen_plan_says_what_it_gains_over_chance(tmp_path):
     assert_refused(bench_here(*words, cwd=tmp_path), "plan.csv: exists")
 
 
+@pytest.mark.slow
 def test_a_stopped_simulation_leaves_nothing_behind(tmp_path):
     words = ["data", "simulate", "--samples", "100000000", "--output", "s.csv"]
     with started(*words, cwd=tmp_path) as running:
@@ -155,8 +156,6 @@ def test_files_without_torques_are_used_and_registered_where_that_is_said(tmp_pa
     done = bench_here(*run, *robot, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "**a.csv (user's file)" in done.stdout and "**b.csv (user's file)" in done.stdout
-    shown = bench_here("data", "info", "a.csv", *robot, cwd=tmp_path)
-    assert shown.returncode == 0 and (tmp_path / "results/info/a.csv.png").is_file()
     words = ["data", "register", "kr10-measured", "a.csv", "--no-torque"]
     assert bench_here(*words, cwd=tmp_path, env=home).returncode == 0
     run = ["run", "--model", "vjm", "--dataset", "kr10-measured"]
@@ -246,10 +245,6 @@ def test_pose_errors_are_fetched_and_never_called_stiffness(tmp_path, home):
         ),
         (["plan", "--robot", "ur5", "--urdf", "x", "--output", "p.csv"], ["--robot ur5", "one of"]),
         (["plan", "--poses", "9", "--clearance", "5", "--output", "p.csv"], ["clearance", "5 m"]),
-        (
-            ["plan", "--payload", "-1", "--output", "p.csv"],
-            ["'--payload': '-1' (valid: a number above 0)"],
-        ),
         (["plan", "--tcp", "0,0,0.3", "--output", "p.csv"], ["the paper's poses", "clearance"]),
         (["plan", "--poses", "1", "--output", "p.csv"], ["poses is 1, expected 2"]),
         (["plan", "--output", "p.parquet"], ["p.parquet", ".csv"]),
