@@ -75,30 +75,40 @@ TWO_ROWS = {
     **FEW_NEIGHBOURS,
     frozenset({"pls"}): "warns: y residual is constant",
     frozenset({"mlp"}): "(works|warns: none of 3 epochs was better on the validation rows)",
-    frozenset(SPRINGS): unidentifiable("A1, A4, A6", 5),
+    frozenset(SPRINGS | LOADED): unidentifiable(ALL_JOINTS, 3),
     frozenset(SEGMENTS): SLOPES,
     frozenset(FULL): few(2),
 }
 
 OUTCOMES: dict[str, dict[frozenset[str], str]] = {
     "wrist singular": {
-        frozenset(SPRINGS): unidentifiable("A4, A6", 5),
+        frozenset(SPRINGS | LOADED): unidentifiable("A4, A6", 4),
         frozenset(SEGMENTS): f"{SLOPES}: A4 segment 1, 2; A6 segment 1, 2",
     },
     "1 row": ONE_ROW,
     "1 row, 1 validation": ONE_ROW,
     "2 rows": TWO_ROWS,
     "2 rows, 1 validation": TWO_ROWS,
-    "5 rows": {frozenset(SEGMENTS): SLOPES, frozenset(FULL): few(5), **NOT_BOTH},
+    "5 rows": {
+        frozenset(SPRINGS | LOADED): unidentifiable("A4, A6", 5),
+        frozenset(SEGMENTS): SLOPES,
+        frozenset(FULL): few(5),
+        **NOT_BOTH,
+    },
     "one pose": {
         frozenset({"deep-ensemble"}): "fails: .*needs samples of two poses.*all 32 are of one",
         frozenset({"mf-gp"}): "warns: .*likelihood search stopped early",
+        frozenset(SPRINGS | LOADED): unidentifiable("A1, A2, A3, A4", 3),
     },
+    "one load": {frozenset(SPRINGS | LOADED): unidentifiable("A6", 5)},
     "no load": {frozenset(IDENTIFY): "fails: .*no wrench turns any joint"},
     "force along z alone": {
-        frozenset(SPRINGS | LOADED): unidentifiable("A1, A4, A6", 3),
+        frozenset(SPRINGS | LOADED): unidentifiable("A1, A4, A5, A6", 2),
         frozenset(SEGMENTS): SLOPES,
     },
+    "A2 alone moves": {frozenset(SPRINGS | LOADED): unidentifiable("A1, A2, A3, A4", 3)},
+    "deflection along z alone": {frozenset(SPRINGS | LOADED): unidentifiable("A1, A4, A6", 3)},
+    "rows contradict": {frozenset(SPRINGS | LOADED): unidentifiable("A1, A3, A4, A5, A6", 1)},
     "no deflection": {
         frozenset(
             SOURCE

@@ -46,3 +46,24 @@ def planar_arm(n_joints: int, axis: tuple[float, float, float], mass: float = 0.
         centres_of_mass=np.tile(along, (n_joints, 1)),
         tcp=along,
     )
+
+
+def seven_joint_arm() -> Robot:
+    """An arm with the lengths of a KUKA LBR iiwa 7 and a marker beside its flange."""
+    n = 7
+    placements = np.tile(np.eye(4), (n, 1, 1))
+    placements[:, 2, 3] = (0.15, 0.19, 0.21, 0.19, 0.21, 0.19, 0.081)
+    along, across = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
+    limits = np.deg2rad([170.0, 120.0, 170.0, 120.0, 170.0, 120.0, 175.0])
+    return Robot(
+        name="seven",
+        joint_names=tuple(f"J{i + 1}" for i in range(n)),
+        joint_types=("revolute",) * n,
+        placements=placements,
+        axes=np.array([along, across, along, across, along, across, along]),
+        lower=-limits,
+        upper=limits,
+        masses=np.full(n, 3.0),
+        centres_of_mass=np.zeros((n, 3)),
+        tcp=np.array([0.05, 0.02, 0.12]),
+    )

@@ -21,8 +21,8 @@ import stiff_models.networks.network_model
 import stiff_models.transfer.source
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.catalog import model_info
-from stiff_models.physics.identification import nonnegative
 from stiff_protocols.contract.errors import ModelError, StiffBenchError, StiffBenchWarning
+from stiff_protocols.contract.identification import nonnegative
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.sanity import check_units, warn_of_rows
 from stiff_protocols.splits.random_splits import Holdout
@@ -252,6 +252,6 @@ def test_least_squares_that_go_round_in_circles_are_our_error(monkeypatch, rng):
     def circling(*_: FloatArray) -> None:
         raise RuntimeError("Maximum number of iterations reached.")
 
-    monkeypatch.setattr("stiff_models.physics.identification.nnls", circling)
+    monkeypatch.setattr("stiff_protocols.contract.identification.nnls", circling)
     with pytest.raises(ModelError, match="no compliances >= 0 were found for 3 springs: Maximum"):
         nonnegative(rng.normal(size=(9, 3)), rng.normal(size=9))

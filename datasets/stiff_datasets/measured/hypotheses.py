@@ -21,6 +21,7 @@ from scipy.optimize import nnls
 from stiff_datasets.measured.identifiability import jacobians
 from stiff_datasets.measured.sample_files import DEG_PER_RAD
 from stiff_datasets.robots.robot import ChainModel, robot_of
+from stiff_protocols.contract.identification import RANK_TOLERANCE
 from stiff_protocols.contract.types import AXES, FloatArray, IntArray, Samples
 
 POINT_GAIN, GAIN, RARE_GAIN = 0.05, 0.1, 0.15
@@ -310,7 +311,7 @@ def clearly_negative(data: Reading) -> NDArray[np.bool_]:
     """Return (n_joints,) which compliances least squares put below zero, and not by chance."""
     matrix = data.regressor().reshape(-1, data.q.shape[1])
     size = np.linalg.norm(matrix, axis=0)
-    size[size == 0.0] = 1.0
+    size[size <= RANK_TOLERANCE * size.max()] = np.inf  # no load turns it
     inverse = np.linalg.pinv(matrix / size)
     compliance = inverse @ data.deflection.reshape(-1)
     residual = data.deflection.reshape(-1) - matrix / size @ compliance

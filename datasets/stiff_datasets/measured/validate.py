@@ -35,13 +35,13 @@ from stiff_datasets.measured.hypotheses import (
     reading,
     softness,
 )
-from stiff_datasets.measured.identifiability import identifiability
 from stiff_datasets.measured.measured import check_file
 from stiff_datasets.measured.sample_checks import LIMIT_SLACK, Problem
 from stiff_datasets.measured.sample_files import MM_PER_M, file_units, joint_columns
 from stiff_datasets.robots.robot import ChainModel, robot_of
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.types import FloatArray, Robot, Samples
+from stiff_protocols.contract.identification import Identified, identify, typical_joints
+from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 
 EXPLAINS_LITTLE = 0.85
 """Share of the squared deflection; the data sets that are shipped have 0.93 and more."""
@@ -119,6 +119,7 @@ def validate(path: Path, chain: ChainModel, *, no_torque: bool = False) -> Valid
     diagnosis = diagnose(samples, chain, may_fit=not torques_missing)
     if torques_missing and not _explains_little(diagnosis.given):
         diagnosis = Diagnosis(diagnosis.given)  # that is mistake enough
+    pose = np.asarray(np.unique(samples.pose_id, return_inverse=True)[1])
     unused = [fact("columns not used", ", ".join(checked.unused))] if checked.unused else []
     found = [
         *unused,
@@ -126,7 +127,7 @@ def validate(path: Path, chain: ChainModel, *, no_torque: bool = False) -> Valid
         *duplicate_findings(samples, robot, lines),
         *range_findings(samples, lines),
         *repeat_findings(samples, robot, lines),
-        *(_spring_findings(data, diagnosis, lines) if samples.wrench.any() else ()),
+        *(_spring_findings(data, pose, diagnosis, lines) if data.regressor().any() else ()),
     ]
     return ValidationReport(
         path,
@@ -201,7 +202,16 @@ def _content_findings(samples: Samples, robot: Robot, no_torque: bool) -> Iterat
         yield fact(f"joint {robot.joint_names[i]}", f"{used} (limits {limits})")
 
 
-def _spring_findings(data: Reading, diagnosis: Diagnosis, lines: Lines) -> Iterator[Finding]:
+def _identified(data: Reading, pose: IntArray) -> Identified:
+    """Identify joint springs as the virtual joint model does; `pose` (n,) numbers the poses."""
+    matrix, typical = data.regressor(), typical_joints(robot_of(data.chain))
+    flat = matrix.reshape(-1, matrix.shape[2])
+    return identify(flat, data.deflection.reshape(-1), typical, np.repeat(pose, 3))
+
+
+def _spring_findings(
+    data: Reading, pose: IntArray, diagnosis: Diagnosis, lines: Lines
+) -> Iterator[Finding]:
     """Compare the data with joint springs: mistakes, stiffnesses, outliers."""
     given, best = diagnosis.given, diagnosis.best
     if best:
@@ -218,28 +228,29 @@ def _spring_findings(data: Reading, diagnosis: Diagnosis, lines: Lines) -> Itera
         f"{given.rms * MM_PER_M:.3g} mm RMS",
     )
     names = tuple(data.chain.model.names)[1:]
-    found = identifiability(data.regressor(), names)
-    if found.unidentifiable:
+    found = _identified(data, pose)
+    unknown = [name for name, known in zip(names, found.known, strict=True) if not known]
+    if unknown:
         yield warning(
-            f"the stiffness of joint {', '.join(found.unidentifiable)} cannot be identified: the "
-            "loads do not turn it, or not apart from another joint",
+            f"the stiffness of joint {', '.join(unknown)} cannot be identified: the samples do not "
+            "tell it from noise or from another joint; models take the prior's"
         )
-    condition = f", condition number {found.condition:.3g}" if found.rank == len(names) else ""
+    condition = "" if unknown else f", condition number {found.condition:.3g}"
     yield fact("identifiable", f"rank {found.rank} of {len(names)} joint springs{condition}")
     residual_mm, odd = residuals_and_outliers(data)
     odd &= best is None  # else every row is wrong
-    compliance = compliances(data.take(~odd))
-    stiffness = ", ".join(
-        f"{name} {1.0 / each:.2g}" if each else f"{name} inf"
+    compliance = _identified(data.take(~odd), pose[~odd]).compliance
+    stiffness = {
+        name: f"{name} {1.0 / each:.2g}" if each else f"{name} inf"
         for name, each in zip(names, compliance, strict=True)
-    )
-    yield fact("k [Nm/rad, N/m]", stiffness)
+    }
+    known = [stiffness[name] for name in names if name not in unknown]
+    yield fact("k [Nm/rad, N/m]", ", ".join(known) or "none")
+    if unknown:
+        yield fact("k of the prior", ", ".join(stiffness[name] for name in unknown))
     negative = clearly_negative(data.take(~odd))
-    rigid = [
-        name
-        for i, name in enumerate(names)
-        if negative[i] and not compliance[i] and name not in found.unidentifiable
-    ]
+    least = compliances(data.take(~odd))
+    rigid = [name for i, name in enumerate(names) if negative[i] and not least[i]]
     if rigid:
         yield warning(f"infinite or negative stiffness: {', '.join(rigid)}")
     if not best:

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stiff_models.physics.identification import identify
 from stiff_models.physics.kinematics import jacobian, joint_torque, kinematic_hessian
 from stiff_models.physics.straight_line import CHUNK
 from stiff_protocols.contract.errors import ModelError
+from stiff_protocols.contract.identification import least_compliance
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 
 MAX_STEPS = 50
@@ -128,13 +128,12 @@ def linearised_at_best(robot: Robot, samples: Samples) -> Linearised:
 
     Gauss-Newton steps with compliances >= 0: the first one leads to the linear model's solution.
     A step is halved until the springs hold every sample and the residual does not grow.
-    ModelError: no joint can be identified.
     """
     loaded = LoadedRobot.of(robot, samples.q, samples.wrench)
     measured = samples.deflection.reshape(-1)
     best = _linearised(loaded, np.zeros(robot.n_joints), measured)  # a rigid robot holds all
     for _ in range(MAX_STEPS):
-        step = identify(best.matrix, best.target).compliance - best.compliance
+        step = least_compliance(best.matrix, best.target) - best.compliance
         trials = (best.compliance + step / 2**halving for halving in range(MAX_HALVINGS))
         held = (trial for trial in trials if not len(loaded.beyond_buckling(trial)))
         found = (_linearised(loaded, trial, measured) for trial in held)

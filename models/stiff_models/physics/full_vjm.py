@@ -20,10 +20,11 @@ from typing import Literal
 import numpy as np
 
 from stiff_models.base import FittedModel
-from stiff_models.physics.identification import Solver, identify, nonnegative, ridge
+from stiff_models.physics.identification import identify, ridge
 from stiff_models.physics.kinematics import unit_deflections, virtual_jacobian
 from stiff_models.physics.vjm import warn_unexplained
 from stiff_protocols.contract.errors import StiffBenchWarning
+from stiff_protocols.contract.identification import Solver, nonnegative
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
 Springs = Literal[3, 6]

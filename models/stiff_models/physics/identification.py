@@ -7,21 +7,14 @@ scaled to unit length.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize_scalar, nnls
+from scipy.optimize import minimize_scalar
 
 from stiff_protocols.contract.errors import ModelError
+from stiff_protocols.contract.identification import RANK_TOLERANCE, Solver, nonnegative
 from stiff_protocols.contract.types import FloatArray
-
-RANK_TOLERANCE = 1e-8
-"""Singular values of the column-scaled regressor below this share of the largest count as zero:
-far above rounding, far below what a measurement with instrument noise could resolve."""
-
-Solver = Callable[[FloatArray, FloatArray], FloatArray]
-"""Turns a column-scaled regressor (rows, columns) and a target (rows,) into a solution."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,20 +39,6 @@ class Identified:
         """1 / compliance; infinite for a spring found rigid, NaN where the data cannot tell."""
         with np.errstate(divide="ignore"):
             return np.where(self.known, 1.0 / self.compliance, np.nan)
-
-
-def nonnegative(scaled: FloatArray, target: FloatArray) -> FloatArray:
-    """Return the least-squares solution without negative entries.
-
-    Raises:
-        ModelError: the search for it goes round in circles.
-    """
-    try:
-        return np.asarray(nnls(scaled, target)[0])
-    except RuntimeError as error:
-        raise ModelError(
-            f"no compliances >= 0 were found for {scaled.shape[1]} springs: {error}"
-        ) from error
 
 
 def ridge(scaled: FloatArray, target: FloatArray) -> FloatArray:
@@ -116,22 +95,3 @@ def identify(matrix: FloatArray, target: FloatArray, solver: Solver = nonnegativ
         rank=int(kept.sum()),
         condition=float(singular[0] / singular[kept][-1]),
     )
-
-
-def stiffness_error(matrix: FloatArray, target: FloatArray, compliance: FloatArray) -> FloatArray:
-    """Return the (n_columns,) standard errors of stiffnesses found by `nonnegative`.
-
-    From the residual variance, to first order; NaN where there is none (rigid, or no degree of
-    freedom left).
-    """
-    error = np.full(len(compliance), np.nan)
-    free = np.flatnonzero(compliance > 0.0)
-    degrees = len(target) - len(free)
-    if degrees > 0 and len(free):
-        residual = target - matrix @ compliance
-        size = np.linalg.norm(matrix[:, free], axis=0)
-        scaled = matrix[:, free] / size
-        variance = np.diag(np.linalg.pinv(scaled.T @ scaled)) * (residual @ residual) / degrees
-        # first order: dk = dc / c^2
-        error[free] = np.sqrt(variance) / size / compliance[free] ** 2
-    return error

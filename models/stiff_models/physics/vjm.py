@@ -2,7 +2,8 @@
 
 With the Jacobian J at the TCP and its translational rows J_v, the deflection under a wrench w is
 ``d = J_v K^-1 J^T w = sum_i J_v,i (J_i^T w) c_i``, which is linear in the compliances
-``c_i = 1/k_i``. They are identified by least squares with ``c >= 0``.
+``c_i = 1/k_i``. They are identified by least squares, with a prior for those that the samples
+cannot tell (`stiff_protocols.contract.identification`).
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ import numpy as np
 
 from stiff_models.base import FittedModel
 from stiff_models.physics.congruence import linearised_at_best, loaded_deflection
-from stiff_models.physics.identification import Identified, identify, stiffness_error
 from stiff_models.physics.kinematics import jacobian, joint_deflection, unit_deflections
 from stiff_protocols.contract.errors import StiffBenchWarning
+from stiff_protocols.contract.identification import Identified, identify, typical_joints
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
 
@@ -26,12 +27,9 @@ class IdentifiedJoints(Identified):
 
     Attributes:
         names: of the joints.
-        standard_error: (n_joints,) of the stiffness, N m/rad, from the residual variance; NaN
-            where there is none (not identifiable, rigid, or no degree of freedom left).
     """
 
     names: tuple[str, ...]
-    standard_error: FloatArray
 
     @property
     def unidentifiable(self) -> tuple[str, ...]:
@@ -47,7 +45,7 @@ def compliance_regressor(robot: Robot, q: FloatArray, wrench: FloatArray) -> Flo
 def identify_joints(
     robot: Robot, samples: Samples, *, congruence: bool = False
 ) -> IdentifiedJoints:
-    """Identify one spring a joint by non-negative least squares.
+    """Identify one spring a joint.
 
     Args:
         robot: the robot that was measured.
@@ -64,13 +62,9 @@ def identify_joints(
     else:
         regressor = compliance_regressor(robot, samples.q, samples.wrench)
         matrix, target = regressor.reshape(-1, robot.n_joints), samples.deflection.reshape(-1)
-    found = identify(matrix, target)
-    error = stiffness_error(matrix, target, found.compliance)
-    return IdentifiedJoints(
-        **vars(found),
-        names=robot.joint_names,
-        standard_error=np.where(found.known, error, np.nan),
-    )
+    pose = np.unique(samples.pose_id, return_inverse=True)[1]
+    found = identify(matrix, target, typical_joints(robot), np.repeat(pose, 3))
+    return IdentifiedJoints(**vars(found), names=robot.joint_names)
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -82,7 +76,9 @@ class VirtualJointModel(FittedModel):
             predictions then are no longer linear in the wrench, and a load beyond buckling is a
             ModelError.
         joints_: what was identified.
-        diagnostics_: stiffnesses, rank and condition number, by name and unit.
+        diagnostics_: by name and unit: of each joint that the samples identify its stiffness,
+            standard error and the ends of an interval that holds it with 90 % probability; of
+            each other the prior's stiffness; rank and condition number.
     """
 
     congruence: bool = False
@@ -90,11 +86,18 @@ class VirtualJointModel(FittedModel):
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         self.joints_ = identify_joints(robot, train, congruence=self.congruence)
         self.diagnostics_: dict[str, float] = {}
+        interval = self.joints_.interval(0.9)
         for i, name in enumerate(robot.joint_names):
             unit = "Nm/rad" if robot.joint_types[i] == "revolute" else "N/m"
-            error = float(self.joints_.standard_error[i])
-            self.diagnostics_[f"stiffness {name} [{unit}]"] = float(self.joints_.stiffness[i])
-            self.diagnostics_[f"standard error {name} [{unit}]"] = error
+            own = {
+                "stiffness": self.joints_.stiffness[i],
+                "standard error": self.joints_.standard_error[i],
+            }
+            if self.joints_.known[i]:
+                own["90 % interval from"], own["90 % interval to"] = interval[i]
+            else:
+                own["prior stiffness"] = 1.0 / self.joints_.compliance[i]
+            self.diagnostics_ |= {f"{w} {name} [{unit}]": float(v) for w, v in own.items()}
         self.diagnostics_["rank"] = float(self.joints_.rank)
         self.diagnostics_["condition number"] = self.joints_.condition
         warn_unidentifiable(self.joints_)
@@ -108,10 +111,17 @@ class VirtualJointModel(FittedModel):
 def warn_unidentifiable(joints: IdentifiedJoints, samples: str = "training samples") -> None:
     """Warn which joints these samples cannot identify."""
     if joints.unidentifiable:
+        priors = ", ".join(
+            f"{name} {1.0 / compliance:.2g}"
+            for name, compliance, known in zip(
+                joints.names, joints.compliance, joints.known, strict=True
+            )
+            if not known
+        )
         warnings.warn(
             f"joint stiffness not identifiable from the {samples}: "
             f"{', '.join(joints.unidentifiable)} (regressor rank {joints.rank} of "
-            f"{len(joints.names)}); no value is given, predictions use their joint effect alone",
+            f"{len(joints.names)}); predictions use the prior's, {priors} Nm/rad (N/m)",
             StiffBenchWarning,
             stacklevel=4,
         )

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from made_samples import samples_with
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.measured.measured import write_samples
 from stiff_datasets.measured.sample_files import sample_table
@@ -19,7 +20,7 @@ from stiff_datasets.robots.robot import ChainModel, shipped_chain
 from stiff_datasets.robots.shipped import named_robot
 from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.kr10_twin import Kr10Twin
-from stiff_models.physics.vjm import joint_deflection
+from stiff_models.physics.vjm import identify_joints, joint_deflection
 from stiff_protocols.contract.types import BenchmarkData, Robot, Samples
 
 TOOL = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
@@ -217,6 +218,22 @@ def test_joints_that_cannot_be_identified_are_named(tmp_path):
     report = Measurement(data.samples, robot, chain, tmp_path / "my.csv").report()
     assert only(report.warnings, "the stiffness of joint A6 cannot be identified")
     assert "rank 5 of 6" in only(report.facts, "identifiable").message
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_validate_and_the_vjm_name_the_same_joints(seed, kr10, kr10_chain, tmp_path):
+    rng = np.random.default_rng(seed)
+    q = np.tile(rng.uniform(-1.0, 1.0, 6), (40, 1))
+    q[:, :2] = rng.uniform(-1.0, 0.0, (40, 2))  # A1 and A2 move
+    wrench = np.tile([0.0, 0.0, -60.0, 0.0, 0.0, 0.0], (40, 1))
+    stiffness = np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])
+    deflection = joint_deflection(kr10, 1.0 / stiffness, q, wrench)
+    samples = samples_with(q, wrench, deflection + rng.normal(scale=1e-4, size=(40, 3)))
+    report = Measurement(samples, kr10, kr10_chain, tmp_path / "my.csv").report()
+    names = identify_joints(kr10, samples).unidentifiable
+    assert 0 < len(names) < 6
+    assert only(report.warnings, f"the stiffness of joint {', '.join(names)} cannot be identified")
+    assert all(f"{name} " in only(report.facts, "k of the prior").message for name in names)
 
 
 def test_every_error_is_listed_and_there_is_no_other_finding(measurement):

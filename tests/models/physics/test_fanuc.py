@@ -14,6 +14,7 @@ from stiff_models.physics.vjm import VirtualJointModel, identify_joints
 from stiff_protocols.splits.random_splits import LeaveOneOut
 
 
+@pytest.mark.filterwarnings("ignore:joint stiffness not identifiable.* J6")  # of 42 samples
 @pytest.mark.parametrize(
     ("family", "mae_mm", "tolerance"),
     [

@@ -1,0 +1,271 @@
+"""Springs from measured deflections: what the data say of each, and a prior for the rest.
+
+A deflection that is linear in the compliances is ``target = matrix @ compliance``. Least squares
+hand the deflection of well-known springs to those that the samples can hardly tell apart, so that a
+stiffness comes out 10,000 times too small beside another that is infinite. Here the logarithms x of
+the compliances have the posterior
+
+    |matrix @ exp(x) - target|^2 / sigma^2 + |(x - x_0) - mean(x - x_0)|^2 / s^2 -> min.
+
+sigma is the noise that the residuals of non-negative least squares show, and x_0 - mean(x_0) a
+law of size: `typical_compliance`. The law's overall factor is free, the data determine it, so
+robots of any size have one prior. A spring is identifiable where the data bring nine tenths of what
+is known of it. It gets its least-squares value, without the prior's pull; the others keep the
+posterior's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares, nnls
+from scipy.special import ndtri
+
+from stiff_protocols.contract.arrays import FloatArray, IntArray
+from stiff_protocols.contract.errors import ModelError
+from stiff_protocols.contract.robot import Robot
+
+RANK_TOLERANCE = 1e-8
+"""Columns shorter than this share of the longest count as zero, and so do singular values of the
+column-scaled regressor: far above rounding, far below what instruments resolve."""
+
+PRIOR_SPREAD = float(np.log(5.0))
+"""s, of ln compliance about the law: three times the scatter of the KR10 (source paper), the
+FANUC and the simulated arms about it, 0.25 to 0.5. With ln 30, noise alone gave a spring 1/500 of
+its stiffness where two of seven joints moved."""
+
+PRIOR_SHARE = 0.1
+"""Largest share of the prior's variance that an identifiable spring keeps: the data bring nine
+tenths of what is known of it, its stiffness is known to a factor of 1.7 (standard deviation)."""
+
+LARGEST_ERROR = float(np.sqrt(PRIOR_SHARE)) * PRIOR_SPREAD
+"""Of ln compliance of an identifiable spring."""
+
+LEVER_EXPONENT = 1.0
+"""Stiffness grows with the largest lever to this power: 1.28 fits the six joints of the KR10, 0.90
+the FANUC's; 0.8 to 1.2 the simulated arms, whose gears are sized by torque."""
+
+LEAST_LEVER = 0.05
+"""Of a robot's largest: a joint is built for a tool, even if the TCP lies on its axis."""
+
+LEAST_NOISE = 0.1
+"""One residual of this share of the RMS deflection is added to those that were seen: as many
+samples as springs leave none."""
+
+LEVER_POSES = 256
+FARTHEST = 50.0  # of ln compliance from the start: exp() stays finite
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """Compliances identified from samples, and what the samples can say of them.
+
+    Attributes:
+        compliance: (n_columns,) rad/(N m) or m/N; above 0, unless no spring explains anything.
+        known: (n_columns,) whether the data identify the spring; else its compliance is the
+            prior's, moved by what the data say.
+        log_error: (n_columns,) standard deviation of ln compliance, the larger of two: of
+            the posterior, and of the same where the samples of one pose err together.
+        rank: how many combinations of springs the data identify.
+        condition: condition number of the column-scaled regressor of the identifiable springs.
+    """
+
+    compliance: FloatArray
+    known: NDArray[np.bool_]
+    log_error: FloatArray
+    rank: int
+    condition: float
+
+    @property
+    def stiffness(self) -> FloatArray:
+        """1 / compliance; infinite for a spring found rigid, NaN where the data cannot tell."""
+        with np.errstate(divide="ignore"):
+            return np.where(self.known, 1.0 / self.compliance, np.nan)
+
+    @property
+    def standard_error(self) -> FloatArray:
+        """(n_columns,) of `stiffness`, to first order; NaN where that is not known or infinite."""
+        finite = self.known & (self.compliance > 0.0)
+        stiffness = np.divide(1.0, self.compliance, where=finite, out=np.full(len(finite), np.nan))
+        return np.asarray(stiffness * self.log_error)
+
+    def interval(self, coverage: float = 0.9) -> FloatArray:
+        """Return (n_columns, 2) stiffnesses that hold the true one with this probability.
+
+        Those of springs that are not identifiable are the prior's, narrowed by the data.
+        """
+        reach = float(ndtri(0.5 + coverage / 2.0)) * self.log_error
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ends = np.exp(np.stack([-reach, reach], axis=1)) / self.compliance[:, None]
+        return np.asarray(ends)
+
+
+@lru_cache(32)
+def typical_joints(robot: Robot) -> FloatArray:
+    """Return the (n_joints,) typical compliances of a robot's joints, up to one factor."""
+    turns = np.array([kind == "revolute" for kind in robot.joint_types])
+    typical = typical_compliance(robot.jacobian(spread_positions(robot))[:, :3], turns)
+    typical.flags.writeable = False
+    return typical
+
+
+def spread_positions(robot: Robot) -> FloatArray:
+    """Return (n, n_joints) positions all over the joint limits; half a turn where there are none.
+
+    A slide without limits stands still.
+    """
+    turns = np.array([kind == "revolute" for kind in robot.joint_types])
+    far = np.where(turns, np.pi, 0.0)
+    lower = np.where(np.isfinite(robot.lower), robot.lower, -far)
+    upper = np.where(np.isfinite(robot.upper), robot.upper, far)
+    return np.random.default_rng(0).uniform(lower, upper, (LEVER_POSES, robot.n_joints))
+
+
+def typical_compliance(move: FloatArray, turns: NDArray[np.bool_]) -> FloatArray:
+    """Return what compliances of robots are like, up to one factor, (n_springs,).
+
+    The stiffness of joints grows with their largest lever. A slide gives way at the TCP as much
+    as the turn with the largest lever.
+
+    Args:
+        move: (n, 3, n_springs) how springs move the TCP at poses all over the joint limits, m/rad
+            or m/m.
+        turns: (n_springs,) whether they are turned (rad/(N m)); else they are moved along (m/N).
+    """
+    lever = np.linalg.norm(move, axis=1).max(axis=0)
+    largest = float(lever[turns].max(initial=0.0)) or 1.0
+    relative = np.maximum(lever / largest, LEAST_LEVER) ** -LEVER_EXPONENT
+    return np.where(turns, relative, largest**2)
+
+
+def identify(
+    matrix: FloatArray, target: FloatArray, typical: FloatArray, pose: IntArray | None = None
+) -> Identified:
+    """Identify compliances.
+
+    Args:
+        matrix: (rows, n_columns) deflection by each spring at unit compliance.
+        target: (rows,) measured deflection.
+        typical: (n_columns,) typical compliances, up to one factor for all.
+        pose: (rows,) number of the pose of each row, from 0: what no spring explains there is one
+            error for all of its samples. None: rows err each on their own.
+
+    Raises:
+        ModelError: no spring can be identified (for example, every wrench is zero).
+    """
+    size = np.linalg.norm(matrix, axis=0)
+    if not size.any():
+        raise ModelError("no joint spring can be identified: no wrench turns any joint")
+    fitted = least_compliance(matrix, target)
+    if not fitted.any():  # no prior stands against a wrench of the wrong sign
+        nothing = np.full(len(fitted), np.nan)
+        known = size > RANK_TOLERANCE * size.max()
+        return Identified(fitted, known, nothing, int(known.sum()), np.nan)
+    residual = target - matrix @ fitted
+    free = max(len(target) - int((fitted > 0.0).sum()), 0)
+    least = LEAST_NOISE**2 * float(target @ target) / len(target)
+    noise = np.sqrt((float(residual @ residual) + least) / (free + 1))
+    # the same sum of squares in as many rows as there are springs, and one
+    rows = np.asarray(np.linalg.qr(np.column_stack([matrix, target]), mode="r")) / noise
+    compliance, spread = _most_probable(rows[:, :-1], rows[:, -1], fitted, typical)
+    inward = np.asarray(rows[:, :-1] * compliance)  # by ln compliance
+    information = inward.T @ inward
+    covariance = np.linalg.inv(information + spread.T @ spread)
+    error = np.sqrt(np.diag(covariance))
+    # To first order a soft spring hides what a stiff one in line with it may take of its share, so
+    # those that are not identifiable are looked at when they are softer by the prior's spread.
+    softer = np.where(error <= LARGEST_ERROR, 1.0, np.exp(PRIOR_SPREAD))
+    scaled = information * softer * softer[:, None]
+    shared = np.linalg.inv(scaled + spread.T @ spread)
+    error = np.maximum(error, np.sqrt(np.diag(shared)))
+    known = error <= LARGEST_ERROR
+    if known.all():
+        compliance = fitted if fitted.all() else compliance
+    elif known.any():
+        rest = target - matrix[:, ~known] @ compliance[~known]
+        own = least_compliance(matrix[:, known], rest)
+        compliance[known] = own if own.all() else compliance[known]
+    if pose is not None:
+        residual = (target - matrix @ compliance) / noise
+        scores = np.zeros((int(pose.max()) + 1, len(compliance)))
+        np.add.at(scores, pose, matrix * compliance / noise * residual[:, None])
+        together = covariance @ (scores.T @ scores + spread.T @ spread) @ covariance
+        error = np.maximum(error, np.sqrt(np.diag(together)))
+    needed = (1.0 / PRIOR_SHARE - 1.0) / PRIOR_SPREAD**2
+    return Identified(
+        compliance=compliance,
+        known=known,
+        log_error=error,
+        rank=int((np.linalg.eigvalsh(information) >= needed).sum()),
+        condition=float(np.linalg.cond(matrix[:, known] / size[known])) if known.any() else np.nan,
+    )
+
+
+def _most_probable(
+    matrix: FloatArray, target: FloatArray, fitted: FloatArray, typical: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the compliances that are the most probable, and the prior's part of the Jacobian.
+
+    `matrix` and `target` are in units of the noise; `fitted` is the least-squares solution.
+    """
+    n = len(typical)
+    spread = (np.eye(n) - 1.0 / n) / PRIOR_SPREAD  # of ln compliance, its mean left out
+    explained = matrix @ typical
+    factor = float(explained @ target / (explained @ explained))
+    if factor <= 0.0:
+        factor = float(np.median((fitted / typical)[fitted > 0.0]))
+    usual = factor * typical
+    near = np.clip(fitted, usual * np.exp(-2.0 * PRIOR_SPREAD), usual * np.exp(2.0 * PRIOR_SPREAD))
+    start = np.where(fitted > 0.0, near, usual)
+    away = np.log(start / usual)
+
+    def compliance(x: FloatArray) -> FloatArray:
+        return np.asarray(start * np.exp(np.clip(x, -FARTHEST, FARTHEST)))
+
+    def residuals(x: FloatArray) -> FloatArray:
+        return np.concatenate([matrix @ compliance(x) - target, spread @ (x + away)])
+
+    def derivative(x: FloatArray) -> FloatArray:
+        return np.concatenate([matrix * compliance(x), spread])
+
+    found = least_squares(residuals, np.zeros(n), jac=derivative, method="lm")
+    return compliance(found.x), np.asarray(spread)
+
+
+Solver = Callable[[FloatArray, FloatArray], FloatArray]
+"""Turns a column-scaled regressor (rows, columns) and a target (rows,) into a solution."""
+
+
+def nonnegative(scaled: FloatArray, target: FloatArray) -> FloatArray:
+    """Return the least-squares solution without negative entries.
+
+    Raises:
+        ModelError: the search for it goes round in circles.
+    """
+    try:
+        return np.asarray(nnls(scaled, target)[0])
+    except RuntimeError as error:
+        raise ModelError(
+            f"no compliances >= 0 were found for {scaled.shape[1]} springs: {error}"
+        ) from error
+
+
+def least_compliance(
+    matrix: FloatArray, target: FloatArray, solver: Solver = nonnegative
+) -> FloatArray:
+    """Return the (n_columns,) least-squares compliances; 0 of columns next to zero.
+
+    The columns of the matrix differ by orders of magnitude from base to tip, so they are scaled
+    to unit length. Arguments as `identify`.
+    """
+    size = np.linalg.norm(matrix, axis=0)
+    turned = size > RANK_TOLERANCE * size.max()  # False: no sample bends this spring
+    compliance = np.zeros(matrix.shape[1])
+    if turned.any():
+        scaled = matrix[:, turned] / size[turned]
+        compliance[turned] = solver(scaled, target) / size[turned]
+    return compliance
