@@ -178,8 +178,7 @@ def test_data_of_the_users_own_are_evaluated_like_shipped_ones(twin):
     np.testing.assert_allclose(*numbers, rtol=1e-12)
 
 
-def test_results_are_tidy_data_tables_comparisons_and_ranks(twin, tmp_path, monkeypatch):
-    monkeypatch.setattr("stiff_bench.report.report.FIGURES", {})  # they take seconds
+def test_results_are_tidy_data_tables_comparisons_and_ranks(twin, tmp_path, no_figures):
     results = sb.evaluate(["vjm", "knn"], [twin, "kr10-twin"], protocol="kfold@folds=3")
     assert len(results) == 2 * 2 * 3
     frame = results.frame()

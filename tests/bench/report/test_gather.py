@@ -16,11 +16,7 @@ from stiff_bench.report.runs import Selection
 from stiff_bench.store.database import ResultStore, stored_results
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
-
-@pytest.fixture(autouse=True)
-def no_figures(monkeypatch):
-    """They take seconds; the browser's test has them."""
-    monkeypatch.setattr(gather, "FIGURES", {})
+pytestmark = pytest.mark.usefixtures("no_figures")
 
 
 @pytest.fixture()
