@@ -142,17 +142,10 @@ class VirtualJointModel(FittedModel):
 def warn_unidentifiable(springs: IdentifiedSprings, samples: str = "training samples") -> None:
     """Warn which springs these samples cannot identify."""
     if springs.unidentifiable:
-        priors = ", ".join(
-            f"{name} {1.0 / compliance:.2g}"
-            for name, compliance, known in zip(
-                springs.names, springs.compliance, springs.known, strict=True
-            )
-            if not known
-        )
         warnings.warn(
             f"joint stiffness not identifiable from the {samples}: "
             f"{', '.join(springs.unidentifiable)} (regressor rank {springs.rank} of "
-            f"{len(springs.names)}); predictions use the prior's, {priors} Nm/rad (N/m)",
+            f"{len(springs.names)}); predictions use the prior's",
             StiffBenchWarning,
             stacklevel=4,
         )

@@ -177,7 +177,7 @@ def test_a_source_of_such_springs_deflects_as_much_as_was_measured(arm, teacher)
 
 def test_a_spring_that_the_samples_cannot_tell_is_named_with_the_priors_value():
     robot, samples, _ = measured(ARMS["seven joints, two move"], 2)
-    with pytest.warns(StiffBenchWarning, match=r"not identifiable.*J1.*J7.*the prior's, J1 \d"):
+    with pytest.warns(StiffBenchWarning, match=r"not identifiable.*J1.*J7.*the prior's"):
         reported = VirtualJointModel().fit(samples, robot=robot).diagnostics_
     assert np.isnan(reported["stiffness J7 [Nm/rad]"])
     assert 1e2 < reported["prior stiffness J7 [Nm/rad]"] < 1e5
