@@ -18,7 +18,7 @@ from unittest import mock
 
 import click
 from click.testing import CliRunner
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from stiff_bench.api.catalog import registry
 from stiff_bench.cli import main as cli
@@ -28,6 +28,8 @@ SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 HIDDEN = (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning)
 """Warnings that Python shows to no user."""
 PLUGIN_MODULE = "stiffbench_plugin_"
+WITH_THREADS = ("numpy", "scipy", "sklearn", "torch")
+"""Libraries that bring thread pools of their own."""
 
 
 def bench_here(
@@ -62,7 +64,9 @@ def _all_put_back(arguments: list[str]) -> Iterator[None]:
             stack.callback(signal.signal, number, signal.getsignal(number))
         if (torch := sys.modules.get("torch")) is not None:
             stack.callback(torch.set_num_threads, torch.get_num_threads())
-        stack.enter_context(threadpool_limits())
+        pools = _thread_pools(*(name in sys.modules for name in WITH_THREADS))
+        stack.enter_context(mock.patch("threadpoolctl.ThreadpoolController", lambda: pools))
+        stack.enter_context(pools.limit())
         stack.callback(_forget_plugins_but, set(sys.modules))
         registry.cache_clear()
         stack.callback(registry.cache_clear)
@@ -76,6 +80,12 @@ def _forget_plugins_but(known: set[str]) -> None:
 
 
 _installed = functools.cache(entry_points)  # 50 ms a command
+
+
+@functools.cache  # 10 ms a command
+def _thread_pools(*_: bool) -> ThreadpoolController:
+    """The thread pools of the libraries that are loaded."""
+    return ThreadpoolController()
 
 
 @contextmanager

@@ -91,6 +91,12 @@ def small_source(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture()
+def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A report has none: they take seconds; the browser's test has them."""
+    monkeypatch.setattr("stiff_bench.report.report.FIGURES", {})
+
+
+@pytest.fixture()
 def trainings(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The phase of each training that is really done, and not taken from the cache."""
     from stiff_models.networks import network_model  # torch: few tests need it

@@ -9,6 +9,13 @@ import numpy as np
 
 from stiff_protocols.contract.types import FloatArray, IntArray, Samples, Split, TextArray
 
+CSV_HEADER = (
+    "pose_id,load_id,group,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,"
+    "fx_N,fy_N,fz_N,tx_Nm,ty_Nm,tz_Nm,dx_mm,dy_mm,dz_mm"
+)
+CSV_ROW = "P1,1,all,10,-60,70,0,40,0,50,10,-80,1,2,0,0.5,0.1,-0.9"
+"""A measurement of a robot with six joints as a user's file, invented."""
+
 
 def samples_with(
     q: FloatArray, wrench: FloatArray, deflection: FloatArray, **names: TextArray
@@ -21,6 +28,11 @@ def samples_with(
         "group": np.full(n, "all"),
     }
     return Samples(q=q, wrench=wrench, deflection=deflection, **(usual | names))
+
+
+def with_other_labels(samples: Samples) -> Samples:
+    """The same poses and loads with twice the deflections of the opposite rows."""
+    return replace(samples, deflection=2.0 * samples.deflection[::-1])
 
 
 def unloaded(n_poses: int, loads: int = 1) -> Samples:

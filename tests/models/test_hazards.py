@@ -38,6 +38,7 @@ TINY = {
     "restarts": 0,
     "trees": 5,
     "n_estimators": 5,
+    **{"steps": 2, "rounds": 1, "folds": 2},  # of tradaboost
     "device": "cpu",
 }
 """What makes a fit take milliseconds, where a model has the option."""

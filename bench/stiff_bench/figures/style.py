@@ -137,7 +137,7 @@ def share_legend(
     figure.legend(list(handles.values()), list(handles), loc=place, ncols=ncols, **spacing)
 
 
-MOST_LETTERS = 28
+MOST_LETTERS = 34
 """Of a name in a legend or on an axis."""
 PANEL_LETTERS = 22
 """Of a name over one of three panels beside each other, with its letter."""

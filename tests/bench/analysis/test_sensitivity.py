@@ -175,11 +175,7 @@ def test_a_model_whose_plugin_is_missing_is_refused_and_named(tmp_path, plugin_f
 @pytest.mark.parametrize(
     ("words", "parts"),
     [
-        (["--tcp-off", "-1"], ["'--tcp-off'", "-1", "of at least 0"]),
         (["--tcp-off", "half"], ["'half' is no length"]),
-        (["--force-noise", "101"], ["'101' (valid: a number from 0 to 100)"]),
-        (["--registration", "nan"], ["'nan' (valid: a number from 0 to 180)"]),
-        (["--draws", "0"], ["'0' (valid: a whole number from 1 to 10000)"]),
         (["vjm"], ["vjm alone", "two models or more"]),
         (["vjm", "gp"], ["unknown model with results 'gp'"]),
         (

@@ -132,7 +132,6 @@ def test_errors_of_a_curve_are_those_of_fits_to_nested_poses_tested_on_others(ur
 @pytest.mark.parametrize(
     ("words", "parts"),
     [
-        (["--poses", "0"], ["--poses", "'0'", "from 1 to 10000"]),
         (["--poses", "201"], ["poses is 201", "1 to 200"]),
         (["--model", "vjm-gq"], ["vjm-gq", "vjm-gp"]),
         (["--model", "vjm-gp"], ["my.csv: 9 poses", "from 10 poses on", "--model vjm"]),

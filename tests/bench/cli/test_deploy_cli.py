@@ -47,11 +47,10 @@ def vjm_file(tmp_path_factory) -> Path:
 def predict(vjm_file, tmp_path):
     """A function that predicts the lines of a file with the VJM; returns output and text."""
 
-    def make(*lines: str, coverage: float | None = None) -> tuple[pd.DataFrame, str]:
+    def make(*lines: str) -> tuple[pd.DataFrame, str]:
         poses, output = tmp_path / "poses.csv", tmp_path / "out.csv"
         poses.write_text("\n".join(lines) + "\n")
         words = ["--model", vjm_file, "--input", poses, "--output", output]
-        words += [] if coverage is None else ["--coverage", coverage]
         text = run(deploy_cli.predict, *words)
         return pd.read_csv(output, dtype={"pose_id": str}), text
 
@@ -84,16 +83,8 @@ def test_fit_predict_and_export_on_the_command_line(tmp_path):
         assert next(csv.reader(file)) == [
             *"pose_id,load_id,group".split(","), *HEADER.split(","), *PREDICTED,
         ]  # fmt: skip
-    small = (
-        "--set",
-        "mlp.training=best",
-        "--set",
-        "mlp.width=8",
-        "--set",
-        "mlp.layers=1",
-        "--set",
-        "mlp.epochs=3",
-    )
+    options = ("training=best", "width=8", "layers=1", "epochs=3")
+    small = [f"--set=mlp.{option}" for option in options]
     words = ("--dataset", "kr10-twin", "--output", "mlp.stiff")
     done = bench_here("fit", "--model", "mlp", *small, *words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -156,11 +147,6 @@ def test_a_bad_value_is_named_with_file_row_and_column(lines, parts, predict):
     assert file.endswith("poses.csv") and colon
     for part in parts:
         assert part in str(refused.value)
-
-
-def test_intervals_of_a_model_without_its_own_are_refused(predict):
-    with pytest.raises(ConfigError, match="vjm has no intervals of its own"):
-        predict(HEADER, ROW, coverage=0.9)
 
 
 def test_existing_files_are_never_written_over(vjm_file, tmp_path):

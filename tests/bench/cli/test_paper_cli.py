@@ -98,9 +98,6 @@ def test_a_plan_says_what_would_be_computed_and_writes_nothing(small, tmp_path):
     assert status == 0
     assert "| all " in out and "bench: 3 fits, 0 cached, 3 to compute; time unknown" in err
     assert not (tmp_path / "out").exists()
-
-
-def test_full_asks_for_more_splits_than_quick(small, tmp_path):
     assert "bench: 6 fits" in called("--plan", "--full", "--output", str(tmp_path))[2]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from sklearn.base import BaseEstimator
@@ -83,6 +84,20 @@ def test_a_file_that_exists_is_left_as_it_is_and_no_other_is_written(tmp_path):
         new_model("spring", tmp_path, build_registry())
     assert [path.name for path in tmp_path.iterdir()] == ["test_spring.py"]
     assert test.read_text() == "mine"
+
+
+def test_when_the_second_file_cannot_be_put_in_place_the_first_is_taken_away(tmp_path, monkeypatch):
+    put = Path.replace
+
+    def refuse(self, target):
+        if not target.name.startswith("test_"):
+            raise OSError(28, "No space left on device")
+        return put(self, target)
+
+    monkeypatch.setattr(Path, "replace", refuse)
+    with pytest.raises(StoreError, match="No space left"):
+        new_model("spring", tmp_path, build_registry())
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.fixture()

@@ -10,6 +10,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from made_robots import planar_arm
+from made_samples import samples_with
 from stiff_bench.data_tools.info import dataset_info, directions, facts, principal_shares
 from stiff_bench.data_tools.picture import save_picture
 from stiff_bench.tables.render import plain_text
@@ -18,28 +20,21 @@ from stiff_datasets.robots.robot import load_robot, read_chain
 from stiff_models.physics.kinematics import gravity_torque
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.plugin import DatasetInfo
-from stiff_protocols.contract.types import BenchmarkData, Robot, Samples
+from stiff_protocols.contract.types import BenchmarkData, Samples
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 AXES_OF = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
-def chain(kinds_and_axes, *, mass=0.0, name="made"):
+def chain(kinds_and_axes, *, mass=0.0):
     """A robot whose joints lie 1 m apart along x, each link's mass in the middle."""
     n = len(kinds_and_axes)
-    placements = np.tile(np.eye(4), (n, 1, 1))
-    placements[1:, 0, 3] = 1.0
-    return Robot(
-        name=name,
-        joint_names=tuple(f"j{i + 1}" for i in range(n)),
+    return replace(
+        planar_arm(n, AXES_OF["x"], mass),
         joint_types=tuple(kind for kind, _ in kinds_and_axes),
-        placements=placements,
         axes=np.array([AXES_OF[axis] for _, axis in kinds_and_axes]),
-        lower=np.full(n, -np.pi),
         upper=np.full(n, np.inf),
-        masses=np.full(n, mass),
         centres_of_mass=np.tile([0.5, 0.0, 0.0], (n, 1)),
-        tcp=np.array([1.0, 0.0, 0.0]),
     )
 
 
@@ -48,11 +43,8 @@ def made_data(robot, n, rng, **given):
         "q": rng.uniform(-1.0, 1.0, size=(n, robot.n_joints)),
         "wrench": rng.normal(size=(n, 6)) * 50.0,
         "deflection": rng.normal(size=(n, 3)) * 1e-3,
-        "pose_id": np.array([f"P{i}" for i in range(n)]),
-        "load_id": np.full(n, "1"),
-        "group": np.full(n, "all"),
     }
-    return BenchmarkData(Samples(**(values | given)), robot)
+    return BenchmarkData(samples_with(**(values | given)), robot)
 
 
 @pytest.fixture()
@@ -206,7 +198,7 @@ def test_forces_between_two_points_lie_along_a_line_though_their_directions_fill
 
 
 def test_facts_of_no_samples_are_refused(rng):
-    with pytest.raises(DataError, match=r"robot 'made' has no samples"):
+    with pytest.raises(DataError, match=r"robot 'planar' has no samples"):
         facts(made_data(chain([("revolute", "z")]), 0, rng))
 
 

@@ -16,11 +16,7 @@ from stiff_bench.report.runs import Selection
 from stiff_bench.store.database import ResultStore, stored_results
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
-
-@pytest.fixture(autouse=True)
-def no_figures(monkeypatch):
-    """They take seconds; the browser's test has them."""
-    monkeypatch.setattr(gather, "FIGURES", {})
+pytestmark = pytest.mark.usefixtures("no_figures")
 
 
 @pytest.fixture()
@@ -54,6 +50,7 @@ def test_every_model_stands_in_ranks_pairs_and_scores(results):
         *("model", "data set", "protocol", "condition", "seed", "splits", "3-D error [mm]"),
     ]
     assert scores.texts()[2][5:7] == ["2/2", "0.1500 ± 0.0707"]
+    assert "made up, never measured" in blocks["Leaderboard"].tables[1].notes
 
 
 def test_the_page_opens_with_who_is_first_on_which_data(results):
@@ -75,11 +72,6 @@ def test_identified_stiffnesses_stand_with_the_data(results):
             ResultStore(results.folder).write_cell(replace(result, diagnostics=springs))
     _, stiffnesses = blocks_of(results.folder)["Robots and data"].tables
     assert [row[2] for row in stiffnesses.texts()] == ["1,100 ± 141"] * 2
-
-
-def test_caveats_stand_with_every_score(results):
-    _, scores, *_ = blocks_of(results.folder)["Leaderboard"].tables
-    assert "made up, never measured" in scores.notes
 
 
 def test_runs_stand_with_their_commit_and_command(results):

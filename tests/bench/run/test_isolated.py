@@ -22,6 +22,7 @@ from stiff_bench.run.isolate import LocalProcesses
 from stiff_bench.store.database import read_manifests, read_results
 from stiff_models.catalog import model_info
 
+pytestmark = pytest.mark.xdist_group("isolated")  # one server of processes
 PLUGIN = Path(hostile_models.__file__)
 SECONDS = 8
 OK = ("ok", "", "")
@@ -147,7 +148,7 @@ def test_a_process_that_ends_between_two_cells_costs_none(computed):
 
 def test_a_crash_costs_its_own_row_alone(tmp_path):
     models = [word for key in ("Segfaults", "Raises", "knn") for word in ("--model", key)]
-    done = bench("run", "--plugin", str(PLUGIN), *models, "--output", "out", cwd=tmp_path)
+    done = bench_here("run", "--plugin", str(PLUGIN), *models, "--output", "out", cwd=tmp_path)
     assert done.returncode == 1
     assert "bench: 1 ok, 2 failed (1 SIGSEGV, 1 RuntimeError); " in done.stderr
     assert "| knn " in done.stdout and "Segfaults: FAILED: its process was ended" in done.stdout

@@ -20,6 +20,7 @@ from stiff_protocols.scoring.metrics import metric
 from stiff_protocols.splits.random_splits import Holdout, PaperHoldout
 
 SEEN = []
+MAE = [metric("mae")]
 KEYS = [*(info.key for info in MODELS), *(family.example for family in FAMILIES)]
 FAIR = [info.key for info in PROTOCOLS if info.key != "paper-holdout"]
 SMALL_ENSEMBLE = {"width": 8, "pretrain_steps": 5, "epochs": 10, "members": 2}
@@ -283,25 +284,31 @@ def test_a_protocol_that_selects_on_test_and_does_not_say_so_is_refused(tasks, m
         tasks("vjm", "paper-holdout")
 
 
-@pytest.mark.parametrize("fmt", ["github", "latex", "html", "csv", "json"])
+@pytest.fixture()
+def printed(tasks_of):
+    """A function that prints the witness under the names of two models in every format."""
+
+    def of(models, protocol):
+        tasks = tasks_of(models, "fanuc-r2000ic", protocol)
+        tables = build_tables([compute_cell(witnessed(task), "r") for task in tasks], MAE)
+        formats = ("github", "latex", "html", "csv", "json")
+        return {fmt: render(tables, fmt, "bench run") for fmt in formats}
+
+    return of
+
+
 @pytest.mark.parametrize("protocol", ["holdout", "paper-holdout"])
-def test_rows_that_were_selected_on_test_carry_the_mark_in_every_format(protocol, fmt, tasks_of):
-    tasks = tasks_of(("vjm", "mlp@training=best"), "fanuc-r2000ic", protocol)
-    results = [compute_cell(witnessed(task), "r") for task in tasks]
-    text = render(build_tables(results, [metric("mae")]), fmt, "bench run")
-    *before_marks, _ = text.split(SELECTION_MARK)
-    assert bool(before_marks) == (protocol == "paper-holdout")
-    assert all(before.rindex("mlp") > before.rfind("vjm") for before in before_marks)
-    warned = bool(before_marks) and fmt != "csv"  # which has the mark alone
-    assert ("picks the best epoch on the very samples it reports" in text) == warned
+def test_rows_that_were_selected_on_test_carry_the_mark_in_every_format(protocol, printed):
+    for fmt, text in printed(("vjm", "mlp@training=best"), protocol).items():
+        *before_marks, _ = text.split(SELECTION_MARK)
+        assert bool(before_marks) == (protocol == "paper-holdout"), fmt
+        assert all(before.rindex("mlp") > before.rfind("vjm") for before in before_marks), fmt
+        warned = bool(before_marks) and fmt != "csv"  # which has the mark alone
+        assert ("picks the best epoch on the very samples it reports" in text) == warned, fmt
 
 
-@pytest.mark.parametrize("fmt", ["github", "latex", "html", "csv", "json"])
-def test_every_row_that_is_read_on_all_samples_carries_the_mark_in_every_format(fmt, tasks_of):
-    tasks = tasks_of(("vjm", "mlp"), "fanuc-r2000ic", READ_ON_ALL)
-    results = [compute_cell(witnessed(task), "r") for task in tasks]
-    text = render(build_tables(results, [metric("mae")]), fmt, "bench run")
-    assert text.count(TRAINING_MARK) >= 2
-    if fmt != "csv":
-        assert "its errors are no test errors" in text
-        assert "trains on 34 samples and reports 43" in text
+def test_every_row_that_is_read_on_all_samples_carries_the_mark_in_every_format(printed):
+    for fmt, text in printed(("vjm", "mlp"), READ_ON_ALL).items():
+        assert text.count(TRAINING_MARK) >= 2, fmt
+        for note in ("its errors are no test errors", "trains on 34 samples and reports 43"):
+            assert fmt == "csv" or note in text, fmt

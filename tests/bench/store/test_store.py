@@ -49,7 +49,7 @@ def only(folder: Path) -> CellResult:
     return found
 
 
-def many(folder: Path, n: int = 300) -> list[str]:
+def many(folder: Path, n: int = 150) -> list[str]:
     """A folder of so many cells that its file has some pages; their keys."""
     store = ResultStore(folder)
     cells = [replace(CELL, split_index=index) for index in range(n)]
@@ -117,7 +117,7 @@ def test_a_folder_of_another_format_is_refused_with_what_to_do(tmp_path, part, m
             attempt(tmp_path)
 
 
-def test_a_folder_keeps_the_samples_of_its_results_with_the_joints_torques(tmp_path):
+def test_a_folder_keeps_samples_and_robot_of_its_results_with_the_joints_torques(tmp_path):
     data = FanucR2000iC().load()
     ResultStore(tmp_path).write_data(data)
     back = read_data(tmp_path, data.sha256)
@@ -127,12 +127,6 @@ def test_a_folder_keeps_the_samples_of_its_results_with_the_joints_torques(tmp_p
     np.testing.assert_allclose(back.torque, torque, atol=1e-9)
     assert back.joint_names == data.robot.joint_names and back.robot == data.robot.name
     assert tuple(back.tcp_on_flange) == ROBOTS["fanuc-r2000ic"].tcp
-
-
-def test_a_folder_keeps_the_robot_of_its_results_so_that_the_data_are_whole(tmp_path):
-    data = FanucR2000iC().load()
-    ResultStore(tmp_path).write_data(data)
-    back = read_data(tmp_path, data.sha256)
     assert BenchmarkData(back.samples, back.geometry).sha256 == data.sha256
     np.testing.assert_array_equal(back.geometry.flange, data.robot.flange)
 

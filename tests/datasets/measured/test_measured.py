@@ -7,15 +7,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from made_samples import CSV_HEADER as HEADER
+from made_samples import CSV_ROW as GOOD
 from stiff_datasets.measured.measured import read_samples
 from stiff_datasets.robots.robot import load_robot
 from stiff_protocols.contract.errors import DataError, StiffBenchWarning
-
-HEADER = (
-    "pose_id,load_id,group,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,"
-    "fx_N,fy_N,fz_N,tx_Nm,ty_Nm,tz_Nm,dx_mm,dy_mm,dz_mm"
-)
-GOOD = "P1,1,all,10,-60,70,0,40,0,50,10,-80,1,2,0,0.5,0.1,-0.9"
 
 
 def write(tmp_path, *lines):

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from made_robots import planar_arm
 from stiff_datasets.measured.measured import check_file, read_samples, write_samples
 from stiff_datasets.measured.sample_files import (
     DEFLECTION_COLUMNS,
@@ -52,18 +53,8 @@ def robots(draw):
     limits = np.array([LIMIT[kind] for kind in kinds])
     if draw(st.booleans()):
         limits[[kind == "revolute" for kind in kinds]] = np.inf  # continuous joints
-    return Robot(
-        name="any",
-        joint_names=tuple(f"J{i}" for i in range(n)),
-        joint_types=tuple(kinds),
-        placements=np.tile(np.eye(4), (n, 1, 1)),
-        axes=np.tile([0.0, 0.0, 1.0], (n, 1)),
-        lower=-limits,
-        upper=limits,
-        masses=np.ones(n),
-        centres_of_mass=np.zeros((n, 3)),
-        tcp=np.zeros(3),
-    )
+    arm = planar_arm(n, (0.0, 0.0, 1.0))
+    return replace(arm, joint_types=tuple(kinds), lower=-limits, upper=limits)
 
 
 @st.composite
@@ -104,6 +95,7 @@ def assert_identical(found, wanted):
             assert have.tolist() == want.tolist()
 
 
+@pytest.mark.slow
 @few
 @given(table=tables())
 def test_what_was_read_is_written_and_read_again_to_the_last_bit(folder, table):
@@ -196,7 +188,7 @@ def test_any_single_fault_is_refused_with_file_row_and_column(folder, table, fau
         assert f"row {row}, column {column}: " in str(caught.value)
 
 
-@few
+@settings(few, max_examples=12)
 @given(table=tables(), data=st.data())
 def test_a_missing_column_is_named(folder, table, data):
     needed = all_columns(table.robot)[len(ID_COLUMNS) :]

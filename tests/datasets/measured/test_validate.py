@@ -55,7 +55,15 @@ def measured(robot: str) -> tuple[BenchmarkData, ChainModel]:
 
 @pytest.fixture(params=["fanuc", "kr10"])
 def measurement(request, tmp_path):
+    """Of either robot: for what is found by way of the physics."""
     data, chain = measured(request.param)
+    return Measurement(data.samples, data.robot, chain, tmp_path / "my.csv")
+
+
+@pytest.fixture()
+def fanucs(tmp_path):
+    """The real one: for what is found in a row, whatever the robot."""
+    data, chain = measured("fanuc")
     return Measurement(data.samples, data.robot, chain, tmp_path / "my.csv")
 
 
@@ -149,25 +157,25 @@ def test_single_gross_errors_are_listed_with_row_and_size(measurement, factor):
     assert all(f"row {row} by" in found.message for row in found.rows)
 
 
-def test_copies_of_a_row_of_its_deflection_or_of_the_whole_table_are_found(measurement):
-    table, copied = measurement.table(), "the same three deflections"
+def test_copies_of_a_row_of_its_deflection_or_of_the_whole_table_are_found(fanucs):
+    table, copied = fanucs.table(), "the same three deflections"
     n = len(table)
     again = pd.concat([table, table.loc[[4]].assign(pose_id="again")])
-    report = measurement.report_of(again)
+    report = fanucs.report_of(again)
     for words in ("under another pose_id", "the same joint angles and the same wrench", copied):
         assert only(report.warnings, words).rows == (n + 2,)
     assert f"('again' is {table.pose_id[4]!r})" in only(report.warnings, "another pose_id").message
     twice = pd.concat([table, table.assign(load_id="2")])
     rows = tuple(range(n + 2, 2 * n + 2))
-    assert only(measurement.report_of(twice).warnings, copied).rows == rows
-    deflection = measurement.samples.deflection.copy()
+    assert only(fanucs.report_of(twice).warnings, copied).rows == rows
+    deflection = fanucs.samples.deflection.copy()
     deflection[20] = deflection[5]
-    assert only(measurement.report(deflection=deflection).warnings, copied).rows == (22,)
+    assert only(fanucs.report(deflection=deflection).warnings, copied).rows == (22,)
 
 
-def test_equal_deflections_of_few_digits_are_no_copies(measurement):
-    deflection = np.round(measurement.samples.deflection, 3)  # a dial gauge of 1 mm
-    warnings = messages(measurement.report(deflection=deflection).warnings)
+def test_equal_deflections_of_few_digits_are_no_copies(fanucs):
+    deflection = np.round(fanucs.samples.deflection, 3)  # a dial gauge of 1 mm
+    warnings = messages(fanucs.report(deflection=deflection).warnings)
     assert not any("copied" in message for message in warnings)
 
 
@@ -179,35 +187,35 @@ def test_equal_deflections_of_few_digits_are_no_copies(measurement):
         (5, dict.fromkeys(["fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm"], 0.0), "without a"),
     ],
 )
-def test_legal_but_odd_rows_are_named(measurement, row, changes, words):
-    table = measurement.table()
+def test_legal_but_odd_rows_are_named(fanucs, row, changes, words):
+    table = fanucs.table()
     for column, value in changes.items():
         table.loc[row, column] = value
-    assert only(measurement.report_of(table).warnings, words).rows == (row + 2,)
+    assert only(fanucs.report_of(table).warnings, words).rows == (row + 2,)
 
 
 @pytest.mark.parametrize(
     ("factor", "words"), [(1e-4, "every force is below 1 N"), (0.0, "every wrench is zero")]
 )
-def test_forces_in_another_unit_and_no_forces_are_noticed(measurement, factor, words):
-    assert only(measurement.report(wrench=measurement.samples.wrench * factor).warnings, words)
+def test_forces_in_another_unit_and_no_forces_are_noticed(fanucs, factor, words):
+    assert only(fanucs.report(wrench=fanucs.samples.wrench * factor).warnings, words)
 
 
 @pytest.mark.parametrize("n", [1, 2, 5, 29])
-def test_few_samples_are_said_to_be_few(measurement, n):
-    few = dataclasses.replace(measurement, samples=measurement.samples.take(np.arange(n)))
+def test_few_samples_are_said_to_be_few(fanucs, n):
+    few = dataclasses.replace(fanucs, samples=fanucs.samples.take(np.arange(n)))
     assert "fewer than 30" in only(few.report().facts, "samples: ").message
 
 
-def test_repeats_that_differ_are_found(measurement, rng):
-    table = measurement.table().loc[np.repeat(np.arange(12), 4)].reset_index(drop=True)
+def test_repeats_that_differ_are_found(fanucs, rng):
+    table = fanucs.table().loc[np.repeat(np.arange(12), 4)].reset_index(drop=True)
     table["load_id"] = [str(i) for i in range(len(table))]
     deflections = ["dx_mm", "dy_mm", "dz_mm"]
     table[deflections] += rng.normal(scale=0.01, size=(len(table), 3))
     table["fx_N"] += rng.normal(scale=0.1, size=len(table))
-    assert "repeats: 12 loads" in only(measurement.report_of(table).facts, "repeats").message
+    assert "repeats: 12 loads" in only(fanucs.report_of(table).facts, "repeats").message
     table.loc[9, "dy_mm"] += 0.4  # of the third group
-    found = only(measurement.report_of(table).warnings, "repeats of a load differ")
+    found = only(fanucs.report_of(table).warnings, "repeats of a load differ")
     assert found.rows == (10, 11, 12, 13)
 
 
@@ -236,10 +244,10 @@ def test_validate_and_the_vjm_name_the_same_joints(seed, kr10, kr10_chain, tmp_p
     assert all(f"{name} " in only(report.facts, "k of the prior").message for name in names)
 
 
-def test_every_error_is_listed_and_there_is_no_other_finding(measurement):
-    table = measurement.table().astype(object)
+def test_every_error_is_listed_and_there_is_no_other_finding(fanucs):
+    table = fanucs.table().astype(object)
     table.loc[2, "fx_N"], table.loc[7, "dz_mm"], table.loc[9, "pose_id"] = "abc", 51.0, ""
-    report = measurement.report_of(table)
+    report = fanucs.report_of(table)
     assert [(finding.level, finding.rows) for finding in report.errors] == [
         ("error", (4,)),
         ("error", (9,)),
@@ -247,15 +255,15 @@ def test_every_error_is_listed_and_there_is_no_other_finding(measurement):
     ]
     assert report.warnings == report.facts == ()
     lines = render_report(report).splitlines()
-    assert lines[0] == f"{measurement.path}: invalid, 3 errors"
+    assert lines[0] == f"{fanucs.path}: invalid, 3 errors"
     assert "  - row 4, column fx_N: 'abc', expected a finite number" in lines
 
 
-def test_a_plan_that_is_not_filled_in_has_one_error_a_column(measurement):
-    table = sample_table(measurement.samples, measurement.robot)
+def test_a_plan_that_is_not_filled_in_has_one_error_a_column(fanucs):
+    table = sample_table(fanucs.samples, fanucs.robot)
     table[["dx_mm", "dy_mm", "dz_mm"]] = np.nan
-    table.to_csv(measurement.path, index=False)
-    report = validate(measurement.path, measurement.chain)
+    table.to_csv(fanucs.path, index=False)
+    report = validate(fanucs.path, fanucs.chain)
     n = len(table)
     for name, found in zip(("dx_mm", "dy_mm", "dz_mm"), report.errors, strict=True):
         assert found.message == f"column {name}: '', expected a finite number"
@@ -264,19 +272,19 @@ def test_a_plan_that_is_not_filled_in_has_one_error_a_column(measurement):
     assert f"invalid, {3 * n} errors" in text and f"(rows 2-{n + 1})" in text
 
 
-def test_a_file_that_cannot_be_read_is_an_error_of_the_report(measurement):
-    report = validate(measurement.path, measurement.chain)
+def test_a_file_that_cannot_be_read_is_an_error_of_the_report(fanucs):
+    report = validate(fanucs.path, fanucs.chain)
     assert messages(report.errors) == ["cannot be read: No such file or directory"]
-    assert render_report(report).startswith(f"{measurement.path}: invalid, 1 error\n")
+    assert render_report(report).startswith(f"{fanucs.path}: invalid, 1 error\n")
 
 
-def test_the_report_is_aligned_and_no_wider_than_a_terminal(measurement):
-    wrench = measurement.samples.wrench.copy()
+def test_the_report_is_aligned_and_no_wider_than_a_terminal(fanucs):
+    wrench = fanucs.samples.wrench.copy()
     wrench[:40, 0] = 5001.0
-    report = measurement.report(wrench=wrench)
+    report = fanucs.report(wrench=wrench)
     lines = render_report(report).splitlines()
     n = len(report.warnings)
-    assert lines[0] == f"{measurement.path}: suspicious, {n} warning{'s' * (n > 1)}"
+    assert lines[0] == f"{fanucs.path}: suspicious, {n} warning{'s' * (n > 1)}"
     assert lines[1:3] == ["", "Warnings"]
     assert max(map(len, lines[1:])) <= 100
     assert "(rows 2-41)" in " ".join(" ".join(lines).split())

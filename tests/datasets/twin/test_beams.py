@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from made_robots import planar_arm
 from stiff_datasets.robots.robot import robot_of
 from stiff_datasets.twin.beams import SHEAR_COEFFICIENT, Beams, Tube
 from stiff_datasets.twin.constants import shipped_constants, specimen_beams
 from stiff_datasets.twin.kr10_twin import Kr10TwinBeam
 from stiff_datasets.twin.twin import DigitalTwin
-from stiff_protocols.contract.types import Robot
 
 E, NU = 7.0e10, 0.33
 G = E / (2.0 * (1.0 + NU))
@@ -31,18 +31,7 @@ def poses(rng):
 
 def cantilever(length, tube):
     """One joint at the origin, the tool a tube along x."""
-    robot = Robot(
-        name="rod",
-        joint_names=("j",),
-        joint_types=("revolute",),
-        placements=np.eye(4)[None],
-        axes=np.array([[0.0, 0.0, 1.0]]),
-        lower=np.array([-3.0]),
-        upper=np.array([3.0]),
-        masses=np.ones(1),
-        centres_of_mass=np.zeros((1, 3)),
-        tcp=np.array([length, 0.0, 0.0]),
-    )
+    robot = replace(planar_arm(1, (0.0, 0.0, 1.0)), tcp=np.array([length, 0.0, 0.0]))
     return Beams(robot, (tube, tube), np.full(2, E), NU)
 
 

@@ -11,7 +11,6 @@ from stiff_models.networks.mlp import Mlp
 from stiff_models.networks.network import linear_layers
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_models.transfer.mlp_pretrained import MlpPretrained
-from stiff_protocols.contract.errors import ConfigError
 
 pytestmark = pytest.mark.usefixtures("small_source")
 
@@ -106,11 +105,6 @@ def test_fine_tuning_keeps_the_statistics_of_the_source(parts):
     )
     np.testing.assert_array_equal(tuned.input_scaler_.mean, source.input_scaler_.mean)
     np.testing.assert_array_equal(tuned.output_scaler_.scale, source.output_scaler_.scale)
-
-
-def test_a_strategy_that_does_not_fit_the_network_is_refused_before_any_work():
-    with pytest.raises(ConfigError, match="'5' is no layer"):
-        FtMlp(freeze="layers:5").check_params()
 
 
 def test_the_papers_schedule_is_the_papers():

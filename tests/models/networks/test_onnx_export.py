@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from made_samples import samples_with
 from quick_models import KEYS, quick_model, twin_data
 from stiff_models.catalog import model_info
 from stiff_models.networks.mlp import Mlp
@@ -17,7 +18,6 @@ from stiff_models.physics.vjm import joint_deflection
 from stiff_models.transfer.compliance_net import ComplianceNet
 from stiff_models.transfer.dt_cnn import DtCnn
 from stiff_protocols.contract.errors import ConfigError, ModelError, NotFittedError
-from stiff_protocols.contract.types import Samples
 
 onnxruntime = pytest.importorskip("onnxruntime")
 pytest.importorskip("onnxscript")
@@ -73,10 +73,8 @@ def test_a_robot_with_a_slide_and_raw_angles_is_exported_whole(family, tmp_path,
     q, wrench = rng.uniform(-1.0, 1.0, size=(40, 6)), rng.normal(scale=50.0, size=(40, 6))
     compliance = np.array([1e-6, 2e-6, 2e-6, 4e-6, 4e-6, 4e-6])  # m/N, then rad/(N m)
     deflection = joint_deflection(robot, compliance, q, wrench)
-    names = np.arange(40).astype(str)
-    samples = Samples(q, wrench, deflection, names, names, names)
     model = family(width=16, epochs=200, angle_encoding="raw", device="cpu")
-    model.fit(samples, robot=robot)
+    model.fit(samples_with(q, wrench, deflection), robot=robot)
     export_onnx(model, tmp_path / "net.onnx")
     session = onnxruntime.InferenceSession(tmp_path / "net.onnx")
     predicted = model.predict(q, wrench)
@@ -85,11 +83,6 @@ def test_a_robot_with_a_slide_and_raw_angles_is_exported_whole(family, tmp_path,
         (ours,) = session.run(None, {"q": q[:n], "wrench": wrench[:n]})
         assert ours.shape == (n, 3)
         assert np.abs(ours - predicted[:n]).max() <= 1e-5 * np.abs(predicted).max()
-
-
-def test_a_model_without_a_network_is_refused(tmp_path):
-    with pytest.raises(ConfigError, match="cannot be written as ONNX: it is no network"):
-        export_onnx(quick_model("mean"), tmp_path / "net.onnx")
 
 
 def test_a_missing_package_is_named_with_the_extra_that_brings_it(tmp_path, monkeypatch):

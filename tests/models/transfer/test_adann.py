@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
+from domain_rows import INPUTS, OF_TARGET, TARGETS, normal
 
-from made_samples import samples_with
+from made_samples import samples_with, with_other_labels
 from stiff_models.networks.network import build_network, linear_layers
 from stiff_models.networks.training import Rows, train_network
 from stiff_models.networks.training_plan import HUBER_DELTA, TrainingPlan
@@ -26,13 +26,6 @@ from stiff_models.transfer.source_model import NO_TARGET_LABELS
 SMALL = {"device": "cpu", "source_poses": "sobol", "width": 16, "pretrain_steps": 8}
 
 NOMINAL = {"source_stiffness": "nominal", "nominal_stiffness": "5e4,6e4,5e4,2e3,9e3,1e3"}
-
-
-def normal(n, columns, seed):
-    return torch.randn(n, columns, generator=torch.Generator().manual_seed(seed))
-
-
-INPUTS, TARGETS, OF_TARGET = normal(50, 7, 0), normal(50, 3, 1), 1.0 + normal(40, 7, 2)
 
 
 def two_regressors(layers=4, width=8):
@@ -132,10 +125,6 @@ def fit(parts, train=None, seed=5, **options):
 
 def predictions(model, parts):
     return model.predict(parts[3].q, parts[3].wrench)
-
-
-def with_other_labels(samples):
-    return replace(samples, deflection=2.0 * samples.deflection[::-1])
 
 
 @pytest.mark.usefixtures("quick")

@@ -7,7 +7,16 @@ import math
 import numpy as np
 import pytest
 import torch
-from domain_rows import SOURCE, SOURCE_OUTPUTS, TARGET, TARGET_OUTPUTS, waves
+from domain_rows import (
+    INPUTS,
+    OF_TARGET,
+    SOURCE,
+    SOURCE_OUTPUTS,
+    TARGET,
+    TARGET_OUTPUTS,
+    TARGETS,
+    waves,
+)
 
 from stiff_models.transfer.alignment import (
     AlignedObjective,
@@ -26,14 +35,6 @@ from stiff_models.transfer.alignment import (
 from stiff_models.transfer.cnn import build_cnn
 
 DISTANCES = ["mk-mmd", "jmmd", "coral", "dann", "rsd", "dare-gram"]
-
-
-def normal(n, columns, seed):
-    return torch.randn(n, columns, generator=torch.Generator().manual_seed(seed))
-
-
-INPUTS, TARGETS = normal(50, 7, 0), normal(50, 3, 1)
-OF_TARGET = 1.0 + normal(40, 7, 2)
 
 
 def objective(alignment, weight=1.0, loss="huber", target=OF_TARGET):

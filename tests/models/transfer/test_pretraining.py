@@ -89,19 +89,19 @@ def test_no_result_depends_on_the_robots_name(twin):
 
 
 @pytest.mark.parametrize(
-    ("options", "trained"),
+    "options",
     [
-        ({"pretrain_seed": 1}, 2),
-        ({"preset": "paper"}, 2),
-        ({"recipe": "paper"}, 2),
-        ({"source_teacher": "vjm-multisegment"}, 2),
-        ({"freeze": "full"}, 1),
+        {"pretrain_seed": 1},
+        {"preset": "paper"},
+        {"recipe": "paper"},
+        {"source_teacher": "vjm-multisegment"},
     ],
 )
-def test_what_makes_another_pre_training(options, trained, twin, trainings):
+def test_what_makes_another_pre_training(options, twin, trainings):
+    """A strategy of fine-tuning does not: see the tests of the cache."""
     for given in ({}, options):
         FtMlp(**SMALL, width=8, epochs=0, **given).fit(twin.samples, robot=twin.robot)
-    assert len([phase for phase in trainings if phase == "pre-train"]) == trained
+    assert trainings.count("pre-train") == 2
 
 
 def test_the_papers_recipe_pre_trains_for_every_training_part_and_its_seed(twin, trainings):

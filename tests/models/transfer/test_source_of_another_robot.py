@@ -70,7 +70,7 @@ def test_every_family_with_a_source_domain_takes_another_robots_and_no_other_doe
     [
         ("mlp-pretrained", {}),
         ("mlp-pretrained", {"source_teacher": "vjm-full"}),
-        ("ft-mlp", {"preset": "paper"}),
+        pytest.param("ft-mlp", {"preset": "paper"}, marks=pytest.mark.slow),
         ("compliance-net", {"epochs": 0}),
         ("dt-cnn", {"alignment": "mk-mmd"}),
         ("adann-2r", {}),
