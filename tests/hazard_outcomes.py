@@ -39,7 +39,7 @@ SPRINGS = {"vjm"} | RESIDUAL | SOURCE  # one linear spring a joint
 FULL = {"vjm-full", "vjm-full, ridge"}
 IDENTIFY = SPRINGS | LOADED | SEGMENTS | FULL
 
-SLOPES = "warns: slope not identifiable from the training samples"
+SLOPES = "warns: joint stiffness not identifiable from the training samples"
 FEW_NEIGHBOURS = {
     frozenset({"knn"}): "fails: neighbours 5: only ",
     frozenset({"vjm + neighbours"}): "fails: .*n_neighbors = 5, n_samples_fit = ",
@@ -83,7 +83,7 @@ TWO_ROWS = {
 OUTCOMES: dict[str, dict[frozenset[str], str]] = {
     "wrist singular": {
         frozenset(SPRINGS | LOADED): unidentifiable("A4, A6", 4),
-        frozenset(SEGMENTS): f"{SLOPES}: A4 segment 1, 2; A6 segment 1, 2",
+        frozenset(SEGMENTS): f"{SLOPES}: .*A4 segment 1, A4 segment 2, .*A6 segment 1",
     },
     "1 row": ONE_ROW,
     "1 row, 1 validation": ONE_ROW,
@@ -124,7 +124,10 @@ OUTCOMES: dict[str, dict[frozenset[str], str]] = {
     "loads x 1e6": OTHER_LOADS,
     "loads x 1e-6": OTHER_LOADS,
     "test loads x 1e6": {frozenset(LOADED): "fails: row 0: the load buckles the joint springs"},
-    "deflections x 1e6": {frozenset(LOADED): "fails: row 0: the load buckles the joint springs"},
+    "deflections x 1e6": {
+        frozenset(LOADED): "fails: row 0: the load buckles the joint springs",
+        frozenset({"vjm-multisegment, search"}): f"(works|{SLOPES}: A5 segment 2)",
+    },
     "slides and turns": NO_MASSES,
     "slides alone": {
         **NO_MASSES,

@@ -177,8 +177,10 @@ def test_a_learner_leaves_no_decimetres_where_the_deflection_does_not_vary(
     assert (predicted <= 1e-8 + 5 * largest.max()).all()
 
 
-@pytest.mark.parametrize("variant", ["vjm", "vjm-full", "vjm-full, ridge"])
-def test_linear_springs_scale_with_the_load_whatever_its_size(variant, healthy):
+@pytest.mark.parametrize(
+    ("variant", "atol"), [("vjm", 1e-12), ("vjm-full", 1e-10), ("vjm-full, ridge", 1e-12)]
+)
+def test_linear_springs_scale_with_the_load_whatever_its_size(variant, atol, healthy):
     test = healthy.test
     model = tiny_model(variant).fit(healthy.train, robot=healthy.robot)
     predicted = model.predict(test.q, test.wrench)
@@ -187,7 +189,7 @@ def test_linear_springs_scale_with_the_load_whatever_its_size(variant, healthy):
         case = HAZARDS[hazard](healthy)
         scaled = tiny_model(variant).fit(case.train, robot=case.robot)
         np.testing.assert_allclose(
-            scaled.predict(case.test.q, case.test.wrench), predicted, rtol=1e-6, atol=1e-12
+            scaled.predict(case.test.q, case.test.wrench), predicted, rtol=1e-6, atol=atol
         )
 
 

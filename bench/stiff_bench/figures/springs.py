@@ -41,7 +41,7 @@ class Spring:
 
     Attributes:
         breakpoints: (n_segments - 1,) torques where slopes change, N m (N), ascending.
-        compliance: (n_segments,) rad/(N m) (m/N); NaN where it was not identifiable.
+        compliance: (n_segments,) rad/(N m) (m/N); the prior's where it was not identifiable.
     """
 
     breakpoints: FloatArray
@@ -127,6 +127,8 @@ def _stiffness(data: StoredData, joint: int, *, segment: int | None = None) -> s
 def _spring(found: Mapping[str, float], data: StoredData, joint: int) -> Spring:
     name, unit = data.joint_names[joint], data.torque_units[joint]
     stiffness = _numbered(found, lambda number: _stiffness(data, joint, segment=number))
+    for k in np.flatnonzero(np.isnan(stiffness)):
+        stiffness[k] = found.get(f"prior {_stiffness(data, joint, segment=int(k) + 1)}", np.nan)
     bends = _numbered(found, lambda number: f"breakpoint {name} {number} [{unit}]")
     return Spring(bends, 1.0 / stiffness)
 

@@ -7,31 +7,42 @@ frame the compliance is ``C = J_t K_t^-1 J_t^T`` and the deflection under a wren
 
 over the virtual springs s (after Pashkevich, Klimchik and Chablat, "Enhanced stiffness modeling of
 manipulators with passive joints", 2011, whose springs are coupled 6 x 6 matrices; here they are
-diagonal). Springs of neighbouring joints partly do the same, so never all can be identified: the
-singular values of the column-scaled regressor say how many can. SI: rad, N, N m, m.
+diagonal). Springs of neighbouring joints partly do the same, so never all can be identified; those
+that cannot have the prior's stiffness. SI: rad, N, N m, m.
 """
 
 from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from stiff_models.base import FittedModel
-from stiff_models.physics.identification import identify, ridge
 from stiff_models.physics.kinematics import unit_deflections, virtual_jacobian
-from stiff_models.physics.vjm import warn_unexplained
+from stiff_models.physics.vjm import identify_springs, stiffness_unit, warn_unexplained
 from stiff_protocols.contract.errors import StiffBenchWarning
-from stiff_protocols.contract.identification import Solver, nonnegative
+from stiff_protocols.contract.identification import (
+    RANK_TOLERANCE,
+    least_compliance,
+    spread_positions,
+    typical_compliance,
+)
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
 Springs = Literal[3, 6]
 
-SOLVERS: dict[str, Solver] = {"nnls": nonnegative, "ridge": ridge}
-
 _TURNS, _SLIDES = ("rx", "ry", "rz"), ("x", "y", "z")  # in the order of `virtual_jacobian`
+
+TURN_RATIO, SLIDE_RATIO = 8.0, 100.0
+"""Prior stiffness of virtual joints over that of the joint itself. Bearings tilt 1 to 8 times
+stiffer than their gears turn, in published identifications; with less than 8, springs that the
+FANUC's samples cannot tell take more of the deflection than leaves its left-out samples as well
+predicted as by least squares. Along its axes a bearing hardly gives: 1e8 N/m, an arm 1e6 at its
+tip."""
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -41,59 +52,84 @@ class FullVjm(FittedModel):
     Attributes:
         springs: virtual springs per joint: 3 of the joint's kind (about the axes of a revolute
             joint's moving frame, along those of a prismatic one's) or all 6. z is the joint's axis.
-        solver: "nnls" finds compliances that are not negative; "ridge" small ones of either sign,
-            over the directions that the samples resolve, its strength by generalised
-            cross-validation on the training samples.
-        springs_: names of the springs, such as "A2 rx" (about x) and "A2 x" (along x).
-        compliance_: (n_springs,) rad/(N m) or m/N. Of springs that cannot be told apart only the
-            sum of their effects on the samples means anything.
-        unidentifiable_: names of the springs that the training samples cannot identify.
-        diagnostics_: how many springs were found and identified, rank and condition number.
+        solver: "nnls" finds compliances that are not negative, with a prior for those that the
+            samples cannot tell; "ridge" small ones of either sign, over the directions that the
+            samples resolve, its strength by generalised cross-validation on the training samples.
+        springs_: what was identified, by names such as "A2 rx" (about x) and "A2 x" (along x).
+        compliance_: (n_springs,) rad/(N m) or m/N: those of `springs_`; of "ridge" others, of
+            which only the sum of their effects means anything.
+        diagnostics_: how many springs there are and cannot be identified, and what
+            `IdentifiedSprings` reports; of "ridge" no stiffnesses.
     """
 
     springs: Springs = 3
     solver: Literal["nnls", "ridge"] = "nnls"
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
-        regressor = spring_regressor(robot, train.q, train.wrench, self.springs)
-        matrix = regressor.reshape(-1, regressor.shape[2])
-        found = identify(matrix, train.deflection.reshape(-1), SOLVERS[self.solver])
-        self.springs_ = spring_names(robot, self.springs)
-        self.compliance_ = found.compliance
-        self.unidentifiable_ = tuple(
-            name for name, known in zip(self.springs_, found.known, strict=True) if not known
+        matrix = spring_regressor(robot, train.q, train.wrench, self.springs)
+        found = identify_springs(
+            spring_units(robot, self.springs),
+            matrix,
+            train.deflection,
+            typical_springs(robot, self.springs),
+            train.pose_id,
         )
-        n_springs = len(self.springs_)
+        n_springs = len(found.names)
+        self.springs_ = found
+        if self.solver == "ridge":
+            rows = matrix.reshape(-1, n_springs)
+            self.compliance_ = least_compliance(rows, train.deflection.reshape(-1), ridge)
+            numbers = {"rank": float(found.rank), "condition number": found.condition}
+        else:
+            self.compliance_ = found.compliance
+            numbers = found.report()
         self.diagnostics_ = {
             "springs": float(n_springs),
-            "springs not zero": float(np.count_nonzero(found.compliance)),
-            "springs not identifiable": float(len(self.unidentifiable_)),
-            "rank": float(found.rank),
-            "condition number": found.condition,
+            "springs not identifiable": float(len(found.unidentifiable)),
+            **numbers,
         }
-        if len(matrix) < n_springs:
+        if 3 * len(train) < n_springs:
             warnings.warn(
-                f"{len(train)} training samples give {len(matrix)} equations for {n_springs} "
+                f"{len(train)} training samples give {3 * len(train)} equations for {n_springs} "
                 f"springs (regressor rank {found.rank}): predictions at other poses and loads "
                 "are unreliable",
                 StiffBenchWarning,
                 stacklevel=3,
             )
-        warn_unexplained(found.compliance, train)
+        warn_unexplained(self.compliance_, train)
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         regressor = spring_regressor(self.robot_, q, wrench, self.springs)
         return np.asarray(regressor @ self.compliance_)
 
 
-def spring_names(robot: Robot, springs: Springs) -> tuple[str, ...]:
-    """Return the names of the springs, in the order of `spring_regressor`."""
+def spring_units(robot: Robot, springs: Springs) -> dict[str, str]:
+    """Return the units of the stiffnesses by the springs' names, in `spring_regressor`'s order."""
     kinds = _TURNS + _SLIDES
-    return tuple(
-        f"{name} {kinds[k]}"
+    return {
+        f"{name} {kinds[k]}": stiffness_unit("revolute" if kinds[k] in _TURNS else "prismatic")
         for name, columns in zip(robot.joint_names, _columns(robot, springs), strict=True)
         for k in columns
-    )
+    }
+
+
+@lru_cache(32)
+def typical_springs(robot: Robot, springs: Springs) -> FloatArray:
+    """Return the (n_joints * springs,) typical compliances, up to one factor.
+
+    A bearing is sized with its gear: across its axis the lever of the joint counts, too.
+    """
+    move = virtual_jacobian(robot, spread_positions(robot))[:, :3, :, [2, 5]]
+    turns = np.tile([True, False], robot.n_joints)
+    own = typical_compliance(move.reshape(len(move), 3, -1), turns).reshape(-1, 2)
+    typical = np.repeat(own / (TURN_RATIO, SLIDE_RATIO), 3, axis=1)
+    for joint, kind in enumerate(robot.joint_types):
+        turn = kind == "revolute"
+        typical[joint, 2 if turn else 5] = own[joint, 0 if turn else 1]
+    rows = zip(typical, _columns(robot, springs), strict=True)
+    found = np.concatenate([row[columns] for row, columns in rows])
+    found.flags.writeable = False
+    return found
 
 
 def spring_regressor(
@@ -121,3 +157,27 @@ def _columns(robot: Robot, springs: Springs) -> list[list[int]]:
     if springs == 6:
         return [turns + slides] * robot.n_joints
     return [turns if kind == "revolute" else slides for kind in robot.joint_types]
+
+
+def ridge(scaled: FloatArray, target: FloatArray) -> FloatArray:
+    """Return the ridge solution over the directions that the regressor resolves.
+
+    Its strength minimises the generalised cross-validation criterion (Golub, Heath and Wahba
+    1979), between one that shrinks nothing by more than a millionth and one that halves all.
+    """
+    left, singular, axes = np.linalg.svd(scaled, full_matrices=False)
+    kept = singular > RANK_TOLERANCE * singular[0]
+    left, squares = left[:, kept], singular[kept] ** 2
+    seen = left.T @ target  # the target's part that any spring can explain
+    unseen = max(float(target @ target - seen @ seen), 0.0)
+
+    def criterion(log_strength: float) -> float:
+        left_over = np.exp(log_strength) / (squares + np.exp(log_strength))
+        degrees = len(target) - len(squares) + left_over.sum()
+        return float((unseen + ((left_over * seen) ** 2).sum()) / degrees**2)
+
+    grid = np.log(np.geomspace(1e-6 * squares[-1], squares[0], 100))
+    best = min(range(len(grid)), key=lambda i: criterion(float(grid[i])))
+    around = (grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)])
+    strength = np.exp(minimize_scalar(criterion, bounds=around, method="bounded").x)
+    return np.asarray(axes[kept].T @ (singular[kept] / (squares + strength) * seen))

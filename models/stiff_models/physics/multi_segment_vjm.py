@@ -24,10 +24,15 @@ from annotated_types import Ge, Le
 from scipy.optimize import nnls
 
 from stiff_models.base import FittedModel
-from stiff_models.physics.identification import Identified, identify
 from stiff_models.physics.kinematics import gravity_torque, jacobian, joint_torque
-from stiff_models.physics.vjm import warn_unexplained
+from stiff_models.physics.vjm import (
+    identify_springs,
+    stiffness_unit,
+    warn_unexplained,
+    warn_unidentifiable,
+)
 from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
+from stiff_protocols.contract.identification import typical_joints
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 
 MAX_SWEEPS = 20
@@ -94,6 +99,8 @@ CANDIDATE_SHARES = np.linspace(0.1, 0.9, 17)  # of the search: each end keeps a 
 class MultiSegmentVjm(FittedModel):
     """The multi-segment VJM as a model; a load's own stiffness (congruence) is left out.
 
+    The prior takes the segments of a joint for alike.
+
     Attributes:
         segments: stiffness segments per joint.
         breakpoints: where a segment ends: "quantile" of the training samples' torques (a quarter
@@ -106,7 +113,7 @@ class MultiSegmentVjm(FittedModel):
         gravity: whether the weights preload the gears; false for a robot that is balanced.
         breakpoints_: (n_joints, segments - 1) N m.
         slopes_: (n_joints, segments) compliance of each segment, rad/(N m).
-        diagnostics_: stiffnesses, breakpoints, rank and condition number, by name and unit.
+        diagnostics_: breakpoints, and what `IdentifiedSprings` reports, by name and unit.
     """
 
     segments: Annotated[int, Ge(2), Le(4)] = 2
@@ -139,11 +146,24 @@ class MultiSegmentVjm(FittedModel):
         self.check_robot(robot)
         loaded = _loaded_joints(robot, train.q, train.wrench, gravity=self.gravity)
         self.breakpoints_ = self._breakpoints(loaded, train)
-        matrix = loaded.effects(self.breakpoints_).reshape(3 * len(train), -1)
-        found = identify(matrix, train.deflection.reshape(-1))
+        if self.gravity and not robot.masses.any():
+            warnings.warn(
+                f"robot {robot.name!r} has no masses: its springs are fitted as if nothing but "
+                "the load turned them (gravity preload 0)",
+                StiffBenchWarning,
+                stacklevel=3,
+            )
+        springs = {
+            f"{name} segment {k + 1}": stiffness_unit(kind)
+            for name, kind in zip(robot.joint_names, robot.joint_types, strict=True)
+            for k in range(self.segments)
+        }
+        matrix = loaded.effects(self.breakpoints_)
+        typical = np.repeat(typical_joints(robot), self.segments)
+        found = identify_springs(springs, matrix, train.deflection, typical, train.pose_id)
         self.slopes_ = found.compliance.reshape(robot.n_joints, self.segments)
-        self.diagnostics_ = _diagnostics(robot, found, self.breakpoints_)
-        self._warn(robot, found)
+        self.diagnostics_ = _named(robot, self.breakpoints_) | found.report()
+        warn_unidentifiable(found)
         warn_unexplained(found.compliance, train)
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
@@ -163,29 +183,6 @@ class MultiSegmentVjm(FittedModel):
         start = np.tile(nearest, (len(candidates), 1))
         chosen = search_breakpoints(loaded.effects(candidates), train.deflection, start)
         return np.take_along_axis(candidates, chosen, axis=1)
-
-    def _warn(self, robot: Robot, found: Identified) -> None:
-        if self.gravity and not robot.masses.any():
-            warnings.warn(
-                f"robot {robot.name!r} has no masses: its springs are fitted as if nothing but "
-                "the load turned them (gravity preload 0)",
-                StiffBenchWarning,
-                stacklevel=4,
-            )
-        known = found.known.reshape(robot.n_joints, self.segments)
-        unknown = [
-            f"{name} segment {', '.join(str(k + 1) for k in np.flatnonzero(~row))}"
-            for name, row in zip(robot.joint_names, known, strict=True)
-            if not row.all()
-        ]
-        if unknown:
-            warnings.warn(
-                f"slope not identifiable from the training samples: {'; '.join(unknown)} "
-                f"(regressor rank {found.rank} of {known.size}); no value is given, and where "
-                "no training torque reaches, predictions take the joint as rigid",
-                StiffBenchWarning,
-                stacklevel=4,
-            )
 
 
 def segment_torques(torque: FloatArray, breakpoints: FloatArray) -> FloatArray:
@@ -250,13 +247,10 @@ def _parsed(text: str, segments: int) -> list[list[float]]:
     return lists
 
 
-def _diagnostics(robot: Robot, found: Identified, breakpoints: FloatArray) -> dict[str, float]:
-    named: dict[str, float] = {}
-    stiffness = found.stiffness.reshape(robot.n_joints, -1)
-    for i, name in enumerate(robot.joint_names):
-        turns = robot.joint_types[i] == "revolute"
-        for k, value in enumerate(stiffness[i], start=1):
-            named[f"stiffness {name} segment {k} [{'Nm/rad' if turns else 'N/m'}]"] = float(value)
-        for k, value in enumerate(breakpoints[i], start=1):
-            named[f"breakpoint {name} {k} [{'Nm' if turns else 'N'}]"] = float(value)
-    return named | {"rank": float(found.rank), "condition number": found.condition}
+def _named(robot: Robot, breakpoints: FloatArray) -> dict[str, float]:
+    units = ("Nm" if kind == "revolute" else "N" for kind in robot.joint_types)
+    return {
+        f"breakpoint {name} {k} [{unit}]": float(value)
+        for name, unit, own in zip(robot.joint_names, units, breakpoints, strict=True)
+        for k, value in enumerate(own, start=1)
+    }

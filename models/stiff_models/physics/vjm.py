@@ -9,6 +9,7 @@ cannot tell (`stiff_protocols.contract.identification`).
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,23 +19,68 @@ from stiff_models.physics.congruence import linearised_at_best, loaded_deflectio
 from stiff_models.physics.kinematics import jacobian, joint_deflection, unit_deflections
 from stiff_protocols.contract.errors import StiffBenchWarning
 from stiff_protocols.contract.identification import Identified, identify, typical_joints
-from stiff_protocols.contract.types import FloatArray, Robot, Samples
+from stiff_protocols.contract.types import FloatArray, Robot, Samples, TextArray
 
 
 @dataclass(frozen=True, eq=False)
-class IdentifiedJoints(Identified):
-    """One spring a joint, base to tip.
+class IdentifiedSprings(Identified):
+    """Springs with names, in the order of the compliances.
 
     Attributes:
-        names: of the joints.
+        names: such as "A2" or "A2 segment 1".
+        units: of the stiffnesses, "Nm/rad" or "N/m".
     """
 
     names: tuple[str, ...]
+    units: tuple[str, ...]
 
     @property
     def unidentifiable(self) -> tuple[str, ...]:
-        """Names of the joints that the data cannot identify."""
+        """Names of the springs that the data cannot identify."""
         return tuple(name for name, known in zip(self.names, self.known, strict=True) if not known)
+
+    def report(self) -> dict[str, float]:
+        """Return stiffnesses, standard errors, 90 % intervals or the prior's, rank, condition."""
+        numbers: dict[str, float] = {}
+        interval = self.interval(0.9)
+        for i, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
+            own = {"stiffness": self.stiffness[i], "standard error": self.standard_error[i]}
+            if self.known[i]:
+                own["90 % interval from"], own["90 % interval to"] = interval[i]
+            else:
+                own["prior stiffness"] = 1.0 / self.compliance[i]
+            numbers |= {f"{word} {name} [{unit}]": float(value) for word, value in own.items()}
+        return numbers | {"rank": float(self.rank), "condition number": self.condition}
+
+
+def identify_springs(
+    springs: Mapping[str, str],
+    matrix: FloatArray,
+    target: FloatArray,
+    typical: FloatArray,
+    pose_id: TextArray,
+) -> IdentifiedSprings:
+    """Identify springs by the one definition of `stiff_protocols.contract.identification`.
+
+    Args:
+        springs: units of the stiffnesses by the springs' names.
+        matrix: (n, 3, n_springs) deflection [m] by each spring at unit compliance.
+        target: (n, 3) measured deflection, m.
+        typical: (n_springs,) typical compliances, up to one factor.
+        pose_id: (n,) of the samples.
+
+    Raises:
+        ModelError: no spring can be identified.
+    """
+    pose = np.unique(pose_id, return_inverse=True)[1]
+    rows = matrix.reshape(-1, len(springs))
+    found = identify(rows, target.reshape(-1), typical, np.repeat(pose, 3))
+    return IdentifiedSprings(**vars(found), names=tuple(springs), units=tuple(springs.values()))
+
+
+def stiffness_unit(kind: str) -> str:
+    """Return the unit of the stiffness of a joint of this type."""
+    return "Nm/rad" if kind == "revolute" else "N/m"
 
 
 def compliance_regressor(robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
@@ -44,7 +90,7 @@ def compliance_regressor(robot: Robot, q: FloatArray, wrench: FloatArray) -> Flo
 
 def identify_joints(
     robot: Robot, samples: Samples, *, congruence: bool = False
-) -> IdentifiedJoints:
+) -> IdentifiedSprings:
     """Identify one spring a joint.
 
     Args:
@@ -60,11 +106,10 @@ def identify_joints(
         problem = linearised_at_best(robot, samples)
         matrix, target = problem.matrix, problem.target
     else:
-        regressor = compliance_regressor(robot, samples.q, samples.wrench)
-        matrix, target = regressor.reshape(-1, robot.n_joints), samples.deflection.reshape(-1)
-    pose = np.unique(samples.pose_id, return_inverse=True)[1]
-    found = identify(matrix, target, typical_joints(robot), np.repeat(pose, 3))
-    return IdentifiedJoints(**vars(found), names=robot.joint_names)
+        matrix = compliance_regressor(robot, samples.q, samples.wrench)
+        target = samples.deflection
+    springs = dict(zip(robot.joint_names, map(stiffness_unit, robot.joint_types), strict=True))
+    return identify_springs(springs, matrix, target, typical_joints(robot), samples.pose_id)
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -85,21 +130,7 @@ class VirtualJointModel(FittedModel):
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         self.joints_ = identify_joints(robot, train, congruence=self.congruence)
-        self.diagnostics_: dict[str, float] = {}
-        interval = self.joints_.interval(0.9)
-        for i, name in enumerate(robot.joint_names):
-            unit = "Nm/rad" if robot.joint_types[i] == "revolute" else "N/m"
-            own = {
-                "stiffness": self.joints_.stiffness[i],
-                "standard error": self.joints_.standard_error[i],
-            }
-            if self.joints_.known[i]:
-                own["90 % interval from"], own["90 % interval to"] = interval[i]
-            else:
-                own["prior stiffness"] = 1.0 / self.joints_.compliance[i]
-            self.diagnostics_ |= {f"{w} {name} [{unit}]": float(v) for w, v in own.items()}
-        self.diagnostics_["rank"] = float(self.joints_.rank)
-        self.diagnostics_["condition number"] = self.joints_.condition
+        self.diagnostics_ = self.joints_.report()
         warn_unidentifiable(self.joints_)
         warn_unexplained(self.joints_.compliance, train)
 
@@ -108,20 +139,13 @@ class VirtualJointModel(FittedModel):
         return deflection(self.robot_, self.joints_.compliance, q, wrench)
 
 
-def warn_unidentifiable(joints: IdentifiedJoints, samples: str = "training samples") -> None:
-    """Warn which joints these samples cannot identify."""
-    if joints.unidentifiable:
-        priors = ", ".join(
-            f"{name} {1.0 / compliance:.2g}"
-            for name, compliance, known in zip(
-                joints.names, joints.compliance, joints.known, strict=True
-            )
-            if not known
-        )
+def warn_unidentifiable(springs: IdentifiedSprings, samples: str = "training samples") -> None:
+    """Warn which springs these samples cannot identify."""
+    if springs.unidentifiable:
         warnings.warn(
             f"joint stiffness not identifiable from the {samples}: "
-            f"{', '.join(joints.unidentifiable)} (regressor rank {joints.rank} of "
-            f"{len(joints.names)}); predictions use the prior's, {priors} Nm/rad (N/m)",
+            f"{', '.join(springs.unidentifiable)} (regressor rank {springs.rank} of "
+            f"{len(springs.names)}); predictions use the prior's",
             StiffBenchWarning,
             stacklevel=4,
         )

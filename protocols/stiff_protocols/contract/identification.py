@@ -57,6 +57,7 @@ LEAST_NOISE = 0.1
 samples as springs leave none."""
 
 LEVER_POSES = 256
+CONVERGED = 1e-12  # relative: rounding, which machines differ in, decides no digit that counts
 FARTHEST = 50.0  # of ln compliance from the start: exp() stays finite
 
 
@@ -232,7 +233,15 @@ def _most_probable(
     def derivative(x: FloatArray) -> FloatArray:
         return np.concatenate([matrix * compliance(x), spread])
 
-    found = least_squares(residuals, np.zeros(n), jac=derivative, method="lm")
+    found = least_squares(
+        residuals,
+        np.zeros(n),
+        jac=derivative,
+        method="lm",
+        ftol=CONVERGED,
+        xtol=CONVERGED,
+        gtol=CONVERGED,
+    )
     return compliance(found.x), np.asarray(spread)
 
 

@@ -90,6 +90,19 @@ def test_springs_are_read_from_what_the_models_reported(tmp_path):
     np.testing.assert_allclose(deflection, 1e3 * torque / 2e4)
 
 
+def test_a_segment_that_was_not_identifiable_is_drawn_with_the_priors_stiffness(tmp_path):
+    made = compared(tmp_path)
+    joints = made_data(0).robot.joint_names
+    segments = {f"stiffness {j} segment {k} [Nm/rad]": 1e4 for j in joints for k in (1, 2)}
+    key = f"stiffness {joints[0]} segment 2 [Nm/rad]"
+    prior = {key: np.nan, f"prior {key}": 5e4}
+    bends = {f"breakpoint {j} 1 [Nm]": 0.1 for j in joints}
+    with_fields(made, "mlp", diagnostics=segments | prior | bends)
+    first = FIGURES["springs"].prepare(FigureSource.of(tmp_path)).draw().axes[0]
+    torque, deflection = first.get_lines()[-2].get_xydata()[-1]
+    np.testing.assert_allclose(deflection, 1e3 * (0.1 / 1e4 + (torque - 0.1) / 5e4))
+
+
 EFFICIENCY = {"protocol": "sample-efficiency", "n_train": 40}
 
 
