@@ -70,7 +70,7 @@ MODELS = (
     ModelInfo(
         key="mlp-pretrained",
         target="stiff_models.transfer.mlp_pretrained:MlpPretrained",
-        version=5,
+        version=4,
         summary="4 x 380 network trained on simulated samples alone",
         reference="pre-training of the source paper",
         quick=_QUICK_SOURCE,
@@ -78,7 +78,7 @@ MODELS = (
     ModelInfo(
         key="ft-mlp",
         target="stiff_models.transfer.ft_mlp:FtMlp",
-        version=5,
+        version=4,
         summary="mlp-pretrained, fine-tuned on the measured training samples",
         reference="the method of the source paper",
         uses_validation=True,
@@ -95,7 +95,7 @@ MODELS = (
     ModelInfo(
         key="dt-cnn",
         target="stiff_models.transfer.dt_cnn:DtCnn",
-        version=4,
+        version=3,
         summary="1x1-convolution network, features aligned between simulation and measurement",
         reference="Zhao et al., UDTL, 2021; the source paper's DT-CNN",
         quick={"pretrain_steps": 12},
@@ -104,7 +104,7 @@ MODELS = (
     ModelInfo(
         key="adann-2r",
         target="stiff_models.transfer.adann:Adann2R",
-        version=4,
+        version=3,
         summary="4 x 380 network with two regressors, adversarially adapted to the measured poses",
         reference="after Saito et al. 2018 and Xia et al. 2022",
         quick=_QUICK_SOURCE,
@@ -113,7 +113,7 @@ MODELS = (
     ModelInfo(
         key="tradaboost",
         target="stiff_models.regressors.tradaboost:TrAdaBoost",
-        version=3,
+        version=2,
         summary="boosting of simulated and measured samples that drops what they contradict",
         reference="two-stage TrAdaBoost.R2, Pardoe and Stone 2010",
         quick={"source_samples": 32, "steps": 3, "rounds": 1},
@@ -122,7 +122,7 @@ MODELS = (
     ModelInfo(
         key="compliance-net",
         target="stiff_models.transfer.compliance_net:ComplianceNet",
-        version=5,
+        version=4,
         summary="network of pose-dependent joint compliances in the VJM's equation",
         uses_validation=True,
         quick=_QUICK_NETWORK,
@@ -130,7 +130,7 @@ MODELS = (
     ModelInfo(
         key="deep-ensemble",
         target="stiff_models.transfer.deep_ensemble:DeepEnsemble",
-        version=5,
+        version=4,
         summary="mean of several ft-mlp with different seeds",
         reference="Lakshminarayanan, Pritzel and Blundell 2017",
         uses_validation=True,
@@ -139,7 +139,7 @@ MODELS = (
     ModelInfo(
         key="residual-mlp",
         target="stiff_models.regressors.residual_mlp:ResidualMlp",
-        version=4,
+        version=3,
         summary="VJM plus an MLP of its residual",
         uses_validation=True,
         quick=_QUICK_NETWORK,
@@ -158,7 +158,7 @@ MODELS = (
     ModelInfo(
         key="vjm-gp",
         target="stiff_models.regressors.on_physics:VjmGp",
-        version=3,
+        version=2,
         summary="VJM plus a Gaussian process of its residual, with prediction intervals",
         quick=_QUICK_PROCESS,
         grids={"default": _KERNELS, "physics": _PHYSICS},
@@ -166,7 +166,7 @@ MODELS = (
     ModelInfo(
         key="mf-gp",
         target="stiff_models.regressors.mf_gp:MultiFidelityGp",
-        version=4,
+        version=3,
         summary="co-kriging of simulated (VJM) and measured samples, with prediction intervals",
         reference="Kennedy and O'Hagan 2000; Le Gratiet and Garnier 2014",
         quick=_QUICK_PROCESS | {"source_samples": 16},
@@ -174,7 +174,7 @@ MODELS = (
     ModelInfo(
         key="vjm-boosting",
         target="stiff_models.regressors.on_physics:VjmBoosting",
-        version=3,
+        version=2,
         summary="VJM plus gradient-boosted trees of its residual",
         quick={"trees": 20},
         grids={
