@@ -43,6 +43,8 @@ POSE_BUDGET = 21_280  # poses of the paper's grid; a grid of ours has no more
 WRENCHES_A_POSE = len(PAPER_WRENCHES)
 ANGLE_STEP = np.deg2rad(15.0)
 ROUNDING = 1e-6  # share of a step that a bound may lie beyond it
+FEW_POSES = 20
+"""Fewer miss more than a tenth, 2 / (n + 1), of the range that n of them were drawn from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +196,7 @@ def _poses(
 ) -> FloatArray:
     if design == "paper":
         return _grid([np.deg2rad(axis) for axis in _PAPER_GRID_DEG])
-    lower, upper = joint_ranges(robot, train.q)
+    lower, upper = joint_ranges(robot, _spanned(train.q, train))
     if design == "sobol":
         return _sobol(lower, upper, POSE_BUDGET, rng)
     moving = upper > lower
@@ -216,11 +218,23 @@ def _wrenches(
     if design == "data":
         return _wrenches_like(train, n_poses, rng)
     shape = (n_poses, WRENCHES_A_POSE, 6)
-    lower, upper = load_ranges(train.wrench)
+    lower, upper = load_ranges(_spanned(train.wrench, train))
     if design == "uniform":
         return rng.uniform(lower, upper, size=shape)
     # in another order than the poses: two Sobol sequences side by side are not independent
     return rng.permutation(_sobol(lower, upper, n_poses * WRENCHES_A_POSE, rng)).reshape(shape)
+
+
+def _spanned(values: FloatArray, train: Samples) -> FloatArray:
+    """Return (2, k) the ends of the range that (n, k) values were probably drawn from.
+
+    Those of few poses are moved out to where a uniform distribution's are on average: a network
+    knows nothing beyond its source domain, and most other poses lie beyond five.
+    """
+    lower, upper = values.min(axis=0), values.max(axis=0)
+    n_poses = len(np.unique(train.pose_id))
+    missed = (upper - lower) / max(n_poses - 1, 1) if n_poses < FEW_POSES else 0.0
+    return np.stack([lower - missed, upper + missed])
 
 
 def _wrenches_like(train: Samples, n_poses: int, rng: np.random.Generator) -> FloatArray:
