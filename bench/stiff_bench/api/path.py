@@ -253,10 +253,10 @@ def compensate_path(
             int(table.lines[row]),
             table.pose_columns,
         )
-        error = problems_error(Path(path), [problem] * len(left), "")
+        text = f"{path}: {len(left)} of {len(wanted)} points cannot be corrected, first {problem}"
         if on_failure == "stop":
-            raise ModelError(f"{error}; on-failure keep leaves such rows uncorrected")
-        warnings.warn(f"left uncorrected: {error}", StiffBenchWarning, stacklevel=2)
+            raise ModelError(f"{text}; on-failure keep leaves such points uncorrected")
+        warnings.warn(f"{text}; see the column uncorrected", StiffBenchWarning, stacklevel=2)
     interval = None
     if coverage is not None:
         with blamed_on(model.file):
