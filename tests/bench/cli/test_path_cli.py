@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -323,3 +325,21 @@ def test_ten_thousand_points_are_all_corrected(tmp_path, vjm):
     assert found.found.converged.all()
     assert found.found.iterations.max() <= 4
     assert np.abs(np.diff(found.found.q, axis=0)).max() < 0.01
+
+
+@pytest.mark.slow
+def test_the_page_on_paths_can_be_followed_to_the_end(tmp_path, monkeypatch):
+    page = (Path(__file__).parents[3] / "docs/how-to/correct-a-path.md").read_text("utf-8")
+    sh, python = (re.findall(rf"```{kind}\n(.*?)```", page, re.DOTALL) for kind in ("sh", "python"))
+    said = ""
+    for line in "".join(sh).splitlines():
+        done = bench_here(*shlex.split(line)[1:], cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        said += done.stdout
+    (printed,) = re.findall(r"```text\n(.*?)```", page, re.DOTALL)
+    assert said.endswith(printed)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    with pytest.warns(UserWarning, match="q6"):
+        exec("".join(python), names)
+    assert len(pd.read_csv("commands.csv")) == len(names["corrected"].found.q) == 401
