@@ -9,6 +9,7 @@ A column ``frame`` may name the frame of the poses, the same in every row.
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -171,6 +172,10 @@ def read_path(
     loads = () if load is not None else WRENCH_COLUMNS
     columns = (*places, *loads, FRAME_COLUMN)
     problems = table_problems(sheet, columns, (*TORQUE_COLUMNS * bool(loads), FRAME_COLUMN))
+    further = [name for name in sheet.unused if re.match(r"[aq]\d", name.lower())]
+    if by_joints and further:
+        joints_of = f"the {robot.n_joints} joints of {robot.name}"
+        problems.append(Problem(f"header: further joints {', '.join(further)}", joints_of))
     if problems:
         raise problems_error(path, problems, "")
     absent = [name for name in TORQUE_COLUMNS if name not in found]

@@ -218,6 +218,20 @@ def test_points_that_do_not_converge_stop_the_command_or_stay_uncorrected(vjm, c
 
 
 @pytest.mark.filterwarnings("ignore:extrapolation")
+def test_repeated_points_and_parquet_files_are_taken(square, corrected, vjm, tmp_path):
+    wanted = pd.read_csv(square)
+    usual, _ = corrected(wanted)
+    twice = wanted.loc[np.repeat(wanted.index, 2)]
+    again, _ = corrected(twice)
+    np.testing.assert_allclose(again.found.q[::2], usual.found.q, atol=1e-8)
+    np.testing.assert_allclose(again.found.q[1::2], usual.found.q, atol=1e-8)
+    wanted.to_parquet(tmp_path / "p.parquet")
+    compensate_path(vjm, tmp_path / "p.parquet", tmp_path / "c.parquet")
+    written = pd.read_parquet(tmp_path / "c.parquet")
+    np.testing.assert_allclose(np.radians(written[JOINTS]), usual.found.q, atol=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore:extrapolation")
 def test_a_long_path_is_corrected_in_blocks_as_in_one(square, corrected, monkeypatch):
     wanted = pd.read_csv(square)
     whole, _ = corrected(wanted)
@@ -275,6 +289,7 @@ def test_intervals_are_those_of_the_model_at_the_commands(square, corrected, vjm
             [",".join([*JOINTS, *FORCE]), "0,-60,90,0,30,0,0,0,-9", "0,-60,90,0,0.1,0,0,0,-9"],
             ["row 3", "singular"],
         ),
+        ([",".join([*JOINTS, "q7_deg", *FORCE]), "0,-60,90,0,30,0,0,0,0,-9"], ["q7_deg", "the 6"]),
         ([",".join([*JOINTS[:5], *FORCE]), "0,-60,90,0,30,0,0,-9"], ["missing q6_deg"]),
         ([f"{HEADER},frame", f"{ROW},base", f"{ROW},table"], ["row 3", "frame", "'table'"]),
         ([f"{HEADER},frame", f"{ROW},table"], ["--frame", "'table'"]),
