@@ -30,7 +30,7 @@ def path_picture(wanted: ToolPath, found: Compensation, interval: Interval | Non
         name="path",
         title=f"Path {wanted.name} before and after correction",
         caption="Predicted error vectors of the uncorrected path, magnified as stated, and the "
-        "length of the error along the path. The band is the half-width of the interval.",
+        "length of the error along the path. The band is the length of the intervals' half-widths.",
         paint=partial(_painted, wanted, found, interval),
     )
 
@@ -61,13 +61,13 @@ def _painted(wanted: ToolPath, found: Compensation, interval: Interval | None) -
     space.plot(*corrected[rows].T, color=blue.color, label="corrected")
     drawn = np.concatenate([place[rows], moved[rows], corrected[rows]])
     low, high = drawn.min(axis=0), drawn.max(axis=0)
-    half = 0.5 * np.maximum(high - low, 0.25 * extent)
+    half = 0.5 * np.maximum(high - low, 0.4 * extent)
     middle = 0.5 * (low + high)
     for axis, centre, room in zip("xyz", middle, half, strict=True):
         getattr(space, f"set_{axis}lim")(centre - room, centre + room)
         getattr(space, f"set_{axis}label")(f"{axis} [mm]")
         space.locator_params(axis=axis, nbins=4)
-    space.set_box_aspect(half)
+    space.set_box_aspect(half, zoom=0.82)  # room for the labels
     space.set_title(f"(a) Path, errors times {times:g}", loc="left")
 
     along = figure.add_subplot(1, 2, 2)
