@@ -46,8 +46,8 @@ from stiff_protocols.paths.compensation import (
 from stiff_protocols.paths.inverse import Followed, follow, judged, refuse_redundant
 from stiff_protocols.paths.path import SHAPES, ToolPath
 
-BLOCK = 5_000
-"""Points that are corrected at once: they bound the memory, and progress is shown after each."""
+BLOCK = 2_000
+"""Points that are computed at once; progress is shown after each block."""
 COMPARED_AT = 200
 """Points of a long path at which configurations of its start are compared."""
 EXAMPLE_POINTS, EXAMPLE_SIZE_MM = 401, 200.0
@@ -222,26 +222,24 @@ def compensate_path(
         say(f"warning: {path}: every load is zero, so there is nothing to correct")
     known = model.training_range
     near = None if known is None else 0.5 * (known.lower + known.upper)
-    q = _driven(Path(path), table, robot, start, near)
 
     def predict(at: FloatArray, wrench: FloatArray) -> FloatArray:
         with blamed_on(model.file):
             return np.asarray(fitted.predict(at, wrench))
 
-    parts = []
     with display():
-        for rows in _blocks(len(wanted)):
-            parts.append(
-                compensate(
-                    predict,
-                    robot,
-                    wanted.take(rows),
-                    q[rows],
-                    tolerance_m=tolerance / MM_PER_M,
-                    max_iterations=iterations,
-                )
+        q = _driven(Path(path), table, robot, start, near)
+        parts = [
+            compensate(
+                predict,
+                robot,
+                wanted.take(rows),
+                q[rows],
+                tolerance_m=tolerance / MM_PER_M,
+                max_iterations=iterations,
             )
-            report("points corrected", rows.stop, len(wanted))
+            for rows in _blocks(len(wanted), "points corrected")
+        ]
     found = Compensation.joined(parts)
     left = np.flatnonzero(~found.converged)
     if len(left):
@@ -273,8 +271,11 @@ def compensate_path(
     return result
 
 
-def _blocks(n: int) -> Iterator[slice]:
+def _blocks(n: int, phase: str) -> Iterator[slice]:
+    """Yield n rows in blocks, and report each but the last when it is done."""
     for first in range(0, n, BLOCK):
+        if first:
+            report(phase, first, n)
         yield slice(first, min(first + BLOCK, n))
 
 
@@ -306,7 +307,7 @@ def _driven(
         seed = follow(robot, some.position, some.rotation, near=near).q[0]
     parts: list[FloatArray] = []
     problems: list[Problem] = []
-    for rows in _blocks(n):
+    for rows in _blocks(n, "points checked"):
         before = int(rows.start > 0)  # a flip is one since the row before
         block = slice(rows.start - before, rows.stop)
         found: Followed = (

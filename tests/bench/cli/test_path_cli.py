@@ -15,7 +15,13 @@ from scipy.spatial.transform import Rotation
 import stiffbench as sb
 from command_line import assert_refused, bench_here
 from stiff_bench.api.path import CorrectedPath, compensate_path, example_path
-from stiff_protocols.contract.errors import ConfigError, ModelError, NotFittedError, StoreError
+from stiff_protocols.contract.errors import (
+    ConfigError,
+    DataError,
+    ModelError,
+    NotFittedError,
+    StoreError,
+)
 from stiff_protocols.contract.types import Interval
 from stiff_protocols.paths.path import SHAPES
 
@@ -229,6 +235,15 @@ def test_repeated_points_and_parquet_files_are_taken(square, corrected, vjm, tmp
     compensate_path(vjm, tmp_path / "p.parquet", tmp_path / "c.parquet")
     written = pd.read_parquet(tmp_path / "c.parquet")
     np.testing.assert_allclose(np.radians(written[JOINTS]), usual.found.q, atol=1e-9)
+
+
+def test_what_is_odd_is_said_before_anything_is_computed(corrected, capsys):
+    header = HEADER.replace("fx_N", "feed,fx_N")
+    with pytest.raises(DataError, match=r"row 2.*joint A5"):
+        corrected(f"{header}\n700,0,400,0,0.03,3.1,7,0,0,-40\n")
+    said = capsys.readouterr().err.strip().splitlines()
+    assert ["not used: feed" in line for line in said] == [True, False]
+    assert ["radians" in line for line in said] == [False, True]
 
 
 @pytest.mark.filterwarnings("ignore:extrapolation")
