@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from stiff_bench.cli.options import (
     FILE,
     PROBABILITY,
     Millimetres,
+    Numbers,
     WholeRange,
     output_option,
     picture,
@@ -21,30 +21,6 @@ from stiff_bench.cli.options import (
 )
 from stiff_bench.cli.refusals import Commands
 from stiff_bench.console import warnings_said
-
-
-class Numbers(click.ParamType[tuple[float, ...]]):
-    """Numbers with commas between, such as 100,0,50,0,90,0."""
-
-    name = "numbers"
-
-    def __init__(self, what: str, count: int | None = None) -> None:
-        """Remember what they are, and how many there must be; None: any number."""
-        self.what, self.count = what, count
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...]:
-        """Return the numbers, or refuse a text that is none of them."""
-        try:
-            numbers = tuple(float(word) for word in str(value).split(","))
-        except ValueError:
-            numbers = ()
-        right = bool(numbers) and self.count in (None, len(numbers))
-        if not right or not all(map(math.isfinite, numbers)):
-            self.fail(f"{value!r} (valid: {self.what})", param, ctx)
-        return numbers
-
 
 FRAME = Numbers("six finite numbers, x,y,z in mm and a,b,c in deg", 6)
 load_option = click.option(
