@@ -18,7 +18,6 @@ from stiff_bench.tables.picture_file import check_suffix
 from stiff_datasets.measured.path_file import (
     LoadFrame,
     PathTable,
-    frame_matrix,
     path_problems,
     read_path,
     tool_of,
@@ -128,26 +127,28 @@ def example_path(
         if payload is None:
             raise ConfigError(f"of {arm.name} is not known; give one, in N and N m", "load")
         load = (0.0, 0.0, -0.25 * payload * 9.81, 0.0, 0.0, 0.0)
+    from scipy.spatial.transform import Rotation
+
     reach = np.linalg.norm(arm.placements[1:, :3, 3], axis=1).sum()
-    tool = tool_of(arm, None)
+    outwards = arm.axes[-1] * (-1.0 if arm.axes[-1] @ arm.tcp < 0.0 else 1.0)
+    down, _ = Rotation.align_vectors([[0.0, 0.0, -1.0]], [outwards])  # where the last joint points
     some = np.unique(np.linspace(0, points - 1, COMPARED_AT).astype(int))
-    for x, z in ((0.6, 0.4), (0.5, 0.3), (0.7, 0.4), (0.5, 0.6), (0.6, 0.2)):
+    for x, z in ((0.6, 0.4), (0.5, 0.3), (0.7, 0.4), (0.5, 0.6), (0.4, 0.3)):
         driven: list[tuple[float, ToolPath]] = []
-        for quarter in range(4):  # how the tool is turned about itself, pointing down
-            angle = 0.5 * np.pi * quarter
-            down = frame_matrix((0.0, 0.0, 0.0, np.degrees(angle), 0.0, 180.0))
+        for angle in (0.0, 90.0, 180.0, 270.0):
+            turned = Rotation.from_euler("z", angle, degrees=True) * down
             path = SHAPES[shape](
                 (x * reach, 0.0, z * reach),
                 size / MM_PER_M,
                 points,
-                rotation=(down @ np.linalg.inv(tool))[:3, :3],
+                rotation=turned.as_matrix(),
                 wrench=load,
             )
             found = follow(arm, path.position[some], path.rotation[some])
             if found.ok.all():
                 driven.append((float(np.abs(found.q[:, -1]).max()), path))
         if driven:
-            write_path(output, min(driven, key=lambda one: one[0])[1], tool)
+            write_path(output, min(driven, key=lambda one: one[0])[1], tool_of(arm, None))
             return f"{output}: {shape} of {points} points for {arm.name}, base frame"
     raise DataError(
         f"{arm.name} has no place for a {shape} of {size:g} mm in front of it; try a smaller size"

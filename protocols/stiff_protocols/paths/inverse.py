@@ -195,8 +195,8 @@ def follow(
     for branch in range(len(starts) if len(starts) > 1 else 0):
         found = driven(branch, some)
         cost = (
-            float(breaks[branch].sum()),
             float((~found.ok).sum()),
+            float(breaks[branch].sum()),
             float(np.linalg.norm(found.q.mean(axis=0) - near)),
         )
         if cost < least:

@@ -15,6 +15,8 @@ from scipy.spatial.transform import Rotation
 import stiffbench as sb
 from command_line import assert_refused, bench_here
 from stiff_bench.api.path import CorrectedPath, compensate_path, example_path
+from stiff_datasets.measured.path_file import read_path, tool_of
+from stiff_datasets.robots.shipped import ROBOTS
 from stiff_protocols.contract.errors import (
     ConfigError,
     DataError,
@@ -23,6 +25,7 @@ from stiff_protocols.contract.errors import (
     StoreError,
 )
 from stiff_protocols.contract.types import Interval
+from stiff_protocols.paths.inverse import follow
 from stiff_protocols.paths.path import SHAPES
 
 POSITION, ANGLES = ["x_mm", "y_mm", "z_mm"], ["a_deg", "b_deg", "c_deg"]
@@ -235,6 +238,17 @@ def test_repeated_points_and_parquet_files_are_taken(square, corrected, vjm, tmp
     compensate_path(vjm, tmp_path / "p.parquet", tmp_path / "c.parquet")
     written = pd.read_parquet(tmp_path / "c.parquet")
     np.testing.assert_allclose(np.radians(written[JOINTS]), usual.found.q, atol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_every_shipped_robot_has_an_example_that_it_can_drive(robot, tmp_path):
+    example_path("square", tmp_path / "p.csv", robot=robot, load=(0.0, 0.0, -9.0, 0.0, 0.0, 0.0))
+    table = pd.read_csv(tmp_path / "p.csv")
+    assert (table["fz_N"] == -9.0).all()
+    arm = ROBOTS[robot].robot()
+    found = read_path(tmp_path / "p.csv", arm, tool_of(arm, None))
+    assert follow(arm, found.path.position, found.path.rotation).ok.all()
 
 
 def test_what_is_odd_is_said_before_anything_is_computed(corrected, capsys):
