@@ -201,6 +201,12 @@ def compensate_path(
         ModelError: a point cannot be corrected.
         StoreError: a file cannot be written, or exists.
     """
+    for kind, word, valid in (
+        ("load frame", load_frame, ("base", "tool")),
+        ("on-failure", on_failure, ("stop", "keep")),
+    ):
+        if word not in valid:
+            raise unknown_name(kind, word, valid)
     output = Path(output)
     model.check_fitted()
     check_new_file(output)

@@ -99,7 +99,7 @@ def example(**words: Any) -> None:
 )
 @click.option(
     "--tolerance",
-    type=Millimetres(1e-6, 10),
+    type=Millimetres(1e-5, 10),
     default=1e-3,
     metavar="MM",
     help="Predicted error that may remain.",

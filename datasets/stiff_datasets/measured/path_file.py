@@ -43,7 +43,7 @@ from stiff_datasets.measured.sample_files import (
     write_table,
 )
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot
+from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot, frozen_array
 from stiff_protocols.paths.compensation import Compensation
 from stiff_protocols.paths.inverse import SINGULAR, Followed
 from stiff_protocols.paths.path import ToolPath
@@ -97,9 +97,9 @@ def frame_matrix(numbers: Sequence[float]) -> FloatArray:
     """Return the (4, 4) pose, m, of x, y, z [mm], a, b, c [deg]."""
     from scipy.spatial.transform import Rotation
 
-    pose = np.eye(4)
-    pose[:3, 3] = np.divide(numbers[:3], MM_PER_M)
-    pose[:3, :3] = Rotation.from_euler("ZYX", numbers[3:], degrees=True).as_matrix()
+    given, pose = frozen_array(numbers, "x,y,z,a,b,c of a frame", (6,)), np.eye(4)
+    pose[:3, 3] = given[:3] / MM_PER_M
+    pose[:3, :3] = Rotation.from_euler("ZYX", given[3:], degrees=True).as_matrix()
     return pose
 
 
@@ -154,6 +154,7 @@ def read_path(
             names file, row, column, value and what is valid.
         ConfigError: `load` is given and the file has loads, or `frame` is missing or without use.
     """
+    base = np.eye(4) if frame is None else frame_matrix(frame)
     joints = joint_columns(robot)
     poses = (*POSITION_COLUMNS, *ANGLE_COLUMNS, *QUATERNION_COLUMNS)
     sheet = read_sheet(path).recognised((*poses, *joints, *WRENCH_COLUMNS, FRAME_COLUMN))
@@ -197,7 +198,6 @@ def read_path(
     problems = sorted([*problems, *mixed], key=lambda problem: problem.row or 0)
     if problems:
         raise problems_error(path, problems, "mend this one first")
-    base = np.eye(4) if frame is None else frame_matrix(frame)
     q, written = None, pd.DataFrame(dict(zip(places[3:], numbers.T[3:], strict=True)))
     if by_joints:
         q = numbers / file_units(robot)
@@ -239,7 +239,10 @@ def path_problems(table: PathTable, robot: Robot, found: Followed, first: int = 
     for row in np.flatnonzero(~found.ok):
         joint = int(np.argmax(found.beyond[row]))
         if not found.reached[row]:
-            value, valid = _shown(table, first + int(row)), f"a pose that {robot.name} reaches"
+            value, valid = (
+                _shown(table, first + int(row)),
+                f"a pose that {robot.name} reaches in this configuration",
+            )
         elif found.beyond[row, joint]:
             low, high = (end[joint] * factors[joint] for end in (robot.lower, robot.upper))
             value = f"joint {names[joint]} at {found.q[row, joint] * factors[joint]:.6g}"

@@ -13,6 +13,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from stiff_protocols.contract.arrays import FloatArray, IntArray, TextArray, frozen_array
+from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.robot import Robot
 from stiff_protocols.paths.inverse import BoolArray, refuse_redundant, solved
 from stiff_protocols.paths.path import ToolPath
@@ -84,7 +85,12 @@ def compensate(
 
     Raises:
         DataError: the robot is redundant, or `predict` returns another shape or no finite number.
+        ConfigError: the tolerance or the number of iterations is not above zero.
     """
+    if not (tolerance_m > 0.0 and max_iterations > 0):
+        raise ConfigError(
+            f"tolerance {tolerance_m:g} m, {max_iterations} iterations (valid: above 0)"
+        )
     refuse_redundant(robot)
     n = len(path)
     wanted = frozen_array(robot.checked_positions(q), "q", (n, robot.n_joints))

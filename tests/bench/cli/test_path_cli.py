@@ -341,7 +341,7 @@ def test_a_bad_path_is_refused_with_its_row_and_what_is_valid(rows, parts, refus
         (("--load", "0,0,inf,0,0,0"), ["--load", "six finite numbers"]),
         (("--start", "0,0,0"), ["--start", "3 joint positions", "the 6 of"]),
         (("--coverage", "0.9"), ["--coverage", "no intervals"]),
-        (("--tolerance", "0"), ["--tolerance", "1e-06"]),
+        (("--tolerance", "0"), ["--tolerance", "1e-05"]),
         (("--figure", "p.gif"), ["p.gif", ".png"]),
         (("--figure", "bad.csv"), ["bad.csv"]),
     ],
@@ -350,13 +350,18 @@ def test_a_bad_option_is_refused_before_anything_is_written(words, parts, refuse
     refused([HEADER, ROW], *parts, words=words)
 
 
-def test_files_are_never_written_over_and_an_unfitted_model_is_refused(vjm, square, tmp_path):
+def test_arguments_that_are_none_and_files_that_exist_are_refused(vjm, square, tmp_path):
     with pytest.raises(StoreError, match="exists"):
         compensate_path(vjm, square, square)
     with pytest.raises(StoreError, match="exists"):
         example_path("line", square)
     with pytest.raises(NotFittedError):
         compensate_path(sb.make_model("vjm"), square, tmp_path / "c.csv")
+    for wrong in ({"on_failure": "go on"}, {"load_frame": "world"}, {"iterations": 0}):
+        with pytest.raises(ConfigError, match="valid: "):
+            compensate_path(vjm, square, tmp_path / "c.csv", **wrong)
+    with pytest.raises(DataError, match="frame has shape"):
+        compensate_path(vjm, square, tmp_path / "c.csv", frame=(1.0, 2.0))
     with pytest.raises(ConfigError, match=r"star.*square"):
         example_path("star", tmp_path / "p.csv")
 
