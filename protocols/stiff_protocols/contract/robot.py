@@ -207,7 +207,10 @@ class Robot:
         Raises:
             DataError: `q` has another number of joints than the robot.
         """
-        found = self.forward(q)
+        return self.jacobian_at(self.forward(q))
+
+    def jacobian_at(self, found: ChainPoses) -> FloatArray:
+        """Return the `jacobian` where the robot stands as `forward` has returned."""
         axes = np.einsum("njab,jb->nja", found.rotations, self.axes)  # (n, n_joints, 3)
         turns = np.array([kind == "revolute" for kind in self.joint_types])[:, None]
         lever = found.points[:, -1:] - found.points[:, :-1]

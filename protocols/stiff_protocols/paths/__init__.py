@@ -1,0 +1,1 @@
+"""Tool paths, joint positions along them, and commands that correct for deflection."""

@@ -1,0 +1,131 @@
+"""Commands that correct a path for the deflection that a model predicts.
+
+The loaded tool stands at ``p_cmd + d(q(p_cmd), w)``. It shall stand at p: the command is the fixed
+point of ``p_cmd = p - d(q(p_cmd), w)``, iterated for all points at once. A deflection hardly
+changes over its own length, so each step is about a hundredth of the one before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from stiff_protocols.contract.arrays import FloatArray, IntArray, TextArray, frozen_array
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.robot import Robot
+from stiff_protocols.paths.inverse import BoolArray, refuse_redundant, solved
+from stiff_protocols.paths.path import ToolPath
+
+Predict = Callable[[FloatArray, FloatArray], FloatArray]
+"""(n, n_joints) joint positions [rad, m] and (n, 6) wrenches [N, N m] -> (n, 3) deflections [m]."""
+
+TOLERANCE_M, MAX_ITERATIONS = 1e-6, 20
+
+NOT_CONVERGED, OUT_OF_REACH, BEYOND_LIMITS = "not converged", "out of reach", "joint limits"
+"""Why a row is left uncorrected."""
+
+
+@dataclass(frozen=True, eq=False)
+class Compensation:
+    """A corrected path. A row that was not corrected has its command and deflection from before.
+
+    Attributes:
+        position: (n, 3) commanded TCP, base frame, m.
+        q: (n, n_joints) commanded joint positions, rad or m.
+        deflection: (n, 3) predicted at the command, base frame, m.
+        before: (n, 3) predicted at the uncorrected pose, base frame, m.
+        iterations: (n,) predictions of each row.
+        contraction: (n,) ratio of the last two steps; below 1 they shrink. NaN where the first one
+            was within the tolerance.
+        problem: (n,) why a row was not corrected: one of the words above; "" where it was.
+    """
+
+    position: FloatArray
+    q: FloatArray
+    deflection: FloatArray
+    before: FloatArray
+    iterations: IntArray
+    contraction: FloatArray
+    problem: TextArray
+
+    @classmethod
+    def joined(cls, parts: Sequence[Compensation]) -> Compensation:
+        """Return the rows of several, in this order."""
+        names = [each.name for each in fields(cls)]
+        return cls(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
+
+    @property
+    def converged(self) -> BoolArray:
+        """(n,) whether the row was corrected."""
+        return np.asarray(self.problem == "")
+
+
+def compensate(
+    predict: Predict,
+    robot: Robot,
+    path: ToolPath,
+    q: FloatArray,
+    *,
+    tolerance_m: float = TOLERANCE_M,
+    max_iterations: int = MAX_ITERATIONS,
+) -> Compensation:
+    """Return the commands under which the loaded tool is predicted to be on the path.
+
+    The orientation is held; the configuration is that of `q`.
+
+    Args:
+        predict: deflections of a model.
+        robot: of up to six joints.
+        path: what is wanted, under its loads.
+        q: (n, n_joints) joint positions at the points of the path, rad or m (`inverse.follow`).
+        tolerance_m: remaining distance to the wanted point at which a row is done, m.
+        max_iterations: predictions of a row at most.
+
+    Raises:
+        DataError: the robot is redundant, or `predict` returns another shape or no finite number.
+        ConfigError: the tolerance or the number of iterations is not above zero.
+    """
+    if not (tolerance_m > 0.0 and max_iterations > 0):
+        raise ConfigError(
+            f"tolerance {tolerance_m:g} m, {max_iterations} iterations (valid: above 0)"
+        )
+    refuse_redundant(robot)
+    n = len(path)
+    wanted = frozen_array(robot.checked_positions(q), "q", (n, robot.n_joints))
+    command, position = wanted.copy(), path.position.copy()
+    deflection, before = np.zeros((n, 3)), np.zeros((n, 3))
+    iterations, contraction = np.zeros(n, dtype=np.int64), np.full(n, np.nan)
+    step = np.full(n, np.nan)
+    problem = np.full(n, NOT_CONVERGED, dtype=f"<U{len(NOT_CONVERGED)}")
+    rows = np.arange(n)
+    for iteration in range(max_iterations):
+        bent = np.asarray(predict(command[rows], path.wrench[rows]), dtype=np.float64)
+        deflection[rows] = frozen_array(bent, "the prediction", (len(rows), 3))
+        if iteration == 0:
+            before = deflection.copy()
+        iterations[rows] += 1
+        off = path.position[rows] - deflection[rows] - position[rows]  # the step to be made
+        length = np.linalg.norm(off, axis=1)
+        if iteration > 0:
+            contraction[rows] = length / step[rows]
+        step[rows] = length
+        done = length <= tolerance_m
+        problem[rows[done]] = ""
+        goes_on = ~done & ~(contraction[rows] >= 1.0)  # a step that grows leads nowhere
+        rows, off = rows[goes_on], off[goes_on]
+        if not len(rows) or iteration == max_iterations - 1:
+            break
+        position[rows] += off
+        command[rows], reached = solved(robot, position[rows], path.rotation[rows], command[rows])
+        problem[rows[~reached]] = OUT_OF_REACH
+        rows = rows[reached]
+    beyond = (command < np.minimum(robot.lower, wanted)) | (
+        command > np.maximum(robot.upper, wanted)
+    )
+    problem[(problem == "") & beyond.any(axis=1)] = BEYOND_LIMITS
+    left = problem != ""
+    position[left], command[left] = path.position[left], wanted[left]
+    deflection[left] = before[left]
+    return Compensation(position, command, deflection, before, iterations, contraction, problem)

@@ -1,0 +1,176 @@
+"""Shapes of paths, and joint positions along them against Pinocchio."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.spatial.transform import Rotation
+
+from made_robots import random_chain
+from stiff_protocols.contract.errors import DataError
+from stiff_protocols.paths.inverse import follow
+from stiff_protocols.paths.path import SHAPES, ToolPath, square
+
+LOAD = (0.0, 0.0, -85.0, 0.0, 0.0, 0.0)
+READY = np.radians([0.0, -90.0, 90.0, 0.0, 60.0, 0.0])
+N = 201
+
+
+def tool_at(robot, q):
+    """Position and orientation of the tool."""
+    stands = robot.forward(np.atleast_2d(q))
+    return stands.points[:, -1], stands.rotation
+
+
+def path_of(robot, name="square", size=0.2):
+    (centre,), (rotation,) = tool_at(robot, READY)
+    return SHAPES[name](centre, size, N, rotation=rotation, wrench=LOAD)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_shape_has_its_size_points_and_load_and_lies_about_its_centre(name):
+    path = SHAPES[name]((1.0, 2.0, 3.0), 0.3, N, rotation=np.eye(3), wrench=LOAD)
+    assert path.position.shape == (N, 3)
+    np.testing.assert_array_equal(path.wrench, np.tile(LOAD, (N, 1)))
+    spans = {"square": [0.3, 0.3, 0], "circle": [0.3, 0.3, 0], "line": [0.3, 0, 0]}
+    iso = 0.8 * 0.3 * np.ones(3)  # a tenth of the diagonal away from both corners
+    np.testing.assert_allclose(np.ptp(path.position, axis=0), spans.get(name, iso), atol=1e-4)
+    middle = 0.5 * (path.position.min(axis=0) + path.position.max(axis=0))
+    np.testing.assert_allclose(middle, [1.0, 2.0, 3.0], atol=1e-4)
+    assert (path.position[0] == path.position[-1]).all() or name in ("line", "circle")
+
+
+@pytest.mark.parametrize("n", [5, 6, 50, 401])
+def test_every_corner_of_a_square_is_a_point_of_the_path_in_any_plane(n):
+    plane = Rotation.from_euler("xyz", [30, 40, 50], degrees=True).as_matrix()
+    path = square((0, 0, 0), 2.0, n, rotation=np.eye(3), wrench=LOAD, plane=plane)
+    flat = path.position @ plane
+    np.testing.assert_allclose(flat[:, 2], 0.0, atol=1e-12)
+    for corner in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
+        assert np.linalg.norm(flat[:, :2] - corner, axis=1).min() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("wrong", "match"),
+    [
+        ({"size": 0.0}, "size is 0"),
+        ({"n_points": 4}, "at least 5"),
+        ({"rotation": 2.0 * np.eye(3)}, "no rotation"),
+        ({"rotation": np.diag([1.0, 1.0, -1.0])}, "no rotation"),
+        ({"centre": (0.0, np.nan, 0.0)}, "centre"),
+    ],
+)
+def test_a_shape_that_is_none_is_refused(wrong, match):
+    asked = {"centre": (0, 0, 0), "size": 1.0, "n_points": 9, "rotation": np.eye(3)}
+    with pytest.raises(DataError, match=match):
+        square(**{**asked, "wrench": LOAD, **wrong})
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_joint_positions_put_pinocchios_tool_on_the_path_without_a_jump(kr10, kr10_chain, name):
+    path = path_of(kr10, name)
+    found = follow(kr10, path.position, path.rotation)
+    assert found.ok.all()
+    assert np.abs(np.diff(found.q, axis=0)).max() < 0.05
+    model = kr10_chain.model
+    data = model.createData()
+    for q, position, rotation in zip(found.q, path.position, path.rotation, strict=True):
+        pin.forwardKinematics(model, data, q)
+        tool = data.oMi[model.njoints - 1] * pin.SE3(np.eye(3), kr10_chain.tcp)
+        np.testing.assert_allclose(tool.translation, position, atol=2e-8)
+        np.testing.assert_allclose(tool.rotation, rotation, atol=2e-8)
+
+
+def test_newton_on_pinocchios_jacobian_finds_the_same_joint_positions(kr10, kr10_chain):
+    path = path_of(kr10)
+    found = follow(kr10, path.position, path.rotation, READY)
+    model = kr10_chain.model.copy()
+    frame = model.addFrame(
+        pin.Frame("tcp", model.njoints - 1, 0, pin.SE3(np.eye(3), kr10.tcp), pin.OP_FRAME)
+    )
+    data, q = model.createData(), found.q[0].copy()
+    for row in range(0, N, 20):
+        wanted = pin.SE3(path.rotation[row], path.position[row])
+        for _ in range(20):
+            pin.framesForwardKinematics(model, data, q)
+            error = pin.log6(data.oMf[frame].actInv(wanted)).vector
+            q += np.linalg.solve(pin.computeFrameJacobian(model, data, q, frame), error)
+        np.testing.assert_allclose(found.q[row], q, atol=1e-6)
+
+
+def test_points_far_apart_and_a_point_alone_are_reached_in_one_configuration(kr10):
+    path = path_of(kr10, size=0.4)
+    dense = follow(kr10, path.position, path.rotation, READY)
+    corners = path.take(np.arange(0, N, 50))
+    sparse = follow(kr10, corners.position, corners.rotation, READY)
+    np.testing.assert_allclose(sparse.q, dense.q[::50], atol=1e-6)
+    alone = follow(kr10, path.position[:1], path.rotation[:1], READY)
+    np.testing.assert_allclose(alone.q, dense.q[:1], atol=1e-6)
+
+
+def test_start_chooses_the_configuration_with_its_whole_turns(kr10):
+    path = path_of(kr10, "line")
+    usual = follow(kr10, path.position, path.rotation, READY)
+    turned = follow(kr10, path.position, path.rotation, READY - [0, 0, 0, 0, 0, 2 * np.pi])
+    np.testing.assert_allclose(turned.q[:, 5], usual.q[:, 5] - 2 * np.pi, atol=1e-6)
+    other = follow(
+        kr10, path.position, path.rotation, READY * [1, 1, 1, 1, -1, 1] + [0, 0, 0, np.pi, 0, np.pi]
+    )
+    np.testing.assert_allclose(tool_at(kr10, other.q)[0], path.position, atol=1e-7)
+    assert (np.sign(other.q[:, 4]) == -np.sign(usual.q[:, 4])).all()
+
+
+def test_points_out_of_reach_are_named_alone(kr10):
+    path = path_of(kr10, "line", size=1.2)
+    found = follow(kr10, path.position, path.rotation, READY)
+    away = np.linalg.norm(tool_at(kr10, found.q)[0] - path.position, axis=1)
+    assert 0 < found.reached.sum() < N
+    assert (away[found.reached] < 1e-7).all()
+    assert (away[~found.reached] > 1e-6).all()
+    reached = np.flatnonzero(found.reached)
+    assert len(reached) == reached[-1] - reached[0] + 1
+
+
+def test_joint_beyond_its_limits_is_named_with_its_rows(kr10):
+    path = path_of(kr10)
+    free = follow(kr10, path.position, path.rotation, READY)
+    upper = kr10.upper.copy()
+    upper[1] = np.median(free.q[:, 1]) + 1e-4
+    found = follow(replace(kr10, upper=upper), path.position, path.rotation, READY)
+    np.testing.assert_array_equal(found.beyond[:, 1], free.q[:, 1] > upper[1])
+    assert not np.delete(found.beyond, 1, axis=1).any()
+
+
+def test_whole_turns_bring_a_joint_into_its_limits_where_no_start_is_given(kr10):
+    path = path_of(kr10, "line")
+    lower, upper = kr10.lower.copy(), kr10.upper.copy()
+    lower[5], upper[5] = 1.5 * np.pi, 3.5 * np.pi
+    found = follow(replace(kr10, lower=lower, upper=upper), path.position, path.rotation)
+    assert found.ok.all()
+
+
+def test_straight_wrist_is_singular_and_passing_it_is_a_flip(kr10):
+    q = np.tile(READY, (N, 1))
+    q[:, 4] = np.linspace(0.4, -0.4, N)
+    through = follow(kr10, *tool_at(kr10, q), q[0])
+    assert through.reached.all()
+    assert through.singular[N // 2]
+    assert not through.singular[[0, -1]].any()
+    position, rotation = tool_at(kr10, q)
+    tilted = Rotation.from_rotvec([1e-3, 0, 1e-3]).as_matrix() @ rotation
+    for found in (through, follow(kr10, position, tilted, q[0])):
+        assert abs(int(np.flatnonzero(found.flips)[0]) - N // 2) < 5
+
+
+def test_a_robot_with_a_choice_at_every_point_is_refused(rng):
+    robot = random_chain(rng, ("revolute",) * 7)
+    with pytest.raises(DataError, match="redundant"):
+        follow(robot, np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1)))
+
+
+def test_a_path_without_points_is_refused():
+    with pytest.raises(DataError, match="no points"):
+        ToolPath("none", np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 6)))
