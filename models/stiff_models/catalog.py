@@ -126,7 +126,7 @@ MODELS = (
     ModelInfo(
         key="deep-ensemble",
         target="stiff_models.transfer.deep_ensemble:DeepEnsemble",
-        version=3,
+        version=4,
         summary="mean of several ft-mlp with different seeds",
         reference="Lakshminarayanan, Pritzel and Blundell 2017",
         uses_validation=True,
@@ -147,6 +147,7 @@ MODELS = (
     ModelInfo(
         key="gp",
         target="stiff_models.regressors.gp:GaussianProcessModel",
+        version=2,
         summary="Gaussian process of the deflection, with prediction intervals",
         quick=_QUICK_PROCESS,
         grids={"default": _KERNELS},
@@ -154,6 +155,7 @@ MODELS = (
     ModelInfo(
         key="vjm-gp",
         target="stiff_models.regressors.on_physics:VjmGp",
+        version=2,
         summary="VJM plus a Gaussian process of its residual, with prediction intervals",
         quick=_QUICK_PROCESS,
         grids={"default": _KERNELS, "physics": _PHYSICS},
@@ -161,7 +163,7 @@ MODELS = (
     ModelInfo(
         key="mf-gp",
         target="stiff_models.regressors.mf_gp:MultiFidelityGp",
-        version=2,
+        version=3,
         summary="co-kriging of simulated (VJM) and measured samples, with prediction intervals",
         reference="Kennedy and O'Hagan 2000; Le Gratiet and Garnier 2014",
         quick=_QUICK_PROCESS | {"source_samples": 16},
