@@ -43,7 +43,8 @@ class GaussianProcessModel(StandardisedModel):
 
     Hyperparameters that are the likeliest ones for a hundred samples make the process too sure of
     itself. So it is fitted again without each fifth of the poses, and its standard deviations are
-    multiplied by the root mean square of the errors there, in units of the deviations there.
+    multiplied by the root mean square of the errors there, in units of the deviations there; by 1
+    where that is less.
 
     Attributes:
         kernel: "matern" (Matern 5/2) or "rbf" (squared exponential).
@@ -67,7 +68,7 @@ class GaussianProcessModel(StandardisedModel):
         super().fit(train, robot=robot, validation=validation, seed=seed)
         self.calibration_ = np.ones(len(AXES))
         if errors := list(self._errors_of_folds(train, robot, validation, seed)):
-            self.calibration_ = np.sqrt((np.vstack(errors) ** 2).mean(axis=0))
+            self.calibration_ = np.maximum(np.sqrt((np.vstack(errors) ** 2).mean(axis=0)), 1.0)
         return self
 
     def _errors_of_folds(
