@@ -151,6 +151,7 @@ MODELS = (
     ModelInfo(
         key="gp",
         target="stiff_models.regressors.gp:GaussianProcessModel",
+        version=2,
         summary="Gaussian process of the deflection, with prediction intervals",
         quick=_QUICK_PROCESS,
         grids={"default": _KERNELS},

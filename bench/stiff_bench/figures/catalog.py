@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from stiff_bench.figures import learning_curves, losses, ranks, samples, scores, springs, variants
+from stiff_bench.figures import (
+    calibration,
+    learning_curves,
+    losses,
+    ranks,
+    samples,
+    scores,
+    springs,
+    variants,
+)
 from stiff_bench.figures.figure import FigureLine
 from stiff_bench.figures.source import FigureSource
 
@@ -18,6 +27,7 @@ _LINES = (
     FigureLine("learning-curves", "Error over training poses", learning_curves.gather),
     FigureLine("workspace", "Error over the workspace", samples.workspace),
     FigureLine("springs", "Torque and deflection of each joint", springs.gather),
+    FigureLine("calibration", "Coverage of the intervals", calibration.gather),
     FigureLine("ranks", "Critical differences of mean ranks", ranks.gather),
 )
 FIGURES: Mapping[str, FigureLine[FigureSource]] = {line.name: line for line in _LINES}

@@ -53,8 +53,13 @@ class Search:
         inputs: FloatArray,
         outputs: FloatArray,
         trend: FloatArray | None = None,
+        *,
+        least: float = 0.0,
     ) -> Covariance:
-        """Return the likeliest covariance that was found, of the kind of `start`."""
+        """Return the likeliest covariance that was found, of the kind of `start`.
+
+        `least` is the least noise that a covariance with noise may have.
+        """
         if len(inputs) > self.rows:
             chosen = np.random.default_rng(self.seed).permutation(len(inputs))[: self.rows]
             inputs, outputs = inputs[chosen], outputs[chosen]
@@ -67,7 +72,8 @@ class Search:
         def searched(theta: FloatArray) -> Any:
             return minimize(loss, theta, jac=True, method="L-BFGS-B", bounds=bounds.tolist())
 
-        noise = [NOISE_BOUNDS] if start.noise else []
+        low, high = NOISE_BOUNDS
+        noise = [(min(max(low, least), high), high)] if start.noise else []
         bounds = np.log([VARIANCE_BOUNDS, *[LENGTH_BOUNDS] * len(start.lengths), *noise])
         # legacy numbers: those that scikit-learn's restarts draw
         drawn = check_random_state(self.seed).uniform(*bounds.T, (self.restarts, len(bounds)))

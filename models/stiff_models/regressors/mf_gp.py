@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated
+from dataclasses import dataclass, field
+from typing import Annotated, Self
 
 import numpy as np
 from annotated_types import Ge
@@ -56,16 +56,19 @@ def fit_co_kriging(
     cheap: tuple[FloatArray, FloatArray],
     dear: tuple[FloatArray, FloatArray],
     search: Search,
+    *,
+    least: float = 0.0,
 ) -> CoKriging:
     """Fit both levels; ModelError where one cannot be solved.
 
     The search starts from `low`, the covariance of the low fidelity, and from `delta`, that of the
-    difference. `cheap` and `dear` are (n, n_features) inputs and (n,) outputs of the low and the
-    high fidelity.
+    difference, whose noise is at least `least`. `cheap` and `dear` are (n, n_features) inputs and
+    (n,) outputs of the low and the high fidelity.
     """
     below = GaussianProcess.of(search.likeliest(low, *cheap), *cheap)
     trend = below.mean(dear[0])
-    return CoKriging(below, GaussianProcess.of(search.likeliest(delta, *dear, trend), *dear, trend))
+    between = search.likeliest(delta, *dear, trend, least=least)
+    return CoKriging(below, GaussianProcess.of(between, *dear, trend))
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -86,6 +89,14 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
     restarts: Annotated[int, Ge(0)] = 0
     source_samples: Annotated[int, Ge(1)] = 256
 
+    _low_starts: tuple[Covariance, ...] = field(default=(), init=False)
+
+    def _for_a_fold(self) -> Self:
+        copy = super()._for_a_fold()
+        # simulated samples of nearly the same springs: the search is over after a few steps
+        copy._low_starts = tuple(level.low.covariance for level in self.levels_)
+        return copy
+
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         inputs, targets = self._standardised(robot, train)
         origin = self._origin(train, robot)
@@ -99,15 +110,17 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
         q, wrench = np.vstack([drawn_q, train.q]), np.vstack([drawn_wrench, train.wrench])
         cheap_inputs = self._inputs(robot, q, wrench)
         cheap = self.output_scaler_.apply(teacher(q, wrench))
+        lows = self._low_starts or (self._start(inputs.shape[1], noise=False),) * len(AXES)
         self.levels_ = tuple(
             fit_co_kriging(
-                self._start(inputs.shape[1], noise=False),
+                lows[axis],
                 self._start(inputs.shape[1]),
                 (cheap_inputs, cheap[:, axis]),
                 (inputs, targets[:, axis]),
                 self._search(seed),
+                least=least,
             )
-            for axis in range(len(AXES))
+            for axis, least in enumerate(self._least_noise())
         )
         self.diagnostics_ = {
             **{f"rho {a.upper()}": c.rho for a, c in zip(AXES, self.levels_, strict=True)},

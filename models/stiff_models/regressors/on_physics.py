@@ -11,7 +11,7 @@ from typing import Any
 from stiff_models.physics.families import Physics, fitted_physics
 from stiff_models.regressors.gp import GaussianProcessModel
 from stiff_models.regressors.regressor_model import BoostingModel
-from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples
+from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -49,14 +49,6 @@ class OnPhysics:
 @dataclass(kw_only=True, eq=False, repr=False)
 class VjmGp(OnPhysics, GaussianProcessModel):
     """Physics plus a Gaussian-process residual."""
-
-    def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
-        """Return the residual's interval around the physics, which counts as known."""
-        residual, base = (
-            super().predict_interval(q, wrench, coverage),
-            self.physics_.predict(q, wrench),
-        )
-        return Interval(residual.lower + base, residual.upper + base, coverage)
 
 
 @dataclass(kw_only=True, eq=False, repr=False)

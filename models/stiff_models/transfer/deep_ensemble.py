@@ -61,11 +61,16 @@ class DeepEnsemble(FtMlp):
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
         """Return normal intervals: variance among the members plus that of the residuals.
 
-        Arguments and errors as of `predict`; `coverage` (0..1) is of each axis alone.
+        Arguments and errors as of `predict`; `coverage` (0..1) is of each axis alone. Beyond the
+        training range they are wider, as `TrainingRange.widened` says.
         """
-        members = self._of_members(*self._checked(q, wrench))
-        deviation = np.sqrt(members.var(axis=0) + self.noise_**2)
-        return normal_interval(members.mean(axis=0), deviation, coverage)
+
+        def within(q: FloatArray, wrench: FloatArray) -> Interval:
+            members = self._of_members(q, wrench)
+            deviation = np.sqrt(members.var(axis=0) + self.noise_**2)
+            return normal_interval(members.mean(axis=0), deviation, coverage)
+
+        return self.training_range_.widened(within, *self._checked(q, wrench))
 
     def _member(self, number: int) -> FtMlp:
         """Return an unfitted network with the ensemble's options and source."""

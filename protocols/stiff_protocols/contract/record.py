@@ -31,7 +31,7 @@ class Cost(NamedTuple):
     memory_bytes: int | None
 
 
-SCORING_VERSION = 1
+SCORING_VERSION = 2
 """Of all that shapes a cell's numbers beside its model: metrics, intervals, tuning, a cell's steps.
 
 A change of these numbers raises it; tests/protocols/scoring/test_golden_scoring.py notices."""

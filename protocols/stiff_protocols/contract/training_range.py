@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from stiff_protocols.contract.arrays import FloatArray, frozen_array
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.types import Samples
+from stiff_protocols.contract.types import Interval, Samples
 
 MARGIN = 0.1
 """Part of a quantity's training range that still counts as inside beyond its ends."""
@@ -77,6 +78,40 @@ class TrainingRange:
         room = np.maximum(MARGIN * (upper - lower), least)
         return np.asarray((values < lower - room) | (values > upper + room))
 
+    def widened(
+        self,
+        within: Callable[[FloatArray, FloatArray], Interval],
+        q: FloatArray,
+        wrench: FloatArray,
+    ) -> Interval:
+        """Return intervals around predictions, wider where these extrapolate.
+
+        Under r times the training load the prediction at the same pose under a load r times as
+        small is known. Deflections grow as loads do, so r times that interval holds as often as
+        it does itself; the interval returned reaches as far. Beyond the training positions
+        it is wider by its own width a radian or metre of the joint that is farthest out.
+
+        Args:
+            within: the interval of (n, n_joints) q and (n, 6) wrench, its middle the prediction.
+            q: (n, n_joints) rad or m.
+            wrench: (n, 6) N and N m at the TCP, base frame.
+        """
+        found = within(q, wrench)
+        # the size of a load: its torque counts as a force at a lever of 1 m
+        load = np.maximum(_lengths(wrench).sum(axis=1) / max(self.force + self.torque, 1e-9), 1.0)
+        outside = np.maximum(self.lower - q, q - self.upper).max(axis=1, initial=0.0)
+        far = (load > 1.0) | (outside > 0.0)
+        if not far.any():
+            return found
+        lower, upper = found.lower.copy(), found.upper.copy()
+        middle, half = _middle_and_half(found)
+        load, outside = load[far, None], outside[far, None]
+        below, reach = _middle_and_half(within(q[far], wrench[far] / load))
+        reach = (load * reach + np.abs(middle[far] - load * below)) * (1.0 + outside)
+        reach = np.maximum(reach, half[far])
+        lower[far], upper[far] = middle[far] - reach, middle[far] + reach
+        return Interval(lower, upper, found.coverage)
+
     def extrapolates(self, q: FloatArray, wrench: FloatArray) -> list[str]:
         """Say for each row what lies beyond: "joints", "load", "joints load"; "" where nothing.
 
@@ -97,6 +132,10 @@ class TrainingRange:
             " ".join(["joints"] * bool(row[:-2].any()) + ["load"] * bool(row[-2:].any()))
             for row in far
         ]
+
+
+def _middle_and_half(interval: Interval) -> tuple[FloatArray, FloatArray]:
+    return (interval.lower + interval.upper) / 2.0, (interval.upper - interval.lower) / 2.0
 
 
 def _lengths(wrench: FloatArray) -> FloatArray:

@@ -24,6 +24,7 @@ from sklearn.base import BaseEstimator, clone
 from stiff_protocols.contract.errors import ModelError, NotFittedError, TooFewToCalibrate
 from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.interfaces import StiffnessModel
+from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import AXES, FloatArray, Interval, Robot, Samples
 from stiff_protocols.scoring.sanity import check_prediction
 from stiff_protocols.splits.generators import inner_validation
@@ -71,7 +72,9 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
         require("a split-conformal interval", "crepes")
         part = inner_validation(train, np.arange(len(train)), self._fraction(train), seed)
         self.model_ = clone(self.model)
-        self.model_.fit(train.take(part.train), robot=robot, validation=validation, seed=seed)
+        learned = train.take(part.train)
+        self.model_.fit(learned, robot=robot, validation=validation, seed=seed)
+        self.training_range_ = TrainingRange.of(learned)
         shuffled = np.random.default_rng(seed).permutation(part.validation)
         _, one_a_pose = np.unique(train.pose_id[shuffled], return_index=True)
         calibration = train.take(shuffled[one_a_pose])
@@ -91,25 +94,32 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
         """Return where each deflection lies with probability `coverage`, axis by axis.
 
-        `coverage` (0..1) may differ from what `fit` was prepared for.
+        `coverage` (0..1) may differ from what `fit` was prepared for. Beyond the range of what
+        the copy learned from they are wider, as `TrainingRange.widened` says.
 
         Raises:
             NotFittedError: `fit` was not called.
             ModelError: `coverage` needs more calibration samples than there are.
         """
-        predicted = self.predict(q, wrench)
+        if not hasattr(self, "residuals_"):
+            raise NotFittedError("SplitConformal: call fit before predict_interval")
         needed = calibration_samples_needed(coverage)
         if len(self.residuals_) < needed:
             raise ModelError(
                 f"coverage {coverage:g} needs at least {needed} calibration samples, "
                 f"there are {len(self.residuals_)}"
             )
-        bounds = [
-            _bounds(predicted[:, axis], self.residuals_[:, axis], coverage)
-            for axis in range(len(AXES))
-        ]
-        lower, upper = np.stack(bounds, axis=-1)
-        return Interval(lower, upper, coverage)
+
+        def within(q: FloatArray, wrench: FloatArray) -> Interval:
+            predicted = self.predict(q, wrench)
+            bounds = [
+                _bounds(predicted[:, axis], self.residuals_[:, axis], coverage)
+                for axis in range(len(AXES))
+            ]
+            lower, upper = np.stack(bounds, axis=-1)
+            return Interval(lower, upper, coverage)
+
+        return self.training_range_.widened(within, q, wrench)
 
     def _fraction(self, train: Samples) -> float:
         """Return the share of the poses to calibrate on."""

@@ -142,6 +142,14 @@ def _coverage(prediction: Prediction) -> FloatArray | None:
     return np.asarray(inside.mean(axis=0))
 
 
+def _coverage_3d(prediction: Prediction) -> FloatArray | None:
+    interval, measured = prediction.interval, prediction.measured
+    if interval is None:
+        return None
+    inside = (interval.lower <= measured) & (measured <= interval.upper)
+    return np.asarray(inside.all(axis=1).mean())
+
+
 def _width(prediction: Prediction) -> FloatArray | None:
     interval = prediction.interval
     return None if interval is None else np.asarray((interval.upper - interval.lower).mean(axis=0))
@@ -200,6 +208,16 @@ METRICS = {
             "nominal",
             "share of the samples inside their interval",
             _coverage,
+            needs_interval=True,
+        ),
+        Metric(
+            "coverage-3d",
+            "3-D coverage",
+            "share",
+            "nominal",
+            "share of the samples inside their intervals of X, Y and Z at once",
+            _coverage_3d,
+            axes=WHOLE,
             needs_interval=True,
         ),
         Metric(

@@ -65,6 +65,7 @@ def test_a_models_name_is_drawn_as_it_is_written(tmp_path):
         ("sweep", "bench reproduce"),
         ("freezing", "bench reproduce"),
         ("learning-curves", "bench run --protocol sample-efficiency"),
+        ("calibration", "bench run --metric coverage"),
         ("springs", "bench run --model vjm --model vjm-multisegment"),
     ],
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -14,8 +16,8 @@ from stiff_bench.figures.catalog import FIGURES
 from stiff_bench.figures.samples import Series, errors_by_row, regression_figure
 from stiff_bench.figures.source import FigureSource
 from stiff_bench.figures.style import looks, short
-from stiff_bench.store.database import read_data
-from stiff_protocols.contract.types import Prediction
+from stiff_bench.store.database import ResultStore, read_data, read_results
+from stiff_protocols.contract.types import Interval, Prediction
 from stiff_protocols.scoring.metrics import absolute_errors
 
 NET = {"name": "net"}  # the same model, whatever its options
@@ -66,6 +68,24 @@ def test_a_workspace_colours_each_pose_by_the_length_of_its_error(tmp_path):
         (points,) = axes.collections
         np.testing.assert_allclose(points.get_offsets()[:, 0], across)
         np.testing.assert_allclose(points.get_array(), [0.1, 0.2, 0.3, 0.4])
+
+
+def test_a_calibration_has_a_point_for_each_coverage_that_every_split_has(tmp_path):
+    made = MadeResults(tmp_path)
+    for coverage in (0.8, 0.5, 0.9):  # the newest, of one split, is what other figures show
+        made.add("gp", [0.1] if coverage == 0.9 else [0.1, 0.2], coverage=coverage)
+        made.add("vjm", [0.3, 0.3], coverage=None if coverage == 0.9 else coverage)
+    store = ResultStore(tmp_path)
+    for result in list(read_results(tmp_path)):
+        if result.shown.model == "gp" and result.cell.coverage == 0.5:
+            shift = np.where(np.arange(len(result.prediction.rows)) % 2, 1.0, 0.0)[:, None]
+            old = result.prediction.interval
+            moved = Interval(old.lower + shift, old.upper + shift, 0.5)
+            store.write_cell(replace(result, prediction=replace(result.prediction, interval=moved)))
+    axes = FIGURES["calibration"].prepare(FigureSource.of(tmp_path)).draw().axes[0]
+    lines = {one.get_label(): one.get_xydata() for one in axes.get_lines() if one.get_marker()}
+    np.testing.assert_allclose(lines["gp"], [[50.0, 50.0], [80.0, 100.0]])
+    np.testing.assert_allclose(lines["vjm"], [[50.0, 100.0], [80.0, 100.0]])
 
 
 def test_a_springs_deflection_adds_up_the_segments_below_the_torque():

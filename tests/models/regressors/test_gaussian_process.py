@@ -5,9 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.special import ndtri
+from sklearn.base import clone
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, WhiteKernel
 
+from stiff_datasets.twin.kr10_twin import Kr10Twin
+from stiff_datasets.twin.twin import TwinExperiment
+from stiff_models.physics.vjm import VirtualJointModel
 from stiff_models.regressors.gaussian_process import (
     Covariance,
     GaussianProcess,
@@ -17,8 +21,10 @@ from stiff_models.regressors.gaussian_process import (
 from stiff_models.regressors.gp import GaussianProcessModel
 from stiff_models.regressors.mf_gp import MultiFidelityGp
 from stiff_models.regressors.on_physics import VjmGp
+from stiff_models.regressors.regressor_model import NearestNeighbours
 from stiff_protocols.contract.errors import ModelError
 from stiff_protocols.contract.interfaces import PredictsCovariance
+from stiff_protocols.scoring.conformal import SplitConformal
 
 N_ROWS, N_FEATURES = 40, 5
 
@@ -64,6 +70,11 @@ def test_likelihood_gradient_and_predictions_are_scikit_learns(kernel, shared, n
     np.testing.assert_allclose(found, together[:, 4:], atol=1e-8)
 
 
+def in_range(known, samples):
+    values, (lower, upper) = known.quantities(samples.q, samples.wrench), known.ends
+    return ((lower <= values) & (values <= upper)).all(axis=1)
+
+
 @pytest.mark.parametrize("model", [GaussianProcessModel, VjmGp, MultiFidelityGp])
 def test_covariances_of_a_model_are_those_of_its_intervals(model, parts):
     robot, train, _, test = parts
@@ -72,14 +83,15 @@ def test_covariances_of_a_model_are_those_of_its_intervals(model, parts):
         fitted.set_params(source_samples=40)
     fitted.fit(train.take(np.arange(40)), robot=robot)
     assert isinstance(fitted, PredictsCovariance)
-    q, wrench = test.q[:6], test.wrench[:6]
+    inside = test.take(np.flatnonzero(in_range(fitted.training_range_, test)))
+    q, wrench = inside.q[:6], inside.wrench[:6]
     found = fitted.covariance(q, wrench, q, wrench)
     np.testing.assert_allclose(found, found.transpose(0, 2, 1), atol=1e-18)
     variance = np.diagonal(found, axis1=1, axis2=2).T + fitted.noise_variance()
     interval = fitted.predict_interval(q, wrench, 0.9)
     half = (interval.upper - interval.lower) / 2.0
     np.testing.assert_allclose(ndtri(0.95) * np.sqrt(variance), half, rtol=1e-4)
-    other = fitted.covariance(q, wrench, test.q[2:5], test.wrench[2:5])
+    other = fitted.covariance(q, wrench, q[2:5], wrench[2:5])
     np.testing.assert_allclose(other, found[:, :, 2:5], atol=1e-18)
 
 
@@ -135,6 +147,77 @@ def test_the_search_looks_at_some_rows_and_the_process_learns_from_all(parts):
     np.testing.assert_array_equal(thetas[0], thetas[1])
     assert not np.allclose(thetas[0], thetas[2])
     assert not np.allclose(thetas[0], thetas[3])
+
+
+def test_no_noise_lies_below_that_of_the_instruments(parts):
+    robot, train, _, _ = parts
+    model = GaussianProcessModel(restarts=0).fit(train.take(np.arange(25)), robot=robot)
+    assert (np.sqrt(model.noise_variance()) >= 0.999e-5 * model.calibration_).all()
+    assert min(model.diagnostics_.values()) >= 0.00999
+
+
+@pytest.mark.filterwarnings("ignore:joint stiffness not identifiable.* J6")  # of FANUC samples
+def test_a_process_that_is_too_sure_of_few_poses_is_told_so_by_those_that_were_left_out(fanuc):
+    samples, robot = fanuc.samples, fanuc.robot
+    inside, own = [], []
+    for part in range(4):
+        tested = np.arange(len(samples)) % 4 == part
+        train, test = (samples.take(np.flatnonzero(rows)) for rows in (~tested, tested))
+        model = VjmGp(restarts=0).fit(train, robot=robot)
+        error = np.abs(model.predict(test.q, test.wrench) - test.deflection)
+        interval = model.predict_interval(test.q, test.wrench, 0.9)
+        half = (interval.upper - interval.lower) / 2.0
+        inside.append(error <= half)
+        own.append(error <= half / model.calibration_)
+    assert 0.85 <= np.vstack(inside).mean() <= 0.97
+    assert np.vstack(own).mean() < 0.75
+
+
+@pytest.fixture(scope="module")
+def real_robot():
+    """What the deflections of the KR10 twin's samples come from."""
+    constants = Kr10Twin().constants()
+    return TwinExperiment(constants, loads="line-hook", specimen=0, seed=0).twin
+
+
+def five_times(train, test):
+    return test.q, 5.0 * test.wrench
+
+
+def sixty_degrees_off(train, test):
+    """One joint a row, in turn beyond its smallest and its largest training position."""
+    q = test.q.copy()
+    for row, joint in enumerate(np.arange(len(q)) % 6):
+        known, off = train.q[:, joint], np.deg2rad(60.0)
+        q[row, joint] = known.max() + off if row // 6 % 2 else known.min() - off
+    return q, test.wrench
+
+
+@pytest.mark.parametrize("beyond", [five_times, sixty_degrees_off])
+@pytest.mark.parametrize(
+    "model",
+    [
+        GaussianProcessModel(restarts=0, ard=False),
+        VjmGp(restarts=0, ard=False),
+        SplitConformal(VirtualJointModel()),
+        SplitConformal(NearestNeighbours()),
+    ],
+    ids=["gp", "vjm-gp", "vjm", "knn"],
+)
+def test_intervals_hold_beyond_the_training_range(model, beyond, parts, real_robot):
+    robot, train, _, test = parts
+    fitted = clone(model).fit(train, robot=robot)
+    near = fitted.predict_interval(test.q, test.wrench, 0.9)
+    q, wrench = beyond(train, test)
+    far, truth = fitted.predict_interval(q, wrench, 0.9), real_robot.readings(q, wrench)
+    assert ((far.lower <= truth) & (truth <= far.upper)).mean() >= 0.8
+    assert np.median((far.upper - far.lower) / (near.upper - near.lower)) >= 1.8
+
+
+def test_poses_that_are_too_few_to_leave_any_out_leave_the_deviations_as_they_are(parts):
+    robot, train, _, _ = parts
+    model = GaussianProcessModel(restarts=0).fit(train.take(np.arange(9)), robot=robot)
+    np.testing.assert_array_equal(model.calibration_, 1.0)
 
 
 def test_rows_whose_covariance_has_no_factor_are_refused(rng):

@@ -8,6 +8,7 @@ import pytest
 from quick_models import twin_data
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.training_range import TrainingRange
+from stiff_protocols.contract.types import Interval
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +42,33 @@ def test_rounding_of_a_load_that_was_none_in_training_is_no_extrapolation(sample
     known = TrainingRange(samples.q.min(axis=0), samples.q.max(axis=0), force=100.0, torque=0.0)
     wrench = np.array([[0.0, 0.0, -80.0, 1e-9, 0.0, 0.0], [0.0, 0.0, -80.0, 1.0, 0.0, 0.0]])
     assert known.extrapolates(samples.q[:2], wrench) == ["", "load"]
+
+
+def steady(q, wrench):
+    """+-1 mm about a deflection of 1 mm an N up to 10 N, where the model stops growing."""
+    middle = 1e-3 * np.minimum(wrench[:, :3], 10.0)
+    return Interval(middle - 1e-3, middle + 1e-3, 0.9)
+
+
+@pytest.mark.parametrize(
+    ("joint", "force", "half"),
+    [
+        (0.5, 10.0, 1e-3),  # inside
+        (1.5, 10.0, 1.5e-3),  # half a radian beyond
+        (-1.0, 10.0, 2e-3),
+        (0.5, 30.0, 3e-3 + 20e-3),  # three times 1 mm, and to where three times 10 N would lead
+        (1.5, 30.0, 1.5 * (3e-3 + 20e-3)),
+    ],
+)
+def test_an_interval_grows_with_the_load_and_the_way_beyond_the_range(joint, force, half):
+    known = TrainingRange(np.zeros(2), np.ones(2), force=10.0, torque=0.0)
+    q, wrench = np.array([[joint, 0.5]] * 2), np.zeros((2, 6))
+    wrench[:, 0] = force
+    q[1], wrench[1, 0] = 0.5, 10.0  # a row inside stays as it is
+    found = known.widened(steady, q, wrench)
+    middle = steady(q, wrench).lower[:, 0] + 1e-3
+    np.testing.assert_allclose(found.upper[:, 0] - middle, [half, 1e-3])
+    np.testing.assert_allclose(middle - found.lower[:, 0], [half, 1e-3])
 
 
 @pytest.mark.parametrize(

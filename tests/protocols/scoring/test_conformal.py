@@ -13,7 +13,7 @@ from stiff_protocols.contract.errors import ModelError, NotFittedError
 from stiff_protocols.contract.types import Samples
 from stiff_protocols.scoring.conformal import SplitConformal, calibration_samples_needed
 
-ONE, TWO = [(np.zeros((n, 6)), np.zeros((n, 6))) for n in (1, 2)]  # rows to predict
+ONE, TWO = [(np.full((n, 6), 5.0), np.zeros((n, 6))) for n in (1, 2)]  # rows to predict
 
 
 class Rest(BaseEstimator):

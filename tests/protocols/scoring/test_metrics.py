@@ -84,7 +84,12 @@ def test_coverage_and_width_are_of_each_axis_and_the_bounds_are_inside(predictio
     judged = replace(prediction, interval=Interval(lower, upper, 0.9))
     assert by_axis("coverage", judged) == [1.0, 0.0, 0.5]
     assert by_axis("width", judged) == [2.5, 2.0, 4.0]
-    for key in ("coverage", "width"):
+    assert whole("coverage-3d", judged) == 0.0
+    around_the_first = Interval(
+        lower - [[0.0, 1.0, 0.0], [0.0] * 3], np.add(upper, [[1.0], [0.0]]), 0.9
+    )
+    assert whole("coverage-3d", replace(prediction, interval=around_the_first)) == 0.5
+    for key in ("coverage", "coverage-3d", "width"):
         assert metric(key).needs_interval and metric(key).values(prediction) == {}
 
 

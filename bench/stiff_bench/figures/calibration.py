@@ -1,0 +1,92 @@
+"""Whether intervals hold as often as they promise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from stiff_bench.figures.figure import Content
+from stiff_bench.figures.source import FigureSource
+from stiff_bench.figures.style import COLUMN_INCH, REFERENCE_COLOR, looks, new_figure, short
+from stiff_bench.store.database import read_results
+from stiff_bench.store.names import grouped
+from stiff_bench.tables.metric_table import pooled_prediction
+from stiff_protocols.contract.record import CellResult
+from stiff_protocols.scoring.metrics import METRICS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOST_MODELS = 8
+LEVELS = "0.5, 0.8, 0.9, 0.95"
+
+
+def calibration_figure(held: pd.DataFrame) -> Figure:
+    """Draw a line a model: a row is a nominal coverage, a column a model, both 0..1."""
+    figure = new_figure(COLUMN_INCH, COLUMN_INCH)
+    axes, found = figure.subplots(), 100.0 * held
+    least = min(held.index.min(), held.min(axis=None)) * 100.0 - 3.0
+    axes.axline((90.0, 90.0), slope=1.0, color=REFERENCE_COLOR, linewidth=0.8)
+    for look, name in zip(looks(len(found.columns)), found.columns, strict=True):
+        line = found[name].dropna()
+        axes.plot(
+            100.0 * line.index, line, marker=look.marker, label=short(name), **look.connected()
+        )
+    axes.set(
+        xlabel="nominal coverage [%]",
+        ylabel="test samples inside [%]",
+        xlim=(least, 101.0),
+        ylim=(least, 101.0),
+        aspect="equal",
+    )
+    axes.legend(loc="upper left")
+    return figure
+
+
+def gather(source: FigureSource) -> Content:
+    """Take the results with intervals, of every coverage that was run."""
+    # those shown elsewhere are of the newest coverage alone, for which there may be too few poses
+    found: dict[str, list[CellResult]] = {}
+    for one in read_results(source.folder):
+        if one.prediction is not None and one.prediction.interval is not None:
+            found.setdefault(_whatever_coverage(one), []).append(one)
+
+    def has(result: CellResult) -> bool:
+        return _whatever_coverage(result) in found
+
+    case = source.case(has, needs="intervals: `bench run --metric coverage` makes them")
+    compared = source.compared(case, MOST_MODELS, has)
+    held = {
+        name: _held([found[_whatever_coverage(one)] for one in case.results(name, compared.slots)])
+        for name in compared.models
+    }
+    caption = (
+        "Share of the test samples of all splits inside their intervals, mean of X, Y and Z, over "
+        "the share that should be; on the diagonal the intervals hold, below it they are too "
+        f"narrow. A point a coverage (`bench run --coverage`, such as {LEVELS}). {compared.setting}"
+    )
+    return Content(caption, partial(calibration_figure, pd.DataFrame(held)))
+
+
+def _held(splits: Sequence[Sequence[CellResult]]) -> pd.Series:
+    """Return nominal coverage -> share inside, of those that every split has."""
+    of_coverage = grouped((one for split in splits for one in split), _coverage)
+    shares = {
+        coverage: np.mean([*METRICS["coverage"].values(pooled_prediction(results)).values()])
+        for coverage, results in of_coverage.items()
+        if len(results) == len(splits)
+    }
+    return pd.Series(shares).sort_index()
+
+
+def _coverage(result: CellResult) -> float:
+    return result.cell.coverage or 0.0
+
+
+def _whatever_coverage(result: CellResult) -> str:
+    return replace(result.cell, coverage=None).key
