@@ -122,7 +122,9 @@ def test_a_data_set_in_mm_or_of_chance_fails(fanuc):
     class InMillimetres(Loads):
         factor = 1000.0
 
-    assert all(check.status == "passed" for check in check_dataset(FanucR2000iC))
-    chance, units = check_dataset(Loads)
+    *checks, answers = check_dataset(FanucR2000iC)
+    assert all(check.status == "passed" for check in checks)
+    assert answers.status == "not applicable"
+    chance, units, _ = check_dataset(Loads)
     assert (chance.status, units.status) == ("failed", "passed")
     assert "is it in mm?" in check_dataset(InMillimetres)[1].reason
