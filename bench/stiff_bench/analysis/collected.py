@@ -38,7 +38,7 @@ def test_share(results: Sequence[CellResult], data: StoredData) -> float:
     """
     n_train, n_test = split_sizes(results)
     if results[0].shown.measured_sha256:
-        return 1.0 - n_train / data.n_measured
+        return 1.0 - n_train / len(data.measured)
     return n_test / len(data.samples)
 
 

@@ -212,7 +212,7 @@ def _of_protocol(
             selects_on_test=protocol.selects_on_test,
             pooled=protocol.pooled,
             caveats=tuple(dict.fromkeys(dataset.info.caveats + caveats)),
-            published=dataset.info.published,
+            published="" if paths is not None else dataset.info.published,
             source=of_source,
             warning=" ".join(filter(None, [choice.info.warning, no_test])),
             reports_training=bool(no_test),

@@ -66,9 +66,9 @@ class StoredData:
     geometry: Robot | None = None
 
     @property
-    def n_measured(self) -> int:
-        """How many of the samples are no points of tool paths that a protocol added."""
-        return int((self.samples.group != PATH_GROUP).sum())
+    def measured(self) -> Samples:
+        """The samples without the points of tool paths that a protocol added."""
+        return self.samples.take(np.flatnonzero(self.samples.group != PATH_GROUP))
 
 
 _ROBOT_NAMES = ("name", "joint_names", "joint_types")
