@@ -88,6 +88,9 @@ WRITE_BELOW_OUTPUT = (
         FIT,
         "predict --model ../out/m.stiff --input ../out/some.csv --output ../out/all.csv",
         "export --model ../out/m.stiff --output ../out/mlp.onnx",
+        "path example --points 9 --output ../out/path.csv",
+        "path compensate --model ../out/m.stiff --path ../out/path.csv --output ../out/c.csv "
+        "--figure ../out/path.png",
     ),
 )
 REGISTER = "data register kr10-measured ../out/mine.csv"

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from stiff_bench.api.figures import figure, paper_table
     from stiff_bench.api.measuring import plan_poses, simulate, validate
     from stiff_bench.api.model import Model, load_model, make_model
+    from stiff_bench.api.path import compensate_path, example_path
     from stiff_bench.api.results import Results, merge, open_results
     from stiff_bench.api.robot import Robot
     from stiff_bench.api.tables import Tables
@@ -44,6 +45,7 @@ _PLACES = {
     "stiff_bench.api.figures": ("figure", "paper_table"),
     "stiff_bench.api.measuring": ("plan_poses", "simulate", "validate"),
     "stiff_bench.api.model": ("Model", "load_model", "make_model"),
+    "stiff_bench.api.path": ("compensate_path", "example_path"),
     "stiff_bench.api.results": ("Results", "merge", "open_results"),
     "stiff_bench.api.robot": ("Robot",),
     "stiff_bench.api.tables": ("Tables",),
@@ -59,7 +61,9 @@ __all__ = [
     "Samples",
     "Tables",
     "check",
+    "compensate_path",
     "evaluate",
+    "example_path",
     "figure",
     "list_datasets",
     "list_metrics",

@@ -61,6 +61,7 @@ class Model:
         choice: which model, with its options.
         fitted: the model itself, of stiffbench's contract or a plugin's class; None before `fit`.
         note: how the number of epochs was chosen; "" where there is nothing to choose.
+        file: that it was read from; None where it was not.
     """
 
     def __init__(self, choice: Choice[ModelInfo]) -> None:
@@ -68,7 +69,7 @@ class Model:
         self.choice = choice
         self.fitted: Any = None
         self.note = ""
-        self._file: Path | None = None
+        self.file: Path | None = None
         self._has_warned = False
 
     @property
@@ -109,10 +110,10 @@ class Model:
             NotFittedError: `fit` was not called.
             ModelError: the shapes are not those of the robot.
         """
-        self._check_fitted()
+        self.check_fitted()
         predicted = np.asarray(self.fitted.predict(q, wrench))
         if not self._has_warned:
-            _, warning = _extrapolation(
+            _, warning = extrapolation(
                 self.training_range, np.asarray(q), np.asarray(wrench), self.fitted.robot_
             )
             self._has_warned = bool(warning)
@@ -129,7 +130,7 @@ class Model:
         Raises:
             NotFittedError: `fit` was not called.
         """
-        self._check_fitted()
+        self.check_fitted()
         found = getattr(self.fitted, "training_range_", None)
         return found if isinstance(found, TrainingRange) else None
 
@@ -157,7 +158,7 @@ class Model:
         """
         from stiff_datasets.measured.load_file import read_loads, write_predictions
 
-        self._check_fitted()
+        self.check_fitted()
         check_new_file(Path(output))
         model, interval = self.fitted, None
         if coverage is not None and not isinstance(model, PredictsInterval):
@@ -166,17 +167,17 @@ class Model:
                 "(those of `bench run` come from samples that were held out)",
                 "coverage",
             )
-        with _blamed_on(self._file, but=StiffBenchError):  # which is of the loads
+        with blamed_on(self.file, but=StiffBenchError):  # which is of the loads
             table = read_loads(Path(loads), model.robot_)
         for oddity in table.oddities:
             say(f"warning: {oddity}")
-        with _blamed_on(self._file):
+        with blamed_on(self.file):
             if coverage is not None:
                 interval = model.predict_interval(table.q, table.wrench, coverage)
             predicted = frozen_array(
                 model.predict(table.q, table.wrench), "the prediction", (len(table.q), 3)
             )
-            extrapolates, warning = _extrapolation(
+            extrapolates, warning = extrapolation(
                 self.training_range, table.q, table.wrench, model.robot_
             )
         write_predictions(Path(output), table, predicted, extrapolates, interval)
@@ -193,13 +194,18 @@ class Model:
             ConfigError: the model is no network, or a package is missing.
             StoreError: the file cannot be written, or exists.
         """
-        self._check_fitted()
+        self.check_fitted()
         check_new_file(Path(file))
         from stiff_models.networks.onnx_export import export_onnx
 
         export_onnx(self.fitted, Path(file))
 
-    def _check_fitted(self) -> None:
+    def check_fitted(self) -> None:
+        """See that it is fitted.
+
+        Raises:
+            NotFittedError: `fit` was not called.
+        """
         if self.fitted is None:
             raise NotFittedError(f"{self.name}: call fit first")
 
@@ -243,7 +249,7 @@ class Model:
         """
         from stiff_models.io.saved import save
 
-        self._check_fitted()
+        self.check_fitted()
         choice = self.choice
         is_plugin = choice.cls.__module__ != "__main__" and bool(code_of(choice.cls))
         save(self.fitted, Path(file), {choice.info.key: choice.params} if is_plugin else None)
@@ -324,7 +330,7 @@ def load_model(file: Path | str) -> Model:
     keys = [key for key, cls in plugins.items() if type(fitted) is cls]
     choice: Choice[ModelInfo] = Choice.of(known.model(keys[0] if keys else key_of(fitted)))
     model = Model(choice if keys else replace(choice, params=fitted.get_params(deep=False)))
-    model.fitted, model._file = fitted, Path(file)
+    model.fitted, model.file = fitted, Path(file)
     return model
 
 
@@ -339,7 +345,7 @@ def check_new_file(path: Path) -> None:
         raise StoreError(f"{path}: cannot be written: no folder {path.parent}")
 
 
-def _extrapolation(
+def extrapolation(
     known: TrainingRange | None, q: FloatArray, wrench: FloatArray, robot: Robot
 ) -> tuple[list[str], str]:
     """Return what of each row extrapolates, and a warning with numbers, "" for none."""
@@ -369,7 +375,7 @@ def _extrapolation(
 
 
 @contextmanager
-def _blamed_on(model_file: Path | None, but: tuple[()] | type[Exception] = ()) -> Iterator[None]:
+def blamed_on(model_file: Path | None, but: tuple[()] | type[Exception] = ()) -> Iterator[None]:
     """Make one clear error of whatever a model from a crafted file raises, `but` for some.
 
     Raises:

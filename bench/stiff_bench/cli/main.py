@@ -31,6 +31,7 @@ from stiff_bench.cli.options import (
     settings_option,
     several_keys,
 )
+from stiff_bench.cli.path import path
 from stiff_bench.cli.refusals import Commands, refusal
 from stiff_bench.cli.results import cache, merge
 from stiff_bench.console import print_text, say
@@ -179,7 +180,7 @@ def show(key: str) -> None:
 
 for command in (
     *(cache, check, compare, data, export, figure, fit, leaderboard, merge, new),
-    *(predict, report, reproduce, table),
+    *(path, predict, report, reproduce, table),
 ):
     bench.add_command(command)
 

@@ -89,22 +89,26 @@ class Millimetres(FiniteRange):
             self.fail(f"{value!r} is no length (valid: 0.01mm, 0.01, ...)", param, ctx)
 
 
-class Tcp(click.ParamType[tuple[float, ...]]):
-    """A tool centre point, such as 0.06,0,0.08."""
+class Numbers(click.ParamType[tuple[float, ...]]):
+    """Numbers with commas between, such as 0.06,0,0.08."""
 
-    name = "tcp"
+    name = "numbers"
+
+    def __init__(self, what: str, count: int | None = None) -> None:
+        """Remember what they are, and how many there must be; None: at least one."""
+        self.what, self.count = what, count
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[float, ...]:
-        """Return the lengths, or refuse a text that is no three of them."""
+        """Return the numbers, or refuse a text that is none of them."""
         try:
-            x, y, z = (float(word) for word in value.split(","))
+            numbers = tuple(float(word) for word in str(value).split(","))
         except ValueError:
-            x = y = z = math.nan
-        if not math.isfinite(x + y + z):
-            self.fail(f"{value!r}: expected three finite lengths in m, x,y,z", param, ctx)
-        return x, y, z
+            numbers = (math.nan,)
+        if not all(map(math.isfinite, numbers)) or self.count not in (None, len(numbers)):
+            self.fail(f"{value!r}: expected {self.what}", param, ctx)
+        return numbers
 
 
 SMALLEST_SIZE = 2**20
@@ -238,7 +242,7 @@ ranking_options = together(
 )
 tcp_option = click.option(
     "--tcp",
-    type=Tcp(),
+    type=Numbers("three finite lengths in m, x,y,z", 3),
     metavar="X,Y,Z",
     help="Tool centre point in the frame of the last link, in m.  [default: the shipped robot's, "
     "or 0,0,0 with --urdf]",

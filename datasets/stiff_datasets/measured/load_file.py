@@ -126,8 +126,15 @@ def write_predictions(
     """
     columns = dict(zip(DEFLECTION_COLUMNS, deflection.T, strict=True))
     if interval is not None:
-        for i, axis in enumerate(AXES):
-            columns[f"d{axis}_lower_mm"] = interval.lower[:, i]
-            columns[f"d{axis}_upper_mm"] = interval.upper[:, i]
+        columns |= interval_columns(interval)
     in_mm = {name: in_file_units(np.asarray(values), MM_PER_M) for name, values in columns.items()}
     write_table(path, table.columns.assign(**in_mm, extrapolates=list(extrapolates)))
+
+
+def interval_columns(interval: Interval) -> dict[str, FloatArray]:
+    """Return the names of the columns of an interval, and its bounds, m."""
+    columns = {}
+    for i, axis in enumerate(AXES):
+        columns[f"d{axis}_lower_mm"] = interval.lower[:, i]
+        columns[f"d{axis}_upper_mm"] = interval.upper[:, i]
+    return columns

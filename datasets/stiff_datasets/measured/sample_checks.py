@@ -211,12 +211,13 @@ def _without_junk(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, list[P
     for row in np.flatnonzero(junk):
         column = str(filled.columns[int(np.argmax(filled.iloc[row]))])
         valid = f"a row of {filled.shape[1]} cells" if empty[row] else "a row with numbers"
-        problems.append(_problem(sheet, row, column, valid))
+        problems.append(cell_problem(sheet, row, column, valid))
     rows = sheet.cells[~junk].reset_index(drop=True)
     return replace(sheet, cells=rows, lines=sheet.lines[~junk]), problems
 
 
-def _problem(sheet: Sheet, row: int | np.integer, column: str, valid: str) -> Problem:
+def cell_problem(sheet: Sheet, row: int | np.integer, column: str, valid: str) -> Problem:
+    """Return the problem of one cell: its value, and what would be valid."""
     return Problem(
         value=_shortened(str(sheet.cells[column].iloc[row])),
         valid=valid,
@@ -232,16 +233,16 @@ def _shortened(text: str, most: int = _SHOWN) -> str:
 def _long_names(sheet: Sheet) -> Iterator[Problem]:
     for column in {*ID_COLUMNS}.intersection(sheet.cells):
         for row in np.flatnonzero(sheet.cells[column].str.len() > LONGEST_CELL):
-            yield _problem(sheet, row, column, f"a name of at most {LONGEST_CELL} characters")
+            yield cell_problem(sheet, row, column, f"a name of at most {LONGEST_CELL} characters")
 
 
 def _id_problems(sheet: Sheet) -> Iterator[Problem]:
     for column in ID_COLUMNS:
         for row, name in enumerate(sheet.cells[column]):
             if not name or (column == "pose_id" and name.startswith("#")):
-                yield _problem(sheet, row, column, "a name")
+                yield cell_problem(sheet, row, column, "a name")
             elif name != name.strip() or _UNPRINTABLE.search(name):
-                yield _problem(sheet, row, column, "a name that prints on one line")
+                yield cell_problem(sheet, row, column, "a name that prints on one line")
     pair = sheet.cells[["pose_id", "load_id"]]
     for again in np.flatnonzero(pair.duplicated() & (pair != "").all(axis=1)):
         yield Problem(
@@ -257,14 +258,14 @@ def number_problems(
 ) -> Iterator[Problem]:
     """Yield the cells of `columns` whose `values` (n, len(columns)) are no finite numbers."""
     for row, column in np.argwhere(~np.isfinite(values)):
-        yield _problem(sheet, row, columns[column], "a finite number")
+        yield cell_problem(sheet, row, columns[column], "a finite number")
 
 
 def wrench_problems(sheet: Sheet, wrench: FloatArray) -> Iterator[Problem]:
     """Yield the components of (n, 6) `wrench` that no robot bears, N and N m."""
     valid = f"a load within +-{LARGEST_NUMBER:g}; is the file in another unit?"
     for row, column in np.argwhere(np.isfinite(wrench) & (np.abs(wrench) > LARGEST_NUMBER)):
-        yield _problem(sheet, row, WRENCH_COLUMNS[column], valid)
+        yield cell_problem(sheet, row, WRENCH_COLUMNS[column], valid)
 
 
 def radian_problems(q_file: FloatArray, robot: Robot) -> Iterator[Problem]:
@@ -286,7 +287,7 @@ def limit_problems(sheet: Sheet, q_file: FloatArray, robot: Robot) -> Iterator[P
     units = [column.rpartition("_")[2] for column in joint_columns(robot)]
     outside = (q_file < lower - LIMIT_SLACK) | (q_file > upper + LIMIT_SLACK)
     for row, joint in np.argwhere(np.isfinite(q_file) & outside):
-        yield _problem(
+        yield cell_problem(
             sheet,
             row,
             joint_columns(robot)[joint],
@@ -306,7 +307,7 @@ def _deflection_problems(sheet: Sheet, deflection_mm: FloatArray) -> Iterator[Pr
         return
     valid = f"mm within +-{LARGEST_DEFLECTION_MM:g}; is the file in another unit?"
     for row, axis in np.argwhere(size > LARGEST_DEFLECTION_MM):
-        yield _problem(sheet, row, DEFLECTION_COLUMNS[axis], valid)
+        yield cell_problem(sheet, row, DEFLECTION_COLUMNS[axis], valid)
     if size.max() < SMALLEST_DEFLECTION_MM:  # not so where a cell is no number
         yield Problem(
             f"no deflection exceeds {SMALLEST_DEFLECTION_MM:g} mm (largest {size.max():g}); the "
@@ -323,7 +324,7 @@ def _pose_problems(sheet: Sheet, q_file: FloatArray, robot: Robot) -> Iterator[P
     away = np.abs(q_file - q_file[first])
     for row in np.flatnonzero((away > SAME_POSE).any(axis=1)):
         column = joint_columns(robot)[int(np.nanargmax(away[row]))]
-        yield _problem(
+        yield cell_problem(
             sheet,
             row,
             column,

@@ -146,7 +146,8 @@ class Sheet:
         for i, header in enumerate(self.cells.columns):
             name, unit = _split(header)
             column = usual.get(name, "")
-            ours = "" if column in ID_COLUMNS else column.rpartition("_")[2]
+            ours = column.rpartition("_")[2]
+            ours = ours if ours in UNITS else ""
             factor = UNITS[ours].get(unit) if ours and unit else 1.0
             if factor is None:
                 others = (one for one in UNITS[ours] if one.isascii() and one != ours.lower())

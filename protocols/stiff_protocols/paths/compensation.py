@@ -7,14 +7,14 @@ changes over its own length, so each step is about a hundredth of the one before
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from stiff_protocols.contract.arrays import FloatArray, IntArray, TextArray, frozen_array
 from stiff_protocols.contract.robot import Robot
-from stiff_protocols.paths.inverse import BoolArray, solved
+from stiff_protocols.paths.inverse import BoolArray, refuse_redundant, solved
 from stiff_protocols.paths.path import ToolPath
 
 Predict = Callable[[FloatArray, FloatArray], FloatArray]
@@ -49,6 +49,12 @@ class Compensation:
     contraction: FloatArray
     problem: TextArray
 
+    @classmethod
+    def joined(cls, parts: Sequence[Compensation]) -> Compensation:
+        """Return the rows of several, in this order."""
+        names = [each.name for each in fields(cls)]
+        return cls(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
+
     @property
     def converged(self) -> BoolArray:
         """(n,) whether the row was corrected."""
@@ -75,7 +81,11 @@ def compensate(
         q: (n, n_joints) joint positions at the points of the path, rad or m (`inverse.follow`).
         tolerance_m: remaining distance to the wanted point at which a row is done, m.
         max_iterations: predictions of a row at most.
+
+    Raises:
+        DataError: the robot is redundant, or `predict` returns another shape or no finite number.
     """
+    refuse_redundant(robot)
     n = len(path)
     wanted = frozen_array(robot.checked_positions(q), "q", (n, robot.n_joints))
     command, position = wanted.copy(), path.position.copy()

@@ -7,7 +7,7 @@ interpolates the joint positions between them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,6 +79,10 @@ class Followed:
         """(n,) whether the row can be driven."""
         return self.reached & ~self.beyond.any(axis=1) & ~self.singular & ~self.flips
 
+    def take(self, rows: slice) -> Followed:
+        """Return some rows."""
+        return Followed(*(getattr(self, each.name)[rows] for each in fields(self)))
+
 
 def solved(
     robot: Robot, position: FloatArray, rotation: FloatArray, seed: FloatArray
@@ -122,8 +126,37 @@ def solved(
     return q, reached
 
 
+def refuse_redundant(robot: Robot) -> None:
+    """Refuse a robot for which a pose of the tool does not say where the joints are.
+
+    Raises:
+        DataError: it has more than six joints.
+    """
+    if robot.n_joints > 6:
+        raise DataError(
+            f"robot {robot.name!r} is redundant: {robot.n_joints} joints (valid: at most 6)"
+        )
+
+
+def judged(robot: Robot, q: FloatArray) -> Followed:
+    """Return what can be said of joint positions (n, n_joints) that are given, rad or m."""
+    jacobian = _even(robot.jacobian(q))
+    flips = np.zeros(len(q), dtype=bool)
+    if robot.n_joints == 6:  # the sign is that of shoulder, elbow and wrist together
+        sign = np.sign(np.linalg.det(jacobian))
+        flips[1:] = sign[1:] * sign[:-1] < 0.0
+    beyond = (q < robot.lower - LIMIT_SLACK) | (q > robot.upper + LIMIT_SLACK)
+    reached = np.ones(len(q), dtype=bool)
+    return Followed(q, reached, beyond, np.linalg.cond(jacobian), flips)
+
+
 def follow(
-    robot: Robot, position: FloatArray, rotation: FloatArray, start: FloatArray | None = None
+    robot: Robot,
+    position: FloatArray,
+    rotation: FloatArray,
+    start: FloatArray | None = None,
+    *,
+    near: FloatArray | None = None,
 ) -> Followed:
     """Return joint positions along a path, on one continuous branch.
 
@@ -133,40 +166,42 @@ def follow(
         rotation: (n, 3, 3) of the last joint's frame.
         start: (n_joints,) joint positions near the first point, which choose the configuration;
             None: of all configurations that are found, the one that can be driven furthest, and of
-            several the one whose worst condition is the least.
+            several the nearest to `near`.
+        near: (n_joints,) rad or m; None: the middle of the joints' limits.
 
     Raises:
         DataError: the robot has more than six joints: it has a choice at every point.
     """
-    if robot.n_joints > 6:
-        raise DataError(
-            f"robot {robot.name!r} is redundant: {robot.n_joints} joints (valid: at most 6), so a "
-            "pose of the tool does not say where its joints are"
-        )
+    refuse_redundant(robot)
     if start is None:
         starts = _configurations(robot, position[0], rotation[0])
     else:
         starts = robot.checked_positions(np.atleast_2d(start))
+    near = _middle(robot) if near is None else near
     seeds, breaks = _marched(robot, position, rotation, starts)
 
-    def judged(branch: int, rows: IntArray) -> Followed:
-        return _judged(
+    def driven(branch: int, rows: IntArray) -> Followed:
+        return _driven(
             robot,
             position[rows],
             rotation[rows],
             seeds[branch][rows],
             breaks[branch][rows],
-            wrapped=start is None,
+            near=near if start is None else None,
         )
 
     some = np.unique(np.linspace(0, len(position) - 1, COMPARED_AT).astype(int))
     best, least = 0, (np.inf, np.inf, np.inf)
     for branch in range(len(starts) if len(starts) > 1 else 0):
-        found = judged(branch, some)
-        cost = float(breaks[branch].sum()), float((~found.ok).sum()), found.condition.max()
+        found = driven(branch, some)
+        cost = (
+            float(breaks[branch].sum()),
+            float((~found.ok).sum()),
+            float(np.linalg.norm(found.q.mean(axis=0) - near)),
+        )
         if cost < least:
             best, least = branch, cost
-    return judged(best, np.arange(len(position)))
+    return driven(best, np.arange(len(position)))
 
 
 def _even(jacobian: FloatArray) -> FloatArray:
@@ -245,38 +280,38 @@ def _marched(
     return np.array(seeds), breaks
 
 
-def _judged(
+def _driven(
     robot: Robot,
     position: FloatArray,
     rotation: FloatArray,
     seeds: FloatArray,
     breaks: BoolArray,
     *,
-    wrapped: bool,
+    near: FloatArray | None,
 ) -> Followed:
-    """Return the branch of (n, n_joints) seeds; `wrapped`: by turns of 360 deg into the limits."""
+    """Return the branch of (n, n_joints) seeds; by turns of 360 deg next to `near`, if given."""
     q, reached = solved(robot, position, rotation, seeds)
     away = np.abs(np.diff(q - seeds, axis=0)).max(axis=1, initial=0.0) > JUMP
     flips = breaks | np.r_[False, away & reached[1:] & reached[:-1]]
-    if wrapped:
-        q = q + _turns_into_limits(robot, q)
-    jacobian = _even(robot.jacobian(q))
-    if robot.n_joints == 6:  # its sign is that of shoulder, elbow and wrist
-        sign = np.sign(np.linalg.det(jacobian))
-        flips |= np.r_[False, sign[1:] * sign[:-1] < 0.0]
-    condition = np.linalg.cond(jacobian)
-    beyond = (q < robot.lower - LIMIT_SLACK) | (q > robot.upper + LIMIT_SLACK)
-    return Followed(q, reached, beyond, condition, flips)
+    if near is not None:
+        q = q + _turns_to(near, robot, q)
+    found = judged(robot, q)
+    return replace(found, reached=reached, flips=flips | found.flips)
 
 
-def _turns_into_limits(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return (n_joints,) the multiples of 360 deg that bring a branch next to its joints' middle.
-
-    Zero is the middle of a joint without limits.
-    """
+def _middle(robot: Robot) -> FloatArray:
+    """Return the (n_joints,) middle of the limits; zero for a joint without."""
     bounded = np.isfinite(robot.lower) & np.isfinite(robot.upper)
     middle = np.zeros(robot.n_joints)
     middle[bounded] = 0.5 * (robot.lower + robot.upper)[bounded]
-    whole = np.rint((middle - 0.5 * (q.min(axis=0) + q.max(axis=0))) / (2.0 * np.pi))
+    return middle
+
+
+def _turns_to(near: FloatArray, robot: Robot, q: FloatArray) -> FloatArray:
+    """Return the (n_joints,) turns of 360 deg that bring a branch next to a point in the limits."""
+    low, high = q.min(axis=0), q.max(axis=0)
+    whole = np.rint((near - 0.5 * (low + high)) / (2.0 * np.pi))
+    whole += (low + 2.0 * np.pi * whole < robot.lower - LIMIT_SLACK).astype(float)
+    whole -= high + 2.0 * np.pi * whole > robot.upper + LIMIT_SLACK
     turns = np.array([kind == "revolute" for kind in robot.joint_types])
     return np.asarray(2.0 * np.pi * np.where(turns, whole, 0.0))

@@ -1,0 +1,323 @@
+"""Tool paths: an example to begin with, and commands that correct one for the deflection."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from stiff_bench.api.model import Model, blamed_on, check_new_file, extrapolation
+from stiff_bench.console import say
+from stiff_bench.plan.words import RobotWords
+from stiff_bench.run.progress import display
+from stiff_bench.tables.picture_file import check_suffix
+from stiff_datasets.measured.path_file import (
+    LoadFrame,
+    PathTable,
+    frame_matrix,
+    path_problems,
+    read_path,
+    tool_of,
+    write_corrected,
+    write_path,
+)
+from stiff_datasets.measured.sample_checks import Problem, problems_error
+from stiff_datasets.measured.sample_files import MM_PER_M, file_units
+from stiff_protocols.contract.errors import (
+    ConfigError,
+    DataError,
+    ModelError,
+    StiffBenchWarning,
+    unknown_name,
+)
+from stiff_protocols.contract.interfaces import PredictsInterval
+from stiff_protocols.contract.progress import report
+from stiff_protocols.contract.types import FloatArray, Interval, Robot
+from stiff_protocols.paths.compensation import (
+    MAX_ITERATIONS,
+    TOLERANCE_M,
+    Compensation,
+    compensate,
+)
+from stiff_protocols.paths.inverse import Followed, follow, judged, refuse_redundant
+from stiff_protocols.paths.path import SHAPES, ToolPath
+
+BLOCK = 2_000
+"""Points that are computed at once; progress is shown after each block."""
+COMPARED_AT = 200
+"""Points of a long path at which configurations of its start are compared."""
+EXAMPLE_POINTS, EXAMPLE_SIZE_MM = 401, 200.0
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectedPath:
+    """A path and the commands that put the loaded tool on it.
+
+    Attributes:
+        wanted: the points, base frame, SI.
+        found: commands and predicted deflections, of the same rows.
+        extrapolates: (n,) what lies beyond the model's training range, as in `Model.predict_file`.
+        interval: of the deflections at the commands; None where none was asked for.
+    """
+
+    wanted: ToolPath
+    found: Compensation
+    extrapolates: list[str]
+    interval: Interval | None
+
+    @property
+    def error_before(self) -> FloatArray:
+        """(n,) predicted distance from the path without correction, m."""
+        return np.asarray(np.linalg.norm(self.found.before, axis=1))
+
+    @property
+    def error_after(self) -> FloatArray:
+        """(n,) predicted distance from the path with the commands, m."""
+        stands = self.found.position + self.found.deflection
+        return np.asarray(np.linalg.norm(stands - self.wanted.position, axis=1))
+
+    def __repr__(self) -> str:
+        """Return how many points were corrected, and the predicted errors."""
+        before, after = MM_PER_M * self.error_before, MM_PER_M * self.error_after
+        done = int(self.found.converged.sum())
+        return (
+            f"{done} of {len(self.wanted)} points corrected; predicted path error before "
+            f"{before.mean():.4g} mm mean, {before.max():.4g} mm largest, after "
+            f"{after.mean():.2g} mm mean, {after.max():.2g} mm largest"
+        )
+
+
+def example_path(
+    shape: str,
+    output: Path | str,
+    *,
+    size: float = EXAMPLE_SIZE_MM,
+    points: int = EXAMPLE_POINTS,
+    load: Sequence[float] | None = None,
+    robot: str | None = None,
+    urdf: Path | str | None = None,
+    tcp: Sequence[float] | None = None,
+) -> str:
+    """Write a path in front of a robot that it can drive, and return what was written.
+
+    Args:
+        shape: "square", "circle", "line" or "iso9283", horizontal.
+        output: a new file.
+        size: edge, diameter or length; of iso9283 the edge of the cube, mm.
+        points: number of points.
+        load: (6,) process load, N and N m, base frame; None: a quarter of the payload downwards.
+        robot: name of a shipped robot; None, without `urdf`: the KR10.
+        urdf: of another robot.
+        tcp: (3,) tool centre point in the frame of the last link, m.
+
+    Raises:
+        ConfigError: there is no such shape or robot, or the load is needed.
+        DataError: no place was found where the robot can drive the path.
+        StoreError: the file cannot be written, or exists.
+    """
+    output = Path(output)
+    check_new_file(output)
+    if shape not in SHAPES:
+        raise unknown_name("shape", shape, SHAPES)
+    arm, _, payload = RobotWords(robot, urdf, tcp).read()
+    if load is None:
+        if payload is None:
+            raise ConfigError(f"of {arm.name} is not known; give one, in N and N m", "load")
+        load = (0.0, 0.0, -0.25 * payload * 9.81, 0.0, 0.0, 0.0)
+    reach = np.linalg.norm(arm.placements[1:, :3, 3], axis=1).sum()
+    tool = tool_of(arm, None)
+    some = np.unique(np.linspace(0, points - 1, COMPARED_AT).astype(int))
+    for x, z in ((0.6, 0.4), (0.5, 0.3), (0.7, 0.4), (0.5, 0.6), (0.6, 0.2)):
+        driven: list[tuple[float, ToolPath]] = []
+        for quarter in range(4):  # how the tool is turned about itself, pointing down
+            angle = 0.5 * np.pi * quarter
+            down = frame_matrix((0.0, 0.0, 0.0, np.degrees(angle), 0.0, 180.0))
+            path = SHAPES[shape](
+                (x * reach, 0.0, z * reach),
+                size / MM_PER_M,
+                points,
+                rotation=(down @ np.linalg.inv(tool))[:3, :3],
+                wrench=load,
+            )
+            found = follow(arm, path.position[some], path.rotation[some])
+            if found.ok.all():
+                driven.append((float(np.abs(found.q[:, -1]).max()), path))
+        if driven:
+            write_path(output, min(driven, key=lambda one: one[0])[1], tool)
+            return f"{output}: {shape} of {points} points for {arm.name}, base frame"
+    raise DataError(
+        f"{arm.name} has no place for a {shape} of {size:g} mm in front of it; try a smaller size"
+    )
+
+
+def compensate_path(
+    model: Model,
+    path: Path | str,
+    output: Path | str,
+    *,
+    tool: Sequence[float] | None = None,
+    frame: Sequence[float] | None = None,
+    load: Sequence[float] | None = None,
+    load_frame: LoadFrame = "base",
+    start: Sequence[float] | None = None,
+    tolerance: float = MM_PER_M * TOLERANCE_M,
+    iterations: int = MAX_ITERATIONS,
+    on_failure: Literal["stop", "keep"] = "stop",
+    coverage: float | None = None,
+    figure: Path | str | None = None,
+) -> CorrectedPath:
+    """Correct a path for the deflection that a model predicts, and write the commands.
+
+    The command p_cmd is the fixed point of p_cmd = p - d(q(p_cmd), w): with it, the loaded tool is
+    predicted to be at p. The orientation is held, along one configuration of the arm.
+
+    Args:
+        model: fitted.
+        path: file of the points, see "Correct a tool path" in the docs.
+        output: a new file.
+        tool: x, y, z [mm], a, b, c [deg] of the tool in the frame of the robot description's last
+            link; None: the model's TCP with the orientation of that link.
+        frame: x, y, z [mm], a, b, c [deg] of the path's frame in the base frame; None: the base.
+        load: (6,) process load at every point, N and N m, for a file without loads.
+        load_frame: "base" or "tool", in which loads are expressed.
+        start: (n_joints,) joint positions near the first point, deg or mm, which choose the
+            configuration; None: the one that is nearest to the training poses.
+        tolerance: remaining predicted error at which a point is done, mm.
+        iterations: predictions of a point at most.
+        on_failure: "stop" with an error at a point that cannot be corrected, or "keep" it
+            uncorrected and warn.
+        coverage: of intervals that are written, too (0..1); None: none are.
+        figure: a new picture of the path and its errors.
+
+    Raises:
+        NotFittedError: the model is not fitted.
+        ConfigError: an option is wrong, or the model has no intervals.
+        DataError: the path cannot be read, or not be driven.
+        ModelError: a point cannot be corrected.
+        StoreError: a file cannot be written, or exists.
+    """
+    output = Path(output)
+    model.check_fitted()
+    check_new_file(output)
+    if figure is not None:
+        check_suffix(Path(figure))
+        check_new_file(Path(figure))
+    fitted, robot = model.fitted, model.fitted.robot_
+    if coverage is not None and not isinstance(fitted, PredictsInterval):
+        raise ConfigError(
+            f"{coverage:g}: {model.choice.info.key} has no intervals of its own", "coverage"
+        )
+    refuse_redundant(robot)
+    table = read_path(
+        Path(path), robot, tool_of(robot, tool), load=load, load_frame=load_frame, frame=frame
+    )
+    for oddity in table.oddities:
+        say(f"warning: {oddity}")
+    wanted = table.path
+    if not wanted.wrench.any():
+        say(f"warning: {path}: every load is zero, so there is nothing to correct")
+    known = model.training_range
+    near = None if known is None else 0.5 * (known.lower + known.upper)
+
+    def predict(at: FloatArray, wrench: FloatArray) -> FloatArray:
+        with blamed_on(model.file):
+            return np.asarray(fitted.predict(at, wrench))
+
+    with display():
+        q = _driven(Path(path), table, robot, start, near)
+        parts = [
+            compensate(
+                predict,
+                robot,
+                wanted.take(rows),
+                q[rows],
+                tolerance_m=tolerance / MM_PER_M,
+                max_iterations=iterations,
+            )
+            for rows in _blocks(len(wanted), "points corrected")
+        ]
+    found = Compensation.joined(parts)
+    left = np.flatnonzero(~found.converged)
+    if len(left):
+        row = left[0]
+        problem = Problem(
+            f"{found.problem[row]} after {found.iterations[row]} iterations, contraction "
+            f"{found.contraction[row]:.3g}",
+            f"below 1, and {tolerance:g} mm within {iterations} iterations",
+            int(table.lines[row]),
+            table.pose_columns,
+        )
+        text = f"{path}: {len(left)} of {len(wanted)} points cannot be corrected, first {problem}"
+        if on_failure == "stop":
+            raise ModelError(f"{text}; on-failure keep leaves such points uncorrected")
+        warnings.warn(f"{text}; see the column uncorrected", StiffBenchWarning, stacklevel=2)
+    interval = None
+    if coverage is not None:
+        with blamed_on(model.file):
+            interval = fitted.predict_interval(found.q, wanted.wrench, coverage)
+    extrapolates, warning = extrapolation(known, found.q, wanted.wrench, robot)
+    result = CorrectedPath(wanted, found, extrapolates, interval)
+    write_corrected(output, table, robot, found, extrapolates, interval)
+    if figure is not None:
+        from stiff_bench.figures.path import path_picture
+
+        path_picture(result.wanted, found, interval).save(Path(figure))
+    if warning:
+        warnings.warn(f"{warning}; see the column extrapolates", StiffBenchWarning, stacklevel=2)
+    return result
+
+
+def _blocks(n: int, phase: str) -> Iterator[slice]:
+    """Yield n rows in blocks, and report each but the last when it is done."""
+    for first in range(0, n, BLOCK):
+        if first:
+            report(phase, first, n)
+        yield slice(first, min(first + BLOCK, n))
+
+
+def _driven(
+    path: Path,
+    table: PathTable,
+    robot: Robot,
+    start: Sequence[float] | None,
+    near: FloatArray | None,
+) -> FloatArray:
+    """Return (n, n_joints) joint positions of the points, rad or m.
+
+    Raises:
+        DataError: a point cannot be driven.
+    """
+    wanted, n = table.path, len(table.path)
+    seed: FloatArray | None = None
+    if start is not None:
+        if table.q is not None:
+            raise ConfigError(f"{path} has joint angles, which choose the configuration", "start")
+        if len(start) != robot.n_joints:
+            raise ConfigError(
+                f"{len(start)} joint positions (valid: the {robot.n_joints} of {robot.name})",
+                "start",
+            )
+        seed = np.asarray(start) / file_units(robot)
+    elif table.q is None and n > BLOCK:
+        some = wanted.take(np.unique(np.linspace(0, n - 1, COMPARED_AT).astype(int)))
+        seed = follow(robot, some.position, some.rotation, near=near).q[0]
+    parts: list[FloatArray] = []
+    problems: list[Problem] = []
+    for rows in _blocks(n, "points checked"):
+        before = int(rows.start > 0)  # a flip is one since the row before
+        block = slice(rows.start - before, rows.stop)
+        found: Followed = (
+            follow(robot, wanted.position[block], wanted.rotation[block], seed, near=near)
+            if table.q is None
+            else judged(robot, table.q[block])
+        ).take(slice(before, None))
+        problems += path_problems(table, robot, found, rows.start)
+        seed = found.q[-1]
+        parts.append(found.q)
+    if problems:
+        raise problems_error(path, problems, "mend this one first")
+    return np.concatenate(parts)

@@ -1,0 +1,141 @@
+"""The `bench path` commands: words in, one function of `api/path.py` called."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from stiff_bench.cli.models import model_file_option
+from stiff_bench.cli.options import (
+    FILE,
+    PROBABILITY,
+    Millimetres,
+    Numbers,
+    WholeRange,
+    output_option,
+    picture,
+    plugin_option,
+    robot_options,
+)
+from stiff_bench.cli.refusals import Commands
+from stiff_bench.console import warnings_said
+
+FRAME = Numbers("six finite numbers, x,y,z in mm and a,b,c in deg", 6)
+load_option = click.option(
+    "--load",
+    type=Numbers("six finite numbers, fx,fy,fz in N and tx,ty,tz in N m", 6),
+    metavar="FX,FY,FZ,TX,TY,TZ",
+    help="Process load on the tool at every point, N and N m.",
+)
+
+
+@click.group(cls=Commands)
+def path() -> None:
+    """Correct tool paths for the deflection under load."""
+
+
+@path.command()
+@click.option(
+    "--shape",
+    type=click.Choice(["square", "circle", "line", "iso9283"]),
+    default="square",
+    help="Its shape; iso9283 passes through the five test points of ISO 9283.",
+)
+@click.option(
+    "--size",
+    type=Millimetres(1, 1e4),
+    default=200.0,
+    metavar="MM",
+    help="Edge, diameter or length; of iso9283 the edge of the cube.",
+)
+@click.option("--points", type=WholeRange(2, 1_000_000), default=401, help="Number of points.")
+@load_option
+@robot_options
+@output_option("FILE.csv")
+def example(**words: Any) -> None:
+    """Write a path that a robot can drive, to try `bench path compensate` on.
+
+    Without --load, a quarter of the robot's payload pulls downwards.
+    """
+    from stiff_bench.api.path import example_path
+
+    click.echo(example_path(**words))
+
+
+@path.command()
+@model_file_option
+@click.option(
+    "--path", "points", type=FILE, required=True, metavar="FILE", help="Points of the tool."
+)
+@output_option("FILE.csv", "New file: commanded poses and joint angles, predicted errors.")
+@click.option(
+    "--tool",
+    type=FRAME,
+    metavar="X,Y,Z,A,B,C",
+    help="Tool frame in the frame of the last link, mm and deg.  [default: the model's TCP, turned "
+    "as the last link]",
+)
+@click.option(
+    "--frame",
+    type=FRAME,
+    metavar="X,Y,Z,A,B,C",
+    help="Frame of the path in the base frame, mm and deg.  [default: the base frame]",
+)
+@load_option
+@click.option(
+    "--load-frame",
+    type=click.Choice(["base", "tool"]),
+    default="base",
+    help="Frame that loads are expressed in.",
+)
+@click.option(
+    "--start",
+    type=Numbers("one finite number a joint, deg or mm"),
+    metavar="Q1,Q2,...",
+    help="Joint angles near the first point, deg: they choose the configuration.  [default: the "
+    "one nearest to the model's training poses]",
+)
+@click.option(
+    "--tolerance",
+    type=Millimetres(1e-6, 10),
+    default=1e-3,
+    metavar="MM",
+    help="Predicted error that may remain.",
+)
+@click.option(
+    "--iterations", type=WholeRange(1, 1000), default=20, help="Predictions of a point at most."
+)
+@click.option(
+    "--on-failure",
+    type=click.Choice(["stop", "keep"]),
+    default="stop",
+    help="At a point that cannot be corrected: stop, or keep it uncorrected and name it.",
+)
+@click.option(
+    "--coverage",
+    type=PROBABILITY,
+    help="Add prediction intervals of this coverage.",
+)
+@click.option(
+    "--figure",
+    type=FILE,
+    callback=picture,
+    metavar="FILE.png",
+    help="Draw the path and its errors.",
+)
+@plugin_option
+def compensate(model: Path, points: Path, output: Path, **words: Any) -> None:
+    """Write the commands that put the loaded tool on a path.
+
+    The predicted deflection is subtracted at the pose that is commanded, until the loaded tool is
+    predicted to be on the path; its orientation is held.
+    """
+    from stiff_bench.api.model import load_model
+    from stiff_bench.api.path import compensate_path
+
+    found = load_model(model)
+    with warnings_said():
+        corrected = compensate_path(found, points, output, **words)
+    click.echo(f"{output}: {corrected!r} ({found.name}, robot {found.fitted.robot_.name})")

@@ -1,0 +1,394 @@
+"""Tool paths as files, CSV, Excel or Parquet: one row a point, in the order of the path.
+
+Columns: ``x_mm, y_mm, z_mm`` of the TCP and the orientation of the tool, ``a_deg, b_deg, c_deg``
+(KUKA: about Z, then the new Y, then the new X) or the quaternion ``qw, qx, qy, qz``; or, in place
+of both, the joint positions ``q1_deg .. qn_deg`` as in a measurement. The process load ``fx_N,
+fy_N, fz_N`` acts on the tool at the TCP; ``tx_Nm, ty_Nm, tz_Nm`` are zero where they are missing.
+A column ``frame`` may name the frame of the poses, the same in every row.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+
+from stiff_datasets.measured.load_file import interval_columns
+from stiff_datasets.measured.sample_checks import (
+    FULL_TURN_RAD,
+    Problem,
+    cell_problem,
+    limit_problems,
+    number_problems,
+    problems_error,
+    radian_problems,
+    table_problems,
+    wrench_problems,
+)
+from stiff_datasets.measured.sample_files import (
+    DEFLECTION_COLUMNS,
+    MM_PER_M,
+    TORQUE_COLUMNS,
+    WRENCH_COLUMNS,
+    Sheet,
+    file_units,
+    joint_columns,
+    read_sheet,
+    write_table,
+)
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot
+from stiff_protocols.paths.compensation import Compensation
+from stiff_protocols.paths.inverse import SINGULAR, Followed
+from stiff_protocols.paths.path import ToolPath
+
+POSITION_COLUMNS = ("x_mm", "y_mm", "z_mm")
+ANGLE_COLUMNS = ("a_deg", "b_deg", "c_deg")
+QUATERNION_COLUMNS = ("qw", "qx", "qy", "qz")
+FRAME_COLUMN, BASE = "frame", "base"
+LoadFrame = Literal["base", "tool"]
+
+SMALLEST_POSITION_MM = 10.0
+"""No path has all of its points so near to the base; such a file holds metres."""
+LARGEST_POSITION_MM = 1e5
+SAME_TCP_M = 1e-5
+QUATERNION_SLACK = 1e-3
+"""How far the length of a quaternion may be from 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class PathTable:
+    """The points of a file, checked.
+
+    Attributes:
+        path: poses and loads, base frame, SI.
+        q: (n, n_joints) joint positions where the file has them in place of poses, rad or m; else
+            None.
+        tool: (4, 4) tool frame in the last joint's frame, m.
+        frame: (4, 4) frame of the file's poses in the base frame, m.
+        frame_name: of that frame.
+        columns: orientation and load as they are in the file, in its units.
+        lines: (n,) numbers of the rows, for messages.
+        oddities: what is odd but no error, a line each.
+    """
+
+    path: ToolPath
+    q: FloatArray | None
+    tool: FloatArray
+    frame: FloatArray
+    frame_name: str
+    columns: pd.DataFrame
+    lines: IntArray
+    oddities: tuple[str, ...]
+
+    @property
+    def pose_columns(self) -> str:
+        """Names of the columns that say where the tool or the robot is, for messages."""
+        return ",".join(POSITION_COLUMNS) if self.q is None else "q1 and following"
+
+
+def frame_matrix(numbers: Sequence[float]) -> FloatArray:
+    """Return the (4, 4) pose, m, of x, y, z [mm], a, b, c [deg]."""
+    from scipy.spatial.transform import Rotation
+
+    pose = np.eye(4)
+    pose[:3, 3] = np.divide(numbers[:3], MM_PER_M)
+    pose[:3, :3] = Rotation.from_euler("ZYX", numbers[3:], degrees=True).as_matrix()
+    return pose
+
+
+def tool_of(robot: Robot, tool: Sequence[float] | None) -> FloatArray:
+    """Return the (4, 4) tool frame in the last joint's frame, m.
+
+    Args:
+        robot: the model's, with its TCP.
+        tool: x, y, z [mm], a, b, c [deg] in the frame of the robot description's last link; None:
+            the robot's TCP with the orientation of the last link.
+
+    Raises:
+        ConfigError: the tool's point is not the robot's TCP, whose deflection a model predicts.
+    """
+    pose = np.eye(4)
+    pose[:3, 3] = robot.tcp_on_flange
+    if tool is not None:
+        pose = frame_matrix(tool)
+        if np.abs(pose[:3, 3] - robot.tcp_on_flange).max() > SAME_TCP_M:
+            tcp = ",".join(f"{each:g}" for each in robot.tcp_on_flange * MM_PER_M)
+            raise ConfigError(
+                f"x,y,z of {','.join(f'{each:g}' for each in tool)} is not the TCP at which the "
+                f"model predicts deflections of {robot.name} (valid: {tcp} mm; for another tool, "
+                "fit a model with its --tcp)",
+                "tool",
+            )
+    return np.asarray(robot.flange @ pose)
+
+
+def read_path(
+    path: Path,
+    robot: Robot,
+    tool: FloatArray,
+    *,
+    load: Sequence[float] | None = None,
+    load_frame: LoadFrame = "base",
+    frame: Sequence[float] | None = None,
+) -> PathTable:
+    """Read a path.
+
+    Args:
+        path: the file; Parquet if it ends in .parquet, else CSV.
+        robot: gives the joints and their limits, and the place of the TCP.
+        tool: (4, 4) in the last joint's frame, m (`tool_of`).
+        load: (6,) N and N m at every point, for a file without loads.
+        load_frame: in which loads are expressed.
+        frame: x, y, z [mm], a, b, c [deg] of the frame of the poses in the base frame; None: they
+            are in the base frame.
+
+    Raises:
+        DataError: the file is unreadable, empty or wrongly headed, or a value is none; the message
+            names file, row, column, value and what is valid.
+        ConfigError: `load` is given and the file has loads, or `frame` is missing or without use.
+    """
+    joints = joint_columns(robot)
+    poses = (*POSITION_COLUMNS, *ANGLE_COLUMNS, *QUATERNION_COLUMNS)
+    sheet = read_sheet(path).recognised((*poses, *joints, *WRENCH_COLUMNS, FRAME_COLUMN))
+    found = set(sheet.cells)
+    kinds = [kind for kind in (poses, joints) if found & {*kind}]
+    by_joints = kinds == [joints]
+    angles = QUATERNION_COLUMNS if found & {*QUATERNION_COLUMNS} else ANGLE_COLUMNS
+    if len(kinds) == 2 or (found >= {angles[0], ANGLE_COLUMNS[0]} and angles != ANGLE_COLUMNS):
+        both = ", ".join(name for name in sheet.cells if name in {*poses, *joints})
+        valid = f"{','.join(POSITION_COLUMNS)} with {','.join(ANGLE_COLUMNS)} or "
+        valid += f"{','.join(QUATERNION_COLUMNS)}; or {','.join(joints)}"
+        raise problems_error(path, [Problem(f"header: more than one of these: {both}", valid)], "")
+    if load is not None and found & {*WRENCH_COLUMNS}:
+        raise ConfigError(f"{path} has loads of its own (valid: one of both)", "load")
+    places = joints if by_joints else (*POSITION_COLUMNS, *angles)
+    loads = () if load is not None else WRENCH_COLUMNS
+    columns = (*places, *loads, FRAME_COLUMN)
+    problems = table_problems(sheet, columns, (*TORQUE_COLUMNS * bool(loads), FRAME_COLUMN))
+    further = [name for name in sheet.unused if re.match(r"[aq]\d", name.lower())]
+    if by_joints and further:
+        joints_of = f"the {robot.n_joints} joints of {robot.name}"
+        problems.append(Problem(f"header: further joints {', '.join(further)}", joints_of))
+    if problems:
+        raise problems_error(path, problems, "")
+    absent = [name for name in TORQUE_COLUMNS if name not in found]
+    sheet = replace(sheet, cells=sheet.cells.assign(**dict.fromkeys(absent, "0")))
+    numbers = sheet.numbers(places)
+    wrench = sheet.numbers(WRENCH_COLUMNS) if load is None else np.tile(load, (len(numbers), 1))
+    problems = [
+        *number_problems(sheet, places, numbers),
+        *(number_problems(sheet, WRENCH_COLUMNS, wrench) if loads else ()),
+        *(wrench_problems(sheet, wrench) if loads else ()),
+    ]
+    if not problems:
+        problems += (
+            [*radian_problems(numbers, robot), *limit_problems(sheet, numbers, robot)]
+            if by_joints
+            else _pose_problems(sheet, numbers, angles)
+        )
+    frame_name, mixed = _frame_name(sheet, frame)
+    problems = sorted([*problems, *mixed], key=lambda problem: problem.row or 0)
+    if problems:
+        raise problems_error(path, problems, "mend this one first")
+    base = np.eye(4) if frame is None else frame_matrix(frame)
+    q, written = None, pd.DataFrame(dict(zip(places[3:], numbers.T[3:], strict=True)))
+    if by_joints:
+        q = numbers / file_units(robot)
+        stands = robot.forward(q)
+        position, rotation = stands.points[:, -1], stands.rotation
+        written = _angles(base[:3, :3].T @ rotation @ tool[:3, :3])
+    else:
+        position = numbers[:, :3] / MM_PER_M @ base[:3, :3].T + base[:3, 3]
+        rotation = base[:3, :3] @ _turned(numbers[:, 3:]) @ tool[:3, :3].T
+    written = written.assign(**dict(zip(WRENCH_COLUMNS, wrench.T, strict=True)))
+    if load_frame == "tool":
+        tools = rotation @ tool[:3, :3]
+        wrench = np.einsum("nij,nkj->nki", tools, wrench.reshape(-1, 2, 3)).reshape(-1, 6)
+    return PathTable(
+        path=ToolPath(path.stem, position, rotation, wrench),
+        q=q,
+        tool=tool,
+        frame=base,
+        frame_name=frame_name,
+        columns=written,
+        lines=sheet.lines,
+        oddities=(*_oddities(sheet, numbers[:, 3:], () if by_joints else angles),),
+    )
+
+
+def path_problems(table: PathTable, robot: Robot, found: Followed, first: int = 0) -> list[Problem]:
+    """Return the rows that cannot be driven, each with one reason.
+
+    Args:
+        table: the path.
+        robot: that shall drive it.
+        found: joint positions of its rows from `first` on.
+        first: number of the row.
+    """
+    problems = []
+    names = robot.joint_names
+    units = ["deg" if kind == "revolute" else "mm" for kind in robot.joint_types]
+    factors = file_units(robot)
+    for row in np.flatnonzero(~found.ok):
+        joint = int(np.argmax(found.beyond[row]))
+        if not found.reached[row]:
+            value, valid = _shown(table, first + int(row)), f"a pose that {robot.name} reaches"
+        elif found.beyond[row, joint]:
+            low, high = (end[joint] * factors[joint] for end in (robot.lower, robot.upper))
+            value = f"joint {names[joint]} at {found.q[row, joint] * factors[joint]:.6g}"
+            valid = f"{low:g}..{high:g} {units[joint]}, its limits"
+        elif found.flips[row]:
+            value = "another configuration of shoulder, elbow or wrist than in the row before"
+            valid = "one configuration along the path"
+        else:
+            value = f"singular, condition of the Jacobian {found.condition[row]:.3g}"
+            valid = f"at most {SINGULAR:g}; e.g. a wrist that is not straight"
+        problems.append(Problem(value, valid, int(table.lines[first + row]), table.pose_columns))
+    return problems
+
+
+def write_path(path: Path, sketch: ToolPath, tool: FloatArray) -> None:
+    """Write a path to a new file, in the base frame, with KUKA's angles.
+
+    Args:
+        path: Parquet if it ends in .parquet, else CSV.
+        sketch: what is written.
+        tool: (4, 4) in the last joint's frame, m.
+
+    Raises:
+        StoreError: the file cannot be written.
+    """
+    columns = dict(zip(POSITION_COLUMNS, _rounded(sketch.position * MM_PER_M).T, strict=True))
+    table = pd.concat([pd.DataFrame(columns), _angles(sketch.rotation @ tool[:3, :3])], axis=1)
+    loads = dict(zip(WRENCH_COLUMNS, _rounded(sketch.wrench).T, strict=True))
+    write_table(path, table.assign(**loads, frame=BASE))
+
+
+def write_corrected(
+    path: Path,
+    table: PathTable,
+    robot: Robot,
+    found: Compensation,
+    extrapolates: Sequence[str],
+    interval: Interval | None = None,
+) -> None:
+    """Write the commands of a corrected path, whole or not at all.
+
+    Args:
+        path: Parquet if it ends in .parquet, else CSV.
+        table: the points that are wanted.
+        robot: of the joint positions.
+        found: the commands, of the same rows.
+        extrapolates: (n,) what of a row lies beyond the training range.
+        interval: of the deflections at the commands.
+
+    Raises:
+        StoreError: the file cannot be written.
+    """
+    local = (found.position - table.frame[:3, 3]) @ table.frame[:3, :3]  # file's frame
+    after = found.position + found.deflection - table.path.position
+    mm = dict(zip(POSITION_COLUMNS, local.T, strict=True))
+    columns = {name: _rounded(values * MM_PER_M) for name, values in mm.items()}
+    given = {str(name): np.asarray(values) for name, values in table.columns.items()}
+    columns |= {name: values for name, values in given.items() if name not in WRENCH_COLUMNS}
+    columns |= dict(zip(joint_columns(robot), _rounded(found.q * file_units(robot)).T, strict=True))
+    columns |= {name: given[name] for name in WRENCH_COLUMNS}
+    lengths = dict(zip(DEFLECTION_COLUMNS, found.deflection.T, strict=True))
+    if interval is not None:
+        lengths |= interval_columns(interval)
+    lengths["error_before_mm"] = np.linalg.norm(found.before, axis=1)
+    lengths["error_after_mm"] = np.linalg.norm(after, axis=1)
+    columns |= {name: _rounded(values * MM_PER_M) for name, values in lengths.items()}
+    written = pd.DataFrame(columns)
+    words = {"extrapolates": list(extrapolates), "uncorrected": found.problem.tolist()}
+    write_table(path, written.assign(**words, frame=table.frame_name))
+
+
+def _rounded(values: FloatArray) -> FloatArray:
+    """Return lengths [mm], angles [deg] or loads to 1e-8, without -0."""
+    return np.asarray(values.round(8) + 0.0)
+
+
+def _turned(numbers: FloatArray) -> FloatArray:
+    """Return (n, 3, 3) rotations of (n, 3) KUKA's angles [deg] or (n, 4) quaternions, w first."""
+    from scipy.spatial.transform import Rotation
+
+    if numbers.shape[1] == 4:
+        return np.asarray(Rotation.from_quat(numbers, scalar_first=True).as_matrix())
+    return np.asarray(Rotation.from_euler("ZYX", numbers, degrees=True).as_matrix())
+
+
+def _angles(rotation: FloatArray) -> pd.DataFrame:
+    """Return KUKA's angles of (n, 3, 3) rotations."""
+    from scipy.spatial.transform import Rotation
+
+    with warnings.catch_warnings():  # with b at +-90 deg, c is zero and the rotation is right
+        warnings.filterwarnings("ignore", "Gimbal lock")
+        angles = Rotation.from_matrix(rotation).as_euler("ZYX", degrees=True)
+    return pd.DataFrame(dict(zip(ANGLE_COLUMNS, _rounded(angles).T, strict=True)))
+
+
+def _shown(table: PathTable, row: int) -> str:
+    local = (table.path.position[row] - table.frame[:3, 3]) @ table.frame[:3, :3]
+    return ",".join(f"{each:.6g}" for each in local * MM_PER_M)
+
+
+def _pose_problems(sheet: Sheet, numbers: FloatArray, angles: tuple[str, ...]) -> list[Problem]:
+    problems = []
+    position, turn = numbers[:, :3], numbers[:, 3:]
+    names = POSITION_COLUMNS
+    if np.abs(position).max() <= SMALLEST_POSITION_MM:
+        problems.append(
+            Problem(
+                f"every position lies within +-{SMALLEST_POSITION_MM:g} mm of the frame's origin; "
+                "the columns x_mm.. are in mm, these look like metres",
+                "",
+            )
+        )
+    for row, axis in np.argwhere(np.abs(position) > LARGEST_POSITION_MM):
+        problems.append(
+            cell_problem(sheet, row, names[axis], f"mm within +-{LARGEST_POSITION_MM:g}")
+        )
+    if angles == QUATERNION_COLUMNS:
+        lengths = np.linalg.norm(turn, axis=1)
+        for row in np.flatnonzero(np.abs(lengths - 1.0) > QUATERNION_SLACK):
+            valid = f"a quaternion of length 1, here {lengths[row]:.4g}"
+            problems.append(cell_problem(sheet, row, QUATERNION_COLUMNS[0], valid))
+    return problems
+
+
+def _oddities(sheet: Sheet, turn: FloatArray, angles: tuple[str, ...]) -> Iterator[str]:
+    if sheet.unused:
+        yield f"{sheet.path}: columns not used: {', '.join(sheet.unused)}"
+    if angles == ANGLE_COLUMNS and (np.abs(turn) <= FULL_TURN_RAD).all() and np.ptp(turn) > 1.0:
+        yield (
+            f"{sheet.path}: every angle of the orientation lies within +-{FULL_TURN_RAD:.2f} deg; "
+            "the columns a_deg.. are in degrees, these look like radians"
+        )
+
+
+def _frame_name(sheet: Sheet, frame: Sequence[float] | None) -> tuple[str, Iterator[Problem]]:
+    """Return the name of the one frame of a file, and rows with another."""
+    usual = BASE if frame is None else "workpiece"
+    if FRAME_COLUMN not in sheet.cells:
+        return usual, iter(())
+    names = sheet.cells[FRAME_COLUMN].astype(str)
+    first = names.iloc[0] or usual
+    if first == BASE and frame is not None:
+        raise ConfigError(f"{sheet.path} is in the frame {BASE!r}, which is known", "frame")
+    if first != BASE and frame is None:
+        raise ConfigError(
+            f"{sheet.path} is in the frame {first!r}; say where that is in the base frame "
+            "(valid: x,y,z,a,b,c in mm and deg)",
+            "frame",
+        )
+    others = np.flatnonzero((names != names.iloc[0]).to_numpy())
+    valid = f"{first!r}, the frame of the first row"
+    return first, iter([cell_problem(sheet, row, FRAME_COLUMN, valid) for row in others])

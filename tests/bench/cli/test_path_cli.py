@@ -1,0 +1,375 @@
+"""`bench path`: from an example and a fitted model to corrected commands, and what is refused."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+import stiffbench as sb
+from command_line import assert_refused, bench_here
+from stiff_bench.api.path import CorrectedPath, compensate_path, example_path
+from stiff_protocols.contract.errors import (
+    ConfigError,
+    DataError,
+    ModelError,
+    NotFittedError,
+    StoreError,
+)
+from stiff_protocols.contract.types import Interval
+from stiff_protocols.paths.path import SHAPES
+
+POSITION, ANGLES = ["x_mm", "y_mm", "z_mm"], ["a_deg", "b_deg", "c_deg"]
+JOINTS = [f"q{i}_deg" for i in range(1, 7)]
+FORCE = ["fx_N", "fy_N", "fz_N"]
+HEADER = "x_mm,y_mm,z_mm,a_deg,b_deg,c_deg,fx_N,fy_N,fz_N"
+ROW = "700,0,400,180,0,180,0,10,-40"
+LOAD = "0,10,-40,0,0,0"
+
+
+@pytest.fixture(scope="module")
+def vjm(twin):
+    return sb.make_model("vjm").fit(twin)
+
+
+@pytest.fixture(scope="module")
+def vjm_file(vjm, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("models") / "vjm.stiff"
+    vjm.save(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def square(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("paths") / "square.csv"
+    example_path("square", path, points=41, load=(0.0, 20.0, -60.0, 0.0, 0.0, 1.0))
+    return path
+
+
+@pytest.fixture()
+def corrected(vjm, tmp_path):
+    """A function that corrects a path given as text or table; returns the result and the file."""
+
+    def make(
+        path: str | pd.DataFrame, model=vjm, **options: object
+    ) -> tuple[CorrectedPath, pd.DataFrame]:
+        file, output = tmp_path / "path.csv", tmp_path / "corrected.csv"
+        output.unlink(missing_ok=True)
+        if isinstance(path, str):
+            file.write_text(path)
+        else:
+            path.to_csv(file, index=False)
+        found = compensate_path(model, file, output, **options)
+        return found, pd.read_csv(output, keep_default_na=False)
+
+    return make
+
+
+@pytest.fixture()
+def refused(vjm_file, tmp_path):
+    """A function that sees a path refused in one line, and nothing written."""
+
+    def see(lines: list[str], *parts: str, words: tuple[str, ...] = ()) -> None:
+        (tmp_path / "bad.csv").write_text("\n".join(lines) + "\n")
+        words = ("--model", str(vjm_file), "--path", "bad.csv", "--output", "c.csv", *words)
+        assert_refused(bench_here("path", "compensate", *words, cwd=tmp_path), *parts)
+        assert not (tmp_path / "c.csv").exists()
+
+    return see
+
+
+def test_a_path_is_made_corrected_and_drawn_on_the_command_line(vjm_file, tmp_path):
+    words = ("--shape", "circle", "--points", "21", "--output", "p.csv")
+    made = bench_here("path", "example", *words, cwd=tmp_path)
+    assert (made.returncode, made.stderr) == (0, "")
+    words = ("--model", str(vjm_file), "--path", "p.csv", "--output", "c.csv")
+    done = bench_here("path", "compensate", *words, "--figure", "c.png", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "21 of 21 points corrected" in done.stdout
+    assert "extrapolation" in done.stderr  # the measured poses have A6 at 0
+    assert len(pd.read_csv(tmp_path / "c.csv")) == 21
+    with Image.open(tmp_path / "c.png") as image:
+        assert image.width > image.height > 500
+
+
+@pytest.mark.filterwarnings("ignore:extrapolation")
+@pytest.mark.parametrize("shape", SHAPES)
+def test_every_example_can_be_driven_and_corrected(shape, tmp_path, corrected):
+    example_path(shape, tmp_path / "p.csv", points=25)
+    found, _ = corrected(pd.read_csv(tmp_path / "p.csv"))
+    assert found.found.converged.all()
+
+
+@pytest.mark.filterwarnings("ignore:extrapolation")
+def test_loaded_tool_with_the_written_commands_is_on_the_path(square, corrected, vjm):
+    wanted = pd.read_csv(square)
+    found, written = corrected(wanted, tolerance=1e-4)
+    robot, q = vjm.fitted.robot_, np.radians(written[JOINTS].to_numpy())
+    stands = robot.forward(q)
+    command = stands.points[:, -1]
+    np.testing.assert_allclose(1000.0 * command, written[POSITION], atol=1e-4)
+    turned = stands.rotation @ robot.flange[:3, :3]
+    asked = Rotation.from_euler("ZYX", wanted[ANGLES], degrees=True).as_matrix()
+    np.testing.assert_allclose(turned, asked, atol=1e-7)
+    wrench = wanted[[*FORCE, "tx_Nm", "ty_Nm", "tz_Nm"]].to_numpy()
+    deflection = vjm.fitted.predict(q, wrench)
+    off = 1000.0 * (command + deflection) - wanted[POSITION]
+    assert np.linalg.norm(off, axis=1).max() < 2e-4
+    np.testing.assert_allclose(1000.0 * deflection, written[["dx_mm", "dy_mm", "dz_mm"]], atol=1e-5)
+    assert (written["error_after_mm"] < 1e-4).all()
+    assert (written["error_before_mm"] > 0.1).all()
+    np.testing.assert_allclose(1000.0 * found.error_before, written["error_before_mm"], atol=1e-7)
+    assert set(written["uncorrected"]) == {""}
+
+
+@pytest.mark.filterwarnings("ignore:extrapolation")
+def test_same_path_in_other_words_gets_the_same_commands(square, corrected, tmp_path):
+    wanted = pd.read_csv(square)
+    usual, written = corrected(wanted)
+
+    def same(path: pd.DataFrame, **options: object) -> pd.DataFrame:
+        found, again = corrected(path, **options)
+        np.testing.assert_allclose(found.found.q, usual.found.q, atol=1e-9)
+        np.testing.assert_allclose(found.found.position, usual.found.position, atol=1e-9)
+        return again
+
+    turn = Rotation.from_euler("ZYX", wanted[ANGLES], degrees=True)
+    quaternion = pd.DataFrame(turn.as_quat(scalar_first=True), columns=["qw", "qx", "qy", "qz"])
+    same(pd.concat([wanted.drop(columns=ANGLES), quaternion], axis=1))
+    metres = wanted.assign(**{name[:2] + "m": wanted[name] / 1000.0 for name in POSITION})
+    same(metres.drop(columns=POSITION))
+    loads = [*FORCE, "tx_Nm", "ty_Nm", "tz_Nm"]
+    same(wanted.drop(columns=loads), load=wanted.loc[0, loads].tolist())
+    in_tool = wanted.copy()
+    in_tool[FORCE] = turn.inv().apply(wanted[FORCE])
+    in_tool[loads[3:]] = turn.inv().apply(wanted[loads[3:]])
+    same(in_tool, load_frame="tool")
+    tool = Rotation.from_euler("ZYX", [30.0, 20.0, 10.0], degrees=True)
+    tilted = wanted.copy()
+    tilted[ANGLES] = (turn * tool).as_euler("ZYX", degrees=True)
+    same(tilted, tool=(60.0, 0.0, 80.0, 30.0, 20.0, 10.0))
+    table = Rotation.from_euler("ZYX", [90.0, 0.0, 10.0], degrees=True)
+    local = wanted.assign(frame="table")
+    local[POSITION] = table.inv().apply(wanted[POSITION] - [500.0, 10.0, 300.0])
+    local[ANGLES] = (table.inv() * turn).as_euler("ZYX", degrees=True)
+    again = same(local, frame=(500.0, 10.0, 300.0, 90.0, 0.0, 10.0))
+    back = table.apply(again[POSITION])
+    back += np.array([500.0, 10.0, 300.0])
+    np.testing.assert_allclose(back, written[POSITION], atol=1e-6)
+    assert set(again["frame"]) == {"table"}
+
+
+@pytest.mark.filterwarnings("ignore:extrapolation")
+def test_joint_angles_stand_for_poses_and_choose_the_configuration(square, corrected, vjm):
+    loads = [*FORCE, "tx_Nm", "ty_Nm", "tz_Nm"]
+    wanted = pd.read_csv(square)
+    usual, written = corrected(wanted.assign(fz_N=0.0, fy_N=0.0, tz_Nm=0.0))
+    np.testing.assert_allclose(usual.found.position, usual.wanted.position, atol=1e-12)
+    by_joints = pd.concat([written[JOINTS], wanted[loads]], axis=1)
+    again, _ = corrected(by_joints)
+    from_poses, _ = corrected(wanted)
+    np.testing.assert_allclose(again.found.q, from_poses.found.q, atol=1e-7)
+    mirrored = np.degrees(from_poses.found.q[0]) * [1, 1, 1, 1, -1, 1] + [0, 0, 0, 180, 0, 180]
+    other, _ = corrected(wanted, start=tuple(mirrored))
+    assert (other.found.q[:, 4] < 0.0).all()
+    assert (from_poses.found.q[:, 4] > 0.0).all()
+    assert (other.error_after < 1e-6).all()
+
+
+@pytest.mark.filterwarnings("ignore:extrapolation")
+def test_a_path_of_one_point_and_a_zero_load_are_written(corrected, tmp_path, capsys):
+    found, written = corrected(
+        f"{HEADER}\n700,0,400,180,0,180,0,0,0\n", figure=tmp_path / "one.svg"
+    )
+    assert "every load is zero" in capsys.readouterr().err
+    assert (written[["error_before_mm", "error_after_mm"]] == 0.0).all().all()
+    np.testing.assert_array_equal(written[POSITION], [[700.0, 0.0, 400.0]])
+    assert found.found.iterations.tolist() == [1]
+
+
+class Wild:
+    """A model whose prediction alternates, so that no command exists."""
+
+    def __init__(self, inner) -> None:
+        self.inner, self.robot_, self.training_range_ = inner, inner.robot_, inner.training_range_
+        self.calls = 0
+
+    def predict(self, q, wrench):
+        self.calls += 1
+        away = 1e-3 * (self.calls % 2) * (wrench[:, 1:2] > 15.0)
+        return self.inner.predict(q, wrench) + away
+
+
+def test_points_that_do_not_converge_stop_the_command_or_stay_uncorrected(vjm, corrected):
+    def wild():
+        model = sb.make_model("vjm")
+        model.fitted = Wild(vjm.fitted)
+        return model
+
+    path = "\n".join([HEADER, ROW, ROW.replace(",10,", ",20,"), ROW, ""])
+    with pytest.raises(ModelError, match=r"1 of 3 points .* row 3"):
+        corrected(path, wild())
+    with pytest.warns(UserWarning, match="row 3"):
+        found, written = corrected(path + ROW.replace("700", "701"), wild(), on_failure="keep")
+    assert written["uncorrected"].tolist() == ["", "not converged", "", ""]
+    np.testing.assert_array_equal(written.loc[1, POSITION].tolist(), [700.0, 0.0, 400.0])
+    assert written.loc[1, "error_after_mm"] == written.loc[1, "error_before_mm"]
+    np.testing.assert_array_equal(found.found.converged, [True, False, True, True])
+
+
+@pytest.mark.filterwarnings("ignore:extrapolation")
+def test_repeated_points_and_parquet_files_are_taken(square, corrected, vjm, tmp_path):
+    wanted = pd.read_csv(square)
+    usual, _ = corrected(wanted)
+    twice = wanted.loc[np.repeat(wanted.index, 2)]
+    again, _ = corrected(twice)
+    np.testing.assert_allclose(again.found.q[::2], usual.found.q, atol=1e-8)
+    np.testing.assert_allclose(again.found.q[1::2], usual.found.q, atol=1e-8)
+    wanted.to_parquet(tmp_path / "p.parquet")
+    compensate_path(vjm, tmp_path / "p.parquet", tmp_path / "c.parquet")
+    written = pd.read_parquet(tmp_path / "c.parquet")
+    np.testing.assert_allclose(np.radians(written[JOINTS]), usual.found.q, atol=1e-9)
+
+
+def test_what_is_odd_is_said_before_anything_is_computed(corrected, capsys):
+    header = HEADER.replace("fx_N", "feed,fx_N")
+    with pytest.raises(DataError, match=r"row 2.*joint A5"):
+        corrected(f"{header}\n700,0,400,0,0.03,3.1,7,0,0,-40\n")
+    said = capsys.readouterr().err.strip().splitlines()
+    assert ["not used: feed" in line for line in said] == [True, False]
+    assert ["radians" in line for line in said] == [False, True]
+
+
+@pytest.mark.filterwarnings("ignore:extrapolation")
+def test_a_long_path_is_corrected_in_blocks_as_in_one(square, corrected, monkeypatch):
+    wanted = pd.read_csv(square)
+    whole, _ = corrected(wanted)
+    monkeypatch.setattr("stiff_bench.api.path.BLOCK", 7)
+    blocks, _ = corrected(wanted)
+    np.testing.assert_allclose(blocks.found.q, whole.found.q, atol=1e-8)
+
+
+def test_load_beyond_the_training_range_is_warned_of_with_numbers(corrected):
+    with pytest.warns(UserWarning, match=r"force 900.6 N \(training: up to"):
+        _, written = corrected(f"{HEADER}\n{ROW.replace('-40', '-900.5')}\n")
+    assert "load" in written["extrapolates"][0]
+
+
+def test_intervals_are_those_of_the_model_at_the_commands(square, corrected, vjm):
+    class Sure(Wild):
+        def predict(self, q, wrench):
+            return self.inner.predict(q, wrench)
+
+        def predict_interval(self, q, wrench, coverage):
+            middle = self.predict(q, wrench)
+            return Interval(middle - 1e-4, middle + 1e-4, coverage)
+
+    model = sb.make_model("vjm")
+    model.fitted = Sure(vjm.fitted)
+    with pytest.warns(UserWarning, match="extrapolation"):
+        _, written = corrected(pd.read_csv(square), model, coverage=0.9)
+    np.testing.assert_allclose(written["dz_upper_mm"] - written["dz_mm"], 0.1, atol=1e-6)
+    np.testing.assert_allclose(written["dz_mm"] - written["dz_lower_mm"], 0.1, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("rows", "parts"),
+    [
+        ([HEADER], ["no data rows"]),
+        (["x_mm,y_mm,a_deg,b_deg,c_deg,fx_N,fy_N,fz_N", "1,2,3,4,5,6,7,8"], ["missing z_mm"]),
+        (["x_mm,y_mm,z_mm,a_deg,b_deg,c_deg", "700,0,400,0,0,180"], ["missing fx_N, fy_N, fz_N"]),
+        ([f"{HEADER},q1_deg", f"{ROW},0"], ["more than one of these", "q1_deg"]),
+        ([f"{HEADER},qw,qx,qy,qz", f"{ROW},1,0,0,0"], ["more than one of these", "qw"]),
+        ([HEADER, ROW, ROW.replace("400", "nan")], ["row 3", "z_mm", "'nan'", "finite number"]),
+        ([HEADER, ROW, ROW.replace("400", "")], ["row 3", "z_mm", "finite number"]),
+        ([HEADER, "0.7,0,0.4,180,0,180,0,0,-40"], ["look like metres"]),
+        ([HEADER, ROW, ROW.replace("700", "2000")], ["row 3", "2000,0,400", "reaches"]),
+        ([HEADER, ROW, ROW.replace("700", "200000")], ["row 3", "x_mm", "+-100000"]),
+        ([HEADER, ROW.replace("-40", "-4e7")], ["row 2", "fz_N", "another unit"]),
+        (
+            [",".join([*JOINTS, *FORCE]), "0,-60,90,0,30,0,0,0,-9", "0,60,90,0,30,0,0,0,-9"],
+            ["row 3", "q2_deg", "-190..45 deg"],
+        ),
+        (
+            [",".join([*JOINTS, *FORCE]), "0,-60,90,0,30,0,0,0,-9", "0,-60,90,0,-30,0,0,0,-9"],
+            ["row 3", "configuration"],
+        ),
+        (
+            [",".join([*JOINTS, *FORCE]), "0,-60,90,0,30,0,0,0,-9", "0,-60,90,0,0.1,0,0,0,-9"],
+            ["row 3", "singular"],
+        ),
+        ([",".join([*JOINTS, "q7_deg", *FORCE]), "0,-60,90,0,30,0,0,0,0,-9"], ["q7_deg", "the 6"]),
+        ([",".join([*JOINTS[:5], *FORCE]), "0,-60,90,0,30,0,0,-9"], ["missing q6_deg"]),
+        ([f"{HEADER},frame", f"{ROW},base", f"{ROW},table"], ["row 3", "frame", "'table'"]),
+        ([f"{HEADER},frame", f"{ROW},table"], ["--frame", "'table'"]),
+        (
+            ["x_mm,y_mm,z_mm,qw,qx,qy,qz,fx_N,fy_N,fz_N", "700,0,400,2,0,0,0,0,0,-9"],
+            ["row 2", "qw", "length 1"],
+        ),
+    ],
+)
+def test_a_bad_path_is_refused_with_its_row_and_what_is_valid(rows, parts, refused):
+    refused(rows, *parts)
+
+
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        (("--tool", "0,0,200,0,0,0"), ["--tool", "60,0,80 mm"]),
+        (("--tool", "0,0,200"), ["--tool", "six finite numbers"]),
+        (("--load", LOAD), ["--load", "loads of its own"]),
+        (("--load", "0,0,inf,0,0,0"), ["--load", "six finite numbers"]),
+        (("--start", "0,0,0"), ["--start", "3 joint positions", "the 6 of"]),
+        (("--coverage", "0.9"), ["--coverage", "no intervals"]),
+        (("--tolerance", "0"), ["--tolerance", "1e-06"]),
+        (("--figure", "p.gif"), ["p.gif", ".png"]),
+        (("--figure", "bad.csv"), ["bad.csv"]),
+    ],
+)
+def test_a_bad_option_is_refused_before_anything_is_written(words, parts, refused):
+    refused([HEADER, ROW], *parts, words=words)
+
+
+def test_files_are_never_written_over_and_an_unfitted_model_is_refused(vjm, square, tmp_path):
+    with pytest.raises(StoreError, match="exists"):
+        compensate_path(vjm, square, square)
+    with pytest.raises(StoreError, match="exists"):
+        example_path("line", square)
+    with pytest.raises(NotFittedError):
+        compensate_path(sb.make_model("vjm"), square, tmp_path / "c.csv")
+    with pytest.raises(ConfigError, match=r"star.*square"):
+        example_path("star", tmp_path / "p.csv")
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:extrapolation")
+def test_ten_thousand_points_are_all_corrected(tmp_path, vjm):
+    example_path("iso9283", tmp_path / "p.csv", points=10_000)
+    found = compensate_path(vjm, tmp_path / "p.csv", tmp_path / "c.csv")
+    assert found.found.converged.all()
+    assert found.found.iterations.max() <= 4
+    assert np.abs(np.diff(found.found.q, axis=0)).max() < 0.01
+
+
+@pytest.mark.slow
+def test_the_page_on_paths_can_be_followed_to_the_end(tmp_path, monkeypatch):
+    page = (Path(__file__).parents[3] / "docs/how-to/correct-a-path.md").read_text("utf-8")
+    sh, python = (re.findall(rf"```{kind}\n(.*?)```", page, re.DOTALL) for kind in ("sh", "python"))
+    said = ""
+    for line in "".join(sh).splitlines():
+        done = bench_here(*shlex.split(line)[1:], cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        said += done.stdout
+    (printed,) = re.findall(r"```text\n(.*?)```", page, re.DOTALL)
+    assert said.endswith(printed)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    with pytest.warns(UserWarning, match="q6"):
+        exec("".join(python), names)
+    assert len(pd.read_csv("commands.csv")) == len(names["corrected"].found.q) == 401
