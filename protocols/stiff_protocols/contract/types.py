@@ -48,7 +48,7 @@ PATH_GROUP = "tool path"
 which no model learns from."""
 
 Deflection = Callable[[FloatArray, FloatArray], FloatArray]
-"""(n, n_joints) joint angles [rad] and (n, 6) wrenches -> (n, 3) deflection of the TCP [m]."""
+"""(n, n_joints) joint positions [rad, m] and (n, 6) wrenches [N, N m] -> (n, 3) deflections [m]."""
 
 
 @dataclass(frozen=True, eq=False)

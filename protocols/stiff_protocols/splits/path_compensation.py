@@ -21,7 +21,7 @@ from stiff_protocols.contract.types import (
     Split,
 )
 from stiff_protocols.paths.compensation import compensate
-from stiff_protocols.paths.inverse import LENGTH, SINGULAR, BoolArray, solved
+from stiff_protocols.paths.inverse import BoolArray, judged, solved
 from stiff_protocols.paths.path import SHAPES, ToolPath
 from stiff_protocols.splits.generators import LazySplits
 from stiff_protocols.splits.random_splits import Holdout
@@ -197,9 +197,7 @@ def _driven(
     q, reached = solved(
         robot, np.concatenate(outlines), np.repeat(rotations, POINTS, axis=0), seeds
     )
-    jacobian = robot.jacobian(q)
-    jacobian[:, :3] /= LENGTH
-    ok = reached & (np.linalg.cond(jacobian) < SINGULAR)
+    ok = reached & ~judged(robot, q).singular
     ok &= (np.abs(q - seeds) < SAME_BRANCH_RAD).all(axis=1)
     ok &= (np.minimum(q - robot.lower, robot.upper - q) > MARGIN_RAD).all(axis=1)
-    return q, ok.reshape(-1, POINTS).all(axis=1)
+    return q, np.asarray(ok.reshape(-1, POINTS).all(axis=1))
