@@ -87,6 +87,16 @@ PROTOCOLS = (
         ),
     ),
     ProtocolInfo(
+        key="path-compensation",
+        target="stiff_protocols.splits.path_compensation:PathCompensation",
+        summary="error left on tool paths that a simulated robot drives with corrected commands",
+        reasoning=(
+            "What is a model worth at the part? It learns as under holdout and corrects 36 paths; "
+            "the twin drives them under load. The rows are path errors, not errors of predictions. "
+            "Measured data have no robot that could be asked: simulated data alone."
+        ),
+    ),
+    ProtocolInfo(
         key="cross-robot",
         target="stiff_protocols.splits.cross_robot:CrossRobot",
         summary="pre-train on another robot's or specimen's VJM, fine-tune on this one",

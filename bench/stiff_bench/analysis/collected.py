@@ -31,6 +31,17 @@ from stiff_protocols.contract.errors import StoreError, unknown_name
 from stiff_protocols.contract.record import Cell, CellResult, Presentation, RunManifest
 
 
+def test_share(results: Sequence[CellResult], data: StoredData) -> float:
+    """Return which part of the samples (0..1) the splits of a model leave to be tested on.
+
+    Of tool paths, which are the same in all splits, it is the part that no split trains on.
+    """
+    n_train, n_test = split_sizes(results)
+    if results[0].shown.measured_sha256:
+        return 1.0 - n_train / len(data.measured)
+    return n_test / len(data.samples)
+
+
 def split_sizes(results: Sequence[CellResult]) -> tuple[float, float]:
     """Return how many rows a split of a model trains and tests on, means over the splits.
 
@@ -90,6 +101,12 @@ class Case:
     newest_run: str
     cell: Cell
     left_out: tuple[str, ...]
+
+    @property
+    def measured_sha256(self) -> str:
+        """Hash of the data set, without points of tool paths that the protocol added to it."""
+        shown = next(iter(self.competitors.values())).shown
+        return shown.measured_sha256 or self.name.data_sha256
 
     def results(self, competitor: str, slots: Sequence[Slot] | None = None) -> list[CellResult]:
         """Return a model's results on these slots (default: all that it has), in order."""
@@ -296,11 +313,12 @@ def same_name_other_data(
     """
     of_dataset = grouped(sorted(cases, key=lambda c: c.newest_run), lambda one: one.name.dataset)
     for dataset, found in sorted(of_dataset.items()):
-        hashes = dict.fromkeys(one.name.data_sha256 for one in found)  # the newest last
+        # the newest last
+        hashes = {one.measured_sha256: one.name.data_sha256 for one in found}
         what = "data or TCP"
         if len(hashes) > 1:
             with suppress(StoreError):
-                what = what_differs([data_of(sha256) for sha256 in hashes])
+                what = what_differs([data_of(sha256) for sha256 in hashes.values()])
         yield from _several(dataset, f"data here: {what}", hashes)
     names = labels(case.name for case in cases)
     for found in grouped(cases, lambda one: replace(one.name, source_sha256="")).values():

@@ -18,6 +18,7 @@ from stiff_bench.analysis.collected import (
     left_out_notes,
     same_name_other_data,
     split_sizes,
+    test_share,
 )
 from stiff_bench.analysis.same_robot import dataset_of, family_of
 from stiff_bench.analysis.verdict import (
@@ -177,7 +178,7 @@ def compare(case: Case, a: str, b: str, data: StoredData, question: Question) ->
     slots = case.shared_slots([a, b])
     shown = case.competitors[a].shown
     n_train, n_test = split_sizes(case.results(a, slots))
-    test_share = n_test / len(data.samples)
+    share = test_share(case.results(a, slots), data)
     by_split = len(slots) > 1 and not shown.pooled
     return Comparison(
         name=case.name,
@@ -187,7 +188,7 @@ def compare(case: Case, a: str, b: str, data: StoredData, question: Question) ->
         n_train=n_train,
         n_test=n_test,
         n_poses=len(np.unique(data.samples.pose_id[paired.rows])),
-        rows=_rows(paired, data, test_share if by_split else None, question),
+        rows=_rows(paired, data, share if by_split else None, question),
         missing=tuple(_missing(case, a, b)),
     )
 

@@ -212,12 +212,12 @@ def caveats_of(cases: Iterable[Case]) -> tuple[str, ...]:
 def of_newest_data(cases: Sequence[Case]) -> list[Case]:
     """Return the cases of the data that each data set's newest run was on.
 
-    Of those that differ in the data of the source domain alone, the newest stay.
+    Of those that differ in the source domain's data or in added tool paths alone, the newest stay.
     """
     in_order = sorted(cases, key=lambda one: (one.newest_run, one.name))  # the last ones stay
-    newest_data = {one.name.dataset: one.name.data_sha256 for one in in_order}
-    current = [c for c in in_order if c.name.data_sha256 == newest_data[c.name.dataset]]
-    newest_source = {replace(one.name, source_sha256=""): one for one in current}
+    newest_data = {one.name.dataset: one.measured_sha256 for one in in_order}
+    current = [c for c in in_order if c.measured_sha256 == newest_data[c.name.dataset]]
+    newest_source = {replace(one.name, data_sha256="", source_sha256=""): one for one in current}
     return list(newest_source.values())
 
 

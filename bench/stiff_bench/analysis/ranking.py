@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stiff_bench.analysis.collected import Case, Competitor, split_sizes
+from stiff_bench.analysis.collected import Case, Competitor, test_share
 from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.analysis.verdict import Question, SharedErrors, Verdict, decide_pairs
 from stiff_bench.store.database import read_data
@@ -238,10 +238,9 @@ class Ranking:
     @property
     def _shared_errors(self) -> SharedErrors:
         scores = np.column_stack([self.scored.scores[model] for model in self.models])  # (J, m)
-        _, n_test = split_sizes(self.scored.results[self.models[0]])
         return SharedErrors(
             of_splits=self.key.sign * scores if len(scores) > 1 else None,
-            test_share=n_test / len(self.data.samples),
+            test_share=test_share(self.scored.results[self.models[0]], self.data),
             of_poses=self._pose_errors,
             drawn=self.drawn_means,
         )

@@ -15,7 +15,7 @@ from stiff_bench.api.catalog import registry
 from stiff_bench.api.data import Dataset, choice_of
 from stiff_bench.api.model import Model, model_choice
 from stiff_bench.api.process import pinned
-from stiff_bench.api.results import DEFAULT_METRICS, Results
+from stiff_bench.api.results import Results
 from stiff_bench.api.run import Run
 from stiff_bench.plan.options import Chosen
 from stiff_bench.plan.request import plan_run
@@ -30,7 +30,7 @@ def evaluate(
     protocol: str | Sequence[str] = "holdout",
     splits: int | None = None,
     seed: int = 0,
-    metrics: Sequence[str] = DEFAULT_METRICS,
+    metrics: Sequence[str] = (),
     coverage: float | None = None,
     jobs: int = 1,
     device: str = "auto",
@@ -44,7 +44,8 @@ def evaluate(
         protocol: names, with their options: "kfold@folds=10".
         splits: how many; None: the protocol's own number.
         seed: of splits and models.
-        metrics: keys, that the tables show; all are computed.
+        metrics: keys, that the tables show; none: mae, stde and me, of tool paths norm, norm-p95,
+            norm-max and removed. All are computed.
         coverage: nominal coverage of intervals, where a metric needs them; None: 0.9.
         jobs: how many cells run at once, each in a process of its own. Classes that are defined in
             a script or notebook are computed in this process.

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from stiff_bench.run.runner import Finished
     from stiff_bench.store.merging import Kind, Merged
 
-DEFAULT_METRICS = ("mae", "stde", "me")
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Ranks(Tables):
@@ -71,13 +69,13 @@ class Results:
 
     Attributes:
         folder: where they are stored.
-        metrics: keys, that `table` shows.
+        metrics: keys, that `table` shows; none: the usual ones.
         command: that made them, for the record.
         finished: what became of the run that made them; None: they are read from the folder.
     """
 
     folder: Path
-    metrics: tuple[str, ...] = DEFAULT_METRICS
+    metrics: tuple[str, ...] = ()
     command: str = ""
     finished: Finished | None = None
 
@@ -131,7 +129,8 @@ class Results:
         """Return a table for each data set and protocol, as `bench run` prints it.
 
         Args:
-            metrics: keys, as `bench list metrics` shows them; none: those that were asked for.
+            metrics: keys, as `bench list metrics` shows them; none: those that were asked for, or
+                the usual ones: mae, stde and me, of tool paths norm, norm-p95, norm-max, removed.
             verbose: with the numbers that the fits report, such as stiffnesses, beneath.
 
         Raises:

@@ -120,8 +120,8 @@ def bench() -> None:
 @several_keys(
     "--metric",
     "metrics",
-    default=("mae", "stde", "me"),
-    help="A metric of `bench list metrics`; may be repeated.",
+    help="A metric of `bench list metrics`; may be repeated.  [default: mae, stde, me; of tool "
+    "paths norm, norm-p95, norm-max, removed]",
 )
 @click.option(
     "--coverage", type=PROBABILITY, help="Coverage of prediction intervals.  [default: 0.9]"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 
@@ -17,6 +18,7 @@ from stiff_protocols.contract.errors import ConfigError, StiffBenchError
 from stiff_protocols.contract.interfaces import (
     ChecksRobot,
     ChoosesEpoch,
+    CorrectsPaths,
     DividesByRobot,
     EvaluationProtocol,
     LearnsFromSource,
@@ -77,6 +79,8 @@ NO_TEST = (
     "and are neither ranked nor compared."
 )
 """What a protocol that declares `reports_training` does."""
+PATH_ERRORS = "errors are path errors that a model's corrections leave; a pose is a whole path."
+"""What a protocol scores that has models correct tool paths."""
 NO_SOURCE = "no pre-training"
 """Regime of a model that has no source domain, where the others' comes from another robot."""
 
@@ -95,6 +99,7 @@ class CellTask:
         n_splits: of its protocol on its data set, in one condition.
         source: data of the other robot or specimen that its source domain comes from; None: the
             training rows.
+        paths: the protocol, where it scores tool paths that the model corrects.
     """
 
     cell: Cell
@@ -105,13 +110,19 @@ class CellTask:
     chooses_epoch: bool
     n_splits: int
     source: BenchmarkData | None = None
+    paths: CorrectsPaths | None = None
 
     def make(self) -> StiffnessModel:
         """Return a new model that knows its source."""
         model: StiffnessModel = self.model.make()
-        if isinstance(model, LearnsFromSource):
-            model.use_source(self.source)
+        tell_source(model, self.source)
         return model
+
+
+def tell_source(model: StiffnessModel, source: BenchmarkData | None) -> None:
+    """Give a model that learns from one its source, which it must not ask for more."""
+    if isinstance(model, LearnsFromSource):
+        model.use_source(source and replace(source, under_load=None))
 
 
 def cell_tasks(*plans: RunPlan) -> Iterator[CellTask]:
@@ -149,6 +160,12 @@ def _of_protocol(
 ) -> Iterator[CellTask]:
     """Yield the cells of one data set under one protocol."""
     protocol: EvaluationProtocol = choice.make()
+    paths = protocol if isinstance(protocol, CorrectsPaths) else None
+    measured_sha256 = ""
+    if paths is not None:
+        measured_sha256 = data.sha256
+        with _naming(dataset, choice):
+            data = paths.with_paths(data)
     splits, n_splits, first_of_source = _divided(protocol, choice, dataset, data, plan)
     no_test = f"{choice.name} {NO_TEST}" if reports_training(protocol) else ""
 
@@ -157,9 +174,8 @@ def _of_protocol(
         source = sources.get(split.source)
         made = model.make()
         regimes = []
-        if isinstance(made, LearnsFromSource):
-            made.use_source(source)
-        elif source is not None:
+        tell_source(made, source)
+        if source is not None and not isinstance(made, LearnsFromSource):
             regimes.append(NO_SOURCE)
         if isinstance(made, ChecksRobot):
             made.check_robot(data.robot)
@@ -184,6 +200,7 @@ def _of_protocol(
             scoring_version=SCORING_VERSION,
         )
         caveats = plan.sources[split.source].info.caveats if split.source else ()
+        caveats += (f"{choice.info.key}: {PATH_ERRORS}",) if paths is not None else ()
         shown = Presentation(
             model=model.name,
             dataset=dataset.name,
@@ -195,12 +212,14 @@ def _of_protocol(
             selects_on_test=protocol.selects_on_test,
             pooled=protocol.pooled,
             caveats=tuple(dict.fromkeys(dataset.info.caveats + caveats)),
-            published=dataset.info.published,
+            published="" if paths is not None else dataset.info.published,
             source=of_source,
             warning=" ".join(filter(None, [choice.info.warning, no_test])),
             reports_training=bool(no_test),
+            measured_sha256=measured_sha256,
         )
-        return CellTask(cell, shown, model, data, split, chooses, n_splits[split.condition], source)
+        n_drawn = n_splits[split.condition]
+        return CellTask(cell, shown, model, data, split, chooses, n_drawn, source, paths)
 
     firsts = {
         word: [on_first_split(model, split) for model in models]
@@ -243,7 +262,7 @@ def _divided(
             first_of_source.setdefault(split.source, split)
             yield split
 
-    try:
+    with _naming(dataset, choice):
         if isinstance(protocol, DividesByRobot):
             protocol.use_robot(data.robot)
         found = protocol.splits(data.samples, n_splits=plan.splits, seed=plan.seed)
@@ -255,12 +274,6 @@ def _divided(
             selects_on_test=protocol.selects_on_test,
             reports_training=reports_training(protocol),
         )
-    except StiffBenchError as error:
-        raise ConfigError(f"{dataset.name} under {choice.name}: {error}") from error
-    except Exception as error:  # whatever a stranger's protocol raises
-        raise ConfigError(
-            f"protocol {choice.info.key!r}: {type(error).__name__}: {error}"
-        ) from error
     if fault:
         raise ConfigError(f"protocol {choice.info.key!r}: {fault}")
     if unknown := first_of_source.keys() - {"", *plan.sources}:
@@ -269,6 +282,19 @@ def _divided(
             f"source_datasets does not return (valid: {', '.join(plan.sources) or 'none'})"
         )
     return splits, n_splits, first_of_source
+
+
+@contextmanager
+def _naming(dataset: Choice[DatasetInfo], protocol: Choice[ProtocolInfo]) -> Iterator[None]:
+    """Turn what a protocol raises inside the block into a ConfigError that names it."""
+    try:
+        yield
+    except StiffBenchError as error:
+        raise ConfigError(f"{dataset.name} under {protocol.name}: {error}") from error
+    except Exception as error:  # whatever a stranger's protocol raises
+        raise ConfigError(
+            f"protocol {protocol.info.key!r}: {type(error).__name__}: {error}"
+        ) from error
 
 
 def chooses_epoch(info: ModelInfo, model: StiffnessModel) -> bool:

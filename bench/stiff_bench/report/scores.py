@@ -99,16 +99,16 @@ def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> B
         cases: to show.
         data_of: the samples with a hash; raises StoreError where they are not stored.
     """
-    of_data = {case.name.data_sha256: case for case in cases}
+    of_data = {case.measured_sha256: case for case in cases}
     rows: list[list[Cell]] = []
     for sha256, case in sorted(
         of_data.items(), key=lambda item: (natural_key(item[1].name.dataset), item[0])
     ):
         shown = presentation(case)
         try:
-            data = data_of(sha256)
-            n_poses = len(set(data.samples.pose_id))
-            size: list[Cell] = [data.robot, _tcp(data), len(data.samples), n_poses]
+            data = data_of(case.name.data_sha256)
+            n_poses = len(set(data.measured.pose_id))
+            size: list[Cell] = [data.robot, _tcp(data), len(data.measured), n_poses]
         except StoreError:
             size = [None, None, None, None]
         rows.append([case.name.dataset, kind_label(shown.kind, shown.task), *size, sha256])

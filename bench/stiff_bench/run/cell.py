@@ -30,7 +30,14 @@ from stiff_protocols.contract.interfaces import (
     StiffnessModel,
 )
 from stiff_protocols.contract.record import CellResult, Cost, ResultRecord
-from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Prediction, Samples
+from stiff_protocols.contract.types import (
+    Deflection,
+    FloatArray,
+    IntArray,
+    Interval,
+    Prediction,
+    Samples,
+)
 from stiff_protocols.scoring.conformal import SplitConformal
 from stiff_protocols.scoring.metrics import METRICS
 from stiff_protocols.scoring.sanity import check_prediction, check_units, warn_of_rows
@@ -117,9 +124,13 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
     diagnostics = {str(name): float(value) for name, value in diagnostics.items()}
     chosen = model.best_params_ if isinstance(model, ChoosesOptions) else {}
     intervals = _interval_source(task, model, train, validation)
+    asked = q
+    if task.paths is not None:
+        asked = task.paths.commanded(_checked(model), task.data, reported)
+        predicted = np.asarray(model.predict(asked, wrench))
     interval = None
     if intervals is not None and task.cell.coverage is not None:
-        interval = intervals.predict_interval(q, wrench, task.cell.coverage)
+        interval = intervals.predict_interval(asked, wrench, task.cell.coverage)
         if not isinstance(interval, Interval):
             wrong = type(interval).__name__
             raise ModelError(f"predict_interval returned {wrong}, expected Interval")
@@ -133,6 +144,15 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
     curves = model.curves_ if isinstance(model, KeepsCurves) else {}
     reference = _reference(task, q, wrench)
     measured = task.data.samples.deflection[reported]
+    if task.paths is not None:
+        # what was predicted, less the change of the deflection from the path to the command
+        removed = task.paths.removed(asked, task.data, reported)
+        if interval is not None:
+            shift = removed - predicted
+            interval = Interval(interval.lower + shift, interval.upper + shift, interval.coverage)
+        predicted = removed
+        if reference is not None:
+            reference = task.paths.removed(reference, task.data, reported)
     prediction = Prediction(
         *(reported, predicted, measured, interval, reference), _known(task, wrench)
     )
@@ -154,6 +174,17 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
         chosen={name: str(value) for name, value in chosen.items()},
         curves={str(name): _thinned(name, curve) for name, curve in curves.items()},
     )
+
+
+def _checked(model: StiffnessModel) -> Deflection:
+    """Return a model's predictions, each seen to be (n, 3) finite numbers."""
+
+    def predict(q: FloatArray, wrench: FloatArray) -> FloatArray:
+        predicted = np.asarray(model.predict(q, wrench))
+        check_prediction(predicted, len(q))
+        return predicted
+
+    return predict
 
 
 def _thinned(name: str, curve: FloatArray) -> FloatArray:
@@ -183,7 +214,8 @@ def metric_records(prediction: Prediction, cost: Cost | None) -> tuple[ResultRec
 def _reference(task: CellTask, q: FloatArray, wrench: FloatArray) -> FloatArray | None:
     """Return what the reference model predicts that learned from the whole training side.
 
-    It takes a millisecond; None where these data do not identify it.
+    Of tool paths, the (n, n_joints) commands [rad] that it corrects. It takes a millisecond; None
+    where these data do not identify it.
     """
     model = model_info(REFERENCE_MODEL).load()()
     try:
@@ -191,6 +223,8 @@ def _reference(task: CellTask, q: FloatArray, wrench: FloatArray) -> FloatArray 
             warnings.simplefilter("ignore")
             train, _ = _training_side(task, chooses_epoch=False)
             model.fit(train, robot=task.data.robot, seed=task.cell.model_seed)
+            if task.paths is not None:
+                return task.paths.commanded(model.predict, task.data, task.split.reported)
             return np.asarray(model.predict(q, wrench))
     except StiffBenchError:
         return None

@@ -107,7 +107,10 @@ def _numbers_of(result: CellResult) -> int:
 def _claims_of(result: CellResult) -> Iterator[tuple[Subject, str]]:
     """Yield the hashes of a result's data and split, and the version of its model."""
     cell, shown = result.cell, result.shown
-    yield ("data", shown.dataset, ()), cell.data_sha256
+    yield ("data", shown.dataset, ()), shown.measured_sha256 or cell.data_sha256
+    if shown.measured_sha256:
+        paths = f"paths of {shown.protocol} for {shown.dataset}"
+        yield ("data", paths, (shown.measured_sha256,)), cell.data_sha256
     if cell.source_sha256:
         source = f"source of {shown.protocol} for {shown.dataset}"
         yield ("data", source, (cell.data_sha256, cell.condition)), cell.source_sha256

@@ -17,7 +17,14 @@ from typing import Any
 import numpy as np
 
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot, Samples, frozen_array
+from stiff_protocols.contract.types import (
+    PATH_GROUP,
+    BenchmarkData,
+    FloatArray,
+    Robot,
+    Samples,
+    frozen_array,
+)
 
 
 def load_torque(data: BenchmarkData) -> FloatArray:
@@ -57,6 +64,11 @@ class StoredData:
     torque_units: tuple[str, ...]
     tcp_on_flange: FloatArray | None = None
     geometry: Robot | None = None
+
+    @property
+    def measured(self) -> Samples:
+        """The samples without the points of tool paths that a protocol added."""
+        return self.samples.take(np.flatnonzero(self.samples.group != PATH_GROUP))
 
 
 _ROBOT_NAMES = ("name", "joint_names", "joint_types")

@@ -28,7 +28,10 @@ def size_notes(results: Sequence[CellResult]) -> list[str]:
     trained, tested = (_range(column) for column in zip(*sizes, strict=True))
     if results[0].shown.reports_training:
         return [f"a split trains on {trained} samples and reports {tested}, these among them."]
-    return [f"a split trains on {trained} samples, validation included, and tests on {tested}."]
+    trains = f"a split trains on {trained} samples, validation included, and tests on {tested}"
+    if results[0].shown.measured_sha256:
+        trains += " points of tool paths"
+    return [f"{trains}."]
 
 
 def _range(numbers: tuple[int, ...]) -> str:

@@ -27,6 +27,8 @@ SELECTION_MARK = "epoch picked on test part"
 TRAINING_MARK = "training samples among those reported"
 DECIMALS = {"mm": 4, "%": 1, "": 3, "ms": 3, "MiB": 1, "1/s": 0}
 """Of mm: as in the source paper's Table 10."""
+USUAL_METRICS = ("mae", "stde", "me")
+PATH_METRICS = ("norm", "norm-p95", "norm-max", "removed")
 Values = Mapping[tuple[str, str], Quantity]
 """(metric key, axis) -> mean over the splits and their standard deviation, as printed; no
 deviation where there is one split, or one value over all splits together."""
@@ -34,6 +36,8 @@ deviation where there is one split, or one value over all splits together."""
 
 def build_tables(results: Sequence[CellResult], metrics: Sequence[Metric]) -> list[Table]:
     """Return a table for each data set, protocol and condition, in the results' order.
+
+    Where no metrics are asked for, they are the usual ones, or those of tool paths.
 
     Raises:
         StoreError: rows of different data or splits would meet in one table.
@@ -44,6 +48,8 @@ def build_tables(results: Sequence[CellResult], metrics: Sequence[Metric]) -> li
 
 def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
     cell, shown = group[0].cell, group[0].shown
+    usual = PATH_METRICS if shown.measured_sha256 else USUAL_METRICS
+    metrics = metrics or tuple(METRICS[key] for key in usual)
     by_model = grouped(group, lambda result: result.shown.model)
     refuse_mixed(by_model)
     beside = _beside_models(by_model)

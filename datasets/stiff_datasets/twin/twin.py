@@ -112,7 +112,8 @@ class TwinExperiment:
         """Return `samples` with the robot and with what the twin knows; error as `samples`.
 
         "oracle" is what the twin itself predicts from the recorded joint angles and wrenches,
-        "noise" what the tracker would have shown without noise.
+        "noise" what the tracker would have shown without noise. Asked again, it answers by
+        `DigitalTwin.readings`: in its true base frame, whichever frame the tracker has.
         """
         q = self.logged_q(poses)
         wrench = self.wrenches(q)
@@ -123,7 +124,7 @@ class TwinExperiment:
             "oracle": shown.shown_deflection(oracle),
             "noise": shown.shown_deflection(deflection),
         }
-        return BenchmarkData(samples, self._constants.robot(), known)
+        return BenchmarkData(samples, self._constants.robot(), known, self.twin.readings)
 
     def logged_q(self, poses: Poses) -> FloatArray:
         """Return (n, n_joints) joint angles [rad] as a log holds them, a row a load."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -16,12 +17,13 @@ from stiff_protocols.conformance.checklist import (
 )
 from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.interfaces import (
+    CorrectsPaths,
     DividesByRobot,
     EvaluationProtocol,
     StiffnessDataset,
     reports_training,
 )
-from stiff_protocols.contract.types import BenchmarkData, Samples, Split
+from stiff_protocols.contract.types import PATH_GROUP, BenchmarkData, Samples, Split
 from stiff_protocols.splits.checks import (
     fault_of_numbers,
     fault_of_rows,
@@ -32,6 +34,7 @@ from stiff_protocols.splits.checks import (
 
 LARGEST_WRENCH = 1e5  # N or N m; the largest robots carry some 2e4 N
 LARGEST_ANGLE = 8.0 * np.pi  # rad; a joint turns a few times at most, and 90 deg is more
+MOST_UNEXPLAINED = 0.5  # of the squared deflection, by a robot that answers new poses
 SMALLEST_DEFLECTION, LARGEST_DEFLECTION = 1e-9, 1.0  # m
 
 MakeDataset = Callable[[], StiffnessDataset]
@@ -78,6 +81,27 @@ def _plausible_units(make: MakeDataset) -> str:
     return f"wrench up to {wrench:.3g} N or N m, deflection up to {1e3 * deflection:.3g} mm"
 
 
+@_DATASET.asks(
+    "a robot that answers new poses is the one that was measured",
+    "under_load(q, wrench) returns the (n, 3) deflection [m] of that robot, the same at each call",
+)
+def _answers(make: MakeDataset) -> str:
+    """Ask it for the measured poses: what is not noise must come back."""
+    data = _loaded(make)
+    if data.under_load is None:
+        raise NotApplicable("answers no new poses")
+    q, wrench, measured = data.samples.q, data.samples.wrench, data.samples.deflection
+    first, second = (np.asarray(data.under_load(q, wrench)) for _ in range(2))
+    if first.shape != measured.shape or not np.isfinite(first).all():
+        raise Failed(f"shape {first.shape}, expected {measured.shape} finite numbers")
+    if not np.array_equal(first, second):
+        raise Failed("the same poses gave other deflections")
+    share = float(np.sum((measured - first) ** 2) / np.sum(measured**2))
+    if share > MOST_UNEXPLAINED:
+        raise Failed(f"{share:.0%} of the squared deflection is not explained by its answers")
+    return f"{share:.1%} of the squared deflection is not in its answers"
+
+
 _PROTOCOL: Checklist[DividedRows] = Checklist()
 
 
@@ -86,10 +110,22 @@ class DividedRows:
 
     def __init__(self, make: Callable[[], EvaluationProtocol], data: BenchmarkData) -> None:
         """Make the protocol."""
-        self.samples = data.samples
-        self.protocol = make()
+        self._data, self.protocol = data, make()
         if isinstance(self.protocol, DividesByRobot):
             self.protocol.use_robot(data.robot)
+
+    @cached_property
+    def samples(self) -> Samples:
+        """What is divided, with the tool paths of the protocol; StageFailed where it has none."""
+        if not isinstance(self.protocol, CorrectsPaths):
+            return self._data.samples
+        try:
+            return self.protocol.with_paths(self._data).samples
+        except StiffBenchError as error:
+            advice = "check it on a data set whose robot answers new poses (--dataset KEY)"
+            raise StageFailed("with_paths", Failed(str(error), advice)) from error
+        except (Exception, SystemExit) as error:
+            raise StageFailed("with_paths", error) from error
 
     def splits(self, samples: Samples | None = None) -> Sequence[Split]:
         """Return the divisions of these samples or others; StageFailed where there are none."""
@@ -159,6 +195,20 @@ def _sensor_errors_fit(divided: DividedRows) -> str:
     return f"{len(erring)} splits with sensor errors"
 
 
+@_PROTOCOL.asks(
+    "tool paths are tested and never learned from", "give the rows of PATH_GROUP to the test part"
+)
+def _paths_are_tested(divided: DividedRows) -> str:
+    splits = divided.splits()
+    points = np.flatnonzero(divided.samples.group == PATH_GROUP)
+    if not len(points):
+        raise NotApplicable("adds no tool paths")
+    for split in splits:
+        if not np.array_equal(np.sort(split.reported), points):
+            raise Failed(f"{named(split)} reports other rows than the {len(points)} path points")
+    return f"{len(points)} points of {len(np.unique(divided.samples.pose_id[points]))} paths"
+
+
 @_PROTOCOL.asks("every row is used", "return splits that can be concatenated")
 def _covers(divided: DividedRows) -> None:
     used = [rows for s in divided.splits() for rows in (s.train, s.validation, s.test)]
@@ -186,9 +236,11 @@ def _blind_to_deflections(divided: DividedRows) -> None:
 
 @_PROTOCOL.asks("no pose is parted", "divide by samples.pose_id")
 def _keeps_poses(divided: DividedRows) -> None:
-    """Divide the same samples named as two loads a pose."""
-    pose_id = np.array([f"P{row // 2}" for row in range(len(divided.samples))])
-    splits = divided.splits(replace(divided.samples, pose_id=pose_id))
+    """Divide the same samples named as two loads a pose; points of tool paths keep their path."""
+    samples = divided.samples
+    pairs = np.array([f"P{row // 2}" for row in range(len(samples))])
+    pose_id = np.where(samples.group == PATH_GROUP, samples.pose_id, pairs)
+    splits = divided.splits(replace(samples, pose_id=pose_id))
     selects = divided.protocol.selects_on_test  # its validation rows are test rows, as it says
     learned = [s.train if selects else np.r_[s.train, s.validation] for s in splits]
     parted = sum(

@@ -14,7 +14,9 @@ from typing import Any, Protocol, Self, runtime_checkable
 from stiff_protocols.contract.plugin import Grid
 from stiff_protocols.contract.types import (
     BenchmarkData,
+    Deflection,
     FloatArray,
+    IntArray,
     Interval,
     Robot,
     Samples,
@@ -232,6 +234,27 @@ class DividesByRobot(Protocol):
 
     def use_robot(self, robot: Robot) -> None:
         """Remember the robot."""
+
+
+@runtime_checkable
+class CorrectsPaths(Protocol):
+    """Optional power of a protocol: score tool paths that models correct, not their predictions.
+
+    The data set's robot moves along them under load (`BenchmarkData.under_load`).
+    """
+
+    def with_paths(self, data: BenchmarkData) -> BenchmarkData:
+        """Return the data with the points of the paths behind the samples, in path order.
+
+        Their group is `PATH_GROUP`, their pose_id the path's name, their deflection the error of
+        the path without correction. ConfigError: the robot cannot be asked, or has no such path.
+        """
+
+    def commanded(self, predict: Deflection, data: BenchmarkData, rows: IntArray) -> FloatArray:
+        """Return (n, n_joints) commands [rad] for these points, corrected with predictions."""
+
+    def removed(self, q: FloatArray, data: BenchmarkData, rows: IntArray) -> FloatArray:
+        """Return (n, 3) how much less the path error [m] is with commands than without."""
 
 
 @runtime_checkable

@@ -188,6 +188,8 @@ class Presentation:
         picked_on_test: the model chose its epoch on the test part.
         selects_on_test: the protocol lets models do so.
         reports_training: training rows are among those that the metrics are computed on.
+        measured_sha256: hash of the data set without the points of tool paths that the protocol
+            added to it, whose errors the metrics then are of; "" where it added none.
         pooled: the protocol's metrics are computed over the predictions of all splits together.
         caveats: of the data.
         published: name of the published table that belongs beneath; "" for none.
@@ -208,6 +210,7 @@ class Presentation:
     warning: str = ""
     source: str = ""
     reports_training: bool = False
+    measured_sha256: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ force first, acts at the tool centre point (TCP) and is expressed in the robot b
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, Self
@@ -21,6 +21,7 @@ from stiff_protocols.contract.robot import JointType, Robot
 __all__ = [
     "AXES",
     "KNOWN",
+    "PATH_GROUP",
     "BenchmarkData",
     "FloatArray",
     "IntArray",
@@ -37,9 +38,17 @@ __all__ = [
 AXES = ("x", "y", "z")
 """Names of the three components of a deflection, robot base frame."""
 
-KNOWN = {"oracle": "oracle", "noise": "instrument noise"}
+KNOWN = {"oracle": "oracle", "noise": "instrument noise", "uncorrected": "no correction"}
 """What a simulation knows -> its name in tables. Oracle: what the robot's own physics predict from
-the recorded joint angles and wrenches. Noise: the deflection before the tracker's noise."""
+the recorded joint angles and wrenches. Noise: the deflection before the tracker's noise.
+Uncorrected: none of a path's error removed."""
+
+PATH_GROUP = "tool path"
+"""Group of the samples that a protocol adds for a robot that is asked again: points of tool paths,
+which no model learns from."""
+
+Deflection = Callable[[FloatArray, FloatArray], FloatArray]
+"""(n, n_joints) joint positions [rad, m] and (n, 6) wrenches [N, N m] -> (n, 3) deflections [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,11 +244,16 @@ class BenchmarkData:
         known: (n, 3) deflections [m] that only a simulation knows, a row a sample, beside which a
             model's errors are read: see `KNOWN`. No model sees them, and they are no part of
             the data's hash.
+        under_load: true deflection of the robot that was measured at poses and loads that it was
+            not measured at, without noise, in the order in which it goes there; None where it
+            cannot be asked again. It can be pickled. Only the scorer calls it: no model sees it,
+            and it is no part of the hash.
     """
 
     samples: Samples
     robot: Robot
     known: Mapping[str, FloatArray] = field(default_factory=dict)
+    under_load: Deflection | None = None
 
     def __post_init__(self) -> None:
         """Check that samples, robot and what is known agree."""

@@ -7,7 +7,7 @@ changes over its own length, so each step is about a hundredth of the one before
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -15,11 +15,9 @@ import numpy as np
 from stiff_protocols.contract.arrays import FloatArray, IntArray, TextArray, frozen_array
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.robot import Robot
+from stiff_protocols.contract.types import Deflection
 from stiff_protocols.paths.inverse import BoolArray, refuse_redundant, solved
 from stiff_protocols.paths.path import ToolPath
-
-Predict = Callable[[FloatArray, FloatArray], FloatArray]
-"""(n, n_joints) joint positions [rad, m] and (n, 6) wrenches [N, N m] -> (n, 3) deflections [m]."""
 
 TOLERANCE_M, MAX_ITERATIONS = 1e-6, 20
 
@@ -63,7 +61,7 @@ class Compensation:
 
 
 def compensate(
-    predict: Predict,
+    predict: Deflection,
     robot: Robot,
     path: ToolPath,
     q: FloatArray,

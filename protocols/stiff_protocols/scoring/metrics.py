@@ -120,10 +120,19 @@ def _norm_p95(prediction: Prediction) -> FloatArray:
     return np.asarray(np.percentile(norm_errors(prediction), 95.0))
 
 
+def _norm_max(prediction: Prediction) -> FloatArray:
+    return np.asarray(norm_errors(prediction).max())
+
+
 def _relative(prediction: Prediction) -> FloatArray | None:
     """Return a ratio of means: ratios of single samples are ruled by the smallest deflections."""
     size = float(np.linalg.norm(prediction.measured, axis=1).mean())
     return np.asarray(norm_errors(prediction).mean() / size) if size > 0.0 else None
+
+
+def _removed(prediction: Prediction) -> FloatArray | None:
+    left = _relative(prediction)
+    return None if left is None else np.asarray(1.0 - left)
 
 
 def _skill(prediction: Prediction) -> FloatArray | None:
@@ -184,12 +193,30 @@ METRICS = {
             axes=WHOLE,
         ),
         Metric(
+            "norm-max",
+            "3-D error max",
+            "m",
+            "smaller",
+            "largest 3-D error",
+            _norm_max,
+            axes=WHOLE,
+        ),
+        Metric(
             "relative",
             "relative",
             "share",
             "smaller",
             "mean 3-D error / mean length of the deflection",
             _relative,
+            axes=WHOLE,
+        ),
+        Metric(
+            "removed",
+            "removed",
+            "share",
+            "larger",
+            "1 - relative: share of the mean deflection, or path error, that the model removes",
+            _removed,
             axes=WHOLE,
         ),
         Metric(

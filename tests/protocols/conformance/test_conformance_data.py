@@ -122,7 +122,27 @@ def test_a_data_set_in_mm_or_of_chance_fails(fanuc):
     class InMillimetres(Loads):
         factor = 1000.0
 
-    assert all(check.status == "passed" for check in check_dataset(FanucR2000iC))
-    chance, units = check_dataset(Loads)
+    *checks, answers = check_dataset(FanucR2000iC)
+    assert all(check.status == "passed" for check in checks)
+    assert answers.status == "not applicable"
+    chance, units, _ = check_dataset(Loads)
     assert (chance.status, units.status) == ("failed", "passed")
     assert "is it in mm?" in check_dataset(InMillimetres)[1].reason
+
+
+@pytest.mark.parametrize(
+    ("answer", "reason"),
+    [
+        (lambda q, wrench: np.zeros((len(q), 2)), "shape"),
+        (lambda q, wrench: np.random.default_rng().normal(size=(len(q), 3)), "other deflections"),
+        (lambda q, wrench: np.full((len(q), 3), 1.0), "squared deflection"),
+    ],
+)
+def test_a_robot_that_answers_as_another_one_or_by_chance_fails(answer, reason, twin):
+    class Answers:
+        def load(self):
+            return replace(twin, under_load=answer)
+
+    *checks, answers = check_dataset(Answers)
+    assert all(check.status == "passed" for check in checks)
+    assert answers.status == "failed" and reason in answers.reason

@@ -1,0 +1,203 @@
+"""`path-compensation`: how far off is a tool path after a model has corrected its commands?"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from itertools import product
+
+import numpy as np
+
+from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
+from stiff_protocols.contract.types import (
+    PATH_GROUP,
+    BenchmarkData,
+    Deflection,
+    FloatArray,
+    IntArray,
+    Robot,
+    Samples,
+    Split,
+)
+from stiff_protocols.paths.compensation import compensate
+from stiff_protocols.paths.inverse import BoolArray, judged, solved
+from stiff_protocols.paths.path import SHAPES, ToolPath
+from stiff_protocols.splits.generators import LazySplits
+from stiff_protocols.splits.random_splits import Holdout
+
+PARTS = ("near", "middle", "far")
+"""Thirds of the measured poses, by the distance of the TCP from the base's z axis."""
+DRIVEN = ("line", "square", "circle")
+LOADS = {"down": (0, 0, -1), "x": (1, 0, 0), "y": (0, 1, 0), "oblique": (1, 1, -1)}
+"""Directions of the process force, base frame."""
+FORCE = 0.8
+"""Process force, of the largest measured one: inside the payload."""
+SIZE = 0.1
+"""Edge, diameter or length, of the largest distance of a measured TCP from the base's z axis."""
+POINTS = 20
+"""Of a path: an even number, so that the middle of a line, a measured pose, is none of them."""
+MARGIN_RAD = 0.05
+"""Between a path and the limits of the joints, for the corrections."""
+SAME_BRANCH_RAD = 1.0
+"""How far a joint moves from the middle of a path at most, so that the arm cannot flip."""
+DECIMALS_DEG, DECIMALS_M = 4, 8
+"""As twins record joint angles and deflections, so that machines agree on the data's hash."""
+
+
+@dataclass(kw_only=True, eq=False)
+class PathCompensation(Holdout):
+    """Tool paths under process loads that a simulated robot follows with corrected commands.
+
+    Models learn from the training side of `holdout`'s divisions of the measured poses; the test
+    side is left out.
+    """
+
+    def with_paths(self, data: BenchmarkData) -> BenchmarkData:
+        """Return the data with the points of 36 paths behind the samples.
+
+        Three shapes in three parts of the workspace under four loads, each about another measured
+        pose whose orientation is held.
+
+        Raises:
+            ConfigError: the robot cannot be asked again, has other than six joints, or no path of
+                a part can be driven.
+        """
+        if data.under_load is None:
+            raise ConfigError(
+                "a measured robot cannot be asked how it moves with corrected commands (valid: "
+                "simulated data sets, such as kr10-twin)"
+            )
+        if data.robot.n_joints != 6:
+            raise ConfigError(
+                f"robot {data.robot.name!r} has {data.robot.n_joints} joints (valid: 6, which hold "
+                "the position and the orientation of the tool)"
+            )
+        if (data.samples.group == PATH_GROUP).any():
+            raise ConfigError(f"its samples have the group {PATH_GROUP!r}, which paths are given")
+        points = _points(data)
+        samples = Samples(
+            **{
+                item.name: np.concatenate(
+                    [getattr(one, item.name) for one in (data.samples, points)]
+                )
+                for item in fields(Samples)
+            }
+        )
+        found = replace(data, samples=samples, known={})
+        rows = np.arange(len(data.samples), len(samples))
+        oracle = samples.deflection.copy()
+        oracle[rows] = self.removed(self.commanded(data.under_load, found, rows), found, rows)
+        return replace(found, known={"oracle": oracle, "uncorrected": np.zeros_like(oracle)})
+
+    def commanded(self, predict: Deflection, data: BenchmarkData, rows: IntArray) -> FloatArray:
+        """Return the commands under which points are predicted to lie on their paths.
+
+        A point whose correction does not converge keeps its command, and is warned of.
+        """
+        robot, q, wrench = data.robot, data.samples.q[rows], data.samples.wrench[rows]
+        wanted = robot.forward(q)
+        path = ToolPath(PATH_GROUP, wanted.points[:, -1], wanted.rotation, wrench)
+        found = compensate(predict, robot, path, q)
+        if n_left := int((~found.converged).sum()):
+            why = ", ".join(np.unique(found.problem[~found.converged]))
+            warnings.warn(
+                f"{n_left} of {len(rows)} path points are left uncorrected: {why}",
+                StiffBenchWarning,
+                stacklevel=2,
+            )
+        return found.q
+
+    def removed(self, q: FloatArray, data: BenchmarkData, rows: IntArray) -> FloatArray:
+        """Return the path error without correction less the one that the commands `q` leave."""
+        assert data.under_load is not None  # else it has no paths
+        robot, samples = data.robot, data.samples.take(rows)
+        stands = robot.tcp_position(q) + data.under_load(q, samples.wrench)
+        left = stands - robot.tcp_position(samples.q)
+        return np.asarray(samples.deflection - left)
+
+    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
+        """Return `n_splits` (default 1) divisions, `holdout`'s of the same seed, with all paths."""
+        is_point = samples.group == PATH_GROUP
+        measured, points = np.flatnonzero(~is_point), np.flatnonzero(is_point)
+        divisions = super().splits(samples.take(measured), n_splits=n_splits, seed=seed)
+
+        def with_paths() -> Iterator[Split]:
+            for one in divisions:
+                yield Split(one.index, measured[one.train], measured[one.validation], points)
+
+        return LazySplits(with_paths, len(divisions))
+
+
+def _points(data: BenchmarkData) -> Samples:
+    """Return the points of all paths; their deflection is the true one without correction."""
+    assert data.under_load is not None
+    samples, robot = data.samples, data.robot
+    force = FORCE * float(np.linalg.norm(samples.wrench[:, :3], axis=1).max())
+    poses = samples.q[np.sort(np.unique(samples.pose_id, return_index=True)[1])]
+    poses = poses[np.random.default_rng(0).permutation(len(poses))]  # a plan's neighbours are alike
+    reach = np.hypot(*robot.tcp_position(poses)[:, :2].T)
+    size = SIZE * float(reach.max())
+    _, is_place = _driven(robot, ["square"] * len(poses), poses, size)  # the others lie inside
+    edges = np.quantile(reach, np.arange(1, len(PARTS)) / len(PARTS))
+    part_of_pose = np.searchsorted(edges, reach)
+    names, shapes, starts, wrench = [], [], [], []
+    for number, part in enumerate(PARTS):
+        places = poses[is_place & (part_of_pose == number)]
+        if not len(places):
+            raise ConfigError(
+                f"robot {robot.name!r} cannot drive a square of {1000.0 * size:.0f} mm about any "
+                f"measured pose in the {part} part of the workspace: joint limits or a singularity "
+                "are in the way"
+            )
+        for k, (shape, load) in enumerate(product(DRIVEN, LOADS)):
+            names.append((f"{shape}, {part}, {load}", load))
+            shapes.append(shape)
+            starts.append(places[k % len(places)])
+            direction = np.array(LOADS[load]) / np.linalg.norm(LOADS[load])
+            wrench.append(np.r_[force * direction, np.zeros(3)])
+    angles, driven = _driven(robot, shapes, np.array(starts), size)
+    if not driven.all():
+        path, _ = names[int(np.argmin(driven))]
+        raise ConfigError(f"robot {robot.name!r} cannot drive the path {path!r}")
+    q = np.deg2rad(np.rad2deg(angles).round(DECIMALS_DEG))
+    loaded = np.repeat(wrench, POINTS, axis=0)
+    pose_id, load_id = np.repeat(names, POINTS, axis=0).T
+    return Samples(
+        q=q,
+        wrench=loaded,
+        deflection=data.under_load(q, loaded).round(DECIMALS_M),
+        pose_id=pose_id,
+        load_id=load_id,
+        group=np.full(len(q), PATH_GROUP),
+    )
+
+
+def _driven(
+    robot: Robot, shapes: Sequence[str], starts: FloatArray, size: float
+) -> tuple[FloatArray, BoolArray]:
+    """Return joint angles along paths about poses, and which of the paths can be driven there.
+
+    Args:
+        robot: that drives.
+        shapes: (k,) of the paths.
+        starts: (k, 6) joint angles of the poses, whose orientation is held, rad.
+        size: of every path, m.
+
+    Returns:
+        (k POINTS, 6) rad, and (k,).
+    """
+    stands = robot.forward(starts)
+    centres, rotations = stands.points[:, -1], stands.rotation
+    outlines = [
+        SHAPES[shape](centre, size, POINTS, rotation=rotation, wrench=np.zeros(6)).position
+        for shape, centre, rotation in zip(shapes, centres, rotations, strict=True)
+    ]
+    seeds = np.repeat(starts, POINTS, axis=0)
+    q, reached = solved(
+        robot, np.concatenate(outlines), np.repeat(rotations, POINTS, axis=0), seeds
+    )
+    ok = reached & ~judged(robot, q).singular
+    ok &= (np.abs(q - seeds) < SAME_BRANCH_RAD).all(axis=1)
+    ok &= (np.minimum(q - robot.lower, robot.upper - q) > MARGIN_RAD).all(axis=1)
+    return q, np.asarray(ok.reshape(-1, POINTS).all(axis=1))

@@ -1,0 +1,169 @@
+"""`path-compensation` in the engine: what models are given, what is scored, who meets whom."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from run_requests import planned
+from stiff_bench.analysis import collected
+from stiff_bench.analysis.collected import collect, same_name_other_data
+from stiff_bench.analysis.comparison import compare
+from stiff_bench.analysis.leaderboard import of_newest_data
+from stiff_bench.analysis.verdict import Question
+from stiff_bench.plan.cells import cell_tasks, tell_source
+from stiff_bench.run.cell import compute_cell
+from stiff_bench.run.execution import IN_THIS_PROCESS
+from stiff_bench.run.progress import LineDisplay
+from stiff_bench.run.runner import run_cells
+from stiff_bench.store.database import ResultStore, read_data
+from stiff_bench.tables.metric_table import build_tables
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.types import PATH_GROUP, Samples
+from stiff_protocols.scoring.metrics import norm_errors
+
+PATHS = "path-compensation"
+SEEN = []
+
+
+class Witness:
+    """Remembers what it was given, and predicts the mean deflection of its training samples."""
+
+    def fit(self, train, *, robot, validation=None, seed=0):
+        SEEN.extend([train, robot, validation])
+        self.mean_ = train.deflection.mean(axis=0)
+        return self
+
+    def predict(self, q, wrench):
+        SEEN.extend([q, wrench])
+        return np.tile(self.mean_, (len(q), 1))
+
+    def use_source(self, source):
+        SEEN.append(source)
+
+
+def listed(models=("vjm",), protocols=(PATHS,), splits=2):
+    return list(cell_tasks(planned(models=models, protocols=protocols, metrics=(), splits=splits)))
+
+
+@pytest.fixture(scope="module")
+def tasks():
+    return listed(("vjm", "zero"))
+
+
+@pytest.fixture(scope="module")
+def stored(tasks, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("paths")
+    every = [*tasks, *listed(("vjm", "zero"), ("holdout",))]
+    done = run_cells(every, "bench run", ResultStore(folder), IN_THIS_PROCESS, LineDisplay())
+    return folder, done.results
+
+
+@pytest.fixture(scope="module")
+def results(stored):
+    return [one for one in stored[1] if one.shown.protocol == PATHS]
+
+
+@pytest.fixture(scope="module")
+def cases(stored):
+    return stored[0], {case.name.protocol: case for case in collect(stored[0])}
+
+
+def with_witness(task):
+    SEEN.clear()
+    return replace(task, model=replace(task.model, cls=Witness, params={}, context={}))
+
+
+def test_no_model_is_given_the_robot_that_answers(tasks):
+    result = compute_cell(with_witness(tasks[0]), "r")
+    assert result.status == "ok", result.failure
+    assert tasks[0].data.under_load is not None
+    assert not any(hasattr(one, "under_load") or callable(one) for one in SEEN)
+    SEEN.clear()
+    tell_source(Witness(), tasks[0].data)
+    assert SEEN[0].samples is tasks[0].data.samples and SEEN[0].under_load is None
+
+
+def test_other_answers_of_the_robot_change_no_fit_and_no_command(tasks, results):
+    def other(q, wrench):
+        return np.full((len(q), 3), 7.0)
+
+    task = tasks[0]
+    spoiled = compute_cell(replace(task, data=replace(task.data, under_load=other)), "r")
+    assert spoiled.diagnostics == results[0].diagnostics
+    left = spoiled.prediction.measured - spoiled.prediction.predicted
+    command = left - 7.0  # p_cmd - p: what the model corrected
+    rows = task.split.test
+    model = task.make().fit(
+        task.data.samples.take(np.r_[task.split.train, task.split.validation]),
+        robot=task.data.robot,
+    )
+    predicted = model.predict(task.data.samples.q[rows], task.data.samples.wrench[rows])
+    assert np.abs(command + predicted).max() < 0.02 * np.abs(predicted).max()
+
+
+def test_a_training_side_holds_measured_poses_alone(tasks):
+    SEEN.clear()
+    compute_cell(with_witness(tasks[0]), "r")
+    train = next(one for one in SEEN if isinstance(one, Samples))
+    assert PATH_GROUP not in train.group and len(train) == 120
+
+
+def test_the_zero_model_leaves_the_uncorrected_error_and_the_oracle_the_tolerance(results):
+    zero = next(one for one in results if one.shown.model == "zero")
+    prediction = zero.prediction
+    without = np.linalg.norm(prediction.measured, axis=1)
+    np.testing.assert_allclose(norm_errors(prediction), without, atol=1e-8)
+    assert zero.values("removed")[""] == pytest.approx(0.0, abs=1e-5)
+    of_oracle = replace(prediction, predicted=prediction.known["oracle"])
+    assert norm_errors(of_oracle).max() < 1.1e-6
+
+
+def test_the_reference_row_is_the_vjms_own_path_error(results):
+    vjm, zero = (
+        next(one for one in results if one.shown.model == name) for name in ("vjm", "zero")
+    )
+    np.testing.assert_allclose(zero.prediction.reference, vjm.prediction.predicted, atol=1e-9)
+    assert 0.5 < vjm.values("removed")[""] < 1.0
+
+
+def test_an_interval_of_a_corrected_path_covers_what_the_models_interval_covers(tasks):
+    task = tasks[0]
+    found = compute_cell(replace(task, cell=replace(task.cell, coverage=0.8)), "r").prediction
+    assert (found.interval.lower <= found.predicted).all()
+    assert (found.predicted <= found.interval.upper).all()
+
+
+def test_the_table_shows_path_errors_and_the_rows_that_no_model_may_know(results):
+    (table,) = build_tables(results, ())
+    assert [column.about["metric"] for column in table.columns if column.about] == [
+        *("norm", "norm-p95", "norm-max", "removed")
+    ]
+    names = [row[0].text for row in table.rows]
+    assert names == ["vjm", "zero", "oracle", "no correction"]
+    assert any("path errors" in note for note in table.notes)
+
+
+def test_whole_paths_are_resampled_and_splits_share_what_they_train_on(cases):
+    folder, of_protocol = cases
+    case = of_protocol[PATHS]
+    data = read_data(folder, case.name.data_sha256)
+    found = compare(case, "vjm", "zero", data, Question())
+    assert found.n_poses == 36 and found.n_test == 720
+    assert collected.test_share(case.results("vjm"), data) == pytest.approx(31 / 151)
+
+
+def test_results_with_and_without_paths_are_of_the_same_data_set(cases):
+    folder, of_protocol = cases
+    every = [*of_protocol.values()]
+    assert len({case.name.data_sha256 for case in every}) == 2
+    assert list(same_name_other_data(every, lambda sha256: read_data(folder, sha256))) == []
+    assert {case.name.protocol for case in of_newest_data(every)} == {PATHS, "holdout"}
+
+
+@pytest.mark.parametrize("dataset", ["fanuc-r2000ic"])
+def test_measured_data_are_refused_in_a_line_that_names_them(dataset, tasks_of):
+    with pytest.raises(ConfigError, match=rf"{dataset} under {PATHS}: a measured robot cannot"):
+        tasks_of(("vjm",), dataset, PATHS)

@@ -1,0 +1,134 @@
+"""`path-compensation`: its paths, what its robot makes of commands, and what it refuses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from made_robots import planar_arm
+from made_samples import samples_with
+from stiff_models.physics.vjm import VirtualJointModel
+from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
+from stiff_protocols.contract.types import PATH_GROUP, BenchmarkData
+from stiff_protocols.paths.compensation import TOLERANCE_M
+from stiff_protocols.splits.path_compensation import LOADS, MARGIN_RAD, PARTS, PathCompensation
+from stiff_protocols.splits.random_splits import Holdout
+
+PROTOCOL = PathCompensation()
+ROUNDED_M = 1e-8
+"""To which the data record a deflection."""
+
+
+@pytest.fixture(scope="module")
+def data(twin):
+    return PROTOCOL.with_paths(twin)
+
+
+@pytest.fixture(scope="module")
+def rows(data):
+    return np.flatnonzero(data.samples.group == PATH_GROUP)
+
+
+def no_prediction(q, wrench):
+    return np.zeros((len(q), 3))
+
+
+def left(data, rows, q):
+    """Path errors [m] of commands, worked out from where the loaded robot stands."""
+    samples = data.samples.take(rows)
+    stands = data.robot.tcp_position(q) + data.under_load(q, samples.wrench)
+    return stands - data.robot.tcp_position(samples.q)
+
+
+def test_whole_paths_stand_behind_the_measured_samples(data, twin, rows):
+    n = len(twin.samples)
+    measured = data.samples.take(np.arange(n))
+    assert BenchmarkData(measured, data.robot).sha256 == twin.sha256
+    np.testing.assert_array_equal(rows, np.arange(n, len(data.samples)))
+    paths, first, count = np.unique(
+        data.samples.pose_id[rows], return_index=True, return_counts=True
+    )
+    assert len(paths) == 3 * len(PARTS) * len(LOADS) and len(set(count)) == 1
+    for path, start, length in zip(paths, first, count, strict=True):
+        assert (data.samples.pose_id[rows][start : start + length] == path).all()
+    assert not set(paths) & set(twin.samples.pose_id)
+
+
+def test_paths_keep_from_the_joints_limits_and_the_loads_inside_the_measured_ones(data, twin, rows):
+    points, robot = data.samples.take(rows), data.robot
+    room = np.minimum(points.q - robot.lower, robot.upper - points.q)
+    assert room.min() > MARGIN_RAD - 1e-5
+    force, measured = (np.linalg.norm(one.wrench[:, :3], axis=1) for one in (points, twin.samples))
+    assert 0.0 < force.max() < measured.max()
+
+
+def test_no_point_of_a_path_is_a_measured_pose(data, twin, rows):
+    away = data.samples.q[rows][:, None] - twin.samples.q
+    assert np.abs(away).max(axis=2).min() > 1e-3
+
+
+def test_models_learn_from_the_rows_that_holdout_gives_them_and_all_paths_are_tested(
+    data, twin, rows
+):
+    of_paths = PROTOCOL.splits(data.samples, n_splits=3, seed=4)
+    of_holdout = Holdout().splits(twin.samples, n_splits=3, seed=4)
+    for one, other in zip(of_paths, of_holdout, strict=True):
+        np.testing.assert_array_equal(one.train, other.train)
+        np.testing.assert_array_equal(one.validation, other.validation)
+        np.testing.assert_array_equal(one.test, rows)
+
+
+def test_no_correction_leaves_the_deflection_and_removes_nothing(data, rows):
+    q = PROTOCOL.commanded(no_prediction, data, rows)
+    np.testing.assert_array_equal(q, data.samples.q[rows])
+    np.testing.assert_allclose(left(data, rows, q), data.samples.deflection[rows], atol=ROUNDED_M)
+    np.testing.assert_allclose(PROTOCOL.removed(q, data, rows), 0.0, atol=ROUNDED_M)
+    assert (data.known["uncorrected"] == 0.0).all()
+
+
+def test_the_twins_own_truth_leaves_the_tolerance(data, rows):
+    error = (data.known["oracle"] - data.samples.deflection)[rows]
+    assert 0.0 < np.linalg.norm(error, axis=1).max() <= TOLERANCE_M + ROUNDED_M
+
+
+def test_a_robot_of_joint_springs_is_corrected_by_the_same_springs_to_the_tolerance(twin):
+    model = VirtualJointModel().fit(twin.samples, robot=twin.robot)
+    data = PROTOCOL.with_paths(replace(twin, under_load=model.predict))
+    rows = np.flatnonzero(data.samples.group == PATH_GROUP)
+    q = PROTOCOL.commanded(model.predict, data, rows)
+    assert np.linalg.norm(left(data, rows, q), axis=1).max() <= 1.01 * TOLERANCE_M
+
+
+def test_what_is_removed_is_the_error_without_correction_less_the_one_with_it(data, rows):
+    few = rows[::7]
+    q = PROTOCOL.commanded(lambda q, w: 0.7 * data.under_load(q, w), data, few)
+    removed = PROTOCOL.removed(q, data, few)
+    without = data.samples.deflection[few]
+    np.testing.assert_allclose(without - removed, left(data, few, q), atol=1e-12)
+    assert 0.65 < np.linalg.norm(removed) / np.linalg.norm(without) < 0.75
+
+
+def test_points_whose_correction_does_not_converge_keep_their_command_with_a_warning(data, rows):
+    few = rows[::50]
+
+    def wild(q, wrench):
+        return 0.05 * np.sign(np.sin(1e4 * q[:, :3]))
+
+    with pytest.warns(StiffBenchWarning, match="path points are left uncorrected"):
+        q = PROTOCOL.commanded(wild, data, few)
+    kept = (q == data.samples.q[few]).all(axis=1)
+    assert kept.any()
+
+
+def test_a_robot_that_cannot_be_asked_or_turned_is_refused(twin, fanuc):
+    with pytest.raises(ConfigError, match="measured robot cannot be asked"):
+        PROTOCOL.with_paths(fanuc)
+    planar = planar_arm(2, (0.0, 0.0, 1.0))
+    samples = samples_with(np.zeros((4, planar.n_joints)), np.ones((4, 6)), np.ones((4, 3)))
+    with pytest.raises(ConfigError, match=f"has {planar.n_joints} joints .*valid: 6"):
+        PROTOCOL.with_paths(BenchmarkData(samples, planar, under_load=no_prediction))
+    stiff = replace(twin.robot, lower=np.full(6, -1e-3), upper=np.full(6, 1e-3))
+    with pytest.raises(ConfigError, match=r"cannot drive a square of .* mm .*near part"):
+        PROTOCOL.with_paths(replace(twin, robot=stiff))
