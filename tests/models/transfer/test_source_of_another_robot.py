@@ -133,14 +133,14 @@ def test_a_compliance_network_begins_with_the_other_robots_springs_in_the_target
 def test_co_kriging_has_the_other_robots_vjm_as_its_low_fidelity(target, ur5, monkeypatch):
     cheap = []
 
-    def witnessed(low, high, cheap_rows, rows, search):
+    def witnessed(low, high, cheap_rows, *rest, **options):
         cheap.append(cheap_rows[1])
-        return real(low, high, cheap_rows, rows, search)
+        return real(low, high, cheap_rows, *rest, **options)
 
     real = mf_gp.fit_co_kriging
     monkeypatch.setattr(mf_gp, "fit_co_kriging", witnessed)
     model = fitted(MultiFidelityGp(source_samples=4, ard=False), target, ur5)
-    at_measured = model.output_scaler_.undo(np.stack(cheap, axis=1))[4:]
+    at_measured = model.output_scaler_.undo(np.stack(cheap[:3], axis=1))[4:]  # the folds follow
     np.testing.assert_allclose(at_measured, predicted(vjm_of(ur5), target), atol=1e-15)
 
 
