@@ -66,7 +66,7 @@ def place(tmp_path):
     return Place(tmp_path)
 
 
-SIMULATE = "data simulate --samples 9 --output ../out/some.csv"
+SIMULATE = "data simulate --samples 60 --output ../out/some.csv"
 FIT = "fit --model mlp@width=8@epochs=2 --dataset kr10-twin --output ../out/m.stiff"
 LEADERBOARD = ("leaderboard --results ../results",)
 WRITE_BELOW_OUTPUT = (

@@ -57,7 +57,8 @@ def test_clean_data_of_other_specimens_noise_and_size_are_ok(twin, tmp_path):
     for specimen, seed, step in ((0, 2, 1), (6, 0, 3), (5, 0, 5)):  # of 151 poses 151, 51 and 31
         data = clean(twin, specimen, seed)
         report = data.report(tmp_path / "my.csv", data.table.iloc[::step])
-        assert report.warnings == (), (specimen, seed, step)
+        wrong = [one for one in report.warnings if "cannot be identified" not in one.message]
+        assert not wrong, (specimen, seed, step)  # 51 poses hardly tell the UR5's last joint
 
 
 def test_a_measurement_without_torques_is_ok_where_that_is_declared(tmp_path):
