@@ -108,6 +108,11 @@ class Case:
         shown = next(iter(self.competitors.values())).shown
         return shown.measured_sha256 or self.name.data_sha256
 
+    @property
+    def has_paths(self) -> bool:
+        """Whether the protocol added tool paths, whose errors the metrics then are of."""
+        return self.measured_sha256 != self.name.data_sha256
+
     def results(self, competitor: str, slots: Sequence[Slot] | None = None) -> list[CellResult]:
         """Return a model's results on these slots (default: all that it has), in order."""
         done = self.competitors[competitor].done

@@ -193,7 +193,7 @@ def _why_not(case: Case, models: Sequence[str]) -> str:
         return f"no result of {', '.join(lacking)}"
     if any(case.competitors[model].shown.reports_training for model in models):
         return TRAINING_MARK
-    if case.measured_sha256 != case.name.data_sha256:
+    if case.has_paths:
         return "its paths need the robot that was asked, and results hold none"
     return "" if case.shared_slots(models) else "the models have no result on the same split"
 

@@ -161,12 +161,7 @@ class Model:
         self.check_fitted()
         check_new_file(Path(output))
         model, interval = self.fitted, None
-        if coverage is not None and not isinstance(model, PredictsInterval):
-            raise ConfigError(
-                f"{coverage:g}: {self.choice.info.key} has no intervals of its own "
-                "(those of `bench run` come from samples that were held out)",
-                "coverage",
-            )
+        self.check_coverage(coverage)
         with blamed_on(self.file, but=StiffBenchError):  # which is of the loads
             table = read_loads(Path(loads), model.robot_)
         for oddity in table.oddities:
@@ -208,6 +203,19 @@ class Model:
         """
         if self.fitted is None:
             raise NotFittedError(f"{self.name}: call fit first")
+
+    def check_coverage(self, coverage: float | None) -> None:
+        """See that the model has intervals, where some are asked for.
+
+        Raises:
+            ConfigError: it has none of its own.
+        """
+        if coverage is not None and not isinstance(self.fitted, PredictsInterval):
+            raise ConfigError(
+                f"{coverage:g}: {self.choice.info.key} has no intervals of its own "
+                "(those of `bench run` come from samples that were held out)",
+                "coverage",
+            )
 
     def score(self, data: Dataset | BenchmarkData) -> DataFrame:
         """Return the errors on a data set: a row a metric and axis, with its unit.

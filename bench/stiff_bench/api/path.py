@@ -33,7 +33,6 @@ from stiff_protocols.contract.errors import (
     StiffBenchWarning,
     unknown_name,
 )
-from stiff_protocols.contract.interfaces import PredictsInterval
 from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.types import FloatArray, Interval, Robot
 from stiff_protocols.paths.compensation import (
@@ -43,7 +42,7 @@ from stiff_protocols.paths.compensation import (
     compensate,
 )
 from stiff_protocols.paths.inverse import Followed, follow, judged, refuse_redundant
-from stiff_protocols.paths.path import SHAPES, ToolPath
+from stiff_protocols.paths.path import SHAPES, ToolPath, shaped
 
 BLOCK = 2_000
 """Points that are computed at once; progress is shown after each block."""
@@ -137,7 +136,8 @@ def example_path(
         driven: list[tuple[float, ToolPath]] = []
         for angle in (0.0, 90.0, 180.0, 270.0):
             turned = Rotation.from_euler("z", angle, degrees=True) * down
-            path = SHAPES[shape](
+            path = shaped(
+                shape,
                 (x * reach, 0.0, z * reach),
                 size / MM_PER_M,
                 points,
@@ -214,10 +214,7 @@ def compensate_path(
         check_suffix(Path(figure))
         check_new_file(Path(figure))
     fitted, robot = model.fitted, model.fitted.robot_
-    if coverage is not None and not isinstance(fitted, PredictsInterval):
-        raise ConfigError(
-            f"{coverage:g}: {model.choice.info.key} has no intervals of its own", "coverage"
-        )
+    model.check_coverage(coverage)
     refuse_redundant(robot)
     table = read_path(
         Path(path), robot, tool_of(robot, tool), load=load, load_frame=load_frame, frame=frame

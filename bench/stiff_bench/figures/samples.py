@@ -214,7 +214,7 @@ def workspace(source: FigureSource) -> Content:
     compared = source.compared(source.case(), MOST_MODELS)
     stored = read_data(source.folder, compared.case.name.data_sha256)
     _, pose = np.unique(stored.samples.pose_id, return_inverse=True)
-    if compared.case.measured_sha256 != compared.case.name.data_sha256:
+    if compared.case.has_paths:
         pose = np.arange(len(pose))  # a path is many places
     models: dict[str, Places] = {}
     for name in compared.models:

@@ -64,7 +64,7 @@ def setting(case: Case, models: Collection[str], n_splits: Collection[int]) -> s
     with_them = marks_in([case], models)
     splits = between(n_splits, "split")
     paths = " Of tool paths: error without correction as deflection, removed error as prediction."
-    with_them += paths * (case.measured_sha256 != case.name.data_sha256)
+    with_them += paths * case.has_paths
     return f"{data}, {protocol}, {splits}, seed {case.name.seed}.{with_them}"
 
 

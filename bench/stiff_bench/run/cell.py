@@ -127,13 +127,14 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
     asked = q
     if task.paths is not None:
         asked = task.paths.commanded(_checked(model), task.data, reported)
-        predicted = np.asarray(model.predict(asked, wrench))
     interval = None
     if intervals is not None and task.cell.coverage is not None:
         interval = intervals.predict_interval(asked, wrench, task.cell.coverage)
         if not isinstance(interval, Interval):
             wrong = type(interval).__name__
             raise ModelError(f"predict_interval returned {wrong}, expected Interval")
+        if task.paths is not None:
+            predicted = np.asarray(model.predict(asked, wrench))
     cost = Cost(  # measured last: how often it asks the model depends on the machine's speed
         fit_s=fitted - start,
         predict_s=predict_s,
@@ -151,8 +152,6 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
             shift = removed - predicted
             interval = Interval(interval.lower + shift, interval.upper + shift, interval.coverage)
         predicted = removed
-        if reference is not None:
-            reference = task.paths.removed(reference, task.data, reported)
     prediction = Prediction(
         *(reported, predicted, measured, interval, reference), _known(task, wrench)
     )
@@ -214,8 +213,8 @@ def metric_records(prediction: Prediction, cost: Cost | None) -> tuple[ResultRec
 def _reference(task: CellTask, q: FloatArray, wrench: FloatArray) -> FloatArray | None:
     """Return what the reference model predicts that learned from the whole training side.
 
-    Of tool paths, the (n, n_joints) commands [rad] that it corrects. It takes a millisecond; None
-    where these data do not identify it.
+    Of tool paths, how much of the error its commands remove. It takes a millisecond; None where
+    these data do not identify it.
     """
     model = model_info(REFERENCE_MODEL).load()()
     try:
@@ -224,7 +223,9 @@ def _reference(task: CellTask, q: FloatArray, wrench: FloatArray) -> FloatArray 
             train, _ = _training_side(task, chooses_epoch=False)
             model.fit(train, robot=task.data.robot, seed=task.cell.model_seed)
             if task.paths is not None:
-                return task.paths.commanded(model.predict, task.data, task.split.reported)
+                rows = task.split.reported
+                commands = task.paths.commanded(model.predict, task.data, rows)
+                return task.paths.removed(commands, task.data, rows)
             return np.asarray(model.predict(q, wrench))
     except StiffBenchError:
         return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,7 +54,8 @@ class ToolPath:
         return ToolPath(self.name, self.position[rows], self.rotation[rows], self.wrench[rows])
 
 
-def square(
+def shaped(
+    shape: str,
     centre: ArrayLike,
     size: float,
     n_points: int,
@@ -62,11 +64,12 @@ def square(
     wrench: ArrayLike,
     plane: ArrayLike | None = None,
 ) -> ToolPath:
-    """Return a square from one corner round to it again.
+    """Return a path of one of the `SHAPES`.
 
     Args:
+        shape: its name.
         centre: (3,) base frame, m.
-        size: length of an edge, m.
+        size: edge, diameter or length, m; of iso9283 the edge of the cube.
         n_points: at least one a corner; every corner is a point, those between lie at almost
             equal distances.
         rotation: (3, 3) orientation of the last joint's frame, held along the path.
@@ -74,62 +77,55 @@ def square(
         plane: (3, 3) rotation whose first two columns span the plane, base frame; None: the
             horizontal one.
     """
+    if not (np.isfinite(size) and size > 0.0):
+        raise DataError(f"{shape}: size is {size:g}, expected m, above 0")
+    outline = SHAPES[shape](n_points)
+    n = len(outline)
+    axes = np.eye(3) if plane is None else frozen_array(plane, "plane", (3, 3))
+    return ToolPath(
+        shape,
+        frozen_array(centre, "centre", (3,)) + size * outline @ axes.T,
+        np.broadcast_to(frozen_array(rotation, "rotation", (3, 3)), (n, 3, 3)),
+        np.broadcast_to(np.asarray(wrench, dtype=np.float64), (n, 6)),
+    )
+
+
+def _square(n_points: int) -> FloatArray:
+    """From one corner round to it again."""
     corners = 0.5 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0], [-1, -1, 0]])
-    return _placed("square", _along(corners, n_points), centre, size, rotation, wrench, plane)
+    return _along(corners, n_points)
 
 
-def circle(
-    centre: ArrayLike,
-    size: float,
-    n_points: int,
-    *,
-    rotation: ArrayLike,
-    wrench: ArrayLike,
-    plane: ArrayLike | None = None,
-) -> ToolPath:
-    """Return a circle of diameter `size`, closed; arguments as `square`."""
+def _circle(n_points: int) -> FloatArray:
+    """Closed."""
     angle = np.linspace(0.0, 2.0 * np.pi, _enough(n_points, 4))
-    outline = 0.5 * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
-    return _placed("circle", outline, centre, size, rotation, wrench, plane)
+    return 0.5 * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
 
 
-def line(
-    centre: ArrayLike,
-    size: float,
-    n_points: int,
-    *,
-    rotation: ArrayLike,
-    wrench: ArrayLike,
-    plane: ArrayLike | None = None,
-) -> ToolPath:
-    """Return a straight line of length `size` along the plane's first axis; see `square`."""
-    ends = 0.5 * np.array([[-1, 0, 0], [1, 0, 0]])
-    return _placed("line", _along(ends, n_points), centre, size, rotation, wrench, plane)
+def _line(n_points: int) -> FloatArray:
+    """Along the plane's first axis."""
+    return _along(0.5 * np.array([[-1, 0, 0], [1, 0, 0]]), n_points)
 
 
-def iso9283(
-    centre: ArrayLike,
-    size: float,
-    n_points: int,
-    *,
-    rotation: ArrayLike,
-    wrench: ArrayLike,
-    plane: ArrayLike | None = None,
-) -> ToolPath:
-    """Return straight lines through the five test points of ISO 9283; arguments as `square`.
+def _iso9283(n_points: int) -> FloatArray:
+    """Straight through the five test points of ISO 9283.
 
-    They lie in a diagonal plane of a cube with edges of `size` along the axes of `plane`: P1 in the
-    middle, P2 to P5 a tenth of the plane's diagonal from its corners. The path is P1, P2, P3, P4,
-    P5 and P1 again. The standard's cycle has the same points; it drives from point to point.
+    They lie in a diagonal plane of a cube along the axes of the plane: P1 in the middle, P2 to P5 a
+    tenth of the plane's diagonal from its corners. The path is P1, P2, P3, P4, P5 and P1 again. The
+    standard's cycle has the same points; it drives from point to point.
     """
     x, yz = 0.4, 0.4
     corners = [[x, -yz, -yz], [x, yz, yz], [-x, yz, yz], [-x, -yz, -yz]]
-    points = np.array([[0.0, 0.0, 0.0], *corners, [0.0, 0.0, 0.0]])
-    return _placed("iso9283", _along(points, n_points), centre, size, rotation, wrench, plane)
+    return _along(np.array([[0.0, 0.0, 0.0], *corners, [0.0, 0.0, 0.0]]), n_points)
 
 
-SHAPES = {shape.__name__: shape for shape in (square, circle, line, iso9283)}
-"""Name of a shape -> what makes it."""
+SHAPES: Mapping[str, Callable[[int], FloatArray]] = {
+    "square": _square,
+    "circle": _circle,
+    "line": _line,
+    "iso9283": _iso9283,
+}
+"""Name of a shape -> its (n_points, 3) outline of size 1."""
 
 
 def _enough(n_points: int, least: int) -> int:
@@ -145,25 +141,3 @@ def _along(corners: FloatArray, n_points: int) -> FloatArray:
     at = np.rint(reached * (_enough(n_points, len(corners)) - 1))  # number of each corner's point
     points = np.arange(n_points)
     return np.stack([np.interp(points, at, axis) for axis in corners.T], axis=1)
-
-
-def _placed(
-    name: str,
-    outline: FloatArray,
-    centre: ArrayLike,
-    size: float,
-    rotation: ArrayLike,
-    wrench: ArrayLike,
-    plane: ArrayLike | None,
-) -> ToolPath:
-    """Return an (n, 3) outline of size 1 as a path."""
-    if not (np.isfinite(size) and size > 0.0):
-        raise DataError(f"{name}: size is {size:g}, expected m, above 0")
-    n = len(outline)
-    axes = np.eye(3) if plane is None else frozen_array(plane, "plane", (3, 3))
-    return ToolPath(
-        name,
-        frozen_array(centre, "centre", (3,)) + size * outline @ axes.T,
-        np.broadcast_to(frozen_array(rotation, "rotation", (3, 3)), (n, 3, 3)),
-        np.broadcast_to(np.asarray(wrench, dtype=np.float64), (n, 6)),
-    )

@@ -22,7 +22,7 @@ from stiff_protocols.contract.types import (
 )
 from stiff_protocols.paths.compensation import compensate
 from stiff_protocols.paths.inverse import BoolArray, judged, solved
-from stiff_protocols.paths.path import SHAPES, ToolPath
+from stiff_protocols.paths.path import ToolPath, shaped
 from stiff_protocols.splits.generators import LazySplits
 from stiff_protocols.splits.random_splits import Holdout
 
@@ -190,7 +190,7 @@ def _driven(
     stands = robot.forward(starts)
     centres, rotations = stands.points[:, -1], stands.rotation
     outlines = [
-        SHAPES[shape](centre, size, POINTS, rotation=rotation, wrench=np.zeros(6)).position
+        shaped(shape, centre, size, POINTS, rotation=rotation, wrench=np.zeros(6)).position
         for shape, centre, rotation in zip(shapes, centres, rotations, strict=True)
     ]
     seeds = np.repeat(starts, POINTS, axis=0)

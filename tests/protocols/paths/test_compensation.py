@@ -15,7 +15,7 @@ from stiff_protocols.paths.compensation import (
     compensate,
 )
 from stiff_protocols.paths.inverse import follow
-from stiff_protocols.paths.path import circle
+from stiff_protocols.paths.path import shaped
 
 COMPLIANCE = 1 / np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])
 LOAD = (0.0, 40.0, -75.0, 1.0, 2.0, 3.0)
@@ -27,7 +27,9 @@ TOLERANCE = 1e-7
 def driven(kr10):
     """A circle, and the joint positions on it."""
     stands = kr10.forward(READY[None])
-    path = circle(stands.points[0, -1], 0.3, 101, rotation=stands.rotation[0], wrench=LOAD)
+    path = shaped(
+        "circle", stands.points[0, -1], 0.3, 101, rotation=stands.rotation[0], wrench=LOAD
+    )
     return path, follow(kr10, path.position, path.rotation, READY).q
 
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from made_robots import random_chain
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.paths.inverse import follow
-from stiff_protocols.paths.path import SHAPES, ToolPath, square
+from stiff_protocols.paths.path import SHAPES, ToolPath, shaped
 
 LOAD = (0.0, 0.0, -85.0, 0.0, 0.0, 0.0)
 READY = np.radians([0.0, -90.0, 90.0, 0.0, 60.0, 0.0])
@@ -27,12 +27,12 @@ def tool_at(robot, q):
 
 def path_of(robot, name="square", size=0.2):
     (centre,), (rotation,) = tool_at(robot, READY)
-    return SHAPES[name](centre, size, N, rotation=rotation, wrench=LOAD)
+    return shaped(name, centre, size, N, rotation=rotation, wrench=LOAD)
 
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_shape_has_its_size_points_and_load_and_lies_about_its_centre(name):
-    path = SHAPES[name]((1.0, 2.0, 3.0), 0.3, N, rotation=np.eye(3), wrench=LOAD)
+    path = shaped(name, (1.0, 2.0, 3.0), 0.3, N, rotation=np.eye(3), wrench=LOAD)
     assert path.position.shape == (N, 3)
     np.testing.assert_array_equal(path.wrench, np.tile(LOAD, (N, 1)))
     spans = {"square": [0.3, 0.3, 0], "circle": [0.3, 0.3, 0], "line": [0.3, 0, 0]}
@@ -46,7 +46,7 @@ def test_shape_has_its_size_points_and_load_and_lies_about_its_centre(name):
 @pytest.mark.parametrize("n", [5, 6, 50, 401])
 def test_every_corner_of_a_square_is_a_point_of_the_path_in_any_plane(n):
     plane = Rotation.from_euler("xyz", [30, 40, 50], degrees=True).as_matrix()
-    path = square((0, 0, 0), 2.0, n, rotation=np.eye(3), wrench=LOAD, plane=plane)
+    path = shaped("square", (0, 0, 0), 2.0, n, rotation=np.eye(3), wrench=LOAD, plane=plane)
     flat = path.position @ plane
     np.testing.assert_allclose(flat[:, 2], 0.0, atol=1e-12)
     for corner in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
@@ -66,7 +66,7 @@ def test_every_corner_of_a_square_is_a_point_of_the_path_in_any_plane(n):
 def test_a_shape_that_is_none_is_refused(wrong, match):
     asked = {"centre": (0, 0, 0), "size": 1.0, "n_points": 9, "rotation": np.eye(3)}
     with pytest.raises(DataError, match=match):
-        square(**{**asked, "wrench": LOAD, **wrong})
+        shaped("square", **{**asked, "wrench": LOAD, **wrong})
 
 
 @pytest.mark.parametrize("name", SHAPES)
