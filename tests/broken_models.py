@@ -37,8 +37,11 @@ class Springs(BaseEstimator):
         return wrench @ self.compliance_
 
     def predict_interval(self, q, wrench, coverage):
-        middle = self.predict(q, wrench)
-        return Interval(middle - 1e-3 * coverage, middle + 1e-3 * coverage, coverage)
+        middle, half = self.predict(q, wrench), coverage * self.half_width(wrench)
+        return Interval(middle - half, middle + half, coverage)
+
+    def half_width(self, wrench):
+        return 1e-3
 
     def save(self, path):
         path.write_text(json.dumps([self.n_joints_, self.compliance_.tolist()]))
@@ -166,9 +169,8 @@ class NoiseOfValidation(Springs):
         rows = train if validation is None else validation
         self.noise_ = np.std(rows.deflection - self.predict(rows.q, rows.wrench))
 
-    def predict_interval(self, q, wrench, coverage):
-        middle, half = self.predict(q, wrench), coverage * self.noise_
-        return Interval(middle - half, middle + half, coverage)
+    def half_width(self, wrench):
+        return self.noise_
 
 
 class ForgetsRows(Springs):
@@ -216,12 +218,8 @@ class WidensWithTheBatch(Springs):
     def half_width(self, wrench):
         return np.abs(wrench).mean() * 1e-6
 
-    def predict_interval(self, q, wrench, coverage):
-        middle, half = self.predict(q, wrench), coverage * self.half_width(wrench)
-        return Interval(middle - half, middle + half, coverage)
 
-
-class CountsIntervals(WidensWithTheBatch):
+class CountsIntervals(Springs):
     def half_width(self, wrench):
         return 1e-4 * (1.0 + np.arange(len(wrench))[:, None])
 

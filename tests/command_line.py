@@ -7,8 +7,9 @@ import os
 import signal
 import subprocess
 import sys
+import time
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, chdir, contextmanager
 from dataclasses import dataclass
 from importlib.metadata import entry_points
@@ -22,6 +23,7 @@ from threadpoolctl import ThreadpoolController
 
 from stiff_bench.api.catalog import registry
 from stiff_bench.cli import main as cli
+from stiff_bench.store.database import stored_statuses
 
 BENCH = Path(sys.executable).with_name("bench")
 SIGNALS = (signal.SIGTERM, signal.SIGHUP)
@@ -127,6 +129,18 @@ def started(*words: str, cwd: Path, **options: Any) -> Iterator[subprocess.Popen
             yield command
         finally:
             command.kill()
+
+
+def n_stored(folder: Path) -> int:
+    """How many cells a folder of results has."""
+    return len(stored_statuses(folder))
+
+
+def wait_until(true: Callable[[], object], seconds: float = 120.0) -> None:
+    end = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.02)
 
 
 def peak_mib(*words: str | Path) -> float:

@@ -2,38 +2,25 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from made_results import ROBOT
-from made_samples import samples_with
+import made_results
+from made_results import MadeResults
 from stiff_bench.analysis.collected import Case, collect
-from stiff_bench.run.cell import metric_records
-from stiff_bench.store.database import ResultStore, read_data
-from stiff_bench.store.names import Variant
+from stiff_bench.store.database import read_data
 from stiff_bench.store.samples import StoredData
-from stiff_protocols.contract.record import Cell, CellResult, Presentation
-from stiff_protocols.contract.types import BenchmarkData, FloatArray, IntArray, Prediction
+from stiff_protocols.contract.types import BenchmarkData, FloatArray, IntArray
 
 N_POSES = 40
 Errors = Callable[[int, IntArray], FloatArray]
 """Number of the split, rows -> (n, 3) error, m."""
 
-
-def made_data(seed: int = 0) -> BenchmarkData:
-    """Forty poses of a KR10 with one load each; the first half of them is one group."""
-    rng = np.random.default_rng(seed)
-    samples = samples_with(
-        q=rng.uniform(-1.5, 1.5, (N_POSES, 6)),
-        wrench=np.column_stack([rng.uniform(-100.0, 100.0, (N_POSES, 3)), np.zeros((N_POSES, 3))]),
-        deflection=rng.normal(scale=1e-3, size=(N_POSES, 3)),
-        pose_id=np.array([f"p{number:02}" for number in range(N_POSES)]),
-        group=np.repeat(["near", "far"], N_POSES // 2),
-    )
-    return BenchmarkData(samples, ROBOT)
+made_data = functools.partial(made_results.made_data, n_poses=N_POSES)
 
 
 def fifths(n_splits: int) -> list[IntArray]:
@@ -49,44 +36,24 @@ def store_results(
     tests: Sequence[IntArray] | None = None,
     data: BenchmarkData | None = None,
     dataset: str = "made",
-    condition: str = "",
-    n_train: int = 32,
+    options: dict[str, dict[str, object]] | None = None,
     failed: dict[str, Sequence[int]] | None = None,
     own: dict[str, dict[str, object]] | None = None,
-    **shown: object,
+    **about: Any,
 ) -> Path:
     """Store a result of every model on every split.
 
-    `failed` names splits without one; `shown` is what stands beside all numbers, `own` beside
-    those of one model.
+    `failed` names splits without one; `about` is what `MadeResults.add` takes, `own` the same of
+    one model.
     """
-    data = data or made_data()
-    store = ResultStore(folder)
-    store.write_data(data)
+    made, tests = MadeResults(folder), fifths(5) if tests is None else tests
+    common = {"data": data or made_data(), "tests": tests, "kind": "measured", "n_train": 32}
     for model, errors in models.items():
-        for index, rows in enumerate(fifths(5) if tests is None else tests):
-            key, *settings = dataset.split("@")
-            options = {"specimen": 0} | {
-                name: int(value) for name, value in (word.split("=") for word in settings)
-            }
-            of_model = Variant.of_word(model)
-            params = {"name": model, **of_model.options}
-            cell = Cell(
-                *(of_model.key, params, key, options, data.sha256, "kfold", {}, index),
-                *(f"split {index}", 0),
-                condition=condition,
-            )
-            facts = {"kind": "measured", "task": "stiffness"} | shown | (own or {}).get(model, {})
-            result = CellResult(cell, Presentation(model, dataset, "kfold", **facts), "run", "ok")
-            if index in (failed or {}).get(model, ()):
-                store.write_cell(replace(result, status="failed", failure="it broke"))
-                continue
-            measured = data.samples.deflection[rows]
-            prediction = Prediction(rows, measured + errors(index, rows), measured)
-            records = metric_records(prediction, None)
-            store.write_cell(
-                replace(result, records=records, prediction=prediction, n_train=n_train)
-            )
+        errors_mm = [1e3 * errors(index, rows) for index, rows in enumerate(tests)]
+        without = (failed or {}).get(model, ())
+        of_model = common | about | (own or {}).get(model, {})
+        of_model["options"] = (options or {}).get(model)
+        made.add(model, errors_mm, dataset, "kfold", failed=without, **of_model)
     return folder
 
 

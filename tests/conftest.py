@@ -17,34 +17,27 @@ from typing import Any
 import numpy as np
 import pytest
 
+from quick_models import twin_data
 from run_requests import planned
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.store import database as store
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.robots.robot import ChainModel, shipped_chain, shipped_robot
-from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_protocols.contract.types import BenchmarkData, Robot, Samples
 from stiff_protocols.splits.random_splits import Holdout
 
 KR10_TCP = (0.06, 0.0, 0.08)
 
 
-@pytest.fixture(scope="session", autouse=True)
-def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Keep the tests' trainings out of the user's cache, and the user's out of the tests."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("STIFFBENCH_CACHE", str(tmp_path_factory.mktemp("cache")))
-        yield
-
-
 SYNCHRONOUS = store.SYNCHRONOUS
 
 
 @pytest.fixture(scope="session", autouse=True)
-def no_waiting_for_the_disk() -> Iterator[None]:
-    """Let transactions end before they are on the disk: no test cuts the power."""
+def apart_from_the_user(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Trainings have a cache of the tests' own; transactions do not wait for the disk."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(store, "SYNCHRONOUS", "OFF")
+        patch.setenv("STIFFBENCH_CACHE", str(tmp_path_factory.mktemp("cache")))
+        patch.setattr(store, "SYNCHRONOUS", "OFF")  # no test cuts the power
         yield
 
 
@@ -66,7 +59,7 @@ def kr10_chain() -> ChainModel:
 
 @pytest.fixture(scope="session")
 def twin() -> BenchmarkData:
-    return Kr10Twin().load()
+    return twin_data()
 
 
 @pytest.fixture(scope="session")
@@ -143,13 +136,7 @@ def tasks_of() -> Callable[..., list[CellTask]]:
         protocol: str = "holdout",
         splits: int | None = None,
     ) -> list[CellTask]:
-        plan = planned(
-            models=models,
-            datasets=(dataset,),
-            protocols=(protocol,),
-            metrics=("mae", "stde", "me"),
-            splits=splits,
-        )
-        return list(cell_tasks(plan))
+        words = {"models": models, "datasets": (dataset,), "protocols": (protocol,)}
+        return list(cell_tasks(planned(**words, splits=splits)))
 
     return make

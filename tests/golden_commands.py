@@ -8,7 +8,6 @@ those inside texts too.
 from __future__ import annotations
 
 import json
-import math
 import re
 import tempfile
 from collections.abc import Iterator
@@ -75,26 +74,14 @@ def numbers(content: Any, place: str = "") -> Iterator[tuple[str, list[float]]]:
         yield place, [float(content)]
 
 
-def differences(kept: dict[str, list[float]], now: dict[str, list[float]]) -> list[str]:
-    """One line for each place whose numbers differ by more than 1e-12 of their size."""
-    lines = [f"{place}: only one has it" for place in sorted(kept.keys() ^ now.keys())]
-    for place in kept.keys() & now.keys():
-        pairs = zip(kept[place], now[place], strict=False)
-        same = all(math.isclose(a, b, rel_tol=1e-12, abs_tol=1e-300) for a, b in pairs)
-        if len(kept[place]) != len(now[place]) or not same:
-            lines.append(f"{place}: {kept[place]} became {now[place]}")
-    return lines
-
-
-def text_of(found: dict[str, dict[str, list[float]]]) -> str:
-    """Return JSON with a line for each place, so that a difference can be read."""
-    commands = []
-    for command, places in found.items():
-        lines = [f"{json.dumps(place)}: {json.dumps(now)}" for place, now in places.items()]
-        commands.append(f"{json.dumps(command)}: {{\n" + ",\n".join(lines) + "\n}")
-    return "{\n" + ",\n".join(commands) + "\n}\n"
+def text_of(content: Any) -> str:
+    """Return JSON with a line for each list, so that a difference can be read."""
+    if not content or not isinstance(content, dict):
+        return json.dumps(content)
+    lines = [f"{json.dumps(name)}: {text_of(entry)}" for name, entry in content.items()]
+    return "{\n" + ",\n".join(lines) + "\n}"
 
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as scratch:
-        KEPT.write_text(text_of(printed(Path(scratch))))
+        KEPT.write_text(text_of(printed(Path(scratch))) + "\n")

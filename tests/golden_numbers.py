@@ -32,6 +32,7 @@ import torch
 from scipy.optimize import minimize
 from threadpoolctl import threadpool_limits
 
+from golden_commands import text_of
 from quick_models import twin_data
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.catalog import MODELS, model_info
@@ -199,30 +200,23 @@ def library(key: str) -> str:
     return f"{name} {version(name)}" if name else ""
 
 
-def model_with(key: str, options: Options) -> Any:
-    """Return an unfitted model with options, small where it can be."""
-    cls = model_info(key).load()
-    known = cls().get_params()
-    own = {name: value for name, value in options.items() if name != "source"}
-    model = cls(**{name: value for name, value in SMALL.items() if name in known} | own)
-    if "source" in options:
-        model.use_source(other_source())
-    return model
-
-
 @cache
 def other_source() -> BenchmarkData:
     return Kr10Twin(specimen=1).load()
 
 
 def fitted(key: str, options: Options) -> Any:
-    data, model = twin_data(), model_with(key, options)
-    return model.fit(
-        data.samples.take(TRAIN),
-        robot=data.robot,
-        validation=data.samples.take(VALIDATION) if model_info(key).uses_validation else None,
-        seed=SEED,
-    )
+    """Return a fitted model with options, small where it can be."""
+    info, data = model_info(key), twin_data()
+    known = info.load()().get_params()
+    small = {name: value for name, value in SMALL.items() if name in known}
+    own = {name: value for name, value in options.items() if name != "source"}
+    model = info.load()(**small | own)
+    if "source" in options:
+        model.use_source(other_source())
+    validation = data.samples.take(VALIDATION) if info.uses_validation else None
+    train = data.samples.take(TRAIN)
+    return model.fit(train, robot=data.robot, validation=validation, seed=SEED)
 
 
 def predicted(key: str, options: Options) -> list[float]:
@@ -245,8 +239,7 @@ def predicted(key: str, options: Options) -> list[float]:
 def losses(curve: FloatArray) -> list[float]:
     """Return the last training loss of a curve, and validation loss where there is one."""
     last = curve[-1:, 1:]  # none of no steps
-    found: list[float] = (last[np.isfinite(last)] * DEVIATION_M).tolist()
-    return found
+    return (last[np.isfinite(last)] * DEVIATION_M).tolist()
 
 
 def recipes(key: str) -> tuple[str, ...]:
@@ -267,18 +260,16 @@ def plans(key: str, recipe: str) -> list[dict[str, Any]]:
 
     def seen(run: Any, plan: TrainingPlan, trainable: Trainable, phase: str, visits: Any) -> Curve:
         steps = range(0, plan.steps, max(1, plan.steps // 20))
-        one = {"phase": phase, **asdict(plan)} | {
-            "rates": [round(plan.rate(step), 12) for step in steps]
-        }
+        rates = [round(plan.rate(step), 12) for step in steps]
+        one = {"phase": phase, **asdict(plan), "rates": rates}
         if one not in found:
             found.append(one)
         return Curve(np.empty((0, 3)), plan.steps, np.nan)
 
-    lengths = dict.fromkeys({"epochs", "pretrain_steps"} & model_with(key, {}).get_params().keys())
     defaults = model_info(key).load()().get_params()
-    options = {name: defaults[name] for name in lengths} | ({"recipe": recipe} if recipe else {})
-    if key == "dt-cnn":
-        options |= {"supervision": "fine-tune"}
+    options = {name: defaults[name] for name in ("epochs", "pretrain_steps") if name in defaults}
+    options |= {"recipe": recipe} if recipe else {}
+    options |= {"supervision": "fine-tune"} if key == "dt-cnn" else {}
     with (
         same_everywhere(),
         mock.patch.object(training, "_steps", seen),
@@ -342,9 +333,7 @@ def without_noise(*sizes: int, **options: Any) -> Cnn:
 
 def outputs(network: torch.nn.Module, inputs: torch.Tensor) -> list[float]:
     with torch.no_grad():
-        values = network(inputs[::10]).double().flatten()
-    found: list[float] = (values * DEVIATION_M).tolist()
-    return found
+        return (network(inputs[::10]).double().flatten() * DEVIATION_M).tolist()
 
 
 @contextlib.contextmanager
@@ -390,7 +379,7 @@ def few_steps() -> Iterator[None]:
 
 
 def changed(key: str, kept: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Return a line for each variant and recipe that both have and that differ."""
+    """Return what to do, and a line for each variant and recipe that both have and that differ."""
     is_network = key == PRETRAINING_KEY or issubclass(model_info(key).load(), NETWORKS)
     tolerance = NETWORK_M if is_network else CLOSED_FORM_M
     lines = []
@@ -404,12 +393,8 @@ def changed(key: str, kept: Mapping[str, Any], now: Mapping[str, Any]) -> list[s
         before, after = kept["plans"][recipe], now["plans"][recipe]
         if before != after:
             lines.append(f"plans of recipe {recipe or '(none)'}: {before} became {after}")
-    return sorted(lines)
-
-
-def raise_its_version(key: str) -> str:
     what = "PRETRAINING_VERSION" if key == PRETRAINING_KEY else "its version"
-    return f"numbers of {key} changed: raise {what}"
+    return [f"numbers of {key} changed: raise {what}", *sorted(lines)] if lines else []
 
 
 def finding(key: str, kept: Mapping[str, Any], now: Mapping[str, Any]) -> str:
@@ -429,26 +414,11 @@ def finding(key: str, kept: Mapping[str, Any], now: Mapping[str, Any]) -> str:
             f"{now['version']}: make them anew by `{COMMAND}`"
         )
     if lines := changed(key, known, now):
-        return "\n".join([raise_its_version(key), *lines])
+        return "\n".join(lines)
     for part in ("numbers", "plans"):
         if different := known[part].keys() ^ now[part].keys():
             return f"{key}, {part}: {sorted(different)} not in both: `{COMMAND}` makes them anew"
     return ""
-
-
-def text_of(numbers: Mapping[str, Any]) -> str:
-    """Return JSON with a line for each variant and each plan."""
-    models = []
-    for key, one in numbers.items():
-        head = f'"version": {one["version"]}, "library": {json.dumps(one["library"])}'
-        parts = []
-        for part in ("numbers", "plans"):
-            lines = [f"{json.dumps(k)}: {json.dumps(v)}" for k, v in one[part].items()]
-            parts.append(
-                f'"{part}": {{\n' + ",\n".join(lines) + "\n}" if lines else f'"{part}": {{}}'
-            )
-        models.append(f"{json.dumps(key)}: {{{head},\n" + ",\n".join(parts) + "}")
-    return "{\n" + ",\n".join(models) + "\n}\n"
 
 
 def main(path: Path = KEPT, keys: Iterable[str] = KEYS) -> str:
@@ -467,10 +437,10 @@ def main(path: Path = KEPT, keys: Iterable[str] = KEYS) -> str:
         if known is None or any(known[of] != now[of] for of in ("version", "library")):
             continue
         if lines := changed(key, known, now):
-            refused.append("\n  ".join([raise_its_version(key), *lines]))
+            refused.append("\n  ".join(lines))
         now["numbers"] |= {n: known["numbers"][n] for n in known["numbers"] if n in now["numbers"]}
     if not refused:
-        path.write_text(text_of(fresh))
+        path.write_text(text_of(fresh) + "\n")
     return "\n".join(refused)
 
 

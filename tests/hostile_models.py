@@ -193,10 +193,6 @@ class KillsWorkers(Good):
 
 MODELS = [
     ModelInfo(key=cls.__name__, target=cls, summary="misbehaves")
-    for cls in (
-        *(Good, Raises, Hangs, Spins, Eats, FeedsChildren, Talks, Segfaults, Aborts, Exits),
-        *(SaysWhere, Reports, Keeps),
-        *(DetachesAChild, ClosesItsPipes, KillsTheServer, HoldsTheInterpreter),
-        *(ExitsWell, Quits, Interrupts, KillsItself, TellsLies, LeavesAChild, KillsWorkers),
-    )
+    for cls in list(vars().values())
+    if isinstance(cls, type) and issubclass(cls, Good)
 ]

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from run_requests import planned
 from stiff_bench.plan.cells import CellTask, cell_tasks
-from stiff_bench.run.cell import metric_records
 from stiff_bench.store.database import ResultStore
 from stiff_protocols.contract.record import CellResult, Cost, RunManifest
 from stiff_protocols.contract.types import Prediction
+from stiff_protocols.scoring.metrics import metric_records
 
 MODELS = (
     *("zero", "mean", "knn", "knn@neighbours=1", "vjm", "vjm@congruence=true"),
@@ -34,20 +33,12 @@ def made_board(folder: Path, *, n_splits: int = 5) -> int:
     store = ResultStore(folder)
     for data in {task.cell.data_sha256: task.data for task in tasks}.values():
         store.write_data(data)
-    n_records = 0
-
-    def results() -> Iterator[CellResult]:
-        nonlocal n_records
-        for number, task in enumerate(tasks):
-            result = _made_up(task, np.random.default_rng(number))
-            n_records += len(result.records)
-            yield result
-
-    store.write_cells(results())
+    results = [_made_up(task, np.random.default_rng(number)) for number, task in enumerate(tasks)]
+    store.write_cells(results)
     keys = tuple(task.cell.key for task in tasks)
     environment = {"stiffbench": "9.9", "commit": "", "dirty": ""}
     store.write_manifest(RunManifest(RUN_ID, "bench run", "now", "finished", environment, keys))
-    return n_records
+    return sum(len(result.records) for result in results)
 
 
 def _made_up(task: CellTask, rng: np.random.Generator) -> CellResult:

@@ -48,19 +48,16 @@ def wrist_singular(samples: Samples) -> Samples:
     return _with_joints(samples, {4: 0.0})
 
 
-def _one_pose(case: Case) -> Case:
-    q, pose_id = case.train.q[0], case.train.pose_id[0]
+def _as_the_first(*names: str) -> Hazard:
+    """Every row has what the first training row has."""
 
-    def there(samples: Samples) -> Samples:
-        n = len(samples)
-        return replace(samples, q=np.tile(q, (n, 1)), pose_id=np.full(n, pose_id))
+    def changed(case: Case) -> Case:
+        first = {name: getattr(case.train, name)[:1] for name in names}
+        return in_all_parts(
+            lambda s: replace(s, **{n: np.repeat(one, len(s), axis=0) for n, one in first.items()})
+        )(case)
 
-    return in_all_parts(there)(case)
-
-
-def _one_load(case: Case) -> Case:
-    wrench = case.train.wrench[0]
-    return in_all_parts(lambda s: replace(s, wrench=np.tile(wrench, (len(s), 1))))(case)
+    return changed
 
 
 def _few(n_train: int, n_validation: int | None) -> Hazard:
@@ -72,12 +69,8 @@ def _few(n_train: int, n_validation: int | None) -> Hazard:
     return changed
 
 
-def _wrench_times(factor: float | FloatArray) -> Hazard:
-    return in_all_parts(lambda s: replace(s, wrench=s.wrench * factor))
-
-
-def _deflection_times(factor: float | FloatArray) -> Hazard:
-    return in_all_parts(lambda s: replace(s, deflection=s.deflection * factor))
+def _times(name: str, factor: float | FloatArray) -> Hazard:
+    return in_all_parts(lambda s: replace(s, **{name: getattr(s, name) * factor}))
 
 
 def _contradicted(samples: Samples) -> Samples:
@@ -127,19 +120,19 @@ HAZARDS: dict[str, Hazard] = {
     "2 rows": _few(2, None),
     "2 rows, 1 validation": _few(2, 1),
     "5 rows": _few(5, 2),
-    "one pose": _one_pose,
-    "one load": _one_load,
-    "no load": _wrench_times(0.0),
-    "force along z alone": _wrench_times(np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])),
+    "one pose": _as_the_first("q", "pose_id"),
+    "one load": _as_the_first("wrench"),
+    "no load": _times("wrench", 0.0),
+    "force along z alone": _times("wrench", np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])),
     "A2 alone moves": _only_moving(1),
-    "no deflection": _deflection_times(0.0),
-    "deflection along z alone": _deflection_times(np.array([0.0, 0.0, 1.0])),
-    "wrenches of wrong sign": _wrench_times(-1.0),
-    "loads x 1e6": _wrench_times(1e6),
-    "loads x 1e-6": _wrench_times(1e-6),
+    "no deflection": _times("deflection", 0.0),
+    "deflection along z alone": _times("deflection", np.array([0.0, 0.0, 1.0])),
+    "wrenches of wrong sign": _times("wrench", -1.0),
+    "loads x 1e6": _times("wrench", 1e6),
+    "loads x 1e-6": _times("wrench", 1e-6),
     "test loads x 1e6": lambda c: replace(c, test=replace(c.test, wrench=c.test.wrench * 1e6)),
-    "deflections x 1e6": _deflection_times(1e6),
-    "deflections x 1e-6": _deflection_times(1e-6),
+    "deflections x 1e6": _times("deflection", 1e6),
+    "deflections x 1e-6": _times("deflection", 1e-6),
     "rows contradict": in_all_parts(_contradicted),
     "float32": in_all_parts(_float32),
     "slides and turns": _robot_of(("prismatic", "revolute", "revolute", "prismatic")),

@@ -9,31 +9,32 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from made_samples import samples_with
-from stiff_bench.run.cell import metric_records
 from stiff_bench.store.database import FILE, ResultStore
+from stiff_bench.store.names import Variant
 from stiff_datasets.robots.robot import shipped_robot
 from stiff_protocols.contract.record import Cell, CellResult, Presentation, RunManifest
-from stiff_protocols.contract.types import BenchmarkData, Interval, Prediction
+from stiff_protocols.contract.types import BenchmarkData, IntArray, Interval, Prediction
+from stiff_protocols.scoring.metrics import metric_records
 
 N_POSES, N_TEST = 12, 4
 TWINS = tuple(f"twin@specimen={number}" for number in range(5))
 ROBOT = shipped_robot("kr10_r1100_2", tcp=(0.06, 0.0, 0.08))
 
 
-def made_data(number: int) -> BenchmarkData:
-    """Twelve poses, one row each."""
+def made_data(number: int = 0, n_poses: int = N_POSES) -> BenchmarkData:
+    """Poses of a KR10 with one load each; the first half of them is one group."""
     rng = np.random.default_rng(number)
-    return BenchmarkData(
-        samples_with(
-            q=rng.normal(size=(N_POSES, 6)),
-            wrench=rng.normal(size=(N_POSES, 6)),
-            deflection=rng.normal(size=(N_POSES, 3)) * 1e-3,
-            pose_id=np.array([f"P{pose:02d}" for pose in range(N_POSES)]),
-        ),
-        ROBOT,
+    samples = samples_with(
+        q=rng.uniform(-1.5, 1.5, (n_poses, 6)),
+        wrench=np.pad(rng.uniform(-100.0, 100.0, (n_poses, 3)), ((0, 0), (0, 3))),
+        deflection=rng.normal(scale=1e-3, size=(n_poses, 3)),
+        pose_id=np.array([f"P{pose:02}" for pose in range(n_poses)]),
+        group=np.repeat(["near", "far"], n_poses // 2),
     )
+    return BenchmarkData(samples, ROBOT)
 
 
 class MadeResults:
@@ -46,69 +47,78 @@ class MadeResults:
     def add(
         self,
         model: str,
-        errors_mm: Sequence[float | Sequence[float]] = (),
+        errors_mm: Sequence[ArrayLike] = (),
         dataset: str = "twin",
         protocol: str = "holdout",
         *,
+        data: BenchmarkData | None = None,
+        tests: Sequence[IntArray] | None = None,
+        rows: Sequence[int] | None = None,
         failed: Sequence[int] = (),
         version: int = 0,
         run_id: str = "run-1",
-        rows: Sequence[int] | None = None,
         splits_named: str = "",
         condition: str = "",
         coverage: float | None = None,
         options: Mapping[str, object] | None = None,
         source: str = "",
         n_train: int | None = None,
+        n_splits: int = 0,
+        seed: int = 0,
         **shown,
     ) -> list[str]:
-        """Write a cell a split, whose error along z is given, and return the cells' keys.
+        """Write a cell a split and return the cells' keys.
 
-        With a coverage there are intervals, as wide as the errors and 2 mm more.
+        Errors are along z where they are not (n, 3). With a coverage there are intervals, as wide
+        as the errors and 2 mm more. `rows` are tested in every split, those of `tests` in each.
         """
-        data = made_data(sum(dataset.encode()) + version)
+        data = data or made_data(sum(dataset.encode()) + version)
         self._store.write_data(data)
+        of_model, of_data = Variant.of_word(model), Variant.of_word(dataset)
+        about = {"kind": "simulated", "task": "stiffness"} | shown
+        presentation = Presentation(model, dataset, protocol, **about)
         keys = []
         for index in range(max(len(errors_mm), *(split + 1 for split in failed), 0)):
             cell = Cell(
-                model=model.partition("@")[0],
-                model_params={"name": model} | dict(options or {}),
-                dataset=dataset.partition("@")[0],
-                dataset_params=dict(
-                    word.split("=") for word in dataset.replace("@@", "").split("@")[1:]
-                ),
+                model=of_model.key,
+                model_params={"name": model} | of_model.options | (options or {}),
+                dataset=of_data.key,
+                dataset_params={"specimen": "0"} | of_data.options,
                 data_sha256=data.sha256,
                 protocol=protocol,
                 protocol_params={},
                 split_index=index,
                 split_sha256=f"split-{splits_named}{index}",
-                seed=0,
+                seed=seed,
                 condition=condition,
                 coverage=coverage,
                 source_sha256=source,
             )
-            about = {"kind": "simulated", "task": "stiffness"} | shown
-            presentation = Presentation(model, dataset, protocol, **about)
             result = CellResult(cell, presentation, run_id, "failed", failure="it broke")
             if index not in failed:
                 tested = (np.arange(N_TEST) + index * N_TEST) % N_POSES if rows is None else rows
+                tested = np.asarray(tested if tests is None else tests[index])
                 done = self._done(cell, presentation, run_id, data, tested, errors_mm[index])
-                result = replace(done, n_train=n_train or N_POSES - len(tested))
-            self._store.write_cell(result)
+                result = replace(done, n_train=n_train or len(data.samples) - len(tested))
+            self._store.write_cell(replace(result, n_splits=n_splits))
             keys.append(cell.key)
         return keys
 
+    def add_each(self, errors_mm: Mapping[str, Sequence[float]], *where: str, **how) -> None:
+        """Write the cells of several models: model -> its errors."""
+        for model, errors in errors_mm.items():
+            self.add(model, errors, *where, **how)
+
     def _done(self, cell, presentation, run_id, data, rows, error_mm) -> CellResult:
-        rows = np.asarray(rows)
         measured = data.samples.deflection[rows]
         error = np.zeros((len(rows), 3))
-        error[:, 2] = np.asarray(error_mm) * 1e-3
+        error[:, slice(3) if np.ndim(error_mm) == 2 else 2] = np.asarray(error_mm) * 1e-3
         prediction = Prediction(rows, measured + error, measured, reference=measured + 1e-3)
         if cell.coverage is not None:
             reach = np.abs(error) + 1e-3
             interval = Interval(measured - reach, measured + reach, cell.coverage)
             prediction = replace(prediction, interval=interval)
-        records = metric_records(prediction, None)
+        records = metric_records(prediction)
         return CellResult(cell, presentation, run_id, "ok", records, prediction)
 
     def add_run(self, run_id: str, cells: Sequence[str]) -> None:

@@ -12,8 +12,7 @@ import torch
 from stiff_models.networks.network import linear_layers
 from stiff_models.networks.training import Curve, Rows
 from stiff_models.networks.training_plan import TrainingPlan
-from stiff_models.transfer.freeze import stages
-from stiff_models.transfer.ft_mlp import fine_tune
+from stiff_models.transfer.ft_mlp import FtMlp
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +46,8 @@ def plain_loop(case: Pretrained, moving: Iterable[int], plan: TrainingPlan) -> P
     free = [parameter for number in moving for parameter in layers[number].parameters()]
     for parameter in free:
         parameter.requires_grad_()
-    optimizer: torch.optim.Optimizer
-    if plan.optimizer == "adam":
-        optimizer = torch.optim.Adam(free, lr=plan.learning_rate)
-    else:
-        optimizer = torch.optim.SGD(free, lr=plan.learning_rate)
+    kinds = {"adam": torch.optim.Adam, "sgd": torch.optim.SGD}
+    optimizer = kinds[plan.optimizer](free, lr=plan.learning_rate)
     loss_of = torch.nn.L1Loss()
     best, kept = torch.tensor(torch.inf), [torch.empty_like(parameter) for parameter in free]
     losses, judged = [], []
@@ -78,10 +74,8 @@ def copy_into(places: Iterable[torch.Tensor], values: Iterable[torch.Tensor]) ->
 
 def our_loop(case: Pretrained, freeze: str, plan: TrainingPlan) -> Curve:
     """Fine-tune a copy of the network through the product's code."""
-    strategy = stages(freeze, hidden_layers=4, epochs=plan.steps, unfreeze_every=1, l2sp_alpha=0.0)
-    (curve,) = fine_tune(
-        copy.deepcopy(case.network), case.rows, plan, strategy, validation=case.held_out, seed=0
-    )
+    model, network = FtMlp(freeze=freeze), copy.deepcopy(case.network)
+    (curve,) = model._learn(network, case.rows, plan, 0, validation=case.held_out)
     return curve
 
 

@@ -6,9 +6,10 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
+from tabulate import tabulate
 
 from stiff_bench.api.model import fitted, model_choice
 from stiff_bench.api.next_poses import Measured, choose_next
@@ -39,78 +40,60 @@ class Outcome:
     errors: tuple[float, float, float]
 
 
-class Robot:
-    """A twin that measures plans."""
+def outcome(twin: str, model: str, n_measured: int, n_new: int, seed: int) -> Outcome:
+    constants, choice = shipped_constants(TWINS[twin]), model_choice(model, {})
+    robot = constants.robot()
 
-    def __init__(self, constants: str) -> None:
-        self.constants = shipped_constants(constants)
-        self.chain, self.robot = self.constants.chain(), self.constants.robot()
+    def random(n: int, seed: int) -> MeasurementPlan:
+        return candidate_plan(robot, n, seed=seed, payload_kg=constants.payload_kg)
 
-    def random(self, n: int, seed: int) -> MeasurementPlan:
-        return candidate_plan(self.chain, n, seed=seed, payload_kg=self.constants.payload_kg)
-
-    def measure(self, plan: MeasurementPlan, seed: int) -> Samples:
-        experiment = TwinExperiment(self.constants, loads="omni", specimen=0, seed=seed)
+    def measured(plan: MeasurementPlan, seed: int) -> Samples:
+        experiment = TwinExperiment(constants, loads="omni", specimen=0, seed=seed)
         q = experiment.logged_q(plan)
         return experiment.recorded(plan, plan.wrench, experiment.twin.readings(q, plan.wrench))
 
-
-def together(*parts: Samples) -> Samples:
-    return Samples(
-        **{
-            one.name: np.concatenate([getattr(p, one.name) for p in parts])
-            for one in fields(Samples)
-        }
-    )
-
-
-def outcome(twin: str, model: str, n_measured: int, n_new: int, seed: int) -> Outcome:
-    robot, choice = Robot(TWINS[twin]), model_choice(model, {})
-    samples = robot.measure(robot.random(n_measured, 1000 + seed), seed)
-    tested = robot.measure(robot.random(TESTED, 2000 + seed), 2000 + seed)
-    measured = Measured("my.csv", samples, robot.robot, robot.chain, choice)
+    samples = measured(random(n_measured, 1000 + seed), seed)
+    tested = measured(random(TESTED, 2000 + seed), 2000 + seed)
     found = choose_next(
-        measured,
+        Measured("my.csv", samples, robot, choice),
         n_new,
         n_candidates=CANDIDATES,
         criterion="i-optimal",
         workspace=None,
-        payload_kg=robot.constants.payload_kg,
+        payload_kg=constants.payload_kg,
         clearance=0.2,
         seed=seed,
     )
 
     def error(*new: MeasurementPlan) -> float:
-        parts = (robot.measure(plan, 3000 + seed) for plan in new)
-        data = BenchmarkData(together(samples, *parts), robot.robot)
+        parts = (measured(plan, 3000 + seed) for plan in new)
+        data = BenchmarkData(Samples.together(samples, *parts), robot)
         predicted = fitted(choice, data)[0].predict(tested.q, tested.wrench)
         return float(np.linalg.norm(predicted - tested.deflection, axis=1).mean() * 1000.0)
 
-    errors = (error(), error(robot.random(n_new, 4000 + seed)), error(found.plan))
+    errors = (error(), error(random(n_new, 4000 + seed)), error(found.plan))
     return Outcome(found.gain.ratio, 1.0 - found.gain.plan / found.gain.before, errors)
 
 
-def main() -> None:
-    warnings.simplefilter("ignore")
-    print(
-        "| twin | model | poses | variance lowered | times random | error before [mm] | + random | "
-        "+ planned |"
-    )
-    print("|---|---|---|---|---|---|---|---|")
-    for twin in TWINS:
-        for model, n_measured, n_new in CASES:
-            found = [outcome(twin, model, n_measured, n_new, seed) for seed in range(SEEDS)]
-            ratios = [one.ratio for one in found]
-            lowered = np.mean([one.lowered for one in found])
-            errors = np.mean([one.errors for one in found], axis=0)
-            print(
-                f"| `{twin}` | `{model}` | {n_measured} + {n_new} | {lowered:.0%} | "
-                f"{np.mean(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f}) | "
-                + " | ".join(f"{one:.3f}" for one in errors)
-                + " |",
-                flush=True,
-            )
+def row(twin: str, model: str, n_measured: int, n_new: int) -> list[str]:
+    found = [outcome(twin, model, n_measured, n_new, seed) for seed in range(SEEDS)]
+    ratios = [one.ratio for one in found]
+    lowered = np.mean([one.lowered for one in found])
+    errors = np.mean([one.errors for one in found], axis=0)
+    times = f"{np.mean(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})"
+    poses = f"{n_measured} + {n_new}"
+    return [
+        f"`{twin}`",
+        f"`{model}`",
+        poses,
+        f"{lowered:.0%}",
+        times,
+        *(f"{e:.3f}" for e in errors),
+    ]
 
 
 if __name__ == "__main__":
-    main()
+    warnings.simplefilter("ignore")
+    header = "twin,model,poses,variance lowered,times random,error before [mm],+ random,+ planned"
+    rows = [row(twin, *case) for twin in TWINS for case in CASES]
+    print(tabulate(rows, header.split(","), tablefmt="github", disable_numparse=True))

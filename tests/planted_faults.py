@@ -8,13 +8,14 @@ from __future__ import annotations
 import functools
 import re
 import tempfile
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.measured.hypotheses import reading
@@ -25,10 +26,9 @@ from stiff_datasets.measured.sample_files import (
     write_table,
 )
 from stiff_datasets.measured.validate import ValidationReport, validate
-from stiff_datasets.robots.robot import ChainModel
-from stiff_datasets.robots.shipped import named_robot
 from stiff_datasets.twin.kr10_twin import Kr10Twin, Kr10TwinMultiload, Kr10TwinOmni
 from stiff_datasets.twin.robot_twin import Ur5Twin
+from stiff_protocols.contract.types import Robot
 
 FORCE, TORQUE, MOVED = [*WRENCH_COLUMNS[:3]], [*WRENCH_COLUMNS[3:]], [*DEFLECTION_COLUMNS]
 JOINTS = [f"q{i}_deg" for i in range(1, 7)]
@@ -41,35 +41,43 @@ class Clean:
     """A clean file: its table in the units of files, and what the faults need of its robot."""
 
     table: pd.DataFrame
-    chain: ChainModel
+    robot: Robot
     no_torque: bool = False
 
     def report(self, path, table=None, **options) -> ValidationReport:
-        write_table(path, self.table if table is None else table)
-        return validate(path, self.chain, **options)
+        write_table(path, [self.table if table is None else table])
+        return validate(path, self.robot, **options)
 
     @functools.cached_property
     def kinematics(self):
         q = np.deg2rad(self.table[JOINTS].to_numpy())
-        return reading(self.chain, q, np.zeros((len(q), 6)), np.zeros((len(q), 3)))
+        return reading(self.robot, q, np.zeros((len(q), 6)), np.zeros((len(q), 3)))
 
 
 @functools.cache
 def clean(source: str, specimen: int = 0, seed: int = 0) -> Clean:
     if source == "FANUC":
-        data, robot = FanucR2000iC().load(), "fanuc-r2000ic"
+        data = FanucR2000iC().load()
     else:
         data = SOURCES[source](specimen=specimen, seed=seed).load()
-        robot = "ur5" if source == "ur5-twin" else "kr10-r1100-2"
-    chain, table = named_robot(robot).chain(), sample_table(data.samples, data.robot)
-    return Clean(table, chain, no_torque=source == "FANUC")
+    table = sample_table(data.samples, data.robot)
+    return Clean(table, data.robot, no_torque=source == "FANUC")
 
 
 Change = Callable[[Clean], pd.DataFrame]
 
 
+def replaced(data: Clean, columns: list[str], values: ArrayLike) -> pd.DataFrame:
+    """The table with other numbers in some columns."""
+    return data.table.assign(**dict(zip(columns, np.asarray(values).T, strict=True)))
+
+
 def scaled(columns: list[str], factor: float) -> Change:
-    return lambda data: data.table.assign(**{name: data.table[name] * factor for name in columns})
+    return lambda data: replaced(data, columns, data.table[columns] * factor)
+
+
+def added(columns: list[str], *offsets: float) -> Change:
+    return lambda data: replaced(data, columns, data.table[columns] + np.array(offsets))
 
 
 def renamed(*columns: list[str]) -> Change:
@@ -79,27 +87,19 @@ def renamed(*columns: list[str]) -> Change:
     return lambda data: data.table.rename(columns=names)[data.table.columns]
 
 
-def added(columns: list[str], *offsets: float) -> Change:
-    return lambda data: data.table.assign(
-        **{name: data.table[name] + each for name, each in zip(columns, offsets, strict=True)}
-    )
-
-
-def turned(columns: list[list[str]], rotation: Callable[[Clean], np.ndarray]) -> Change:
-    """Force, torque or deflection in another frame, by one matrix or one a row."""
+def turned(columns: list[str], rotation: Callable[[Clean], np.ndarray]) -> Change:
+    """Forces, torques or deflections in another frame, by one matrix or one a row."""
 
     def change(data: Clean) -> pd.DataFrame:
-        table = data.table.copy()
-        for names in columns:
-            table[names] = (rotation(data) @ table[names].to_numpy()[:, :, None])[:, :, 0]
-        return table
+        vectors = data.table[columns].to_numpy().reshape(len(data.table), -1, 3)
+        found = vectors @ rotation(data).swapaxes(-1, -2)
+        return replaced(data, columns, found.reshape(len(found), -1))
 
     return change
 
 
 def about_z(degrees: float) -> Callable[[Clean], np.ndarray]:
-    sine, cosine = np.sin(np.deg2rad(degrees)), np.cos(np.deg2rad(degrees))
-    return lambda _: np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    return lambda _: Rotation.from_euler("z", degrees, degrees=True).as_matrix()
 
 
 def to_flange(data: Clean) -> np.ndarray:
@@ -108,17 +108,16 @@ def to_flange(data: Clean) -> np.ndarray:
 
 def torque_about(point: str) -> Change:
     def change(data: Clean) -> pd.DataFrame:
-        table, lever = data.table.copy(), getattr(data.kinematics, point)
-        table[TORQUE] += np.cross(lever, table[FORCE].to_numpy())
-        return table
+        moved = np.cross(getattr(data.kinematics, point), data.table[FORCE])
+        return replaced(data, TORQUE, data.table[TORQUE] + moved)
 
     return change
 
 
 def sensor_bias(data: Clean) -> pd.DataFrame:
-    table, force = data.table.copy(), np.linalg.norm(data.table[FORCE], axis=1).mean()
-    table[FORCE] += data.kinematics.flange @ np.array([0.3, -0.2, 0.2]) * force
-    return table
+    force = np.linalg.norm(data.table[FORCE], axis=1).mean()
+    bias = data.kinematics.flange @ np.array([0.3, -0.2, 0.2]) * force
+    return replaced(data, FORCE, data.table[FORCE] + bias)
 
 
 def both(first: Change, second: Change) -> Change:
@@ -127,8 +126,7 @@ def both(first: Change, second: Change) -> Change:
 
 def shifted(columns: list[str]) -> Change:
     def change(data: Clean) -> pd.DataFrame:
-        table = data.table.copy()
-        table[columns] = table[columns].shift(1)
+        table = replaced(data, columns, data.table[columns].shift(1))
         return table.iloc[1:].reset_index(drop=True)
 
     return change
@@ -136,9 +134,8 @@ def shifted(columns: list[str]) -> Change:
 
 def rows_ten_times(*rows: int) -> Change:
     def change(data: Clean) -> pd.DataFrame:
-        table = data.table.copy()
-        table.loc[[*rows], MOVED] *= 10.0
-        return table
+        factor = np.where(data.table.index.isin(rows), 10.0, 1.0)
+        return replaced(data, MOVED, data.table[MOVED].mul(factor, axis=0))
 
     return change
 
@@ -148,6 +145,8 @@ def unchanged(data: Clean) -> pd.DataFrame:
     return data.table
 
 
+IN_KG, IN_NMM = scaled(FORCE, 1 / 9.81), scaled(TORQUE, 1000.0)
+A1, A2, A3 = "joint (A1|shoulder_pan|J1)", "joint (A2|shoulder_lift|J2)", "joint (A3|elbow|J3)"
 WRONG_TCP = {
     "TCP wrong by (-60, 20, 100) mm": (-0.06, 0.02, 0.1),
     "TCP wrong by 200 mm": (0.0, 0.2, 0.0),
@@ -160,36 +159,36 @@ FAULTS: dict[str, tuple[Change, str]] = {
     "torques of opposite sign": (scaled(TORQUE, -1.0), "torques .* opposite sign"),
     "torque about the flange": (torque_about("lever"), "torques .* about the flange"),
     "torque about the base": (torque_about("tcp"), "torques .* about the base"),
-    "torque in N mm": (scaled(TORQUE, 1000.0), "torques .* N mm"),
+    "torque in N mm": (IN_NMM, "torques .* N mm"),
     "torques all zero": (scaled(TORQUE, 0.0), "every torque is zero"),
-    "forces in kg": (scaled(FORCE, 1 / 9.81), "forces .* kg"),
+    "forces in kg": (IN_KG, "forces .* kg"),
     "forces and torques in kg": (scaled(FORCE + TORQUE, 1 / 9.81), "forces and torques in kg"),
     "forces in kg, torques in N mm": (
-        both(scaled(FORCE, 1 / 9.81), scaled(TORQUE, 1000.0)),
+        both(IN_KG, IN_NMM),
         "forces .* in kg and the torques .* in N mm",
     ),
     "forces in kN": (scaled(FORCE, 0.001), "in kN"),
     "forces and torques swapped": (renamed(FORCE, TORQUE), "forces and torques .* swapped"),
     "wrench in the flange frame": (
-        turned([FORCE, TORQUE], to_flange),
+        turned(FORCE + TORQUE, to_flange),
         "(wrench|forces) .* flange frame",
     ),
     "wrench in the flange frame, torque about the flange": (
-        both(torque_about("lever"), turned([FORCE, TORQUE], to_flange)),
+        both(torque_about("lever"), turned(FORCE + TORQUE, to_flange)),
         "wrench .* flange frame",
     ),
-    "torques in the flange frame": (turned([TORQUE], to_flange), "torques .* flange frame"),
-    "deflections in the flange frame": (turned([MOVED], to_flange), "deflections .* flange frame"),
+    "torques in the flange frame": (turned(TORQUE, to_flange), "torques .* flange frame"),
+    "deflections in the flange frame": (turned(MOVED, to_flange), "deflections .* flange frame"),
     "wrench in a base frame turned by 90 deg": (
-        turned([FORCE, TORQUE], about_z(90.0)),
+        turned(FORCE + TORQUE, about_z(90.0)),
         "wrench .* -90 deg about z",
     ),
     "wrench in a base frame turned by 45 deg": (
-        turned([FORCE, TORQUE], about_z(45.0)),
+        turned(FORCE + TORQUE, about_z(45.0)),
         "wrench .* -4. deg about z",
     ),
     "wrench and deflections in a base frame turned by 90 deg": (
-        turned([FORCE, TORQUE, MOVED], about_z(90.0)),
+        turned(FORCE + TORQUE + MOVED, about_z(90.0)),
         "90 deg (off|about z)",
     ),
     "fy and fz swapped": (renamed(["fy_N"], ["fz_N"]), "(forces|wrench) .* y and z swapped"),
@@ -197,25 +196,19 @@ FAULTS: dict[str, tuple[Change, str]] = {
     "dx and dy swapped": (renamed(["dx_mm"], ["dy_mm"]), "deflections .* x and y swapped"),
     "dz of opposite sign": (scaled(["dz_mm"], -1.0), "deflections .* sign of z flipped"),
     "deflection without signs": (
-        lambda data: data.table.assign(**{name: data.table[name].abs() for name in MOVED}),
+        lambda data: replaced(data, MOVED, data.table[MOVED].abs()),
         "deflections .* lost their signs",
     ),
     "dz all zero": (scaled(["dz_mm"], 0.0), "every dz_mm is zero"),
     "deflection in micrometres": (scaled(MOVED, 1000.0), "micrometres"),
     "deflection in m": (scaled(MOVED, 0.001), "metres"),
     "joint angles in rad": (scaled(JOINTS, np.pi / 180), "look like radians"),
-    "joint 1 in rad": (scaled(["q1_deg"], np.pi / 180), "joint (A1|shoulder_pan|J1).* in rad"),
-    "joint 3 in rad": (scaled(["q3_deg"], np.pi / 180), "joint (A3|elbow|J3).* in rad"),
-    "joint 1 of opposite sign": (
-        scaled(["q1_deg"], -1.0),
-        "joint (A1|shoulder_pan|J1).* opposite",
-    ),
-    "joint 3 of opposite sign": (scaled(["q3_deg"], -1.0), "joint (A3|elbow|J3).* opposite"),
-    "joint 3 off by -90 deg": (added(["q3_deg"], -90.0), "joint (A3|elbow|J3).* -90 deg"),
-    "joint 2 off by +90 deg": (
-        added(["q2_deg"], 90.0),
-        r"joint (A2|shoulder_lift|J2).* \+90 deg",
-    ),
+    "joint 1 in rad": (scaled(["q1_deg"], np.pi / 180), f"{A1}.* in rad"),
+    "joint 3 in rad": (scaled(["q3_deg"], np.pi / 180), f"{A3}.* in rad"),
+    "joint 1 of opposite sign": (scaled(["q1_deg"], -1.0), f"{A1}.* opposite"),
+    "joint 3 of opposite sign": (scaled(["q3_deg"], -1.0), f"{A3}.* opposite"),
+    "joint 3 off by -90 deg": (added(["q3_deg"], -90.0), f"{A3}.* -90 deg"),
+    "joint 2 off by +90 deg": (added(["q2_deg"], 90.0), rf"{A2}.* \+90 deg"),
     "joints 4 and 5 swapped": (
         renamed(["q4_deg"], ["q5_deg"]),
         "joints (A4 and A5|wrist_1.* and wrist_2|J4 and J5).* swapped",
@@ -244,8 +237,8 @@ def outcome(fault: str, data: Clean, path: Path) -> str:
     change, words = FAULTS[fault]
     table = change(data)
     if fault in WRONG_TCP:
-        tcp = data.chain.flange.act(data.chain.flange.actInv(data.chain.tcp) + WRONG_TCP[fault])
-        data = replace(data, chain=replace(data.chain, tcp=tcp))
+        tcp = data.robot.tcp + data.robot.flange[:3, :3] @ WRONG_TCP[fault]
+        data = replace(data, robot=replace(data.robot, tcp=tcp))
     report = data.report(path, table, no_torque=data.no_torque)
     found = [each.message.split("; as well")[0] for each in (*report.errors, *report.warnings)]
     if any(re.search(words, message) for message in found):
@@ -260,38 +253,34 @@ OUTCOMES = ("named", "wrongly named", "suspected", "missed")
 
 def table_of_faults(specimens: int = 3) -> str:
     """Return a line a fault with its outcomes, those that are always named in one line."""
-    counts: dict[str, dict[str, Counter[str]]] = {fault: {} for fault in FAULTS}
-    sources = ("kr10-twin", "kr10-twin-omni", "ur5-twin", "FANUC")
+    found, sources = [], [*TWINS, "FANUC"]
     with tempfile.TemporaryDirectory() as folder:
         for source in sources:
             for specimen in range(1 if source == "FANUC" else specimens):
                 data = clean(source, specimen)
-                for fault in FAULTS:
-                    if not (data.no_torque and fault in OF_TORQUE):
-                        counted = counts[fault].setdefault(source, Counter())
-                        counted[outcome(fault, data, Path(folder) / "my.csv")] += 1
-    always = {
-        fault for fault, each in counts.items() if all(set(c) == {"named"} for c in each.values())
-    }
+                faults = [name for name in FAULTS if not (data.no_torque and name in OF_TORQUE)]
+                found += [
+                    (fault, source, outcome(fault, data, Path(folder) / "my.csv"))
+                    for fault in faults
+                ]
+    said = pd.DataFrame(found, columns=["fault", "source", "outcome"])
+    not_always = {*said["fault"][said["outcome"] != "named"]}
+    always = [fault for fault in FAULTS if fault not in not_always]
 
-    def line(name: str, faults: list[str]) -> str:
-        sums = [
-            sum((counts[fault].get(source, Counter()) for fault in faults), Counter())
-            for source in sources
-        ]
-        cells = ["/".join(str(each[what]) for what in OUTCOMES) if each else "" for each in sums]
-        return "| " + " | ".join([name, *cells]) + " |"
+    def line(name: str, faults: list[str]) -> list[str]:
+        some = said[said["fault"].isin(faults)]
+        counts = pd.crosstab(some["source"], some["outcome"])
+        counts = counts.reindex(index=sources, columns=OUTCOMES, fill_value=0)
+        return [name, *("/".join(map(str, row)) if any(row) else "" for row in counts.to_numpy())]
 
-    rest = sorted(always, key=list(FAULTS).index)
-    return "\n".join(
-        [
-            "| mistake | `kr10-twin` | `kr10-twin-omni` | `ur5-twin` | FANUC |",
-            "|---" * (len(sources) + 1) + "|",
-            *(line(fault, [fault]) for fault in FAULTS if fault not in always),
-            line(f"{len(rest)} others: {'; '.join(rest)}", rest),
-            line(f"together, {len(FAULTS)}", list(FAULTS)),
-        ]
-    )
+    rows = [
+        ["mistake", *(f"`{name}`" for name in TWINS), "FANUC"],
+        ["---"] * (len(sources) + 1),
+        *(line(fault, [fault]) for fault in FAULTS if fault in not_always),
+        line(f"{len(always)} others: {'; '.join(always)}", always),
+        line(f"together, {len(FAULTS)}", list(FAULTS)),
+    ]
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from stiff_datasets.twin.kr10_twin import Kr10Twin
-from stiff_models.base import FittedModel
 from stiff_models.catalog import FAMILIES, MODELS, model_info
 from stiff_protocols.contract.types import BenchmarkData
 
@@ -23,7 +22,7 @@ def twin_data() -> BenchmarkData:
 
 
 @functools.cache
-def quick_model(key: str) -> FittedModel:
+def quick_model(key: str) -> Any:
     """The model of a key with its quick options; skips where it cannot be used."""
     info = model_info(key)
     if info.missing():
@@ -31,18 +30,12 @@ def quick_model(key: str) -> FittedModel:
     return fitted(key, info.quick)
 
 
-def fitted(
-    key: str, options: Mapping[str, Any], *, chosen: bool = False, **seed: int
-) -> FittedModel:
+def fitted(key: str, options: Mapping[str, Any], *, chosen: bool = False, **seed: int) -> Any:
     """A model on every fourth pose of the KR10 twin; `chosen`: by validation rows, if it can."""
     info, data = model_info(key), twin_data()
-    cls = info.load()
-    model = cls(**options)
+    model = info.load()(**options)
     if "device" in model.get_params():
         model.set_params(device="cpu")
     rows = np.arange(0, len(data.samples), 4)
     held_out = data.samples.take(rows + 1) if chosen and info.uses_validation else None
-    found: FittedModel = model.fit(
-        data.samples.take(rows), robot=data.robot, validation=held_out, **seed
-    )
-    return found
+    return model.fit(data.samples.take(rows), robot=data.robot, validation=held_out, **seed)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from stiff_bench.plan.cells import CellTask
 from stiff_bench.plan.registry import Registry, build_registry
 from stiff_bench.plan.request import RunPlan, plan_run
 from stiff_bench.plan.words import choices
+from stiff_bench.run.cell import compute_cell
+from stiff_protocols.contract.record import CellResult
 
 CHOOSING = ("models", "datasets", "protocols", "settings", "data", "robot")
 
@@ -20,3 +24,15 @@ def planned(registry: Registry | None = None, **changes: Any) -> RunPlan:
     chosen = {name: words.pop(name) for name in CHOOSING if name in words}
     registry = registry or build_registry()
     return plan_run(choices(registry, **chosen), registry, **words)
+
+
+def with_model(task: CellTask, cls: type, **params: Any) -> CellTask:
+    """The same cell with a model of the test's own."""
+    return replace(task, model=replace(task.model, cls=cls, params=params, context={}))
+
+
+def computed(task: CellTask) -> CellResult:
+    """The result of a cell, which must succeed."""
+    result = compute_cell(task, "r")
+    assert result.status == "ok", result.failure
+    return result

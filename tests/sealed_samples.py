@@ -73,6 +73,14 @@ class SealedSamples(Samples):
         return self._truth.take(rows)
 
 
+def with_other_test_deflections(task: CellTask) -> CellTask:
+    """The same cell, whose test poses were measured 7 m away on every axis."""
+    samples = task.data.samples
+    deflection = samples.deflection.copy()
+    deflection[task.split.test] += 7.0
+    return replace(task, data=replace(task.data, samples=replace(samples, deflection=deflection)))
+
+
 def computed_under_seal(task: CellTask) -> CellResult:
     """Compute a cell of the engine.
 

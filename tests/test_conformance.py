@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from quick_models import KEYS
-from stiff_bench.plan.registry import Registry
-from stiff_models.catalog import FAMILIES, MODELS
+from stiff_models.catalog import model_info
 from stiff_models.io.cache_folder import OFF, VARIABLE
 from stiff_models.io.saved import load
 from stiff_protocols.conformance.suite import check_model
@@ -21,9 +20,7 @@ NOT_SAVABLE = ("realmlp", "tabm", "tabpfn")  # pickled by their packages, or ano
 )
 def test_a_shipped_model_keeps_the_contract(key, fanuc, monkeypatch):
     monkeypatch.setenv(VARIABLE, OFF)  # a remembered training always repeats itself
-    registry = Registry(families=FAMILIES)
-    registry.add(MODELS, "stiffbench")
-    info = registry.model(key)
+    info = model_info(key)
     if info.missing():
         pytest.skip(info.missing())
     cls = info.load()

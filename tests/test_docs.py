@@ -1,33 +1,48 @@
-"""Pages with code: "Add a model" has models that can be run, "In Python" prints what it says."""
+"""The docs: their code runs, their commands are ours, and their site is complete."""
 
 from __future__ import annotations
 
 import doctest
+import os
 import re
+import shlex
+import shutil
+import subprocess
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 
+import click
 import pytest
 
 from run_requests import planned
+from stiff_bench.cli.main import bench
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.run.cell import compute_cell
-from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
+from stiff_protocols.catalog import PROTOCOLS
 from stiff_protocols.conformance.suite import check_model
+from stiff_protocols.scoring.metrics import METRICS
 
-PAGE = (Path(__file__).parents[1] / "docs" / "add_a_model.md").read_text(encoding="utf-8")
-PYTHON = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-BLOCKS = dict(zip(("mean-deflection", "bagged-ridge"), PYTHON, strict=True))
+pytestmark = pytest.mark.xdist_group("site")  # one process builds it
+
+TOP = Path(__file__).parents[1]
+DOCS = TOP / "docs"
+PYTHON = re.findall(r"```python\n(.*?)```", (DOCS / "add_a_model.md").read_text("utf-8"), re.DOTALL)
+MODELS = dict(zip(("mean-deflection", "bagged-ridge"), PYTHON, strict=True))
+DEFINITIONS = (DOCS / "definitions.md").read_text(encoding="utf-8")
+BLOCK = re.compile(r"^```sh\n(.*?)^```", re.MULTILINE | re.DOTALL)
+LOADED = re.compile(r"<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=\"?((?:https?:)?//[^\" >]+)")
 
 
-@pytest.mark.parametrize("key", BLOCKS)
-def test_a_model_of_the_page_keeps_the_contract_and_can_be_run(key, tmp_path):
+@pytest.mark.parametrize("key", MODELS)
+def test_a_model_of_the_page_keeps_the_contract_and_can_be_run(key, fanuc, tmp_path):
     path = tmp_path / "my_model.py"
-    path.write_text(BLOCKS[key], encoding="utf-8")
+    path.write_text(MODELS[key], encoding="utf-8")
     registry = build_registry([path])
     info = registry.models[key]
-    cls, data = info.load(), FanucR2000iC().load()
-    checks = check_model(lambda: cls(**info.quick), data, uses_validation=info.uses_validation)
+    cls = info.load()
+    checks = check_model(lambda: cls(**info.quick), fanuc, uses_validation=info.uses_validation)
     assert [str(check) for check in checks if check.status == "failed"] == []
     settings = ("bagged-ridge.members=3",) if key == "bagged-ridge" else ()
     plan = planned(registry, models=(key,), datasets=("fanuc-r2000ic",), settings=settings)
@@ -39,9 +54,94 @@ def test_a_model_of_the_page_keeps_the_contract_and_can_be_run(key, tmp_path):
 
 @pytest.mark.slow
 def test_the_page_on_python_prints_what_it_says():
-    page = Path(__file__).parents[1] / "docs" / "python.md"
-    found = doctest.testfile(
-        str(page), module_relative=False, optionflags=doctest.NORMALIZE_WHITESPACE
-    )
+    page, flags = str(DOCS / "python.md"), doctest.NORMALIZE_WHITESPACE
+    found = doctest.testfile(page, module_relative=False, optionflags=flags)
     assert found.attempted > 20
     assert found.failed == 0
+
+
+def _shell(page: Path) -> list[str]:
+    """Return the lines of a page's `sh` blocks."""
+    return "".join(BLOCK.findall(page.read_text(encoding="utf-8"))).splitlines()
+
+
+def test_every_metric_and_protocol_is_defined():
+    words = [f"**`{key}`**" for key in METRICS]
+    words += [f"\n### `{info.key}`\n" for info in PROTOCOLS]
+    assert [word for word in words if word not in DEFINITIONS] == []
+
+
+def test_every_command_of_the_docs_has_its_options():
+    pages = (TOP / "README.md", *sorted(DOCS.rglob("*.md")))
+    lines = [(page.name, line) for page in pages for line in _shell(page)]
+    commands = [(page, line) for page, line in lines if line.startswith("bench ")]
+    assert len(commands) > 50  # that they are found at all
+    assert [one for one in commands if _unknown(one[1])] == []
+
+
+def _unknown(line: str) -> str:
+    """Return the first word of a command line that bench does not know, "" where there is none."""
+    words = shlex.split(line, comments=True)[1:]
+    command: click.Command = bench
+    while isinstance(command, click.Group) and words and not words[0].startswith("-"):
+        name, *words = words
+        if name not in command.commands:
+            return name
+        command = command.commands[name]
+    options = {"-h", "--help"}.union(*((*one.opts, *one.secondary_opts) for one in command.params))
+    given = [word.partition("=")[0] for word in words if word.startswith("-")]
+    return next((option for option in given if option not in options), "")
+
+
+@pytest.fixture(scope="session")
+def site(tmp_path_factory) -> Path:
+    for package in ("mkdocs", "material", "latex2mathml"):
+        if find_spec(package) is None:
+            pytest.skip(f"{package} is not installed: pip install 'stiffbench[docs]'")
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
+    built = subprocess.run(command, cwd=TOP, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stderr
+    return folder
+
+
+@pytest.mark.slow
+def test_the_site_is_built_without_a_warning_and_loads_nothing_from_elsewhere(site):
+    pages = {
+        page.relative_to(site).as_posix(): page.read_text("utf-8") for page in site.rglob("*.html")
+    }
+    ours = {page.relative_to(DOCS).with_suffix(".html").as_posix() for page in DOCS.rglob("*.md")}
+    assert ours <= pages.keys()
+    assert [name for name, text in pages.items() if LOADED.search(text)] == []
+
+
+@pytest.mark.slow
+def test_equations_are_in_the_pages(site):
+    page = (site / "definitions.html").read_text("utf-8")
+    text = re.sub(r"<(code|pre)\b.*?</\1>", "", page, flags=re.DOTALL)
+    assert page.count("<math") == len(
+        re.findall(r"\$\$.*?\$\$|\$[^$\n]+\$", DEFINITIONS, re.DOTALL)
+    )
+    assert "arithmatex" not in page
+    assert re.findall(r"\\[a-zA-Z(\[]", text) == []
+
+
+@pytest.mark.slow
+def test_the_tutorial_can_be_followed_to_the_end(tmp_path):
+    for path in (DOCS / "assets").glob("*.*"):
+        shutil.copy(path, tmp_path)
+    script = "set -e\n" + "\n".join(_shell(DOCS / "tutorial.md"))
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    done = subprocess.run(
+        ["bash", "-c", script],
+        cwd=tmp_path,
+        env=os.environ | {"PATH": path, "STIFFBENCH_HOME": str(tmp_path / "home")},
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "my.csv: ok" in done.stdout
+    assert "vjm-multisegment is better than vjm on my.csv" in done.stdout
+    assert len((tmp_path / "predicted.csv").read_text("utf-8").splitlines()) == 61

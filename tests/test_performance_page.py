@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import runpy
 from pathlib import Path
 
@@ -10,8 +9,8 @@ import pytest
 
 SCRIPT = Path(__file__).parent / "perf" / "write_page.py"
 FIGURES = [
-    {"what": "error", "value": 0.5, "unit": "mm", "at_most": 0.4, "at_least": None},
-    {"what": "gain", "value": 1.95, "unit": "", "at_most": None, "at_least": 1.9},
+    {"what": "error", "value": 0.5, "unit": "mm", "at_most": 0.4},
+    {"what": "gain", "value": 1.95, "unit": "", "at_least": 1.9},
 ]
 
 
@@ -39,15 +38,13 @@ REPORT = {
     [
         # a ratio compares times of the same work, not times of calls
         "| stiffbench | 2 us a sum ± 5% | loop | 5 us a sum | 2.5 | ≥ 2: met |",
-        "| stiffbench | 2 us a sum ± 5% | tree | 4 ms a sum ± 5% | 2e+03 |  |",
+        "| stiffbench | 2 us a sum ± 5% | tree | 4 ms a sum ± 5% | 2e+03 | |",
         "| read | 3 s a GB ± 5% |",
         "| read: error | 0.5 mm | ≤ 0.4: missed |",
         "| read: gain | 1.95 | ≥ 1.9: met |",
     ],
 )
-def test_the_page_says_what_was_measured_where_and_whether_its_target_is_met(row, tmp_path):
-    (tmp_path / "perf.json").write_text(json.dumps(REPORT))
-    runpy.run_path(str(SCRIPT))["main"](tmp_path / "perf.json", tmp_path / "page.md")
-    page = (tmp_path / "page.md").read_text(encoding="utf-8")
-    assert row in page.splitlines()
+def test_the_page_says_what_was_measured_where_and_whether_its_target_is_met(row):
+    page = runpy.run_path(str(SCRIPT))["page"](REPORT)
+    assert row in [" ".join(line.split()) for line in page.splitlines()]
     assert all(word in page for word in ("2026-11-22", "Some CPU", "abc123 with changes"))

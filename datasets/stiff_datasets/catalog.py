@@ -2,39 +2,37 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from stiff_protocols.contract.plugin import DatasetInfo
 
 _SIMULATED = "simulated, never measured; its constants are largely assumptions."
-_KR10_CARD = "data/kr10_twin.md"
+_kr10_twin = partial(
+    DatasetInfo,
+    kind="simulated",
+    reference="constants and their sources: stiff_datasets/twins/kr10_r1100_2.toml",
+    card="data/kr10_twin.md",
+)
 
 DATASETS = (
-    DatasetInfo(
+    _kr10_twin(
         key="kr10-twin",
         target="stiff_datasets.twin.kr10_twin:Kr10Twin",
-        kind="simulated",
         summary="KUKA KR10 R1100-2 twin, 151 poses, one load each as in the paper's Table 5",
-        reference="constants and their sources: stiff_datasets/twins/kr10_r1100_2.toml",
         caveats=(f"kr10-twin is {_SIMULATED}",),
         published="table_10",
-        card=_KR10_CARD,
     ),
-    DatasetInfo(
+    _kr10_twin(
         key="kr10-twin-omni",
         target="stiff_datasets.twin.kr10_twin:Kr10TwinOmni",
-        kind="simulated",
         summary="the same twin and poses, forces in all directions at a hook up to the payload",
-        reference="constants and their sources: stiff_datasets/twins/kr10_r1100_2.toml",
         caveats=(f"kr10-twin-omni is {_SIMULATED}",),
-        card=_KR10_CARD,
     ),
-    DatasetInfo(
+    _kr10_twin(
         key="kr10-twin-multiload",
         target="stiff_datasets.twin.kr10_twin:Kr10TwinMultiload",
-        kind="simulated",
         summary="the same twin and poses, five loads each as in the paper's Table 5",
-        reference="constants and their sources: stiff_datasets/twins/kr10_r1100_2.toml",
         caveats=(f"kr10-twin-multiload is {_SIMULATED}",),
-        card=_KR10_CARD,
     ),
     DatasetInfo(
         key="kr10-twin-rough",
@@ -105,7 +103,7 @@ DATASETS = (
         summary="your own KUKA KR10 measurement (stiffbench ships none)",
         caveats=("kr10-measured is a user's own file; how it was measured is not known here.",),
         published="table_10",
-        missing_because="stiff_datasets.measured.registered:kr10_missing",
+        missing_because="stiff_datasets.measured.registered:missing",
     ),
     DatasetInfo(
         key="ur5-pose-error",

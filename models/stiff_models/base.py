@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -18,6 +19,10 @@ if TYPE_CHECKING:
     import torch
 
 
+FOLDS = 5
+"""In which poses are left out, to see how wrong a model is at poses that it did not learn from."""
+
+
 def normal_interval(mean: FloatArray, deviation: FloatArray, coverage: float) -> Interval:
     """Return the central interval of (n, 3) means and standard deviations, m, axis by axis.
 
@@ -27,6 +32,19 @@ def normal_interval(mean: FloatArray, deviation: FloatArray, coverage: float) ->
 
     half = ndtri(0.5 + coverage / 2.0) * deviation
     return Interval(mean - half, mean + half, coverage)
+
+
+def left_out_fifths(samples: Samples, seed: int) -> Iterator[tuple[Samples, Samples]]:
+    """Yield the samples without those of a fifth of the poses, and these, for each fifth.
+
+    Of fewer than `FOLDS` poses, at least two, each one is left out.
+    """
+    from sklearn.model_selection import GroupKFold  # not every model needs it
+
+    n_folds = min(FOLDS, len(np.unique(samples.pose_id)))
+    folds = GroupKFold(n_folds, shuffle=True, random_state=seed)
+    for learned, left_out in folds.split(samples.q, groups=samples.pose_id):
+        yield samples.take(learned), samples.take(left_out)
 
 
 class FittedModel(BaseEstimator):  # type: ignore[misc]

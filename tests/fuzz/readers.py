@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
+from unittest import mock
 
 from fuzz import hard_cases
 from fuzz.mutations import Mutator, text_damaged
@@ -21,7 +22,8 @@ from stiff_bench.plan.search import checked_grid, written_grids
 from stiff_bench.store.database import FILE, read_data, read_manifests, read_results
 from stiff_datasets.measured import registered
 from stiff_datasets.measured.load_file import read_loads
-from stiff_datasets.measured.measured import read_samples, write_samples
+from stiff_datasets.measured.measured import read_samples
+from stiff_datasets.measured.sample_files import sample_table, write_table
 from stiff_datasets.robots.robot import load_robot
 from stiff_datasets.twin.constants import read_constants
 from stiff_protocols.contract.types import Robot
@@ -56,7 +58,7 @@ def _samples(
     damage: Mutator = text_damaged,
 ) -> Prepared:
     data, path = twin_data(), folder / name
-    write_samples(path, data.samples.take(range(6)), data.robot)
+    write_table(path, [sample_table(data.samples.take(range(6)), data.robot)])
     valid = path.read_bytes()
     return Prepared(path, (valid,), lambda path: read(path, data.robot), hard(valid), damage)
 
@@ -101,8 +103,8 @@ def _registrations(folder: Path) -> Prepared:
     valid = f'{entry}sha256 = "aa"\nurdf_sha256 = ""\n'.encode()
 
     def read(path: Path) -> object:
-        registered.registry_file = lambda: path
-        return registered.registration(registered.KR10_MEASURED)
+        with mock.patch.object(registered, "registry_file", lambda: path):
+            return registered.registration()
 
     return Prepared(folder / "datasets.toml", (valid,), read, hard_cases.tomls(valid))
 

@@ -12,12 +12,13 @@ from random import Random
 from typing import Any
 
 import numpy as np
+import orjson
 import pyarrow as pa
 import pyarrow.parquet as pq
 from fuzz.mutations import NONSENSE, bytes_damaged, tree_damaged
 from model_files import archived, members
 
-from stiff_bench.store.codec import COLUMNS, checksum, measure_names
+from stiff_bench.store.codec import COLUMNS, checksum
 
 DTYPES = ("f8", "f4", "f2", "i8", "u1", "b1", "c16", "U3", "S2", "M8[s]", ">f8")
 
@@ -44,7 +45,7 @@ def results_with(data: bytes, change: Callable[[dict[str, Any]], None]) -> bytes
         query = """SELECT metric, axis, unit, value FROM value
             JOIN measure ON measure.id = value.measure WHERE cell = ? ORDER BY metric, axis, unit"""
         metrics = db.execute(query, row[:1]).fetchall()
-        names = measure_names([metric[:3] for metric in metrics])
+        names = orjson.dumps([metric[:3] for metric in metrics])
         numbers = np.array([metric[3] for metric in metrics])
         try:
             sha256 = checksum(values[:-2], names, numbers, values[-2:])

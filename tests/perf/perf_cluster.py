@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from command_line import BENCH, peak_mib
-from perf_case import figure, needed, ours
+from perf_case import figure, needed, ours_or_peer
 from stiff_bench.store.database import read_results
 
 N_CELLS = 40
@@ -58,7 +58,7 @@ def test_two_side_by_side_against_one(benchmark, tmp_path, name, one, two):
     """Efficiency 1: two take half the time of one; both starts are in it."""
     needed("distributed", "Dask")
     alone = seconds_of(tmp_path, *one)
-    ours(benchmark, f"bench run, two by {name}", work=N_CELLS, unit="fit")
+    ours_or_peer(benchmark, f"bench run, two by {name}", work=N_CELLS, unit="fit")
     pair = benchmark.pedantic(seconds_of, (tmp_path, *two), rounds=1)
     said = f"parallel efficiency of two by {name}, time of one / (2 x time of two)"
     figure(benchmark, said, alone / (2 * pair), "")
@@ -70,6 +70,6 @@ def test_plan(benchmark, tmp_path):
     models = [f"knn@neighbours={number}" for number in range(1, 11)]
     words = [BENCH, "run", *(word for key in models for word in ("--model", key))]
     words += ["--splits", "10000", "--plan", "--output", tmp_path]
-    ours(benchmark, "bench run --plan of 100,000 fits", work=100_000, unit="fit")
+    ours_or_peer(benchmark, "bench run --plan of 100,000 fits", work=100_000, unit="fit")
     peak = benchmark.pedantic(peak_mib, words, rounds=1)
     figure(benchmark, "peak memory", peak, "MiB")

@@ -21,7 +21,7 @@ import pytest
 
 from command_line import BENCH, peak_mib
 from made_board import made_board
-from perf_case import OURS, figure, ours, ours_or_peer, peer
+from perf_case import OURS, figure, ours_or_peer
 from run_requests import planned
 from stiff_bench.api.run import Run
 from stiff_bench.cli.run import execute
@@ -31,17 +31,10 @@ from stiff_bench.plan.words import RobotWords
 from stiff_bench.store.database import FILE, ResultStore, stored_results, stored_statuses
 from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.simulate import simulate
-from stiff_protocols.contract.plugin import ModelInfo
+from stiff_datasets.twin.twin import TwinExperiment
+from stiff_models.catalog import model_info
 
 N_CELLS = 1000
-
-
-class Nothing:
-    def fit(self, train, *, robot, validation=None, seed=0):
-        return self
-
-    def predict(self, q, wrench):
-        return np.zeros((len(q), 3))
 
 
 def command(*words: str | Path) -> str:
@@ -62,38 +55,32 @@ PYTHON = {f"python -c '{words}'": words for words in ("pass", "import click")}
 @pytest.mark.benchmark(group="start-up")
 @pytest.mark.parametrize("who", ["bench --help", *LISTS, *PYTHON])
 def test_start(benchmark, who):
+    ours_or_peer(benchmark, who)
     if who in PYTHON:
-        peer(benchmark, who)
         benchmark.pedantic(command, (sys.executable, "-c", PYTHON[who]), rounds=5)
     else:
-        ours(benchmark, who)
         assert benchmark.pedantic(command, (BENCH, *who.split()[1:]), rounds=5)
         at_most = 0.5 if who in LISTS else 0.3
         figure(benchmark, f"{who}, wall", seconds(benchmark), "s", at_most=at_most)
 
 
 @pytest.mark.benchmark(group=f"a run of {N_CELLS} fits of zero")
-@pytest.mark.parametrize("isolated", [False, True], ids=["in this process", "isolated"])
-def test_overhead_of_a_cell(benchmark, tmp_path, isolated):
+def test_overhead_of_a_cell(benchmark, tmp_path):
     """The whole command: start, splits, reference model, metrics, costs, storing, tables."""
-    run = (BENCH, "run", "--model", "zero", "--splits", str(N_CELLS), "--output", tmp_path / "out")
-    words = (*run, "--isolate" if isolated else "--no-isolate")
-    name = f"bench run --{'' if isolated else 'no-'}isolate"
-    (ours if isolated else peer)(benchmark, name, work=N_CELLS, unit="fit")
-    benchmark.pedantic(command, words, rounds=1)
-    statuses = stored_statuses(tmp_path / "out")
-    assert len(statuses) == N_CELLS and {*statuses.values()} == {"ok"}
-    cost_ms = 1e3 * seconds(benchmark) / N_CELLS
-    figure(benchmark, f"{name}, wall of the command / fits", cost_ms, "ms")
-    if isolated:
-        overhead_ms = cost_ms - COST_MS.pop("in this process")
-        figure(benchmark, "isolation of a fit", overhead_ms, "ms", at_most=10)
-    else:
-        COST_MS["in this process"] = cost_ms
 
+    def run_s(how: str) -> float:
+        start, output = time.perf_counter(), tmp_path / how
+        words = ("--model", "zero", "--splits", str(N_CELLS), how, "--output", output)
+        command(BENCH, "run", *words)
+        statuses = stored_statuses(output)
+        assert len(statuses) == N_CELLS and {*statuses.values()} == {"ok"}
+        return time.perf_counter() - start
 
-COST_MS: dict[str, float] = {}
-"""Wall time of a cell that is not isolated, which the next benchmark takes off its own."""
+    ours_or_peer(benchmark, "bench run --isolate", work=N_CELLS, unit="fit")
+    isolated_s, alone_s = benchmark.pedantic(run_s, ("--isolate",), rounds=1), run_s("--no-isolate")
+    figure(benchmark, "a fit with --no-isolate", 1e3 * alone_s / N_CELLS, "ms")
+    overhead_ms = 1e3 * (isolated_s - alone_s) / N_CELLS
+    figure(benchmark, "isolation of a fit", overhead_ms, "ms", at_most=10)
 
 
 @pytest.fixture(scope="module")
@@ -118,7 +105,7 @@ def test_results(benchmark, board, n_splits, records, at_most, words):
     assert n_records >= records
     name = f"bench {words[0]}"
     benchmark.group = f"results of {records:,} records"
-    ours(benchmark, name, work=n_records, unit="record")
+    ours_or_peer(benchmark, name, work=n_records, unit="record")
     peak = benchmark.pedantic(peak_mib, (BENCH, *words, "--results", folder), rounds=3)
     target = {"at_most": at_most} if words == ["leaderboard"] else {}
     figure(benchmark, f"{name} of {n_records} records, wall", seconds(benchmark), "s", **target)
@@ -152,7 +139,8 @@ def test_storing(benchmark, board, tmp_path, who):
 
 def of_samples(n: int, folder: Path) -> RunPlan:
     path = folder / f"{n}.csv"
-    simulate(path, shipped_constants("kr10_r1100_2"), n, loads="omni")
+    constants = shipped_constants("kr10_r1100_2")
+    simulate(path, TwinExperiment(constants, loads="omni", specimen=0, seed=0), n)
     robot = RobotWords("kr10-r1100-2")
     return planned(models=("zero", "vjm"), datasets=(), data=path, robot=robot)
 
@@ -162,10 +150,10 @@ def of_splits(n: int, _: Path) -> RunPlan:
 
 
 def of_models(n: int, _: Path) -> RunPlan:
-    keys = tuple(f"nothing-{number}" for number in range(n))
+    models = [replace(model_info("zero"), key=f"zero-{number}") for number in range(n)]
     registry = build_registry()
-    registry.add([ModelInfo(key=key, target=Nothing, summary="does nothing") for key in keys], "")
-    return planned(registry, models=keys)
+    registry.add(models, "")
+    return planned(registry, models=tuple(model.key for model in models))
 
 
 def cpu_seconds(plan: RunPlan, folder: Path) -> float:
@@ -192,7 +180,7 @@ def test_growth(benchmark, of, sizes, tmp_path, request):
     what = request.node.callspec.id
     cpu_seconds(planned(models=("vjm", "zero")), tmp_path / "warm")
     plans = {size: of(size, tmp_path) for size in sizes}
-    ours(benchmark, f"run of many {what}", work=sum(sizes), unit=what.removesuffix("s"))
+    ours_or_peer(benchmark, f"run of many {what}", work=sum(sizes), unit=what.removesuffix("s"))
     times = benchmark.pedantic(
         lambda: [cpu_seconds(plan, tmp_path / str(size)) for size, plan in plans.items()], rounds=1
     )

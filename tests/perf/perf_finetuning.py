@@ -10,7 +10,7 @@ import pytest
 import torch
 from joblib import Parallel, delayed, parallel_config
 
-from perf_case import figure, ours, ours_or_peer
+from perf_case import figure, ours_or_peer
 from plain_fine_tuning import Pretrained, largest_difference, our_loop, plain_loop
 from quick_models import twin_data
 from run_requests import planned
@@ -74,7 +74,7 @@ def test_epochs(benchmark, case, freeze, who):
 @pytest.mark.benchmark(group="fine-tuning, 121 + 30 rows, two processes of one thread")
 def test_two_processes(benchmark, case):
     plan = replace(PLAN, steps=1000)
-    ours(benchmark, work=PROCESSES * plan.steps, unit="epoch")
+    ours_or_peer(benchmark, work=PROCESSES * plan.steps, unit="epoch")
 
     def at_once(count: int) -> float:
         start = time.perf_counter()
@@ -105,7 +105,7 @@ def test_leave_one_out(benchmark, training, minutes, monkeypatch, tmp_path):
             model.fit(data.samples.take(rows), robot=data.robot)
         return time.process_time() - start
 
-    ours(benchmark, f"training={training}", work=151.0, unit="fit")
+    ours_or_peer(benchmark, f"training={training}", work=151.0, unit="fit")
     spent = benchmark.pedantic(leave_one_out, rounds=1)
     figure(benchmark, f"CPU minutes, training={training}", spent / 60, "min", at_most=minutes)
 
@@ -136,7 +136,7 @@ def test_fast_recipe(benchmark):
             curves = workers(delayed(our_loop)(case, FREEZE, plan) for case in cases)
             return np.array([curve.best_loss for curve in curves])
 
-        ours(benchmark, "recipe=fast", work=SPLITS, unit="fine-tuning")
+        ours_or_peer(benchmark, "recipe=fast", work=SPLITS, unit="fine-tuning")
         fast = benchmark.pedantic(lowest_losses, ("fast",), rounds=3, warmup_rounds=1)
         start = time.perf_counter()
         ratio = fast / lowest_losses("paper")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from perf_case import ours, peer
+from perf_case import ours_or_peer
 from quick_models import twin_data
 from stiff_models.io.cache_folder import OFF, VARIABLE
 from stiff_models.transfer.ft_mlp import FtMlp
@@ -27,10 +27,9 @@ def no_cache(monkeypatch):
 
 
 def says(benchmark, device, work, unit):
-    if device == "cuda":
-        ours(benchmark, f"stiffbench on {torch.cuda.get_device_name()}", work=work, unit=unit)
-    else:
-        peer(benchmark, "processor, one thread", work=work, unit=unit)
+    gpu = f"stiffbench on {torch.cuda.get_device_name()}"
+    name = gpu if device == "cuda" else "processor, one thread"
+    ours_or_peer(benchmark, name, work=work, unit=unit)
 
 
 @pytest.mark.benchmark(group=f"GPU: pre-training, {STEPS} steps of recipe=fast")

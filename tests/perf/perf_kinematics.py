@@ -1,7 +1,7 @@
 """Deflections of the linear VJM beside those that kinematics libraries give.
 
 In a batch, of one sample, and on the paper's source domain: 21,280 poses with five
-wrenches each.
+wrenches each. And inverse kinematics along a path.
 """
 
 from __future__ import annotations
@@ -24,7 +24,10 @@ from stiff_datasets.robots.robot import shipped_chain, shipped_robot
 from stiff_models.physics.kinematics import jacobian, joint_deflection
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_models.transfer.source import simulate, source_design
+from stiff_protocols.contract.robot import REACHED_M, REACHED_RAD
 from stiff_protocols.contract.types import FloatArray
+from stiff_protocols.paths.inverse import follow
+from stiff_protocols.paths.path import ToolPath, shaped
 
 ROBOT, TCP = "kr10_r1100_2", (0.06, 0.0, 0.08)
 SAMPLES, FEW = 106_400, 4_000
@@ -34,6 +37,7 @@ PINOCCHIO, ALONE = "Pinocchio loop", "Pinocchio, arrays in, array out"
 A_SAMPLE, A_POSE = "Pinocchio, every sample", "Pinocchio, every pose"
 WRITTEN_OUT = "stiffbench, poses and wrenches written out"
 ROUNDS = 8
+READY, PATH_POINTS = np.radians([0.0, -90.0, 90.0, 0.0, 60.0, 0.0]), 10_000
 
 Samples = tuple[FloatArray, FloatArray]
 Way = Callable[[FloatArray, FloatArray], FloatArray]
@@ -263,3 +267,43 @@ def test_source(benchmark, who):
     targets = {A_SAMPLE: 2.0} if who == OURS else {}
     ours_or_peer(benchmark, who, targets)
     benchmark.pedantic(way, rounds=10, warmup_rounds=2)
+
+
+def iso_path() -> ToolPath:
+    """10,000 points through the test points of ISO 9283, in a cube of 200 mm before the robot."""
+    stands = SHIPPED.forward(READY[None])
+    (rotation,), centre = stands.rotation, stands.points[0, -1]
+    return shaped("iso9283", centre, 0.2, PATH_POINTS, rotation=rotation, wrench=np.zeros(6))
+
+
+def pinocchio_newton(path: ToolPath) -> FloatArray:
+    """Newton's method point by point, each from the one before, to the same tolerance."""
+    chain = shipped_chain(ROBOT, tcp=TCP)
+    model, at_tcp = chain.model.copy(), pin.SE3(np.eye(3), chain.tcp)
+    frame = model.addFrame(pin.Frame("perf_tcp", model.nv, 0, at_tcp, pin.FrameType.OP_FRAME))
+    data, q, found = model.createData(), READY.copy(), np.empty((len(path), model.nv))
+    for row in range(len(path)):
+        wanted = pin.SE3(path.rotation[row], path.position[row])
+        while True:
+            pin.framesForwardKinematics(model, data, q)
+            error = pin.log6(data.oMf[frame].actInv(wanted)).vector
+            if max(error[:3] @ error[:3], error[3:] @ error[3:]) <= REACHED_M**2:
+                break
+            q = q + np.linalg.solve(pin.computeFrameJacobian(model, data, q, frame), error)
+        found[row] = q
+    return found
+
+
+@pytest.mark.benchmark(group="Inverse kinematics along a path of 10,000 points")
+@pytest.mark.parametrize("who", [OURS, PINOCCHIO])
+def test_inverse(benchmark, who):
+    path = iso_path()
+    way: Callable[[ToolPath], FloatArray] = {
+        OURS: lambda path: follow(SHIPPED, path.position, path.rotation, READY).q,
+        PINOCCHIO: pinocchio_newton,
+    }[who]
+    some = path.take(slice(500))
+    found, truth = way(some), pinocchio_newton(some)
+    np.testing.assert_allclose(found, truth, rtol=0, atol=100 * REACHED_RAD)
+    ours_or_peer(benchmark, who, {PINOCCHIO: 1.2}, work=PATH_POINTS, unit="point")
+    benchmark.pedantic(way, (path,), rounds=ROUNDS, warmup_rounds=1)

@@ -14,7 +14,7 @@ import pytest
 import torch
 from sklearn.neural_network import MLPRegressor
 
-from perf_case import figure, ours, ours_or_peer, peer
+from perf_case import figure, ours_or_peer
 from quick_models import twin_data
 from stiff_models.networks.arithmetic import has_fast_bfloat16
 from stiff_models.networks.network import Activation, build_network, linear_layers
@@ -111,10 +111,6 @@ def plain_steps(network: torch.nn.Sequential, source: Source, seed: int) -> Iter
             yield
 
 
-def sklearn_regressor() -> MLPRegressor:
-    return MLPRegressor(hidden_layer_sizes=(WIDTH,) * 4, alpha=0.0, batch_size=BATCH)
-
-
 PLANS = {
     "stiffbench float32": TEXTBOOK,
     "stiffbench bfloat16": replace(TEXTBOOK, mixed_precision=True),
@@ -137,10 +133,9 @@ def test_throughput(benchmark, source, who):
         def way() -> object:
             return [next(steps) for _ in range(STEPS)]
     elif who == SKLEARN:
-        some = [
-            each[: STEPS * BATCH].numpy() for each in (source.learn.inputs, source.learn.targets)
-        ]
-        way = partial(sklearn_regressor().partial_fit, *some)
+        regressor = MLPRegressor(hidden_layer_sizes=(WIDTH,) * 4, alpha=0.0, batch_size=BATCH)
+        rows = source.learn.inputs[: STEPS * BATCH], source.learn.targets[: STEPS * BATCH]
+        way = partial(regressor.partial_fit, *(part.numpy() for part in rows))
     else:
         way = partial(train, new_network(0), source, PLANS[who], 0)
     work = gigaflop(STEPS * BATCH)
@@ -149,14 +144,18 @@ def test_throughput(benchmark, source, who):
 
 
 @pytest.mark.benchmark(group=THROUGHPUT)
-@pytest.mark.parametrize("route", SGEMM)
-def test_sgemm(benchmark, route):
+@pytest.mark.parametrize("route", [*SGEMM, "bfloat16 product"])
+def test_matrix_product(benchmark, route):
+    """The machine's own limit: one layer of a step."""
     precision = torch.get_float32_matmul_precision()
-    left, right = torch.randn(BATCH, WIDTH), torch.randn(WIDTH, WIDTH)
-    peer(benchmark, route, work=2e-9 * BATCH * WIDTH**2, unit="GFLOP")
     torch.set_float32_matmul_precision("medium" if "medium" in route else "highest")
-    benchmark.pedantic(torch.mm, (left, right), rounds=20, iterations=20, warmup_rounds=1)
+    kind = torch.bfloat16 if "bfloat16" in route else torch.float32
+    left, right = torch.randn(BATCH, WIDTH, dtype=kind), torch.randn(WIDTH, WIDTH, dtype=kind)
+    ours_or_peer(benchmark, route, work=2e-9 * BATCH * WIDTH**2, unit="GFLOP")
+    found = benchmark.pedantic(torch.mm, (left, right), rounds=20, iterations=20, warmup_rounds=1)
     torch.set_float32_matmul_precision(precision)
+    exact = left.double() @ right.double()
+    figure(benchmark, "relative error", ((found - exact).norm() / exact.norm()).item(), "")
 
 
 @pytest.mark.slow
@@ -178,7 +177,7 @@ def test_our_accuracy(benchmark, activation, budget, at_most):
         longest = max(longest, benchmark.pedantic(run, rounds=1) if not errors else run())
         n_steps = n_steps or plan.steps  # of the seed that is timed
         errors.append(source.error(network))
-    ours(benchmark, name, work=float(n_steps * FAST.batch), unit="sample")
+    ours_or_peer(benchmark, name, work=float(n_steps * FAST.batch), unit="sample")
     what = f"{name}, median of {len(errors)} seeds"
     figure(benchmark, f"source test MAE of {what}", median(errors), "mm", at_most=at_most)
     figure(benchmark, f"CPU seconds of {name}", longest, "s", at_most=budget)
@@ -197,7 +196,8 @@ def test_plain_accuracy(benchmark, source):
             n_steps += 1
         return n_steps
 
-    peer(benchmark, PLAIN, work=float(benchmark.pedantic(run, rounds=1) * BATCH), unit="sample")
+    n_steps = benchmark.pedantic(run, rounds=1)
+    ours_or_peer(benchmark, PLAIN, work=float(n_steps * BATCH), unit="sample")
     what = f"source test MAE of {PLAIN}, {PEERS_BUDGET} s"
     figure(benchmark, what, source.error(network), "mm")
 
@@ -212,7 +212,7 @@ def test_shared_accuracy(benchmark, monkeypatch, tmp_path):
     spent = seconds_of(partial(model.fit, data.samples, robot=data.robot))
     rows = np.arange(len(data.samples) - 1)
     other = partial(model.fit, data.samples.take(rows), robot=data.robot)
-    ours(benchmark, work=1.0, unit="split")
+    ours_or_peer(benchmark, work=1.0, unit="split")
     benchmark.pedantic(other, rounds=5)
     error = 1000.0 * float(model.source_errors_[:3].mean())
     figure(benchmark, "source test MAE", error, "mm", at_most=0.0035)

@@ -45,7 +45,7 @@ def pinocchio_readings(q: FloatArray, wrench: FloatArray) -> FloatArray:
 @pytest.mark.benchmark(group="digital twin, readings")
 @pytest.mark.parametrize("who", [*SAMPLES, LOOP])
 def test_readings(benchmark, who):
-    twin, n = DigitalTwin(CHAIN, CONSTANTS.springs), SAMPLES.get(who, 200)
+    twin, n = DigitalTwin(CONSTANTS.robot(), CONSTANTS.springs), SAMPLES.get(who, 200)
     way = pinocchio_readings if who == LOOP else twin.readings
     np.testing.assert_allclose(way(*drawn(20)), twin.readings(*drawn(20)), rtol=0, atol=1e-13)
     ours_or_peer(benchmark, who, work=n, unit="sample")

@@ -9,10 +9,13 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+
+from pytest_benchmark.utils import time_unit
+from tabulate import tabulate
 
 HEAD = """\
 # Performance
@@ -30,10 +33,6 @@ Entry = dict[str, Any]
 
 
 def page(report: dict[str, Any]) -> str:
-    """Return the page in Markdown."""
-    groups: dict[str, list[Entry]] = {}
-    for entry in report["benchmarks"]:
-        groups.setdefault(entry["group"], []).append(entry)
     machine, commit = report["machine_info"], report["commit_info"]
     head = HEAD.format(
         date=report["datetime"][:10],
@@ -43,6 +42,9 @@ def page(report: dict[str, Any]) -> str:
         versions=f"Python {machine['python_version']}, "
         + ", ".join(f"{name} {version(name)}" for name in PACKAGES),
     )
+    groups: dict[str, list[Entry]] = {}
+    for entry in report["benchmarks"]:
+        groups.setdefault(entry["group"], []).append(entry)
     return "\n".join([head, *(section(name, entries) for name, entries in groups.items())])
 
 
@@ -65,32 +67,31 @@ def section(name: str, entries: list[Entry]) -> str:
 def compared(mine: Entry, peer: Entry) -> tuple[str, ...]:
     """Return one row: ours, its peer, how many times as fast ours is, and what it must reach."""
     ratio = seconds(peer) / seconds(mine)
-    least = mine["extra_info"]["at_least"].get(who(peer))
-    target = target_text(ratio, least, None)
+    target = target_text(ratio, at_least=mine["extra_info"]["at_least"].get(who(peer)))
     return who(mine), time_text(mine), who(peer), time_text(peer), f"{ratio:.3g}", target
 
 
-def other_figures(entry: Entry) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each figure that is no ratio of times: an error, megabytes, an exponent."""
+def other_figures(entry: Entry) -> list[tuple[str, ...]]:
+    """Return a row for each figure that is no ratio of times: an error, megabytes, an exponent."""
+    rows = []
     for one in entry["extra_info"].get("figures", []):
         what = one["what"] if who(entry) in one["what"] else f"{who(entry)}: {one['what']}"
-        target = target_text(one["value"], one["at_least"], one["at_most"])
-        yield what, f"{one['value']:.3g} {one['unit']}".strip(), target
+        target = target_text(one["value"], one.get("at_least"), one.get("at_most"))
+        rows.append((what, f"{one['value']:.3g} {one['unit']}".strip(), target))
+    return rows
 
 
-def target_text(value: float, least: float | None, most: float | None) -> str:
+def target_text(value: float, at_least: float | None = None, at_most: float | None = None) -> str:
     """Return the bound and whether the value keeps it; "" where there is none."""
-    if least is not None:
-        return f"≥ {least:g}: {'met' if value >= least else 'missed'}"
-    if most is not None:
-        return f"≤ {most:g}: {'met' if value <= most else 'missed'}"
+    if at_least is not None:
+        return f"≥ {at_least:g}: {'met' if value >= at_least else 'missed'}"
+    if at_most is not None:
+        return f"≤ {at_most:g}: {'met' if value <= at_most else 'missed'}"
     return ""
 
 
 def who(entry: Entry) -> str:
-    """Return the name of ours or of the peer."""
-    name: str = entry["extra_info"]["who"]
-    return name
+    return str(entry["extra_info"]["who"])
 
 
 def seconds(entry: Entry) -> float:
@@ -101,22 +102,15 @@ def seconds(entry: Entry) -> float:
 def time_text(entry: Entry) -> str:
     """Return the median time of one unit of work and its spread."""
     value, stats = seconds(entry), entry["stats"]
-    scales = ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"))
-    scale, unit = next((pair for pair in scales if value >= pair[0]), scales[-1])
+    prefix, factor = time_unit(value)
     spread = f" ± {stats['iqr'] / stats['median'] / 2:.0%}" if stats["rounds"] > 1 else ""
-    return f"{value / scale:.3g} {unit} a {entry['extra_info']['unit']}{spread}"
+    return f"{value * factor:.3g} {prefix}s a {entry['extra_info']['unit']}{spread}"
 
 
-def table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
-    """Return a Markdown table."""
-    lines = [header, ("---",) * len(header), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
-def main(source: Path, target: Path) -> None:
-    text = page(json.loads(source.read_text(encoding="utf-8")))
-    target.write_text(text, encoding="utf-8")
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    return tabulate(rows, header, tablefmt="github", disable_numparse=True)
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:]))
+    source, target = map(Path, sys.argv[1:])
+    target.write_text(page(json.loads(source.read_text("utf-8"))), encoding="utf-8")

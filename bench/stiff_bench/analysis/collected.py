@@ -160,19 +160,17 @@ class StoredResults:
         with no_garbage_collection():
             try:
                 manifests = tuple(read_manifests(folder))
-                by_name = grouped(stored_results(folder), _names_and_data)
+                # in the order of their keys, whichever was stored first
+                results = sorted(stored_results(folder), key=lambda one: one.cell.key)
             except DamagedFile as error:
                 remedy = "; the `bench run` that made it computes it again" if error.key else ""
                 raise StoreError(f"{error}{remedy}") from error
-            if not by_name:
+            if not results:
                 why = why_no_results(folder)
                 raise StoreError(f"{folder}: {why} (valid: an output of `bench run`)", "results")
             runs = Runs.of(manifests)
-            # in the order of their keys, whichever was stored first
-            in_order = [sorted(found, key=_key) for found in by_name.values()]
-            in_order.sort(key=lambda found: _key(found[0]))
-            cases = tuple(_case(results, runs) for results in in_order)
-            return cls(folder, cases, manifests)
+            cases = [_case(found, runs) for found in grouped(results, _names_and_data).values()]
+            return cls(folder, tuple(cases), manifests)
 
 
 @contextmanager
@@ -198,10 +196,6 @@ def case_name_of(result: CellResult) -> CaseName:
     cell = result.cell
     variant = Variant.shown(cell.dataset, result.shown.dataset, cell.dataset_params)
     return CaseName(*_names_and_data(result), variant)
-
-
-def _key(result: CellResult) -> str:
-    return result.cell.key
 
 
 def _names_and_data(result: CellResult) -> tuple[str, str, str, int, str, str]:
@@ -272,13 +266,13 @@ def chosen_cases(
         ConfigError: a name has no results.
     """
     chosen = list(cases)
-    for kind, asked in (("dataset", datasets), ("protocol", protocols)):
-        of_words = [[c for c in cases if _stands_for_its(kind, word, c)] for word in asked]
-        for word, found in zip(asked, of_words, strict=True):
-            if not found:
+    for kind, words in (("dataset", datasets), ("protocol", protocols)):
+        for word in words:
+            if not any(_stands_for_its(kind, word, case) for case in cases):
                 names = {getattr(case.name, kind) for case in cases}
                 raise unknown_name(f"{kind} with results", word, names)
-        chosen = [c for c in chosen if not asked or any(c in found for found in of_words)]
+        if words:
+            chosen = [c for c in chosen if any(_stands_for_its(kind, word, c) for word in words)]
     return chosen
 
 
@@ -294,15 +288,8 @@ def asked_for(name: str, words: Sequence[str]) -> bool:
 
 def _stands_for_its(kind: str, word: str, case: Case) -> bool:
     """Say whether a word stands for a case's data set or protocol; defaults may be spelled."""
-    name: str = getattr(case.name, kind)
-    if stands_for(word, name):
-        return True
-    asked, options = Variant.of_word(word), getattr(case.cell, f"{kind}_params")
-    return (
-        bool(asked.options)
-        and asked.key == getattr(case.cell, kind)
-        and all(str(options.get(option)) == text for option, text in asked.options.items())
-    )
+    key, options = getattr(case.cell, kind), getattr(case.cell, f"{kind}_params")
+    return stands_for(word, getattr(case.name, kind)) or _spells_out(word, key, options)
 
 
 def same_name_other_data(
@@ -364,19 +351,25 @@ def competitor_meant(word: str, cases: Sequence[Case]) -> str:
     Raises:
         ConfigError: there are no results of it.
     """
-    known = competitor_names(cases)
-    asked = Variant.of_word(word)
     cells = {name: one.cell for case in cases for name, one in case.competitors.items()}
-    for name in [word] if word in known else known:
-        options = cells[name].model_params
-        shown = Variant.shown("", name, options).options.keys()
-        if name == word or (
-            cells[name].model == asked.key
-            and shown <= asked.options.keys() <= options.keys()
-            and all(_is(options[option], text) for option, text in asked.options.items())
-        ):
+    if word in cells:
+        return word
+    spelled = Variant.of_word(word).options.keys()
+    for name, cell in sorted(cells.items()):
+        shown = Variant.shown("", name, cell.model_params).options.keys()
+        if shown <= spelled and _spells_out(word, cell.model, cell.model_params):
             return name
-    raise unknown_name("model with results", word, known)
+    raise unknown_name("model with results", word, cells)
+
+
+def _spells_out(word: str, key: str, options: Mapping[str, Any]) -> bool:
+    """Say whether a word is a key with some of these options, which may be defaults."""
+    asked = Variant.of_word(word)
+    return (
+        asked.key == key
+        and asked.options.keys() <= options.keys()
+        and all(_is(options[option], text) for option, text in asked.options.items())
+    )
 
 
 def _is(value: Any, text: str) -> bool:

@@ -33,7 +33,6 @@ from stiff_bench.analysis.verdict import (
 from stiff_bench.analysis.where import Where, where_better
 from stiff_bench.store.database import read_data
 from stiff_bench.store.names import CaseName, grouped, labels, natural_key
-from stiff_bench.store.newest import Slot
 from stiff_bench.store.samples import StoredData
 from stiff_bench.store.versions import differing_libraries, sources
 from stiff_bench.tables.metric_table import TRAINING_MARK, pooled_prediction
@@ -146,18 +145,6 @@ def paired_errors(case: Case, a: str, b: str) -> PairedErrors:
     Raises:
         DataError: one has no results there, or they share no split.
     """
-    slots = _shared(case, a, b)
-    results = case.results(a, slots)
-    of_a, of_b = (pooled_prediction(one) for one in (results, case.results(b, slots)))
-    counts = [len(one.prediction.rows) for one in results if one.prediction is not None]
-    sizes_a, sizes_b = (
-        np.column_stack([absolute_errors(one), norm_errors(one)]) for one in (of_a, of_b)
-    )
-    return PairedErrors(of_a.rows, np.repeat(np.arange(len(slots)), counts), sizes_a, sizes_b)
-
-
-def _shared(case: Case, a: str, b: str) -> list[Slot]:
-    """Return the splits that both have, or say why there are none."""
     for name in (a, b):
         if not case.competitors[name].done:
             first = next(iter(case.competitors[name].failures.values()))
@@ -165,7 +152,13 @@ def _shared(case: Case, a: str, b: str) -> list[Slot]:
     slots = case.shared_slots([a, b])
     if not slots:
         raise DataError(f"{a} and {b} have no result on the same split")
-    return slots
+    results = case.results(a, slots)
+    of_a, of_b = (pooled_prediction(one) for one in (results, case.results(b, slots)))
+    counts = [len(one.prediction.rows) for one in results if one.prediction is not None]
+    sizes_a, sizes_b = (
+        np.column_stack([absolute_errors(one), norm_errors(one)]) for one in (of_a, of_b)
+    )
+    return PairedErrors(of_a.rows, np.repeat(np.arange(len(slots)), counts), sizes_a, sizes_b)
 
 
 def compare(case: Case, a: str, b: str, data: StoredData, question: Question) -> Comparison:
@@ -176,10 +169,9 @@ def compare(case: Case, a: str, b: str, data: StoredData, question: Question) ->
     """
     paired = paired_errors(case, a, b)
     slots = case.shared_slots([a, b])
-    shown = case.competitors[a].shown
-    n_train, n_test = split_sizes(case.results(a, slots))
-    share = test_share(case.results(a, slots), data)
-    by_split = len(slots) > 1 and not shown.pooled
+    shown, results = case.competitors[a].shown, case.results(a, slots)
+    n_train, n_test = split_sizes(results)
+    share = test_share(results, data) if len(slots) > 1 and not shown.pooled else None
     return Comparison(
         name=case.name,
         a=shown,
@@ -188,7 +180,7 @@ def compare(case: Case, a: str, b: str, data: StoredData, question: Question) ->
         n_train=n_train,
         n_test=n_test,
         n_poses=len(np.unique(data.samples.pose_id[paired.rows])),
-        rows=_rows(paired, data, share if by_split else None, question),
+        rows=_rows(paired, data, share, question),
         missing=tuple(_missing(case, a, b)),
     )
 
@@ -273,7 +265,11 @@ def across_datasets(comparisons: Sequence[Comparison]) -> Iterator[Across]:
     Splits of one data set are never counted as data sets, nor are repeats of it with another seed,
     whose differences are averaged. Where one name stands for different data, there is no sum.
     """
-    for setting, group in grouped(comparisons, _setting).items():
+    of_name = {one.name: one for one in comparisons}
+    for setting, names in grouped(
+        of_name, lambda one: (family_of(one), one.protocol, one.condition, one.seed)
+    ).items():
+        group = [of_name[name] for name in names]
         datasets = [*grouped(group, lambda one: dataset_of(one.name)).values()]
         if len(datasets) < 2 or len({one.name.dataset for one in group}) < len(group):
             continue
@@ -289,12 +285,6 @@ def across_datasets(comparisons: Sequence[Comparison]) -> Iterator[Across]:
             p_value=wilcoxon_signed_rank(differences) if enough else None,
             selects_on_test=any(one.selects_on_test for one in group),
         )
-
-
-def _setting(comparison: Comparison) -> tuple[str, str, str, int]:
-    """Return what data sets that are summed up share."""
-    name = comparison.name
-    return family_of(name), name.protocol, name.condition, name.seed
 
 
 @dataclass(frozen=True)
@@ -333,14 +323,7 @@ def compare_folder(
 ) -> Report:
     """Compare two models in every case in which both have results on the same splits.
 
-    Args:
-        folder: of the results.
-        a: a model, e.g. "ft-mlp@freeze=full".
-        b: another one.
-        question: what is asked of each comparison.
-        datasets: which ones; none named means all.
-        protocols: the same.
-        conditions: the same.
+    The words are those of `Results.compare`.
 
     Raises:
         ConfigError: a name is unknown, A is B, or they were never run on the same.
@@ -382,12 +365,9 @@ def compare_folder(
         data = data_of(shared[0].name.data_sha256)
         paired = paired_errors(shared[0], a, b)
         where = where_better(paired.rows, paired.a[:, -1], paired.b[:, -1], data, question)
+    used = [(case, case.shared_slots([a, b])) for case in shared]
     counts = {
-        name: Counter(
-            result.run_id
-            for case in shared
-            for result in case.results(name, case.shared_slots([a, b]))
-        )
+        name: Counter(one.run_id for case, slots in used for one in case.results(name, slots))
         for name in (a, b)
     }
     return Report(
@@ -403,7 +383,7 @@ def compare_folder(
             *left_out_notes(shared),
             *differing_libraries(stored.runs, counts),
         ),
-        provenance=tuple(sources(folder, stored.runs, counts[a] + counts[b])),
+        provenance=(sources(folder, stored.runs, counts[a] + counts[b]),),
     )
 
 
@@ -417,6 +397,6 @@ def under(conditions: Sequence[str], cases: Sequence[Case]) -> list[Case]:
     return [names[name] for name in sorted(names, key=lambda one: (natural_key(one.text), one))]
 
 
-def _few(names: Sequence[str], few: int = 3) -> str:
-    more = f" and {len(names) - few} more" if len(names) > few else ""
-    return ", ".join(f"({name})" for name in names[:few]) + more or "none of these"
+def _few(names: Sequence[str]) -> str:
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    return ", ".join(f"({name})" for name in names[:3]) + more or "none of these"

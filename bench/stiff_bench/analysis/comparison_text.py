@@ -14,11 +14,10 @@ from stiff_bench.analysis.comparison import NORM, Across, Comparison, Report, Ro
 from stiff_bench.analysis.verdict import Estimate, Verdict, decide
 from stiff_bench.analysis.where import Place
 from stiff_bench.store.names import label_parts, labels
-from stiff_bench.tables.metric_table import mark_of
+from stiff_bench.tables.metric_table import mark_of, setting
 from stiff_bench.tables.render import render
 from stiff_bench.tables.table import Cell, Column, Name, Quantity, Table
 from stiff_bench.tables.units import MM, PRINTED, counted, marked, percent
-from stiff_protocols.contract.plugin import kind_label
 
 VERDICTS: dict[Verdict, str] = {
     "a": "A better",
@@ -48,10 +47,18 @@ def render_report(report: Report, fmt: str, command: str) -> str:
 
 def comparison_tables(report: Report, *, every_note: bool = False) -> dict[str, Table]:
     """Return name -> table; the last one has the notes, the most important or all of them."""
-    named = _tables(report)
+    if len(report.comparisons) > 1:
+        named = {"cases": _cases(report)}
+        if report.across:
+            named["over datasets"] = _over_datasets(report)
+    else:
+        named = {"errors": _errors(report)}
+        if report.where is not None and report.where.places:
+            named["where"] = _places(report, report.where.places)
     *_, last = named
     every = list(dict.fromkeys(_notes(report)))
-    return named | {last: replace(named[last], notes=every if every_note else few_notes(every))}
+    named[last] = replace(named[last], notes=every if every_note else few_notes(every))
+    return named
 
 
 def sentence(report: Report) -> str:
@@ -88,8 +95,8 @@ def _counts(report: Report, found: Sequence[Comparison], kind: str) -> str:
 def _of_one(report: Report, found: Comparison) -> str:
     name, row = found.name, found.row(NORM)
     fits = "" if found.over_splits else "these fits"
-    setting = _joined(name.protocol, name.condition, counted(found.n_splits, "split"), fits)
-    on = f"on {name.dataset} ({setting})"
+    splits = counted(found.n_splits, "split")
+    on = f"on {name.dataset} ({_joined(name.protocol, name.condition, splits, fits)})"
     level, main = percent(report.question.confidence), row.cautious
     over = "splits" if main is row.over_splits else "poses"
     if row.verdict == "equivalent":
@@ -97,19 +104,18 @@ def _of_one(report: Report, found: Comparison) -> str:
             f"{report.a} and {report.b} are equivalent {on}: their mean 3-D errors differ by less "
             f"than {_rope(report)} with probability {_chance(main.posterior.equivalent)}."
         )
+    a_better = row.verdict == "a"
+    low, high = (-main.high, -main.low) if a_better else (main.low, main.high)
+    interval = f"{level} interval {MM * low:.3f} to {MM * high:.3f} mm over {over}"
     if row.verdict == "open":
-        interval = _range(main.low, main.high)
         return (
             f"No significant difference between {report.a} and {report.b} {on}: mean 3-D error of "
-            f"{report.a} minus that of {report.b} {MM * row.difference:.3f} mm ({level} interval "
-            f"{interval} over {over})."
+            f"{report.a} minus that of {report.b} {MM * row.difference:.3f} mm ({interval})."
         )
-    a_better = row.verdict == "a"
     better, worse = (report.a, report.b) if a_better else (report.b, report.a)
-    interval = _range(-main.high, -main.low) if a_better else _range(main.low, main.high)
     return (
         f"{better} is better than {worse} {on}: mean 3-D error {MM * abs(row.difference):.3f} mm "
-        f"smaller ({level} interval {interval} over {over})."
+        f"smaller ({interval})."
     )
 
 
@@ -122,19 +128,12 @@ def _chance(chance: float) -> str:
     return "> 0.99" if chance > 0.99 else "< 0.01" if chance < 0.01 else f"{chance:.2f}"
 
 
-def _range(low: float, high: float) -> str:
-    return f"{MM * low:.3f} to {MM * high:.3f} mm"
-
-
 def _notes(report: Report) -> Iterator[str]:
     """Yield what must be read with the numbers, most important first."""
     for one in report.comparisons:
         if one.a.regime != one.b.regime:
-            regimes = (
-                f"{shown.model}: {shown.regime or 'trained on measured deflections'}"
-                for shown in (one.a, one.b)
-            )
-            yield f"Different training data: {'; '.join(regimes)}."
+            a, b = (one.regime or "trained on measured deflections" for one in (one.a, one.b))
+            yield f"Different training data: {one.a.model}: {a}; {one.b.model}: {b}."
         if one.a.picked_on_test != one.b.picked_on_test:
             picked = one.a if one.a.picked_on_test else one.b
             yield f"{one.name.protocol}: {picked.model} alone picked its epoch on the test part."
@@ -145,8 +144,7 @@ def _notes(report: Report) -> Iterator[str]:
             "these fits: one split or pooled splits do not show how results vary with the training "
             "samples; repeated-holdout with --splits 5 does."
         )
-    if report.where is not None and report.where.n_places:
-        where = report.where
+    if (where := report.where) is not None and where.n_places:
         yield (
             f"where: {where.n_places} subgroups tested, Holm-corrected; {report.a} better in "
             f"{where.a_better}, {report.b} in {where.b_better}."
@@ -158,15 +156,6 @@ def _notes(report: Report) -> Iterator[str]:
     yield from report.notes
     yield from (caveat for one in report.comparisons for caveat in one.a.caveats)
     yield from report.provenance
-
-
-def _tables(report: Report) -> dict[str, Table]:
-    """Return name -> table."""
-    if len(report.comparisons) > 1:
-        across = {"over datasets": _over_datasets(report)} if report.across else {}
-        return {"cases": _cases(report), **across}
-    places = report.where.places if report.where is not None else ()
-    return {"errors": _errors(report), **({"where": _places(report, places)} if places else {})}
 
 
 def _estimates(report: Report) -> Table:
@@ -234,14 +223,11 @@ def _interval(estimate: Estimate) -> Quantity:
 def _errors(report: Report) -> Table:
     (found,) = report.comparisons
     name = found.name
-    sides = (
-        f"{side} = {marked(s.model, mark_of(s))}" for side, s in (("A", found.a), ("B", found.b))
-    )
-    setting = " | ".join(filter(None, (name.protocol, name.condition)))
+    a, b = (marked(shown.model, mark_of(shown)) for shown in (found.a, found.b))
+    where = setting(found.a, name.condition, found.n_splits, name.seed)
     over_poses = Column("interval over poses", unit=_UNIT, format=_DIFFERENCE)
     return Table(
-        f"{', '.join(sides)} | {name.dataset} ({kind_label(found.a.kind, found.a.task)}) | "
-        f"{setting}, {counted(found.n_splits, 'split')}, seed {name.seed} | mean error, mm",
+        f"A = {a}, B = {b} | {where} | mean error, mm",
         [
             *(Column("mean error", "text"), *_number_columns(report)),
             *([over_poses] if found.over_splits else []),
@@ -348,7 +334,7 @@ def _places(report: Report, places: Sequence[Place]) -> Table:
         ],
         [
             [
-                *(place_text(place), place.kind, place.n_samples, place.n_poses),
+                *(place_text(place), place.factor.kind, place.n_samples, len(place.a.poses)),
                 *(*_numbers(place, place.estimate), VERDICTS[place.verdict]),
             ]
             for place in places
@@ -359,9 +345,10 @@ def _places(report: Report, places: Sequence[Place]) -> Table:
 
 def place_text(place: Place) -> str:
     """Return which place it is, with unit."""
+    name, unit = place.factor.name, place.factor.unit
     if place.low is None or place.high is None:
-        return f"{place.factor}: {place.label}"
-    unit, scale = PRINTED["m"] if place.unit == "m" else (place.unit, 1.0)
+        return f"{name}: {place.label}"
+    unit, scale = PRINTED["m"] if unit == "m" else (unit, 1.0)
     decimals = 0 if abs(scale * place.high) >= 100.0 else 1
     low, high = (f"{scale * value:.{decimals}f}" for value in (place.low, place.high))
-    return f"{place.factor} {low} to {high} {unit}"
+    return f"{name} {low} to {high} {unit}"

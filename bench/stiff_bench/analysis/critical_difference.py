@@ -11,12 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stiff_bench.analysis.ranking import Rankings, ScoredCase, complete_models
+from stiff_bench.analysis.ranking import ScoredCase, complete_models
 from stiff_bench.analysis.same_robot import Specimen, family_of, robots_of
-from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.analysis.verdict import decide, rank_difference
 from stiff_bench.store.names import CaseName, grouped
-from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.paired import LEVEL
 from stiff_protocols.scoring.ranks import OverDatasets, compare_over_datasets, why_not
 
@@ -62,40 +60,37 @@ class RankAnalysis:
         return decide([difference], 1.0 - LEVEL) != "a"
 
 
-def rank_analyses(scored: Sequence[ScoredCase], rankings: Rankings) -> list[RankAnalysis]:
+def rank_analyses(scored: Sequence[ScoredCase]) -> list[RankAnalysis]:
     """Return an analysis for each block; where there are several, the one over all comes first."""
-    robots = robots_of([one.case for one in scored], rankings.data_of)
+    robots = robots_of(scored)
     blocks = grouped(scored, lambda one: (one.name.protocol, one.name.condition))
-    models = complete_models(scored)
-    nobody = np.zeros(0)
-    ranks = {one.name: rankings.of(one, models).ranks if models else nobody for one in scored}
-    found = [_analysis("", "", models, ranks, robots, rankings.key)] if len(blocks) > 1 else []
-    for block, members in blocks.items():
-        models = complete_models(members)
-        sign = rankings.key.sign
-        of_block = {one.name: np.array([sign * one.mean(m) for m in models]) for one in members}
-        found.append(_analysis(*block, models, of_block, robots, rankings.key))
-    return found
+    together = {("", ""): scored} if len(blocks) > 1 else {}
+    return [_analysis(*block, cases, robots) for block, cases in (together | blocks).items()]
 
 
 def _analysis(
     protocol: str,
     condition: str,
-    models: tuple[str, ...],
-    scores: Mapping[CaseName, FloatArray],
+    cases: Sequence[ScoredCase],
     robots: Mapping[CaseName, Specimen],
-    key: SortKey,
 ) -> RankAnalysis:
-    """Return the analysis of the (m,) scores in each case, averaged over those of one robot."""
-    of_robots = grouped(scores, lambda name: robots[name])
-    why_none = "does not apply to costs" if key.is_cost else why_not(len(of_robots), len(models))
+    """Return the analysis of the models' scores, or of their ranks over several protocols."""
+    models, is_cost = complete_models(cases), cases[0].key.is_cost
+    of_robots = grouped(cases, lambda one: robots[one.name])
+    why_none = "does not apply to costs" if is_cost else why_not(len(of_robots), len(models))
     outcome = None
     if not why_none:
+        scores = {
+            one: one.key.sign * np.array([one.mean(model) for model in models])
+            if protocol
+            else one.ranking(models).ranks
+            for one in cases
+        }
         outcome = compare_over_datasets(
-            [np.mean([scores[name] for name in names], axis=0) for names in of_robots.values()]
+            [np.mean([scores[one] for one in of_robot], axis=0) for of_robot in of_robots.values()]
         )
     families = {
-        robot: tuple(dict.fromkeys(family_of(name) for name in names))
-        for robot, names in of_robots.items()
+        robot: tuple(dict.fromkeys(family_of(one.name) for one in of_robot))
+        for robot, of_robot in of_robots.items()
     }
     return RankAnalysis(protocol, condition, families, models, outcome, why_none)

@@ -6,7 +6,7 @@ Nothing is computed or written. Times are means of the stored fits of the same m
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
@@ -19,62 +19,30 @@ from stiff_bench.tables.units import counted
 
 
 @dataclass(frozen=True)
-class ModelForecast:
-    """The cells of one model.
+class Forecast:
+    """What a run would compute of one model, or of all.
 
     Attributes:
         model: key with the options that differ from their defaults.
         n_cells: in all.
         n_cached: whose results are there.
-        seconds: expected time of the others, one after another, s; None: not known.
+        n_unknown: how many of the others take a time that nobody knows.
+        seconds: expected time of the others whose time is known, one after another, s.
     """
 
     model: str
     n_cells: int
     n_cached: int
-    seconds: float | None
+    n_unknown: int
+    seconds: float
 
 
-@dataclass(frozen=True)
-class Forecast:
-    """What a run would compute.
-
-    Attributes:
-        parts: of each model, in the plan's order.
-        jobs: how many cells are computed at once.
-    """
-
-    parts: tuple[ModelForecast, ...]
-    jobs: int
-
-    @property
-    def n_cells(self) -> int:
-        """How many cells there are."""
-        return sum(part.n_cells for part in self.parts)
-
-    @property
-    def n_cached(self) -> int:
-        """How many results are there."""
-        return sum(part.n_cached for part in self.parts)
-
-    @property
-    def n_unknown(self) -> int:
-        """How many cells would be computed of which nobody knows how long they take."""
-        return sum(one.n_cells - one.n_cached for one in self.parts if one.seconds is None)
-
-    @property
-    def seconds(self) -> float:
-        """Expected time of the run, s, without the cells of which it is not known."""
-        return sum(part.seconds or 0.0 for part in self.parts) / self.jobs
-
-
-def forecast(tasks: Iterable[CellTask], output: Path, *, jobs: int, rerun: Rerun) -> Forecast:
-    """Return what a run would compute.
+def forecast(tasks: Iterable[CellTask], output: Path, *, rerun: Rerun) -> list[Forecast]:
+    """Return what a run would compute of each model, in the order of the tasks, and "all" last.
 
     Args:
         tasks: what is asked for.
         output: folder of the results; it need not be there.
-        jobs: how many cells are computed at once.
         rerun: which of the stored cells are computed again.
 
     Raises:
@@ -88,45 +56,48 @@ def forecast(tasks: Iterable[CellTask], output: Path, *, jobs: int, rerun: Rerun
         n_cells[task.shown.model] += 1
         n_cached[task.shown.model] += task.cell.key in cached
     means = mean_seconds(output)
-    parts = []
+    found = []
     for name, n_all in n_cells.items():
-        n_missing, mean = n_all - n_cached[name], means.get(name)
-        seconds = n_missing * mean if mean is not None else None if n_missing else 0.0
-        parts.append(ModelForecast(name, n_all, n_cached[name], seconds))
-    return Forecast(tuple(parts), jobs)
+        n_missing = n_all - n_cached[name]
+        n_unknown = 0 if name in means else n_missing
+        seconds = n_missing * means.get(name, 0.0)
+        found.append(Forecast(name, n_all, n_cached[name], n_unknown, seconds))
+    n_unknown, seconds = sum(one.n_unknown for one in found), sum(one.seconds for one in found)
+    total = Forecast("all", n_cells.total(), n_cached.total(), n_unknown, seconds)
+    return [*found, total]
 
 
-def forecast_table(found: Forecast) -> Table:
+def forecast_table(found: Sequence[Forecast], jobs: int) -> Table:
     """Return the numbers of cells by model, and of all together."""
-    known = None if found.n_unknown else found.seconds * found.jobs
-    total = ("all", found.n_cells, found.n_cached, known)
-    rows = [(part.model, part.n_cells, part.n_cached, part.seconds) for part in found.parts]
     return Table(
         title="Fits to compute",
         columns=[
             Column("model", "text"),
             *(Column(name) for name in ("fits", "cached", "to compute")),
-            Column("time", unit="s", format=lambda time: _clock(time.value)),
+            Column("time", unit="s", format=lambda time: _clock(time.value or 0.0)),
         ],
         rows=[
-            [*(name, n, cached, n - cached), Quantity(status="unknown") if s is None else s]
-            for name, n, cached, s in [*rows, total]
+            [
+                *(one.model, one.n_cells, one.n_cached, one.n_cells - one.n_cached),
+                Quantity(status="unknown") if one.n_unknown else one.seconds,
+            ]
+            for one in found
         ],
         notes=("time: h:min:s in sequence, from the mean of the model's stored fits",),
-        about={"jobs": found.jobs},
+        about={"jobs": jobs},
     )
 
 
-def forecast_line(found: Forecast) -> str:
+def forecast_line(total: Forecast, jobs: int) -> str:
     """Return e.g. "40 fits, 10 cached, 30 to compute; about 0:02:30 with 2 jobs"."""
-    n_missing = found.n_cells - found.n_cached
-    cells = f"{counted(found.n_cells, 'fit')}, {found.n_cached} cached, {n_missing} to compute"
-    time = f"about {_clock(found.seconds)} with {counted(found.jobs, 'job')}"
-    if not found.n_unknown:
+    n_missing = total.n_cells - total.n_cached
+    cells = f"{counted(total.n_cells, 'fit')}, {total.n_cached} cached, {n_missing} to compute"
+    time = f"about {_clock(total.seconds / jobs)} with {counted(jobs, 'job')}"
+    if not total.n_unknown:
         return f"{cells}; {time}"
-    unknown = f"{counted(found.n_unknown, 'fit')} of models without a stored fit"
-    return f"{cells}; {f'{time}, and' if found.seconds else 'time unknown:'} {unknown}"
+    unknown = f"{counted(total.n_unknown, 'fit')} of models without a stored fit"
+    return f"{cells}; {f'{time}, and' if total.seconds else 'time unknown:'} {unknown}"
 
 
-def _clock(seconds: float | None) -> str:
-    return "unknown" if seconds is None else str(timedelta(seconds=round(seconds)))
+def _clock(seconds: float) -> str:
+    return str(timedelta(seconds=round(seconds)))

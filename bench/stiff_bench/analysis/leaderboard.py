@@ -7,6 +7,7 @@ the models that are shown and complete, whoever else has results in the folder.
 
 from __future__ import annotations
 
+import functools
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,12 +28,13 @@ from stiff_bench.analysis.collected import (
 from stiff_bench.analysis.critical_difference import RankAnalysis, rank_analyses
 from stiff_bench.analysis.ranking import (
     Ranking,
-    Rankings,
     ScoredCase,
     complete_models,
     scored_case,
+    times_like_best,
 )
 from stiff_bench.analysis.sort_key import SortKey
+from stiff_bench.store.database import read_data
 from stiff_bench.store.names import CaseName, labels, natural_key
 from stiff_bench.store.samples import StoredData
 from stiff_bench.store.versions import sources
@@ -49,7 +51,6 @@ class RankedModel:
     """A model with a result in every case.
 
     Attributes:
-        name: of it.
         mean_rank: over the cases, among the ranked models.
         low, high: bounds of it over resampled poses, and itself; NaN where the metric cannot be
             resampled.
@@ -74,7 +75,6 @@ class Section:
 
     Attributes:
         selects_on_test: their protocols let models pick the epoch on the test part.
-        cases: those that may be ranked together.
         ranked: by mean rank, then name.
         unranked: the others by name -> case -> why it has no result there.
         analyses: over data sets, the one over all protocols first.
@@ -108,21 +108,16 @@ class Leaderboard:
     """Sections, fair protocols first.
 
     Attributes:
-        rankings: what the ranks are of.
+        key: what models are ranked by.
         sections: at least one.
         notes: what is left out, and why.
         provenance: which stiffbench made the results shown.
     """
 
-    rankings: Rankings
+    key: SortKey
     sections: tuple[Section, ...]
     notes: tuple[str, ...]
     provenance: tuple[str, ...]
-
-    @property
-    def key(self) -> SortKey:
-        """What models are ranked by."""
-        return self.rankings.key
 
 
 def stored_leaderboard(
@@ -134,15 +129,7 @@ def stored_leaderboard(
     key: SortKey,
     seed: int = 0,
 ) -> Leaderboard:
-    """Return the leaderboard of a folder of results.
-
-    Args:
-        folder: of the results.
-        models: names, or keys that stand for all their variants; none: all.
-        datasets: the same.
-        protocols: the same.
-        key: what to rank by.
-        seed: of the draws of poses.
+    """Return the leaderboard of a folder of results; arguments as `Results.leaderboard`.
 
     Raises:
         ConfigError: a name has no results, or there is nothing to compare.
@@ -160,7 +147,7 @@ def build_leaderboard(
     stored: StoredResults, *, models: Sequence[str] = (), key: SortKey, seed: int = 0
 ) -> Leaderboard:
     """Return the leaderboard of the results that are given; see `stored_leaderboard`."""
-    rankings = Rankings(key, stored.folder, seed)
+    data_of = functools.cache(functools.partial(read_data, stored.folder))
     with no_garbage_collection():
         usable = [
             case
@@ -168,10 +155,10 @@ def build_leaderboard(
             if presentation(case).task == STIFFNESS and not presentation(case).reports_training
         ]
         names = chosen_models(usable, models)
-        n_run = {c.name: sum(name in c.competitors for name in names) for c in usable}
-        shown = sorted((c for c in usable if n_run[c.name] > 1), key=in_order)
-        lonely = sorted((c for c in usable if n_run[c.name] == 1), key=in_order)
-        notes = list(_data_notes(stored.cases, rankings.data_of))
+        n_run = {case: sum(name in case.competitors for name in names) for case in usable}
+        shown = sorted((case for case in usable if n_run[case] > 1), key=in_order)
+        lonely = sorted((case for case in usable if n_run[case] == 1), key=in_order)
+        notes = list(_data_notes(stored.cases, data_of))
         if lonely:
             first = labels(case.name for case in usable)[lonely[0].name]
             more = f" (and {len(lonely) - 1} more)" if len(lonely) > 1 else ""
@@ -183,17 +170,19 @@ def build_leaderboard(
                 f"protocol and condition (models with results: {', '.join(names) or 'none'}){why}"
             )
         names = [name for name in names if any(name in c.competitors for c in shown)]
-        scored = [scored_case(case, names, key) for case in shown]
+        scored = [
+            scored_case(case, names, key, data_of(case.name.data_sha256), seed) for case in shown
+        ]
         sections = tuple(
-            _section(part, names, selects, rankings)
+            _section(part, names, selects)
             for selects in (False, True)
             if (part := [f for f in scored if presentation(f.case).selects_on_test == selects])
         )
     run_ids = Counter(
         result.run_id for one in scored for model in one.scores for result in one.results[model]
     )
-    made_by = tuple(sources(stored.folder, stored.runs, run_ids))
-    return Leaderboard(rankings, sections, tuple(notes), made_by)
+    made_by = (sources(stored.folder, stored.runs, run_ids),)
+    return Leaderboard(key, sections, tuple(notes), made_by)
 
 
 def presentation(case: Case) -> Presentation:
@@ -201,12 +190,11 @@ def presentation(case: Case) -> Presentation:
     return next(iter(case.competitors.values())).shown
 
 
-def caveats_of(cases: Iterable[Case]) -> tuple[str, ...]:
+def caveats_of(cases: Iterable[Case]) -> list[str]:
     """Return what must be read with the protocols and the data sets of cases, each once."""
     shown = [presentation(case) for case in cases]
-    warnings = [one.warning for one in shown]
-    said = [*warnings, *(caveat for one in shown for caveat in one.caveats)]
-    return tuple(filter(None, dict.fromkeys(said)))
+    caveats = [caveat for one in shown for caveat in one.caveats]
+    return [*filter(None, dict.fromkeys([*(one.warning for one in shown), *caveats]))]
 
 
 def of_newest_data(cases: Sequence[Case]) -> list[Case]:
@@ -238,15 +226,12 @@ def in_order(case: Case) -> tuple[Any, ...]:
     return (*map(natural_key, (name.protocol, name.condition, name.dataset)), name)
 
 
-def _section(
-    scored: list[ScoredCase], names: Sequence[str], selects_on_test: bool, rankings: Rankings
-) -> Section:
+def _section(scored: list[ScoredCase], names: Sequence[str], selects_on_test: bool) -> Section:
     complete = complete_models(scored)
-    analyses = rank_analyses(scored, rankings)
+    analyses = rank_analyses(scored)
     models: list[RankedModel] = []
     if len(complete) > 1:
-        found = _ranked([rankings.of(one, complete) for one in scored], analyses[0])
-        models = sorted(found, key=lambda model: (model.mean_rank, model.name))
+        models = _ranked([one.ranking(complete) for one in scored], analyses[0])
     unranked = {
         name: {one.name: one.missing[name] for one in scored if name in one.missing}
         for name in names
@@ -260,9 +245,8 @@ def _ranked(rankings: Sequence[Ranking], over_datasets: RankAnalysis) -> list[Ra
     mean_ranks = np.mean([ranking.ranks for ranking in rankings], axis=0)  # (m,)
     low, high = _rank_interval(rankings, mean_ranks)
     won = np.sum([ranking.is_best for ranking in rankings], axis=0)
-    tested = [like for ranking in rankings if (like := ranking.like_best) is not None]
-    like_best = np.sum(tested, axis=0) if len(tested) == len(rankings) else None
-    return [
+    like_best = times_like_best(rankings)
+    models = [
         RankedModel(
             name=name,
             mean_rank=float(mean_ranks[column]),
@@ -274,6 +258,7 @@ def _ranked(rankings: Sequence[Ranking], over_datasets: RankAnalysis) -> list[Ra
         )
         for column, name in enumerate(rankings[0].models)
     ]
+    return sorted(models, key=lambda model: (model.mean_rank, model.name))
 
 
 def _rank_interval(
@@ -289,7 +274,7 @@ def _rank_interval(
     if not drawn:
         nothing = np.full(len(rankings[0].models), np.nan)
         return nothing, nothing
-    total, counts = np.zeros_like(drawn[0]), np.zeros(drawn[0].shape, dtype=np.int64)
+    total, counts = np.zeros((2, *drawn[0].shape))
     for ranks in drawn:
         total += np.nan_to_num(ranks)
         counts += np.isfinite(ranks)

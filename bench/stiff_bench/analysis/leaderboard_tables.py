@@ -14,8 +14,9 @@ import numpy as np
 from stiff_bench.analysis.collected import few_notes
 from stiff_bench.analysis.critical_difference import RankAnalysis
 from stiff_bench.analysis.leaderboard import Leaderboard, Section, caveats_of, presentation
-from stiff_bench.analysis.ranking import Rankings, ScoredCase, complete_models
+from stiff_bench.analysis.ranking import ScoredCase, complete_models, times_like_best
 from stiff_bench.analysis.same_robot import dataset_of, family_of, of_families, of_robots
+from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.store.names import CaseName, grouped, labels
 from stiff_bench.tables.metric_table import SELECTION_MARK, number_format
 from stiff_bench.tables.render import render
@@ -36,16 +37,17 @@ def render_leaderboard(board: Leaderboard, fmt: str, command: str) -> str:
 
     Args:
         board: the numbers.
-        fmt: "github", "latex", "csv", "html" or "json".
+        fmt: as `render` takes it.
         command: that makes them.
     """
     tables = []
     for section in board.sections:
         if fmt == "csv":
             tables.append(_ranks(section, board))
-            continue
-        tables += section_tables(section, board, every_note=fmt == "json")
-        tables += _details(section, board) if fmt == "json" else []
+        else:
+            tables += section_tables(section, board, every_note=fmt == "json")
+        if fmt == "json":
+            tables += _details(section, board)
     about = {"sort_key": board.key.text, "direction": board.key.metric.direction}
     return render(tables, fmt, command, about=about)
 
@@ -53,14 +55,8 @@ def render_leaderboard(board: Leaderboard, fmt: str, command: str) -> str:
 def section_tables(
     section: Section, board: Leaderboard, *, every_note: bool = False
 ) -> list[Table]:
-    """Return ranks, scores by protocol, critical differences and costs of one section.
-
-    Args:
-        section: of the leaderboard.
-        board: it.
-        every_note: all notes, not the first few.
-    """
-    tables = [_ranks(section, board), *_by_protocol(section, board.rankings)]
+    """Return ranks, scores by protocol, critical differences and costs of one section."""
+    tables = [_ranks(section, board), *_by_protocol(section, board.key)]
     if analyses := [one for one in section.analyses if one.outcome is not None]:
         tables.append(_analyses(section, analyses, board))
     tables.append(_costs(section))
@@ -125,11 +121,11 @@ def _rank_notes(section: Section, board: Leaderboard) -> Iterator[str]:
     shown = [presentation(scored.case) for scored in section.cases]
     yield from dict.fromkeys(one.warning for one in shown if one.warning)
     if "measured" in section.kinds and len(section.kinds) > 1:
-        simulated = {
-            family_of(scored.name): ""
+        simulated = dict.fromkeys(
+            family_of(scored.name)
             for scored in section.cases
             if presentation(scored.case).kind != "measured"
-        }
+        )
         yield f"Simulated, not measured: {', '.join(simulated)}."
     called = labels(scored.case.name for scored in section.cases)
     if section.unranked:
@@ -163,9 +159,8 @@ def _lacking(unranked: Mapping[str, Mapping[CaseName, str]], called: Mapping[Cas
     return f"{', '.join(parts[:3])}{more}; `--format json` lists them, and why"
 
 
-def _by_protocol(section: Section, rankings: Rankings) -> Iterator[Table]:
+def _by_protocol(section: Section, key: SortKey) -> Iterator[Table]:
     """Yield a table for each robot type and protocol; its columns are the conditions."""
-    key = rankings.key
     unit, _ = PRINTED[key.metric.unit]
     apart = f" | {SELECTION_MARK}s" if section.selects_on_test else ""
     for (family, protocol), of_protocol in grouped(
@@ -190,7 +185,7 @@ def _by_protocol(section: Section, rankings: Rankings) -> Iterator[Table]:
             columns.append(
                 Column(heading, unit=unit, format=number_format(key.metric), about=about)
             )
-            scores.append(_scores_of(section, members, rankings))
+            scores.append(_scores_of(section, members, key))
         like = "" if key.is_cost else f"; {LIKE_BEST} no significant difference from the best"
         caveats = caveats_of(one.case for one in of_protocol)
         yield Table(
@@ -211,11 +206,9 @@ def _by_protocol(section: Section, rankings: Rankings) -> Iterator[Table]:
         )
 
 
-def _scores_of(
-    section: Section, scored: Sequence[ScoredCase], rankings: Rankings
-) -> dict[str, Quantity]:
+def _scores_of(section: Section, scored: Sequence[ScoredCase], key: SortKey) -> dict[str, Quantity]:
     """Return each model's score over the data sets of a column; some of them alone are no mean."""
-    key, complete = rankings.key, complete_models(scored)
+    complete = complete_models(scored)
     _, factor = PRINTED[key.metric.unit]
     datasets = grouped(scored, lambda one: dataset_of(one.name))
     means = {
@@ -228,7 +221,9 @@ def _scores_of(
         if any(model in one.case.competitors for one in scored)
     }
     best = min((key.sign * np.mean(means[model]) for model in complete), default=np.nan)
-    like = _like_best(scored, complete, rankings)
+    times = times_like_best([one.ranking(complete) for one in scored]) if complete else None
+    shown = () if times is None else zip(complete, times, strict=True)
+    like = {model for model, number in shown if number > 0.5 * len(scored)}
     found = {}
     for model, values in means.items():
         mean = float(np.mean(values)) if values else None
@@ -242,19 +237,6 @@ def _scores_of(
             mark = BEST if is_best else LIKE_BEST if model in like else ""
             found[model] = Quantity(mean, std, mark=mark)
     return found
-
-
-def _like_best(
-    scored: Sequence[ScoredCase], models: tuple[str, ...], rankings: Rankings
-) -> set[str]:
-    """Return the models that are like the best in more than half of the cases."""
-    if not models:
-        return set()
-    tested = [like for one in scored if (like := rankings.of(one, models).like_best) is not None]
-    if len(tested) < len(scored):
-        return set()
-    shares = np.mean(tested, axis=0)
-    return {model for model, share in zip(models, shares, strict=True) if share > 0.5}
 
 
 def _analyses(section: Section, analyses: Sequence[RankAnalysis], board: Leaderboard) -> Table:
@@ -303,20 +285,17 @@ def _analysis_cells(analysis: RankAnalysis) -> list[Cell]:
 
 def _costs(section: Section) -> Table:
     """Return what models cost, in the ranks' order; one whose costs nobody knows is not there."""
-    rows: list[list[Cell]] = []
-    n_results = 0
-    for model in section.models:
-        costs = [
+    costs = {
+        model: [
             result.cost
             for scored in section.cases
             if model in scored.scores
             for result in scored.results[model]
             if result.cost is not None
         ]
-        cells = [_spread(key, costs) for key in _COSTS]
-        if any(cell is not None for cell in cells):
-            n_results += len(costs)
-            rows.append([Name(model, section.mark_under(model)), *cells, len(costs)])
+        for model in section.models
+    }
+    n_results = sum(map(len, costs.values()))
     return Table(
         title=f"Costs of {counted(n_results, 'fit')} | median (lowest to highest), not ranked",
         columns=[
@@ -332,7 +311,15 @@ def _costs(section: Section) -> Table:
             ),
             Column("fits"),
         ],
-        rows=rows,
+        rows=[
+            [
+                Name(model, section.mark_under(model)),
+                *(_spread(key, of_model) for key in _COSTS),
+                len(of_model),
+            ]
+            for model, of_model in costs.items()
+            if of_model
+        ],
         notes=["wall times depend on the machine; a cached pre-training costs nothing."],
         about=_about(section, "costs"),
     )
@@ -343,11 +330,8 @@ def _spread(key: str, costs: Sequence[Cost]) -> Quantity | None:
     metric = METRICS[key]
     assert metric.of_cost is not None
     _, factor = PRINTED[metric.unit]
-    known = [value for value in map(metric.of_cost, costs) if value is not None]
-    if not known:
-        return None
-    values = factor * np.array(known, dtype=np.float64)
-    return Quantity(float(np.median(values)), low=float(values.min()), high=float(values.max()))
+    known = [factor * value for value in map(metric.of_cost, costs) if value is not None]
+    return Quantity(float(np.median(known)), low=min(known), high=max(known)) if known else None
 
 
 def _range(found: Quantity, unit: str, number: Callable[[float], str]) -> str:
@@ -388,8 +372,8 @@ def _details(section: Section, board: Leaderboard) -> list[Table]:
             continue
         block = (one.protocol, one.condition)
         robots = ", ".join(robot.text for robot in one.families)
-        for model, rank in zip(one.models, outcome.mean_ranks, strict=True):
-            ranks.append([model, *block, robots, float(rank)])
+        for model, rank in zip(one.models, outcome.mean_ranks.tolist(), strict=True):
+            ranks.append([model, *block, robots, rank])
         for i, j in combinations(range(len(one.models)), 2):
             conover = None if outcome.conover is None else float(outcome.conover[i, j])
             p_values = float(outcome.nemenyi[i, j]), conover
@@ -431,12 +415,10 @@ def _scores(section: Section, board: Leaderboard) -> Table:
             *(name.seed, len(scored.slots), scored.left_out),
         )
         for model in section.models:
-            score = (
-                scored.mean(model) * factor
-                if model in scored.scores
-                else Quantity(status=scored.missing[model])
-            )
-            rows.append([Name(model, section.mark_under(model, name.protocol)), *place, score])
+            named = Name(model, section.mark_under(model, name.protocol))
+            missing = Quantity(status=scored.missing.get(model, ""))
+            score = scored.mean(model) * factor if model in scored.scores else missing
+            rows.append([named, *place, score])
     return Table(
         title=f"Scores | {board.key.text}",
         columns=[

@@ -95,16 +95,12 @@ class LearningCurve:
     """A fitted law, and what it might as well be.
 
     Attributes:
-        sizes: (s,) numbers of training poses.
-        errors: (s,) mean errors, m.
-        law: fitted to them.
+        law: fitted to the mean errors.
         told: whether the errors tell the exponent; else it is `USUAL_EXPONENT`.
         others: laws of resampled poses; their exponents are drawn from `EXPONENTS` where the errors
             do not tell them.
     """
 
-    sizes: IntArray
-    errors: FloatArray
     law: PowerLaw
     told: bool
     others: tuple[PowerLaw, ...]
@@ -129,11 +125,10 @@ def learning_curve(
     free = [power_law(sizes, one) for one in drawn]
     told = float(np.std([law.c for law in free])) <= TOLD
     if told:
-        return LearningCurve(errors.sizes, means, power_law(sizes, means), told, tuple(free))
+        return LearningCurve(power_law(sizes, means), told, tuple(free))
     exponents = np.random.default_rng([seed, 1]).uniform(*EXPONENTS, resamples)
     others = (power_law(sizes, one, c) for one, c in zip(drawn, exponents, strict=True))
-    law = power_law(sizes, means, USUAL_EXPONENT)
-    return LearningCurve(errors.sizes, means, law, told, tuple(others))
+    return LearningCurve(power_law(sizes, means, USUAL_EXPONENT), told, tuple(others))
 
 
 def power_law(sizes: FloatArray, errors: FloatArray, exponent: float | None = None) -> PowerLaw:

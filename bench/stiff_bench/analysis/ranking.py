@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stiff_bench.analysis.collected import Case, Competitor, test_share
 from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.analysis.verdict import Question, SharedErrors, Verdict, decide_pairs
-from stiff_bench.store.database import read_data
 from stiff_bench.store.names import CaseName, grouped
 from stiff_bench.store.newest import Slot
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.contract.types import FloatArray
+from stiff_protocols.contract.types import BoolArray, FloatArray
 from stiff_protocols.scoring.bootstrap import PoseErrors, resampled_means
 from stiff_protocols.scoring.paired import ROPE_M, ranked
 
@@ -33,6 +29,9 @@ class ScoredCase:
 
     Attributes:
         case: the stored results.
+        key: what they are ranked by.
+        data: the samples of the case's data set.
+        seed: of the draws of poses.
         slots: the splits that all who take part have; no other counts.
         results: model that takes part -> its results on these splits, in order.
         scores: model -> (J,) its value on each of these splits, in the metric's unit; one value
@@ -41,15 +40,23 @@ class ScoredCase:
     """
 
     case: Case
+    key: SortKey
+    data: StoredData
+    seed: int
     slots: tuple[Slot, ...]
     results: Mapping[str, Sequence[CellResult]]
     scores: Mapping[str, FloatArray]
     missing: Mapping[str, str]
+    _rankings: dict[tuple[str, ...], Ranking] = field(default_factory=dict, init=False)
 
     @property
     def name(self) -> CaseName:
         """What all results share."""
         return self.case.name
+
+    def ranking(self, models: tuple[str, ...]) -> Ranking:
+        """Return the ranks of models that take part; they are computed once."""
+        return self._rankings.setdefault(models, Ranking(self, models))
 
     def mean(self, model: str) -> float:
         """Return a model's mean over the splits, in the metric's unit."""
@@ -70,17 +77,14 @@ class ScoredCase:
         return f"only the {n_count} of {n_all} splits that all have count" * (n_all > n_count)
 
 
-def scored_case(case: Case, models: Sequence[str], key: SortKey) -> ScoredCase:
+def scored_case(
+    case: Case, models: Sequence[str], key: SortKey, data: StoredData, seed: int
+) -> ScoredCase:
     """Return who of the models takes part, and with which scores.
 
     A model that was asked for fewer splits, and has them all, takes part, and only the splits that
     all have count. One that lacks a value is missing, and so is one whose run did not come to its
     end, unless it has every split that the finished ones share: it takes none from the others.
-
-    Args:
-        case: the stored results.
-        models: by name.
-        key: what they are ranked by.
 
     Raises:
         StoreError: two models have no split in common.
@@ -109,7 +113,8 @@ def scored_case(case: Case, models: Sequence[str], key: SortKey) -> ScoredCase:
             results[model] = case.results(model, slots)
             scores[model] = key.of_splits(results[model])
     known = {model: values for model in present if (values := scores[model]) is not None}
-    return ScoredCase(case, slots, {model: results[model] for model in present}, known, missing)
+    counting = {model: results[model] for model in present}
+    return ScoredCase(case, key, data, seed, slots, counting, known, missing)
 
 
 def complete_models(cases: Sequence[ScoredCase]) -> tuple[str, ...]:
@@ -149,9 +154,6 @@ def _unfinished(case: Case, models: Sequence[str]) -> dict[str, str]:
     }
 
 
-BoolArray = NDArray[np.bool_]
-
-
 @dataclass(frozen=True, eq=False)
 class Ranking:
     """The ranks of some models in a case; all of them take part in it.
@@ -159,22 +161,16 @@ class Ranking:
     Attributes:
         scored: the case.
         models: in the order of the arrays.
-        key: what they are ranked by.
-        data: the samples of the case's data set.
-        seed: of the draws of poses.
     """
 
     scored: ScoredCase
     models: tuple[str, ...]
-    key: SortKey
-    data: StoredData
-    seed: int
 
     @cached_property
     def ranks(self) -> FloatArray:
         """The (m,) ranks among these models: 1 is the best, ties share their mean rank."""
         scores = np.array([self.scored.mean(model) for model in self.models])
-        return ranked(self.key.sign * scores)
+        return ranked(self.scored.key.sign * scores)
 
     @cached_property
     def is_best(self) -> BoolArray:
@@ -188,13 +184,14 @@ class Ranking:
         A pose that is not tested here has no rows, so that cases with different test poses of
         one data set are drawn together.
         """
-        if not self.key.resamples:
+        key = self.scored.key
+        if not key.resamples:
             return None
-        poses, pose_of_row = np.unique(self.data.samples.pose_id, return_inverse=True)
+        poses, pose_of_row = np.unique(self.scored.data.samples.pose_id, return_inverse=True)
         found = []
         for model in self.models:
             prediction = pooled_prediction(self.scored.results[model])
-            pose, errors = pose_of_row[prediction.rows], self.key.of_rows(prediction)
+            pose, errors = pose_of_row[prediction.rows], key.of_rows(prediction)
             totals = np.bincount(pose, weights=errors, minlength=len(poses)).astype(np.float64)
             counts = np.bincount(pose, minlength=len(poses))
             found.append(PoseErrors(poses, totals[:, None], counts))
@@ -209,7 +206,7 @@ class Ranking:
         if self._pose_errors is None:
             return None
         with np.errstate(invalid="ignore"):
-            return resampled_means(self._pose_errors, seed=self.seed)
+            return resampled_means(self._pose_errors, seed=self.scored.seed)
 
     @cached_property
     def like_best(self) -> BoolArray | None:
@@ -230,41 +227,21 @@ class Ranking:
         self, pairs: Sequence[tuple[int, int]], *, correct: bool = False
     ) -> list[Verdict] | None:
         """Return the verdicts on pairs of models, see `decide_pairs`; None: no test applies."""
-        if self.key.is_cost:
+        key = self.scored.key
+        if key.is_cost:
             return None
-        question = Question(rope=ROPE_M if self.key.metric.unit == "m" else 0.0, seed=self.seed)
-        return decide_pairs(self._shared_errors, pairs, question, correct=correct)
-
-    @property
-    def _shared_errors(self) -> SharedErrors:
         scores = np.column_stack([self.scored.scores[model] for model in self.models])  # (J, m)
-        return SharedErrors(
-            of_splits=self.key.sign * scores if len(scores) > 1 else None,
-            test_share=test_share(self.scored.results[self.models[0]], self.data),
+        errors = SharedErrors(
+            of_splits=key.sign * scores if len(scores) > 1 else None,
+            test_share=test_share(self.scored.results[self.models[0]], self.scored.data),
             of_poses=self._pose_errors,
             drawn=self.drawn_means,
         )
+        rope = ROPE_M if key.metric.unit == "m" else 0.0
+        return decide_pairs(errors, pairs, Question(rope, seed=self.scored.seed), correct=correct)
 
 
-class Rankings:
-    """Rankings of one leaderboard: each is computed once, and each data set read once.
-
-    Args:
-        key: what models are ranked by.
-        folder: of the results.
-        seed: of the draws of poses.
-    """
-
-    def __init__(self, key: SortKey, folder: Path, seed: int) -> None:
-        """Store the arguments."""
-        self.key, self._seed = key, seed
-        self.data_of = functools.cache(functools.partial(read_data, folder))
-        self._found: dict[tuple[CaseName, tuple[str, ...]], Ranking] = {}
-
-    def of(self, scored: ScoredCase, models: tuple[str, ...]) -> Ranking:
-        """Return the ranks of these models in a case."""
-        place = (scored.name, models)
-        if place not in self._found:
-            data = self.data_of(scored.name.data_sha256)
-            self._found[place] = Ranking(scored, models, self.key, data, self._seed)
-        return self._found[place]
+def times_like_best(rankings: Sequence[Ranking]) -> FloatArray | None:
+    """Return in how many cases each of the (m,) models is like the best; None: see `like_best`."""
+    found = [like for one in rankings if (like := one.like_best) is not None]
+    return np.sum(found, axis=0, dtype=np.float64) if len(found) == len(rankings) else None

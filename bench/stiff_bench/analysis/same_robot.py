@@ -6,12 +6,11 @@ they say nothing on another one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from stiff_bench.analysis.collected import Case
+from stiff_bench.analysis.ranking import ScoredCase
 from stiff_bench.store.names import CaseName, grouped
-from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.units import counted
 
 SEED, SPECIMEN = "seed", "specimen"
@@ -36,27 +35,18 @@ class Specimen:
         return f"{self.type} specimen {self.number}" if self.number else self.type
 
 
-def robots_of(
-    cases: Sequence[Case], data_of: Callable[[str], StoredData]
-) -> dict[CaseName, Specimen]:
+def robots_of(cases: Sequence[ScoredCase]) -> dict[CaseName, Specimen]:
     """Return the robot that each case's data were made on.
 
     Data without a specimen are of one robot for each robot name. Equal data are of one robot,
     whatever their names say.
-
-    Args:
-        cases: of one folder.
-        data_of: the data with a hash.
     """
-    of_data = grouped(cases, lambda case: case.name.data_sha256)
-    robots = {
-        sha256: Specimen(
-            data_of(sha256).robot,
-            max(str(one.cell.dataset_params.get(SPECIMEN, "")) for one in members),
-        )
-        for sha256, members in of_data.items()
-    }
-    return {case.name: robots[case.name.data_sha256] for case in cases}
+    robots: dict[CaseName, Specimen] = {}
+    for members in grouped(cases, lambda one: one.name.data_sha256).values():
+        number = max(str(one.case.cell.dataset_params.get(SPECIMEN, "")) for one in members)
+        robot = Specimen(members[0].data.robot, number)
+        robots |= {one.name: robot for one in members}
+    return robots
 
 
 def of_robots(families: Mapping[Specimen, Sequence[str]]) -> str:

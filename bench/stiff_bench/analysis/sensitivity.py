@@ -10,11 +10,10 @@ import functools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stiff_bench.analysis.collected import (
     Case,
@@ -35,23 +34,24 @@ from stiff_bench.plan.words import chosen, held_data
 from stiff_bench.run.execution import Execution, chosen_execution
 from stiff_bench.run.progress import Display, display
 from stiff_bench.store.database import mean_seconds, read_data
-from stiff_bench.store.newest import Slot
+from stiff_bench.store.names import grouped
 from stiff_bench.store.samples import StoredData
-from stiff_bench.tables.metric_table import TRAINING_MARK, mark_of, mean_over, number_format
+from stiff_bench.tables.metric_table import (
+    TRAINING_MARK,
+    mark_of,
+    mean_over,
+    number_format,
+    setting,
+)
 from stiff_bench.tables.render import render
 from stiff_bench.tables.table import Cell, Column, Quantity, Table
 from stiff_bench.tables.units import MM, PRINTED, counted, marked
 from stiff_datasets.measured.perturbations import Draw, Perturbations
 from stiff_protocols.contract.errors import ConfigError, DataError, ModelError
-from stiff_protocols.contract.plugin import kind_label
 from stiff_protocols.contract.record import Cell as StoredCell
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.contract.types import BenchmarkData, FloatArray
+from stiff_protocols.contract.types import BenchmarkData, BoolArray, FloatArray
 from stiff_protocols.scoring.paired import ranked
-
-BoolArray = NDArray[np.bool_]
-UNPERTURBED = "none"
-"""Names the data as they are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,18 +137,8 @@ def sensitivities(
 ) -> list[Sensitivity]:
     """Fit and score models of stored results anew under the mistakes of a measurement.
 
-    Args:
-        folder: of the results; nothing is stored there.
-        models: their names; none: all that have results in a case.
-        perturbations: what the experimenter has wrong.
-        registry: knows the models and protocols.
-        draws: how often each mistake is drawn.
-        question: what is asked of a pair that changes places; its seed is that of the draws.
-        threads: of each fit.
-        jobs: how many fits at once.
-        datasets: which ones; none named means all.
-        protocols: the same.
-        conditions: the same.
+    Nothing is stored. The seed of the question is that of the draws; `threads` are those of each
+    fit, the other arguments those of `Results.sensitivity`.
 
     Raises:
         ConfigError: a name is unknown, fewer than two models can be compared, or models, data or
@@ -177,8 +167,7 @@ def sensitivities(
     for one in fits:  # all of them are there before the first is computed
         execution = chosen_execution(one.plan, registry, threads=threads, jobs=jobs)
         with display() as shown:
-            n_rounds = 1 + draws * len(mistakes)
-            cells = [task for task in one.tasks.values() for _ in range(n_rounds)]
+            cells = one.tasks * (1 + draws * len(mistakes))
             shown.begin(cells, 0, mean_seconds(folder), execution.executor.at_once)
             found.append(_of_fits(one, execution, shown, mistakes, draws, question))
     left_out = tuple(f"not computed: {why}." for why in whys)
@@ -207,7 +196,7 @@ class _Fits:
         stored: the data as they are stored.
         data: the same, which they were fitted to.
         plan: that they follow from.
-        tasks: model and split -> the fit; models by name, splits in order.
+        tasks: of each model, its splits in order, with the cells and so the seeds that are stored.
         notes: on what is not as it was.
     """
 
@@ -215,8 +204,8 @@ class _Fits:
     stored: StoredData
     data: BenchmarkData
     plan: RunPlan
-    tasks: Mapping[tuple[str, Slot], CellTask]
-    notes: tuple[str, ...]
+    tasks: list[CellTask]
+    notes: list[str]
 
     def errors(self, data: BenchmarkData, execution: Execution, shown: Display) -> dict[str, float]:
         """Return each model's mean 3-D error [m] where it is fitted to and tested on other data.
@@ -224,20 +213,21 @@ class _Fits:
         Raises:
             ModelError: a fit fails.
         """
-        of_keys = {}
-        tasks = [replace(task, data=data) for task in self.tasks.values()]
+        done = {}
+        tasks = [replace(task, data=data) for task in self.tasks]
         for result in execution.executor.results(tasks, "", shown):
             if result.status != "ok":
                 raise ModelError(
                     f"{result.shown.model} on {self.case.name.text}: {result.why_none} (without "
                     "it: name the other models)"
                 )
-            of_keys[result.cell.key] = result
+            done[result.cell.key] = result
             shown.end(result)
-        results: dict[str, list[CellResult]] = {}
-        for (model, _), task in self.tasks.items():
-            results.setdefault(model, []).append(of_keys[task.cell.key])
-        return {model: mean_error(found) for model, found in results.items()}
+        by_model = grouped(self.tasks, lambda task: task.shown.model)
+        return {
+            model: mean_error([done[task.cell.key] for task in of_model])
+            for model, of_model in by_model.items()
+        }
 
 
 def mean_error(results: Sequence[CellResult]) -> float:
@@ -275,63 +265,40 @@ def _fits_of(folder: Path, case: Case, models: Sequence[str], registry: Registry
     asked_for = [case.competitors[model].n_asked for model in models]
     n_splits = max(1 + max(index for index, _ in slots), *asked_for)
     for splits in (None, n_splits):  # some have a number of their own, and others none
-        of_plan = _of_plan(replace(plan, splits=splits), case, names)
-        tasks = {(m, s): of_plan[m, s] for m in models for s in slots if (m, s) in of_plan}
-        if len(tasks) == len(models) * len(slots):
-            return _as_stored(case, stored, data, plan, tasks)
-    raise ConfigError(
-        f"{case.name.text}: this stiffbench divides the data otherwise than the one that stored "
-        "these results; the same `bench run` once more divides them anew"
-    )
-
-
-def _of_plan(
-    plan: RunPlan, case: Case, names: Mapping[str, str]
-) -> dict[tuple[str, Slot], CellTask]:
-    """Return the cells of a case that a plan has; none where it cannot have so many splits.
-
-    `names` are those of the results, by what the models are called now.
-    """
-    try:
-        tasks = list(cell_tasks(plan))
-    except ConfigError:
-        if plan.splits is None:
-            raise
-        return {}
-    return {
-        (names[task.shown.model], (task.cell.split_index, task.cell.split_sha256)): task
-        for task in tasks
-        if task.cell.condition == case.name.condition
-        and task.cell.source_sha256 == case.name.source_sha256
-    }
-
-
-def _as_stored(
-    case: Case,
-    stored: StoredData,
-    data: BenchmarkData,
-    plan: RunPlan,
-    tasks: Mapping[tuple[str, Slot], CellTask],
-) -> _Fits:
-    """Return fits with the seeds of the stored results: on the same data they give the same."""
-    fits, changed = {}, {}
-    n_count, n_all = len({slot for _, slot in tasks}), len(case.slots)
-    few = f"only the {n_count} of {n_all} splits that all have count." * (n_count < n_all)
-    models = {model for model, _ in tasks}
-    lacking = [m for m, one in case.competitors.items() if m not in models and not one.done]
-    none = f"no result of {', '.join(lacking)}." if lacking else ""
-    for (model, slot), task in tasks.items():
-        result = case.competitors[model].done[slot]
+        try:
+            of_plan = {
+                (names[task.shown.model], (task.cell.split_index, task.cell.split_sha256)): task
+                for task in cell_tasks(replace(plan, splits=splits))
+                if task.cell.condition == case.name.condition
+                and task.cell.source_sha256 == case.name.source_sha256
+            }
+        except ConfigError:
+            if splits is None:
+                raise
+            continue  # there cannot be so many
+        if of_plan.keys() >= {*product(models, slots)}:
+            break
+    else:
+        raise ConfigError(
+            f"{case.name.text}: this stiffbench divides the data otherwise than the one that "
+            "stored these results; the same `bench run` once more divides them anew"
+        )
+    tasks, notes = [], []
+    for model, slot in product(models, slots):
+        task, result = of_plan[model, slot], case.competitors[model].done[slot]
         cell = replace(result.cell, coverage=None)
         if _version(task.cell) != _version(cell):
-            changed[model] = (
+            notes.append(
                 f"{model}: the stored results are of another version or other options than those "
                 "fitted here."
             )
-        fits[model, slot] = replace(task, cell=cell, shown=result.shown)
-    return _Fits(
-        case, stored, data, plan, fits, tuple(filter(None, (*changed.values(), few, none)))
-    )
+        tasks.append(replace(task, cell=cell, shown=result.shown))
+    if len(slots) < len(case.slots):
+        notes.append(f"only the {len(slots)} of {len(case.slots)} splits that all have count.")
+    lacking = [m for m, one in case.competitors.items() if m not in models and not one.done]
+    if lacking:
+        notes.append(f"no result of {', '.join(lacking)}.")
+    return _Fits(case, stored, data, plan, tasks, [*dict.fromkeys(notes)])
 
 
 def _version(cell: StoredCell) -> tuple[object, ...]:
@@ -352,12 +319,11 @@ def _of_fits(
     base = np.array([before[model] for model in models])
     found = []
     for number, (name, draw) in enumerate(mistakes.items()):
-        rows = []
-        for index in range(draws):
-            rng = np.random.default_rng([question.seed, number, index])
-            errors = fits.errors(draw(fits.data, rng), execution, shown)
-            rows.append([errors[model] for model in models])
-        found.append(Mistake(name, base, np.array(rows)))
+        seeds = [[question.seed, number, index] for index in range(draws)]
+        perturbed = (draw(fits.data, np.random.default_rng(seed)) for seed in seeds)
+        errors = [fits.errors(data, execution, shown) for data in perturbed]
+        rows = np.array([[one[model] for model in models] for one in errors])
+        found.append(Mistake(name, base, rows))
     n_splits = len(fits.case.shared_slots(models))
     partial = Sensitivity(fits.case, tuple(models), n_splits, tuple(found), ())
     return replace(partial, notes=tuple(_notes(partial, fits, question)))
@@ -415,12 +381,12 @@ def sensitivity_table(found: Sensitivity, *, every_note: bool = False) -> Table:
     unit, _ = PRINTED[key.metric.unit]
     draws = len(found.mistakes[0].errors)
     spread = "" if draws == 1 else ", mean ± standard deviation"
-    setting = f"{counted(found.n_splits, 'split')}, seed {case.name.seed}"
     names = [marked(one, mark_of(case.competitors[one].shown)) for one in found.models]
     first = found.mistakes[0].unperturbed
     ranks = ranked(first)
     shares = [None] * (3 + len(found.pairs))
-    rows: list[list[Cell]] = [[UNPERTURBED, *map(_placed, MM * first, ranks), *ranks, *shares]]
+    placed = [Quantity(MM * e, mark=_mark(r)) for e, r in zip(first.tolist(), ranks, strict=True)]
+    rows: list[list[Cell]] = [["none", *placed, *ranks, *shares]]
     for one in found.mistakes:
         held = one.pairs_held
         of_pairs = [Quantity(share=(int(held[:, i, j].sum()), draws)) for i, j in found.pairs]
@@ -428,10 +394,7 @@ def sensitivity_table(found: Sensitivity, *, every_note: bool = False) -> Table:
         rows.append(
             [
                 one.name,
-                *(
-                    replace(mean_over(errors), mark=_mark(rank))
-                    for errors, rank in zip((MM * one.errors).T.tolist(), one.ranks, strict=True)
-                ),
+                *map(mean_over, (MM * one.errors).T.tolist(), map(_mark, one.ranks)),
                 *one.ranks.tolist(),
                 Quantity(share=(one.best_held, draws)),
                 Quantity(share=(n_held, draws * len(of_pairs))),
@@ -441,8 +404,7 @@ def sensitivity_table(found: Sensitivity, *, every_note: bool = False) -> Table:
         )
     return Table(
         title=(
-            f"{shown.dataset} ({kind_label(shown.kind, shown.task)}) | "
-            f"{' | '.join(filter(None, (shown.protocol, case.name.condition)))}, {setting} | "
+            f"{setting(shown, case.name.condition, found.n_splits, case.name.seed)} | "
             f"{key.metric.label} [{unit}]{spread} over {counted(draws, 'draw')} (rank)"
         ),
         columns=[
@@ -466,10 +428,6 @@ def sensitivity_table(found: Sensitivity, *, every_note: bool = False) -> Table:
             **{"splits": found.n_splits, "draws": draws},
         },
     )
-
-
-def _placed(error_mm: float, rank: float) -> Quantity:
-    return Quantity(float(error_mm), mark=_mark(rank))
 
 
 def _mark(rank: float) -> str:

@@ -22,6 +22,7 @@ from stiff_bench.analysis.verdict import (
     decide,
     estimates_over_poses,
 )
+from stiff_bench.store.names import grouped
 from stiff_bench.store.samples import StoredData
 from stiff_protocols.contract.types import FloatArray, IntArray, TextArray
 from stiff_protocols.scoring.bootstrap import PoseErrors, pose_differences, pose_errors
@@ -52,38 +53,54 @@ class Factor:
     values: FloatArray | TextArray
 
 
-@dataclass(frozen=True)
-class Place:
-    """A part of the tested samples, and who is better there.
+@dataclass(frozen=True, eq=False)
+class Part:
+    """The tested samples that a factor divides from the others.
 
     Attributes:
-        kind, factor, unit: what it was divided by, as in `Factor`.
-        low, high: smallest and largest value in it; None where `label` names it.
-        label: name; "" where it is a range.
-        n_samples, n_poses: different ones that were tested.
-        mean_a, mean_b: mean length of the error, m.
-        estimate: over its poses, with the fitted models held fixed; its p-value is corrected for
-            all places that were looked at.
-        verdict: of the estimate.
+        factor: what they were divided by.
+        label: names them; "" where they are a range.
+        low, high: smallest and largest value of the factor; None where `label` names them.
+        n_samples: different ones.
+        a, b: lengths of the errors on their poses, m, in one column.
     """
 
-    kind: Kind
-    factor: str
-    unit: str
+    factor: Factor
+    label: str
     low: float | None
     high: float | None
-    label: str
     n_samples: int
-    n_poses: int
-    mean_a: float
-    mean_b: float
-    estimate: Estimate
-    verdict: Verdict
+    a: PoseErrors
+    b: PoseErrors
+
+    @property
+    def mean_a(self) -> float:
+        """Mean length of A's error, m."""
+        return float(self.a.mean[0])
+
+    @property
+    def mean_b(self) -> float:
+        """Mean length of B's error, m."""
+        return float(self.b.mean[0])
 
     @property
     def difference(self) -> float:
         """A less B, m; negative where A is better."""
         return self.mean_a - self.mean_b
+
+
+@dataclass(frozen=True, eq=False)
+class Place(Part):
+    """A part, and who is better there.
+
+    Attributes:
+        estimate: over its poses, with the fitted models held fixed; its p-value is corrected for
+            all places that were looked at.
+        verdict: of the estimate.
+    """
+
+    estimate: Estimate
+    verdict: Verdict
 
 
 @dataclass(frozen=True)
@@ -116,25 +133,25 @@ def where_better(
         data: the samples, their loads and TCP positions.
         question: what is asked of each place.
     """
-    divisions = [
-        parts
-        for factor in factors(data)
-        if len(parts := list(_parts(factor, rows, a, b, data))) > 1
-        and min(len(part.a.poses) for part in parts) >= FEWEST_POSES
+    divisions = [[*_parts(factor, rows, a, b, data)] for factor in factors(data)]
+    every = [
+        part
+        for parts in divisions
+        if len(parts) > 1 and min(len(part.a.poses) for part in parts) >= FEWEST_POSES
+        for part in parts
     ]
-    every = [part for parts in divisions for part in parts]
     estimates = corrected([estimates_over_poses(one.a, one.b, question)[0] for one in every])
-    verdicts = [decide([estimate], question.confidence) for estimate in estimates]
-    strongest: dict[Kind, list[_Part]] = {}  # kind -> the division that explains most
-    for parts in divisions:
-        best = strongest.setdefault(parts[0].factor.kind, parts)
-        if _explained(parts) > _explained(best):
-            strongest[parts[0].factor.kind] = parts
-    shown = [part for parts in strongest.values() for part in parts]
-    numbers = [every.index(part) for part in shown]
+    places = [
+        Place(**vars(part), estimate=one, verdict=decide([one], question.confidence))
+        for part, one in zip(every, estimates, strict=True)
+    ]
+    of_factors = grouped(places, lambda place: place.factor).items()
+    of_kinds = grouped(of_factors, lambda division: division[0].kind).values()
+    strongest = [max((parts for _, parts in of_kind), key=_explained) for of_kind in of_kinds]
+    verdicts = [place.verdict for place in places]
     return Where(
-        places=tuple(_place(every[n], rows, estimates[n], verdicts[n]) for n in numbers),
-        n_places=len(every),
+        places=tuple(place for parts in strongest for place in parts),
+        n_places=len(places),
         a_better=verdicts.count("a"),
         b_better=verdicts.count("b"),
     )
@@ -159,20 +176,9 @@ def factors(data: StoredData) -> list[Factor]:
     ]
 
 
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """The tested rows of one place, by number in the list of tested rows, and its poses' errors."""
-
-    factor: Factor
-    label: str
-    chosen: IntArray
-    a: PoseErrors
-    b: PoseErrors
-
-
 def _parts(
     factor: Factor, rows: IntArray, a: FloatArray, b: FloatArray, data: StoredData
-) -> Iterator[_Part]:
+) -> Iterator[Part]:
     values = factor.values[rows]
     if factor.unit:
         different = factor.values[np.unique(rows)].astype(np.float64)
@@ -183,35 +189,23 @@ def _parts(
     else:
         names = values.astype(np.str_)
     for name in np.unique(names):
-        chosen = np.flatnonzero(names == name)
+        chosen = names == name
         pose_id = data.samples.pose_id[rows[chosen]]
-        of_a, of_b = (pose_errors(pose_id, errors[chosen][:, None]) for errors in (a, b))
-        yield _Part(factor, "" if factor.unit else str(name), chosen, of_a, of_b)
+        yield Part(
+            factor,
+            label="" if factor.unit else str(name),
+            low=float(values[chosen].min()) if factor.unit else None,
+            high=float(values[chosen].max()) if factor.unit else None,
+            n_samples=len(np.unique(rows[chosen])),
+            a=pose_errors(pose_id, a[chosen][:, None]),
+            b=pose_errors(pose_id, b[chosen][:, None]),
+        )
 
 
-def _explained(parts: Sequence[_Part]) -> float:
+def _explained(parts: Sequence[Part]) -> float:
     """Return which share (0..1) of the poses' differences' variance lies between the parts."""
     differences = [pose_differences(part.a, part.b)[:, 0] for part in parts]
     together = np.concatenate(differences)
     total = float(((together - together.mean()) ** 2).sum())
     between = sum(len(one) * (one.mean() - together.mean()) ** 2 for one in differences)
     return float(between / total) if total > 0.0 else 0.0
-
-
-def _place(part: _Part, rows: IntArray, estimate: Estimate, verdict: Verdict) -> Place:
-    factor, tested = part.factor, rows[part.chosen]
-    values = factor.values[tested]
-    return Place(
-        kind=factor.kind,
-        factor=factor.name,
-        unit=factor.unit,
-        low=float(values.min()) if factor.unit else None,
-        high=float(values.max()) if factor.unit else None,
-        label=part.label,
-        n_samples=len(np.unique(tested)),
-        n_poses=len(part.a.poses),
-        mean_a=float(part.a.mean[0]),
-        mean_b=float(part.b.mean[0]),
-        estimate=estimate,
-        verdict=verdict,
-    )

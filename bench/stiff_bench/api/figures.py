@@ -48,7 +48,7 @@ def figure(
     folder = _folder(results)
     if name in catalog.FIGURES:
         source = FigureSource.of(folder or RESULTS, models, datasets, protocols)
-        return catalog.FIGURES[name].prepare(source)
+        return catalog.FIGURES[name](source)
     if name not in papers.FIGURES:
         raise unknown_name("figure", name, [*papers.FIGURES, *catalog.FIGURES])
     for argument, words in (("model", models), ("dataset", datasets), ("protocol", protocols)):

@@ -29,7 +29,7 @@ from stiff_datasets.planning.plan import (
     paper_plan,
     write_plan,
 )
-from stiff_datasets.planning.plan_gain import PlanGain, plan_gain
+from stiff_datasets.planning.plan_gain import N_RANDOM, PlanGain, plan_gain
 from stiff_datasets.robots.shipped import DEFAULT_ROBOT as DEFAULT_ROBOT
 from stiff_datasets.robots.shipped import named_robot
 from stiff_datasets.twin import simulate as simulation
@@ -40,6 +40,7 @@ from stiff_datasets.twin.constants import (
     shipped_twins,
 )
 from stiff_datasets.twin.effects import parse_effects
+from stiff_datasets.twin.twin import TwinExperiment
 from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, Robot
@@ -142,10 +143,8 @@ def plan_poses(
         write_plan(output, found.plan, arm)
         return Text("\n".join(lines))
     with display():
-        pool = candidate_plan(
-            chain, n_candidates, seed=seed, payload_kg=payload, clearance=clearance
-        )
-        regressors = regressor(chain, pool.q, pool.wrench)
+        pool = candidate_plan(arm, n_candidates, seed=seed, payload_kg=payload, clearance=clearance)
+        regressors = regressor(arm, pool.q, pool.wrench)
         if poses is None and criterion is None and words.is_papers:
             name, plan = "the paper's plan", paper_plan(chain, payload, seed, clearance)
         else:
@@ -153,7 +152,7 @@ def plan_poses(
             name = f"chosen, {design.criterion}"
             plan, _ = chosen_plan(pool, n_poses, design)
     gain = plan_gain(
-        regressor(chain, plan.q, plan.wrench),
+        regressor(arm, plan.q, plan.wrench),
         regressors,
         arm.joint_names,
         reference_compliance=_reference(words, arm),
@@ -212,7 +211,7 @@ def _gain_table(name: str, gain: PlanGain, notes: Sequence[str], *, with_errors:
     ]
     if not with_errors:
         del rows[1]
-    names = (name, f"mean of {gain.n_random} random", "best random")
+    names = (name, f"mean of {N_RANDOM} random", "best random")
     return Table("", [Column("", "text"), *(Column(n, format=".2f") for n in names)], rows, notes)
 
 
@@ -241,8 +240,8 @@ def validate(
         ConfigError: two robots are named, or an unknown one.
         DataError: the URDF cannot be read.
     """
-    chain = RobotWords(robot, urdf, tcp).read()[1]
-    return validation.validate(Path(file), chain, no_torque=no_torque)
+    measured = RobotWords(robot, urdf, tcp).read()[0]
+    return validation.validate(Path(file), measured, no_torque=no_torque)
 
 
 def simulate(
@@ -273,17 +272,16 @@ def simulate(
         StoreError: the file exists, or cannot be written.
     """
     asked, start = parse_effects(effects), time.perf_counter()
+    experiment = TwinExperiment(
+        _constants(twin),
+        loads=loads,
+        specimen=specimen,
+        seed=seed,
+        loads_per_pose=loads_per_pose,
+        effects=asked,
+    )
     with display():
-        simulation.simulate(
-            Path(output),
-            _constants(twin),
-            samples,
-            loads=loads,
-            loads_per_pose=loads_per_pose,
-            specimen=specimen,
-            seed=seed,
-            effects=asked,
-        )
+        simulation.simulate(Path(output), experiment, samples)
     seconds = time.perf_counter() - start
     return Text(
         f"{output}: {samples} SIMULATED samples of {twin}, specimen {specimen}, in "

@@ -19,7 +19,9 @@ from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import OURS
 from stiff_bench.plan.request import check_model
 from stiff_bench.run.progress import display
-from stiff_bench.tables.units import PRINTED
+from stiff_bench.tables.render import plain_text
+from stiff_bench.tables.table import Cell, Column, Quantity, Table
+from stiff_bench.tables.units import PRINTED, percent
 from stiff_protocols.contract.errors import (
     ConfigError,
     DataError,
@@ -31,6 +33,7 @@ from stiff_protocols.contract.errors import (
 from stiff_protocols.contract.files import refuse_existing
 from stiff_protocols.contract.interfaces import (
     ChecksRobot,
+    IdentifiesSprings,
     PredictsInterval,
     ReportsDiagnostics,
 )
@@ -49,6 +52,10 @@ from stiff_protocols.splits.generators import inner_validation
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+    from stiff_protocols.contract.identification import IdentifiedSprings
+
+SPRING_INTERVAL = 0.9
 
 VALIDATION_FRACTION = 0.2
 """Of the poses, where a model chooses its epoch; as the protocols' default."""
@@ -113,12 +120,11 @@ class Model:
         self.check_fitted()
         predicted = np.asarray(self.fitted.predict(q, wrench))
         if not self._has_warned:
-            _, warning = extrapolation(
-                self.training_range, np.asarray(q), np.asarray(wrench), self.fitted.robot_
-            )
-            self._has_warned = bool(warning)
-            if warning:
-                warnings.warn(warning, StiffBenchWarning, stacklevel=2)
+            seen = Extrapolation(self.training_range, self.fitted.robot_)
+            seen.of(np.asarray(q), np.asarray(wrench))
+            self._has_warned = bool(seen.warning)
+            if seen.warning:
+                warnings.warn(seen.warning, StiffBenchWarning, stacklevel=2)
         return predicted
 
     @property
@@ -172,12 +178,11 @@ class Model:
             predicted = frozen_array(
                 model.predict(table.q, table.wrench), "the prediction", (len(table.q), 3)
             )
-            extrapolates, warning = extrapolation(
-                self.training_range, table.q, table.wrench, model.robot_
-            )
+            seen = Extrapolation(self.training_range, model.robot_)
+            extrapolates = seen.of(table.q, table.wrench)
         write_predictions(Path(output), table, predicted, extrapolates, interval)
-        if warning:
-            warning += "; see the column extrapolates"
+        if seen.warning:
+            warning = f"{seen.warning}; see the column extrapolates"
             warnings.warn(warning, StiffBenchWarning, stacklevel=2)
         return len(extrapolates)
 
@@ -243,6 +248,17 @@ class Model:
         if not isinstance(self.fitted, ReportsDiagnostics):
             return {}
         return dict(self.fitted.diagnostics_)
+
+    @property
+    def learned(self) -> list[str]:
+        """Lines that say what the fit found: a table of springs, and what else it reports."""
+        numbers, lines = self.diagnostics, []
+        if isinstance(self.fitted, IdentifiesSprings):
+            springs = self.fitted.springs_
+            lines = ["", plain_text(_springs_table(springs)), ""]
+            of_springs = springs.report()
+            numbers = {key: numbers[key] for key in numbers if key not in of_springs}
+        return [*lines, *(f"- {name}: {value:.4g}" for name, value in numbers.items())]
 
     def save(self, file: Path | str) -> None:
         """Write the fitted model to a new file, which `load_model` and `bench predict` read.
@@ -353,33 +369,55 @@ def check_new_file(path: Path) -> None:
         raise StoreError(f"{path}: cannot be written: no folder {path.parent}")
 
 
-def extrapolation(
-    known: TrainingRange | None, q: FloatArray, wrench: FloatArray, robot: Robot
-) -> tuple[list[str], str]:
-    """Return what of each row extrapolates, and a warning with numbers, "" for none."""
-    if known is None:
-        return ["unknown"] * len(q), (
-            "the training range is unknown: the model's file was written before files held one "
-            "(fit the model again)"
-        )
-    extrapolates = known.extrapolates(q, wrench)
-    if not any(extrapolates):
-        return extrapolates, ""
-    from stiff_datasets.measured.sample_files import file_units, joint_columns
+class Extrapolation:
+    """What of rows lies beyond a model's training range.
 
-    far, units = known.beyond(q, wrench), np.r_[file_units(robot), 1.0, 1.0]
-    values = known.quantities(q, wrench) * units
-    lower, upper = (end * units for end in known.ends)
-    texts = []
-    for i, column in enumerate((*joint_columns(robot), "force_N", "torque_Nm")):
-        if far[:, i].any():
-            beyond = values[far[:, i], i]
-            farthest = beyond[np.maximum(lower[i] - beyond, beyond - upper[i]).argmax()]
-            name, _, unit = column.partition("_")
-            learned = f"{lower[i]:.4g} to" if i < len(known.lower) else "up to"
-            texts.append(f"{name} {farthest:.4g} {unit} (training: {learned} {upper[i]:.4g})")
-    number = sum(map(bool, extrapolates))
-    return extrapolates, f"extrapolation in {number} of {len(q)} rows: {', '.join(texts)}"
+    Attributes:
+        known: the range; None: it is not known.
+        robot: of the joints.
+        n_rows, n_beyond: how many rows were seen, and how many of them lie beyond.
+        ends: (2, n_joints + 2) smallest and largest of each quantity, of `TrainingRange`.
+    """
+
+    def __init__(self, known: TrainingRange | None, robot: Robot) -> None:
+        """Store the arguments."""
+        self.known, self.robot, self.n_rows, self.n_beyond = known, robot, 0, 0
+        self.ends = np.outer([np.inf, -np.inf], np.ones(robot.n_joints + 2))
+
+    def of(self, q: FloatArray, wrench: FloatArray) -> list[str]:
+        """Return what of each row extrapolates; see `TrainingRange.extrapolates`."""
+        values = TrainingRange.quantities(q, wrench)
+        self.ends[0] = np.minimum(self.ends[0], values.min(axis=0, initial=np.inf))
+        self.ends[1] = np.maximum(self.ends[1], values.max(axis=0, initial=-np.inf))
+        known = self.known
+        extrapolates = ["unknown"] * len(q) if known is None else known.extrapolates(q, wrench)
+        self.n_rows += len(q)
+        self.n_beyond += sum(map(bool, extrapolates))
+        return extrapolates
+
+    @property
+    def warning(self) -> str:
+        """One line with numbers of all rows; "" where none extrapolates."""
+        if self.known is None:
+            return (
+                "the training range is unknown: the model's file was written before files held one "
+                "(fit the model again)"
+            )
+        if not self.n_beyond:
+            return ""
+        from stiff_datasets.measured.sample_files import file_units, joint_columns
+
+        units = np.r_[file_units(self.robot), 1.0, 1.0]
+        lower, upper = (end * units for end in self.known.ends)
+        far, texts = self.known.are_beyond(self.ends), []
+        for i, column in enumerate((*joint_columns(self.robot), "force_N", "torque_Nm")):
+            if far[:, i].any():
+                lowest, highest = self.ends[:, i] * units[i]
+                farthest = lowest if lower[i] - lowest > highest - upper[i] else highest
+                name, _, unit = column.partition("_")
+                learned = f"{lower[i]:.4g} to" if i < self.robot.n_joints else "up to"
+                texts.append(f"{name} {farthest:.4g} {unit} (training: {learned} {upper[i]:.4g})")
+        return f"extrapolation in {self.n_beyond} of {self.n_rows} rows: {', '.join(texts)}"
 
 
 @contextmanager
@@ -398,3 +436,34 @@ def blamed_on(model_file: Path | None, but: tuple[()] | type[Exception] = ()) ->
             raise
         kind = "" if isinstance(error, StiffBenchError) else f"{type(error).__name__}: "
         raise DataError(f"{model_file}: its model cannot predict: {kind}{error}") from error
+
+
+def _springs_table(springs: IdentifiedSprings) -> Table:
+    """Return the stiffness of each spring with its interval."""
+    rows: list[list[Cell]] = []
+    for name, unit, compliance, known, (low, high) in zip(
+        springs.names,
+        springs.units,
+        springs.compliance.tolist(),
+        springs.known,
+        springs.interval(SPRING_INTERVAL).tolist(),
+        strict=True,
+    ):
+        stiffness = Quantity(1.0 / compliance) if compliance else Quantity(status="rigid")
+        label = f"{name} [{unit}]" if known else f"{name} [{unit}], not identifiable: prior"
+        rows.append([label, stiffness, Quantity(low=low, high=high)])
+    return Table(
+        "",
+        [
+            Column("spring", "text"),
+            Column("stiffness", format=".4g"),
+            Column(f"{percent(SPRING_INTERVAL)} interval", format=".4g"),
+        ],
+        rows,
+        [
+            f"rank {springs.rank}, condition number {springs.condition:.4g}. Springs take up what "
+            "the model lacks,",
+            "such as bearings that tilt: the intervals hold the samples' noise, not the joints' "
+            "own stiffness.",
+        ],
+    )

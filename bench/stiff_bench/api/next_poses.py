@@ -27,24 +27,15 @@ from stiff_datasets.measured.identifiability import (
     identifiability,
     regressor,
 )
-from stiff_datasets.measured.load_file import read_loads
-from stiff_datasets.planning.design import (
-    N_RANDOM,
-    Criterion,
-    Design,
-    Loads,
-    ProcessDesign,
-    SpringDesign,
-    VarianceGain,
-    variance_gain,
-)
+from stiff_datasets.measured.load_file import Loads, read_loads
+from stiff_datasets.planning.design import Criterion, Design, ProcessDesign, SpringDesign
 from stiff_datasets.planning.plan import (
     MeasurementPlan,
     candidate_plan,
     chosen_plan,
     unmeasured,
 )
-from stiff_datasets.robots.robot import ChainModel
+from stiff_datasets.planning.plan_gain import N_RANDOM, VarianceGain, variance_gain
 from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import (
     ConfigError,
@@ -79,14 +70,12 @@ class Measured:
         file: its name.
         samples: of it.
         robot: that was measured.
-        chain: the same for Pinocchio.
         model: that will be fitted to all poses in the end.
     """
 
     file: str
     samples: Samples
     robot: Robot
-    chain: ChainModel
     model: Choice[ModelInfo]
 
     @property
@@ -133,9 +122,9 @@ def read_measured(
         ConfigError: the model or the robot is unknown.
         DataError: the file cannot be read, or its robot has other joints or limits.
     """
-    chosen, (robot, chain, _) = model_choice(model, {}), words.read()
+    chosen, (robot, *_) = model_choice(model, {}), words.read()
     samples = Dataset(measured_file(file, robot, no_torque=no_torque)).samples
-    return Measured(str(file), samples, robot, chain, chosen)
+    return Measured(str(file), samples, robot, chosen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +174,7 @@ def choose_next(
     file_loads = None if workspace is None else read_loads(workspace, measured.robot)
     n_drawn = 0 if file_loads is not None else WORKSPACE_POSES
     drawn = candidate_plan(
-        measured.chain,
+        measured.robot,
         n_candidates + n_drawn,
         seed=seed,
         payload_kg=payload_kg,
@@ -193,10 +182,10 @@ def choose_next(
     )
     pool = unmeasured(drawn.take(slice(n_drawn, None)), measured.samples, measured.robot)
     if file_loads is None:
-        where = drawn.take(slice(n_drawn)).loads
+        where: Loads = drawn.take(slice(n_drawn))
         name = f"{n_drawn} random reachable poses, the suggested force in any direction"
     else:
-        where = Loads(file_loads.q, file_loads.wrench)
+        where = file_loads
         name = f"{counted(len(where.q), 'row')} of {workspace}"
     design = _design(measured, pool, where, criterion, seed)
     plan, rows = chosen_plan(pool, n_poses, design, measured=measured.samples)
@@ -209,13 +198,13 @@ def _design(
 ) -> Design:
     if measured.is_process:
         model, _ = fitted(measured.model, measured.data, seed=seed)
-        return ProcessDesign(model, pool.loads, where)
-    chain, samples = measured.chain, measured.samples
+        return ProcessDesign(model, pool, where)
+    robot, samples = measured.robot, measured.samples
     return SpringDesign(
-        regressor(chain, pool.q, pool.wrench),
+        regressor(robot, pool.q, pool.wrench),
         criterion,
-        regressor(chain, where.q, where.wrench),
-        regressor(chain, samples.q, samples.wrench),
+        regressor(robot, where.q, where.wrench),
+        regressor(robot, samples.q, samples.wrench),
         measured.springs[0],
     )
 
@@ -293,7 +282,7 @@ def gain_text(measured: Measured, found: NextPoses) -> list[str]:
             "as random poses."
         )
     else:
-        regressors = regressor(measured.chain, measured.samples.q, measured.samples.wrench)
+        regressors = regressor(measured.robot, measured.samples.q, measured.samples.wrench)
         unknown = identifiability(regressors, measured.robot.joint_names).unidentifiable
         lines.append(f"Not identifiable from the measured poses: {', '.join(unknown)}.")
     if springs and measured.model.info.key != REFERENCE_MODEL:
@@ -326,10 +315,10 @@ def curve_text(measured: Measured, n_new: int, seed: int) -> list[str]:
     curve, now = learning_curve(errors, seed=seed), measured.n_poses
     law, more = curve.law, sorted({now + n_new, 2 * now})
     columns = [
-        *(Column(str(size), format=".4f") for size in curve.sizes),
+        *(Column(str(size), format=".4f") for size in errors.sizes),
         *(Column(f"{size}*", format=".4f") for size in (now, *more)),
     ]
-    values = [*curve.errors, *map(law, (now, *more))]
+    values = [*errors.mean, *map(law, (now, *more))]
     row: list[Cell] = ["mean 3-D error [mm]", *(float(value) * MM for value in values)]
     table = Table("", [Column("training poses", "text"), *columns], [row])
     steps = ", ".join(

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from stiff_bench.api.model import Model, blamed_on, check_new_file, extrapolation
+from stiff_bench.api.model import Extrapolation, Model, blamed_on, check_new_file
 from stiff_bench.console import say
 from stiff_bench.plan.words import RobotWords
 from stiff_bench.run.progress import display
@@ -18,14 +20,21 @@ from stiff_bench.tables.picture_file import check_suffix
 from stiff_datasets.measured.path_file import (
     LoadFrame,
     PathTable,
+    corrected_table,
+    overview,
     path_problems,
-    read_path,
+    path_table,
     tool_of,
-    write_corrected,
     write_path,
 )
 from stiff_datasets.measured.sample_checks import Problem, problems_error
-from stiff_datasets.measured.sample_files import MM_PER_M, file_units
+from stiff_datasets.measured.sample_files import (
+    MM_PER_M,
+    Sheet,
+    file_units,
+    read_sheets,
+    write_table,
+)
 from stiff_protocols.contract.errors import (
     ConfigError,
     DataError,
@@ -34,37 +43,36 @@ from stiff_protocols.contract.errors import (
     unknown_name,
 )
 from stiff_protocols.contract.progress import report
-from stiff_protocols.contract.types import FloatArray, Interval, Robot
+from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot
 from stiff_protocols.paths.compensation import (
     MAX_ITERATIONS,
     TOLERANCE_M,
     Compensation,
     compensate,
 )
-from stiff_protocols.paths.inverse import Followed, follow, judged, refuse_redundant
+from stiff_protocols.paths.inverse import Branch, follow, refuse_redundant, spread
 from stiff_protocols.paths.path import SHAPES, ToolPath, shaped
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 BLOCK = 2_000
-"""Points that are computed at once; progress is shown after each block."""
-COMPARED_AT = 200
-"""Points of a long path at which configurations of its start are compared."""
+"""Points that are read, corrected and written at once; progress is shown after each block."""
 EXAMPLE_POINTS, EXAMPLE_SIZE_MM = 401, 200.0
 
 
 @dataclass(frozen=True, eq=False)
 class CorrectedPath:
-    """A path and the commands that put the loaded tool on it.
+    """A path and the commands that put the loaded tool on it; its file has more columns.
 
     Attributes:
-        wanted: the points, base frame, SI.
-        found: commands and predicted deflections, of the same rows.
-        extrapolates: (n,) what lies beyond the model's training range, as in `Model.predict_file`.
+        name: of the path.
+        found: points, commands and predicted deflections.
         interval: of the deflections at the commands; None where none was asked for.
     """
 
-    wanted: ToolPath
+    name: str
     found: Compensation
-    extrapolates: list[str]
     interval: Interval | None
 
     @property
@@ -75,15 +83,14 @@ class CorrectedPath:
     @property
     def error_after(self) -> FloatArray:
         """(n,) predicted distance from the path with the commands, m."""
-        stands = self.found.position + self.found.deflection
-        return np.asarray(np.linalg.norm(stands - self.wanted.position, axis=1))
+        return np.asarray(np.linalg.norm(self.found.after, axis=1))
 
     def __repr__(self) -> str:
         """Return how many points were corrected, and the predicted errors."""
         before, after = MM_PER_M * self.error_before, MM_PER_M * self.error_after
         done = int(self.found.converged.sum())
         return (
-            f"{done} of {len(self.wanted)} points corrected; predicted path error before "
+            f"{done} of {len(before)} points corrected; predicted path error before "
             f"{before.mean():.4g} mm mean, {before.max():.4g} mm largest, after "
             f"{after.mean():.2g} mm mean, {after.max():.2g} mm largest"
         )
@@ -131,7 +138,7 @@ def example_path(
     reach = np.linalg.norm(arm.placements[1:, :3, 3], axis=1).sum()
     outwards = arm.axes[-1] * (-1.0 if arm.axes[-1] @ arm.tcp < 0.0 else 1.0)
     down, _ = Rotation.align_vectors([[0.0, 0.0, -1.0]], [outwards])  # where the last joint points
-    some = np.unique(np.linspace(0, points - 1, COMPARED_AT).astype(int))
+    some = spread(points)
     for x, z in ((0.6, 0.4), (0.5, 0.3), (0.7, 0.4), (0.5, 0.6), (0.4, 0.3)):
         driven: list[tuple[float, ToolPath]] = []
         for angle in (0.0, 90.0, 180.0, 270.0):
@@ -216,112 +223,103 @@ def compensate_path(
     fitted, robot = model.fitted, model.fitted.robot_
     model.check_coverage(coverage)
     refuse_redundant(robot)
-    table = read_path(
-        Path(path), robot, tool_of(robot, tool), load=load, load_frame=load_frame, frame=frame
+    path, known = Path(path), model.training_range
+    sheet, n = overview(path, BLOCK)
+    read = partial(
+        path_table,
+        robot=robot,
+        tool=tool_of(robot, tool),
+        load=load,
+        load_frame=load_frame,
+        frame=frame,
     )
-    for oddity in table.oddities:
+    about = read(sheet)
+    for oddity in about.oddities:
         say(f"warning: {oddity}")
-    wanted = table.path
-    if not wanted.wrench.any():
-        say(f"warning: {path}: every load is zero, so there is nothing to correct")
-    known = model.training_range
-    near = None if known is None else 0.5 * (known.lower + known.upper)
+    seed = _seed(about, robot, start)
+    seen = Extrapolation(known, robot)
+    parts: list[Compensation] = []
+    intervals: list[Interval] = []
+    lines: list[IntArray] = []
 
     def predict(at: FloatArray, wrench: FloatArray) -> FloatArray:
         with blamed_on(model.file):
             return np.asarray(fitted.predict(at, wrench))
 
-    with display():
-        q = _driven(Path(path), table, robot, start, near)
-        parts = [
-            compensate(
+    def left(found: Compensation, rows: IntArray) -> str:
+        """Say how many points were not corrected, and why not the first; "" where all were."""
+        if found.converged.all():
+            return ""
+        first = np.argmin(found.converged)
+        problem = Problem(
+            f"{found.problem[first]} after {found.iterations[first]} iterations, contraction "
+            f"{found.contraction[first]:.3g}",
+            f"below 1, and {tolerance:g} mm within {iterations} iterations",
+            int(rows[first]),
+            about.pose_columns,
+        )
+        number = int((~found.converged).sum())
+        return f"{path}: {number} of {n} points cannot be corrected, first {problem}"
+
+    def corrected(sheets: Iterable[Sheet]) -> Iterator[DataFrame]:
+        branch = Branch(robot, seed)
+        if seed is None and about.q is None:
+            near = None if known is None else 0.5 * (known.lower + known.upper)
+            branch = Branch.along(robot, about.some, near)
+        for sheet in sheets:
+            table = read(sheet, about=about)
+            driven, wrench = branch.driven(table.path, table.q), table.path.wrench
+            if problems := path_problems(table, robot, driven):
+                raise problems_error(path, problems, "mend this one first")
+            found = compensate(
                 predict,
                 robot,
-                wanted.take(rows),
-                q[rows],
+                table.path,
+                driven.q,
                 tolerance_m=tolerance / MM_PER_M,
                 max_iterations=iterations,
             )
-            for rows in _blocks(len(wanted), "points corrected")
-        ]
-    found = Compensation.joined(parts)
-    left = np.flatnonzero(~found.converged)
-    if len(left):
-        row = left[0]
-        problem = Problem(
-            f"{found.problem[row]} after {found.iterations[row]} iterations, contraction "
-            f"{found.contraction[row]:.3g}",
-            f"below 1, and {tolerance:g} mm within {iterations} iterations",
-            int(table.lines[row]),
-            table.pose_columns,
-        )
-        text = f"{path}: {len(left)} of {len(wanted)} points cannot be corrected, first {problem}"
-        if on_failure == "stop":
-            raise ModelError(f"{text}; on-failure keep leaves such points uncorrected")
-        warnings.warn(f"{text}; see the column uncorrected", StiffBenchWarning, stacklevel=2)
-    interval = None
+            if on_failure == "stop" and (text := left(found, table.lines)):
+                raise ModelError(f"{text}; on-failure keep leaves such points uncorrected")
+            if coverage is not None:
+                with blamed_on(model.file):
+                    intervals.append(fitted.predict_interval(found.q, wrench, coverage))
+            parts.append(found)
+            lines.append(table.lines)
+            extrapolates = seen.of(found.q, wrench)
+            yield corrected_table(table, robot, found, extrapolates, *intervals[-1:])
+            if seen.n_rows < n:
+                report("points corrected", seen.n_rows, n)
+
+    with display(), closing(read_sheets(path, BLOCK)) as sheets:
+        write_table(output, corrected(sheets))
+    found, interval = Compensation.joined(parts), None
     if coverage is not None:
-        with blamed_on(model.file):
-            interval = fitted.predict_interval(found.q, wanted.wrench, coverage)
-    extrapolates, warning = extrapolation(known, found.q, wanted.wrench, robot)
-    result = CorrectedPath(wanted, found, extrapolates, interval)
-    write_corrected(output, table, robot, found, extrapolates, interval)
+        lower, upper = ([getattr(one, end) for one in intervals] for end in ("lower", "upper"))
+        interval = Interval(np.concatenate(lower), np.concatenate(upper), coverage)
     if figure is not None:
         from stiff_bench.figures.path import path_picture
 
-        path_picture(result.wanted, found, interval).save(Path(figure))
-    if warning:
-        warnings.warn(f"{warning}; see the column extrapolates", StiffBenchWarning, stacklevel=2)
-    return result
+        path_picture(about.path.name, found, interval).save(Path(figure))
+    if not seen.ends[1, -2:].any():
+        say(f"warning: {path}: every load is zero, so there is nothing to correct")
+    for warning, column in (
+        (left(found, np.concatenate(lines)), "uncorrected"),
+        (seen.warning, "extrapolates"),
+    ):
+        if warning:
+            warnings.warn(f"{warning}; see the column {column}", StiffBenchWarning, stacklevel=2)
+    return CorrectedPath(about.path.name, found, interval)
 
 
-def _blocks(n: int, phase: str) -> Iterator[slice]:
-    """Yield n rows in blocks, and report each but the last when it is done."""
-    for first in range(0, n, BLOCK):
-        if first:
-            report(phase, first, n)
-        yield slice(first, min(first + BLOCK, n))
-
-
-def _driven(
-    path: Path,
-    table: PathTable,
-    robot: Robot,
-    start: Sequence[float] | None,
-    near: FloatArray | None,
-) -> FloatArray:
-    """Return (n, n_joints) joint positions of the points, rad or m.
-
-    Raises:
-        DataError: a point cannot be driven.
-    """
-    wanted, n = table.path, len(table.path)
-    seed: FloatArray | None = None
-    if start is not None:
-        if table.q is not None:
-            raise ConfigError(f"{path} has joint angles, which choose the configuration", "start")
-        if len(start) != robot.n_joints:
-            raise ConfigError(
-                f"{len(start)} joint positions (valid: the {robot.n_joints} of {robot.name})",
-                "start",
-            )
-        seed = np.asarray(start) / file_units(robot)
-    elif table.q is None and n > BLOCK:
-        some = wanted.take(np.unique(np.linspace(0, n - 1, COMPARED_AT).astype(int)))
-        seed = follow(robot, some.position, some.rotation, near=near).q[0]
-    parts: list[FloatArray] = []
-    problems: list[Problem] = []
-    for rows in _blocks(n, "points checked"):
-        before = int(rows.start > 0)  # a flip is one since the row before
-        block = slice(rows.start - before, rows.stop)
-        found: Followed = (
-            follow(robot, wanted.position[block], wanted.rotation[block], seed, near=near)
-            if table.q is None
-            else judged(robot, table.q[block])
-        ).take(slice(before, None))
-        problems += path_problems(table, robot, found, rows.start)
-        seed = found.q[-1]
-        parts.append(found.q)
-    if problems:
-        raise problems_error(path, problems, "mend this one first")
-    return np.concatenate(parts)
+def _seed(about: PathTable, robot: Robot, start: Sequence[float] | None) -> FloatArray | None:
+    """Return the (n_joints,) joint positions, rad or m, that were asked for to begin with."""
+    if start is None:
+        return None
+    if about.q is not None:
+        raise ConfigError("the path has joint angles, which choose the configuration", "start")
+    if len(start) != robot.n_joints:
+        raise ConfigError(
+            f"{len(start)} joint positions (valid: the {robot.n_joints} of {robot.name})", "start"
+        )
+    return np.asarray(start) / file_units(robot)

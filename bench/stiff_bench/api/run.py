@@ -38,21 +38,21 @@ class Run:
     plans: Sequence[RunPlan]
     execution: Execution = IN_THIS_PROCESS
 
-    def foreseen(self) -> Forecast:
-        """Return what would be computed, and how long that takes.
+    def foreseen(self) -> list[Forecast]:
+        """Return what would be computed of each model and, last, of all, and how long that takes.
 
         Raises:
             StiffBenchError: the data cannot be loaded or divided.
         """
-        jobs, rerun = self.execution.executor.at_once, self.execution.rerun
-        return forecast(cell_tasks(*self.plans), self.plans[0].output, jobs=jobs, rerun=rerun)
+        tasks, output = cell_tasks(*self.plans), self.plans[0].output
+        return forecast(tasks, output, rerun=self.execution.rerun)
 
     def forecast(self) -> Tables:
         """Return `foreseen` as a table and a sentence."""
-        found = self.foreseen()
-        tables = [forecast_table(found)]
+        found, jobs = self.foreseen(), self.execution.executor.at_once
+        tables = [forecast_table(found, jobs)]
         text_as = partial(render, tables, command=self.plans[0].command)
-        return Tables(lambda: tables, text_as, forecast_line(found))
+        return Tables(lambda: tables, text_as, forecast_line(found[-1], jobs))
 
     def compute(self) -> Results:
         """Compute what is missing; return the results of all.

@@ -47,12 +47,11 @@ def fit(output: Path, seed: int, **words: Any) -> None:
     with warnings_said():
         model.fit(data, seed=seed)
     model.save(output)
-    caveats = data.choice.info.caveats
-    numbers = (f"{name}: {value:.4g}" for name, value in model.diagnostics.items())
     lines = [
         f"{output}: {model.name}, fitted to {data.name} ({data.choice.info.label}, "
         f"{len(data)} samples), robot {data.robot.name}, seed {seed}",
-        *(f"- {line}" for line in (*caveats, *filter(None, [model.note]), *numbers)),
+        *model.learned,
+        *(f"- {line}" for line in (*data.choice.info.caveats, model.note) if line),
         "- Errors on new poses: `bench run`.",
     ]
     click.echo("\n".join(lines))

@@ -9,6 +9,7 @@ import numpy as np
 
 from stiff_bench.store.samples import load_torque
 from stiff_bench.tables.picture_file import check_suffix, drawing, save_figure
+from stiff_bench.tables.units import MM
 from stiff_models.physics.kinematics import gravity_torque
 from stiff_protocols.contract.types import (
     AXES,
@@ -182,7 +183,7 @@ def _draw_deflections(page: SubFigure, deflection: FloatArray, quantity: str) ->
     from matplotlib.ticker import MaxNLocator
 
     _head(page, f"(c) {quantity}, base frame")
-    millimetres = deflection * 1000.0
+    millimetres = deflection * MM
     edges = np.histogram_bin_edges(millimetres, bins="auto")
     if len(edges) - 1 > MOST_BINS:
         edges = np.histogram_bin_edges(millimetres, bins=MOST_BINS)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
-from stiff_bench.figures.figure import Content
+from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource
 from stiff_bench.figures.style import COLUMN_INCH, REFERENCE_COLOR, looks, new_figure, short
 from stiff_bench.store.database import read_results
@@ -48,21 +49,17 @@ def calibration_figure(held: pd.DataFrame) -> Figure:
     return figure
 
 
-def gather(source: FigureSource) -> Content:
+def gather(source: FigureSource) -> Prepared:
     """Take the results with intervals, of every coverage that was run."""
-    # those shown elsewhere are of the newest coverage alone, for which there may be too few poses
-    found: dict[str, list[CellResult]] = {}
-    for one in read_results(source.folder):
-        if one.prediction is not None and one.prediction.interval is not None:
-            found.setdefault(_whatever_coverage(one), []).append(one)
-
-    def has(result: CellResult) -> bool:
-        return _whatever_coverage(result) in found
-
-    case = source.case(has, needs="intervals: `bench run --metric coverage` makes them")
-    compared = source.compared(case, MOST_MODELS, has)
+    case = source.case(_has_interval, needs="intervals: `bench run --metric coverage` makes them")
+    compared = source.compared(case, MOST_MODELS, _has_interval, "intervals")
+    # of each split the case has the newest coverage alone, which other figures show
+    each = filter(_has_interval, read_results(source.folder))
+    of_split = grouped(each, _whatever_coverage)
     held = {
-        name: _held([found[_whatever_coverage(one)] for one in case.results(name, compared.slots)])
+        name: _held(
+            [of_split[_whatever_coverage(one)] for one in case.results(name, compared.slots)]
+        )
         for name in compared.models
     }
     caption = (
@@ -70,12 +67,14 @@ def gather(source: FigureSource) -> Content:
         "the share that should be; on the diagonal the intervals hold, below it they are too "
         f"narrow. A point a coverage (`bench run --coverage`, such as {LEVELS}). {compared.setting}"
     )
-    return Content(caption, partial(calibration_figure, pd.DataFrame(held)))
+    return Prepared(
+        "Coverage of the intervals", caption, partial(calibration_figure, pd.DataFrame(held))
+    )
 
 
 def _held(splits: Sequence[Sequence[CellResult]]) -> pd.Series:
     """Return nominal coverage -> share inside, of those that every split has."""
-    of_coverage = grouped((one for split in splits for one in split), _coverage)
+    of_coverage = grouped(chain.from_iterable(splits), lambda one: one.cell.coverage or 0.0)
     shares = {
         coverage: np.mean([*METRICS["coverage"].values(pooled_prediction(results)).values()])
         for coverage, results in of_coverage.items()
@@ -84,8 +83,8 @@ def _held(splits: Sequence[Sequence[CellResult]]) -> pd.Series:
     return pd.Series(shares).sort_index()
 
 
-def _coverage(result: CellResult) -> float:
-    return result.cell.coverage or 0.0
+def _has_interval(result: CellResult) -> bool:
+    return result.prediction is not None and result.prediction.interval is not None
 
 
 def _whatever_coverage(result: CellResult) -> str:

@@ -14,7 +14,7 @@ from scipy import stats
 from stiff_bench.analysis.collected import Case
 from stiff_bench.analysis.leaderboard import presentation
 from stiff_bench.analysis.same_robot import family_of
-from stiff_bench.figures.figure import Content
+from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource, between, marks_in, mean_length, with_linear
 from stiff_bench.figures.style import (
     looks,
@@ -129,7 +129,7 @@ def _shared(errors: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
     return shown[shown.index.isin(shared, level="data set")]
 
 
-def gather(source: FigureSource) -> Content:
+def gather(source: FigureSource) -> Prepared:
     """Take the models that have every draw of every size on the data sets of a robot type."""
     cases = [
         one
@@ -158,7 +158,7 @@ def gather(source: FigureSource) -> Content:
     others = ", ".join(name for name in names if name not in drawn)
     caption = _caption(panels, of_protocol, drawn) + f" Not shown: {others}." * bool(others)
     shown = [name for name in models if name in drawn]
-    return Content(caption, partial(learning_figure, panels, shown))
+    return Prepared("Error over training poses", caption, partial(learning_figure, panels, shown))
 
 
 def _best(families: Iterable[pd.DataFrame]) -> list[str]:

@@ -8,9 +8,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stiff_bench.figures.figure import Content
+from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource
 from stiff_bench.figures.style import (
     COLUMN_INCH,
@@ -24,9 +23,8 @@ from stiff_bench.figures.style import (
     short,
 )
 from stiff_bench.store.names import grouped
-from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.contract.types import FloatArray
+from stiff_protocols.contract.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -105,7 +103,7 @@ def draw_losses(
         plain_numbers(axis, (1.0,))
 
 
-def has_place(losses: FloatArray) -> NDArray[np.bool_]:
+def has_place(losses: FloatArray) -> BoolArray:
     """Return which of (n,) losses have a place on a logarithmic axis."""
     return np.isfinite(losses) & (losses > 0.0)
 
@@ -129,25 +127,17 @@ def has_curves(result: CellResult) -> bool:
     return bool(curves_of(result, result.shown.model))
 
 
-def gather(source: FigureSource) -> Content:
-    """Take the curves of one split of the models to compare.
-
-    Raises:
-        StoreError: there is no split on which all of them have one.
-    """
+def gather(source: FigureSource) -> Prepared:
+    """Take the curves of the first split on which all of the models to compare have one."""
     case = source.case(has_curves, needs=_NEEDS)
-    compared = source.compared(case, MOST_MODELS, has_curves)
-    done = {name: case.competitors[name].done for name in compared.models}
-    shared = [slot for slot in compared.slots if all(has_curves(of[slot]) for of in done.values())]
-    if not shared:
-        raise StoreError(
-            f"{source.folder}: {case.name.text}: {', '.join(done)}: no split on which "
-            "all have a training curve; choose fewer models",
-            "results",
-        )
-    curves = [curve for name, of in done.items() for curve in curves_of(of[shared[0]], name)]
+    compared = source.compared(case, MOST_MODELS, has_curves, "a training curve")
+    curves = [
+        curve
+        for name in compared.models
+        for curve in curves_of(case.competitors[name].done[compared.slots[0]], name)
+    ]
     caption = (
         "Loss on standardised outputs, first split with curves of all models; ring: least "
         f"validation loss. {compared.setting}"
     )
-    return Content(caption, partial(losses_figure, curves))
+    return Prepared("Loss curves", caption, partial(losses_figure, curves))

@@ -9,9 +9,10 @@ import numpy as np
 
 from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.style import PAGE_INCH, looks, new_figure
+from stiff_bench.tables.units import MM
 from stiff_protocols.contract.types import FloatArray, Interval
 from stiff_protocols.paths.compensation import Compensation
-from stiff_protocols.paths.path import ToolPath
+from stiff_protocols.paths.inverse import spread
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,27 +22,23 @@ MOST_POINTS, ARROWS = 2_000, 40
 """Points of a line that are drawn, and error vectors."""
 SHOWN_SHARE = 0.2
 """The largest error is drawn about this long, as a part of the path's extent."""
-MM = 1000.0
 
 
-def path_picture(wanted: ToolPath, found: Compensation, interval: Interval | None) -> Prepared:
+def path_picture(name: str, found: Compensation, interval: Interval | None) -> Prepared:
     """Return the figure of a corrected path, with what its marks mean."""
     return Prepared(
-        name="path",
-        title=f"Path {wanted.name} before and after correction",
+        title=f"Path {name} before and after correction",
         caption="Predicted error vectors of the uncorrected path, magnified as stated, and the "
         "length of the error along the path. The band is the length of the intervals' half-widths.",
-        paint=partial(_painted, wanted, found, interval),
+        paint=partial(_painted, found, interval),
     )
 
 
-def _painted(wanted: ToolPath, found: Compensation, interval: Interval | None) -> Figure:
+def _painted(found: Compensation, interval: Interval | None) -> Figure:
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-    rows = np.unique(np.linspace(0, len(wanted) - 1, MOST_POINTS).astype(int))
-    arrows = np.unique(np.linspace(0, len(wanted) - 1, ARROWS).astype(int))
-    place, before = MM * wanted.position, MM * found.before
-    after = MM * (found.position + found.deflection) - place
+    place, before, after = MM * found.wanted, MM * found.before, MM * found.after
+    rows, arrows = spread(len(place), MOST_POINTS), spread(len(place), ARROWS)
     extent = max(float(np.ptp(place, axis=0).max()), 1.0)
     largest = float(np.linalg.norm(before, axis=1).max())
     times = _round_number(SHOWN_SHARE * extent / largest) if largest > 0.0 else 1.0
@@ -74,7 +71,7 @@ def _painted(wanted: ToolPath, found: Compensation, interval: Interval | None) -
     steps = np.linalg.norm(np.diff(place, axis=0), axis=1)
     distance = np.r_[0.0, np.cumsum(steps)]
     sizes = {"without correction": (before, orange), "corrected": (after, blue)}
-    marker = "o" if len(wanted) == 1 else ""
+    marker = "o" if len(place) == 1 else ""
     for name, (vectors, look) in sizes.items():
         size = np.linalg.norm(vectors, axis=1)
         along.plot(distance[rows], size[rows], color=look.color, marker=marker, label=name)

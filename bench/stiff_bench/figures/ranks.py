@@ -15,7 +15,7 @@ from stiff_bench.analysis.critical_difference import RankAnalysis
 from stiff_bench.analysis.leaderboard import build_leaderboard
 from stiff_bench.analysis.same_robot import of_robots
 from stiff_bench.analysis.sort_key import sort_key
-from stiff_bench.figures.figure import Content, Prepared
+from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource, marks_in
 from stiff_bench.figures.style import PAGE_INCH, new_figure
 from stiff_protocols.contract.errors import ConfigError
@@ -38,11 +38,9 @@ TITLE_WIDTH = 90
 
 
 def ranks_figure(analyses: Sequence[RankAnalysis], measure: str = "") -> Figure:
-    """Draw a diagram for each analysis, one beneath the other.
+    """Draw a diagram for each analysis, which has an outcome, one beneath the other.
 
-    Args:
-        analyses: at least one; all with an outcome.
-        measure: what the ranks are of, and on which kind of data; "" where a caption says it.
+    `measure` is what the ranks are of, on which kind of data; "" where a caption says it.
     """
     heights = [HEAD_INCH + LINE_INCH * _n_lines(one) for one in analyses]
     figure = new_figure(PAGE_INCH, sum(heights))
@@ -70,7 +68,7 @@ def _draw(analysis: RankAnalysis, ax: Axes) -> None:
     if outcome is None:
         return
     p_values = outcome.nemenyi if analysis.differs else np.ones_like(outcome.nemenyi)
-    critical_difference_diagram(
+    drawn = critical_difference_diagram(
         Series(outcome.mean_ranks, index=names),
         DataFrame(p_values, index=names, columns=names),
         alpha=LEVEL,
@@ -81,6 +79,8 @@ def _draw(analysis: RankAnalysis, ax: Axes) -> None:
         marker_props={"color": _LINE, "s": 12.0},
         text_h_margin=0.02 * len(names),
     )
+    for (bar,) in drawn["crossbars"]:  # through its models in the order of a set of names
+        bar.set_xdata(sorted(bar.get_xdata()))
     start = float(outcome.mean_ranks.min())
     end = start + outcome.critical_difference
     ax.plot([start, end], [CD_LINE, CD_LINE], color="black", linewidth=2.0, marker="|")
@@ -88,12 +88,7 @@ def _draw(analysis: RankAnalysis, ax: Axes) -> None:
 
 
 def save_diagrams(analyses: Sequence[RankAnalysis], measure: str, path: Path) -> None:
-    """Draw all analyses of a leaderboard that have an outcome.
-
-    Args:
-        analyses: of one section; one at least has an outcome.
-        measure: what the ranks are of, and on which kind of data.
-        path: the file; its suffix chooses PNG, PDF or SVG.
+    """Draw all analyses of a section that have an outcome, one at least, as PNG, PDF or SVG.
 
     Raises:
         ConfigError: the suffix is not known, or scikit-posthocs is not installed.
@@ -101,10 +96,10 @@ def save_diagrams(analyses: Sequence[RankAnalysis], measure: str, path: Path) ->
     """
     require("a diagram of ranks", "scikit_posthocs")
     drawn = [one for one in analyses if one.outcome is not None]
-    Prepared("ranks", "", "", partial(ranks_figure, drawn, measure)).save(path)
+    Prepared("", "", partial(ranks_figure, drawn, measure)).save(path)
 
 
-def gather(source: FigureSource) -> Content:
+def gather(source: FigureSource) -> Prepared:
     """Rank the models over the robots of the folder.
 
     Raises:
@@ -131,4 +126,4 @@ def gather(source: FigureSource) -> Content:
         f"bar do not differ significantly (Nemenyi, {LEVEL:g})."
         f"{marks_in([one.case for one in fair], shown_here)}{more * (len(ranked) > MOST)}"
     )
-    return Content(caption, partial(ranks_figure, drawn))
+    return Prepared("Critical differences of mean ranks", caption, partial(ranks_figure, drawn))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from stiff_bench.figures.figure import Content
+from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource
 from stiff_bench.figures.style import (
     COLUMN_INCH,
@@ -97,16 +97,18 @@ def _draw_axis(axes: Axes, one: Series, axis: int, look: Look) -> None:
     axes.set_title(heading, loc="left")
 
 
-def regression(source: FigureSource) -> Content:
+def regression(source: FigureSource) -> Prepared:
     """Take the test samples of the models to compare."""
     compared = source.compared(source.case(), MOST_MODELS)
-    series = [Series(name, compared.tested(name)) for name in compared.models]
+    series = [Series(name, tested) for name, tested in compared.tested.items()]
     caption = (
         "Predicted against true deflection of the TCP, base frame, of the "
         f"{len(series[0].tested.rows)} test samples of all splits together. {compared.setting} "
         f"{LINES_NOTE}"
     )
-    return Content(caption, partial(regression_figure, series))
+    return Prepared(
+        "Predicted against true deflection", caption, partial(regression_figure, series)
+    )
 
 
 ERRORS_INCH = 4.95
@@ -149,17 +151,17 @@ def errors_figure(models: Mapping[str, pd.DataFrame]) -> Figure:
     return figure
 
 
-def sample_errors(source: FigureSource) -> Content:
+def sample_errors(source: FigureSource) -> Prepared:
     """Take the errors of the models to compare, averaged over the splits that test a sample."""
     compared = source.compared(source.case(), MOST_MODELS)
-    models = {name: errors_by_row(compared.tested(name)) for name in compared.models}
+    models = {name: errors_by_row(tested) for name, tested in compared.tested.items()}
     n_rows = len(models[compared.models[0]])
     caption = (
         f"Absolute error of each of the {n_rows} tested samples, mean over the splits that test it "
         "(left; lines: means), and its cumulative distribution (right). "
         f"{compared.setting}"
     )
-    return Content(caption, partial(errors_figure, models))
+    return Prepared("Error of every test sample", caption, partial(errors_figure, models))
 
 
 VIEWS_INCH = 4.3
@@ -209,7 +211,7 @@ def workspace_figure(models: Mapping[str, Places]) -> Figure:
     return figure
 
 
-def workspace(source: FigureSource) -> Content:
+def workspace(source: FigureSource) -> Prepared:
     """Take the errors by pose of the models to compare."""
     compared = source.compared(source.case(), MOST_MODELS)
     stored = read_data(source.folder, compared.case.name.data_sha256)
@@ -217,8 +219,7 @@ def workspace(source: FigureSource) -> Content:
     if compared.case.has_paths:
         pose = np.arange(len(pose))  # a path is many places
     models: dict[str, Places] = {}
-    for name in compared.models:
-        tested = compared.tested(name)
+    for name, tested in compared.tested.items():
         by_row = pd.Series(norm_errors(tested)).groupby(tested.rows).mean()
         rows = by_row.index.to_numpy()
         by_pose = by_row.groupby(pose[rows]).mean()
@@ -229,4 +230,4 @@ def workspace(source: FigureSource) -> Content:
         f"{len(models[compared.models[0]][1])} tested poses, base frame; the colour scale ends at "
         f"the {percent(TOP_SHARE)} quantile. {compared.setting}"
     )
-    return Content(caption, partial(workspace_figure, models))
+    return Prepared("Error over the workspace", caption, partial(workspace_figure, models))

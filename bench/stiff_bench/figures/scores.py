@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from stiff_bench.figures.figure import Content
+from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource
 from stiff_bench.figures.style import COLUMN_INCH, new_figure, short
 from stiff_bench.store.database import read_data
@@ -42,11 +42,11 @@ def scores_figure(errors: pd.DataFrame) -> Figure:
     return figure
 
 
-def gather(source: FigureSource) -> Content:
+def gather(source: FigureSource) -> Prepared:
     """Take the errors of the models to compare, and draw their poses again and again."""
     compared = source.compared(source.case(), MOST_MODELS)
     pose_id = read_data(source.folder, compared.case.name.data_sha256).samples.pose_id
-    tested = {name: compared.tested(name) for name in compared.models}
+    tested = compared.tested
     by_pose = [pose_errors(pose_id[one.rows], norm_errors(one)[:, None]) for one in tested.values()]
     low, high = np.quantile(resampled_means(by_pose), [LEVEL / 2, 1 - LEVEL / 2], axis=0)
     errors = pd.DataFrame(
@@ -57,4 +57,8 @@ def gather(source: FigureSource) -> Content:
         f"{percent(1 - LEVEL)} bootstrap intervals over poses, with the fitted models held fixed. "
         f"{compared.setting}"
     )
-    return Content(caption, partial(scores_figure, errors.sort_values("mean", kind="stable")))
+    return Prepared(
+        "Mean error by model",
+        caption,
+        partial(scores_figure, errors.sort_values("mean", kind="stable")),
+    )

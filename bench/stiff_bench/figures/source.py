@@ -116,14 +116,12 @@ class FigureSource:
             ConfigError: a word has no results in the folder.
         """
         looked_at = self.newest if cases is None else tuple(cases)
-        known = competitor_names(self.cases)
-        asked = dict.fromkeys(name for word in self.models for name in self._meant(word, known))
+        known, asked = competitor_names(self.cases), dict[str, None]()
+        for word in self.models:
+            found = [name for name in known if stands_for(word, name)]
+            asked |= dict.fromkeys(found or [competitor_meant(word, self.cases)])
         done = {name for one in looked_at for name, found in one.competitors.items() if found.done}
         return [name for name in (asked or known) if name in done]
-
-    def _meant(self, word: str, known: Sequence[str]) -> list[str]:
-        found = [name for name in known if stands_for(word, name)]
-        return found or [competitor_meant(word, self.cases)]
 
     def results(self, case: Case, has: Callable[[CellResult], bool]) -> list[CellResult]:
         """Return the results of a case, of the models asked for, that have what is shown."""
@@ -149,14 +147,21 @@ class FigureSource:
         """
         models = self.names()
 
-        def preference(one: Case) -> tuple[int, tuple[bool, bool, int, int, int, str]]:
-            n_found = sum(
+        def n_found(one: Case) -> int:
+            return sum(
                 any(map(has, one.results(name))) for name in models if name in one.competitors
             )
-            return n_found if most_first else min(n_found, 1), _preference(one, n_found)
+
+        def preference(one: Case) -> tuple[int, bool, bool, int, int, int, str]:
+            n = n_found(one)
+            fair = not presentation(one).selects_on_test
+            whole = not one.name.condition  # not one of many sizes or directions
+            plain = -len(one.name.dataset)  # "kr10-twin" before its specimens
+            first = n if most_first else min(n, 1)
+            return first, fair, whole, n, len(one.slots), plain, one.newest_run
 
         best = max(self.newest, key=preference)
-        if preference(best)[0] == 0:
+        if not n_found(best):
             of = f" of {', '.join(self.models)}" if self.models else ""
             raise StoreError(f"{self.folder}: no result{of} has {needs}", "results")
         return best
@@ -166,31 +171,39 @@ class FigureSource:
         case: Case,
         most: int,
         has: Callable[[CellResult], bool] = lambda _: True,
+        what: str = "a result",
     ) -> Compared:
-        """Return the models to draw of a case: those asked for, or the best and the linear one.
+        """Return the models to draw: those asked for, or `most` of the best and the linear one.
+
+        Args:
+            case: of the models.
+            most: how many.
+            has: whether a result has what the figure shows.
+            what: that is, for the error.
 
         Raises:
-            StoreError: they have no split in common.
+            StoreError: there is no split on which all have it.
         """
-        names = [
-            name
-            for name in self.names([case])
-            if name in case.competitors and any(map(has, case.results(name)))
+        able = [name for name in self.names([case]) if any(map(has, case.results(name)))]
+        names = able if self.models else _best(case, able, most)
+        slots = [
+            slot
+            for slot in case.shared_slots(names)
+            if all(has(case.competitors[name].done[slot]) for name in names)
         ]
-        n_all = len(names)
-        if not self.models:
-            names = _best(case, names, most)
-        slots = case.shared_slots(names)
         if not names or not slots:
             raise StoreError(
                 f"{self.folder}: {case.name.text}: {', '.join(names) or 'no model'}: "
-                "no split on which all have a result; as many splits of each make them",
+                f"no split on which all have {what}; as many splits of each make them",
                 "results",
             )
-        older = any(
-            one.name.dataset == case.name.dataset and one not in self.newest for one in self.cases
-        )
-        return Compared(case, tuple(names), tuple(slots), n_all, older)
+        about = setting(case, names, [len(slots)])
+        if len(names) < len(able):
+            about += f" Best {len(names)} of {len(able)} models, and {REFERENCE_MODEL} in any case."
+        dataset = case.name.dataset
+        if any(one.name.dataset == dataset and one not in self.newest for one in self.cases):
+            about += f" Results on older data named {dataset} are left out."
+        return Compared(case, tuple(names), tuple(slots), about)
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,39 +214,26 @@ class Compared:
         case: the results.
         models: their names, best first unless they were asked for.
         slots: the splits that all of them have.
-        n_all: how many models could be shown.
-        has_older: the folder has results on older data of that name, which are left out.
+        setting: data, protocol, splits, seed, marks of models, and which models and data are left
+            out.
     """
 
     case: Case
     models: tuple[str, ...]
     slots: tuple[Slot, ...]
-    n_all: int
-    has_older: bool
-
-    def tested(self, model: str) -> Prediction:
-        """Return a model's test samples of all splits, one after the other."""
-        return pooled_prediction(self.case.results(model, self.slots))
+    setting: str
 
     @property
-    def setting(self) -> str:
-        """Data, protocol, splits, seed, marks of models, and which models and data are left out."""
-        n_shown, about = len(self.models), setting(self.case, self.models, [len(self.slots)])
-        best = f" Best {n_shown} of {self.n_all} models, and {REFERENCE_MODEL} in any case."
-        older = f" Results on older data named {self.case.name.dataset} are left out."
-        return about + best * (n_shown < self.n_all) + older * self.has_older
+    def tested(self) -> dict[str, Prediction]:
+        """Model -> its test samples of all splits, one after the other."""
+        return {
+            name: pooled_prediction(self.case.results(name, self.slots)) for name in self.models
+        }
 
 
 def mean_length(results: Sequence[CellResult]) -> float:
     """Return the mean length of the error over the test samples of some results, m."""
     return float(norm_errors(pooled_prediction(results)).mean())
-
-
-def _preference(case: Case, n_models: int) -> tuple[bool, bool, int, int, int, str]:
-    fair = not presentation(case).selects_on_test
-    whole = not case.name.condition  # not one of many sizes or directions
-    plain = -len(case.name.dataset)  # "kr10-twin" before its specimens
-    return fair, whole, n_models, len(case.slots), plain, case.newest_run
 
 
 def _best(case: Case, names: Sequence[str], most: int) -> list[str]:

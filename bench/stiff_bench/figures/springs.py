@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiff_bench.figures.figure import Content
+from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource, setting
 from stiff_bench.figures.style import looks, name_panels, new_panels, share_legend, short
 from stiff_bench.plan.registry import build_registry
@@ -93,7 +93,7 @@ def springs_figure(
     return figure
 
 
-def gather(source: FigureSource) -> Content:
+def gather(source: FigureSource) -> Prepared:
     """Take the springs that were identified on each split."""
     data = cache(partial(read_data, source.folder))
 
@@ -114,11 +114,15 @@ def gather(source: FigureSource) -> Content:
         f"({of_what}) that {_SHARES[0]:.0%} and {_SHARES[1]:.0%} of the samples stay below; a "
         f"panel ends at the largest. {setting(case, [model], [len(results)])}"
     )
-    return Content(caption, partial(springs_figure, stored, np.abs(torque), results, linear))
+    return Prepared(
+        "Torque and deflection of each joint",
+        caption,
+        partial(springs_figure, stored, np.abs(torque), results, linear),
+    )
 
 
 def _stiffness(data: StoredData, joint: int, *, segment: int | None = None) -> str:
-    """Return the diagnostic that has a joint's stiffness, or that of a segment of its spring."""
+    """Return the diagnostic that has the stiffness of a joint, or of a segment of its spring."""
     unit = "Nm/rad" if data.torque_units[joint] == "Nm" else "N/m"
     part = "" if segment is None else f" segment {segment}"
     return f"stiffness {data.joint_names[joint]}{part} [{unit}]"

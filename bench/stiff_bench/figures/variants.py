@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from stiff_bench.analysis.collected import Case
-from stiff_bench.figures.figure import Content
+from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource, setting
 from stiff_bench.figures.style import (
     COLUMN_INCH,
@@ -131,7 +131,7 @@ def draw_strategies(axes: Axes, errors: pd.DataFrame, linear: float | None) -> N
         axes.axvline(linear * MM, color=REFERENCE_COLOR, linestyle="--", label=REFERENCE_MODEL)
 
 
-def freezing(source: FigureSource) -> Content:
+def freezing(source: FigureSource) -> Prepared:
     """Take the variants of one model that differ in the freeze strategy alone."""
     case = source.case(is_frozen, needs=_STRATEGIES, most_first=True)
     model, results = variants_of(source.results(case, is_frozen), "freeze")
@@ -146,14 +146,16 @@ def freezing(source: FigureSource) -> Content:
             "results",
         )
     fewer = " Splits that only some strategies have are left out." * (len(slots) < n_all)
-    names = list(dict.fromkeys(one.shown.model for one in results))
+    names = {one.shown.model for one in results}
     caption = (
         f"Mean absolute error of {model}, all axes together, by the layers that fine-tuning trains "
         "(numbered from the input; out: the output layer). Symbol: mean over splits; ticks: "
         f"splits. {setting(case, names, [len(slots)])}{fewer}"
     )
     errors = strategies(one for one in results if slot_of(one) in slots)
-    return Content(caption, partial(freezing_figure, errors, linear_error(case, slots)))
+    return Prepared(
+        "Freeze strategies", caption, partial(freezing_figure, errors, linear_error(case, slots))
+    )
 
 
 def linear_error(case: Case, slots: Collection[Slot]) -> float | None:
@@ -248,7 +250,7 @@ def _draw_map(figure: Figure, axes: Axes, mean: pd.DataFrame) -> None:
     plain_numbers(bar.ax.yaxis)
 
 
-def sweep(source: FigureSource) -> Content:
+def sweep(source: FigureSource) -> Prepared:
     """Take the networks that differ in depth and width alone."""
     case = source.case(is_swept, needs=_NETWORKS, most_first=True)
     model, results = variants_of(source.results(case, is_swept), "layers", "width")
@@ -256,10 +258,12 @@ def sweep(source: FigureSource) -> Content:
     n_splits = errors.groupby(["depth", "width"]).size()
     if len(n_splits) < FEWEST_NETWORKS:
         raise StoreError(f"{source.folder}: no result has {_NETWORKS}", "results")
-    names = list(dict.fromkeys(one.shown.model for one in results))
+    names = {one.shown.model for one in results}
     caption = (
         f"Mean absolute error of {model} on the test part (30 %) of the simulated pre-training "
         "data, all axes together. Bands: range over the splits. "
         f"{setting(case, names, n_splits.tolist())}"
     )
-    return Content(caption, partial(sweep_figure, errors))
+    return Prepared(
+        "Error over depth and width of a network", caption, partial(sweep_figure, errors)
+    )

@@ -7,11 +7,13 @@ parameters. Here its physics become rougher step by step, and then another robot
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.style import (
@@ -23,17 +25,12 @@ from stiff_bench.figures.style import (
     plain_numbers,
     share_legend,
 )
-from stiff_bench.paper.pages import (
-    figures_and_missing,
-    listed,
-    pictures,
-    provenance,
-    written,
-)
-from stiff_bench.paper.study import ARMS, BEAM, EFFECT_STEPS, EFFECTS_FOLDER
+from stiff_bench.paper.pages import write_study
+from stiff_bench.paper.study import ARMS, BEAM, EFFECT_STEPS
 from stiff_bench.store.database import stored_results
+from stiff_bench.tables.metric_table import mean_over
 from stiff_bench.tables.render import render
-from stiff_bench.tables.table import Cell, Column, Quantity, Table
+from stiff_bench.tables.table import Column, Quantity, Table
 from stiff_bench.tables.units import MM
 from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
@@ -42,20 +39,22 @@ from stiff_protocols.contract.types import KNOWN
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-STEPS = {variant.name: text for text, variant in EFFECT_STEPS.items()}
-"""Data set -> what it adds to the one before."""
 FAMILY = "arms"
-OTHERS = {BEAM.name: "beam", FAMILY: FAMILY}
-COLUMNS = {name: (name,) for name in (*STEPS, BEAM.name)} | {FAMILY: [arm.name for arm in ARMS]}
+ALONE = {step: [twin.name] for step, twin in EFFECT_STEPS.items()} | {"beam": [BEAM.name]}
+"""Column of one data set -> its name."""
+COLUMNS = {**ALONE, FAMILY: [arm.name for arm in ARMS]}
 """Column -> its data sets."""
-TWINS = {next(iter(STEPS)): "default", next(reversed(STEPS)): "rough", **OTHERS}
-"""Twins whose orders of the models are compared; the arms are one of them."""
+FIRST, LAST = next(iter(EFFECT_STEPS)), next(reversed(EFFECT_STEPS))
+TWINS = {FIRST: "default", LAST: "rough", "beam": "beam", FAMILY: FAMILY}
+"""Columns whose orders of the models are compared -> name of the twin, or of the family."""
 ABOUT_KNOWN = (
     "`oracle` and `instrument noise`: what the twin's own physics, and what the noise of its "
     "instruments alone would score"
 )
 Errors = Mapping[str, Mapping[str, float]]
 """Model -> data set -> mean 3-D error, m."""
+Ratios = Mapping[str, Mapping[str, Quantity]]
+"""Model -> column -> 3-D error relative to the VJM's on the same data."""
 
 
 def stored_errors(folder: Path) -> dict[str, dict[str, float]]:
@@ -86,14 +85,10 @@ def stored_errors(folder: Path) -> dict[str, dict[str, float]]:
     }
 
 
-def relative(
-    errors: Errors, columns: Mapping[str, Sequence[str]] = COLUMNS
-) -> dict[str, dict[str, Quantity]]:
+def relative(errors: Errors, columns: Mapping[str, Sequence[str]]) -> Ratios:
     """Return model -> column -> 3-D error relative to the VJM's on the same data.
 
-    Args:
-        errors: of each model on each data set.
-        columns: the data sets of each column; several: mean and standard deviation over them.
+    A column of several data sets has the mean and the standard deviation over them.
     """
     vjm, found = errors[REFERENCE_MODEL], dict[str, dict[str, Quantity]]()
     for model, of in errors.items():
@@ -101,79 +96,81 @@ def relative(
         for column, data in columns.items():
             ratios = [of[one] / vjm[one] for one in data if one in of and one in vjm]
             if ratios:
-                spread = float(np.std(ratios, ddof=1)) if len(ratios) > 1 else None
-                n = len(ratios) if len(data) > 1 else None
-                found[model][column] = Quantity(float(np.mean(ratios)), spread, n=n)
+                ratio = mean_over(ratios)
+                found[model][column] = ratio if len(data) > 1 else replace(ratio, n=None)
     return found
+
+
+def ratio_table(
+    errors: Errors,
+    columns: Mapping[str, Sequence[str]],
+    best_on: str,
+    notes: Sequence[str],
+    apart: Sequence[str] = (),
+) -> Table:
+    """Return a row a model of errors relative to the VJM's, the best on one column first.
+
+    Args:
+        errors: of each model on each data set.
+        columns: what stands above a column -> its data sets; without results it is left out.
+        best_on: the column that sorts the models.
+        notes: of this table.
+        apart: columns on which no note says the VJM's own error.
+    """
+    ratios, vjm = relative(errors, columns), errors[REFERENCE_MODEL]
+    heads = [head for head in columns if head in ratios[REFERENCE_MODEL]]
+    sizes = [
+        f"{head} {MM * np.mean([vjm[one] for one in columns[head] if one in vjm]):.3f}"
+        for head in heads
+        if head not in apart
+    ]
+    return Table(
+        title="3-D error relative to the VJM's on the same data",
+        columns=[Column("model", "text"), *(Column(head, format=".2f") for head in heads)],
+        rows=[
+            [model, *(of.get(head) for head in heads)]
+            for model, of in sorted(
+                ratios.items(), key=lambda one: one[1].get(best_on, Quantity(np.inf)).order or 0.0
+            )
+        ],
+        notes=[f"3-D error of the VJM [mm]: {', '.join(sizes)}.", *notes],
+    )
 
 
 def effects_table(errors: Errors) -> Table:
     """Return each model's 3-D error relative to the VJM's, best on the rough twin first."""
-    ratios, last = relative(errors), next(reversed(STEPS))
-    heads = STEPS | OTHERS
-    there = {name: head for name, head in heads.items() if name in ratios[REFERENCE_MODEL]}
-    vjm = {there[d]: errors[REFERENCE_MODEL][d] for d in there if d != FAMILY}
-    notes = [
-        "Each column to the left of beam adds an effect to those before it.",
-        *(["arms: mean ± standard deviation over the robots."] if FAMILY in there else []),
-    ]
-    return ratio_table(ratios, there, last, vjm, notes)
+    notes = ["Each column to the left of beam adds an effect to those before it."]
+    if any(arm in errors[REFERENCE_MODEL] for arm in COLUMNS[FAMILY]):
+        notes.append("arms: mean ± standard deviation over the robots.")
+    return ratio_table(errors, COLUMNS, LAST, notes, apart=[FAMILY])
 
 
-def ratio_table(
-    ratios: Mapping[str, Mapping[str, Quantity]],
-    heads: Mapping[str, str],
-    best_on: str,
-    vjm: Mapping[str, float],
-    notes: Sequence[str],
-) -> Table:
-    """Return a row a model of errors relative to the VJM's.
-
-    Args:
-        ratios: what `relative` gives.
-        heads: its columns that are shown -> what stands above them.
-        best_on: the column that sorts the models, best first.
-        vjm: what stands above a column -> the VJM's own error, m.
-        notes: of this table.
-    """
-    order = sorted(
-        ratios, key=lambda model: ratios[model].get(best_on, Quantity(np.inf)).order or 0.0
+def orders(errors: Errors) -> pd.DataFrame:
+    """Return the relative 3-D error of models (rows) on twins, of models that every twin has."""
+    found = {
+        twin: {
+            model: of[column].value
+            for model, of in relative(errors, COLUMNS).items()
+            if column in of
+        }
+        for column, twin in TWINS.items()
+    }
+    return (
+        pd.DataFrame(found)
+        .drop(index=KNOWN.values(), errors="ignore")
+        .dropna(axis="columns", how="all")
+        .dropna()
     )
-    sizes = ", ".join(f"{head} {MM * error:.3f}" for head, error in vjm.items())
-    return Table(
-        title="3-D error relative to the VJM's on the same data",
-        columns=[Column("model", "text"), *(Column(one, format=".2f") for one in heads.values())],
-        rows=[[model, *(ratios[model].get(name) for name in heads)] for model in order],
-        notes=[f"3-D error of the VJM [mm]: {sizes}.", *notes],
-    )
-
-
-def orders(errors: Errors) -> dict[str, dict[str, float]]:
-    """Return twin -> model -> relative 3-D error, for models that every twin has."""
-    ratios = relative(errors)
-    there = [name for name in TWINS if name in ratios[REFERENCE_MODEL]]
-    models = [
-        model
-        for model, of in ratios.items()
-        if model not in KNOWN.values() and all(name in of for name in there)
-    ]
-    return {TWINS[name]: {m: ratios[m][name].order or 0.0 for m in models} for name in there}
 
 
 def taus_table(errors: Errors) -> Table:
     """Return Kendall's tau between the orders of the models on every two twins."""
-    from scipy.stats import kendalltau
-
-    of = orders(errors)
-    models = list(next(iter(of.values())))
-    rows: list[list[Cell]] = [
-        [one, *(kendalltau([a[m] for m in models], [b[m] for m in models])[0] for b in of.values())]
-        for one, a in of.items()
-    ]
+    found = orders(errors)
+    twins, taus = list(map(str, found)), found.corr(method="kendall").to_numpy().tolist()
     return Table(
-        title=f"Kendall's tau between the orders of {len(models)} models",
-        columns=[Column("twin", "text"), *(Column(name, format=".2f") for name in of)],
-        rows=rows,
+        title=f"Kendall's tau between the orders of {len(found)} models",
+        columns=[Column("twin", "text"), *(Column(twin, format=".2f") for twin in twins)],
+        rows=[[twin, *row] for twin, row in zip(twins, taus, strict=True)],
         notes=["1: the same order; 0: unrelated; -1: the other way round."],
     )
 
@@ -181,21 +178,21 @@ def taus_table(errors: Errors) -> Table:
 def effects_figure(errors: Errors) -> Prepared:
     """Return the picture of `effects_table`."""
     return Prepared(
-        "effects",
         "3-D error relative to the VJM's as the twin's physics become rougher",
         "(a) kr10-twin-rough, an effect more at each step; (b) twins of other physics: beam, and "
         "ten arms (bars: standard deviation over the robots). Protocol holdout, seed 0. Grey: what "
         "the twin's own physics and what the instruments' noise alone would score.",
-        partial(_paint, relative(errors)),
+        partial(_paint, relative(errors, COLUMNS)),
     )
 
 
-def _paint(ratios: Mapping[str, Mapping[str, Quantity]]) -> Figure:
+def _paint(ratios: Ratios) -> Figure:
     figure = new_figure(PAGE_INCH, 3.6)
     panels = figure.subplots(1, 2, sharey=True, width_ratios=[5, 4])
     models = [name for name in ratios if name not in KNOWN.values()]
     styles = dict(zip(models, looks(len(models)), strict=True))
-    for axes, heads, joined in zip(panels, (STEPS, TWINS), (True, False), strict=True):
+    steps = {step: step for step in EFFECT_STEPS}
+    for axes, heads, joined in zip(panels, (steps, TWINS), (True, False), strict=True):
         there = [name for name in heads if name in ratios[REFERENCE_MODEL]]
         for model, of in ratios.items():
             known = [(i, of[name]) for i, name in enumerate(there) if name in of]
@@ -218,29 +215,18 @@ def _paint(ratios: Mapping[str, Mapping[str, Quantity]]) -> Figure:
 
 
 def write_effects(output: Path, command: str, n_missing: int) -> Iterator[Path]:
-    """Write OUTPUT/effects.md and its figure; yield each file.
-
-    Args:
-        output: the folder; results are in OUTPUT/effects/runs.
-        command: that made them.
-        n_missing: how many of the study's results are not stored.
-
-    Raises:
-        StoreError: nothing is stored, a file cannot be written, or a stored one is damaged.
-    """
-    folder = output / EFFECTS_FOLDER
-    errors = stored_errors(folder / "runs")
-    figure = effects_figure(errors)
-    yield from pictures([figure], folder / "figures")
+    """Write OUTPUT/effects.md, .csv and the figure; arguments and errors as in `write_study`."""
+    errors = stored_errors(output / "effects" / "runs")
     tables = [effects_table(errors), taus_table(errors)]
-    yield written(output / "effects.csv", render(tables, "csv", command))
-    page = [
-        "# Does the order of the models outlast other physics?",
-        listed(*_ABOUT, *provenance(folder / "runs", command, n_missing)),
-        render(tables, "github", command),
-        *figures_and_missing([figure], f"{EFFECTS_FOLDER}/figures", {}),
-    ]
-    yield written(output / "effects.md", "\n\n".join(page))
+    return write_study(
+        output / "effects",
+        "Does the order of the models outlast other physics?",
+        _ABOUT,
+        lambda fmt: render(tables, fmt, command),
+        command=command,
+        n_missing=n_missing,
+        figures={"effects": effects_figure(errors)},
+    )
 
 
 _ABOUT = (

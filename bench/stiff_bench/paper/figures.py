@@ -7,7 +7,7 @@ one unfrozen layer against two.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from stiff_bench.figures.figure import Content, FigureLine, Prepared
+from stiff_bench.figures.figure import Figures, Prepared
 from stiff_bench.figures.losses import (
     DASHED,
     LossCurve,
@@ -78,6 +78,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DATA = f"{DATASET}, simulated: the paper's measurements are not public"
+_REGRESSION = "Predicted against true deflection"
 
 
 def _setting(found: Found, of: str = "", *others: Found) -> str:
@@ -89,7 +90,7 @@ def _setting(found: Found, of: str = "", *others: Found) -> str:
     return f"Data: {DATA}; {protocol}, {n_splits}{of}, seed {SEED}.{with_them}{absent}"
 
 
-def figure_4(_: PaperResults) -> Content:
+def figure_4(_: PaperResults) -> Prepared:
     """Fit the VJM to all samples and predict them: no stored result is needed."""
     registry = build_registry()
     data = loaded(Choice.of(registry.datasets[DATASET]))
@@ -105,10 +106,12 @@ def figure_4(_: PaperResults) -> Content:
         "MAE (its Table 2)."
     )
     series = [Series(VJM.key, tested, _published_mae("table_2", OLD))]
-    return Content(caption, partial(regression_figure, series))
+    return Prepared(
+        f"{_REGRESSION}, VJM fitted to them", caption, partial(regression_figure, series)
+    )
 
 
-def _regression(number: int, methods: Sequence[str], results: PaperResults) -> Content:
+def _regression(number: int, methods: Sequence[str], results: PaperResults) -> Prepared:
     """Take the methods' test samples on the splits that all have.
 
     Raises:
@@ -135,7 +138,8 @@ def _regression(number: int, methods: Sequence[str], results: PaperResults) -> C
         f"The paper's Figure {number}: {models} on the test samples of all splits. "
         f"{_setting(found)} {LINES_NOTE} In brackets: the paper's MAE (its Table 10)."
     )
-    return Content(caption, partial(regression_figure, series))
+    title = f"{_REGRESSION}, {' and '.join(methods)}"
+    return Prepared(title, caption, partial(regression_figure, series))
 
 
 def _published_mae(table: str, method: str) -> tuple[float, ...]:
@@ -147,7 +151,7 @@ def _published_mae(table: str, method: str) -> tuple[float, ...]:
 PANEL_INCH = 2.7
 
 
-def figure_6(results: PaperResults) -> Content:
+def figure_6(results: PaperResults) -> Prepared:
     """Take the fine-tunings that move one hidden layer, or two adjacent ones.
 
     Raises:
@@ -175,7 +179,8 @@ def figure_6(results: PaperResults) -> Content:
         next(one for one in tuned if layers_of(one) == name) for name in errors["layers"].unique()
     ]
     mean_linear = float(np.mean(linear)) if linear else None
-    return Content(caption, partial(_draw_strategies, first, errors, mean_linear))
+    paint = partial(_draw_strategies, first, errors, mean_linear)
+    return Prepared("One unfrozen layer against two", caption, paint)
 
 
 def _draw_strategies(
@@ -208,7 +213,7 @@ FEWEST_WIDTHS = 2
 QUANTITIES = ("MAE", "STDE")
 
 
-def figure_5(results: PaperResults) -> Content:
+def figure_5(results: PaperResults) -> Prepared:
     """Take the networks of Figure 5 that the folder has, and the pre-trainings by activation.
 
     Raises:
@@ -250,7 +255,8 @@ def figure_5(results: PaperResults) -> Content:
         "standardised targets; the paper's is the mean square). "
         f"{_setting(found, ' a network', early, trained)}"
     )
-    return Content(caption, partial(_draw_networks, found.each, early.each, curves))
+    paint = partial(_draw_networks, found.each, early.each, curves)
+    return Prepared("Depth, width and pre-training of the network", caption, paint)
 
 
 def _published_on_source(quantity: str) -> pd.DataFrame:
@@ -305,19 +311,16 @@ def _mark(axes: Axes, errors: pd.DataFrame, marker: str, size: float) -> None:
         )
 
 
-_AXES = "Predicted against true deflection"
-_LINES = (
-    FigureLine("4", f"{_AXES}, VJM fitted to them", figure_4),
-    FigureLine("5", "Depth, width and pre-training of the network", figure_5),
-    FigureLine("6", "One unfrozen layer against two", figure_6),
-    FigureLine("8", f"{_AXES}, DT-CNN", partial(_regression, 8, ("DT-CNN",))),
-    FigureLine("9", f"{_AXES}, FT-MLP and VJM", partial(_regression, 9, (NEW, OLD))),
-)
-FIGURES: Mapping[str, FigureLine[PaperResults]] = {line.name: line for line in _LINES}
-_FITTED_FIGURE = "4"
+FIGURES: Figures[PaperResults] = {
+    "4": figure_4,
+    "5": figure_5,
+    "6": figure_6,
+    "8": partial(_regression, 8, ("DT-CNN",)),
+    "9": partial(_regression, 9, (NEW, OLD)),
+}
 
 
 def prepare_figure(name: str, folder: Path | None) -> Prepared:
     """Return one of the paper's figures; folder, None and errors are those of `named_results`."""
-    made_of = "is fitted here" if name == _FITTED_FIGURE else ""
-    return FIGURES[name].prepare(named_results(folder, f"figure {name}", made_of=made_of))
+    made_of = "is fitted here" if name == "4" else ""
+    return FIGURES[name](named_results(folder, f"figure {name}", made_of=made_of))

@@ -24,18 +24,9 @@ from stiff_bench.paper.study import (
     READ_ON_ALL,
     VJM,
 )
-from stiff_bench.paper.table import (
-    COMPARE,
-    Errors,
-    Group,
-    Labels,
-    errors_mm,
-    mean_reduction,
-    paper_table,
-    reduction,
-)
+from stiff_bench.paper.table import COMPARE, Group, Labels, Places, paper_table, printed_name
 from stiff_bench.store.names import Variant
-from stiff_bench.tables.metric_table import mark_of, mean_over
+from stiff_bench.tables.metric_table import mark_of, mean_over, pooled_prediction
 from stiff_bench.tables.published import claimed_reductions, published_errors, published_lines
 from stiff_bench.tables.table import Quantity, Table
 from stiff_bench.tables.units import MM
@@ -96,27 +87,23 @@ def table_10(results: PaperResults) -> list[Table]:
     of_errors = [Group.published(tuple(published), of_paper)]
     of_reductions = [Group.published((CLAIMED, RECOMPUTED), reductions, 1)]
     shown, absent = list[Found](), list[StoreError]()
-    has_recipe = False
+    of_recipe, has_recipe = {OLD: VJM, RECIPE: FT_MLP_PAPER_RECIPE}, False
     for reading, protocol in READINGS.items():
-        errors, reduced, methods = Numbers(), Numbers(), [*METHODS]
+        errors, reduced, methods = Numbers(), Numbers(), tuple(METHODS)
         try:
-            found = results.on_shared_splits(_models(METHODS), protocol.name)
+            shown.append(results.on_shared_splits(_models(METHODS), protocol.name))
         except StoreError as error:
             absent.append(error)
         else:
-            shown.append(found)
-            errors, reduced = _of_methods(found, METHODS)
-            of_recipe = {OLD: VJM, RECIPE: FT_MLP_PAPER_RECIPE}
-            paired = results.of_models(_models(of_recipe), protocol.name)
-            if FT_MLP_PAPER_RECIPE.name in paired.results:
-                paired = results.on_shared_splits(_models(of_recipe), protocol.name)
-                shown.append(paired)
-                methods, has_recipe = [*METHODS, RECIPE], True
+            errors, reduced = _of_methods(shown[-1], METHODS)
+            if results.of_models([FT_MLP_PAPER_RECIPE.name], protocol.name).results:
+                shown.append(results.on_shared_splits(_models(of_recipe), protocol.name))
+                methods, has_recipe = (*METHODS, RECIPE), True
                 # the VJM's errors stay those of all splits
-                of_split, reduced_on_split = _of_methods(paired, of_recipe)
+                of_split, reduced_on_split = _of_methods(shown[-1], of_recipe)
                 errors, reduced = of_split | errors, reduced_on_split | reduced
         label = f"ours, {reading}"
-        of_errors.append(Group.ours(protocol.name, tuple(methods), 4, errors, label))
+        of_errors.append(Group.ours(protocol.name, methods, 4, errors, label))
         columns = tuple(f"{method} against {OLD}" for method in methods if NEW in method)
         of_reductions.append(Group.ours(protocol.name, columns, 1, reduced, label))
     if not shown:
@@ -149,29 +136,37 @@ def _models(methods: Mapping[str, Variant]) -> list[str]:
 
 def _of_methods(found: Found, methods: Mapping[str, Variant]) -> tuple[Numbers, Numbers]:
     """Return the errors of the methods under a protocol, and FT-MLP's reductions of the VJM's."""
-    of_models = {
-        method: found.results[model.name]
+    errors, reductions = Numbers(), Numbers()
+    each = {
+        method: [_errors_by_axis(result) for result in found.results[model.name]]
         for method, model in methods.items()
         if model.name in found.results
     }
-    each: dict[str, list[Errors]] = {
-        method: [errors_mm(result, METRICS) for result in of_model]
-        for method, of_model in of_models.items()
-    }
-    mark = {method: mark_of(of_model[0].shown) for method, of_model in of_models.items()}
-    errors = {
-        (row, method): mean_over([one[place] for one in of_method], mark[method])
-        for method, of_method in each.items()
-        for row, place in ROWS_10.items()
-    }
-    reductions = Numbers()
-    for method in each if OLD in each else ():
-        for row, place in ROWS_10.items() if NEW in method else ():
-            was, now = ([one[place] for one in each[name]] for name in (OLD, method))
-            reduced = mean_reduction(was, now, mark[method])
-            if reduced is not None:
-                reductions[row, f"{method} against {OLD}"] = reduced
+    for method, of_method in each.items():
+        mark = mark_of(found.results[methods[method].name][0].shown)
+        for row, place in ROWS_10.items():
+            now = [one[place] for one in of_method]
+            errors[row, method] = mean_over(now, mark)
+            was = [one[place] for one in each.get(OLD, ())]
+            if NEW in method and was and all(was):
+                by_split = [reduction(old, new) for old, new in zip(was, now, strict=True)]
+                reductions[row, f"{method} against {OLD}"] = mean_over(by_split, mark)
     return errors, reductions
+
+
+def _errors_by_axis(result: CellResult) -> dict[tuple[str, str], float]:
+    """Return a result's errors, (metric key, axis) -> mm."""
+    prediction = pooled_prediction([result])
+    return {
+        (key, axis): value * MM
+        for key in METRICS
+        for axis, value in metric(key).values(prediction).items()
+    }
+
+
+def reduction(old: float, new: float) -> float:
+    """Return by how many per cent `new` is below `old`; negative where it is above."""
+    return 100.0 * (1.0 - new / old)
 
 
 LAST, BEST = "normal (last epoch)", "optimized (best epoch)"
@@ -194,8 +189,8 @@ def table_9(results: PaperResults) -> list[Table]:
     Raises:
         StoreError: the folder has none of its results.
     """
-    of_paper: dict[tuple[Labels, str], float] = {
-        ((label, LENGTH), column): float(line[f"{column.replace(' ', '_').lower()}_mm"])
+    of_paper: Places = {
+        ((label, LENGTH), column): float(line[printed_name(column)])
         for label, line in zip(TRAININGS, published_lines("table_9"), strict=True)
         for column in COLUMNS_9
     }
@@ -236,22 +231,23 @@ def _on_both_parts(
     read = results.of_models(models, READ_ON_ALL.name)
     numbers = Numbers()
     for label, model in trainings.items():
-        of_validation = tested.results.get(model.name, ())
-        if not of_validation:
-            continue
-        held_out = {one.cell.split_sha256: _rows(one) for one in of_validation}
-        errors = {"validation": [_errors_mm(one, _rows(one)) for one in of_validation]}
-        errors["train"] = [
-            _errors_mm(one, np.setdiff1d(_rows(one), held_out[one.cell.rows_sha256]))
-            for one in read.results.get(model.name, ())
-            if one.cell.rows_sha256 in held_out
-        ]
-        mark = mark_of(of_validation[0].shown)
+        validated = tested.results.get(model.name, ())
+        held_out = {one.cell.split_sha256: _rows(one) for one in validated}
+        fits = [one for one in read.results.get(model.name, ()) if one.cell.rows_sha256 in held_out]
+        errors = {
+            "validation": [_errors_mm(one, _rows(one)) for one in validated],
+            "train": [
+                _errors_mm(one, np.setdiff1d(_rows(one), held_out[one.cell.rows_sha256]))
+                for one in fits
+            ],
+        }
         for part, of_part in errors.items():
-            for k, error in enumerate(ERRORS_9 if len(of_part) == len(of_validation) else ()):
-                means, spreads = zip(
-                    *((one[k].mean(), one[k].std()) for one in of_part), strict=True
-                )
+            if not validated or len(of_part) != len(validated):
+                continue
+            mark = mark_of(validated[0].shown)
+            for k, error in enumerate(ERRORS_9):
+                of_error = [sizes[k] for sizes in of_part]
+                means, spreads = [one.mean() for one in of_error], [one.std() for one in of_error]
                 numbers[(label, error), f"{part} MAE"] = mean_over(means, mark)
                 numbers[(label, error), f"{part} STDE"] = mean_over(spreads, mark)
     return [tested, read], numbers

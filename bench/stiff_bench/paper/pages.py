@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from stiff_bench.analysis.leaderboard import stored_leaderboard
@@ -44,14 +44,7 @@ def write_paper(output: Path, command: str, n_missing: int) -> Iterator[Path]:
     """Write the paper's tables and figures beside ours into OUTPUT/paper, and yield each file.
 
     What cannot be made of the results in OUTPUT/paper/runs is named on the page, with the reason.
-
-    Args:
-        output: the folder.
-        command: that made them.
-        n_missing: how many of the study's cells are not stored.
-
-    Raises:
-        StoreError: a file cannot be written, or a stored one is damaged.
+    Arguments and errors are those of `write_study`.
     """
     folder = output / "paper"
     results = PaperResults.of(folder / "runs")
@@ -71,7 +64,7 @@ def write_paper(output: Path, command: str, n_missing: int) -> Iterator[Path]:
     drawn, not_drawn = can_be_drawn(paper_figures.FIGURES, results)
     others, also = can_be_drawn({name: FIGURES[name] for name in OF_PAPER}, source)
     missing |= {f"Figure {name}": why for name, why in (not_drawn | also).items()}
-    yield from pictures([*drawn, *others], folder / "figures")
+    yield from pictures(drawn | others, folder / "figures")
     page = [
         "# The source paper's tables and figures, published and ours",
         "Published numbers are of a measured KUKA KR10 R1100-2; ours are of `kr10-twin`, a "
@@ -79,36 +72,68 @@ def write_paper(output: Path, command: str, n_missing: int) -> Iterator[Path]:
         listed(*provenance(folder / "runs", command, n_missing)),
         "## Tables",
         *tables,
-        *figures_and_missing([*drawn, *others], "figures", missing),
+        *figures_and_missing(drawn | others, "figures", missing),
     ]
     yield written(folder / "README.md", "\n\n".join(page))
 
 
 def write_leaderboard(output: Path, command: str, n_missing: int) -> Iterator[Path]:
-    """Write OUTPUT/leaderboard.md and .csv with figures of OUTPUT/leaderboard; yield each file.
-
-    Args:
-        output: the folder; results are in OUTPUT/leaderboard/runs.
-        command: that made them.
-        n_missing: how many of the study's cells are not stored.
+    """Write OUTPUT/leaderboard.md, .csv and figures; arguments and errors as in `write_study`.
 
     Raises:
-        StoreError: a file cannot be written, or a stored one is damaged.
         ConfigError: there is nothing to compare.
     """
-    folder = output / "leaderboard"
-    board = stored_leaderboard(folder / "runs", key=sort_key("norm", None))
-    yield written(output / "leaderboard.csv", render_leaderboard(board, "csv", command))
+    runs = output / "leaderboard" / "runs"
+    board = stored_leaderboard(runs, key=sort_key("norm", None))
     asked = {name: FIGURES[name] for name in OF_LEADERBOARD}
-    figures, missing = can_be_drawn(asked, FigureSource.of(folder / "runs"))
+    figures, missing = can_be_drawn(asked, FigureSource.of(runs))
+    return write_study(
+        runs.parent,
+        "Leaderboard",
+        _ABOUT_LEADERBOARD,
+        lambda fmt: render_leaderboard(board, fmt, command),
+        command=command,
+        n_missing=n_missing,
+        figures=figures,
+        missing=missing,
+    )
+
+
+def write_study(
+    folder: Path,
+    title: str,
+    about: Sequence[str],
+    text_as: Callable[[str], str],
+    *,
+    command: str,
+    n_missing: int,
+    figures: Mapping[str, Prepared] = {},
+    missing: Mapping[str, str] = {},
+) -> Iterator[Path]:
+    """Write FOLDER.csv, figures into FOLDER/figures and the page FOLDER.md; yield each file.
+
+    Args:
+        folder: its results are in FOLDER/runs.
+        title: of the page.
+        about: what must be known of the study.
+        text_as: returns its tables in a format.
+        command: that made them.
+        n_missing: how many of the study's cells are not stored.
+        figures: that can be drawn.
+        missing: figures that cannot -> why.
+
+    Raises:
+        StoreError: nothing is stored, a file cannot be written, or a stored one is damaged.
+    """
+    yield written(folder.with_suffix(".csv"), text_as("csv"))
     yield from pictures(figures, folder / "figures")
     page = [
-        "# Leaderboard",
-        listed(*_ABOUT_LEADERBOARD, *provenance(folder / "runs", command, n_missing)),
-        render_leaderboard(board, "github", command),
-        *figures_and_missing(figures, "leaderboard/figures", missing),
+        f"# {title}",
+        listed(*about, *provenance(folder / "runs", command, n_missing)),
+        text_as("github"),
+        *figures_and_missing(figures, f"{folder.name}/figures", missing),
     ]
-    yield written(output / "leaderboard.md", "\n\n".join(page))
+    yield written(folder.with_suffix(".md"), "\n\n".join(page))
 
 
 def provenance(folder: Path, command: str, n_missing: int) -> Iterator[str]:
@@ -122,8 +147,7 @@ def provenance(folder: Path, command: str, n_missing: int) -> Iterator[str]:
             f"waits to be made again: {', '.join(former)} gave other numbers then (their "
             "version was raised since; `bench show MODEL` has it)"
         )
-    for line in sources(folder, runs, Counter(one.run_id for one in results)):
-        yield markdown_text(line)
+    yield markdown_text(sources(folder, runs, Counter(one.run_id for one in results)))
     machines = Counter(
         f"{known.get('processor', 'unknown processor')}, {known.get('cores', '?')} cores, "
         f"{known.get('platform', 'unknown platform')}, Python {known.get('python', '?')}, "
@@ -146,13 +170,14 @@ def former_models(results: Iterable[CellResult]) -> list[str]:
 
 
 def figures_and_missing(
-    figures: Sequence[Prepared], folder: str, missing: Mapping[str, str]
+    figures: Mapping[str, Prepared], folder: str, missing: Mapping[str, str]
 ) -> Iterator[str]:
     """Yield the end of a page: its figures, and what could not be made, with the reason."""
-    yield "## Figures"
-    for figure in figures:
-        picture = f"{folder}/{_file_name(figure)}"
-        number = f"Figure {figure.name}: " if figure.name[0].isdigit() else ""
+    if figures:
+        yield "## Figures"
+    for name, figure in figures.items():
+        picture = f"{folder}/{_file_name(name)}"
+        number = f"Figure {name}: " if name[0].isdigit() else ""
         yield f"### {number}{figure.title}"
         yield f"![{figure.title}]({picture}.png)"
         yield f"{markdown_text(figure.caption)} ([PDF]({picture}.pdf))"
@@ -166,16 +191,16 @@ def listed(*lines: str) -> str:
     return "\n".join(f"- {line}" for line in lines)
 
 
-def _file_name(figure: Prepared) -> str:
-    return f"figure_{figure.name.replace('-', '_')}"
+def _file_name(figure: str) -> str:
+    return f"figure_{figure.replace('-', '_')}"
 
 
-def pictures(figures: Sequence[Prepared], folder: Path) -> Iterator[Path]:
+def pictures(figures: Mapping[str, Prepared], folder: Path) -> Iterator[Path]:
     """Write figures as PNG and PDF, and yield each file."""
-    make_folder(folder)
-    for figure in figures:
+    for name, figure in figures.items():
+        make_folder(folder)
         for suffix in PICTURE_FILES:
-            path = folder / f"{_file_name(figure)}.{suffix}"
+            path = folder / f"{_file_name(name)}.{suffix}"
             figure.save(path)
             yield path
 

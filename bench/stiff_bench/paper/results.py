@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from stiff_bench.analysis.collected import Case, Competitor, collect, competitor_meant
+from stiff_bench.analysis.collected import StoredResults, competitor_meant
 from stiff_bench.figures.source import marks
 from stiff_bench.paper import PAPER_RESULTS
 from stiff_bench.paper.study import DATASET, SEED
-from stiff_bench.store.database import has_results, read_manifests, why_no_results
+from stiff_bench.store.database import has_results, why_no_results
 from stiff_bench.store.newest import slot_of
 from stiff_bench.store.versions import sources
 from stiff_bench.tables.units import counted
@@ -80,16 +79,8 @@ class Found:
 
 
 @dataclass(frozen=True, eq=False)
-class PaperResults:
-    """The newest results of a folder.
-
-    Attributes:
-        folder: of the results.
-        cases: all that it holds.
-    """
-
-    folder: Path
-    cases: tuple[Case, ...]
+class PaperResults(StoredResults):
+    """What a folder holds, asked for by model and protocol."""
 
     @classmethod
     def of(cls, folder: Path) -> PaperResults:
@@ -102,16 +93,31 @@ class PaperResults:
         if not has_results(folder):
             why = why_no_results(folder)
             raise StoreError(f"{folder}: {why}; {REPRODUCE} makes the results", "results")
-        return cls(folder, tuple(collect(folder)))
+        stored = StoredResults.read(folder)
+        return cls(folder, stored.cases, stored.runs)
 
     def of_models(self, models: Iterable[str], protocol: str) -> Found:
-        """Return the results of models under a protocol, each on its own splits."""
+        """Return the results of models, which name defaults too, each on its own splits.
+
+        They are of the newest case under the protocol: other seeds and older data are others.
+        """
         results, failures, missing = dict[str, list[CellResult]](), dict[str, str](), list[str]()
+        cases = [
+            case
+            for case in self.cases
+            if (case.name.dataset, case.name.protocol) == (DATASET, protocol)
+            and not case.name.condition
+            and case.name.seed == SEED
+        ]
+        newest = [max(cases, key=lambda case: case.newest_run)] if cases else []
         for model in models:
-            found = self._competitor(model, protocol)
-            if found is None:
+            try:
+                name = competitor_meant(model, newest)
+            except ConfigError:
                 missing.append(model)
-            elif found.failures:
+                continue
+            found = newest[0].competitors[name]
+            if found.failures:
                 first = next(iter(found.failures.values()))
                 failures[model] = (
                     f"{self.folder}: {model} on {DATASET} under {protocol}: no result of "
@@ -146,45 +152,19 @@ class PaperResults:
                 f"in common; {FULL} makes what is missing",
                 "results",
             )
-        return Found(
-            protocol,
-            {
-                model: [one for one in of_model if slot_of(one) in shared]
-                for model, of_model in found.results.items()
-            },
-            found.failures,
-            found.missing,
-            n_left_out=len(any_of) - len(shared),
-        )
+        on_shared = {
+            model: [one for one in of_model if slot_of(one) in shared]
+            for model, of_model in found.results.items()
+        }
+        return replace(found, results=on_shared, n_left_out=len(any_of) - len(shared))
 
     def provenance(self, shown: Iterable[Found]) -> str:
         """Return a line that names which stiffbench made the results that are shown."""
         counts = Counter(one.run_id for found in shown for one in found.each)
-        (line,) = sources(self.folder, list(read_manifests(self.folder)), counts)
-        return line
-
-    def _competitor(self, model: str, protocol: str) -> Competitor | None:
-        """Return what is stored of a model that names its options, defaults among them."""
-        case = self._case(protocol)
-        if case is None:
-            return None
-        with suppress(ConfigError):
-            return case.competitors[competitor_meant(model, [case])]
-        return None
-
-    def _case(self, protocol: str) -> Case | None:
-        """Return the newest case under a protocol: other seeds and older data are others."""
-        found = [
-            case
-            for case in self.cases
-            if (case.name.dataset, case.name.protocol) == (DATASET, protocol)
-            and not case.name.condition
-            and case.name.seed == SEED
-        ]
-        return max(found, key=lambda case: case.newest_run, default=None)
+        return sources(self.folder, self.runs, counts)
 
 
-def named_results(folder: Path | None, what: str, *, made_of: str = "") -> PaperResults:
+def named_results(folder: Path | None, what: str, *, made_of: str) -> PaperResults:
     """Return the results of a folder; None: where `bench reproduce` puts them.
 
     Args:

@@ -30,25 +30,22 @@ METRICS = ("mae", "stde", "me")
 
 # every option on which a number of these pages depends is named, default or not
 PAPER_SOURCE: Mapping[str, Any] = {"preset": "paper"}
-"""Of the pre-training: the poses and wrenches of the paper's Tables 4 and 5."""
-OWN_SOURCE: Mapping[str, Any] = {}
-"""Poses and loads in the training samples' ranges in place of these."""
-BEST_EPOCH: Mapping[str, Any] = {"training": "best"}
-"""On the validation rows; Table 9's "optimized"."""
-LAST_EPOCH: Mapping[str, Any] = {"training": "normal"}
-"""Table 9's "normal"."""
+"""Of the pre-training: the poses and wrenches of the paper's Tables 4 and 5; without it, poses and
+loads in the training samples' ranges."""
 PAPER_RECIPE: Mapping[str, Any] = {"recipe": "paper"}
 """100,000 iterations of pre-training, then 50,000 of fine-tuning."""
 
 VJM = Variant("vjm")
 MULTI_SEGMENT = Variant("vjm-multisegment")
 """Not in the paper: joints whose springs change their slope, as the gears' catalogue has them."""
-FT_MLP = Variant("ft-mlp", {**PAPER_SOURCE, **BEST_EPOCH})
-FT_MLP_LAST_EPOCH = Variant("ft-mlp", {**PAPER_SOURCE, **LAST_EPOCH})
-FT_MLP_OWN_SOURCE = Variant("ft-mlp", {**OWN_SOURCE, **BEST_EPOCH})
+FT_MLP = Variant("ft-mlp", {**PAPER_SOURCE, "training": "best"})
+"""At the epoch that is best on the validation rows: Table 9's "optimized"."""
+FT_MLP_LAST_EPOCH = Variant("ft-mlp", {**PAPER_SOURCE, "training": "normal"})
+"""Table 9's "normal"."""
+FT_MLP_OWN_SOURCE = Variant("ft-mlp", {"training": "best"})
 FT_MLP_PAPER_RECIPE = Variant("ft-mlp", {**FT_MLP.options, **PAPER_RECIPE})
 FT_MLP_PAPER_RECIPE_LAST_EPOCH = Variant("ft-mlp", {**FT_MLP_LAST_EPOCH.options, **PAPER_RECIPE})
-DT_CNN = Variant("dt-cnn", {**OWN_SOURCE, "alignment": "none", "supervision": "none"})
+DT_CNN = Variant("dt-cnn", {"alignment": "none", "supervision": "none"})
 """The paper's section 5.3: "directly predicting the target domain after training in the source"."""
 
 BASE_LAYERS, BASE_WIDTH = 4, 380
@@ -91,8 +88,8 @@ def pretrained(
 def unfrozen(layers: Sequence[str]) -> Variant:
     """Return the fine-tuned network whose `layers` move, such as ("1", "2", "out")."""
     freeze = f"layers:{','.join(layers)}"
-    return Variant(
-        "ft-mlp", {**FT_MLP.options, **({"freeze": freeze} if freeze != BEST_PAIR else {})}
+    return (
+        Variant("ft-mlp", {**FT_MLP.options, "freeze": freeze}) if freeze != BEST_PAIR else FT_MLP
     )
 
 
@@ -112,12 +109,7 @@ QUICK_WIDTHS = (40, 160, 280, 400)
 
 @dataclass(frozen=True)
 class StudyRun:
-    """A part of a study: every model on every data set under every protocol.
-
-    Attributes:
-        models, datasets, protocols: with their options.
-        splits: how many; None: the protocol's own.
-    """
+    """Every model on every data set under every protocol; `splits` None: the protocol's own."""
 
     models: tuple[Variant, ...]
     datasets: tuple[Variant, ...]
@@ -175,11 +167,10 @@ def paper_recipe_study() -> tuple[StudyRun, ...]:
 
 NETWORK_STEPS = 300
 """Of the pre-trainings behind the committed leaderboard; what that changes stands on its page."""
-_SHORTENED = {
-    "mlp-pretrained": {"pretrain_steps": NETWORK_STEPS},
-    "ft-mlp": {"pretrain_steps": NETWORK_STEPS},
-    "dt-cnn": {"pretrain_steps": NETWORK_STEPS},
-    "deep-ensemble": {"members": 2, "pretrain_steps": NETWORK_STEPS},
+_FEW_STEPS = {"pretrain_steps": NETWORK_STEPS}
+_SHORTENED: Mapping[str, Mapping[str, Any]] = {
+    **dict.fromkeys(("mlp-pretrained", "ft-mlp", "dt-cnn"), _FEW_STEPS),
+    "deep-ensemble": {"members": 2, **_FEW_STEPS},
 }
 
 
@@ -207,7 +198,6 @@ def leaderboard_study(keys: Sequence[str]) -> tuple[StudyRun, ...]:
     )
 
 
-EFFECTS_FOLDER = "effects"
 ROUGH, BEAM, ARM = "kr10-twin-rough", Variant("kr10-twin-beam"), "arm-family"
 EFFECT_STEPS = {
     "default": Variant(ROUGH, {"effects": "none"}),
@@ -234,7 +224,6 @@ def effects_study() -> tuple[StudyRun, ...]:
     )
 
 
-TRANSFER_FOLDER = "transfer"
 TRANSFER_DATA = {
     "default": five_specimens(DATASET),
     "omni": five_specimens("kr10-twin-omni"),

@@ -7,16 +7,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 from stiff_bench.paper.study import DATASET, SEED
-from stiff_bench.tables.metric_table import mean_over, pooled_prediction
 from stiff_bench.tables.table import Column, Quantity, Table
-from stiff_bench.tables.units import MM
-from stiff_protocols.contract.record import CellResult
-from stiff_protocols.scoring.metrics import metric
 
-Errors = Mapping[tuple[str, str], float]
-"""(metric key, axis) -> mm."""
 Labels = tuple[str, ...]
 """Of a row: one under each row heading."""
+Places = Mapping[tuple[Labels, str], float]
+"""(row, column) -> value."""
 Numbers = Mapping[tuple[Labels, str], Quantity]
 """(row, column) -> number of one group of columns; a missing one is a dash."""
 Unit = Literal["mm", "10^3 Nm/rad", "%"]
@@ -54,7 +50,7 @@ class Group:
     def published(
         cls,
         columns: Labels,
-        values: Mapping[tuple[Labels, str], float],
+        values: Places,
         decimals: int = PUBLISHED_DECIMALS,
     ) -> Group:
         """Return the paper's columns."""
@@ -68,13 +64,6 @@ class Group:
         """Return columns of models that were tested by a protocol."""
         label = label or f"ours, {protocol}"
         return cls(label, columns, decimals, numbers, SIMULATED, protocol, SEED)
-
-    @property
-    def about(self) -> dict[str, object]:
-        """What csv and json say of each of its columns."""
-        source = PUBLISHED if self.label == PUBLISHED else "ours"
-        facts = {"group": self.label, "source": source, "data": self.data}
-        return facts | {"protocol": self.protocol, "seed": self.seed}
 
 
 def paper_table(
@@ -97,48 +86,39 @@ def paper_table(
         groups: of the other columns.
         notes: what must be read with it.
     """
-    columns = [(group, name) for group in groups for name in group.columns]
+    columns = [Column(heading, "text") for heading in headings]
+    for group in groups:
+        about = {
+            "group": group.label,
+            "source": PUBLISHED if group.label == PUBLISHED else "ours",
+            "data": group.data,
+            "protocol": group.protocol,
+            "seed": group.seed,
+        }
+        columns += [
+            Column(
+                name,
+                unit=unit,
+                format=f".{group.decimals}f",
+                group=group.label,
+                about=about,
+                marks_shown=False,
+            )
+            for name in group.columns
+        ]
     return Table(
         title=f"Table {number}. {caption} [{unit}]",
-        columns=[
-            *(Column(heading, "text") for heading in headings),
-            *(
-                Column(
-                    name,
-                    unit=unit,
-                    format=f".{group.decimals}f",
-                    group=group.label,
-                    about=group.about,
-                    marks_shown=False,
-                )
-                for group, name in columns
-            ),
+        columns=columns,
+        rows=[
+            [*row, *(one.numbers.get((row, name)) for one in groups for name in one.columns)]
+            for row in rows
         ],
-        rows=[[*row, *(of.numbers.get((row, name)) for of, name in columns)] for row in rows],
         notes=list(notes),
         unit=unit,
         about={"table": number},
     )
 
 
-def errors_mm(result: CellResult, metrics: Sequence[str]) -> Errors:
-    """Return a result's errors by axis."""
-    prediction = pooled_prediction([result])
-    return {
-        (key, axis): value * MM
-        for key in metrics
-        for axis, value in metric(key).values(prediction).items()
-    }
-
-
-def reduction(old: float, new: float) -> float:
-    """Return by how many per cent `new` is below `old`; negative where it is above."""
-    return 100.0 * (1.0 - new / old)
-
-
-def mean_reduction(old: Sequence[float], new: Sequence[float], mark: str = "") -> Quantity | None:
-    """Return the reduction split by split, as mean and deviation; None where `old` is 0."""
-    if not all(old):
-        return None
-    each = [reduction(before, after) for before, after in zip(old, new, strict=True)]
-    return mean_over(each, mark)
+def printed_name(column: str) -> str:
+    """Return what a column of errors, such as "train MAE", is called in the published file."""
+    return f"{column.replace(' ', '_').lower()}_mm"

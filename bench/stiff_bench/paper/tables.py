@@ -12,19 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from stiff_bench.paper.method_tables import table_9, table_10
-from stiff_bench.paper.network_tables import NETWORK_TABLES, network_table
+from stiff_bench.paper.method_tables import ROWS_10, table_9, table_10
+from stiff_bench.paper.network_tables import table_6, table_7, table_8
 from stiff_bench.paper.results import PaperResults, named_results
-from stiff_bench.paper.study import DATASET, METRICS, VJM
-from stiff_bench.paper.table import (
-    COMPARE,
-    PUBLISHED,
-    Group,
-    Labels,
-    Numbers,
-    Unit,
-    paper_table,
-)
+from stiff_bench.paper.study import DATASET, VJM
+from stiff_bench.paper.table import COMPARE, PUBLISHED, Group, Numbers, Places, Unit, paper_table
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.request import loaded
@@ -35,10 +27,7 @@ from stiff_bench.tables.units import MM
 from stiff_datasets.twin.calibrate import VjmFigures
 from stiff_protocols.contract.errors import unknown_name
 from stiff_protocols.contract.types import AXES
-from stiff_protocols.scoring.metrics import metric
 
-TABLES = tuple(range(1, 11))
-"""Numbers of the tables that are made: all of the paper's."""
 NEEDS_NO_RESULTS = {
     **dict.fromkeys((1, 4, 5), "is the paper's alone"),
     **dict.fromkeys((2, 3), "is fitted here"),
@@ -59,11 +48,7 @@ def build(number: int, results: PaperResults) -> list[Table]:
     """
     if number not in TABLES:
         raise unknown_name("table of the paper", str(number), map(str, TABLES))
-    if number in NETWORK_TABLES:
-        return [network_table(number, results)]
-    if number in _ALONE:
-        return [_ALONE[number]()]
-    return table_9(results) if number == 9 else table_10(results)
+    return TABLES[number](results)
 
 
 def read_table(number: int, folder: Path | None) -> list[Table]:
@@ -83,37 +68,32 @@ _VJM_NOTES = (
     f"Specimens: mean ± standard deviation over {len(SPECIMENS)} robots of the type; {DATASET} is "
     "specimen 0, whose constants were calibrated against the published Tables 2 and 3.",
 )
-Places = Mapping[tuple[Labels, str], float]
-"""(row, column) -> value."""
 
 
-def _table_2() -> Table:
+def _table_2(_: PaperResults) -> list[Table]:
     """Return the VJM's errors by axis, on the samples it was fitted to."""
-    places: dict[tuple[Labels, str], tuple[str, int]] = {
-        ((axis.upper(),), metric(key).label): (key, i)
-        for i, axis in enumerate(AXES)
-        for key in METRICS
-    }
+    # a row of Table 10, axis and error, is a row and a column here
+    places = {((axis,), error): place for (axis, error), place in ROWS_10.items()}
     values = published_errors("table_2")["VJM"]
-    published = {place: values[key, AXES[i]] for place, (key, i) in places.items()}
+    published: Places = {at: values[place] for at, place in places.items()}
     ours: list[Places] = [
-        {place: float(getattr(one, key)[i]) * MM for place, (key, i) in places.items()}
+        {at: getattr(one, key)[AXES.index(axis)] * MM for at, (key, axis) in places.items()}
         for one in _vjm_figures()
     ]
     caption = "VJM on the samples it was identified on: errors by axis"
-    return _vjm_table(2, caption, "mm", "axis", 3, [published, *ours])
+    return _vjm_table(2, caption, "mm", "axis", 3, published, ours)
 
 
-def _table_3() -> Table:
+def _table_3(_: PaperResults) -> list[Table]:
     """Return the identified joint stiffnesses."""
-    published: dict[tuple[Labels, str], float] = {
+    published: Places = {
         ((joint,), "stiffness"): value / KILO for joint, value in published_stiffness().items()
     }
-    ours = [
+    ours: list[Places] = [
         dict(zip(published, (one.stiffness / KILO).tolist(), strict=True)) for one in _vjm_figures()
     ]
     caption = "VJM: joint stiffness identified on all samples"
-    return _vjm_table(3, caption, "10^3 Nm/rad", "joint", 2, [published, *ours])
+    return _vjm_table(3, caption, "10^3 Nm/rad", "joint", 2, published, ours)
 
 
 @cache
@@ -131,10 +111,15 @@ def _vjm_figures() -> tuple[VjmFigures, ...]:
 
 
 def _vjm_table(
-    number: int, caption: str, unit: Unit, heading: str, decimals: int, values: list[Places]
-) -> Table:
-    """Return the paper's VJM, the first of `values`, beside ours of each specimen."""
-    published, *ours = values
+    number: int,
+    caption: str,
+    unit: Unit,
+    heading: str,
+    decimals: int,
+    published: Places,
+    ours: list[Places],
+) -> list[Table]:
+    """Return the paper's VJM beside ours of each specimen."""
     columns = tuple(dict.fromkeys(column for _, column in published))
 
     def over(specimens: list[Places]) -> Numbers:
@@ -147,10 +132,10 @@ def _vjm_table(
         Group(label, columns, decimals, over(ours), f"{DATASET}@specimen=0..4 (simulated)"),
     ]
     rows = dict.fromkeys(row for row, _ in published)
-    return paper_table(number, caption, unit, (heading,), rows, groups, _VJM_NOTES)
+    return [paper_table(number, caption, unit, (heading,), rows, groups, _VJM_NOTES)]
 
 
-def _published_table(number: int, caption: str, n_texts: int, note: str) -> Table:
+def _published_table(number: int, caption: str, n_texts: int, note: str) -> list[Table]:
     """Return a table that holds nothing of ours, as it was typed.
 
     Args:
@@ -160,29 +145,23 @@ def _published_table(number: int, caption: str, n_texts: int, note: str) -> Tabl
         note: what was decided where the paper is silent or contradicts itself.
     """
     lines = published_lines(f"table_{number}")
-    names = [*lines[0]]
-    numbers = [name.partition("_") for name in names[n_texts:]]  # begin_deg
-    return Table(
-        title=f"Table {number}. {caption} ({PUBLISHED})",
-        columns=[
-            *(Column(name, "text") for name in names[:n_texts]),
-            *(
-                Column(name, unit=unit, format="g", about={"source": PUBLISHED})
-                for name, _, unit in numbers
-            ),
-        ],
-        rows=[_cells([*line.values()], n_texts) for line in lines],
-        notes=[note],
-        about={"table": number},
-    )
+    texts, numbers = [*lines[0]][:n_texts], [*lines[0]][n_texts:]
+    columns = [Column(name, "text") for name in texts]
+    for name, _, unit in (name.partition("_") for name in numbers):  # begin_deg
+        columns.append(Column(name, unit=unit, format="g", about={"source": PUBLISHED}))
+    rows: list[list[Cell]] = [
+        [
+            *(line[name] for name in texts),
+            *(float(line[name]) if line[name] else None for name in numbers),
+        ]
+        for line in lines
+    ]
+    title = f"Table {number}. {caption} ({PUBLISHED})"
+    return [Table(title, columns, rows, [note], about={"table": number})]
 
 
-def _cells(texts: list[str], n_texts: int) -> list[Cell]:
-    return [*texts[:n_texts], *(float(text) if text else None for text in texts[n_texts:])]
-
-
-_ALONE: Mapping[int, Callable[[], Table]] = {
-    1: lambda: _published_table(
+TABLES: Mapping[int, Callable[[PaperResults], list[Table]]] = {
+    1: lambda _: _published_table(
         *(1, "Measured poses", 4),
         "The paper gives no step of A2: 15 deg, as our twin has, make 60 of its 61 joint-space "
         "poses, and the 61st is a reference pose of ours. A5 and A6 were adjusted to the "
@@ -191,15 +170,20 @@ _ALONE: Mapping[int, Callable[[], Table]] = {
     ),
     2: _table_2,
     3: _table_3,
-    4: lambda: _published_table(
+    4: lambda _: _published_table(
         *(4, "Poses of the simulated pre-training data", 1),
         "21,280 poses. The 16 values of A3 are 10 deg apart and end at 150 deg, not at the 156 deg "
         "that the paper prints.",
     ),
-    5: lambda: _published_table(
+    5: lambda _: _published_table(
         *(5, "Wrenches at each pose of the simulated pre-training data", 1),
         "At the TCP, along and about the axes of the base frame. They lie almost on one line in "
         "wrench space: a network that is pre-trained on them knows hardly any other load.",
     ),
+    6: table_6,
+    7: table_7,
+    8: table_8,
+    9: table_9,
+    10: table_10,
 }
-"""Tables that need no results."""
+"""Number in the paper -> what returns the table: all of the paper's."""

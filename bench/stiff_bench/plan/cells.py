@@ -14,7 +14,7 @@ from stiff_bench.plan.options import Choice
 from stiff_bench.plan.request import RunPlan, loaded
 from stiff_bench.plan.search import tuned_models
 from stiff_models.catalog import MODELS
-from stiff_protocols.contract.errors import ConfigError, StiffBenchError
+from stiff_protocols.contract.errors import ConfigError, StiffBenchError, said_by
 from stiff_protocols.contract.interfaces import (
     ChecksRobot,
     ChoosesEpoch,
@@ -161,9 +161,8 @@ def _of_protocol(
     """Yield the cells of one data set under one protocol."""
     protocol: EvaluationProtocol = choice.make()
     paths = protocol if isinstance(protocol, CorrectsPaths) else None
-    measured_sha256 = ""
+    measured_sha256 = "" if paths is None else data.sha256
     if paths is not None:
-        measured_sha256 = data.sha256
         with _naming(dataset, choice):
             data = paths.with_paths(data)
     splits, n_splits, first_of_source = _divided(protocol, choice, dataset, data, plan)
@@ -173,15 +172,14 @@ def _of_protocol(
         """Return a model's cell on the first split with a source: what is asked once is asked."""
         source = sources.get(split.source)
         made = model.make()
-        regimes = []
         tell_source(made, source)
-        if source is not None and not isinstance(made, LearnsFromSource):
-            regimes.append(NO_SOURCE)
         if isinstance(made, ChecksRobot):
             made.check_robot(data.robot)
         chooses = chooses_epoch(model.info, made)
-        if isinstance(made, StatesRegime):
-            regimes.append(made.regime)
+        regimes = [
+            NO_SOURCE if source is not None and not isinstance(made, LearnsFromSource) else "",
+            made.regime if isinstance(made, StatesRegime) else "",
+        ]
         of_source = made.source_words if isinstance(made, StatesSource) else ""
         cell = Cell(
             model=model.info.key,
@@ -246,12 +244,8 @@ def _divided(
 ) -> tuple[Sequence[Split], Mapping[str, int], Mapping[str, Split]]:
     """Return splits that can be used and do not leak, with what was seen of them.
 
-    Returns:
-        The splits, computed while they are looked at where the protocol is ours; how many each
-        condition has; and the first one of each source, "" for the training rows.
-
-    Raises:
-        ConfigError: the data cannot be divided, or a split is none.
+    That is how many each condition has, and the first one of each source, "" for the training
+    rows. Where the protocol is ours, splits are computed while they are looked at.
     """
     n_splits: Counter[str] = Counter()
     first_of_source: dict[str, Split] = {}
@@ -292,9 +286,7 @@ def _naming(dataset: Choice[DatasetInfo], protocol: Choice[ProtocolInfo]) -> Ite
     except StiffBenchError as error:
         raise ConfigError(f"{dataset.name} under {protocol.name}: {error}") from error
     except Exception as error:  # whatever a stranger's protocol raises
-        raise ConfigError(
-            f"protocol {protocol.info.key!r}: {type(error).__name__}: {error}"
-        ) from error
+        raise ConfigError(f"protocol {protocol.info.key!r}: {said_by(error)}") from error
 
 
 def chooses_epoch(info: ModelInfo, model: StiffnessModel) -> bool:

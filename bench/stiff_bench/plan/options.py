@@ -18,7 +18,7 @@ from pydantic import PydanticUserError, TypeAdapter, ValidationError
 
 from stiff_bench.plan.registry import Info
 from stiff_bench.store.names import Variant
-from stiff_protocols.contract.errors import ConfigError, unknown_name
+from stiff_protocols.contract.errors import ConfigError, said_by, unknown_name
 from stiff_protocols.contract.interfaces import KnowsWhatIsMissing
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
 
@@ -232,9 +232,7 @@ class Choice(Generic[Info]):
         except ConfigError as error:
             raise ConfigError(f"{self.name}: {error}") from error
         except Exception as error:
-            raise ConfigError(
-                f"{self.info.key!r} cannot be made: {type(error).__name__}: {error}"
-            ) from error
+            raise ConfigError(f"{self.info.key!r} cannot be made: {said_by(error)}") from error
 
 
 @dataclass(frozen=True)

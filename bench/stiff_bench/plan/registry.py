@@ -20,7 +20,7 @@ from stiff_bench.console import say
 from stiff_datasets.catalog import DATASETS
 from stiff_models.catalog import FAMILIES, MODELS
 from stiff_protocols.catalog import PROTOCOLS
-from stiff_protocols.contract.errors import ConfigError, unknown_name
+from stiff_protocols.contract.errors import ConfigError, said_by, unknown_name
 from stiff_protocols.contract.plugin import (
     DatasetInfo,
     ModelFamily,
@@ -150,26 +150,26 @@ def build_registry(plugin_files: Sequence[Path] = ()) -> Registry:
 def _add_installed(registry: Registry, point: EntryPoint) -> None:
     origin = f"{point.dist.name if point.dist else 'plugin'} ({point.group}: {point.name})"
     lines: list[object] = []
+    with _left_out(), _guarded(origin):
+        lines = _as_list(point.load())
+    for line in lines:
+        with _left_out():
+            registry.add([line], origin)
+
+
+@contextlib.contextmanager
+def _left_out() -> Iterator[None]:
     try:
-        with _guarded(origin):
-            lines = _as_list(point.load())
+        yield
     except ConfigError as error:
         say(f"warning: plugin left out: {error}")
-    for line in lines:
-        try:
-            registry.add([line], origin)
-        except ConfigError as error:
-            say(f"warning: plugin left out: {error}")
 
 
 @contextlib.contextmanager
 def _guarded(origin: str) -> Iterator[None]:
-    """Import a stranger's module: whatever it raises is one clear error.
+    """Import a stranger's module: whatever it raises becomes a ConfigError.
 
     What it prints goes to standard error: standard output belongs to the tables.
-
-    Raises:
-        ConfigError: it raised.
     """
     try:
         with contextlib.redirect_stdout(sys.stderr):
@@ -178,9 +178,7 @@ def _guarded(origin: str) -> Iterator[None]:
         place = traceback.extract_tb(error.__traceback__)[-1]
         at = f" ({place.filename}:{place.lineno})"
         at = "" if isinstance(error, SyntaxError) else at  # its text has the place
-        raise ConfigError(
-            f"{origin}: cannot be imported: {type(error).__name__}: {error}{at}"
-        ) from error
+        raise ConfigError(f"{origin}: cannot be imported: {said_by(error)}{at}") from error
 
 
 def _as_list(lines: object) -> list[object]:

@@ -18,6 +18,7 @@ from stiff_protocols.contract.errors import (
     DataError,
     StiffBenchError,
     StiffBenchWarning,
+    said_by,
 )
 from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.interfaces import ChecksParams, NamesSources
@@ -133,7 +134,7 @@ def loaded(dataset: Choice[DatasetInfo]) -> BenchmarkData:
     except StiffBenchError:
         raise
     except Exception as error:
-        raise DataError(f"{dataset.info.key!r}: {type(error).__name__}: {error}") from error
+        raise DataError(f"{dataset.info.key!r}: {said_by(error)}") from error
     for warning in caught:
         say(f"warning: {warning.message}")
     if not isinstance(data, BenchmarkData):

@@ -229,12 +229,11 @@ def measured_file(path: Path, robot: Robot, *, no_torque: bool = False) -> Choic
     return replace(Choice.of(replace(MEASURED_FILE, key=path.name)), context=context)
 
 
+@dataclass(frozen=True)
 class HeldData:
     """A data set that is in memory."""
 
-    def __init__(self, *, data: BenchmarkData) -> None:
-        """Store it."""
-        self.data = data
+    data: BenchmarkData
 
     def load(self) -> BenchmarkData:
         """Return it."""

@@ -1,22 +1,66 @@
-"""The page as HTML: one file, with its style, its scripts and its pictures inside."""
+"""The page: what it holds, as plain texts, which may be hostile; and its one file of HTML.
+
+Style, scripts and pictures are inside; all texts are escaped.
+"""
 
 from __future__ import annotations
 
 import base64
 import hashlib
 from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from stiff_bench.console import printable
-from stiff_bench.report.content import Part, Picture
 from stiff_bench.store.names import OPTION_MARK
 from stiff_bench.tables.table import Cell, Column, Table, natural_order, quantity
 from stiff_protocols.contract.errors import StoreError
 
 if TYPE_CHECKING:
     from markupsafe import Markup
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure of the page: its file, such as of "image/svg+xml", and the command that draws it."""
+
+    title: str
+    caption: str
+    media_type: str
+    content: bytes
+    command: str
+
+
+@dataclass(frozen=True)
+class Fold:
+    """A text that is folded away: a log, or a list of versions."""
+
+    summary: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Block:
+    """What stands under one heading; `command` prints the same as the tables, "" for none."""
+
+    heading: str
+    texts: Sequence[str] = ()
+    tables: Sequence[Table] = ()
+    pictures: Sequence[Picture] = ()
+    folds: Sequence[Fold] = ()
+    notes: Sequence[str] = ()
+    command: str = ""
+
+
+@dataclass(frozen=True)
+class Part:
+    """All about one folder of results."""
+
+    folder: str
+    blocks: Sequence[Block]
+
 
 _HERE = Path(__file__).parent
 PACKAGE, VERSION = "datatables.net", "3.1.5"
@@ -25,17 +69,17 @@ SHA256 = "38017a5586acd9c6eb6bbfe8b6938e1a25bdc717c5acfcb07e0c9d663282c59d"
 SCRIPT = _HERE / "npm" / "dataTables.min.js"
 
 
-def widget_code(script: Path = SCRIPT) -> str:
+def _widget_code() -> str:
     """Return the code of the widget that sorts and filters tables.
 
     Raises:
         StoreError: the file is not the one that was taken from npm.
     """
-    content = script.read_bytes()
+    content = SCRIPT.read_bytes()
     found = hashlib.sha256(content).hexdigest()
     if found != SHA256:
         raise StoreError(
-            f"{script}: is not {PACKAGE} {VERSION}: its sha256 is {found}, expected {SHA256}; "
+            f"{SCRIPT}: is not {PACKAGE} {VERSION}: its sha256 is {found}, expected {SHA256}; "
             "install stiffbench again"
         )
     return content.decode()
@@ -101,19 +145,15 @@ def _page_cell(column: Column, cell: Cell, style: str) -> PageCell:
 
 
 def render_page(parts: Sequence[Part], command: str) -> str:
-    """Return the page as HTML.
+    """Return the page as HTML: a part a folder of results, and the command that makes it.
 
     All texts are escaped, and nothing but the two scripts and the style of this package can act in
     it: its content security policy names them by their hashes and allows no request.
-
-    Args:
-        parts: one a folder of results.
-        command: that makes the page.
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from markupsafe import Markup
 
-    scripts = [widget_code(), (_HERE / "page.js").read_text(encoding="utf-8")]
+    scripts = [_widget_code(), (_HERE / "page.js").read_text(encoding="utf-8")]
     style = (_HERE / "page.css").read_text(encoding="utf-8")
     environment = Environment(
         loader=FileSystemLoader(_HERE),

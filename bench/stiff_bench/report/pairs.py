@@ -17,7 +17,7 @@ MOST_MODELS = 40
 
 def pair_table(section: Section, board: Leaderboard) -> Table:
     """Return a row and a column for each model, with the verdicts of `bench compare`."""
-    counts, n_left_out = _counts(section, board)
+    counts, n_left_out = _counts(section)
     models = [name for name in section.models if any(name in pair for pair in counts)]
     numbers = [str(number) for number in range(1, len(models) + 1)]
     rows: list[list[Cell]] = [
@@ -48,9 +48,7 @@ def pair_table(section: Section, board: Leaderboard) -> Table:
     )
 
 
-def _counts(
-    section: Section, board: Leaderboard
-) -> tuple[dict[tuple[str, str], Counter[Verdict]], int]:
+def _counts(section: Section) -> tuple[dict[tuple[str, str], Counter[Verdict]], int]:
     """Return (row, column) -> verdicts on them, and how many cases `MOST_PAIRS` leaves out."""
     counts: dict[tuple[str, str], Counter[Verdict]] = {}
     shown, left = section.models[:MOST_MODELS], MOST_PAIRS
@@ -60,7 +58,7 @@ def _counts(
         left -= len(pairs) // 2
         if left < 0:
             return counts, len(section.cases) - number
-        verdicts = board.rankings.of(scored, models).verdicts(pairs) if pairs else None
+        verdicts = scored.ranking(models).verdicts(pairs) if pairs else None
         for (a, b), verdict in zip(pairs, verdicts or (), strict=False):
             counts.setdefault((models[a], models[b]), Counter())[verdict] += 1
     return counts, 0

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import functools
+import shlex
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from stiff_bench.analysis.collected import (
-    Case,
     StoredResults,
     asked_for,
     chosen_cases,
@@ -25,11 +26,10 @@ from stiff_bench.analysis.leaderboard_tables import section_tables
 from stiff_bench.analysis.sort_key import SortKey, sort_key
 from stiff_bench.figures.catalog import FIGURES
 from stiff_bench.figures.source import FigureSource
-from stiff_bench.report.content import Block, Part, Picture
-from stiff_bench.report.page import render_page
+from stiff_bench.report.page import Block, Part, Picture, render_page
 from stiff_bench.report.pairs import pair_table
-from stiff_bench.report.runs import Selection, failure_block, run_block
-from stiff_bench.report.scores import data_block, score_block
+from stiff_bench.report.runs import failure_block, run_block
+from stiff_bench.report.scores import Asked, data_block, score_block
 from stiff_bench.store.database import read_data
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.metric_table import SELECTION_MARK, number_format
@@ -39,13 +39,37 @@ from stiff_protocols.contract.files import written_whole
 from stiff_protocols.contract.plugin import kind_label
 
 
+@dataclass(frozen=True)
+class Selection:
+    """Which cases and models a page shows, and what it ranks by.
+
+    Attributes:
+        models, datasets, protocols: words of the command line; none named means all.
+        metric, axis: what is ranked by; no axis: the mean over them.
+        seed: of the draws of poses.
+    """
+
+    models: tuple[str, ...] = ()
+    datasets: tuple[str, ...] = ()
+    protocols: tuple[str, ...] = ()
+    metric: str = "norm"
+    axis: str | None = None
+    seed: int = 0
+
+    def command(self, *words: str, folder: Path, ranked: bool = False) -> str:
+        """Return a command line that begins with `words`; `ranked`: it ranks, and draws poses."""
+        options = {"results": (str(folder),), "model": self.models, "dataset": self.datasets}
+        options["protocol"] = self.protocols
+        if ranked:
+            options["metric"] = (self.metric,) if self.metric != "norm" else ()
+            options["axis"] = (self.axis,) if self.axis is not None else ()
+            options["seed"] = (str(self.seed),) if self.seed else ()
+        pairs = ((f"--{name}", value) for name, values in options.items() for value in values)
+        return shlex.join(["bench", *words, *(word for pair in pairs for word in pair)])
+
+
 def part_of(stored: StoredResults, choice: Selection, key: SortKey) -> Part:
     """Return all that the page says of one folder.
-
-    Args:
-        stored: its results.
-        choice: what the page shows.
-        key: what it ranks by.
 
     Raises:
         ConfigError: a word has no results in the folder.
@@ -65,19 +89,23 @@ def part_of(stored: StoredResults, choice: Selection, key: SortKey) -> Part:
         board = build_leaderboard(shown, models=choice.models, key=key, seed=choice.seed)
     except (ConfigError, StoreError) as error:
         why_none = f"No ranking: {str(error).removesuffix('.')}."
+    asked = {
+        case: [one for name, one in case.competitors.items() if asked_for(name, choice.models)]
+        for case in chosen
+    }
     data_of = functools.cache(functools.partial(read_data, folder))
     pictures = _pictures(FigureSource(folder, chosen, choice.models), choice)
     first = pictures.pop(FIRST_FIGURE, None)
     return Part(
         str(folder),
         [
-            _summary(chosen, data_of, choice, _verdict(board) if board is not None else why_none),
+            _summary(_verdict(board) if board is not None else why_none, asked, data_of),
             data_block(chosen, data_of),
             *([Block("Error by model", pictures=[first])] if first is not None else []),
             *(_ranking(board, folder, choice) if board is not None else ()),
-            score_block(chosen, choice.models, key.metric.key),
+            score_block(asked, key.metric.key),
             *([Block("Figures", pictures=[*pictures.values()])] if pictures else []),
-            failure_block(chosen, choice.models),
+            failure_block(asked),
             run_block(stored.runs, chosen, board.provenance if board is not None else ()),
         ],
     )
@@ -116,19 +144,9 @@ def _verdict(board: Leaderboard) -> str:
     return f"{text} {losers} significantly worse." if worse else text
 
 
-def _summary(
-    cases: Sequence[Case],
-    data_of: Callable[[str], StoredData],
-    choice: Selection,
-    verdict: str,
-) -> Block:
+def _summary(verdict: str, asked: Asked, data_of: Callable[[str], StoredData]) -> Block:
+    cases, competitors = [*asked], [one for of_case in asked.values() for one in of_case]
     shown = [presentation(case) for case in cases]
-    competitors = [
-        one
-        for case in cases
-        for name, one in case.competitors.items()
-        if asked_for(name, choice.models)
-    ]
     n_results = sum(len(one.done) for one in competitors)
     failures = [failure for one in competitors for failure in one.failures.values()]
     n_skipped = sum(failure.status == "skipped" for failure in failures)
@@ -142,11 +160,7 @@ def _summary(
             f"{counted(len(cases), 'comparison')}; {len(failures) - n_skipped} failed, "
             f"{n_skipped} skipped. Data: {', '.join(kinds)}.",
         ],
-        notes=[
-            *caveats_of(cases),
-            *same_name_other_data(cases, data_of),
-            *left_out_notes(cases),
-        ],
+        notes=[*caveats_of(cases), *same_name_other_data(cases, data_of), *left_out_notes(cases)],
     )
 
 
@@ -169,18 +183,16 @@ LARGEST_SVG = 300_000
 def _pictures(source: FigureSource, choice: Selection) -> dict[str, Picture]:
     """Return name -> each figure that the results are enough for."""
     pictures = {}
-    for name, line in FIGURES.items():
+    for name, gather in FIGURES.items():
         try:
-            figure = line.prepare(source)
+            figure = gather(source)
             media_type, content = "image/svg+xml", figure.picture("svg")
             if len(content) > LARGEST_SVG:
                 media_type, content = "image/png", figure.picture("png")
         except (StiffBenchError, ArithmeticError, ValueError):  # must not cost the page
             continue
         command = choice.command("figure", name, folder=source.folder)
-        pictures[name] = Picture(
-            figure.title, figure.caption, figure.alt, media_type, content, command
-        )
+        pictures[name] = Picture(figure.title, figure.caption, media_type, content, command)
     return pictures
 
 
@@ -189,12 +201,6 @@ SUFFIXES = (".html", ".htm")
 
 def write_report(folders: Sequence[Path], choice: Selection, output: Path, command: str) -> None:
     """Write the page of some folders of results, whole or not at all.
-
-    Args:
-        folders: each a part of the page.
-        choice: what is shown of each.
-        output: the file.
-        command: the command line, for the record.
 
     Raises:
         ConfigError: the file's suffix is none of a page, a folder is named twice, a name has no

@@ -1,15 +1,14 @@
-"""Cells that failed or were skipped, with their reasons and what they printed last."""
+"""The runs behind a page, and the cells that failed or were skipped, with reasons and logs."""
 
 from __future__ import annotations
 
-import shlex
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from itertools import chain
 
-from stiff_bench.analysis.collected import Case, asked_for, case_name_of
-from stiff_bench.report.content import Block, Fold
+from stiff_bench.analysis.collected import Case, case_name_of
+from stiff_bench.report.page import Block, Fold
+from stiff_bench.report.scores import Asked
 from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import slot_of
 from stiff_bench.store.versions import NO_MANIFEST
@@ -17,54 +16,15 @@ from stiff_bench.tables.table import Cell, Column, Table
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.record import CellResult, RunManifest
 
-
-@dataclass(frozen=True)
-class Selection:
-    """Which cases and models a page shows, and what it ranks by.
-
-    Attributes:
-        models, datasets, protocols: words of the command line; none named means all.
-        metric, axis: what is ranked by; no axis: the mean over them.
-        seed: of the draws of poses.
-    """
-
-    models: tuple[str, ...] = ()
-    datasets: tuple[str, ...] = ()
-    protocols: tuple[str, ...] = ()
-    metric: str = "norm"
-    axis: str | None = None
-    seed: int = 0
-
-    def command(self, *words: str, folder: Path, ranked: bool = False) -> str:
-        """Return a command line with these options.
-
-        Args:
-            words: that it begins with.
-            folder: of the results.
-            ranked: the command ranks, and draws poses.
-        """
-        options = {"results": (str(folder),), "model": self.models, "dataset": self.datasets}
-        options["protocol"] = self.protocols
-        if ranked:
-            options["metric"] = (self.metric,) if self.metric != "norm" else ()
-            options["axis"] = (self.axis,) if self.axis is not None else ()
-            options["seed"] = (str(self.seed),) if self.seed else ()
-        pairs = ((f"--{name}", value) for name, values in options.items() for value in values)
-        return shlex.join(["bench", *words, *(word for pair in pairs for word in pair)])
-
-
 MOST_ENVIRONMENTS = 10
 
 
 def run_block(
     runs: Sequence[RunManifest], cases: Iterable[Case], provenance: Sequence[str]
 ) -> Block:
-    """Return the runs of a folder, the newest first.
+    """Return the runs of a folder, the newest first, and how many results of the cases are theirs.
 
-    Args:
-        runs: whose manifests the folder holds.
-        cases: whose results are shown.
-        provenance: lines that stand beneath the leaderboard.
+    `provenance` are the lines that stand beneath the leaderboard.
     """
     counts = Counter(
         result.run_id
@@ -134,21 +94,11 @@ LONGEST_SPLITS = 60
 LONGEST_LOG = 8000
 
 
-def failure_block(cases: Sequence[Case], models: Sequence[str]) -> Block:
-    """Return the failures that count among some cases; those that are alike in one row.
-
-    Args:
-        cases: to show.
-        models: words of the command line; none named means all.
-    """
+def failure_block(asked: Asked) -> Block:
+    """Return the failures that count; those that are alike in one row."""
+    competitors = chain.from_iterable(asked.values())
     found = sorted(
-        (
-            failure
-            for case in cases
-            for name, competitor in case.competitors.items()
-            if asked_for(name, models)
-            for failure in competitor.failures.values()
-        ),
+        (failure for competitor in competitors for failure in competitor.failures.values()),
         key=lambda one: (one.shown.model, case_name_of(one), slot_of(one)),
     )
     heading = "Failed and skipped"
@@ -171,7 +121,6 @@ def failure_block(cases: Sequence[Case], models: Sequence[str]) -> Block:
 
 
 def _failure_row(members: Sequence[CellResult]) -> list[str]:
-    """Return the cells of a row: failures that differ in their splits alone."""
     first = members[0]
     shown = first.shown
     return [

@@ -6,9 +6,9 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 
-from stiff_bench.analysis.collected import Case, Competitor, asked_for
+from stiff_bench.analysis.collected import Case, Competitor
 from stiff_bench.analysis.leaderboard import in_order, presentation
-from stiff_bench.report.content import Block, Fold
+from stiff_bench.report.page import Block, Fold
 from stiff_bench.store.names import labels, natural_key
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.fit_notes import model_notes
@@ -28,24 +28,17 @@ from stiff_protocols.scoring.metrics import METRICS, Metric
 
 MOST_NOTES = 200
 """So many notes on fits are embedded."""
+Asked = Mapping[Case, Sequence[Competitor]]
+"""Cases to show -> their models that were asked for."""
 _ALWAYS = ("norm", "mae", "stde", "me")
 
 
-def score_block(cases: Sequence[Case], models: Sequence[str], metric: str) -> Block:
-    """Return the scores of models in cases, whether or not they can be ranked.
-
-    Args:
-        cases: to show.
-        models: words of the command line; none named means all.
-        metric: that is ranked by; it stands first.
-    """
+def score_block(asked: Asked, metric: str) -> Block:
+    """Return the scores of models, ranked or not; `metric`, which is ranked by, comes first."""
     metrics = [METRICS[key] for key in dict.fromkeys((metric, *_ALWAYS))]
-    called = labels(case.name for case in cases)
+    called = labels(case.name for case in asked)
     shown = [
-        (case, competitor)
-        for case in sorted(cases, key=in_order)
-        for name, competitor in case.competitors.items()
-        if asked_for(name, models)
+        (case, competitor) for case in sorted(asked, key=in_order) for competitor in asked[case]
     ]
     notes: dict[str, list[str]] = {}
     for case, competitor in shown:
@@ -66,7 +59,6 @@ def score_block(cases: Sequence[Case], models: Sequence[str], metric: str) -> Bl
 
 
 def _cells(case: Case, competitor: Competitor, metrics: Sequence[Metric]) -> list[Cell]:
-    """Return the cells of a model in a case."""
     name = case.name
     results = case.results(competitor.name)
     n_asked = max(competitor.n_asked, len(competitor.done) + len(competitor.failures))
@@ -95,9 +87,7 @@ def _fit_notes(notes: Mapping[str, Sequence[str]]) -> list[Fold]:
 def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> Block:
     """Return robot, TCP and size of the data sets, and the stiffnesses.
 
-    Args:
-        cases: to show.
-        data_of: the samples with a hash; raises StoreError where they are not stored.
+    `data_of` returns the samples with a hash; it raises StoreError where they are not stored.
     """
     of_data = {case.measured_sha256: case for case in cases}
     rows: list[list[Cell]] = []

@@ -29,7 +29,7 @@ from stiff_protocols.contract.interfaces import (
     ReportsDiagnostics,
     StiffnessModel,
 )
-from stiff_protocols.contract.record import CellResult, Cost, ResultRecord
+from stiff_protocols.contract.record import CellResult, Cost
 from stiff_protocols.contract.types import (
     Deflection,
     FloatArray,
@@ -39,7 +39,7 @@ from stiff_protocols.contract.types import (
     Samples,
 )
 from stiff_protocols.scoring.conformal import SplitConformal
-from stiff_protocols.scoring.metrics import METRICS
+from stiff_protocols.scoring.metrics import metric_records
 from stiff_protocols.scoring.sanity import check_prediction, check_units, warn_of_rows
 
 ROWS_FOR_UNITS = 256
@@ -187,11 +187,7 @@ def _checked(model: StiffnessModel) -> Deflection:
 
 
 def _thinned(name: str, curve: FloatArray) -> FloatArray:
-    """Return a curve of at most `CURVE_POINTS` points, first and last among them.
-
-    Raises:
-        ModelError: it is no curve.
-    """
+    """Return a curve of at most `CURVE_POINTS` points, first and last among them."""
     try:
         points = np.asarray(curve, dtype=np.float64)
     except (TypeError, ValueError):
@@ -199,15 +195,6 @@ def _thinned(name: str, curve: FloatArray) -> FloatArray:
     if points.ndim != 2 or points.shape[1] != 3:
         raise ModelError(f"curves_[{name!r}] is no (n, 3) array of step, loss, validation loss")
     return points[_spread_rows(len(points), CURVE_POINTS)]
-
-
-def metric_records(prediction: Prediction, cost: Cost | None) -> tuple[ResultRecord, ...]:
-    """Return every metric that a prediction and its cost have."""
-    return tuple(
-        ResultRecord(metric.key, axis, value, metric.unit)
-        for metric in METRICS.values()
-        for axis, value in metric.values(prediction, cost).items()
-    )
 
 
 def _reference(task: CellTask, q: FloatArray, wrench: FloatArray) -> FloatArray | None:

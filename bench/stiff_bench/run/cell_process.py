@@ -27,7 +27,6 @@ from stiff_protocols.contract.progress import Progress, listening
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import BenchmarkData
 
-OTHER_CODE = "other code"
 SECONDS_BETWEEN_REPORTS = 0.2
 LAST_WORDS = 0.9
 """Part of the time limit after which a process prints where it is."""
@@ -166,7 +165,7 @@ def _result(work: Work, folder: Path) -> CellResult:
         cell = task.cell
         task = replace(task, data=_held[cell.data_sha256], source=_held.get(cell.source_sha256))
         if not task.model.missing() and version_of(task.model) != cell.model_version:
-            return unfinished(task, work.run_id, _WHY_OTHER_CODE, OTHER_CODE)
+            return unfinished(task, work.run_id, _WHY_OTHER_CODE, "other code")
         try:
             with listening(report):
                 return compute_cell(task, work.run_id)

@@ -87,8 +87,8 @@ def throughput(model: StiffnessModel, q: FloatArray, wrench: FloatArray, predict
     while times < enough and seconds < SECONDS / 2:
         # twice the rows take at most about twice the time, so no call lasts much longer than that
         times = min(2 * times, enough)
-        many_q, many_wrench = np.tile(q, (times, 1)), np.tile(wrench, (times, 1))
-        seconds = _seconds(lambda many=(many_q, many_wrench): model.predict(*many))  # type: ignore[misc]
+        many = [np.tile(rows, (times, 1)) for rows in (q, wrench)]
+        seconds = _seconds(partial(model.predict, *many))
     return times * len(q) / max(seconds, SHORTEST)
 
 

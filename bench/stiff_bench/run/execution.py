@@ -11,7 +11,7 @@ from stiff_bench.plan.registry import OURS, Registry
 from stiff_bench.plan.request import RunPlan
 from stiff_bench.run.cell import compute_cell
 from stiff_bench.run.cell_process import Limits
-from stiff_bench.run.isolate import NO_MACHINES, LocalProcesses
+from stiff_bench.run.isolate import LocalProcesses
 from stiff_bench.run.progress import Display
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.extras import require
@@ -48,7 +48,7 @@ class InProcess:
     """Computes one cell after another in this process."""
 
     at_once = 1
-    machines = NO_MACHINES
+    machines: Mapping[str, Mapping[str, str]] = {}
 
     def results(
         self, tasks: Iterable[CellTask], run_id: str, display: Display

@@ -18,7 +18,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping, Set
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from multiprocessing import connection
 from pathlib import Path
@@ -167,8 +167,7 @@ class CellProcess:
         except ProcessExpired as error:
             return self._ended(error.exitcode)
         except (ValueError, KeyError, TypeError, AttributeError, DataError) as error:
-            why = f"{type(error).__name__}: {error}"
-            return self._crash("no result", f"its process sent no result: {why}")
+            return self._crash("no result", f"its process sent no result: {said_by(error)}")
         except Exception as error:
             said = f"no process could be started: {said_by(error)}"
             return Crash(type(error).__name__, said, innocent=True)
@@ -317,22 +316,21 @@ def compute_isolated(work: Work, wanted: Callable[[], bool]) -> CellResult | Cra
     return None
 
 
-NO_MACHINES: Mapping[str, Mapping[str, str]] = {}
-
-
+@dataclass
 class LocalProcesses:
     """Computes cells in processes on this machine, some side by side.
 
-    Args:
-        jobs: how many at once.
+    Attributes:
+        at_once: how many.
         limits: of each.
         strangers: keys of the models that are not ours, of which each cell gets a fresh process.
+        machines: no others take part.
     """
 
-    def __init__(self, jobs: int, limits: Limits, strangers: Set[str] = frozenset()) -> None:
-        """Store them."""
-        self.at_once, self._limits, self._strangers = jobs, limits, strangers
-        self.machines = NO_MACHINES
+    at_once: int
+    limits: Limits
+    strangers: Set[str] = frozenset()
+    machines: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     def results(
         self, tasks: Iterable[CellTask], run_id: str, display: Display
@@ -358,8 +356,8 @@ class LocalProcesses:
                         else:
                             break
                         running[place] = task
-                        fresh = task.cell.model in self._strangers
-                        place.begin(partial(work_of, task, run_id, self._limits, fresh=fresh))
+                        fresh = task.cell.model in self.strangers
+                        place.begin(partial(work_of, task, run_id, self.limits, fresh=fresh))
                     if not running:
                         return
                     futures = [place.future for place in running]

@@ -19,7 +19,6 @@ def usable_cores() -> int:
     return os.cpu_count() or 1
 
 
-DEFAULT_THREADS = 1
 _VARIABLES = (
     *("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"),
     "VECLIB_MAXIMUM_THREADS",
@@ -39,9 +38,9 @@ def pin_threads(number: int) -> None:
 
 
 def threads_asked_for() -> int:
-    """Return what the environment says, or the default."""
+    """Return what the environment says, or one."""
     said = os.environ.get("OMP_NUM_THREADS", "")
-    return int(said) if said.isdecimal() and int(said) > 0 else DEFAULT_THREADS
+    return int(said) if said.isdecimal() and int(said) > 0 else 1
 
 
 _FOLDERS = {

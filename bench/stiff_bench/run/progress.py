@@ -38,10 +38,6 @@ SECONDS_BETWEEN_CELLS = 1.0
 class Display:
     """Counts cells and foretells the time that is left; its subclasses show that."""
 
-    def __init__(self) -> None:
-        """Expect nothing yet."""
-        self.begin([], 0, {}, 1)
-
     def begin(
         self, missing: Sequence[CellTask], n_cached: int, seconds: Mapping[str, float], at_once: int
     ) -> None:
@@ -139,7 +135,6 @@ class BarDisplay(Display):
         self._cells = bars.add_task("fits", total=None, note="", visible=False, display=self)
         self._phase = bars.add_task("", total=None, visible=False, note="")
         self._shown: tuple[str, int] | None = None
-        super().__init__()
 
     def start(self, task: CellTask) -> None:
         """Name the cell."""
@@ -178,7 +173,6 @@ class LineDisplay(Display):
         """Start the clocks."""
         self._phase = self._unsaid = ""
         self._phase_start, self._last_line = time.monotonic(), -math.inf
-        super().__init__()
 
     def start(self, task: CellTask) -> None:
         """Print the cell's name, not too often."""

@@ -124,9 +124,9 @@ def _stored(tasks: Sequence[CellTask], store: ResultStore, rerun: Rerun) -> dict
     wanted = {task.cell.key: task for task in tasks}
     damaged: list[str] = []
 
-    def note(error: StoreError) -> None:
+    def note(error: DamagedFile) -> None:
         say(f"warning: {error}; what it held is computed again")
-        damaged.extend([error.key] if isinstance(error, DamagedFile) else [])
+        damaged.append(error.key)
 
     repair(store.folder, note)
     found: dict[str, CellResult] = {}
@@ -161,20 +161,19 @@ def _described(
     )
     store.write_manifest(manifest)
 
-    def complete(status: Literal["finished", "interrupted"]) -> None:
-        whole = replace(
+    def completed(status: Literal["finished", "interrupted"]) -> RunManifest:
+        return replace(
             manifest,
             status=status,
             wall_s=time.perf_counter() - started,
             peak_memory_bytes=peak_memory_bytes(),
             machines=execution.executor.machines,
         )
-        store.write_manifest(whole)
 
     try:
         yield manifest.run_id
     except BaseException:
         with suppress(StoreError):  # what stopped the run is what is to be said
-            complete("interrupted")
+            store.write_manifest(completed("interrupted"))
         raise
-    complete("finished")
+    store.write_manifest(completed("finished"))

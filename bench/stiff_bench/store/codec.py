@@ -10,22 +10,22 @@ import hashlib
 import json
 import math
 import zlib
-from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from collections.abc import Sequence
+from dataclasses import fields
 from functools import lru_cache
-from itertools import accumulate
+from operator import itemgetter
 from typing import Any, TypeVar
 
 import numpy as np
 import orjson
 
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.record import Cell, CellResult, Cost, Presentation, ResultRecord
+from stiff_protocols.contract.record import Cell, CellResult, Cost, Presentation
 from stiff_protocols.contract.types import KNOWN, FloatArray, Interval, Prediction
 
 _T = TypeVar("_T")
 Content = dict[str, Any]
-"""Name of a column -> str, int, float, bytes or None; "metrics" -> (metric, axis, value, unit)s."""
+"""Name of a column -> str, int, float, bytes or None; "metrics" -> the records."""
 
 _OF_CELL = {
     "model_key": "model",
@@ -69,86 +69,50 @@ def cell_content(result: CellResult) -> Content:
     content |= {name: getattr(result, name) for name in _PLAIN}
     content |= {name: getattr(result.cost, name, None) for name in _COST}
     content["shown"] = json_text({name: getattr(shown, name) for name in _SHOWN})
-    content["about"] = json_text(
-        {
-            # JSON has no infinity (a rigid joint) and no NaN (one that cannot be identified)
-            "diagnostics": {
-                name: value if math.isfinite(value) else str(value)
-                for name, value in result.diagnostics.items()
-            },
-            "warnings": result.warnings,
-            "log": result.log,
-            "chosen": dict(result.chosen),
-            "n_labels": result.n_labels,
-        }
-    )
+    # JSON has no infinity (a rigid joint) and no NaN (one that cannot be identified)
+    diagnostics = {k: v if math.isfinite(v) else str(v) for k, v in result.diagnostics.items()}
+    about = {name: getattr(result, name) for name in ("warnings", "log", "chosen", "n_labels")}
+    content["about"] = json_text({"diagnostics": diagnostics, **about})
     content["prediction_arrays"], content["prediction"] = _packed(result.prediction)
     curves = {name: curve.tolist() for name, curve in result.curves.items()}
     content["curves"] = zlib.compress(orjson.dumps(curves)) if curves else None
-    content["metrics"] = [tuple(record) for record in result.records]
+    content["metrics"] = tuple(result.records)
     for name, value in content.items():
-        if type(value) is str and not value.isascii():  # a file's name may hold what is no text
-            content[name] = value.encode(errors="replace").decode()
+        if type(value) is str:
+            content[name] = storable(value)
         elif name in REALS and value is not None:
             content[name] = float(value)  # as it comes back
     return content
 
 
-def cell_result(content: Mapping[str, Any]) -> CellResult:
-    """Return the result whose content this is.
-
-    Raises:
-        DataError: it is no result's content, or its key is another cell's.
-    """
-    try:
-        records = tuple(ResultRecord(*metric) for metric in content["metrics"])
-        row = [content[name] for name in COLUMNS]
-    except _FAULTS as error:
-        raise DataError(f"{type(error).__name__}: {error}") from error
-    result = checked_result(row, records)
-    if replace(result.cell).key != row[0]:
-        raise DataError(f"holds the cell {replace(result.cell).key}")
-    return result
-
-
-def checked_result(row: Sequence[Any], records: Sequence[ResultRecord]) -> CellResult:
-    """Return the result in a row whose checksum is right: its key need not be worked out again.
-
-    Args:
-        row: in the order of `COLUMNS`.
-        records: its metric values.
+def cell_result(content: Content) -> CellResult:
+    """Return the result whose content this is; its key is not worked out again.
 
     Raises:
         DataError: it is no result's content.
     """
     try:
-        return _result(row, records)
+        return _result(content)
     except _FAULTS as error:
         raise DataError(f"{type(error).__name__}: {error}") from error
 
 
-_PLACES = tuple(accumulate([1, len(_NAMES), len(_OF_CELL), len(_PLAIN), len(_COST)]))
-"""Where the parts of a row begin, behind its key."""
+_shown_of, _cost_of = itemgetter(*_NAMES, "shown"), itemgetter(*_COST)
 
 
-def _result(row: Sequence[Any], records: Sequence[ResultRecord]) -> CellResult:
-    names, of_cell, plain, of_cost, rest = _PLACES
-    cell = dict(zip(_OF_CELL.values(), row[of_cell:plain], strict=True))
+def _result(content: Content) -> CellResult:
+    cell = {name: content[column] for column, name in _OF_CELL.items()}
     for name in _PARAMS:
         cell[name] = _parsed(cell[name])
-    cell["key"] = row[0]
-    cost = row[of_cost:rest]
-    shown, about, array_names, prediction, curves = row[rest:]
-    values: dict[str, Any] = dict(zip(_PLAIN, row[plain:of_cost], strict=True))
-    values |= _about(about)
+    cell["key"] = content["key"]
+    values = {name: content[name] for name in _PLAIN}
+    values |= _about(content["about"])
     values["cell"] = _made(Cell, cell)
-    values["shown"] = _presentation(*row[names:of_cell], shown)
-    values["records"] = records
-    values["prediction"] = (
-        None if prediction is None else _prediction(prediction, array_names, cell["coverage"])
-    )
-    values["cost"] = None if cost[0] is None else Cost(*cost)
-    values["curves"] = {} if curves is None else _curves(curves)
+    values["shown"] = _presentation(*_shown_of(content))
+    values["records"] = content["metrics"]
+    values["prediction"] = _prediction(content)
+    values["cost"] = None if content["fit_s"] is None else Cost(*_cost_of(content))
+    values["curves"] = _curves(content["curves"])
     return _made(CellResult, values)
 
 
@@ -171,17 +135,17 @@ def _about(text: str) -> dict[str, Any]:
     }
 
 
-def _curves(blob: bytes) -> dict[str, FloatArray]:
+def _curves(blob: bytes | None) -> dict[str, FloatArray]:
+    if blob is None:
+        return {}
     return {
         name: np.array(points, dtype=np.float64).reshape(-1, 3)
         for name, points in orjson.loads(_unpacked(blob)).items()
     }
 
 
-@lru_cache(maxsize=4096)
-def _parsed(text: str) -> Any:
-    """Return what a JSON text says, which many cells share."""
-    return orjson.loads(text)
+_parsed = lru_cache(maxsize=4096)(orjson.loads)
+"""What a JSON text says, which many cells share."""
 
 
 @lru_cache(maxsize=4096)
@@ -226,12 +190,14 @@ def _array_names(text: str) -> list[str]:
     return names
 
 
-def _prediction(blob: bytes, array_names: str, coverage: float | None) -> Prediction:
-    names = _array_names(array_names)
-    raw = _unpacked(blob)
+def _prediction(content: Content) -> Prediction | None:
+    if content["prediction"] is None:
+        return None
+    names, coverage = _array_names(content["prediction_arrays"]), content["coverage"]
+    raw = _unpacked(content["prediction"])
     n, more = divmod(len(raw), 8 + 24 * len(names))
     if more:
-        raise ValueError(f"{len(raw)} bytes are no rows of {array_names!r}")
+        raise ValueError(f"{len(raw)} bytes are no rows of {' '.join(names)!r}")
     numbers = np.ndarray((len(names), n, 3), _FLOAT, raw, 8 * n)
     arrays: dict[str, FloatArray] = dict(zip(names, numbers, strict=True))
     interval = None
@@ -269,7 +235,7 @@ def checksum(
 
     Args:
         columns: all that is text or number, in the order of `COLUMNS`.
-        names: of the metric values, as `measure_names` has them.
+        names: JSON of metric, axis and unit of each value, in their order.
         values: (n,) of the metrics.
         blobs: the last columns.
     """
@@ -277,15 +243,11 @@ def checksum(
     return hashlib.sha256(b"\0".join([*parts, *(blob or b"" for blob in blobs)])).hexdigest()
 
 
-def measure_names(measures: Sequence[tuple[str, str, str]]) -> bytes:
-    """Return metric, axis and unit of a cell's values, for its checksum."""
-    return orjson.dumps(measures)
-
-
 def json_text(content: Any) -> str:
-    """Return strict JSON.
+    """Return strict JSON that is `storable`."""
+    return storable(json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")))
 
-    What is no character becomes a question mark: a file's name may hold such bytes.
-    """
-    text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+
+def storable(text: str) -> str:
+    """Return a text with a question mark for what is no character, as a file's name may hold."""
     return text if text.isascii() else text.encode(errors="replace").decode()

@@ -17,11 +17,11 @@ from stiff_bench.store.database import (
     DamagedFile,
     OnDamage,
     file_uri,
-    readable_manifests,
+    read_manifests,
     told_in_one_line,
     writing,
 )
-from stiff_bench.store.rows import StoredValues, checked_row, marks, write_row
+from stiff_bench.store.rows import SELECT_CELLS, StoredValues, checked_row, marks, write_row
 from stiff_protocols.contract.errors import DataError
 
 _DAMAGES = (sqlite3.Error, UnicodeDecodeError)
@@ -41,10 +41,8 @@ def fault_of(folder: Path) -> str | None:
         try:
             with closing(sqlite3.connect(path, timeout=database.BUSY_S)) as db:
                 (said,) = db.execute("PRAGMA quick_check(1)").fetchone()
-        except UnicodeDecodeError as error:
-            return str(error)
-        except sqlite3.DatabaseError as error:
-            if type(error) is not sqlite3.DatabaseError:
+        except (UnicodeDecodeError, sqlite3.DatabaseError) as error:
+            if isinstance(error, sqlite3.Error) and type(error) is not sqlite3.DatabaseError:
                 raise
             return str(error)
     return None if said == "ok" else " ".join(said.split())
@@ -86,15 +84,14 @@ def _copied(old: sqlite3.Connection, new: sqlite3.Connection) -> Iterator[str]:
     except _DAMAGES:
         return  # not even its tables can be found
     for table in ("run", "data"):
-        for row in _readable_rows(old, table):
+        for row in _readable_rows(old, table, f"SELECT * FROM {table}"):
             with suppress(*_DAMAGES):  # of one key a damaged file may have two
                 new.execute(f"INSERT INTO {table} VALUES {marks(row)}", row)
     kept: set[str] = set()
     known = StoredValues()
-    for row in _readable_rows(old, "cell"):
+    for row in _readable_rows(old, "cell", SELECT_CELLS):
         with suppress(*_DAMAGES, DataError, KeyError):
-            # id, columns, checksum -> id, checksum, columns
-            result = checked_row((row[0], row[-1], *row[1:-1]), known.values(old, [row[0]]))
+            result = checked_row(row, known.values(old, [row[0]]))
             write_row(new, result)
             kept.add(result.cell.key)
     with suppress(*_DAMAGES):  # the index of keys has pages of its own
@@ -103,7 +100,7 @@ def _copied(old: sqlite3.Connection, new: sqlite3.Connection) -> Iterator[str]:
                 yield str(key)
 
 
-def _readable_rows(db: sqlite3.Connection, table: str) -> Iterator[tuple[Any, ...]]:
+def _readable_rows(db: sqlite3.Connection, table: str, select: str) -> Iterator[tuple[Any, ...]]:
     """Yield every row that can be read, found by its number: a broken page ends other searches."""
     try:
         (last,) = db.execute(f"SELECT max(rowid) FROM {table}").fetchone()
@@ -111,7 +108,7 @@ def _readable_rows(db: sqlite3.Connection, table: str) -> Iterator[tuple[Any, ..
         last = MOST_ROWS
     for number in range(1, (last or 0) + 1):
         try:
-            row = db.execute(f"SELECT * FROM {table} WHERE rowid = ?", (number,)).fetchone()
+            row = db.execute(f"{select} WHERE rowid = ?", (number,)).fetchone()
         except _DAMAGES:
             continue
         if row is not None:
@@ -140,7 +137,7 @@ def repair(folder: Path, report: OnDamage) -> None:
         report(DamagedFile(path, f"{fault}; its readable rows are kept, and all of it as {kept}"))
         salvage(path, path, report, keep=kept)
     lost: list[DamagedFile] = []
-    list(readable_manifests(folder, lost.append))
+    read_manifests(folder, lost.append)
     if lost:
         with writing(folder) as db:
             names = [(error.run_id,) for error in lost]

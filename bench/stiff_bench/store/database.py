@@ -29,7 +29,7 @@ from typing import Any
 
 import orjson
 
-from stiff_bench.store.codec import json_text
+from stiff_bench.store.codec import json_text, storable
 from stiff_bench.store.rows import (
     COLUMN_TYPES,
     SELECT_CELLS,
@@ -56,9 +56,6 @@ PAGE_BYTES = 16384
 """A cell has about 2.5 kB: of SQLite's own 4 kB a third would stay empty."""
 AT_ONCE = 2000
 """Cells that are read with one statement, so that those who write soon get their turn."""
-
-OnDamage = Callable[[StoreError], None]
-"""Is told of each row or file that is damaged."""
 
 _RUN = tuple(item.name for item in fields(RunManifest))
 _RUN_JSON = ("environment", "cells", "machines")
@@ -95,6 +92,14 @@ class DamagedFile(StoreError):
         self.key, self.run_id = key, run_id
 
 
+OnDamage = Callable[[DamagedFile], None]
+"""Is told of each row or file that is damaged."""
+
+
+def _raise(error: DamagedFile) -> None:
+    raise error
+
+
 class ResultStore:
     """A folder of results that is written to.
 
@@ -110,7 +115,7 @@ class ResultStore:
         self.folder = folder
         try:
             make_folder(folder)
-            _refuse_old_format(folder)
+            has_results(folder)  # or one of an older format, which is refused
             with writing(folder):
                 pass
         except DamagedFile:
@@ -168,9 +173,13 @@ def has_results(folder: Path) -> bool:
     Raises:
         StoreError: the folder holds results of an older format.
     """
-    if (folder / FILE).is_file():
+    if (folder / FILE).exists():
         return True
-    _refuse_old_format(folder)
+    if any(any((folder / name).glob("*.*")) for name in ("cells", "packs")):
+        raise StoreError(
+            f"{folder}: holds results of an older stiffbench (files in cells/ or packs/), which "
+            "this one does not read; give a new folder and run again"
+        )
     return False
 
 
@@ -191,20 +200,19 @@ def read_results(folder: Path) -> list[CellResult]:
 
 
 def stored_results(
-    folder: Path, keys: Set[str] | None = None, report: OnDamage | None = None
+    folder: Path, keys: Set[str] | None = None, report: OnDamage = _raise
 ) -> Iterator[CellResult]:
     """Yield what is stored of some cells, in no particular order; writers need not wait meanwhile.
 
     Args:
         folder: of the results; it may be one that cannot be written.
         keys: of the cells; None: all.
-        report: is told of damaged rows, which are left out; None: the first is raised.
+        report: is told of damaged rows, which are left out; default: the first is raised.
 
     Raises:
         StoreError: the folder is none of ours, the file is damaged as a whole, or a row is and
             nobody asked for a report.
     """
-    tell = report or _raise
     asked = sorted(keys or ())
     last = 0
     known = StoredValues()
@@ -221,7 +229,7 @@ def stored_results(
             try:
                 yield checked_row(row, values)
             except DataError as error:
-                tell(DamagedFile(folder / FILE, f"cell {row[2]}: {error}", key=str(row[2])))
+                report(DamagedFile(folder / FILE, f"cell {row[2]}: {error}", key=str(row[2])))
         if keys is None:
             if len(rows) < AT_ONCE:
                 return
@@ -249,26 +257,25 @@ def mean_seconds(folder: Path) -> dict[str, float]:
         return {model: seconds for model, seconds in fetched(db, query) if seconds is not None}
 
 
-def read_manifests(folder: Path) -> list[RunManifest]:
+def read_manifests(folder: Path, report: OnDamage = _raise) -> list[RunManifest]:
     """Return every run's manifest of a folder, in the order of their names.
+
+    Args:
+        folder: of the results.
+        report: is told of damaged manifests, which are left out; default: the first is raised.
 
     Raises:
         StoreError: the folder is none of ours, or something in it is damaged.
     """
-    return list(readable_manifests(folder, _raise))
-
-
-def readable_manifests(
-    folder: Path, report: Callable[[DamagedFile], None]
-) -> Iterator[RunManifest]:
-    """Yield the manifests of a folder that are whole; `report` is told of the others."""
     with reading(folder) as db:
         rows = fetched(db, f"SELECT sha256, {', '.join(_RUN)} FROM run ORDER BY run_id")
+    found = []
     for row in rows:
         try:
-            yield _manifest(*row)
+            found.append(_manifest(*row))
         except (DataError, TypeError, ValueError) as error:
             report(DamagedFile(folder / FILE, f"run {row[1]}: {error}", run_id=row[1]))
+    return found
 
 
 def read_data(folder: Path, sha256: str) -> StoredData:
@@ -357,9 +364,9 @@ def _make_tables(db: sqlite3.Connection) -> None:
 
 def write_run(db: sqlite3.Connection, manifest: RunManifest) -> None:
     """Put a run's manifest into the file in the place of an older state of it."""
-    row = [getattr(manifest, name) for name in _RUN]
-    row = [json_text(v) if n in _RUN_JSON else v for n, v in zip(_RUN, row, strict=True)]
-    row = [orjson.loads(json_text(value)) if type(value) is str else value for value in row]
+    run = {name: getattr(manifest, name) for name in _RUN}
+    run |= {name: json_text(run[name]) for name in _RUN_JSON}
+    row = [storable(value) if type(value) is str else value for value in run.values()]
     db.execute(
         f"INSERT OR REPLACE INTO run ({', '.join(_RUN)}, sha256) VALUES {marks([*row, ''])}",
         (*row, _sha256(row)),
@@ -396,17 +403,6 @@ def _check_format(path: Path, db: sqlite3.Connection) -> None:
         )
 
 
-def _refuse_old_format(folder: Path) -> None:
-    """Refuse a folder of before there was a database."""
-    if (folder / FILE).exists():
-        return
-    if any(any((folder / name).glob("*.*")) for name in ("cells", "packs")):
-        raise StoreError(
-            f"{folder}: holds results of an older stiffbench (files in cells/ or packs/), which "
-            "this one does not read; give a new folder and run again"
-        )
-
-
 @contextmanager
 def told_in_one_line(path: Path, what: str) -> Iterator[None]:
     """Say in one line what SQLite could not do.
@@ -416,30 +412,18 @@ def told_in_one_line(path: Path, what: str) -> Iterator[None]:
     """
     try:
         yield
-    except sqlite3.OperationalError as error:
-        raise StoreError(f"{path}: cannot be {what}: {error}{_hint(str(error))}") from error
-    except sqlite3.DatabaseError as error:
-        if type(error) is not sqlite3.DatabaseError:  # such as a blob that is too large
-            raise StoreError(f"{path}: cannot be {what}: {error}") from error
-        remedy = "the `bench run` that made it keeps what can be read and computes the rest again"
-        raise DamagedFile(path, f"{error}; {remedy}") from error
     except UnicodeDecodeError as error:  # even the names of its tables are no text
         raise DamagedFile(path, str(error)) from error
-    except (sqlite3.Error, OverflowError) as error:
-        raise StoreError(f"{path}: cannot be {what}: {error}") from error
     except OSError as error:
         raise StoreError(f"{path}: cannot be {what}: {error.strerror or error}") from error
-
-
-def _hint(message: str) -> str:
-    if any(word in message for word in ("locked", "locking", "disk I/O")):
-        return (
+    except (sqlite3.Error, OverflowError) as error:
+        if type(error) is sqlite3.DatabaseError:
+            remedy = "the `bench run` that made it keeps what can be read and computes the rest"
+            raise DamagedFile(path, f"{error}; {remedy} again") from error
+        busy = any(word in str(error) for word in ("locked", "locking", "disk I/O"))
+        hint = (
             f"; another command has used it for more than {BUSY_S:g} s, the disk is full, or its "
             "file system has no locks (network file systems often have none): give a folder on a "
             "local disk"
         )
-    return ""
-
-
-def _raise(error: StoreError) -> None:
-    raise error
+        raise StoreError(f"{path}: cannot be {what}: {error}{hint if busy else ''}") from error

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Collection, Iterator, Sequence, Set
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,11 +14,11 @@ from stiff_bench.store.codec import COLUMNS
 from stiff_bench.store.damage import fault_of, salvage
 from stiff_bench.store.database import (
     FILE,
+    DamagedFile,
     ResultStore,
     has_results,
     read_data,
     read_manifests,
-    readable_manifests,
     reading,
     stored_results,
     why_no_results,
@@ -74,14 +74,14 @@ def _survey(folder: Path, stack: ExitStack, known: Sequence[FolderSurvey] = ()) 
     """Read what a folder holds; a cell that came from a `known` folder claims nothing new."""
     found = FolderSurvey(folder, folder)
 
-    def note(error: StoreError) -> None:
+    def note(error: DamagedFile) -> None:
         found.damaged.append(str(error))
 
     if has_results(folder) and (fault := fault_of(folder)) is not None:
         found.source = Path(stack.enter_context(TemporaryDirectory(prefix="bench-merge-")))
         found.damaged.append(f"{folder / FILE}: damaged: {fault}")
         salvage(folder / FILE, found.source / FILE, note)
-    found.runs = list(readable_manifests(found.source, note))
+    found.runs = read_manifests(found.source, note)
     for result in stored_results(found.source, report=note):
         key = result.cell.key
         if replace(result.cell).key != key:  # what is written by its key must have its own
@@ -134,10 +134,10 @@ def _disagreements(surveys: Sequence[FolderSurvey]) -> dict[tuple[Kind, str], st
 
 
 _COLUMNS = ", ".join((*COLUMNS, "sha256"))
-_COUNTS_OVER = "(a.status = 'ok', a.run_id) >= (b.status = 'ok', b.run_id)"
 _JOIN_CELLS = f"""
 DELETE FROM taken WHERE key IN (
-    SELECT key FROM main.cell a JOIN other.cell b USING (key) WHERE {_COUNTS_OVER});
+    SELECT key FROM main.cell a JOIN other.cell b USING (key)
+    WHERE (a.status = 'ok', a.run_id) >= (b.status = 'ok', b.run_id));
 DELETE FROM main.cell WHERE key IN (SELECT key FROM taken);
 INSERT INTO main.cell ({_COLUMNS})
     SELECT {_COLUMNS} FROM other.cell WHERE key IN (SELECT key FROM taken) ORDER BY id;
@@ -149,7 +149,7 @@ INSERT INTO main.value (cell, measure, value)
     JOIN other.measure n ON n.id = v.measure JOIN main.measure m USING (metric, axis, unit);
 DROP TABLE taken
 """
-"""`taken` holds the keys of the cells to copy; another merge may have been sooner."""
+"""`taken` holds the keys of a folder's cells; those that do not count are not copied."""
 
 
 @dataclass(frozen=True)
@@ -196,15 +196,18 @@ def merge(folders: Sequence[Path], output: Path, allow: Collection[Kind]) -> Mer
             )
         ResultStore(output)
         damaged = [line for one in every for line in one.damaged]
-        takes, n_other_numbers = _chosen(surveys, there)
-        for one, keys in zip(surveys, takes, strict=True):
-            damaged += _join(one, keys, output)
+        for one in surveys:
+            damaged += _join(one, output)
+    best, n_other_numbers = _best([there, *surveys])
     return Merged(
-        n_cells=len(set().union(*(one.records for one in every))),
+        n_cells=len(best),
         n_there=len(there.records),
         taken={
-            one.folder: (len(one.records), len(keys))
-            for one, keys in zip(surveys, takes, strict=True)
+            one.folder: (
+                len(one.records),
+                sum(best[key] is record for key, record in one.records.items()),
+            )
+            for one in surveys
         },
         n_other_numbers=n_other_numbers,
         damaged=tuple(dict.fromkeys(damaged)),
@@ -226,25 +229,21 @@ def _inputs(folders: Sequence[Path], output: Path) -> list[Path]:
     return list(different.values())
 
 
-def _chosen(surveys: Sequence[FolderSurvey], there: FolderSurvey) -> tuple[list[set[str]], int]:
-    """Return the keys of the cells to take from each folder, and how many have other numbers."""
-    best = dict(there.records)
-    takes: list[set[str]] = []
+def _best(surveys: Sequence[FolderSurvey]) -> tuple[dict[str, Record], int]:
+    """Return key -> the record that counts, and how many cells have other numbers elsewhere."""
+    best: dict[str, Record] = {}
     differing: set[str] = set()
     for one in surveys:
-        take = set()
         for key, record in one.records.items():
-            other = best.get(key)
-            if other is None or record[:2] > other[:2]:
-                take.add(key)
+            other = best.setdefault(key, record)
+            if record[:2] > other[:2]:
                 best[key] = record
-            if other is not None and record.ok and other.ok and record.numbers != other.numbers:
+            if record.ok and other.ok and record.numbers != other.numbers:
                 differing.add(key)
-        takes = [*(earlier - take for earlier in takes), take]
-    return takes, len(differing)
+    return best, len(differing)
 
 
-def _join(one: FolderSurvey, keys: Set[str], output: Path) -> list[str]:
+def _join(one: FolderSurvey, output: Path) -> list[str]:
     """Copy cells, data sets and manifests as one transaction; return a line for what is damaged.
 
     Raises:
@@ -255,12 +254,13 @@ def _join(one: FolderSurvey, keys: Set[str], output: Path) -> list[str]:
     data = [*_data_to_copy(one, output, damaged)]
     with writing(output, one.source) as db:
         db.execute("CREATE TEMP TABLE taken (key TEXT PRIMARY KEY)")
-        db.executemany("INSERT INTO taken VALUES (?)", [(key,) for key in keys])
-        (n_found,) = db.execute("SELECT count(*) FROM taken JOIN other.cell USING (key)").fetchone()
-        if n_found < len(keys):
+        db.executemany("INSERT INTO taken VALUES (?)", [(key,) for key in one.records])
+        query = "SELECT count(*) FROM taken WHERE key NOT IN (SELECT key FROM other.cell)"
+        (n_lost,) = db.execute(query).fetchone()
+        if n_lost:
             raise StoreError(
-                f"{one.folder}: {len(keys) - n_found} of its results cannot be read any more; give "
-                "the same command again"
+                f"{one.folder}: {n_lost} of its results cannot be read any more; give the same "
+                "command again"
             )
         for statement in _JOIN_CELLS.split(";\n"):
             db.execute(statement)

@@ -5,18 +5,18 @@ from __future__ import annotations
 import sqlite3
 from array import array
 from collections.abc import Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
+import orjson
 
 from stiff_bench.store.codec import (
     COLUMNS,
     REALS,
     cell_content,
-    checked_result,
+    cell_result,
     checksum,
-    measure_names,
 )
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.record import CellResult, Measures, StoredRecords
@@ -50,12 +50,8 @@ def fetched(
     except sqlite3.OperationalError as error:
         if "decode" not in str(error):
             raise
-    db.text_factory = _lenient
+    db.text_factory = partial(str, encoding="utf-8", errors="surrogateescape")
     return db.execute(query, values).fetchall()
-
-
-def _lenient(text: bytes) -> str:
-    return text.decode(errors="surrogateescape")
 
 
 def checked_row(
@@ -75,16 +71,14 @@ def checked_row(
             raise DataError("its checksum does not match its content")
     except TypeError as error:  # bytes in the place of a text
         raise DataError(str(error)) from error
-    return checked_result(columns, StoredRecords(measures, numbers))
+    content = dict(zip(COLUMNS, columns, strict=True))
+    content["metrics"] = StoredRecords(measures, numbers)
+    return cell_result(content)
 
 
 @cache  # most rows are alike
 def _check_types(types: tuple[type, ...]) -> None:
-    """See that a row has the types of its columns.
-
-    Raises:
-        DataError: it has not.
-    """
+    """Raise a DataError where a row has not the types of its columns."""
     for name, found in zip(COLUMNS, types, strict=True):
         known = _TYPES[COLUMN_TYPES[name]]
         if found is not known and not (found is type(None) and name in _OPTIONAL):
@@ -98,7 +92,7 @@ class _Measures(Measures):
         """Put them in order: by name, since another file has other numbers for them."""
         super().__init__(names)
         self.order = np.array(sorted(range(len(names)), key=names.__getitem__), dtype=np.int64)
-        self.text = measure_names(sorted(names))
+        self.text = orjson.dumps(sorted(names))
 
 
 _NO_VALUES = (_Measures(()), np.empty(0))

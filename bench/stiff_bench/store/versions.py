@@ -14,10 +14,8 @@ LIBRARIES = ("numpy", "scipy", "scikit-learn", "torch", "pin")
 """That the numbers go through."""
 
 
-def sources(
-    folder: Path, runs: Sequence[RunManifest], n_results: Mapping[str, int]
-) -> Iterator[str]:
-    """Yield a line that names the versions and commits that made results of a folder.
+def sources(folder: Path, runs: Sequence[RunManifest], n_results: Mapping[str, int]) -> str:
+    """Return a line that names the versions and commits that made results of a folder.
 
     Args:
         folder: of the results.
@@ -32,7 +30,7 @@ def sources(
         version if len(counts) == 1 else f"{version} ({count})"
         for version, count in sorted(counts.items())
     )
-    yield f"{counts.total()} results of {folder}, made by {made}."
+    return f"{counts.total()} results of {folder}, made by {made}."
 
 
 def differing_libraries(

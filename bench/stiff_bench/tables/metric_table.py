@@ -19,9 +19,9 @@ from stiff_bench.tables.units import PRINTED, counted, percent
 from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.plugin import STIFFNESS, kind_label
-from stiff_protocols.contract.record import CellResult, Presentation, ResultRecord
+from stiff_protocols.contract.record import CellResult, Presentation
 from stiff_protocols.contract.types import AXES, KNOWN, Interval, Prediction
-from stiff_protocols.scoring.metrics import METRICS, WHOLE, Metric
+from stiff_protocols.scoring.metrics import METRICS, WHOLE, Metric, metric_records
 
 SELECTION_MARK = "epoch picked on test part"
 TRAINING_MARK = "training samples among those reported"
@@ -51,7 +51,7 @@ def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
     usual = PATH_METRICS if shown.measured_sha256 else USUAL_METRICS
     metrics = metrics or tuple(METRICS[key] for key in usual)
     by_model = grouped(group, lambda result: result.shown.model)
-    refuse_mixed(by_model)
+    _refuse_mixed(by_model)
     beside = _beside_models(by_model)
     reference = {name: beside.pop(name) for name in [REFERENCE_MODEL] if name in beside}
     by_model = reference | by_model | beside  # what only a simulation knows comes last
@@ -78,7 +78,7 @@ def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
         for method, values in published.items()
     ]
     return Table(
-        title=_title(group[0], f"{shown.dataset} ({kind})", n_splits, metrics),
+        title=_title(group[0], n_splits, metrics),
         columns=[
             Column("model", "text"),
             *(Column(name, "text", hidden=True) for name in facts),
@@ -102,9 +102,9 @@ def _beside_models(by_model: Mapping[str, list[CellResult]]) -> dict[str, list[C
     rows = {}
     for name in names:
         for results in by_model.values():
-            found = [_beside(result, name) for result in results]
-            if all(one is not None for one in found):
-                rows[name] = [one for one in found if one is not None]
+            found = [one for result in results if (one := _beside(result, name)) is not None]
+            if len(found) == len(results):
+                rows[name] = found
                 break
     return rows
 
@@ -119,36 +119,33 @@ def _beside(result: CellResult, name: str) -> CellResult | None:
     if other is None:
         return None
     prediction = Prediction(found.rows, other, found.measured, reference=found.reference)
-    records = tuple(
-        ResultRecord(metric.key, axis, value, metric.unit)
-        for metric in METRICS.values()
-        for axis, value in metric.values(prediction).items()
-    )
     return CellResult(
         result.cell,
         replace(result.shown, model=name, regime="", source="", picked_on_test=False),
-        *(result.run_id, "ok", records, prediction),
+        *(result.run_id, "ok", metric_records(prediction), prediction),
         n_train=result.n_train,
         n_splits=result.n_splits,
     )
 
 
-def _title(first: CellResult, data: str, n_splits: int, metrics: Sequence[Metric]) -> str:
-    """Return data set, protocol, splits, seed, unit and nominal coverage in one line."""
+def setting(shown: Presentation, condition: str, n_splits: int, seed: int) -> str:
+    """Return data set, protocol, condition, splits and seed, as a title has them."""
+    data = f"{shown.dataset} ({kind_label(shown.kind, shown.task)})"
+    protocol = " | ".join(filter(None, (shown.protocol, condition)))
+    return f"{data} | {protocol}, {counted(n_splits, 'split')}, seed {seed}"
+
+
+def _title(first: CellResult, n_splits: int, metrics: Sequence[Metric]) -> str:
+    """Return the setting, unit and nominal coverage in one line."""
     cell, shown = first.cell, first.shown
-    spread = ""
+    spread = ", mean ± standard deviation over splits" if n_splits > 1 else ""
     if shown.pooled:
         spread = " over the predictions of all splits"
-    elif n_splits > 1:
-        spread = ", mean ± standard deviation over splits"
     units = dict.fromkeys(PRINTED[metric.unit][0] for metric in metrics)
     unit = " and ".join(filter(None, units))
-    protocol = " | ".join(filter(None, (shown.protocol, cell.condition)))
     intervals = "" if cell.coverage is None else f" | {percent(cell.coverage)} intervals"
-    return (
-        f"{data} | {protocol}, {counted(n_splits, 'split')}, seed {cell.seed} | "
-        f"{unit}{spread}{intervals}"
-    )
+    of_cell = setting(shown, cell.condition, n_splits, cell.seed)
+    return f"{of_cell} | {unit}{spread}{intervals}"
 
 
 def metric_columns(metrics: Sequence[Metric]) -> list[Column]:
@@ -178,18 +175,15 @@ def number_format(metric: Metric) -> str:
     return f".{DECIMALS[PRINTED[metric.unit][0]]}f"
 
 
-def refuse_mixed(by_model: Mapping[str, Sequence[CellResult]]) -> None:
+def _refuse_mixed(by_model: Mapping[str, Sequence[CellResult]]) -> None:
     """See that every model's results are of the same data, source, splits and coverage.
 
     Raises:
         StoreError: they are not.
     """
     identities = {
-        tuple(
-            (cell.data_sha256, cell.source_sha256, cell.split_sha256, cell.coverage)
-            for cell in (result.cell for result in results)
-        )
-        for results in by_model.values()
+        tuple((c.data_sha256, c.source_sha256, c.split_sha256, c.coverage) for c in cells)
+        for cells in ([result.cell for result in results] for results in by_model.values())
     }
     if len(identities) > 1:
         raise StoreError(
@@ -220,10 +214,9 @@ def metric_values(results: Sequence[CellResult], metrics: Sequence[Metric]) -> V
     together = pooled_prediction(results) if results[0].shown.pooled else None
     found = {}
     for metric in metrics:
-        if together is not None and metric.of_cost is None:
+        each = [result.values(metric.key) for result in results]
+        if together is not None and metric.of_cost is None:  # costs are means over the splits
             each = [metric.values(together)]
-        else:  # costs are means over the splits
-            each = [dict(result.values(metric.key)) for result in results]
         _, factor = PRINTED[metric.unit]
         for axis in metric.axes:
             if all(axis in values for values in each):  # none where a split lacks it

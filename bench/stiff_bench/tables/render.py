@@ -42,7 +42,8 @@ def render(
         return _csv(tables)
     if fmt == "json":
         facts = {"command": command, **({"text": text} if text else {}), **(about or {})}
-        return _json_text({**facts, "tables": [_plain(table) for table in tables]})
+        content = _strict({**facts, "tables": [_plain(table) for table in tables]})
+        return json.dumps(content, indent=2, allow_nan=False)
     one, paragraph = {
         "github": (_github, markdown_text),
         "latex": (_latex, latex_text),
@@ -290,10 +291,6 @@ def _known(value: Mapping[str, object]) -> dict[str, object]:
     """Return a number without what it has not, such as an interval."""
     optional = {*VALUE_FIELDS} - {"column", "value", "unit"}
     return {k: v for k, v in value.items() if k not in optional or v not in (None, "")}
-
-
-def _json_text(content: object) -> str:
-    return json.dumps(_strict(content), indent=2, allow_nan=False)
 
 
 def _strict(value: Any) -> Any:

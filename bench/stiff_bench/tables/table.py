@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from stiff_bench.tables.units import marked
@@ -163,13 +163,8 @@ class Table:
     def shown(self) -> Table:
         """Return the table without its hidden columns: what people see."""
         seen = [number for number, one in enumerate(self.columns) if not one.hidden]
-        return Table(
-            self.title,
-            [self.columns[number] for number in seen],
-            [[row[number] for number in seen] for row in self.rows],
-            self.notes,
-            self.unit,
-        )
+        rows = [[row[number] for number in seen] for row in self.rows]
+        return replace(self, columns=[self.columns[number] for number in seen], rows=rows)
 
     def texts(self) -> list[list[str]]:
         """Return each row's cells for people."""

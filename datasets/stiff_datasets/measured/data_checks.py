@@ -10,14 +10,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stiff_datasets.measured.hypotheses import Reading, compliances
 from stiff_datasets.measured.sample_checks import SAME_POSE
 from stiff_datasets.measured.sample_files import DEFLECTION_COLUMNS, MM_PER_M, file_units
-from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
-
-Lines = NDArray[np.int64]
+from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot, Samples
 
 LARGEST_FORCE_N = 5000.0
 """More than a tool of a common industrial robot carries; the column may be in another unit."""
@@ -59,7 +56,7 @@ class Finding:
     rows: tuple[int, ...] = ()
 
 
-def warning(message: str, rows: Lines | tuple[()] = ()) -> Finding:
+def warning(message: str, rows: IntArray | tuple[()] = ()) -> Finding:
     """Return what to look at."""
     return Finding("warning", message, tuple(int(row) for row in rows))
 
@@ -69,20 +66,16 @@ def fact(name: str, value: str) -> Finding:
     return Finding("fact", f"{name}: {value}")
 
 
-def duplicate_findings(samples: Samples, robot: Robot, lines: Lines) -> Iterator[Finding]:
+def duplicate_findings(samples: Samples, robot: Robot, lines: IntArray) -> Iterator[Finding]:
     """Find poses that have two names, samples that stand twice and deflections that were copied."""
-    poses = pose_numbers(samples, robot)
-    first_name: dict[int, str] = {}
-    renamed = []
-    names = samples.pose_id.tolist()
-    for row, (pose, name) in enumerate(zip(poses, names, strict=True)):
-        if first_name.setdefault(int(pose), name) != name:
-            renamed.append(row)
-    if renamed:
-        example = f"{names[renamed[0]]!r} is {first_name[int(poses[renamed[0]])]!r}"
+    poses, names = pose_numbers(samples, robot), samples.pose_id
+    first_names = names[np.unique(poses, return_index=True)[1]][poses]
+    renamed = np.flatnonzero(names != first_names)
+    if len(renamed):
+        name, first_name = (str(each[renamed[0]]) for each in (names, first_names))
         yield warning(
-            f"the joint angles of a pose stand under another pose_id too ({example}); a split by "
-            "pose would put one measurement on both sides",
+            f"the joint angles of a pose stand under another pose_id too ({name!r} is "
+            f"{first_name!r}); a split by pose would put one measurement on both sides",
             lines[renamed],
         )
     again = _repeats_of_earlier_rows(np.column_stack([poses, samples.wrench]))
@@ -102,7 +95,7 @@ def duplicate_findings(samples: Samples, robot: Robot, lines: Lines) -> Iterator
         )
 
 
-def range_findings(samples: Samples, lines: Lines) -> Iterator[Finding]:
+def range_findings(samples: Samples, lines: IntArray) -> Iterator[Finding]:
     """Find loads and deflections that may be, but hardly are."""
     force = np.linalg.norm(samples.wrench[:, :3], axis=1)
     size_mm = np.linalg.norm(samples.deflection, axis=1) * MM_PER_M
@@ -126,7 +119,7 @@ def range_findings(samples: Samples, lines: Lines) -> Iterator[Finding]:
         yield warning(f"deflection without a load, up to {size_mm[odd].max():.3g} mm", lines[odd])
 
 
-def repeat_findings(samples: Samples, robot: Robot, lines: Lines) -> Iterator[Finding]:
+def repeat_findings(samples: Samples, robot: Robot, lines: IntArray) -> Iterator[Finding]:
     """Say how far readings of the same load at the same pose differ."""
     groups = repeated_rows(samples, robot)
     if not groups:
@@ -146,9 +139,7 @@ def repeat_findings(samples: Samples, robot: Robot, lines: Lines) -> Iterator[Fi
         )
 
 
-def outlier_findings(
-    lines: Lines, residual_mm: FloatArray, odd: NDArray[np.bool_]
-) -> Iterator[Finding]:
+def outlier_findings(lines: IntArray, residual_mm: FloatArray, odd: BoolArray) -> Iterator[Finding]:
     """List the outliers of `residuals_and_outliers`, the largest first."""
     rows = np.flatnonzero(odd)
     if not len(rows):
@@ -163,7 +154,7 @@ def outlier_findings(
     )
 
 
-def residuals_and_outliers(data: Reading) -> tuple[FloatArray, NDArray[np.bool_]]:
+def residuals_and_outliers(data: Reading) -> tuple[FloatArray, BoolArray]:
     """Return (n,) the length of each residual [mm], and whether it is an outlier.
 
     An outlier's residual is far off as a share of the deflection, since a model's error grows with
@@ -190,7 +181,7 @@ def residuals_and_outliers(data: Reading) -> tuple[FloatArray, NDArray[np.bool_]
     return residual_mm, odd
 
 
-def far_off(values: FloatArray) -> NDArray[np.bool_]:
+def far_off(values: FloatArray) -> BoolArray:
     """Return which values lie far above the median, on the scale of the median deviation."""
     middle = np.median(values)
     deviation = 1.4826 * np.median(np.abs(values - middle))  # of normal values the standard one
@@ -217,7 +208,7 @@ def repeated_rows(samples: Samples, robot: Robot) -> list[IntArray]:
     return groups
 
 
-def _alike(wrenches: FloatArray, wrench: FloatArray) -> NDArray[np.bool_]:
+def _alike(wrenches: FloatArray, wrench: FloatArray) -> BoolArray:
     """Return (n,) whether force and torque of `wrenches` (n, 6) are nearly those of `wrench`."""
     size = np.linalg.norm(wrench.reshape(2, 3), axis=1).repeat(3)
     return np.asarray(

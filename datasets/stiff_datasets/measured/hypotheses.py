@@ -9,20 +9,17 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from stiff_datasets.measured.identifiability import jacobians
+from stiff_datasets.measured.identifiability import unit_deflections
 from stiff_datasets.measured.sample_files import DEG_PER_RAD
-from stiff_datasets.robots.robot import ChainModel, robot_of
 from stiff_protocols.contract.identification import RANK_TOLERANCE
-from stiff_protocols.contract.types import AXES, FloatArray, IntArray, Samples
+from stiff_protocols.contract.types import AXES, BoolArray, FloatArray, IntArray, Robot, Samples
 
 POINT_GAIN, GAIN, RARE_GAIN = 0.05, 0.1, 0.15
 """Shares by which a hypothesis must lower the RMS residual: another point of the torques, any
@@ -33,6 +30,8 @@ CLEARLY = 2.0
 AS_GOOD, NEARLY_AS_GOOD = 1.02, 1.13
 """Of hypotheses that leave so many times the lowest RMS residual, the likeliest is named; and those
 that cannot be told apart from it with certainty are named beside it."""
+ROUNDING = 1e-12
+"""m: of noise-free data the residuals are rounding, which ranks no hypothesis."""
 EXPLAINS = 0.9
 """Share of the squared deflection that must be explained once the named mistake is undone, or it
 is another: joint springs explain 0.94 of the FANUC measurement and at least 0.93 of ten specimens
@@ -50,6 +49,8 @@ BLOCKS, BLOCK_ROWS = 10, 100
 STEPS, MORE_STEPS = 10, 3
 """Of Gauss-Newton, for all samples, and from there for a part of them."""
 GRAVITY = 9.81  # m/s2
+UP = np.array([0.0, 0.0, 1.0])
+LOAD = ("force", "torque")
 UNITS = {
     ("", "N mm"): (1.0, 1e-3),
     ("kg", ""): (GRAVITY, 1.0),
@@ -64,7 +65,7 @@ class Reading:
     """Samples as a hypothesis reads them; SI, base frame.
 
     Attributes:
-        chain: the robot.
+        robot: that was measured.
         q: (n, n_joints) rad or m.
         force, torque: (n, 3) N and N m at the TCP.
         deflection: (n, 3) m.
@@ -74,7 +75,7 @@ class Reading:
         tcp: (n, 3) position of the TCP, m.
     """
 
-    chain: ChainModel
+    robot: Robot
     q: FloatArray
     force: FloatArray
     torque: FloatArray
@@ -86,33 +87,30 @@ class Reading:
 
     def at(self, q: FloatArray) -> Reading:
         """Return the same samples at other joint positions."""
-        return reading(self.chain, q, np.hstack([self.force, self.torque]), self.deflection)
+        return reading(self.robot, q, np.hstack([self.force, self.torque]), self.deflection)
 
-    def take(self, rows: NDArray[np.bool_]) -> Reading:
+    def take(self, rows: BoolArray) -> Reading:
         """Return some of the samples."""
-        arrays = {name: value for name, value in vars(self).items() if name != "chain"}
-        return Reading(self.chain, **{name: value[rows] for name, value in arrays.items()})
+        arrays = {name: value for name, value in vars(self).items() if name != "robot"}
+        return Reading(self.robot, **{name: value[rows] for name, value in arrays.items()})
 
     def regressor(self) -> FloatArray:
         """Return (n, 3, n_joints) the deflection by each joint at unit compliance."""
-        wrench = np.hstack([self.force, self.torque])
-        return self.jacobian[:, :3] * (wrench[:, None] @ self.jacobian)
+        return unit_deflections(self.jacobian, np.hstack([self.force, self.torque]))
 
 
-def reading(
-    chain: ChainModel, q: FloatArray, wrench: FloatArray, deflection: FloatArray
-) -> Reading:
+def reading(robot: Robot, q: FloatArray, wrench: FloatArray, deflection: FloatArray) -> Reading:
     """Return samples, as their file has them, with the kinematics of their joint positions."""
-    poses = robot_of(chain).forward(q)
+    poses = robot.forward(q)
     return Reading(
-        chain=chain,
+        robot=robot,
         q=q,
         force=wrench[:, :3],
         torque=wrench[:, 3:],
         deflection=deflection,
-        jacobian=jacobians(chain, q),
-        flange=poses.rotation @ chain.flange.rotation,
-        lever=poses.rotation @ (chain.tcp - chain.flange.translation),
+        jacobian=robot.jacobian_at(poses),
+        flange=poses.rotation @ robot.flange[:3, :3],
+        lever=poses.rotation @ (robot.tcp - robot.flange[:3, 3]),
         tcp=poses.points[:, -1],
     )
 
@@ -157,8 +155,8 @@ class Fit:
 
     @property
     def rms(self) -> float:
-        """Root mean square length of the residual, m."""
-        return float(np.sqrt(self.squares.mean()))
+        """Root mean square length of the residual, m; see `_rms`."""
+        return _rms(self.squares)
 
     @property
     def score(self) -> float:
@@ -188,7 +186,7 @@ class Diagnosis:
 
 
 def diagnose(
-    samples: Samples, chain: ChainModel, *, joints_only: bool = False, may_fit: bool = True
+    samples: Samples, robot: Robot, *, joints_only: bool = False, may_fit: bool = True
 ) -> Diagnosis:
     """Compare the samples as they are with every hypothesis.
 
@@ -200,7 +198,7 @@ def diagnose(
 
     Args:
         samples: the data; fewer than ten poses are compared with nothing.
-        chain: the robot that was measured.
+        robot: that was measured.
         joints_only: try only what may be wrong with the joint positions.
         may_fit: try hypotheses with free numbers, too.
     """
@@ -209,10 +207,10 @@ def diagnose(
         starts = np.linspace(0, len(samples) - BLOCK_ROWS, BLOCKS).astype(np.int64)
         some = samples.take((starts[:, None] + np.arange(BLOCK_ROWS)).reshape(-1))
     pose = np.asarray(np.unique(some.pose_id, return_inverse=True)[1])
-    data = reading(chain, some.q, some.wrench, some.deflection)
+    data = reading(robot, some.q, some.wrench, some.deflection)
     n_poses = int(pose.max()) + 1
     fold = np.random.default_rng(0).permutation(n_poses)[pose] % FOLDS
-    given = Fit("", _squares(data, fold), data)
+    given = _fit("", data, fold)
     if n_poses < FEWEST_POSES:
         return Diagnosis(given)
     better = _better(data, given, pose, fold, joints_only, may_fit)
@@ -240,34 +238,36 @@ def _better(
     """
     tried: list[tuple[float, int, Callable[[], Fit]]] = []
     for text, each, gain in readings(data, joints_only):
-        plain = functools.partial(_plain_fit, text, each, fold, gain)
-        tried.append((_rms(each) / (1.0 - gain), len(tried), plain))
+        plain = functools.partial(_fit, text, each, fold, gain)
+        tried.append((_rms_of_all(each) / (1.0 - gain), len(tried), plain))
     may_fit = may_fit and not joints_only and given.explained < SOUND
     for free in FITTED if may_fit else ():
         numbers = _fitted(free, data, np.zeros(free.n_free))
         if numbers[0] > 0.0 or not free.positive:
-            bound = _rms(free.change(data, numbers)) / (1.0 - free.must_gain)
-            tried.append((bound, len(tried), functools.partial(_fit, free, numbers, data, fold)))
+            bound = _rms_of_all(free.change(data, numbers)) / (1.0 - free.must_gain)
+            fitted = functools.partial(_fit_free, free, numbers, data, fold)
+            tried.append((bound, len(tried), fitted))
     most = given.rms
     found: dict[int, Fit] = {}
-    for bound, order, fitted in sorted(tried, key=lambda each: each[:2]):
+    for bound, order, cross_validate in sorted(tried, key=lambda each: each[:2]):
         if bound > most:
             break
-        fit = fitted()
+        fit = cross_validate()
         if fit.explained > EXPLAINS and _clearly_better(fit, given, pose):
             found[order] = fit
             most = min(most, NEARLY_AS_GOOD * fit.score)
     return [found[order] for order in sorted(found)]
 
 
-def _rms(data: Reading) -> float:
+def _rms_of_all(data: Reading) -> float:
     """Return the RMS residual of joint springs fitted to all samples, m."""
     residual = data.deflection - data.regressor() @ compliances(data)
-    return float(np.sqrt((residual**2).sum(axis=1).mean()))
+    return _rms((residual**2).sum(axis=1))
 
 
-def _plain_fit(text: str, data: Reading, fold: IntArray, must_gain: float) -> Fit:
-    return Fit(text, _squares(data, fold), data, must_gain)
+def _rms(squares: FloatArray) -> float:
+    """Return the root of the mean of (n,) squared lengths [m2], m; not less than `ROUNDING`."""
+    return max(float(np.sqrt(squares.mean())), ROUNDING)
 
 
 def softness(data: Reading, compliance: FloatArray) -> float:
@@ -277,10 +277,8 @@ def softness(data: Reading, compliance: FloatArray) -> float:
         data: the samples.
         compliance: (n_joints,) rad/(N m), m/N.
     """
-    model, memory = data.chain.model, data.chain.model.createData()
-    configurations = (pin.integrate(model, pin.neutral(model), q) for q in data.q[:1000])
-    torque = np.abs([pin.computeGeneralizedGravity(model, memory, each) for each in configurations])
-    revolute = [kind == "revolute" for kind in robot_of(data.chain).joint_types]
+    torque = np.abs(data.robot.gravity_torque(data.q[:1000]))
+    revolute = [kind == "revolute" for kind in data.robot.joint_types]
     sag = (torque.max(axis=0) * compliance)[revolute]
     return float(sag.max(initial=0.0) / USUAL_SAG)
 
@@ -307,7 +305,7 @@ def compliances(data: Reading) -> FloatArray:
     return _solved(*_normal_equations(data.regressor(), data.deflection))
 
 
-def clearly_negative(data: Reading) -> NDArray[np.bool_]:
+def clearly_negative(data: Reading) -> BoolArray:
     """Return (n_joints,) which compliances least squares put below zero, and not by chance."""
     matrix = data.regressor().reshape(-1, data.q.shape[1])
     size = np.linalg.norm(matrix, axis=0)
@@ -335,7 +333,11 @@ def _squares(data: Reading, fold: IntArray) -> FloatArray:
     return np.asarray(((data.deflection - predicted) ** 2).sum(axis=1))
 
 
-def _fit(hypothesis: Fitted, numbers: FloatArray, data: Reading, fold: IntArray) -> Fit:
+def _fit(text: str, data: Reading, fold: IntArray, must_gain: float = 0.0) -> Fit:
+    return Fit(text, _squares(data, fold), data, must_gain)
+
+
+def _fit_free(hypothesis: Fitted, numbers: FloatArray, data: Reading, fold: IntArray) -> Fit:
     """Cross-validate a hypothesis whose numbers are fitted on the training folds, too."""
     squares = np.empty(len(fold))
     for i in np.unique(fold):
@@ -368,7 +370,7 @@ def _fitted(
         change = np.linalg.lstsq(design / size, residual.reshape(-1))[0] / size
         change = change[: hypothesis.n_free]
         trials = (numbers + share * change for share in (1.0, 0.5, 0.25))
-        numbers = min(trials, key=lambda each: _rms(hypothesis.change(data, each)))
+        numbers = min(trials, key=lambda each: _rms_of_all(hypothesis.change(data, each)))
         if np.linalg.norm(change) < 1e-3 * np.linalg.norm(numbers):
             break
     return numbers
@@ -416,33 +418,30 @@ def _points(data: Reading) -> Iterator[tuple[str, Reading]]:
 
 
 def _wrenches(data: Reading) -> Iterator[tuple[str, Reading]]:
-    force, torque = data.force, data.torque
+    to_base = functools.partial(_turned, data.flange)
     yield (
         "the wrench looks as if it had the opposite sign (the reaction? or is the deflection "
         "unloaded minus loaded?)",
-        replace(data, force=-force, torque=-torque),
+        _changed(data, np.negative, *LOAD),
     )
     yield (
         "the wrench looks as if it were expressed in the flange frame",
-        replace(data, force=_turned(data.flange, force), torque=_turned(data.flange, torque)),
+        _changed(data, to_base, *LOAD),
     )
     if (data.deflection >= 0.0).all():
         yield "the deflections look as if they had lost their signs", _signed(data)
-    if not torque.any():
+    if not data.torque.any():
         return
-    torques = {
-        "had the opposite sign": -torque,
-        "were expressed in the flange frame": _turned(data.flange, torque),
-    }
-    for words, changed in torques.items():
-        yield f"the torques look as if they {words}", replace(data, torque=changed)
     yield (
-        "the forces look as if they were expressed in the flange frame",
-        replace(data, force=_turned(data.flange, force)),
+        "the torques look as if they had the opposite sign",
+        _changed(data, np.negative, "torque"),
     )
+    for name in ("torque", "force"):
+        text = f"the {name}s look as if they were expressed in the flange frame"
+        yield text, _changed(data, to_base, name)
     yield (
         "forces and torques look as if they were swapped",
-        replace(data, force=torque, torque=force),
+        replace(data, force=data.torque, torque=data.force),
     )
 
 
@@ -471,48 +470,41 @@ def _signed(data: Reading) -> Reading:
 
 
 def _axes(data: Reading) -> Iterator[tuple[str, Reading]]:
-    force, torque, deflection = data.force, data.torque, data.deflection
     for matrix in _signed_permutations():
         proper = np.linalg.det(matrix) > 0.0
         same = bool((matrix == np.eye(3)).all())
-        tool = data.flange @ matrix
-        turned = replace(data, force=_turned(tool, force), torque=_turned(tool, torque))
-        moved = _turned(tool, deflection)
-        to, read = matrix.T, f"had to be read {_words(matrix)}"
+        read = f"had to be read {_words(matrix)}"
         frame = "expressed in the flange frame" + ("" if same else f" and {read}")
+        again = functools.partial(_turned, matrix)
+        to_base = functools.partial(_turned, data.flange @ matrix)
+        turned = _changed(data, to_base, *LOAD)
         if not same:
-            yield (
-                f"the wrench looks as if it {read}",
-                replace(data, force=force @ to, torque=torque @ to),
-            )
-            yield f"the forces look as if they {read}", replace(data, force=force @ to)
-            yield f"the torques look as if they {read}", replace(data, torque=torque @ to)
-            text = f"the deflections look as if they {read}"
-            yield text, replace(data, deflection=deflection @ to)
+            yield f"the wrench looks as if it {read}", _changed(data, again, *LOAD)
+            for name in ("force", "torque", "deflection"):
+                yield f"the {name}s look as if they {read}", _changed(data, again, name)
             if proper:  # else one of opposite signs, which is the same
                 yield (
                     f"wrench and deflections look as if they {read}",
-                    replace(data, force=force @ to, torque=torque @ to, deflection=deflection @ to),
+                    _changed(data, again, *LOAD, "deflection"),
                 )
             yield f"the wrench looks as if it were {frame}", turned
-        if torque.any():
+        if data.torque.any():
             about = turned.torque - np.cross(data.lever, turned.force)
             text = f"the wrench looks as if it were {frame}, its torque about the flange"
             yield text, replace(turned, torque=about)
-        yield f"the deflections look as if they were {frame}", replace(data, deflection=moved)
+        text = f"the deflections look as if they were {frame}"
+        yield text, _changed(data, to_base, "deflection")
         if proper:
-            yield (
-                f"wrench and deflections look as if they were {frame}",
-                replace(turned, deflection=moved),
-            )
+            text = f"wrench and deflections look as if they were {frame}"
+            yield text, _changed(turned, to_base, "deflection")
 
 
 def _joints(data: Reading) -> Iterator[tuple[str, Reading]]:
-    names = list(data.chain.model.names)[1:]
+    names = data.robot.joint_names
     unit = np.eye(len(names))
     for name, row in zip(names, unit, strict=True):
         yield f"joint {name} looks as if it had the opposite sign", data.at(data.q * (1 - 2 * row))
-    revolute = np.array([kind == "revolute" for kind in robot_of(data.chain).joint_types])
+    revolute = np.array([kind == "revolute" for kind in data.robot.joint_types])
     for name, row, turns in zip(names, unit, revolute, strict=True):
         for degrees in (90, -90, 180) if turns else ():
             text = f"joint {name} looks as if it were {degrees:+d} deg off"
@@ -572,25 +564,15 @@ def _moved_tcp(data: Reading, shift: FloatArray) -> Reading:
 
 def _weight_removed(data: Reading, numbers: FloatArray) -> Reading:
     """Return the samples without a weight [N], and its first moment (3,) [N m], flange frame."""
-    up = np.array([0.0, 0.0, 1.0])
-    force, torque = data.force + numbers[0] * up, data.torque
-    return replace(data, force=force, torque=torque + np.cross(data.flange @ numbers[1:], up))
+    torque = data.torque + np.cross(data.flange @ numbers[1:], UP)
+    return replace(data, force=data.force + numbers[0] * UP, torque=torque)
 
 
-def _about_z(vectors: FloatArray, angle: float) -> FloatArray:
-    """Return (n, 3) vectors turned by an angle [rad] about z."""
-    cosine, sine = np.cos(angle), np.sin(angle)
-    to = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    return np.asarray(vectors @ to)
-
-
-def _wrench_about_z(data: Reading, angle: FloatArray) -> Reading:
-    force, torque = (_about_z(each, angle[0]) for each in (data.force, data.torque))
-    return replace(data, force=force, torque=torque)
-
-
-def _deflection_about_z(data: Reading, angle: FloatArray) -> Reading:
-    return replace(data, deflection=_about_z(data.deflection, angle[0]))
+def _about_z(data: Reading, angle: FloatArray, *, names: Sequence[str]) -> Reading:
+    """Return the samples with vectors turned by an angle [rad] about z."""
+    cosine, sine = np.cos(angle[0]), np.sin(angle[0])
+    turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    return _changed(data, functools.partial(_turned, turn), *names)
 
 
 WEIGHT_GAIN, OFFSET_GAIN, TCP_GAIN, TURN_GAIN = 0.15, 0.18, 0.2, 0.3
@@ -599,7 +581,7 @@ of the KR10's twins, 0.14 of the FANUC measurement, and 0.01."""
 FITTED = (
     Fitted(
         "the forces look as if the weight of a tool of {:.2g} kg were in them (not tared)",
-        lambda data, weight: replace(data, force=data.force + weight * np.array([0.0, 0.0, 1.0])),
+        lambda data, weight: replace(data, force=data.force + weight * UP),
         n_free=1,
         must_gain=WEIGHT_GAIN,
         unit=1.0 / GRAVITY,
@@ -640,26 +622,19 @@ FITTED = (
         must_gain=TCP_GAIN,
         unit=1000.0,
     ),
-    Fitted(
-        "the wrench looks as if it had to be read turned by {:+.0f} deg about z",
-        _wrench_about_z,
-        n_free=1,
-        must_gain=TURN_GAIN,
-        unit=DEG_PER_RAD,
-    ),
-    Fitted(
-        "the deflections look as if they had to be read turned by {:+.0f} deg about z",
-        _deflection_about_z,
-        n_free=1,
-        must_gain=TURN_GAIN,
-        unit=DEG_PER_RAD,
-    ),
-    Fitted(
-        "wrench and deflections look as if they had to be read turned by {:+.0f} deg about z",
-        lambda data, angle: _deflection_about_z(_wrench_about_z(data, angle), angle),
-        n_free=1,
-        must_gain=TURN_GAIN,
-        unit=DEG_PER_RAD,
+    *(
+        Fitted(
+            f"{what} had to be read turned by {{:+.0f}} deg about z",
+            functools.partial(_about_z, names=names),
+            n_free=1,
+            must_gain=TURN_GAIN,
+            unit=DEG_PER_RAD,
+        )
+        for what, names in (
+            ("the wrench looks as if it", LOAD),
+            ("the deflections look as if they", ("deflection",)),
+            ("wrench and deflections look as if they", (*LOAD, "deflection")),
+        )
     ),
 )
 
@@ -698,6 +673,12 @@ def _words(matrix: FloatArray) -> str:
     return f"with x, y, z taken from its columns {read}"
 
 
+def _changed(data: Reading, change: Callable[[FloatArray], FloatArray], *names: str) -> Reading:
+    """Return the samples with these of their vectors changed."""
+    vectors: dict[str, Any] = {name: change(getattr(data, name)) for name in names}
+    return replace(data, **vectors)
+
+
 def _turned(rotation: FloatArray, vectors: FloatArray) -> FloatArray:
-    """Return (n, 3) vectors turned by (n, 3, 3)."""
+    """Return (n, 3) vectors turned by one rotation (3, 3), or each by its own (n, 3, 3)."""
     return np.asarray((rotation @ vectors[:, :, None])[:, :, 0])

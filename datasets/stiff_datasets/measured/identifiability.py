@@ -12,12 +12,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
-from stiff_datasets.robots.robot import ChainModel
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.progress import report
-from stiff_protocols.contract.types import FloatArray, IntArray, frozen_array
+from stiff_protocols.contract.types import FloatArray, IntArray, Robot, frozen_array
 
 TOLERANCE = 1e-6
 """A joint that moves the TCP less than this share of what the strongest joint does is not
@@ -64,13 +62,12 @@ class Identifiability:
     unidentifiable: tuple[str, ...]
 
 
-def regressor(chain: ChainModel, q: FloatArray, wrench: FloatArray) -> FloatArray:
+def regressor(robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
     """Return the deflection by each joint at unit compliance.
 
     Args:
-        chain: the robot.
-        q: (n, n_joints) joint angles, rad (m for prismatic joints); a continuous joint has one
-            angle too.
+        robot: that is measured.
+        q: (n, n_joints) joint positions, rad or m.
         wrench: (n, 6) load at the TCP, force [N] then torque [N m], base frame.
 
     Returns:
@@ -79,29 +76,13 @@ def regressor(chain: ChainModel, q: FloatArray, wrench: FloatArray) -> FloatArra
     Raises:
         DataError: an array has another shape, or an entry is not finite.
     """
-    q = frozen_array(q, "q", (None, chain.model.nv))
-    wrench = frozen_array(wrench, "wrench", (len(q), 6))
-    rows = zip(jacobians(chain, q), wrench, strict=True)
-    found = [jacobian[:3] * (jacobian.T @ load) for jacobian, load in rows]
-    return np.array(found).reshape(-1, 3, chain.model.nv)
+    q = frozen_array(q, "q", (None, robot.n_joints))
+    return unit_deflections(robot.jacobian(q), frozen_array(wrench, "wrench", (len(q), 6)))
 
 
-def jacobians(chain: ChainModel, q: FloatArray) -> FloatArray:
-    """Return (n, 6, n_joints) the Jacobians at the TCP, linear part first, base frame.
-
-    Args:
-        chain: the robot.
-        q: (n, n_joints) joint positions, rad or m; a continuous joint has one angle too.
-    """
-    model, data = chain.model, chain.model.createData()
-    last, at_tcp = model.njoints - 1, pin.SE3(np.eye(3), chain.tcp)
-    result = np.empty((len(q), 6, model.nv))
-    for row, angles in enumerate(q):
-        # of a continuous joint Pinocchio wants cosine and sine
-        configuration = pin.integrate(model, pin.neutral(model), angles)
-        pin.computeJointJacobians(model, data, configuration)
-        result[row] = pin.getFrameJacobian(model, data, last, at_tcp, pin.LOCAL_WORLD_ALIGNED)
-    return result
+def unit_deflections(jacobian: FloatArray, wrench: FloatArray) -> FloatArray:
+    """Return the deflections of `regressor` by (n, 6, n_joints) Jacobians, translation first."""
+    return np.asarray(jacobian[:, :3] * (wrench[:, None] @ jacobian))
 
 
 def identifiability(
@@ -116,8 +97,8 @@ def identifiability(
     Args:
         regressors: (n, 3, n_joints), as `regressor` gives.
         joint_names: base to tip.
-        reference_compliance: compliance that errors are relative to, rad/(N m) (m/N for prismatic
-            joints); one for all joints or (n_joints,).
+        reference_compliance: that errors are relative to, rad/(N m) (m/N for prismatic joints); one
+            for all joints or (n_joints,).
         deflection_noise: standard deviation of a measured deflection an axis, m.
 
     Raises:
@@ -175,10 +156,11 @@ def choose_d_optimal(
     """
     rows, information = excited_columns(candidates, measured)
 
-    def gain(spread: FloatArray, _: FloatArray) -> FloatArray:
+    def gain(information: FloatArray) -> FloatArray:
+        spread = rows @ np.linalg.inv(information) @ rows.transpose(0, 2, 1)
         return np.asarray(np.linalg.det(np.eye(3) + spread))
 
-    return _one_by_one(rows, n, information, gain)
+    return _one_by_one(rows, n, _regularised(information), gain)
 
 
 def choose_i_optimal(
@@ -192,45 +174,19 @@ def choose_i_optimal(
 
     The variance of a prediction with rows X goes with the trace of X M^-1 X^T, M the information
     matrix. Its decrease by a candidate is exact, by the Woodbury identity. Also called V- or
-    IV-optimal. Other arguments and return value as `choose_d_optimal`.
-
-    Args:
-        candidates: see there.
-        n: see there.
-        workspace: (m, 3, n_joints) regressors where predictions are to be good.
-        measured: see there.
+    IV-optimal. `workspace` are (m, 3, n_joints) regressors where predictions are to be good; the
+    other arguments and the return value are those of `choose_d_optimal`.
     """
     rows, information, wanted = excited_columns(candidates, measured, workspace)
 
-    def gain(spread: FloatArray, known: FloatArray) -> FloatArray:
+    def gain(information: FloatArray) -> FloatArray:
+        known = rows @ np.linalg.inv(information)
+        spread = known @ rows.transpose(0, 2, 1)
         lowered = known @ wanted @ known.transpose(0, 2, 1)
         traces = np.trace(np.linalg.solve(np.eye(3) + spread, lowered), axis1=1, axis2=2)
         return np.asarray(traces)
 
-    return _one_by_one(rows, n, information, gain)
-
-
-def _one_by_one(
-    rows: FloatArray,
-    n: int,
-    information: FloatArray,
-    gain: Callable[[FloatArray, FloatArray], FloatArray],
-) -> IntArray:
-    """Choose (n,) of (n_candidates, 3, n_columns) rows, each the one of the largest gain.
-
-    `gain` gets B M^-1 B^T and B M^-1 of every candidate, with all chosen before in M.
-    """
-    information = information + _START * np.eye(rows.shape[2])
-    free = np.ones(len(rows), dtype=bool)
-    chosen = np.empty(n, dtype=np.int64)
-    for step in range(n):
-        report("choose", step, n)
-        known = rows @ np.linalg.inv(information)
-        gained = gain(known @ rows.transpose(0, 2, 1), known)
-        chosen[step] = best = np.argmax(np.where(free, gained, -np.inf))
-        free[best] = False
-        information += rows[best].T @ rows[best]
-    return chosen
+    return _one_by_one(rows, n, _regularised(information), gain)
 
 
 def choose_by_condition(
@@ -246,22 +202,43 @@ def choose_by_condition(
     """
     rows, information = excited_columns(candidates, measured)
     missing = rows.shape[2] - int(np.linalg.matrix_rank(information, TOLERANCE, hermitian=True))
-    start = choose_d_optimal(candidates, min(n, missing), measured=measured)
-    free = np.ones(len(rows), dtype=bool)
-    free[start] = False
-    gained = rows.transpose(0, 2, 1) @ rows  # (n_candidates, n_joints, n_joints)
-    information = information + gained[start].sum(axis=0)
-    chosen = list(start)
-    while len(chosen) < n:
-        report("choose", len(chosen), n)
-        trial = information + gained
+    first = choose_d_optimal(candidates, min(n, missing), measured=measured)
+    added = rows.transpose(0, 2, 1) @ rows  # (n_candidates, n_joints, n_joints)
+
+    def gain(information: FloatArray) -> FloatArray:
+        trial = information + added
         size = np.sqrt(np.diagonal(trial, axis1=1, axis2=2))
         eigenvalues = np.linalg.eigvalsh(trial / (size[:, :, None] * size[:, None, :]))
         # the floor: joints that no candidate can tell apart leave nothing but rounding
-        squared = eigenvalues[:, -1] / np.maximum(eigenvalues[:, 0], TOLERANCE**2)
-        best = int(np.argmin(np.where(free, squared, np.inf)))
+        return -eigenvalues[:, -1] / np.maximum(eigenvalues[:, 0], TOLERANCE**2)
+
+    return _one_by_one(rows, n, information, gain, first)
+
+
+def _regularised(information: FloatArray) -> FloatArray:
+    return information + _START * np.eye(len(information))
+
+
+def _one_by_one(
+    rows: FloatArray,
+    n: int,
+    information: FloatArray,
+    gain: Callable[[FloatArray], FloatArray],
+    first: Sequence[int] | IntArray = (),
+) -> IntArray:
+    """Choose (n,) of (n_candidates, 3, n_columns) rows: `first`, then each of the largest gain.
+
+    `gain` gives that of every candidate, from the information of all chosen before.
+    """
+    chosen, free = list(first), np.ones(len(rows), dtype=bool)
+    free[chosen] = False
+    known = rows[chosen].reshape(-1, rows.shape[2])
+    information = information + known.T @ known
+    for step in range(len(chosen), n):
+        report("choose", step, n)
+        best = np.argmax(np.where(free, gain(information), -np.inf))
         free[best] = False
-        information += gained[best]
+        information += rows[best].T @ rows[best]
         chosen.append(best)
     return np.array(chosen, dtype=np.int64)
 

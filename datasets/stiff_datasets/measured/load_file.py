@@ -40,18 +40,27 @@ from stiff_protocols.contract.types import AXES, FloatArray, Interval, Robot
 
 
 @dataclass(frozen=True, eq=False)
-class LoadTable:
-    """The rows of a file, checked.
+class Loads:
+    """Loads at poses.
 
     Attributes:
         q: (n, n_joints) rad or m.
         wrench: (n, 6) N and N m at the TCP, base frame.
-        columns: names, joint positions and wrenches as in the file, in its units.
-        oddities: what is odd but no error, a line each.
     """
 
     q: FloatArray
     wrench: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class LoadTable(Loads):
+    """The rows of a file, checked.
+
+    Attributes:
+        columns: names, joint positions and wrenches as in the file, in its units.
+        oddities: what is odd but no error, a line each.
+    """
+
     columns: pd.DataFrame
     oddities: tuple[str, ...]
 
@@ -128,7 +137,7 @@ def write_predictions(
     if interval is not None:
         columns |= interval_columns(interval)
     in_mm = {name: in_file_units(np.asarray(values), MM_PER_M) for name, values in columns.items()}
-    write_table(path, table.columns.assign(**in_mm, extrapolates=list(extrapolates)))
+    write_table(path, [table.columns.assign(**in_mm, extrapolates=list(extrapolates))])
 
 
 def interval_columns(interval: Interval) -> dict[str, FloatArray]:

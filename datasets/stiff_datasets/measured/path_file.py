@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -39,13 +39,13 @@ from stiff_datasets.measured.sample_files import (
     Sheet,
     file_units,
     joint_columns,
-    read_sheet,
+    read_sheets,
     write_table,
 )
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot, frozen_array
 from stiff_protocols.paths.compensation import Compensation
-from stiff_protocols.paths.inverse import SINGULAR, Followed
+from stiff_protocols.paths.inverse import COMPARED_AT, SINGULAR, Followed
 from stiff_protocols.paths.path import ToolPath
 
 POSITION_COLUMNS = ("x_mm", "y_mm", "z_mm")
@@ -58,13 +58,15 @@ SMALLEST_POSITION_MM = 10.0
 """No path has all of its points so near to the base; such a file holds metres."""
 LARGEST_POSITION_MM = 1e5
 SAME_TCP_M = 1e-5
+SPARSE = 100
+"""One row of so many stands in an overview."""
 QUATERNION_SLACK = 1e-3
 """How far the length of a quaternion may be from 1."""
 
 
 @dataclass(frozen=True, eq=False)
 class PathTable:
-    """The points of a file, checked.
+    """The points of a file, or of a block of it, checked.
 
     Attributes:
         path: poses and loads, base frame, SI.
@@ -86,6 +88,12 @@ class PathTable:
     columns: pd.DataFrame
     lines: IntArray
     oddities: tuple[str, ...]
+
+    @property
+    def some(self) -> ToolPath:
+        """Points about evenly spread over the rows of the file, at which configurations differ."""
+        even = np.linspace(self.lines[0], self.lines[-1], COMPARED_AT)
+        return self.path.take(np.unique(np.searchsorted(self.lines, even)))
 
     @property
     def pose_columns(self) -> str:
@@ -129,35 +137,55 @@ def tool_of(robot: Robot, tool: Sequence[float] | None) -> FloatArray:
     return np.asarray(robot.flange @ pose)
 
 
-def read_path(
-    path: Path,
+def overview(path: Path, rows: int) -> tuple[Sheet, int]:
+    """Return the first block of a file with some rows of the others, and how many rows it has.
+
+    Args:
+        path: the file; Parquet if it ends in .parquet, else CSV.
+        rows: of a block.
+    """
+    blocks = read_sheets(path, rows)
+    first = next(blocks)
+    parts, n = [first], len(first.cells)
+    for block in blocks:
+        parts.append(block.take(slice(None, None, SPARSE)))
+        n += len(block.cells)
+    cells = pd.concat([part.cells for part in parts], ignore_index=True)
+    return replace(first, cells=cells, lines=np.concatenate([part.lines for part in parts])), n
+
+
+def path_table(
+    sheet: Sheet,
     robot: Robot,
     tool: FloatArray,
     *,
     load: Sequence[float] | None = None,
     load_frame: LoadFrame = "base",
     frame: Sequence[float] | None = None,
+    about: PathTable | None = None,
 ) -> PathTable:
-    """Read a path.
+    """Return the points of a file, or of a block of it.
 
     Args:
-        path: the file; Parquet if it ends in .parquet, else CSV.
+        sheet: its cells.
         robot: gives the joints and their limits, and the place of the TCP.
         tool: (4, 4) in the last joint's frame, m (`tool_of`).
         load: (6,) N and N m at every point, for a file without loads.
         load_frame: in which loads are expressed.
         frame: x, y, z [mm], a, b, c [deg] of the frame of the poses in the base frame; None: they
             are in the base frame.
+        about: of the file's `overview`, which says what holds of the file as a whole; None: this
+            is it.
 
     Raises:
-        DataError: the file is unreadable, empty or wrongly headed, or a value is none; the message
-            names file, row, column, value and what is valid.
+        DataError: the file is wrongly headed, or a value is none; the message names file, row,
+            column, value and what is valid.
         ConfigError: `load` is given and the file has loads, or `frame` is missing or without use.
     """
     base = np.eye(4) if frame is None else frame_matrix(frame)
     joints = joint_columns(robot)
     poses = (*POSITION_COLUMNS, *ANGLE_COLUMNS, *QUATERNION_COLUMNS)
-    sheet = read_sheet(path).recognised((*poses, *joints, *WRENCH_COLUMNS, FRAME_COLUMN))
+    path, sheet = sheet.path, sheet.recognised((*poses, *joints, *WRENCH_COLUMNS, FRAME_COLUMN))
     found = set(sheet.cells)
     kinds = [kind for kind in (poses, joints) if found & {*kind}]
     by_joints = kinds == [joints]
@@ -194,7 +222,9 @@ def read_path(
             if by_joints
             else _pose_problems(sheet, numbers, angles)
         )
-    frame_name, mixed = _frame_name(sheet, frame)
+    if about is not None:
+        problems = [problem for problem in problems if problem.row is not None]
+    frame_name, mixed = _frame_name(sheet, frame, about)
     problems = sorted([*problems, *mixed], key=lambda problem: problem.row or 0)
     if problems:
         raise problems_error(path, problems, "mend this one first")
@@ -203,7 +233,7 @@ def read_path(
         q = numbers / file_units(robot)
         stands = robot.forward(q)
         position, rotation = stands.points[:, -1], stands.rotation
-        written = _angles(base[:3, :3].T @ rotation @ tool[:3, :3])
+        written = _rounded(_angles(base[:3, :3].T @ rotation @ tool[:3, :3]))
     else:
         position = numbers[:, :3] / MM_PER_M @ base[:3, :3].T + base[:3, 3]
         rotation = base[:3, :3] @ _turned(numbers[:, 3:]) @ tool[:3, :3].T
@@ -223,14 +253,13 @@ def read_path(
     )
 
 
-def path_problems(table: PathTable, robot: Robot, found: Followed, first: int = 0) -> list[Problem]:
+def path_problems(table: PathTable, robot: Robot, found: Followed) -> list[Problem]:
     """Return the rows that cannot be driven, each with one reason.
 
     Args:
         table: the path.
         robot: that shall drive it.
-        found: joint positions of its rows from `first` on.
-        first: number of the row.
+        found: joint positions of its rows.
     """
     problems = []
     names = robot.joint_names
@@ -240,7 +269,7 @@ def path_problems(table: PathTable, robot: Robot, found: Followed, first: int = 
         joint = int(np.argmax(found.beyond[row]))
         if not found.reached[row]:
             value, valid = (
-                _shown(table, first + int(row)),
+                _shown(table, int(row)),
                 f"a pose that {robot.name} reaches in this configuration",
             )
         elif found.beyond[row, joint]:
@@ -253,7 +282,7 @@ def path_problems(table: PathTable, robot: Robot, found: Followed, first: int = 
         else:
             value = f"singular, condition of the Jacobian {found.condition[row]:.3g}"
             valid = f"at most {SINGULAR:g}; e.g. a wrist that is not straight"
-        problems.append(Problem(value, valid, int(table.lines[first + row]), table.pose_columns))
+        problems.append(Problem(value, valid, int(table.lines[row]), table.pose_columns))
     return problems
 
 
@@ -268,55 +297,50 @@ def write_path(path: Path, sketch: ToolPath, tool: FloatArray) -> None:
     Raises:
         StoreError: the file cannot be written.
     """
-    columns = dict(zip(POSITION_COLUMNS, _rounded(sketch.position * MM_PER_M).T, strict=True))
-    table = pd.concat([pd.DataFrame(columns), _angles(sketch.rotation @ tool[:3, :3])], axis=1)
-    loads = dict(zip(WRENCH_COLUMNS, _rounded(sketch.wrench).T, strict=True))
-    write_table(path, table.assign(**loads, frame=BASE))
+    numbers = dict(zip(POSITION_COLUMNS, sketch.position.T * MM_PER_M, strict=True))
+    numbers |= _angles(sketch.rotation @ tool[:3, :3])
+    numbers |= dict(zip(WRENCH_COLUMNS, sketch.wrench.T, strict=True))
+    write_table(path, [_rounded(numbers).assign(frame=BASE)])
 
 
-def write_corrected(
-    path: Path,
+def corrected_table(
     table: PathTable,
     robot: Robot,
     found: Compensation,
     extrapolates: Sequence[str],
     interval: Interval | None = None,
-) -> None:
-    """Write the commands of a corrected path, whole or not at all.
+) -> pd.DataFrame:
+    """Return the commands of a corrected path as a file has them.
 
     Args:
-        path: Parquet if it ends in .parquet, else CSV.
         table: the points that are wanted.
         robot: of the joint positions.
         found: the commands, of the same rows.
         extrapolates: (n,) what of a row lies beyond the training range.
         interval: of the deflections at the commands.
-
-    Raises:
-        StoreError: the file cannot be written.
     """
     local = (found.position - table.frame[:3, 3]) @ table.frame[:3, :3]  # file's frame
-    after = found.position + found.deflection - table.path.position
-    mm = dict(zip(POSITION_COLUMNS, local.T, strict=True))
-    columns = {name: _rounded(values * MM_PER_M) for name, values in mm.items()}
-    given = {str(name): np.asarray(values) for name, values in table.columns.items()}
-    columns |= {name: values for name, values in given.items() if name not in WRENCH_COLUMNS}
-    columns |= dict(zip(joint_columns(robot), _rounded(found.q * file_units(robot)).T, strict=True))
-    columns |= {name: given[name] for name in WRENCH_COLUMNS}
     lengths = dict(zip(DEFLECTION_COLUMNS, found.deflection.T, strict=True))
     if interval is not None:
         lengths |= interval_columns(interval)
     lengths["error_before_mm"] = np.linalg.norm(found.before, axis=1)
-    lengths["error_after_mm"] = np.linalg.norm(after, axis=1)
-    columns |= {name: _rounded(values * MM_PER_M) for name, values in lengths.items()}
-    written = pd.DataFrame(columns)
+    lengths["error_after_mm"] = np.linalg.norm(found.after, axis=1)
+    loads = table.columns[[*WRENCH_COLUMNS]]
+    joints = dict(zip(joint_columns(robot), (found.q * file_units(robot)).T, strict=True))
+    parts = [
+        _rounded(dict(zip(POSITION_COLUMNS, local.T * MM_PER_M, strict=True))),
+        table.columns.drop(columns=[*WRENCH_COLUMNS]),
+        _rounded(joints),
+        loads,
+        _rounded({name: values * MM_PER_M for name, values in lengths.items()}),
+    ]
     words = {"extrapolates": list(extrapolates), "uncorrected": found.problem.tolist()}
-    write_table(path, written.assign(**words, frame=table.frame_name))
+    return pd.concat(parts, axis=1).assign(**words, frame=table.frame_name)
 
 
-def _rounded(values: FloatArray) -> FloatArray:
-    """Return lengths [mm], angles [deg] or loads to 1e-8, without -0."""
-    return np.asarray(values.round(8) + 0.0)
+def _rounded(columns: Mapping[str, FloatArray]) -> pd.DataFrame:
+    """Return computed lengths [mm], angles [deg] or loads to 1e-8, without -0."""
+    return pd.DataFrame(columns).round(8) + 0.0
 
 
 def _turned(numbers: FloatArray) -> FloatArray:
@@ -328,14 +352,14 @@ def _turned(numbers: FloatArray) -> FloatArray:
     return np.asarray(Rotation.from_euler("ZYX", numbers, degrees=True).as_matrix())
 
 
-def _angles(rotation: FloatArray) -> pd.DataFrame:
+def _angles(rotation: FloatArray) -> dict[str, FloatArray]:
     """Return KUKA's angles of (n, 3, 3) rotations."""
     from scipy.spatial.transform import Rotation
 
     with warnings.catch_warnings():  # with b at +-90 deg, c is zero and the rotation is right
         warnings.filterwarnings("ignore", "Gimbal lock")
         angles = Rotation.from_matrix(rotation).as_euler("ZYX", degrees=True)
-    return pd.DataFrame(dict(zip(ANGLE_COLUMNS, _rounded(angles).T, strict=True)))
+    return dict(zip(ANGLE_COLUMNS, angles.T, strict=True))
 
 
 def _shown(table: PathTable, row: int) -> str:
@@ -377,13 +401,16 @@ def _oddities(sheet: Sheet, turn: FloatArray, angles: tuple[str, ...]) -> Iterat
         )
 
 
-def _frame_name(sheet: Sheet, frame: Sequence[float] | None) -> tuple[str, Iterator[Problem]]:
+def _frame_name(
+    sheet: Sheet, frame: Sequence[float] | None, about: PathTable | None
+) -> tuple[str, Iterator[Problem]]:
     """Return the name of the one frame of a file, and rows with another."""
     usual = BASE if frame is None else "workpiece"
     if FRAME_COLUMN not in sheet.cells:
         return usual, iter(())
     names = sheet.cells[FRAME_COLUMN].astype(str)
-    first = names.iloc[0] or usual
+    names = names.where(names != "", usual)
+    first = names.iloc[0] if about is None else about.frame_name
     if first == BASE and frame is not None:
         raise ConfigError(f"{sheet.path} is in the frame {BASE!r}, which is known", "frame")
     if first != BASE and frame is None:
@@ -392,6 +419,6 @@ def _frame_name(sheet: Sheet, frame: Sequence[float] | None) -> tuple[str, Itera
             "(valid: x,y,z,a,b,c in mm and deg)",
             "frame",
         )
-    others = np.flatnonzero((names != names.iloc[0]).to_numpy())
+    others = np.flatnonzero((names != first).to_numpy())
     valid = f"{first!r}, the frame of the first row"
     return first, iter([cell_problem(sheet, row, FRAME_COLUMN, valid) for row in others])

@@ -38,24 +38,17 @@ class Perturbations:
 
     def mistakes(self) -> dict[str, Draw]:
         """Return what each mistake is, with its size, -> how it is drawn; none of size 0."""
-        return {
-            name: draw
-            for size, name, draw in (
-                (self.tcp_m, f"TCP off by {1e3 * self.tcp_m:g} mm", self.moved_tcp),
-                (self.force, f"force noise of {100.0 * self.force:g} %", self.noisy_wrench),
-                (
-                    self.turn_rad,
-                    f"registration turned by {math.degrees(self.turn_rad):g} deg",
-                    self.turned_deflection,
-                ),
-                (
-                    self.shift_m,
-                    f"deflections shifted by {1e3 * self.shift_m:g} mm",
-                    self.shifted_deflection,
-                ),
-            )
-            if size > 0.0
+        turn_deg = math.degrees(self.turn_rad)
+        sizes_and_draws = {
+            f"TCP off by {1e3 * self.tcp_m:g} mm": (self.tcp_m, self.moved_tcp),
+            f"force noise of {100.0 * self.force:g} %": (self.force, self.noisy_wrench),
+            f"registration turned by {turn_deg:g} deg": (self.turn_rad, self.turned_deflection),
+            f"deflections shifted by {1e3 * self.shift_m:g} mm": (
+                self.shift_m,
+                self.shifted_deflection,
+            ),
         }
+        return {name: draw for name, (size, draw) in sizes_and_draws.items() if size > 0.0}
 
     def moved_tcp(self, data: BenchmarkData, rng: np.random.Generator) -> BenchmarkData:
         """Return the samples with a robot whose TCP is elsewhere on its flange.

@@ -55,10 +55,9 @@ def make_folder(folder: Path) -> None:
         ) from error
 
 
-KR10_MEASURED = "kr10-measured"
-SLOTS = {KR10_MEASURED: "kr10_r1100_2"}
-"""Key -> the shipped robot that stands in where no URDF is registered."""
-
+KR10_MEASURED, SHIPPED_ROBOT = "kr10-measured", "kr10_r1100_2"
+"""The one key that a measurement can be registered under, and its robot where no URDF is."""
+COMMAND = f"bench data register {KR10_MEASURED} FILE.csv"
 
 _LONGEST_M = 1e3
 """What no length of a tool reaches, so that the number can be a float."""
@@ -66,19 +65,17 @@ _LONGEST_M = 1e3
 
 @dataclass(frozen=True)
 class Registration:
-    """What is registered under a key.
+    """What is registered.
 
     Attributes:
-        key: one of `SLOTS`.
         csv: the samples, in the schema of `stiff_datasets.measured.measured`.
-        urdf: the robot; None: the slot's shipped one.
+        urdf: the robot; None: the shipped one.
         tcp: (3,) tool centre point in the frame of the URDF's last link, m.
         sha256: of the CSV as it was registered.
         urdf_sha256: of the URDF; "" where it is the shipped robot.
         no_torque: torques were not measured; their columns may be missing.
     """
 
-    key: str
     csv: Path
     urdf: Path | None
     tcp: tuple[float, float, float]
@@ -98,7 +95,7 @@ class Registration:
         if self.urdf is not None:
             robot = load_robot(self.urdf, tcp=self.tcp)
         else:
-            robot = shipped_robot(SLOTS[self.key], tcp=self.tcp)
+            robot = shipped_robot(SHIPPED_ROBOT, tcp=self.tcp)
         return MeasuredData(csv=self.csv, robot=robot, no_torque=self.no_torque).load()
 
 
@@ -115,58 +112,51 @@ def register(
     *,
     no_torque: bool = False,
 ) -> Path:
-    """Register a measurement after reading it; an earlier one under the key is replaced.
+    """Register a measurement after reading it, and return the file that holds every registration.
 
-    Args:
-        key: one of `SLOTS`.
-        csv: the samples, in the schema of `stiff_datasets.measured.measured`.
-        urdf: the robot; None: the slot's shipped one.
-        tcp: (3,) tool centre point in the frame of the URDF's last link, m.
-        no_torque: torques were not measured; their columns may be missing.
-
-    Returns:
-        The file that holds every registration.
+    An earlier one is replaced. Arguments but for the key as the attributes of `Registration`.
 
     Raises:
         ConfigError: nothing can be registered under the key, or tomli-w is not installed.
-        DataError: the data cannot be read (see `read_samples`), or the
-            file of registrations is damaged; nothing is written then.
+        DataError: the data cannot be read (see `read_samples`), or the file of registrations is
+            damaged; nothing is written then.
         StoreError: the file of registrations cannot be written.
     """
-    if key not in SLOTS:
-        raise unknown_name("data set to register", key, SLOTS)
+    if key != KR10_MEASURED:
+        raise unknown_name("data set to register", key, (KR10_MEASURED,))
     require("a registration", "tomli_w")
+    import tomli_w
+
+    from stiff_datasets.measured.sample_files import SIMULATED_GROUP
+
     path = registry_file()
     tables = _tables(path)
     csv, urdf = csv.absolute(), urdf.absolute() if urdf else None
     of_urdf = _sha256(urdf) if urdf else ""
-    entry = Registration(key, csv, urdf, tcp, _sha256(csv), of_urdf, no_torque)
-    from stiff_datasets.measured.sample_files import SIMULATED_GROUP
-
+    entry = Registration(csv, urdf, tcp, _sha256(csv), of_urdf, no_torque)
     if SIMULATED_GROUP in entry.read().samples.group:
         raise DataError(
             f"{csv}: has rows of the group {SIMULATED_GROUP!r}, written by a simulation"
         )
-    tables[key] = {
+    tables[key] = vars(entry) | {
         "csv": str(csv),
         "urdf": str(urdf or ""),  # empty: the shipped robot
         "tcp": [float(length) for length in tcp],
-        "sha256": entry.sha256,
-        "urdf_sha256": entry.urdf_sha256,
-        "no_torque": no_torque,
     }
-    _write(path, tables)
+    make_folder(path.parent)
+    with written_whole(path) as temporary:
+        temporary.write_bytes(tomli_w.dumps(tables).encode())
     return path
 
 
-def registration(key: str) -> Registration | None:
-    """Return what is registered under a key, None for nothing.
+def registration() -> Registration | None:
+    """Return what is registered, None for nothing.
 
     Raises:
         DataError: the file of registrations is damaged.
     """
     path = registry_file()
-    table = _tables(path).get(key)
+    table = _tables(path).get(KR10_MEASURED)
     match table:
         case None:
             return None
@@ -180,25 +170,20 @@ def registration(key: str) -> Registration | None:
             tcp = (float(x), float(y), float(z))
             place = Path(urdf) if urdf else None
             no_torque = table.get("no_torque", False) is True
-            return Registration(key, Path(csv), place, tcp, checksum, of_urdf, no_torque)
+            return Registration(Path(csv), place, tcp, checksum, of_urdf, no_torque)
     raise DataError(
-        f"{path}: table [{key}] is {table!r}, expected csv, urdf (empty: the shipped robot), tcp "
-        f"(three lengths in m), sha256 and urdf_sha256; register again: {_command(key)}"
+        f"{path}: table [{KR10_MEASURED}] is {table!r}, expected csv, urdf (empty: the shipped "
+        "robot), tcp (three lengths in m), sha256 and urdf_sha256; register again: " + COMMAND
     )
 
 
-def missing(key: str) -> str:
-    """Return "" when a file is registered under the key, else a short reason."""
+def missing() -> str:
+    """Return "" when a file is registered, else a short reason."""
     try:
-        _present(key)
+        _present()
     except DataError as error:
         return str(error)
     return ""
-
-
-def kr10_missing() -> str:
-    """Return why `kr10-measured` cannot be loaded; "" where it can."""
-    return missing(KR10_MEASURED)
 
 
 class Kr10Measured:
@@ -210,34 +195,24 @@ class Kr10Measured:
         Raises:
             DataError: nothing is registered, the file is gone, or it has changed since.
         """
-        entry = _present(KR10_MEASURED)
-        _unchanged(entry.csv, entry.sha256)
-        if entry.urdf is not None:
-            _unchanged(entry.urdf, entry.urdf_sha256)
+        entry = _present()
+        for path, registered in ((entry.csv, entry.sha256), (entry.urdf, entry.urdf_sha256)):
+            if path is not None and (found := _sha256(path)) != registered:
+                raise DataError(
+                    f"{path}: sha256 {found}, registered {registered}: the file has changed; "
+                    f"register it again: {COMMAND}"
+                )
         return entry.read()
 
 
-def _unchanged(path: Path, registered: str) -> None:
-    found = _sha256(path)
-    if found != registered:
-        raise DataError(
-            f"{path}: sha256 {found}, registered {registered}: the file has changed; "
-            f"register it again: {_command(KR10_MEASURED)}"
-        )
-
-
-def _present(key: str) -> Registration:
-    entry = registration(key)
+def _present() -> Registration:
+    entry = registration()
     if entry is None:
-        raise DataError(f"no file registered: {_command(key)}")
+        raise DataError(f"no file registered: {COMMAND}")
     for path in filter(None, (entry.csv, entry.urdf)):
         if not path.is_file():
-            raise DataError(f"{path}: the registered file is gone: {_command(key)}")
+            raise DataError(f"{path}: the registered file is gone: {COMMAND}")
     return entry
-
-
-def _command(key: str) -> str:
-    return f"bench data register {key} FILE.csv"
 
 
 def _sha256(path: Path) -> str:
@@ -257,11 +232,3 @@ def _tables(path: Path) -> dict[str, Any]:
         raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
     except ValueError as error:
         raise DataError(f"{path}: not TOML: {error}; mend or delete the file") from error
-
-
-def _write(path: Path, tables: dict[str, Any]) -> None:
-    import tomli_w
-
-    make_folder(path.parent)
-    with written_whole(path) as temporary:
-        temporary.write_bytes(tomli_w.dumps(tables).encode())

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from stiff_datasets.measured.sample_files import (
     DEFLECTION_COLUMNS,
@@ -72,18 +71,15 @@ class CheckedSamples:
     """A file's samples and its problems.
 
     Attributes:
-        path: the file.
+        sheet: the file's rows that are data.
         problems: those of the whole file first, then by row.
-        samples: None where a cell is no number or no name; to be used only without problems.
-        rows: (n,) row number of every sample, for messages.
-        unused: names of columns that are not ours.
+        samples: a row each; None where a cell is no number or no name; to be used only without
+            problems.
     """
 
-    path: Path
-    problems: tuple[Problem, ...]
-    samples: Samples | None
-    rows: NDArray[np.int64]
-    unused: tuple[str, ...]
+    sheet: Sheet
+    problems: Sequence[Problem]
+    samples: Samples | None = None
 
 
 def check_sheet(sheet: Sheet, robot: Robot, *, no_torque: bool = False) -> CheckedSamples:
@@ -99,22 +95,17 @@ def check_sheet(sheet: Sheet, robot: Robot, *, no_torque: bool = False) -> Check
     optional = (*ID_COLUMNS, *(TORQUE_COLUMNS if no_torque else ()))
     problems = table_problems(sheet, columns, optional) or [*_long_names(sheet)]
     if problems:
-        return CheckedSamples(sheet.path, tuple(problems), None, sheet.lines, sheet.unused)
+        return CheckedSamples(sheet, problems)
     absent = [name for name in TORQUE_COLUMNS if name not in sheet.cells]
     sheet = replace(sheet, cells=sheet.cells.assign(**dict.fromkeys(absent, "0")))
-    sheet, junk = _without_junk(sheet, columns[len(ID_COLUMNS) :])
+    columns, n = columns[len(ID_COLUMNS) :], robot.n_joints
+    sheet, junk = _without_junk(sheet, columns)
     if sheet.cells.empty:
-        return CheckedSamples(sheet.path, tuple(junk), None, sheet.lines, sheet.unused)
-    q_file = sheet.numbers(joint_columns(robot))  # deg, and mm of prismatic joints
+        return CheckedSamples(sheet, junk)
+    numbers = sheet.numbers(columns)  # positions: deg, and mm of prismatic joints
+    q_file, wrench, deflection_mm = np.split(numbers, [n, n + len(WRENCH_COLUMNS)], axis=1)
     sheet = replace(sheet, cells=_with_names(sheet.cells, q_file))
-    wrench, deflection_mm = sheet.numbers(WRENCH_COLUMNS), sheet.numbers(DEFLECTION_COLUMNS)
-    unreadable = [
-        *junk,
-        *_id_problems(sheet),
-        *number_problems(sheet, joint_columns(robot), q_file),
-        *number_problems(sheet, WRENCH_COLUMNS, wrench),
-        *number_problems(sheet, DEFLECTION_COLUMNS, deflection_mm),
-    ]
+    unreadable = [*junk, *_id_problems(sheet), *number_problems(sheet, columns, numbers)]
     problems = [
         *unreadable,
         *wrench_problems(sheet, wrench),
@@ -125,14 +116,14 @@ def check_sheet(sheet: Sheet, robot: Robot, *, no_torque: bool = False) -> Check
     ]
     problems.sort(key=lambda problem: problem.row or 0)
     if unreadable:
-        return CheckedSamples(sheet.path, tuple(problems), None, sheet.lines, sheet.unused)
+        return CheckedSamples(sheet, problems)
     samples = Samples(
         q=q_file / file_units(robot),
         wrench=wrench,
         deflection=deflection_mm / MM_PER_M,
         **{name: sheet.cells[name].to_numpy(dtype=str) for name in ID_COLUMNS},
     )
-    return CheckedSamples(sheet.path, tuple(problems), samples, sheet.lines, sheet.unused)
+    return CheckedSamples(sheet, problems, samples)
 
 
 def _with_names(cells: pd.DataFrame, q_file: FloatArray) -> pd.DataFrame:

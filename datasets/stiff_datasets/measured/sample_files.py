@@ -16,21 +16,21 @@ import io
 import itertools
 import math
 import re
+import sys
 import warnings
 import zipfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from stiff_protocols.contract.errors import ConfigError, DataError
 from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.files import written_whole
-from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot, Samples
+from stiff_protocols.contract.types import BenchmarkData, FloatArray, IntArray, Robot, Samples
 
 ID_COLUMNS = ("pose_id", "load_id", "group")
 SIMULATED_GROUP = "simulated"
@@ -116,7 +116,7 @@ class Sheet:
 
     path: Path
     cells: pd.DataFrame
-    lines: NDArray[np.int64]
+    lines: IntArray
     decimal: str = "."
     factors: Mapping[str, float] = field(default_factory=dict)
     headers: Mapping[str, str] = field(default_factory=dict)
@@ -132,6 +132,10 @@ class Sheet:
         values = [_numbers(self.cells[each], self.decimal) for each in columns]
         factors = [self.factors.get(column, 1.0) for column in columns]
         return np.array(values, dtype=np.float64).T * factors
+
+    def take(self, rows: slice) -> Sheet:
+        """Return some rows."""
+        return replace(self, cells=self.cells.iloc[rows], lines=self.lines[rows])
 
     def recognised(self, columns: tuple[str, ...]) -> Sheet:
         """Return the sheet with columns named as in `columns`, the others set apart.
@@ -204,9 +208,18 @@ def read_sheet(path: Path) -> Sheet:
         DataError: the file cannot be read, is empty, or is no table.
         ConfigError: the package that reads Excel or Parquet is not installed.
     """
+    (sheet,) = read_sheets(path, sys.maxsize)
+    return sheet
+
+
+def read_sheets(path: Path, rows: int) -> Generator[Sheet]:
+    """Yield a file in blocks of so many rows, at least one; errors as of `read_sheet`.
+
+    CSV and Parquet are read as far as the blocks were taken, Excel at once.
+    """
     readers = {PARQUET: _read_parquet, EXCEL: _read_excel}
     try:
-        return readers.get(path.suffix.lower(), _read_csv)(path)
+        yield from readers.get(path.suffix.lower(), _read_csv)(path, rows)
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
 
@@ -239,14 +252,18 @@ def sample_table(samples: Samples, robot: Robot) -> pd.DataFrame:
 
 
 def sheet_of(path: Path, table: pd.DataFrame) -> Sheet:
-    """Return the sheet of a table that is, or is to be, the file `path`."""
+    """Return the sheet of a table that stands for the file `path`."""
     cells = table.astype(object)
     first = 1 if path.suffix == PARQUET else 2
     return Sheet(path, cells, np.arange(len(cells), dtype=np.int64) + first)
 
 
-def write_table(path: Path, table: pd.DataFrame) -> None:
-    """Write a `sample_table`, as Parquet if `path` ends so, else as CSV; whole or not at all.
+def write_table(path: Path, parts: Iterable[pd.DataFrame]) -> None:
+    """Write a table whose rows come in parts, whole or not at all.
+
+    Args:
+        path: Parquet if it ends so, else CSV.
+        parts: each is written before the next is asked for; at least one.
 
     Raises:
         StoreError: the file cannot be written.
@@ -258,38 +275,79 @@ def write_table(path: Path, table: pd.DataFrame) -> None:
         require(f"{path}: Parquet", "pyarrow")
     with written_whole(path) as temporary:
         if path.suffix == PARQUET:
-            table.to_parquet(temporary, index=False)
-        else:
-            table.to_csv(temporary, index=False, lineterminator="\n", encoding="utf-8")
+            import pyarrow as pa
+            from pyarrow.parquet import ParquetWriter
+
+            tables = (pa.Table.from_pandas(part, preserve_index=False) for part in parts)
+            first = next(tables)
+            with ParquetWriter(temporary, first.schema) as writer:
+                for table in itertools.chain([first], tables):
+                    writer.write_table(table)
+            return
+        with temporary.open("w", encoding="utf-8", newline="") as file:
+            for i, part in enumerate(parts):
+                part.to_csv(file, index=False, header=i == 0, lineterminator="\n")
 
 
-def _read_csv(path: Path) -> Sheet:
-    """Return the table as text, so that a message can show a wrong value as it was written."""
-    content = path.read_bytes()
-    encoding = "utf-8-sig"
-    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        encoding = "utf-16"
-    elif b"\0" in content[:2]:  # without a byte order mark, the first character in ASCII
-        encoding = "utf-16-be" if content[:1] == b"\0" else "utf-16-le"
-    try:
-        text = content.decode(encoding)
-        if "\0" in text:
+def _read_csv(path: Path, rows: int) -> Iterator[Sheet]:
+    """Yield the table as text, so that a message can show a wrong value as it was written."""
+    with path.open("rb") as file:
+        start = file.read(2)
+        file.seek(0)
+        encoding = "utf-8-sig"
+        if start in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+            encoding = "utf-16"
+        elif b"\0" in start:  # without a byte order mark, the first character in ASCII
+            encoding = "utf-16-be" if start[:1] == b"\0" else "utf-16-le"
+        with io.TextIOWrapper(file, encoding) as text:
+            try:
+                yield from _csv_blocks(path, _filled_lines(path, text), rows)
+            except UnicodeDecodeError as error:
+                at = file.tell() - len(error.object) + error.start
+                byte = f"byte 0x{error.object[error.start]:02x} at {at}"
+                raise DataError(
+                    f"{path}: no text in UTF-8 or UTF-16 ({byte}); save it as 'CSV UTF-8' or .xlsx"
+                ) from error
+
+
+def _filled_lines(path: Path, text: Iterable[str]) -> Iterator[tuple[int, str]]:
+    """Yield the lines that hold more than separators or a remark, with their numbers."""
+    for number, line in enumerate(text, start=1):
+        if "\0" in line:
             raise DataError(f"{path}: not a CSV table in UTF-8 or UTF-16: it has NUL characters")
-        lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-        longest = max(map(len, lines))
-        if longest > LONGEST_LINE:
-            raise DataError(f"{path}: a line of {longest} characters (valid: {LONGEST_LINE})")
-        lines = ["" if line.lstrip().startswith("#") else line for line in lines]
-        told = re.fullmatch(r"sep=([,;\t])", lines[0].strip(" \ufeff"))  # as Excel writes it
-        lines[0] = "" if told else lines[0]
-        first = _header(map(_cells, lines))
-        separator = told[1] if told else max(",;\t", key=lines[first].count)
+        if len(line) > LONGEST_LINE:
+            raise DataError(f"{path}: a line of {len(line)} characters (valid: {LONGEST_LINE})")
+        if line.strip(' ,;\t\n"') and not line.lstrip().startswith("#"):
+            yield number, line.rstrip("\n")
+
+
+def _csv_blocks(path: Path, lines: Iterator[tuple[int, str]], rows: int) -> Iterator[Sheet]:
+    """Yield blocks of the table below the titles and the header."""
+    head = [*itertools.islice(lines, 1 + _TITLE_ROWS)]
+    if not head:
+        raise DataError(f"{path}: the file is empty")
+    told = re.fullmatch(r"sep=([,;\t])", head[0][1].strip(" \ufeff"))  # as Excel writes it
+    head = head[1:] if told else head
+    first = _header(_cells(line) for _, line in head)
+    header = head[first : first + 1]
+    below = itertools.chain(head[first + 1 :], lines)
+    separator = told[1] if told else max(",;\t", key=header[0][1].count)
+    block, n_read = [*itertools.islice(below, rows)], 0
+    while block or not n_read:
+        sheet = _csv_sheet(path, [*header, *block], separator)
+        if len(sheet.cells) or not n_read:
+            yield sheet
+        block, n_read = [*itertools.islice(below, rows)], n_read + 1
+
+
+def _csv_sheet(path: Path, lines: Sequence[tuple[int, str]], separator: str) -> Sheet:
+    """Return the table of numbered lines, whose first is the header."""
+    try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)
             cells = pd.read_csv(
-                io.StringIO("\n".join(lines)),
+                io.StringIO("\n".join(line for _, line in lines)),
                 sep=separator,
-                skiprows=first,
                 dtype=object,
                 skipinitialspace=True,
                 index_col=False,
@@ -298,13 +356,8 @@ def _read_csv(path: Path) -> Sheet:
             )
     except pd.errors.EmptyDataError:
         raise DataError(f"{path}: the file is empty") from None
-    except UnicodeDecodeError as error:
-        byte = f"byte 0x{error.object[error.start]:02x} at {error.start}"
-        raise DataError(
-            f"{path}: no text in UTF-8 or UTF-16 ({byte}); save it as 'CSV UTF-8' or .xlsx"
-        ) from error
     except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
-        why = _too_wide(lines, first, separator) or " ".join(str(error).split())
+        why = _too_wide(lines, separator) or " ".join(str(error).split())
         raise DataError(f"{path}: not a CSV table: {why}") from error
     cells = cells.rename(columns=str.strip).fillna("").map(str.strip)
     nameless = cells.columns.str.fullmatch(r"Unnamed: \d+")
@@ -313,25 +366,25 @@ def _read_csv(path: Path) -> Sheet:
         columns=lambda name: re.sub(r"^Unnamed: \d+$", "column without a name", name)
     )
     cells = cells[(cells != "").any(axis=1)]
-    numbers = cells.index.to_numpy(dtype=np.int64) + first + 2
+    numbers = np.array([number for number, _ in lines], dtype=np.int64)[cells.index + 1]
     return Sheet(path, cells, numbers, decimal="." if separator == "," else ",")
 
 
-def _too_wide(lines: Sequence[str], first: int, separator: str) -> str:
-    """Name the first row that has more cells than the header, line `first`; "" where none has."""
-    rows = csv.reader(lines[first:], delimiter=separator)
+def _too_wide(lines: Sequence[tuple[int, str]], separator: str) -> str:
+    """Name the first row that has more cells than the header, the first; "" where none has."""
+    rows = csv.reader([line for _, line in lines], delimiter=separator)
     header: list[str] = []
     with suppress(csv.Error):
         for row in rows:
             header = header or row
             if len(row) > len(header):
                 hint = "; decimal commas need semicolons between columns" * (separator == ",")
-                at = first + rows.line_num
+                at = lines[rows.line_num - 1][0]
                 return f"row {at} has {len(row)} cells, the header {len(header)}{hint}"
     return ""
 
 
-def _read_excel(path: Path) -> Sheet:
+def _read_excel(path: Path, rows: int) -> Iterator[Sheet]:
     require(f"{path}: Excel", "openpyxl")
     import openpyxl
 
@@ -343,7 +396,7 @@ def _read_excel(path: Path) -> Sheet:
         with closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:
             sheet = book.worksheets[0]
             lines = enumerate(sheet.iter_rows(max_col=MOST_COLUMNS, values_only=True), start=1)
-            rows = {
+            filled = {
                 number: ["" if cell is None else cell for cell in row]
                 for number, row in lines
                 if any(cell not in (None, "") for cell in row) and not str(row[0]).startswith("#")
@@ -355,7 +408,7 @@ def _read_excel(path: Path) -> Sheet:
     except Exception as error:  # of a damaged file openpyxl raises whatever its parsers do
         reason = " ".join(str(error).split())
         raise DataError(f"{path}: not an Excel table: {reason}") from error
-    cells = pd.DataFrame(rows.values(), index=list(rows), dtype=object).fillna("")
+    cells = pd.DataFrame(filled.values(), index=list(filled), dtype=object).fillna("")
     if cells.empty:
         raise DataError(f"{path}: the first sheet is empty")
     cells = cells.map(lambda cell: cell.strip() if isinstance(cell, str) else cell)
@@ -364,10 +417,12 @@ def _read_excel(path: Path) -> Sheet:
     names = [str(name) or f"column {i + 1}" for i, name in enumerate(cells.iloc[0])]
     cells = cells.iloc[1:].set_axis(names, axis="columns")
     numbers = cells.index.to_numpy(dtype=np.int64)
-    return Sheet(path, _named(cells.reset_index(drop=True)), numbers, decimal=",")
+    whole = Sheet(path, _named(cells.reset_index(drop=True)), numbers, decimal=",")
+    for first in range(0, max(len(cells), 1), rows):
+        yield whole.take(slice(first, first + rows))
 
 
-def _read_parquet(path: Path) -> Sheet:
+def _read_parquet(path: Path, rows: int) -> Iterator[Sheet]:
     require(f"{path}: Parquet", "pyarrow")
     import pyarrow as pa
     from pyarrow.parquet import ParquetFile
@@ -381,14 +436,19 @@ def _read_parquet(path: Path) -> Sheet:
             raise ValueError(f"{about.num_rows} rows in {size} bytes")
         paths = [about.schema.column(i).path for i in range(about.num_columns)]
         # as a dictionary, a long text in many rows is kept once
-        table = ParquetFile(path, read_dictionary=paths).read()
-        cells = table.to_pandas(ignore_metadata=True)
+        file = ParquetFile(path, read_dictionary=paths)
+        none = pa.RecordBatch.from_pylist([], file.schema_arrow)
+        first = 0
+        for batch in file.iter_batches(min(rows, about.num_rows)) if about.num_rows else (none,):
+            cells = batch.to_pandas(ignore_metadata=True).astype(object).rename(columns=str)
+            sheet = sheet_of(path, _named(cells))
+            yield replace(sheet, lines=sheet.lines + first)
+            first += len(cells)
     except pa.ArrowInvalid as error:
         raise DataError(f"{path}: not a Parquet table, or a damaged one") from error
     except (ValueError, KeyError, pa.ArrowException) as error:
         reason = " ".join(str(error).split())
         raise DataError(f"{path}: not a Parquet table: {reason}") from error
-    return sheet_of(path, _named(cells.astype(object).rename(columns=str)))
 
 
 def _named(cells: pd.DataFrame) -> pd.DataFrame:
@@ -417,6 +477,9 @@ def _header(rows: Iterable[Sequence[str]]) -> int:
 
 def _numbers(cells: pd.Series, decimal: str) -> list[float]:
     """Return the numbers of a column; where it has decimal commas, 1.234 is none."""
+    texts = [*map(str, cells)]
+    if all(map(_NUMBER.fullmatch, texts)) and max(map(len, texts), default=0) <= LONGEST_CELL:
+        return [number if math.isfinite(number) else np.nan for number in map(float, texts)]
     texts = [cell if isinstance(cell, str) else "" for cell in cells]
     commas = decimal == "," and any("," in text for text in texts)
     return [

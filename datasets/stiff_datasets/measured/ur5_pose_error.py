@@ -19,9 +19,7 @@ from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.files import written_whole
 
 if TYPE_CHECKING:
-    import pandas as pd
-
-    from stiff_protocols.contract.types import BenchmarkData, Samples
+    from stiff_protocols.contract.types import BenchmarkData
 
 COMMIT = "759068d85a8b95183cd71ff96d9dfc5173bc57fc"
 BASE_URL = f"https://raw.githubusercontent.com/pauljac7700/serial_robots_datasets/{COMMIT}/"
@@ -108,42 +106,30 @@ class Ur5PoseError:
         Raises:
             DataError: a file is not fetched or not the one the data card describes.
         """
+        import numpy as np
+        import pandas as pd
+
         from stiff_datasets.robots.robot import shipped_robot
-        from stiff_protocols.contract.types import BenchmarkData
+        from stiff_protocols.contract.types import BenchmarkData, Samples
 
-        return BenchmarkData(_samples(), shipped_robot("ur5", tcp=TCP))
-
-
-def _samples() -> Samples:
-    import numpy as np
-    import pandas as pd
-
-    from stiff_protocols.contract.types import Samples
-
-    tables = [_table(file) for file in FILES]
-    table = pd.concat(tables, ignore_index=True)
-    return Samples(
-        q=np.deg2rad(table[JOINT_COLUMNS].to_numpy(dtype=float)),
-        wrench=np.zeros((len(table), 6)),
-        deflection=table[ERROR_COLUMNS].to_numpy(dtype=float) / 1000.0,
-        pose_id=(table["group"] + "-" + table["step_order"].astype(str)).to_numpy(dtype=str),
-        load_id=np.full(len(table), "unloaded"),
-        group=table["group"].to_numpy(dtype=str),
-    )
+        tables = [pd.read_csv(BytesIO(_fetched(file))).assign(group=file.group) for file in FILES]
+        table = pd.concat(tables, ignore_index=True)
+        samples = Samples(
+            q=np.deg2rad(table[JOINT_COLUMNS].to_numpy(dtype=float)),
+            wrench=np.zeros((len(table), 6)),
+            deflection=table[ERROR_COLUMNS].to_numpy(dtype=float) / 1000.0,
+            pose_id=(table["group"] + "-" + table["step_order"].astype(str)).to_numpy(dtype=str),
+            load_id=np.full(len(table), "unloaded"),
+            group=table["group"].to_numpy(dtype=str),
+        )
+        return BenchmarkData(samples, shipped_robot("ur5", tcp=TCP))
 
 
-def _table(file: SourceFile) -> pd.DataFrame:
-    import pandas as pd
-
+def _fetched(file: SourceFile) -> bytes:
     path = folder() / file.name
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError:
-        raise DataError(f"{path}: not fetched; run: {FETCH}") from None
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
-    table = pd.read_csv(BytesIO(_checked(content, str(path), file, f"run: {FETCH}")))
-    return table.assign(group=file.group)
+    if (content := _content(path)) is None:
+        raise DataError(f"{path}: not fetched; run: {FETCH}")
+    return _checked(content, str(path), file, f"run: {FETCH}")
 
 
 def _is_right(path: Path, file: SourceFile) -> bool:
@@ -171,14 +157,19 @@ def _download(file: SourceFile, base_url: str) -> bytes:
 def _read_from(source: Path, file: SourceFile) -> bytes:
     places = (source / SOURCE_FOLDER / file.name, source / file.name)
     for path in places:
-        try:
-            content = path.read_bytes()
-        except (FileNotFoundError, NotADirectoryError):
-            continue
-        except OSError as error:
-            raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
-        return _checked(content, str(path), file, BY_HAND)
+        if (content := _content(path)) is not None:
+            return _checked(content, str(path), file, BY_HAND)
     raise DataError(f"{places[1]}: no such file, nor {places[0]}; {BY_HAND}")
+
+
+def _content(path: Path) -> bytes | None:
+    """Return what a file holds; None where there is none."""
+    try:
+        return path.read_bytes()
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
 def _checked(content: bytes, where: str, file: SourceFile, advice: str) -> bytes:

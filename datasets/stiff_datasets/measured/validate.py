@@ -14,7 +14,6 @@ import numpy as np
 from stiff_datasets.measured.data_checks import (
     FEWEST_SAMPLES,
     Finding,
-    Lines,
     duplicate_findings,
     fact,
     outlier_findings,
@@ -35,10 +34,8 @@ from stiff_datasets.measured.hypotheses import (
     reading,
     softness,
 )
-from stiff_datasets.measured.measured import check_file
-from stiff_datasets.measured.sample_checks import LIMIT_SLACK, Problem
-from stiff_datasets.measured.sample_files import MM_PER_M, file_units, joint_columns
-from stiff_datasets.robots.robot import ChainModel, robot_of
+from stiff_datasets.measured.sample_checks import LIMIT_SLACK, Problem, check_sheet
+from stiff_datasets.measured.sample_files import MM_PER_M, file_units, joint_columns, read_sheet
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.identification import Identified, identify, typical_joints
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
@@ -74,9 +71,9 @@ class ValidationReport:
     """
 
     path: Path
-    errors: tuple[Finding, ...]
-    warnings: tuple[Finding, ...]
-    facts: tuple[Finding, ...]
+    errors: tuple[Finding, ...] = ()
+    warnings: tuple[Finding, ...] = ()
+    facts: tuple[Finding, ...] = ()
 
     @property
     def verdict(self) -> Literal["ok", "suspicious", "invalid"]:
@@ -86,43 +83,48 @@ class ValidationReport:
         return "suspicious" if self.warnings else "ok"
 
     def __repr__(self) -> str:
-        """Return the report as plain text."""
-        return render_report(self).rstrip()
+        """Return the report as plain text; the first line is the verdict."""
+        lines = [
+            _verdict(self),
+            *_section("Errors", self.errors),
+            *_section("Warnings", self.warnings),
+            *_section("Facts", self.facts),
+        ]
+        return "\n".join(lines)
 
 
-def validate(path: Path, chain: ChainModel, *, no_torque: bool = False) -> ValidationReport:
+def validate(path: Path, robot: Robot, *, no_torque: bool = False) -> ValidationReport:
     """Check a file of measured samples.
 
     Args:
         path: the file; Parquet if it ends in .parquet, else CSV.
-        chain: the robot that was measured.
+        robot: that was measured.
         no_torque: no torques were measured; a data card FILE.md beside the file may say so, too.
     """
-    robot = robot_of(chain)
     try:
-        checked = check_file(path, robot, no_torque=no_torque)
+        checked = check_sheet(read_sheet(path), robot, no_torque=no_torque)
     except DataError as error:
         message = str(error).removeprefix(f"{path}: ")
-        return ValidationReport(path, (Finding("error", message),), (), ())
-    samples, lines = checked.samples, checked.rows
+        return ValidationReport(path, (Finding("error", message),))
+    samples, lines = checked.samples, checked.sheet.lines
     errors = [*_error_findings(checked.problems)]
     if samples is None or errors:
         if samples is not None:
             units = file_units(robot)
             beyond = np.maximum(robot.lower - samples.q, samples.q - robot.upper) * units
-            likely = diagnose(samples, chain, joints_only=bool((beyond > LIMIT_SLACK).any()))
+            likely = diagnose(samples, robot, joints_only=bool((beyond > LIMIT_SLACK).any()))
             errors += [Finding("error", _named(likely))] if likely.best else []
-        return ValidationReport(path, tuple(errors), (), ())
-    data = reading(chain, samples.q, samples.wrench, samples.deflection)
+        return ValidationReport(path, tuple(errors))
+    data = reading(robot, samples.q, samples.wrench, samples.deflection)
     no_torque = no_torque or _card_says_no_torque(path)
     torques_missing = not no_torque and not data.torque.any()
-    diagnosis = diagnose(samples, chain, may_fit=not torques_missing)
+    diagnosis = diagnose(samples, robot, may_fit=not torques_missing)
     if torques_missing and not _explains_little(diagnosis.given):
         diagnosis = Diagnosis(diagnosis.given)  # that is mistake enough
     pose = np.asarray(np.unique(samples.pose_id, return_inverse=True)[1])
-    unused = [fact("columns not used", ", ".join(checked.unused))] if checked.unused else []
+    unused = ", ".join(checked.sheet.unused)
     found = [
-        *unused,
+        *([fact("columns not used", unused)] if unused else []),
         *_content_findings(samples, robot, no_torque),
         *duplicate_findings(samples, robot, lines),
         *range_findings(samples, lines),
@@ -131,7 +133,6 @@ def validate(path: Path, chain: ChainModel, *, no_torque: bool = False) -> Valid
     ]
     return ValidationReport(
         path,
-        errors=(),
         warnings=tuple(each for each in found if each.level == "warning"),
         facts=tuple(each for each in found if each.level == "fact"),
     )
@@ -154,20 +155,6 @@ def _error_findings(problems: Sequence[Problem]) -> Iterator[Finding]:
         others = " and others" if len({problem.value for problem in alike}) > 1 else ""
         together = f"column {column}: {alike[0].value!r}{others}, expected {valid}"
         yield Finding("error", together if len(rows) > 1 else str(alike[0]), rows)
-
-
-def render_report(report: ValidationReport) -> str:
-    """Return the report as plain text; the first line is the verdict."""
-    sections = [
-        _section("Errors", report.errors),
-        _section("Warnings", report.warnings),
-        _section("Facts", report.facts),
-    ]
-    lines = [
-        _verdict(report),
-        *(line for section in sections if section for line in ["", *section]),
-    ]
-    return "\n".join(lines) + "\n"
 
 
 def _content_findings(samples: Samples, robot: Robot, no_torque: bool) -> Iterator[Finding]:
@@ -204,13 +191,13 @@ def _content_findings(samples: Samples, robot: Robot, no_torque: bool) -> Iterat
 
 def _identified(data: Reading, pose: IntArray) -> Identified:
     """Identify joint springs as the virtual joint model does; `pose` (n,) numbers the poses."""
-    matrix, typical = data.regressor(), typical_joints(robot_of(data.chain))
+    matrix, typical = data.regressor(), typical_joints(data.robot)
     flat = matrix.reshape(-1, matrix.shape[2])
     return identify(flat, data.deflection.reshape(-1), typical, np.repeat(pose, 3))
 
 
 def _spring_findings(
-    data: Reading, pose: IntArray, diagnosis: Diagnosis, lines: Lines
+    data: Reading, pose: IntArray, diagnosis: Diagnosis, lines: IntArray
 ) -> Iterator[Finding]:
     """Compare the data with joint springs: mistakes, stiffnesses, outliers."""
     given, best = diagnosis.given, diagnosis.best
@@ -227,7 +214,7 @@ def _spring_findings(
         f"{given.explained:.1%} of squared deflection explained, cross-validated; residual "
         f"{given.rms * MM_PER_M:.3g} mm RMS",
     )
-    names = tuple(data.chain.model.names)[1:]
+    names = data.robot.joint_names
     found = _identified(data, pose)
     unknown = [name for name, known in zip(names, found.known, strict=True) if not known]
     if unknown:
@@ -290,13 +277,10 @@ def _unit_findings(data: Reading, compliance: FloatArray) -> Iterator[Finding]:
 
 
 def _verdict(report: ValidationReport) -> str:
-    n_errors = sum(max(1, len(error.rows)) for error in report.errors)
-    n_warnings = len(report.warnings)
-    counted = ""
-    if n_errors:
-        counted = f", {n_errors} error{'s' * (n_errors > 1)}"
-    elif n_warnings:
-        counted = f", {n_warnings} warning{'s' * (n_warnings > 1)}"
+    kind, n = "error", sum(max(1, len(error.rows)) for error in report.errors)
+    if not n:
+        kind, n = "warning", len(report.warnings)
+    counted = f", {n} {kind}{'s' * (n > 1)}" if n else ""
     return f"{report.path}: {report.verdict}{counted}"
 
 
@@ -309,7 +293,7 @@ def _section(title: str, findings: Sequence[Finding]) -> list[str]:
         parts = (finding.message.partition(": ") for finding in findings)
         items = [(name, value) for name, _, value in parts]
     width = max(len(head) for head, _ in items)
-    lines = [title]
+    lines = ["", title]
     for head, text in items:
         start = f"  {head:<{width}} "
         lines += textwrap.wrap(

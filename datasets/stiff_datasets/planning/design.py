@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple, Protocol
+from typing import Literal
 
 import numpy as np
 
@@ -22,57 +22,15 @@ from stiff_datasets.measured.identifiability import (
     choose_i_optimal,
     excited_columns,
 )
-from stiff_protocols.contract.errors import DataError
+from stiff_datasets.measured.load_file import Loads
 from stiff_protocols.contract.interfaces import PredictsCovariance
 from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.types import FloatArray, IntArray
 
 Criterion = Literal["d-optimal", "i-optimal", "condition"]
 
-N_RANDOM = 20
-"""Random plans that a plan is compared with."""
-
-
 _BLOCK = 256
 """Candidates whose variances are computed at once."""
-
-
-@dataclass(frozen=True, eq=False)
-class Loads:
-    """Loads at poses, such as the workspace where predictions are to be good.
-
-    Attributes:
-        q: (n, n_joints) rad or m.
-        wrench: (n, 6) N and N m at the TCP, base frame.
-    """
-
-    q: FloatArray
-    wrench: FloatArray
-
-
-class Design(Protocol):
-    """Chooses among candidates, and says what they tell."""
-
-    @property
-    def criterion(self) -> Criterion:
-        """What a choice is best in."""
-
-    @property
-    def fewest(self) -> int:
-        """How many candidates are chosen at least."""
-
-    @property
-    def noise(self) -> float:
-        """Variance [m²] of a measured deflection about its prediction, mean over the axes."""
-
-    def choose(self, n: int) -> IntArray:
-        """Return (n,) row numbers of candidates, the one that tells most first."""
-
-    def variance(self, rows: IntArray) -> float:
-        """Return the mean variance [m²] of a prediction once these candidates are measured.
-
-        Mean over workspace and axes, without noise; infinite where something is not identified.
-        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +45,7 @@ class SpringDesign:
         workspace: (m, 3, n_joints) regressors where predictions are to be good; None: the
             candidates.
         measured: (k, 3, n_joints) regressors of the samples that are there; None: none.
-        noise: see `Design`.
+        noise: variance [m²] of a measured deflection about its prediction, mean over the axes.
     """
 
     candidates: FloatArray
@@ -98,11 +56,11 @@ class SpringDesign:
 
     @property
     def fewest(self) -> int:
-        """A sample has three components, which all joints must show in."""
+        """How many are chosen at least: a sample has three components, all joints must show."""
         return 1 if self.measured is not None else -(-self.candidates.shape[2] // 3)
 
     def choose(self, n: int) -> IntArray:
-        """Return the choice; see `identifiability.choose_d_optimal` and its neighbours."""
+        """Return (n,) row numbers of candidates, the one that tells most first."""
         if self.criterion == "i-optimal":
             wanted = self._workspace
             return choose_i_optimal(self.candidates, n, workspace=wanted, measured=self.measured)
@@ -110,7 +68,10 @@ class SpringDesign:
         return choose(self.candidates, n, measured=self.measured)
 
     def variance(self, rows: IntArray) -> float:
-        """Return the mean variance of a prediction, m²."""
+        """Return the mean variance [m²] of a prediction once these candidates are measured.
+
+        Mean over workspace and axes, without noise; infinite where something is not identified.
+        """
         excited, known, wanted = excited_columns(self.candidates, self.measured, self._workspace)
         gained = excited[rows].reshape(-1, excited.shape[2])
         information = known + gained.T @ gained
@@ -148,7 +109,7 @@ class ProcessDesign:
         return float(self.model.noise_variance().mean())
 
     def choose(self, n: int) -> IntArray:
-        """Choose candidates one by one, each the one that lowers the mean variance most.
+        """Return (n,) row numbers of candidates, each the one that lowers the mean variance most.
 
         A sample of variance v + noise lowers every covariance C(a, b) by C(a, sample) C(sample, b)
         over that. The covariances C(workspace, candidates) are not computed anew: of them only the
@@ -156,10 +117,9 @@ class ProcessDesign:
         """
         every = np.arange(len(self.candidates.q))
         noise = self.model.noise_variance()[:, None]  # (3, 1)
-        own = np.concatenate(  # (3, n_candidates)
-            [self._variances(part) for part in np.array_split(every, -(-len(every) // _BLOCK))],
-            axis=1,
-        )
+        parts = np.array_split(every, -(-len(every) // _BLOCK))
+        blocks = [np.diagonal(self._between(part, part), axis1=1, axis2=2) for part in parts]
+        own = np.concatenate(blocks, axis=1)  # (3, n_candidates), their variances
         squares = np.einsum("amn,amn->an", self._shared, self._shared)
         below = np.empty((0, 3, len(self.workspace.q)))  # of each choice so far
         beside = np.empty((0, 3, len(every)))
@@ -184,7 +144,7 @@ class ProcessDesign:
         return chosen
 
     def variance(self, rows: IntArray) -> float:
-        """Return the mean variance of a prediction, m²."""
+        """Return the mean variance of a prediction, m², as `SpringDesign.variance`."""
         if not len(rows):
             return self._before
         known = self._between(rows, rows) + (
@@ -207,64 +167,10 @@ class ProcessDesign:
         own = self.model.covariance(at.q, at.wrench, at.q, at.wrench)
         return float(np.diagonal(own, axis1=1, axis2=2).mean())
 
-    def _variances(self, rows: IntArray) -> FloatArray:
-        """Return (3, n) the variances of these candidates, m²."""
-        return np.diagonal(self._between(rows, rows), axis1=1, axis2=2)
-
     def _between(self, rows: IntArray, others: IntArray) -> FloatArray:
         q, wrench = self.candidates.q, self.candidates.wrench
         return self.model.covariance(q[rows], wrench[rows], q[others], wrench[others])
 
 
-class VarianceGain(NamedTuple):
-    """Mean variances [m²] of a prediction over the workspace, without noise; less is better.
-
-    Attributes:
-        before: as it is.
-        plan: with the plan measured.
-        random_mean: mean over random plans of the same size.
-        random_best: best of them.
-    """
-
-    before: float
-    plan: float
-    random_mean: float
-    random_best: float
-
-    @property
-    def ratio(self) -> float:
-        """How much more the plan lowers the variance than the mean random plan; NaN: from infinity.
-
-        One where neither lowers it.
-        """
-        if not np.isfinite(self.before):
-            return np.nan
-        by_random = self.before - self.random_mean
-        return (self.before - self.plan) / by_random if by_random > 0.0 else 1.0
-
-
-def variance_gain(
-    design: Design, plan: IntArray, n_candidates: int, *, seed: int = 0
-) -> VarianceGain:
-    """Compare chosen candidates with random ones.
-
-    Args:
-        design: that chose.
-        plan: (n,) row numbers of candidates.
-        n_candidates: that random plans are drawn from.
-        seed: draws them.
-
-    Raises:
-        DataError: the plan is empty or larger than the candidates.
-    """
-    if not 1 <= len(plan) <= n_candidates:
-        raise DataError(
-            f"random plans of {len(plan)} samples from {n_candidates} candidates; expected 1 "
-            "sample up to all candidates"
-        )
-    rng = np.random.default_rng(seed)
-    drawn = [
-        design.variance(rng.choice(n_candidates, len(plan), replace=False)) for _ in range(N_RANDOM)
-    ]
-    before = design.variance(plan[:0])
-    return VarianceGain(before, design.variance(plan), float(np.mean(drawn)), min(drawn))
+Design = SpringDesign | ProcessDesign
+"""Chooses among candidates, and says what they tell."""

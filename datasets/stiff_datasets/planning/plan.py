@@ -9,26 +9,28 @@ rows stand in the order of their worth: where time runs out, the first rows are 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from stiff_datasets.measured.load_file import Loads
 from stiff_datasets.measured.sample_files import (
     DEFLECTION_COLUMNS,
     ID_COLUMNS,
     WRENCH_COLUMNS,
     file_units,
     joint_columns,
+    write_table,
 )
-from stiff_datasets.planning.design import Design, Loads
+from stiff_datasets.planning.design import Design
 from stiff_datasets.planning.loads import G, stream
 from stiff_datasets.planning.poses import Poses, paper_poses
 from stiff_datasets.planning.reachable import CLEARANCE, LOWEST_HEIGHT, keeps_clear, reachable_poses
 from stiff_datasets.robots.robot import ChainModel, robot_of
 from stiff_protocols.contract.errors import ConfigError, StoreError
-from stiff_protocols.contract.files import refuse_existing, written_whole
+from stiff_protocols.contract.files import refuse_existing
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples, TextArray
 
 PAPER_ROBOT = "kr10_r1100_2"
@@ -45,19 +47,8 @@ _DECIMALS_DEG, _DECIMALS_N = 4, 3
 
 
 @dataclass(frozen=True, eq=False)
-class MeasurementPlan(Poses):
-    """Poses and one load at each to measure.
-
-    Attributes:
-        wrench: (n, 6) suggested load at the TCP, base frame: a force [N], torque zero [N m].
-    """
-
-    wrench: FloatArray
-
-    @property
-    def loads(self) -> Loads:
-        """Poses and loads alone."""
-        return Loads(self.q, self.wrench)
+class MeasurementPlan(Poses, Loads):
+    """Poses and one load at each to measure: a suggested force, torque zero."""
 
     def take(self, rows: IntArray | slice) -> MeasurementPlan:
         """Return the samples of the given row numbers, in that order."""
@@ -85,12 +76,11 @@ def paper_plan(
             f"{clearance:g} m to the base and {LOWEST_HEIGHT:g} m to the mounting plane with the "
             "TCP given; say how many poses to choose, or ask for a smaller clearance"
         )
-    wrench = _forces(len(poses.q), payload_kg, seed)
-    return MeasurementPlan(poses.q, poses.pose_id, poses.group, wrench)
+    return MeasurementPlan(**vars(poses), wrench=_forces(len(poses.q), payload_kg, seed))
 
 
 def candidate_plan(
-    chain: ChainModel,
+    robot: Robot,
     candidates: int,
     *,
     seed: int,
@@ -101,13 +91,12 @@ def candidate_plan(
 
     Raises:
         ConfigError: an argument is out of range, or too few random poses keep the clearances.
-        DataError: a joint has more than one degree of freedom.
     """
     wrench = _forces(candidates, payload_kg, seed)
-    q = reachable_poses(chain, candidates, stream("plan poses", chain.name, seed), clearance)
+    q = reachable_poses(robot, candidates, stream("plan poses", robot.name, seed), clearance)
     width = len(str(candidates))
     names = np.array([f"R{i + 1:0{width}d}" for i in range(candidates)])
-    return MeasurementPlan(q, names, np.full(candidates, "random"), wrench)
+    return MeasurementPlan(q, wrench, names, np.full(candidates, "random"))
 
 
 def chosen_plan(
@@ -139,7 +128,7 @@ def chosen_plan(
     width = max(2, len(str(last + n_poses)))
     names = np.array([f"P{last + i + 1:0{width}d}" for i in range(n_poses)])
     group = np.full(n_poses, design.criterion)
-    return MeasurementPlan(pool.q[rows], names, group, pool.wrench[rows]), rows
+    return replace(pool.take(rows), pose_id=names, group=group), rows
 
 
 def _last_number(pose_id: TextArray) -> int:
@@ -203,9 +192,7 @@ def write_plan(path: Path, plan: MeasurementPlan, robot: Robot) -> None:
         StoreError: the file cannot be written; see also `check_plan_file`.
     """
     check_plan_file(path)
-    table = plan_table(plan, robot)
-    with written_whole(path) as temporary:
-        table.to_csv(temporary, index=False, lineterminator="\n")
+    write_table(path, [plan_table(plan, robot)])
 
 
 def _forces(n: int, payload_kg: float, seed: int) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What a measurement plan gains over random plans of its size."""
+"""What a measurement plan gains over random plans of its size, from the same candidates."""
 
 from __future__ import annotations
 
@@ -13,9 +13,27 @@ from stiff_datasets.measured.identifiability import (
     identifiability,
     per_joint,
 )
-from stiff_datasets.planning.design import N_RANDOM
+from stiff_datasets.planning.design import Design
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.types import FloatArray
+from stiff_protocols.contract.types import FloatArray, IntArray
+
+N_RANDOM = 20
+"""Random plans that a plan is compared with."""
+
+
+def random_plans(n: int, n_candidates: int, seed: int) -> list[IntArray]:
+    """Draw `N_RANDOM` plans, each (n,) row numbers of candidates.
+
+    Raises:
+        DataError: a plan is empty or larger than the candidates.
+    """
+    if not 1 <= n <= n_candidates:
+        raise DataError(
+            f"random plans of {n} samples from {n_candidates} candidates; expected 1 "
+            "sample up to all candidates"
+        )
+    rng = np.random.default_rng(seed)
+    return [rng.choice(n_candidates, n, replace=False) for _ in range(N_RANDOM)]
 
 
 class Criteria(NamedTuple):
@@ -38,14 +56,12 @@ class PlanGain:
 
     Attributes:
         joints: names of the joints compared: those that all candidates together identify.
-        n_random: number of random plans.
         plan: criteria of the plan.
         random_mean: mean of each criterion over the random plans.
         random_best: best of each criterion over the random plans.
     """
 
     joints: tuple[str, ...]
-    n_random: int
     plan: Criteria
     random_mean: Criteria
     random_best: Criteria
@@ -84,11 +100,7 @@ def plan_gain(
     Raises:
         DataError: as `identifiability`, or the candidates identify no joint or are too few.
     """
-    if not 1 <= len(plan) <= len(candidates):
-        raise DataError(
-            f"random plans of {len(plan)} samples from {len(candidates)} candidates; expected 1 "
-            "sample up to all candidates"
-        )
+    drawn = random_plans(len(plan), len(candidates), seed)
     unknown = identifiability(candidates, joint_names).unidentifiable
     compared = [i for i, name in enumerate(joint_names) if name not in unknown]
     if not compared:
@@ -100,13 +112,53 @@ def plan_gain(
         found = identifiability(samples[:, :, compared], names, reference_compliance=reference)
         return Criteria(found.log_det, found.condition, float(found.relative_standard_error.max()))
 
-    rng = np.random.default_rng(seed)
-    drawn = np.array(
-        [
-            criteria(candidates[rng.choice(len(candidates), len(plan), replace=False)])
-            for _ in range(N_RANDOM)
-        ]
-    )
-    mean, lowest = Criteria(*drawn.mean(axis=0).tolist()), drawn.min(axis=0).tolist()
-    best = Criteria(float(drawn[:, 0].max()), *lowest[1:])
-    return PlanGain(names, N_RANDOM, criteria(plan), mean, best)
+    found = np.array([criteria(candidates[rows]) for rows in drawn])
+    mean, lowest = Criteria(*found.mean(axis=0).tolist()), found.min(axis=0).tolist()
+    best = Criteria(float(found[:, 0].max()), *lowest[1:])
+    return PlanGain(names, criteria(plan), mean, best)
+
+
+class VarianceGain(NamedTuple):
+    """Mean variances [m²] of a prediction over the workspace, without noise; less is better.
+
+    Attributes:
+        before: as it is.
+        plan: with the plan measured.
+        random_mean: mean over random plans of the same size.
+        random_best: best of them.
+    """
+
+    before: float
+    plan: float
+    random_mean: float
+    random_best: float
+
+    @property
+    def ratio(self) -> float:
+        """How much more the plan lowers the variance than the mean random plan; NaN: from infinity.
+
+        One where neither lowers it.
+        """
+        if not np.isfinite(self.before):
+            return np.nan
+        by_random = self.before - self.random_mean
+        return (self.before - self.plan) / by_random if by_random > 0.0 else 1.0
+
+
+def variance_gain(
+    design: Design, plan: IntArray, n_candidates: int, *, seed: int = 0
+) -> VarianceGain:
+    """Compare chosen candidates with random ones.
+
+    Args:
+        design: that chose.
+        plan: (n,) row numbers of candidates.
+        n_candidates: that random plans are drawn from.
+        seed: draws them.
+
+    Raises:
+        DataError: the plan is empty or larger than the candidates.
+    """
+    drawn = [design.variance(rows) for rows in random_plans(len(plan), n_candidates, seed)]
+    before = design.variance(plan[:0])
+    return VarianceGain(before, design.variance(plan), float(np.mean(drawn)), min(drawn))

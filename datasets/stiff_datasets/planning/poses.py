@@ -12,7 +12,7 @@ domain (Table 4: A4 = A6 = 0, A5 in 0..90 deg, A1 in -45..45 deg) lies too:
   where A5 is bent, and takes the nearest of these where the joint limits do not permit.
 
 `bent_wrist_poses` decides A5 of the joint-space group otherwise: as near 90 deg as permits a TCP
-that is 250 mm off A1's axis and an arm clear of itself (`self_collision.py`). At 13 poses no A5 in
+that is 250 mm off A1's axis and an arm clear of itself (`self_clearance`). At 13 poses no A5 in
 0..90 deg permits the 250 mm; there the second condition decides alone.
 
 Collisions with what stands around the robot are not checked.
@@ -23,10 +23,10 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass, replace
 
+import coal
 import numpy as np
 import pinocchio as pin
 
-from stiff_datasets.planning.self_collision import self_clearance
 from stiff_datasets.robots.robot import ChainModel, robot_of
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray, TextArray
@@ -59,6 +59,10 @@ LEAST_GAP_M = 0.02
 _START = np.deg2rad((-90.0, 90.0))
 """A2 and A3 the inverse kinematics starts from: elbow up."""
 _LONGEST_STEP = 0.3  # rad; a full Newton step may leap to the other elbow
+COLUMN, UPPER_ARM, FOREARM, HAND = "base column", "upper arm", "forearm", "hand"
+RADII = {COLUMN: 0.12, UPPER_ARM: 0.09, FOREARM: 0.08, HAND: 0.06}
+"""m, for a KR10: about half the width of the widest housing of each; assumption."""
+PAIRS = ((COLUMN, FOREARM), (COLUMN, HAND), (UPPER_ARM, HAND))
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,3 +167,40 @@ def _solve(chain: ChainModel, target: FloatArray, a5: float) -> FloatArray | Non
         step = np.linalg.lstsq(rows[:3, :3], missing, rcond=1e-6)[0]
         q[:3] += np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
     return None
+
+
+def self_clearance(chain: ChainModel, q: FloatArray) -> FloatArray:
+    """Return (n,) the smallest gap [m] of an arm to itself at (n, 6) `q` [rad]; overlap: below 0.
+
+    Four capsules: base column (base frame's origin to A1's), upper arm (A2 to A3), forearm (A4 to
+    A5), hand with tool (A5 to the TCP). Neighbours share a joint and always overlap there, so what
+    is checked is column against forearm, column against hand and upper arm against hand.
+    """
+    geometry = _capsules(chain)
+    data, found = chain.model.createData(), geometry.createData()
+    gaps = []
+    for one in q:
+        pin.computeDistances(chain.model, data, geometry, found, one)
+        gaps.append(min(result.min_distance for result in found.distanceResults))
+    return np.array(gaps)
+
+
+def _capsules(chain: ChainModel) -> pin.GeometryModel:
+    """Return the capsules, each fixed to the joint that moves it, and the pairs to check."""
+    placements, here = chain.model.jointPlacements, np.zeros(3)
+    geometry, numbers = pin.GeometryModel(), {}
+    for name, joint, start, end in (
+        (COLUMN, 0, here, placements[1].translation),
+        (UPPER_ARM, 2, here, placements[3].translation),
+        (FOREARM, 4, here, placements[5].translation),
+        (HAND, 6, placements[6].actInv(here), chain.tcp),  # A6 moves its far end
+    ):
+        shape = coal.Capsule(RADII[name], float(np.linalg.norm(end - start)))
+        turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end - start)
+        placement = pin.SE3(turn.matrix(), (start + end) / 2.0)  # a capsule lies along its z
+        numbers[name] = geometry.addGeometryObject(
+            pin.GeometryObject(name, joint, placement, shape)
+        )
+    for first, second in PAIRS:
+        geometry.addCollisionPair(pin.CollisionPair(numbers[first], numbers[second]))
+    return geometry

@@ -8,13 +8,9 @@ links and tool, nor the upper arm, nor what stands around the robot.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stiff_datasets.robots.robot import ChainModel, robot_of
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.types import FloatArray, Robot
-
-BoolArray = NDArray[np.bool_]
+from stiff_protocols.contract.types import BoolArray, FloatArray, Robot
 
 CLEARANCE = 0.2
 """m, default distance of the arm's centre line to the base column's. The paper's 151 poses of the
@@ -29,7 +25,7 @@ DRAWS_PER_CANDIDATE = 50
 
 
 def reachable_poses(
-    chain: ChainModel, n: int, rng: np.random.Generator, clearance: float = CLEARANCE
+    robot: Robot, n: int, rng: np.random.Generator, clearance: float = CLEARANCE
 ) -> FloatArray:
     """Return (n, n_joints) random poses inside the limits that keep the clearances, rad or m.
 
@@ -38,7 +34,7 @@ def reachable_poses(
     lost, and cables are twisted least.
 
     Args:
-        chain: the robot, at least three joints.
+        robot: at least three joints.
         n: how many.
         rng: draws them.
         clearance: smallest distance of the arm from the base column, m.
@@ -46,13 +42,11 @@ def reachable_poses(
     Raises:
         ConfigError: `clearance` is out of range, the robot has fewer than three joints, or too
             few random poses keep the clearances.
-        DataError: a joint has more than one degree of freedom.
     """
     if not (np.isfinite(clearance) and clearance >= 0.0):
         raise ConfigError(f"clearance is {clearance:g}, expected m, 0 or more")
-    if chain.model.nv < 3:
-        raise ConfigError(f"{chain.name} has {chain.model.nv} joints; expected at least three")
-    robot = robot_of(chain)
+    if robot.n_joints < 3:
+        raise ConfigError(f"{robot.name} has {robot.n_joints} joints; expected at least three")
     lower, upper = _drawn_ranges(robot)
     found = np.empty((0, len(lower)))
     for _ in range(DRAWS_PER_CANDIDATE):
@@ -61,7 +55,7 @@ def reachable_poses(
         if len(found) >= n:
             return found[:n]
     raise ConfigError(
-        f"{len(found)} of {n * DRAWS_PER_CANDIDATE} random poses of {chain.name} keep a clearance "
+        f"{len(found)} of {n * DRAWS_PER_CANDIDATE} random poses of {robot.name} keep a clearance "
         f"of {clearance:g} m to the base and {LOWEST_HEIGHT:g} m to the mounting plane; expected "
         f"{n} candidates: ask for a smaller clearance or fewer candidates"
     )

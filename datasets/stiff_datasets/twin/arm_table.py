@@ -53,8 +53,9 @@ def arm_table() -> str:
 
 def payload_deflection(constants: TwinConstants, q: FloatArray) -> FloatArray:
     """Return (n,) deflections [m] at (n, n_joints) `q` [rad] by the payload that hangs there."""
-    beams = specimen_beams(constants, constants.robot(), 0, asked=True)
-    twin = DigitalTwin(constants.chain(), constants.springs, beams=beams)
+    robot = constants.robot()
+    beams = specimen_beams(constants, robot, 0, asked=True)
+    twin = DigitalTwin(robot, constants.springs, beams=beams)
     weight = np.tile([0.0, 0.0, -constants.payload_kg * G], (len(q), 1))
     wrench = hook_wrenches(weight, twin.tool_vectors(q, constants.hook_m))
     return np.asarray(np.linalg.norm(twin.readings(q, wrench), axis=1))

@@ -28,18 +28,11 @@ from typing import NamedTuple, Self
 import click
 import numpy as np
 import pandas as pd
-from scipy.optimize import (
-    Bounds,
-    OptimizeResult,
-    differential_evolution,
-    least_squares,
-    nnls,
-)
+from scipy.optimize import Bounds, OptimizeResult, differential_evolution, least_squares
 from tabulate import tabulate
 
 from stiff_datasets.measured.identifiability import regressor
 from stiff_datasets.planning.poses import Poses
-from stiff_datasets.robots.robot import ChainModel
 from stiff_datasets.twin.constants import (
     LARGEST_RATIO,
     LAST_SPECIMEN,
@@ -47,15 +40,15 @@ from stiff_datasets.twin.constants import (
     JointTable,
     Noise,
     TwinConstants,
-    shipped_constants,
 )
 from stiff_datasets.twin.kr10_twin import CALIBRATIONS
 from stiff_datasets.twin.twin import TwinExperiment
 from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.files import make_folder, written_whole
+from stiff_protocols.contract.identification import least_compliance
 from stiff_protocols.contract.progress import Progress, listening, report
-from stiff_protocols.contract.types import AXES, FloatArray, Samples
+from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
 
 GEAR_SIZES = ((25, 32), (25, 32), (25, 32), (14, 17, 20), (14, 17, 20), (14, 17))
 """What fits the paper's identified stiffnesses and a robot of this class; A1 first."""
@@ -135,12 +128,10 @@ class VjmFigures(NamedTuple):
         return cls(size.mean(axis=0), size.std(axis=0), size.max(axis=0), stiffness)
 
 
-def vjm_figures(chain: ChainModel, samples: Samples) -> VjmFigures:
+def vjm_figures(robot: Robot, samples: Samples) -> VjmFigures:
     """Identify the linear VJM by least squares on samples and read it on the same samples."""
-    rows = regressor(chain, samples.q, samples.wrench)  # (n, 3, n_joints)
-    matrix, target = rows.reshape(-1, rows.shape[2]), samples.deflection.reshape(-1)
-    size = np.linalg.norm(matrix, axis=0)  # differs by orders of magnitude from base to tip
-    compliance = nnls(matrix / size, target)[0] / size
+    rows = regressor(robot, samples.q, samples.wrench)  # (n, 3, n_joints)
+    compliance = least_compliance(rows.reshape(-1, rows.shape[2]), samples.deflection.reshape(-1))
     with np.errstate(divide="ignore"):  # a joint found rigid
         return VjmFigures.of(rows @ compliance - samples.deflection, 1.0 / compliance)
 
@@ -153,7 +144,7 @@ def line_figures(
     specimen: int = 0,
 ) -> VjmFigures:
     """Return the mean over seeds of the figures of `kr10-twin` with these constants and poses."""
-    chain = constants.chain()
+    robot = constants.robot()
     experiments = [
         TwinExperiment(constants, loads="line", specimen=specimen, seed=seed) for seed in seeds
     ]
@@ -164,7 +155,7 @@ def line_figures(
         np.tile(q, (len(wrenches), 1)), np.concatenate(wrenches)
     )
     each = [
-        vjm_figures(chain, experiment.recorded(poses, wrench, readings))
+        vjm_figures(robot, experiment.recorded(poses, wrench, readings))
         for experiment, wrench, readings in zip(
             experiments, wrenches, np.split(together, len(wrenches)), strict=True
         )
@@ -174,8 +165,7 @@ def line_figures(
 
 def specimen_figures(number: int, constants: TwinConstants | None = None) -> list[VjmFigures]:
     """Return the figures of every specimen of a calibration, with its constants or with others."""
-    constants = constants or shipped_constants(CALIBRATIONS[number].constants)
-    poses = CALIBRATIONS[number].poses(constants.chain())
+    constants, poses = constants or CALIBRATIONS[number].constants(), CALIBRATIONS[number].poses()
     return [
         line_figures(constants, seeds=SEARCHES[number].seeds[1], poses=poses, specimen=specimen)
         for specimen in range(LAST_SPECIMEN + 1)
@@ -208,7 +198,7 @@ def calibrate(
         where least squares follow, after them.
     """
     search, start = SEARCHES[number], _start(number)
-    poses, misfits = CALIBRATIONS[number].poses(start.chain()), list[float]()
+    poses, misfits = CALIBRATIONS[number].poses(), list[float]()
     lower, upper, whole = (np.array(column) for column in zip(*_bounds(search), strict=True))
 
     def figures(point: FloatArray, digits: int = _SIGNIFICANT_DIGITS) -> VjmFigures:
@@ -258,11 +248,11 @@ def calibrate(
 
 def _start(number: int) -> TwinConstants:
     """Return the constants that supply what is not free, and where the search may start."""
-    search, start = SEARCHES[number], shipped_constants(CALIBRATIONS[1].constants)
+    search, start = SEARCHES[number], CALIBRATIONS[1].constants()
     joints = list(start.joint)
     if search.first_a2 is not None:
         joints[1] = JointTable(**joints[1].model_dump() | {"lost_motion_arcmin": search.first_a2})
-    name = CALIBRATIONS[number].constants
+    name = CALIBRATIONS[number].name
     return start.model_copy(update={"name": name, "noise": search.noise, "joint": tuple(joints)})
 
 
@@ -341,21 +331,18 @@ def figures_text(found: Mapping[int, Sequence[VjmFigures]], target: VjmFigures) 
             they stand.
         target: the paper's.
     """
+    names = [f"{axis.upper()} {error.upper()} [mm]" for error in ERRORS for axis in AXES]
+    names += [f"{joint} [Nm/rad]" for joint in _published("table_3")["joint"]]
+    paper = _numbers(target)
+    each = [np.array([_numbers(one) for one in specimens]) for specimens in found.values()]
     rows = []
-    for error in ERRORS:
-        for i, axis in enumerate(AXES):
-            values = [
-                np.array([getattr(figures, error)[i] for figures in specimens]) * MM
-                for specimens in found.values()
-            ]
-            paper = getattr(target, error)[i] * MM
-            rows.append(_row(f"{axis.upper()} {error.upper()} [mm]", values, paper, 3))
-    for i, joint in enumerate(_published("table_3")["joint"]):
-        values = [
-            np.array([figures.stiffness[i] for figures in specimens])
-            for specimens in found.values()
-        ]
-        rows.append(_row(f"{joint} [Nm/rad]", values, target.stiffness[i], 0))
+    for i, name in enumerate(names):
+        decimals = 3 if name.endswith("[mm]") else 0
+        rows.append([name, f"{paper[i]:.{decimals}f}"])
+        for values in (numbers[:, i] for numbers in each):
+            spread = f"{values.mean():.{decimals}f} ± {values.std(ddof=1):.{decimals}f}"
+            off = f"{values[0] / paper[i] - 1.0:+.0%}"
+            rows[-1] += [f"{values[0]:.{decimals}f}", off, spread]
     headers = ["VJM on all samples", "paper"]
     for number, specimens in found.items():
         headers += [f"calibration {number}", "off", f"{len(specimens)} specimens"]
@@ -363,12 +350,10 @@ def figures_text(found: Mapping[int, Sequence[VjmFigures]], target: VjmFigures) 
     return tabulate(rows, headers=headers, tablefmt="github", colalign=align, disable_numparse=True)
 
 
-def _row(name: str, each: Sequence[FloatArray], paper: float, decimals: int) -> list[str]:
-    row = [name, f"{paper:.{decimals}f}"]
-    for values in each:
-        spread = f"{values.mean():.{decimals}f} ± {values.std(ddof=1):.{decimals}f}"
-        row += [f"{values[0]:.{decimals}f}", f"{values[0] / paper - 1.0:+.0%}", spread]
-    return row
+def _numbers(figures: VjmFigures) -> FloatArray:
+    """Return the errors, mm, and after them the stiffnesses, N m/rad."""
+    errors = [getattr(figures, name) * MM for name in ERRORS]
+    return np.concatenate([*errors, figures.stiffness])
 
 
 def _plain(figures: VjmFigures) -> dict[str, list[float]]:

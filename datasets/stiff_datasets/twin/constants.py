@@ -58,7 +58,6 @@ from stiff_datasets.planning.reachable import CLEARANCE
 from stiff_datasets.robots.robot import (
     LONGEST_TCP_M,
     ChainModel,
-    joint_type_and_axis,
     read_chain,
     robot_of,
     shipped_chain,
@@ -73,84 +72,14 @@ from stiff_protocols.contract.types import FloatArray, Robot
 LAST_SPECIMEN = 9
 SpecimenNumber = Annotated[int, Ge(0), Le(LAST_SPECIMEN)]
 
-
-def specimen_springs(constants: TwinConstants, specimen: int) -> tuple[JointSprings, ...]:
-    """Return the joint springs of one robot of a type.
-
-    Number 0 has the constants as they stand; the others differ from it by log-normal factors
-    whose standard deviations are `Scatter`'s. Links, masses and the TCP are alike in all: what
-    they differ by in production changes a deflection by a thousandth.
-    """
-    if specimen == 0:
-        return constants.springs
-    rng, scatter, drawn = stream("specimen", constants.name, specimen), constants.scatter, []
-    deviations = (scatter.gear, scatter.structure, scatter.tilting, scatter.tilting)
-    for joint in constants.springs:
-        gear, structure, *tilting, lost_motion = np.exp(
-            rng.normal(size=5) * np.array([*deviations, scatter.lost_motion])
-        ).tolist()
-        first, second, third = (slope * gear for slope in joint.gear.slopes)
-        drawn.append(
-            JointSprings(
-                gear=replace(joint.gear, slopes=(first, second, third)),
-                structure=joint.structure * structure,
-                tilting=(joint.tilting[0] * tilting[0], joint.tilting[1] * tilting[1]),
-                lost_motion=joint.lost_motion * lost_motion,
-            )
-        )
-    return tuple(drawn)
-
-
 Positive = Annotated[float, Gt(0), Field(allow_inf_nan=False)]
 SOFTEST, STIFFEST = 10.0, 1e10  # N m/rad; a unit off by a thousand is outside
 Stiffness = Annotated[float, Ge(SOFTEST), Le(STIFFEST), Field(allow_inf_nan=False)]
 Modulus = Annotated[float, Ge(1e9), Le(1e12), Field(allow_inf_nan=False)]  # Pa; not MPa, GPa
 Diameter = Annotated[float, Ge(1e-3), Le(2.0), Field(allow_inf_nan=False)]  # m; mm would be larger
-
-
-def _or_rigid(low: float, high: float) -> AfterValidator:
-    def check(value: float) -> float:
-        if not (low <= value <= high or value == np.inf):
-            raise ValueError(f"not from {low:g} to {high:g}, nor inf, which is rigid")
-        return value
-
-    return AfterValidator(check)
-
-
 NotNegative = Annotated[float, Ge(0), Field(allow_inf_nan=False)]
 Length = Annotated[float, Ge(-LONGEST_TCP_M), Le(LONGEST_TCP_M)]  # m; mm would be larger
 Vector = tuple[Length, Length, Length]
-
-
-def specimen_beams(
-    constants: TwinConstants, robot: Robot, specimen: int, *, asked: bool
-) -> Beams | None:
-    """Return the links of one robot of a type as they stand there; None: they are rigid.
-
-    Args:
-        constants: of the type.
-        robot: geometry of the specimen.
-        specimen: 0 has the moduli as they stand, the others `Scatter`'s.
-        asked: the links are to bend.
-
-    Raises:
-        DataError: they are to bend and have no sections.
-    """
-    if constants.beams is None:
-        if asked:
-            raise DataError(
-                f"{constants._path}: no table [beams], which the effect 'links' needs (valid: "
-                "sections as in stiff_datasets/twin/constants.py, or effects without 'links')"
-            )
-        return None
-    if not asked and constants.beams.bend == "effect":
-        return None
-    moduli = np.ones(len(constants.beams.segment))
-    if specimen:
-        rng = stream("beams", constants.name, specimen)
-        moduli = np.exp(rng.normal(scale=constants.scatter.beams, size=moduli.shape))
-    return constants.beams.beams(robot, moduli)
-
 
 ARCMIN = np.pi / 180.0 / 60.0  # rad
 LARGEST_LOST_MOTION = 60.0  # arcmin
@@ -166,6 +95,15 @@ CATALOGUE = {
 }
 """Strain-wave gears by size, ratio 80 and above. Recalled from the manufacturer's catalogue and so
 an assumption, but for the slopes of size 32, which were confirmed; rated torques: assumption."""
+
+
+def _or_rigid(low: float, high: float) -> AfterValidator:
+    def check(value: float) -> float:
+        if not (low <= value <= high or value == np.inf):
+            raise ValueError(f"not from {low:g} to {high:g}, nor inf, which is rigid")
+        return value
+
+    return AfterValidator(check)
 
 
 class _Table(BaseModel):
@@ -370,8 +308,8 @@ class TwinConstants(_Table):
                 chain = read_chain(self._path.parent / self.urdf, tcp=self.tcp_m)
         except DataError as error:
             raise DataError(f"{self._path}: {error}") from error
-        model = chain.model
-        kinds = [joint_type_and_axis(model, joint)[0] for joint in range(1, model.njoints)]
+        robot = robot_of(chain)
+        kinds = robot.joint_types
         if len(self.joint) != len(kinds) or "prismatic" in kinds:
             raise DataError(
                 f"{self._path}: {len(self.joint)} tables [[joint]] for the joints of {self.urdf}: "
@@ -382,7 +320,7 @@ class TwinConstants(_Table):
                 f"{self._path}: {len(self.beams.segment)} tables [[beams.segment]] for "
                 f"{len(kinds)} joints (valid: {len(kinds) + 1}, from the base to the TCP)"
             )
-        if not any(inertia.mass for inertia in list(model.inertias)[1:]):
+        if not robot.masses.any():
             raise DataError(
                 f"{self._path}: no link of {self.urdf} has a mass; a twin needs them, because the "
                 "weight preloads its gears (valid: <inertial> in every <link>)"
@@ -392,6 +330,62 @@ class TwinConstants(_Table):
     def robot(self) -> Robot:
         """Read the rigid robot for the models; errors as `chain`."""
         return robot_of(self.chain())
+
+
+def specimen_springs(constants: TwinConstants, specimen: int) -> tuple[JointSprings, ...]:
+    """Return the joint springs of one robot of a type.
+
+    Number 0 has the constants as they stand; the others differ from it by log-normal factors
+    whose standard deviations are `Scatter`'s. Links, masses and the TCP are alike in all: what
+    they differ by in production changes a deflection by a thousandth.
+    """
+    if specimen == 0:
+        return constants.springs
+    rng, scatter, drawn = stream("specimen", constants.name, specimen), constants.scatter, []
+    tilting_twice = (scatter.tilting, scatter.tilting)
+    deviations = (scatter.gear, scatter.structure, *tilting_twice, scatter.lost_motion)
+    for joint in constants.springs:
+        factors = np.exp(rng.normal(size=5) * deviations)
+        gear, structure, *tilting, lost_motion = factors.tolist()
+        first, second, third = (slope * gear for slope in joint.gear.slopes)
+        drawn.append(
+            JointSprings(
+                gear=replace(joint.gear, slopes=(first, second, third)),
+                structure=joint.structure * structure,
+                tilting=(joint.tilting[0] * tilting[0], joint.tilting[1] * tilting[1]),
+                lost_motion=joint.lost_motion * lost_motion,
+            )
+        )
+    return tuple(drawn)
+
+
+def specimen_beams(
+    constants: TwinConstants, robot: Robot, specimen: int, *, asked: bool
+) -> Beams | None:
+    """Return the links of one robot of a type as they stand there; None: they are rigid.
+
+    Args:
+        constants: of the type.
+        robot: geometry of the specimen.
+        specimen: 0 has the moduli as they stand, the others `Scatter`'s.
+        asked: the links are to bend.
+
+    Raises:
+        DataError: they are to bend and have no sections.
+    """
+    table = constants.beams
+    if asked and table is None:
+        raise DataError(
+            f"{constants._path}: no table [beams], which the effect 'links' needs (valid: "
+            "sections as in stiff_datasets/twin/constants.py, or effects without 'links')"
+        )
+    if table is None or (table.bend == "effect" and not asked):
+        return None
+    moduli = np.ones(len(table.segment))
+    if specimen:
+        rng = stream("beams", constants.name, specimen)
+        moduli = np.exp(rng.normal(scale=constants.scatter.beams, size=moduli.shape))
+    return table.beams(robot, moduli)
 
 
 def read_constants(path: Path) -> TwinConstants:

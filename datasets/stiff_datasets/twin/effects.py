@@ -25,10 +25,9 @@ import pinocchio as pin
 
 from stiff_datasets.measured.perturbations import direction
 from stiff_datasets.planning.loads import stream
-from stiff_datasets.robots.robot import ChainModel
 from stiff_datasets.twin.constants import Errors, Noise, TwinConstants
 from stiff_protocols.contract.errors import ConfigError, unknown_name
-from stiff_protocols.contract.types import FloatArray
+from stiff_protocols.contract.types import FloatArray, Robot
 
 HYSTERESIS, LINKS, KINEMATICS, SENSOR = "hysteresis", "links", "kinematics", "sensor"
 EFFECTS = (HYSTERESIS, LINKS, KINEMATICS, SENSOR)
@@ -52,16 +51,16 @@ def parse_effects(text: str) -> tuple[str, ...]:
     return tuple(name for name in EFFECTS if name in words)
 
 
-def real_chain(chain: ChainModel, errors: Errors, rng: np.random.Generator) -> ChainModel:
-    """Return the robot that stands there, where `chain` is what its description says."""
-    model = chain.model.copy()
-    for joint in range(1, model.njoints):
+def real_robot(robot: Robot, errors: Errors, rng: np.random.Generator) -> Robot:
+    """Return the robot that stands there, where `robot` is what its description says."""
+    placements, masses = robot.placements.copy(), robot.masses.copy()
+    for joint in range(robot.n_joints):
         turn, shift = errors.turn_rad * direction(rng), errors.place_m * direction(rng)
-        model.jointPlacements[joint] *= pin.SE3(pin.exp3(turn), shift)
-        described = model.inertias[joint]
-        mass = described.mass * (1.0 + errors.mass * rng.choice([-1.0, 1.0]))
-        model.inertias[joint] = pin.Inertia(mass, described.lever, described.inertia)
-    return replace(chain, model=model, tcp=chain.tcp + errors.tcp_m * direction(rng))
+        off = pin.SE3(pin.exp3(turn), shift)
+        placements[joint] = (pin.SE3(placements[joint]) * off).homogeneous
+        masses[joint] *= 1.0 + errors.mass * rng.choice([-1.0, 1.0])
+    tcp = robot.tcp + errors.tcp_m * direction(rng)
+    return replace(robot, placements=placements, masses=masses, tcp=tcp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,12 +82,8 @@ class Instruments:
     @classmethod
     def of(cls, constants: TwinConstants, specimen: int, effects: Collection[str]) -> Instruments:
         """Return those of a specimen."""
-        rng, errors, noise = (
-            stream("instruments", constants.name, specimen),
-            constants.errors,
-            constants.noise,
-        )
-        registration, misalignment = direction(rng), direction(rng)
+        rng, errors = stream("instruments", constants.name, specimen), constants.errors
+        noise, registration, misalignment = constants.noise, direction(rng), direction(rng)
         gain = 1.0 + errors.force_gain * rng.choice([-1.0, 1.0], size=2)
         if SENSOR in effects:
             noise = noise.model_copy(update={"tracker_m": errors.tracker_m, "tail": errors.tail})

@@ -13,11 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
-from stiff_datasets.robots.robot import ChainModel, joint_type_and_axis
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.types import FloatArray
+from stiff_protocols.contract.types import FloatArray, Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,33 +36,24 @@ class ElasticChain:
     """A serial chain of revolute joints with three elastic coordinates a joint.
 
     Args:
-        chain: rigid kinematics, masses and TCP.
+        robot: rigid kinematics, masses and TCP.
 
     Raises:
         DataError: a joint is not revolute.
     """
 
-    def __init__(self, chain: ChainModel) -> None:
+    def __init__(self, robot: Robot) -> None:
         """Write every constant in the joints' own bases."""
-        model = chain.model
-        bases = [_basis(model, joint) for joint in range(1, model.njoints)]
+        bases = [_basis(robot, joint) for joint in range(robot.n_joints)]
         previous = [np.eye(3), *bases[:-1]]
-        placements = [model.jointPlacements[joint] for joint in range(1, model.njoints)]
-        inertias = [model.inertias[joint] for joint in range(1, model.njoints)]
-        self.n_joints = len(bases)
-        self._turn = np.stack(
-            [b.T @ p.rotation @ a for b, p, a in zip(previous, placements, bases, strict=True)]
-        )  # (n_joints, 3, 3)
-        self._offset = np.stack(
-            [b.T @ p.translation for b, p in zip(previous, placements, strict=True)]
-        )  # (n_joints, 3) m
-        self._centre = np.stack(
-            [b.T @ inertia.lever for b, inertia in zip(bases, inertias, strict=True)]
-        )  # (n_joints, 3) m
-        self._weight = np.stack(
-            [inertia.mass * model.gravity.linear for inertia in inertias]
-        )  # (n_joints, 3) N
-        self._tcp = bases[-1].T @ chain.tcp
+        steps = [*zip(previous, robot.placements, bases, strict=True)]
+        self.n_joints = robot.n_joints
+        self._turn = np.stack([b.T @ p[:3, :3] @ a for b, p, a in steps])  # (n_joints, 3, 3)
+        self._offset = np.stack([b.T @ p[:3, 3] for b, p, _ in steps])  # (n_joints, 3) m
+        centres = zip(bases, robot.centres_of_mass, strict=True)
+        self._centre = np.stack([b.T @ centre for b, centre in centres])  # (n_joints, 3) m
+        self._weight = robot.masses[:, None] * robot.gravity  # (n_joints, 3) N
+        self._tcp = bases[-1].T @ robot.tcp
         self._last_basis = bases[-1]
 
     def statics(self, q: FloatArray, theta: FloatArray, wrench: FloatArray) -> Statics:
@@ -110,11 +99,11 @@ class ElasticChain:
         return _along(self._last_basis.T @ vector, frame)
 
 
-def _basis(model: pin.Model, joint: int) -> FloatArray:
+def _basis(robot: Robot, joint: int) -> FloatArray:
     """Return (3, 3): columns two cross axes and the joint's axis, right-handed."""
-    kind, axis = joint_type_and_axis(model, joint)
+    kind, axis = robot.joint_types[joint], robot.axes[joint]
     if kind != "revolute":
-        raise DataError(f"joint {model.names[joint]!r} is {kind}; the twin has no law for it")
+        raise DataError(f"joint {robot.joint_names[joint]!r} is {kind}; the twin has no law for it")
     first = np.linalg.svd(axis[None])[2][1]  # any direction across the axis
     return np.column_stack([first, np.cross(axis, first), axis])
 

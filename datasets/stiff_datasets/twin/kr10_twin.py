@@ -8,40 +8,49 @@ Nothing here was measured. Every constant stands in `twins/kr10_*.toml` with its
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection
-from typing import Annotated, Literal, NamedTuple
-
-from annotated_types import Ge
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 from stiff_datasets.planning.loads import LoadKind
 from stiff_datasets.planning.poses import Poses, bent_wrist_poses, paper_poses
 from stiff_datasets.robots.robot import ChainModel
-from stiff_datasets.twin.constants import SpecimenNumber, TwinConstants, shipped_constants
-from stiff_datasets.twin.effects import ALL_EFFECTS, parse_effects
+from stiff_datasets.twin.constants import TwinConstants, shipped_constants
+from stiff_datasets.twin.effects import ALL_EFFECTS
 from stiff_datasets.twin.twin import TwinData
 from stiff_protocols.contract.types import BenchmarkData
 
 
-class Calibration(NamedTuple):
-    """A default twin whose VJM errors were brought near the source paper's.
+class PlannedTwin(NamedTuple):
+    """A twin of the KR10, and where it is measured.
 
     Attributes:
-        constants: name of its file.
-        poses: the paper's plan; what it leaves open about A5 is decided twice.
+        name: of the file of its constants.
+        plan: the paper's poses; what it leaves open about A5 is decided twice.
     """
 
-    constants: str
-    poses: Callable[[ChainModel], Poses]
+    name: str
+    plan: Callable[[ChainModel], Poses]
+
+    def constants(self) -> TwinConstants:
+        """Read the twin's constants."""
+        return shipped_constants(self.name)
+
+    def poses(self) -> Poses:
+        """Return the planned poses."""
+        return self.plan(self.constants().chain())
 
 
 CALIBRATIONS = {
-    1: Calibration("kr10_r1100_2", paper_poses),
-    2: Calibration("kr10_r1100_2_calibration_2", bent_wrist_poses),
+    1: PlannedTwin("kr10_r1100_2", paper_poses),
+    2: PlannedTwin("kr10_r1100_2_calibration_2", bent_wrist_poses),
 }
+"""Default twins whose VJM errors were brought near the source paper's."""
 CalibrationNumber = Literal[1, 2]
 Torques = Literal["table-5", "hook"]
 
 
+@dataclass(kw_only=True, eq=False)
 class PaperTwin(TwinData, ABC):
     """A twin at the 151 planned poses, loads along the line of the source paper's Table 5.
 
@@ -50,36 +59,23 @@ class PaperTwin(TwinData, ABC):
             "hook": they are those of one cable that pulls at a hook (see `loads.py`).
     """
 
-    loads_per_pose = 1
-    effects: Collection[str] = ()
+    torques: Torques = "table-5"
 
-    def __init__(
-        self,
-        *,
-        specimen: SpecimenNumber = 0,
-        torques: Torques = "table-5",
-        seed: Annotated[int, Ge(0)] = 0,
-    ) -> None:
-        """Store the options."""
-        super().__init__(specimen=specimen, seed=seed)
-        self.torques = torques
+    loads_per_pose = 1
+
+    @property
+    @abstractmethod
+    def twin(self) -> PlannedTwin:
+        """Constants and poses."""
 
     def load(self) -> BenchmarkData:
         """Simulate the measurement (well under a second)."""
         loads: LoadKind = "line" if self.torques == "table-5" else "line-hook"
-        constants = self.constants()
-        poses = self.poses(constants.chain())
-        return self.measured(constants, poses, loads, self.loads_per_pose, self.effects)
-
-    @abstractmethod
-    def constants(self) -> TwinConstants:
-        """Read the twin's constants."""
-
-    def poses(self, chain: ChainModel) -> Poses:
-        """Return the planned poses."""
-        return paper_poses(chain)
+        twin = self.twin
+        return self.measured(twin.constants(), twin.poses(), loads, self.loads_per_pose)
 
 
+@dataclass(kw_only=True, eq=False)
 class Kr10Twin(PaperTwin):
     """The default twin, one load a pose.
 
@@ -88,27 +84,14 @@ class Kr10Twin(PaperTwin):
             tails (see the data card).
     """
 
+    calibration: CalibrationNumber = 1
+
     added_later = ("calibration",)
 
-    def __init__(
-        self,
-        *,
-        specimen: SpecimenNumber = 0,
-        calibration: CalibrationNumber = 1,
-        torques: Torques = "table-5",
-        seed: Annotated[int, Ge(0)] = 0,
-    ) -> None:
-        """Store the options."""
-        super().__init__(specimen=specimen, torques=torques, seed=seed)
-        self.calibration = calibration
-
-    def constants(self) -> TwinConstants:
-        """Read the constants of the calibration."""
-        return shipped_constants(CALIBRATIONS[self.calibration].constants)
-
-    def poses(self, chain: ChainModel) -> Poses:
-        """Return the poses of the calibration."""
-        return CALIBRATIONS[self.calibration].poses(chain)
+    @property
+    def twin(self) -> PlannedTwin:
+        """Those of the calibration."""
+        return CALIBRATIONS[self.calibration]
 
 
 class Kr10TwinMultiload(Kr10Twin):
@@ -117,39 +100,22 @@ class Kr10TwinMultiload(Kr10Twin):
     loads_per_pose = 5
 
 
+@dataclass(kw_only=True, eq=False)
 class Kr10TwinRough(PaperTwin):
-    """The default twin's poses and loads on a robot that no model here describes exactly.
+    """The default twin's poses and loads on a robot that no model here describes exactly."""
 
-    Attributes:
-        effects: hysteresis, links, kinematics and sensor, separated by commas, or "none"; each is
-            described in `effects.py`.
-    """
+    effects: str = ALL_EFFECTS
 
-    def __init__(
-        self,
-        *,
-        specimen: SpecimenNumber = 0,
-        effects: str = ALL_EFFECTS,
-        torques: Torques = "table-5",
-        seed: Annotated[int, Ge(0)] = 0,
-    ) -> None:
-        """Store the options; ConfigError for an unknown effect."""
-        super().__init__(specimen=specimen, torques=torques, seed=seed)
-        self.effects = parse_effects(effects)
-
-    def constants(self) -> TwinConstants:
-        """Read the twin's constants."""
-        return shipped_constants("kr10_rough")
+    twin = PlannedTwin("kr10_rough", paper_poses)
 
 
 class Kr10TwinBeam(PaperTwin):
     """The default twin's poses and loads on a robot of linear joints whose links are beams."""
 
-    def constants(self) -> TwinConstants:
-        """Read the twin's constants."""
-        return shipped_constants("kr10_beam")
+    twin = PlannedTwin("kr10_beam", paper_poses)
 
 
+@dataclass(kw_only=True, eq=False)
 class Kr10TwinOmni(TwinData):
     """The 151 planned poses, one load a pose: any direction, up to the payload, at a hook.
 
@@ -157,21 +123,11 @@ class Kr10TwinOmni(TwinData):
         calibration: as that of `Kr10Twin`.
     """
 
-    added_later = ("calibration",)
+    calibration: CalibrationNumber = 1
 
-    def __init__(
-        self,
-        *,
-        specimen: SpecimenNumber = 0,
-        calibration: CalibrationNumber = 1,
-        seed: Annotated[int, Ge(0)] = 0,
-    ) -> None:
-        """Store the options."""
-        super().__init__(specimen=specimen, seed=seed)
-        self.calibration = calibration
+    added_later = ("calibration",)
 
     def load(self) -> BenchmarkData:
         """Simulate the measurement (well under a second)."""
-        chosen = CALIBRATIONS[self.calibration]
-        constants = shipped_constants(chosen.constants)
-        return self.measured(constants, chosen.poses(constants.chain()))
+        twin = CALIBRATIONS[self.calibration]
+        return self.measured(twin.constants(), twin.poses())

@@ -12,19 +12,15 @@ from annotated_types import Ge, Gt, Le
 from stiff_datasets.planning.loads import LoadKind, stream
 from stiff_datasets.planning.poses import Poses
 from stiff_datasets.planning.reachable import reachable_poses
-from stiff_datasets.twin.constants import (
-    SpecimenNumber,
-    TwinConstants,
-    read_constants,
-    shipped_constants,
-)
-from stiff_datasets.twin.effects import ALL_EFFECTS, NO_EFFECTS, parse_effects
+from stiff_datasets.twin.constants import TwinConstants, read_constants, shipped_constants
+from stiff_datasets.twin.effects import ALL_EFFECTS, NO_EFFECTS
 from stiff_datasets.twin.twin import TwinData
 from stiff_protocols.contract.types import BenchmarkData
 
 POSES = 151  # as many as the source paper measured
 
 
+@dataclass(kw_only=True, eq=False)
 class RobotTwin(TwinData):
     """A robot's twin at random reachable poses.
 
@@ -33,27 +29,13 @@ class RobotTwin(TwinData):
         poses: number of poses, inside the joint limits, clear of base and ground.
         loads: "line" (along Table 5's line, scaled to the payload), "line-hook" or "omni".
         loads_per_pose: number of loads per pose.
-        seed: draws poses, loads and noise; the robot itself does not depend on it.
     """
 
-    def __init__(
-        self,
-        *,
-        constants: Path,
-        poses: Annotated[int, Gt(0)] = POSES,
-        loads: LoadKind = "omni",
-        loads_per_pose: Annotated[int, Gt(0)] = 1,
-        specimen: SpecimenNumber = 0,
-        effects: str = NO_EFFECTS,
-        seed: Annotated[int, Ge(0)] = 0,
-    ) -> None:
-        """Store the options; ConfigError for an unknown effect."""
-        super().__init__(specimen=specimen, seed=seed)
-        self.effects = parse_effects(effects)
-        self.constants = constants
-        self.poses = poses
-        self.loads = loads
-        self.loads_per_pose = loads_per_pose
+    constants: Path
+    poses: Annotated[int, Gt(0)] = POSES
+    loads: LoadKind = "omni"
+    loads_per_pose: Annotated[int, Gt(0)] = 1
+    effects: str = NO_EFFECTS
 
     def load(self) -> BenchmarkData:
         """Simulate the measurement.
@@ -63,17 +45,11 @@ class RobotTwin(TwinData):
         """
         constants = read_constants(self.constants)
         poses = random_poses(constants, self.poses, self.seed)
-        return self.measured(
-            constants, poses, self.loads, self.loads_per_pose, effects=self.effects
-        )
+        return self.measured(constants, poses, self.loads, self.loads_per_pose)
 
 
 class Ur5Twin(TwinData):
-    """The twin of a UR5, a smaller robot (5 kg), pulled at a hook in every direction.
-
-    Attributes:
-        seed: draws poses, loads and noise; the robot itself does not depend on it.
-    """
+    """The twin of a UR5, a smaller robot (5 kg), pulled at a hook in every direction."""
 
     def load(self) -> BenchmarkData:
         """Simulate the measurement."""
@@ -114,40 +90,28 @@ ARMS = (
 HEAVIEST = 0.8  # of the payload
 
 
+@dataclass(kw_only=True, eq=False)
 class ArmFamily(TwinData):
     """The twin of one of ten types of robot, pulled at a hook up to 80 % of its payload.
 
     Attributes:
         robot: 0 IRB 120, 1 TX60, 2 LR Mate 200iD, 3 GP12, 4 KR 16, 5 M-20iB/25, 6 IRB 4600,
             7 KR 70, 8 GP180, 9 KR 240.
-        effects: hysteresis, links, kinematics and sensor, separated by commas, or "none"; each is
-            described in `effects.py`.
-        seed: draws poses, loads and noise; the robot itself does not depend on it.
     """
 
-    def __init__(
-        self,
-        *,
-        robot: Annotated[int, Ge(0), Le(len(ARMS) - 1)] = 0,
-        specimen: SpecimenNumber = 0,
-        effects: str = ALL_EFFECTS,
-        seed: Annotated[int, Ge(0)] = 0,
-    ) -> None:
-        """Store the options; ConfigError for an unknown effect."""
-        super().__init__(specimen=specimen, seed=seed)
-        self.robot = robot
-        self.effects = parse_effects(effects)
+    robot: Annotated[int, Ge(0), Le(len(ARMS) - 1)] = 0
+    effects: str = ALL_EFFECTS
 
     def load(self) -> BenchmarkData:
         """Simulate the measurement."""
         constants = shipped_constants(ARMS[self.robot].name)
         poses = random_poses(constants, POSES, self.seed)
-        return self.measured(constants, poses, heaviest=HEAVIEST, effects=self.effects)
+        return self.measured(constants, poses, heaviest=HEAVIEST)
 
 
 def random_poses(constants: TwinConstants, n: int, seed: int) -> Poses:
     """Return random reachable poses of a robot, the same for the same seed."""
     rng = stream("poses", constants.name, seed)
-    q = reachable_poses(constants.chain(), n, rng, constants.clearance_m)
+    q = reachable_poses(constants.robot(), n, rng, constants.clearance_m)
     names = np.array([f"P{i + 1}" for i in range(n)])
     return Poses(q=q, pose_id=names, group=np.full(n, "random"))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,14 +11,14 @@ import numpy as np
 
 from stiff_datasets.measured.sample_files import (
     ID_COLUMNS,
+    PARQUET,
     SIMULATED_GROUP,
     all_columns,
     file_units,
 )
-from stiff_datasets.planning.loads import LoadKind, stream
+from stiff_datasets.planning.loads import stream
 from stiff_datasets.planning.poses import Poses
 from stiff_datasets.planning.reachable import reachable_poses
-from stiff_datasets.twin.constants import TwinConstants
 from stiff_datasets.twin.twin import DECIMALS_DEG, DECIMALS_MM, TwinExperiment
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.extras import require
@@ -32,60 +32,38 @@ if TYPE_CHECKING:
 BLOCK = 16_384
 """Samples a block at most. Part of what a seed means: another size gives other data."""
 
-Write = Callable[["pa.RecordBatch"], None]
+ENDINGS = (".csv", PARQUET)
 
 
-def simulate(
-    path: Path,
-    constants: TwinConstants,
-    n_samples: int,
-    *,
-    loads: LoadKind,
-    loads_per_pose: int = 1,
-    specimen: int = 0,
-    seed: int = 0,
-    effects: Collection[str] = (),
-) -> None:
+def simulate(path: Path, experiment: TwinExperiment, n_samples: int) -> None:
     """Write a twin's samples at random reachable poses, in the schema of `sample_files.py`.
 
     Their group says that they are simulated, so that a file can never pass for a measurement.
 
-    The same arguments give the same file. The last pose may have fewer loads.
+    The same experiment gives the same file. The last pose may have fewer loads.
 
     Args:
         path: FILE.csv or FILE.parquet.
-        constants: of the twin.
+        experiment: its seed draws the poses, too.
         n_samples: how many.
-        loads: how the wrenches lie.
-        loads_per_pose: how many at each pose.
-        specimen: which of ten robots of the type.
-        seed: draws poses, loads and noise.
-        effects: what it has beyond the default twin, see `effects.py`.
 
     Raises:
         ConfigError: the file's ending is another one, or pyarrow is not installed.
         DataError: a load is beyond the twin.
         StoreError: the file exists, or cannot be written.
     """
-    if path.suffix not in _WRITERS:
-        raise ConfigError(f"{path}: {path.suffix!r} (valid endings: {', '.join(_WRITERS)})")
+    if path.suffix not in ENDINGS:
+        raise ConfigError(f"{path}: {path.suffix!r} (valid endings: {', '.join(ENDINGS)})")
     require("a file of simulated samples", "pyarrow")
     refuse_existing(path)
-    experiment = TwinExperiment(
-        constants,
-        loads=loads,
-        specimen=specimen,
-        seed=seed,
-        loads_per_pose=loads_per_pose,
-        effects=effects,
-    )
-    robot, chain, done, poses_done = constants.robot(), constants.chain(), 0, 0
+    constants, loads_per_pose = experiment.constants, experiment.loads_per_pose
+    robot, done, poses_done = constants.robot(), 0, 0
     poses_a_block = max(1, BLOCK // loads_per_pose)
-    with written_whole(path) as temporary, _WRITERS[path.suffix](temporary, robot) as write:
+    with written_whole(path) as temporary, _writer(temporary, robot) as write:
         for block in range(-(-n_samples // (poses_a_block * loads_per_pose))):
-            numbers = stream("simulated poses", constants.name, seed, block)
+            numbers = stream("simulated poses", constants.name, experiment.seed, block)
             poses = Poses(
-                q=reachable_poses(chain, poses_a_block, numbers, constants.clearance_m),
+                q=reachable_poses(robot, poses_a_block, numbers, constants.clearance_m),
                 pose_id=np.array([f"P{poses_done + i + 1}" for i in range(poses_a_block)]),
                 group=np.full(poses_a_block, SIMULATED_GROUP),
             )
@@ -122,25 +100,17 @@ def _batch(samples: Samples, robot: Robot) -> pa.RecordBatch:
 
 
 @contextmanager
-def _csv_writer(path: Path, robot: Robot) -> Iterator[Write]:
-    from pyarrow import csv
+def _writer(path: Path, robot: Robot) -> Iterator[Callable[[pa.RecordBatch], None]]:
+    """Give what writes a batch at the end of the file."""
+    from pyarrow import csv, parquet
 
+    schema = _schema(robot)
+    if path.suffix == PARQUET:
+        with parquet.ParquetWriter(path, schema, compression="zstd") as writer:
+            yield writer.write_batch
+        return
     options = csv.WriteOptions(include_header=False, quoting_style="none")
     with path.open("wb") as file:
         file.write((",".join(all_columns(robot)) + "\n").encode())
-        with csv.CSVWriter(file, _schema(robot), write_options=options) as writer:
-            yield writer.write_batch
-
-
-@contextmanager
-def _parquet_writer(path: Path, robot: Robot) -> Iterator[Write]:
-    from pyarrow import parquet
-
-    with parquet.ParquetWriter(path, _schema(robot), compression="zstd") as writer:
-        yield writer.write_batch
-
-
-_WRITERS: dict[str, Callable[[Path, Robot], AbstractContextManager[Write]]] = {
-    ".csv": _csv_writer,
-    ".parquet": _parquet_writer,
-}
+        with csv.CSVWriter(file, schema, write_options=options) as lines:
+            yield lines.write_batch

@@ -7,7 +7,7 @@ agree on the data's hash.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Annotated
 
 import numpy as np
@@ -21,7 +21,6 @@ from stiff_datasets.planning.loads import (
     stream,
 )
 from stiff_datasets.planning.poses import Poses
-from stiff_datasets.robots.robot import ChainModel, robot_of
 from stiff_datasets.twin.beams import Beams
 from stiff_datasets.twin.constants import (
     Noise,
@@ -34,21 +33,24 @@ from stiff_datasets.twin.effects import (
     HYSTERESIS,
     KINEMATICS,
     LINKS,
+    NO_EFFECTS,
     Instruments,
-    real_chain,
+    parse_effects,
+    real_robot,
 )
 from stiff_datasets.twin.elastic_chain import ElasticChain
 from stiff_datasets.twin.springs import JointSprings, SpringLaw
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.types import BenchmarkData, FloatArray, Samples
+from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot, Samples
 
 DECIMALS_DEG, DECIMALS_N, DECIMALS_NM, DECIMALS_MM = 4, 3, 5, 5
 
 
+@dataclass(eq=False)
 class TwinExperiment:
     """A twin's measurement.
 
-    Args:
+    Attributes:
         constants: of the twin.
         loads: how the wrenches lie.
         specimen: which robot of the type.
@@ -56,43 +58,38 @@ class TwinExperiment:
         loads_per_pose: how many.
         effects: what it has beyond the default twin, see `effects.py`.
         heaviest: the largest "omni" load, over the payload.
-
-    Attributes:
         twin: the robot.
 
     Raises:
         DataError: the effect "links" is asked for, and `constants` have no beams.
     """
 
-    def __init__(
-        self,
-        constants: TwinConstants,
-        *,
-        loads: LoadKind,
-        specimen: int,
-        seed: int,
-        loads_per_pose: int = 1,
-        effects: Collection[str] = (),
-        heaviest: float = 1.0,
-    ) -> None:
+    constants: TwinConstants
+    _: KW_ONLY
+    loads: LoadKind
+    specimen: int
+    seed: int
+    loads_per_pose: int = 1
+    effects: Collection[str] = ()
+    heaviest: float = 1.0
+
+    def __post_init__(self) -> None:
         """Build the twin."""
-        self._constants = constants
-        self._loads = loads
-        self._heaviest = heaviest
-        self._loads_per_pose = loads_per_pose
-        self._instruments = Instruments.of(constants, specimen, effects)
-        chain = constants.chain()
-        if KINEMATICS in effects:
+        constants, specimen, robot = self.constants, self.specimen, self.constants.robot()
+        self._instruments = Instruments.of(constants, specimen, self.effects)
+        if KINEMATICS in self.effects:
             rng = stream("kinematics", constants.name, specimen)
-            chain = real_chain(chain, constants.errors, rng)
+            robot = real_robot(robot, constants.errors, rng)
+        asked = LINKS in self.effects
         self.twin = DigitalTwin(
-            chain,
+            robot,
             specimen_springs(constants, specimen),
-            beams=specimen_beams(constants, robot_of(chain), specimen, asked=LINKS in effects),
-            hysteresis=HYSTERESIS in effects,
+            beams=specimen_beams(constants, robot, specimen, asked=asked),
+            hysteresis=HYSTERESIS in self.effects,
         )
         # "line" and "line-hook" share their forces: only what the torques do differs
-        self._key = (constants.name, loads.split("-")[0], loads_per_pose, specimen, seed)
+        loads = self.loads.split("-")[0]
+        self._key = (constants.name, loads, self.loads_per_pose, specimen, self.seed)
 
     def samples(self, poses: Poses, *, block: int = 0) -> Samples:
         """Measure every load at each of the poses, pose by pose.
@@ -124,37 +121,37 @@ class TwinExperiment:
             "oracle": shown.shown_deflection(oracle),
             "noise": shown.shown_deflection(deflection),
         }
-        return BenchmarkData(samples, self._constants.robot(), known, self.twin.readings)
+        return BenchmarkData(samples, self.constants.robot(), known, self.twin.readings)
 
     def logged_q(self, poses: Poses) -> FloatArray:
         """Return (n, n_joints) joint angles [rad] as a log holds them, a row a load."""
         logged = np.deg2rad(np.rad2deg(poses.q).round(DECIMALS_DEG))
-        return np.repeat(logged, self._loads_per_pose, axis=0)
+        return np.repeat(logged, self.loads_per_pose, axis=0)
 
     def wrenches(self, q: FloatArray, *, block: int = 0) -> FloatArray:
         """Return (n, 6) the loads that act at the TCP [N, N m], base frame, at (n, n_joints) q."""
-        rng, payload = stream("loads", *self._key, block), self._constants.payload_kg
-        if self._loads == "line":
+        rng, payload = stream("loads", *self._key, block), self.constants.payload_kg
+        if self.loads == "line":
             return line_wrenches(len(q), payload, rng)
-        if self._loads == "line-hook":
+        if self.loads == "line-hook":
             force = line_wrenches(len(q), payload, rng)[:, :3]
         else:
-            force = omni_forces(len(q), payload, rng, self._heaviest)
-        return hook_wrenches(force, self.twin.tool_vectors(q, self._constants.hook_m))
+            force = omni_forces(len(q), payload, rng, self.heaviest)
+        return hook_wrenches(force, self.twin.tool_vectors(q, self.constants.hook_m))
 
     def recorded(
         self, poses: Poses, wrench: FloatArray, deflection: FloatArray, *, block: int = 0
     ) -> Samples:
         """Return what the instruments show of (n, 6) `wrench` and (n, 3) `deflection` [m]."""
         rng, shown = stream("noise", *self._key, block), self._instruments
-        loads = np.arange(1, self._loads_per_pose + 1).astype(str)
+        loads = np.arange(1, self.loads_per_pose + 1).astype(str)
         return Samples(
             q=self.logged_q(poses),
             wrench=recorded_wrench(shown.shown_wrench(wrench), shown.noise, rng),
             deflection=recorded_deflection(shown.shown_deflection(deflection), shown.noise, rng),
-            pose_id=np.repeat(poses.pose_id, self._loads_per_pose),
+            pose_id=np.repeat(poses.pose_id, self.loads_per_pose),
             load_id=np.tile(loads, len(poses.q)),
-            group=np.repeat(poses.group, self._loads_per_pose),
+            group=np.repeat(poses.group, self.loads_per_pose),
         )
 
 
@@ -177,18 +174,26 @@ def recorded_deflection(
     return np.asarray(measured_mm.round(DECIMALS_MM) / 1000.0)
 
 
+@dataclass(kw_only=True, eq=False)
 class TwinData:
     """A twin's data set, another one for each specimen and seed.
 
     Attributes:
         specimen: one of ten robots of the type; 0 has the nominal constants.
-        seed: draws the loads and the noise; the robot itself does not depend on it.
+        seed: draws loads, noise and poses that are not planned; the robot itself does not depend
+            on it.
+        effects: hysteresis, links, kinematics and sensor, separated by commas, or "none"; each is
+            described in `effects.py`.
     """
 
-    def __init__(self, *, specimen: SpecimenNumber = 0, seed: Annotated[int, Ge(0)] = 0) -> None:
-        """Store the options."""
-        self.specimen = specimen
-        self.seed = seed
+    specimen: SpecimenNumber = 0
+    seed: Annotated[int, Ge(0)] = 0
+
+    effects = NO_EFFECTS
+
+    def __post_init__(self) -> None:
+        """Refuse an unknown effect with a ConfigError."""
+        parse_effects(self.effects)
 
     def measured(
         self,
@@ -196,7 +201,6 @@ class TwinData:
         poses: Poses,
         loads: LoadKind = "omni",
         loads_per_pose: int = 1,
-        effects: Collection[str] = (),
         heaviest: float = 1.0,
     ) -> BenchmarkData:
         """Return the samples of this specimen and seed at the poses, pose by pose."""
@@ -206,7 +210,7 @@ class TwinData:
             specimen=self.specimen,
             seed=self.seed,
             loads_per_pose=loads_per_pose,
-            effects=effects,
+            effects=parse_effects(self.effects),
             heaviest=heaviest,
         )
         return experiment.measured(poses)
@@ -237,7 +241,7 @@ class DigitalTwin:
     """A robot of given elasticity that can be loaded and read.
 
     Args:
-        chain: rigid kinematics, masses and TCP.
+        robot: rigid kinematics, masses and TCP.
         springs: one entry a joint, base to tip.
         beams: links that bend; None: they are rigid.
         hysteresis: lost motion is taken up anew by every load, see `SpringLaw`.
@@ -249,7 +253,7 @@ class DigitalTwin:
 
     def __init__(
         self,
-        chain: ChainModel,
+        robot: Robot,
         springs: Sequence[JointSprings],
         *,
         beams: Beams | None = None,
@@ -257,7 +261,7 @@ class DigitalTwin:
     ) -> None:
         """Build the elastic chain."""
         self._beams, self._hysteresis = beams, hysteresis
-        self._chain = ElasticChain(chain)
+        self._chain = ElasticChain(robot)
         if len(springs) != self._chain.n_joints:
             raise DataError(f"{len(springs)} joint springs for {self._chain.n_joints} joints")
         self._law = SpringLaw(springs)

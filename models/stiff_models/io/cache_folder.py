@@ -18,10 +18,9 @@ _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def cache_folder() -> Path | None:
-    """Return the folder; it need not exist yet. None: switched off by STIFFBENCH_CACHE=off.
+    """Return the folder, which need not exist yet; None where STIFFBENCH_CACHE is "off".
 
-    Raises:
-        StoreError: the variable names a user who does not exist.
+    StoreError: the variable names a user who does not exist.
     """
     named = os.environ.get(VARIABLE)
     if named == OFF:
@@ -33,11 +32,10 @@ def cache_folder() -> Path | None:
 
 
 def usable_folder() -> Path | None:
-    """Return the folder, made if need be; None: switched off.
+    """Return the folder, made if need be; None where it is switched off.
 
-    Raises:
-        StoreError: it cannot be written, or others can put files there: joblib keeps pickles, which
-            run code when they are read.
+    StoreError: it cannot be written, or others can put files there: joblib keeps pickles, which run
+    code when they are read.
     """
     folder = cache_folder()
     if folder is None:

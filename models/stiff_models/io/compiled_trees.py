@@ -20,11 +20,7 @@ from stiff_protocols.contract.types import IntArray
 
 
 def check_compiled_trees(content: object) -> None:
-    """Check every tree and every neighbours' regressor in what was read from a file.
-
-    Raises:
-        DataError: it names a row or a feature that it does not have.
-    """
+    """Raise DataError where a tree or neighbours' regressor names rows or features it has not."""
     _visit(content, -1, set())
 
 

@@ -121,8 +121,8 @@ def training_digest(
     seed: int,
     tensors: Iterable[torch.Tensor],
     *,
-    actors: Iterable[object] = (),
-    about: str = "",
+    actors: Iterable[object],
+    about: str,
 ) -> str:
     """Return the hash of everything that shapes a training.
 

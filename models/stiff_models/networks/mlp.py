@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated
 
 from annotated_types import Ge, Gt
 
-from stiff_models.networks.network_model import NetworkModel
+from stiff_models.networks.network_model import NetworkModel, Selection
 from stiff_models.networks.training_plan import TrainingPlan
 from stiff_protocols.contract.errors import StiffBenchWarning
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
 Epochs = Annotated[int, Ge(0)]
 LearningRate = Annotated[float, Gt(0.0)]
-Selection = Literal["cv", "best", "normal"]
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -45,21 +44,9 @@ class Mlp(NetworkModel):
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         self._start(robot, train.q, train.wrench, train.deflection, seed)
-        rows, held_out = self._measured_rows(train), None
-        if validation is not None and self.training == "best":
-            held_out = self._measured_rows(validation)
-        plan = TrainingPlan(
-            steps=self.epochs,
-            learning_rate=self.learning_rate,
-            loss="mae",
-            optimizer="adam",
-            keep_best=held_out is not None,
-        )
-
-        if self.training == "cv":
-            plan = self._cross_validated(train, rows, plan, seed)
-        self.history_ = self._learn(self.network_, rows, plan, seed, validation=held_out)[0]
-        if self.history_.best_step < min(plan.steps, 1):
+        plan = TrainingPlan(self.epochs, self.learning_rate, loss="mae", optimizer="adam")
+        (self.history_,) = self._learn_measured(train, validation, plan, seed, self.training)
+        if self.history_.best_step == 0 and len(self.history_.points):
             warnings.warn(
                 f"none of {self.epochs} epochs was better on the validation rows than the "
                 "untrained network, which is kept; is a learning rate of "

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import torch
@@ -28,6 +28,9 @@ from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 
 Layers = Annotated[int, Ge(1), Le(20)]
 Width = Annotated[int, Ge(1), Le(4096)]
+
+Selection = Literal["cv", "best", "normal"]
+"""What chooses the number of epochs: cross-validation, the validation rows, or nothing."""
 
 Judge = Callable[[], dict[str, FloatArray]]
 """Measures a network that was just trained."""
@@ -60,10 +63,13 @@ class EncodedNetworkModel(RunsOnDevice, FittedModel):
     ) -> None:
         """Take the statistics of the first training data and draw a new network."""
         self.robot_ = robot
-        self.input_scaler_ = Scaler.of(encode(robot, q, wrench, self.angle_encoding))
-        self.output_scaler_ = Scaler.of_deflection(deflection)
+        self._take_statistics(q, wrench, deflection)
         network = self._new_network(len(self.input_scaler_.mean), seed)
         self.network_ = network.to(torch_device(self.device)).eval()
+
+    def _take_statistics(self, q: FloatArray, wrench: FloatArray, deflection: FloatArray) -> None:
+        self.input_scaler_ = Scaler.of(encode(self.robot_, q, wrench, self.angle_encoding))
+        self.output_scaler_ = Scaler.of_deflection(deflection)
 
     @abstractmethod
     def _new_network(self, n_inputs: int, seed: int, n_outputs: int = 3) -> torch.nn.Module:
@@ -82,25 +88,24 @@ class EncodedNetworkModel(RunsOnDevice, FittedModel):
     def _empty_module(self, name: str) -> torch.nn.Module:
         return self._new_network(len(self.input_scaler_.mean), seed=0)
 
-    def _train(
+    def _pretrain(
         self,
         rows: Rows,
         plan: TrainingPlan,
         seed: int,
-        phase: str,
         *,
+        judge: Judge,
         trainable: Trainable | None = None,
         objective: Objective | None = None,
-        judge: Judge = dict,
     ) -> Trained:
-        """Train the network in place; `judge` measures it once, see `_train_remembered`."""
+        """Train the network in place, and measure it once with `judge`."""
         start = time.perf_counter()
         curve = train_network(
             self.network_,
             rows,
             plan,
             seed=seed,
-            phase=phase,
+            phase="pre-train",
             trainable=trainable,
             objective=objective,
         )
@@ -109,34 +114,29 @@ class EncodedNetworkModel(RunsOnDevice, FittedModel):
         }
         return Trained(weights, curve, time.perf_counter() - start, judge())
 
-    def _train_remembered(
+    def _pretrain_remembered(
         self,
         rows: Rows,
         plan: TrainingPlan,
         seed: int,
-        phase: str,
         *,
+        judge: Judge,
         trainable: Trainable | None = None,
         objective: Objective | None = None,
-        judge: Judge = dict,
         extra: Iterable[torch.Tensor] = (),
         about: str = "",
     ) -> Trained:
         """Train the network in place, or put in the weights of the same training done before.
 
-        What `judge` measures of the trained network is kept with the weights. `extra` (tensors) and
-        `about` say what `objective` and `judge` are made of; the other arguments are those of
-        `train_network`.
+        What `judge` measures is kept with the weights. `extra` (tensors) and `about` say what
+        `objective` is made of; the other arguments are those of `train_network`.
         """
-
-        def compute() -> Trained:
-            return self._train(
-                rows, plan, seed, phase, trainable=trainable, objective=objective, judge=judge
-            )
-
+        compute = partial(
+            self._pretrain, rows, plan, seed, judge=judge, trainable=trainable, objective=objective
+        )
         if plan.steps == 0:
             return compute()
-        actors = [thing for thing in (self, objective) if thing is not None]
+        actors = [self] if objective is None else [self, objective]
         tensors = (rows.inputs, rows.targets, *extra)
         digest = training_digest(self.network_, plan, seed, tensors, actors=actors, about=about)
         trained = remembered(digest, compute)
@@ -144,6 +144,23 @@ class EncodedNetworkModel(RunsOnDevice, FittedModel):
             {name: torch.from_numpy(array.copy()) for name, array in trained.weights.items()}
         )
         return trained
+
+    def _learn_measured(
+        self,
+        train: Samples,
+        validation: Samples | None,
+        plan: TrainingPlan,
+        seed: int,
+        training: Selection,
+    ) -> list[Curve]:
+        """Train the network in place on measured samples and return each stage's curve."""
+        rows, held_out = self._measured_rows(train), None
+        if validation is not None and training == "best":
+            held_out = self._measured_rows(validation)
+            plan = replace(plan, keep_best=True)
+        if training == "cv":
+            plan = self._cross_validated(train, rows, plan, seed)
+        return self._learn(self.network_, rows, plan, seed, validation=held_out)
 
     def _learn(
         self,

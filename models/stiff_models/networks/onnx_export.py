@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,14 +32,6 @@ _CHECKED_ROWS = 8
 _UNITS = "q: rad (m of prismatic joints); wrench: N, N m at the TCP; deflection: m; base frame"
 
 
-@runtime_checkable
-class TorchPrediction(Protocol):
-    """Power of a family whose prediction is made of torch operations."""
-
-    def _torch_module(self) -> torch.nn.Module:
-        """Return a module of float64 (q, wrench) -> float64 (n, 3) m; see `torch_parts`."""
-
-
 def export_onnx(model: FittedModel, path: Path) -> None:
     """Write the prediction of a fitted network as an ONNX file, whole or not at all.
 
@@ -51,7 +43,7 @@ def export_onnx(model: FittedModel, path: Path) -> None:
         NotFittedError: `fit` was not called.
         StoreError: the file cannot be written.
     """
-    if not isinstance(model, TorchPrediction):
+    if not hasattr(model, "_torch_module"):
         raise ConfigError(
             f"{key_of(model)} cannot be written as ONNX: it is no network (valid: mlp, "
             "mlp-pretrained, ft-mlp, dt-cnn, adann-2r, compliance-net, deep-ensemble, residual-mlp)"

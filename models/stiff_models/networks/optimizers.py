@@ -176,17 +176,12 @@ def _groups(rates: Mapping[torch.Tensor, float], learning_rate: float) -> list[d
 
 
 @torch.no_grad()
-def pull_back(
-    moving: list[torch.Tensor],
-    origin: list[torch.Tensor],
-    trainable: Trainable,
-    learning_rate: float,
-) -> None:
+def pull_back(origin: list[torch.Tensor], trainable: Trainable, learning_rate: float) -> None:
     """Apply the penalty alpha/2 |w - w0|^2 as its proximal step.
 
     Taken implicitly it is stable for every alpha and tends to w0 as alpha grows; as a gradient
     an adaptive optimizer would rescale it away.
     """
-    for parameter, first in zip(moving, origin, strict=True):
-        shrink = 1.0 / (1.0 + trainable.pull * learning_rate * trainable.rates[parameter])
+    for (parameter, rate), first in zip(trainable.rates.items(), origin, strict=True):
+        shrink = 1.0 / (1.0 + trainable.pull * learning_rate * rate)
         parameter.copy_(first + (parameter - first) * shrink)

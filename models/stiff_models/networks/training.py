@@ -22,11 +22,6 @@ RISEN = 10.0
 """So many times both the first loss and that of outputs of zero: the training has diverged."""
 ROWS_LOOKED_AT = 256  # at the end, for signs of divergence
 
-
-def _varies(values: torch.Tensor) -> bool:
-    return bool((values != values[0]).any())
-
-
 Objective = Callable[[float, torch.Tensor, torch.Tensor], torch.Tensor]
 """Takes the progress of the training (0 at its first step, towards 1), inputs (n, n_features) and
 standardised targets (n, 3); returns the loss."""
@@ -97,7 +92,8 @@ def train_network(
         seed: of the batches' order and of what layers draw.
         phase: name for progress reports.
         trainable: which parameters move; None: all of the network's.
-        validation: rows that choose the step when the plan keeps the best; never learned from.
+        validation: rows that choose the step when the plan keeps the best; never learned from. The
+            network has no batch statistics and no dropout then, and no other `objective`.
         objective: what is minimised; None: the plan's loss on the network's outputs.
         visits: what is called after so many steps, from 0, with the network in eval mode.
 
@@ -124,8 +120,7 @@ def _steps(
     phase: str,
     visits: Visits,
 ) -> Curve:
-    moving = list(trainable.rates)
-    origin = [parameter.detach().clone() for parameter in moving] if trainable.pull else []
+    origin = [each.detach().clone() for each in trainable.rates] if trainable.pull else []
     too_high = f"a learning rate of {plan.learning_rate:g} is too high here"
 
     def finite(loss: torch.Tensor, steps: int) -> float:
@@ -142,7 +137,7 @@ def _steps(
         loss = run.step(step)
         first = loss if step == 0 else first
         if origin:
-            pull_back(moving, origin, trainable, plan.learning_rate * plan.rate(step))
+            pull_back(origin, trainable, plan.learning_rate * plan.rate(step))
         if (step + 1) % REPORT_EVERY == 0 or step + 1 == plan.steps:
             value = finite(loss, step + 1)
             run.points.append((step + 1, value, run.validation_loss))
@@ -198,10 +193,7 @@ class _Run:
         self.highest = [[g["lr"] for g in opt.param_groups] for opt in self.optimizers]
         self.generator = torch.Generator().manual_seed(seed)
         self.order = torch.empty(0, dtype=torch.int64)
-        # batch statistics belong to the weights, and must not be taken over validation rows
-        buffers = [*network.buffers()]
-        self.one_pass = objective is None and not buffers
-        self.kept = [tensor.detach() for tensor in (*trainable.rates, *buffers)]
+        self.kept = [tensor.detach() for tensor in trainable.rates]
         self.points: list[tuple[float, float, float]] = []
         self.validation_loss = math.nan
         self.best_step, self.best_loss = 0, math.inf
@@ -221,27 +213,21 @@ class _Run:
         """Set the gradients of a batch's loss and return that loss."""
         inputs, targets = self._batch()
         low = self.bfloat16 and step < (1.0 - FULL_PRECISION_END) * self.plan.steps
-        if self.validation is not None and not self.one_pass:
-            self._judge(step, self.predicted(self.validation.inputs))
         if self.objective is not None:
             with self._autocast(low):
                 loss = self.objective(step / self.plan.steps, inputs, targets)
-            loss.backward()  # type: ignore[no-untyped-call]
-            return loss
-        n = len(targets)
-        if self.validation is not None and self.one_pass:  # one pass serves both
-            inputs = torch.cat([inputs, self.validation.inputs])
-        outputs = self._outputs(inputs, low)
-        if self.validation is not None and self.one_pass:
-            self._judge(step, outputs[n:].detach())
-        loss = self.loss(outputs[:n], targets)
+        else:
+            n = len(targets)
+            if self.validation is not None:  # one pass serves both
+                inputs = torch.cat([inputs, self.validation.inputs])
+            with self._autocast(low):
+                outputs: torch.Tensor = self.tail(inputs)
+            outputs = outputs.float()
+            if self.validation is not None:
+                self._judge(step, outputs[n:].detach())
+            loss = self.loss(outputs[:n], targets)
         loss.backward()  # type: ignore[no-untyped-call]
         return loss
-
-    def _outputs(self, inputs: torch.Tensor, low: bool) -> torch.Tensor:
-        with self._autocast(low):
-            outputs: torch.Tensor = self.tail(inputs)
-        return outputs.float()
 
     def _autocast(self, low: bool) -> torch.autocast:
         return torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=low)
@@ -288,6 +274,10 @@ class _Run:
             self.best_step, self.best_loss = step, self.validation_loss
             self.best_weights = self.best_weights or [torch.empty_like(t) for t in self.kept]
             torch._foreach_copy_(self.best_weights, self.kept)
+
+
+def _varies(values: torch.Tensor) -> bool:
+    return bool((values != values[0]).any())
 
 
 def _split_at_first_moving(

@@ -67,13 +67,8 @@ class FullVjm(FittedModel):
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         matrix = spring_regressor(robot, train.q, train.wrench, self.springs)
-        found = identify_springs(
-            spring_units(robot, self.springs),
-            matrix,
-            train.deflection,
-            typical_springs(robot, self.springs),
-            train.pose_id,
-        )
+        units, typical = spring_units(robot, self.springs), typical_springs(robot, self.springs)
+        found = identify_springs(units, matrix, train.deflection, typical, train.pose_id)
         n_springs = len(found.names)
         self.springs_ = found
         if self.solver == "ridge":

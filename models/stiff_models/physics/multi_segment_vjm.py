@@ -112,6 +112,7 @@ class MultiSegmentVjm(FittedModel):
             tip: "10,30;12,35;...".
         gravity: whether the weights preload the gears; false for a robot that is balanced.
         breakpoints_: (n_joints, segments - 1) N m.
+        springs_: what was identified, by names such as "A2 segment 1".
         slopes_: (n_joints, segments) compliance of each segment, rad/(N m).
         diagnostics_: breakpoints, and what `IdentifiedSprings` reports, by name and unit.
     """
@@ -161,6 +162,7 @@ class MultiSegmentVjm(FittedModel):
         matrix = loaded.effects(self.breakpoints_)
         typical = np.repeat(typical_joints(robot), self.segments)
         found = identify_springs(springs, matrix, train.deflection, typical, train.pose_id)
+        self.springs_ = found
         self.slopes_ = found.compliance.reshape(robot.n_joints, self.segments)
         self.diagnostics_ = _named(robot, self.breakpoints_) | found.report()
         warn_unidentifiable(found)

@@ -8,7 +8,7 @@ program runs on NumPy arrays in chunks that fit the cache, in buffers that later
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -21,44 +21,31 @@ CHUNK = 6144
 Operand = int | str
 """Number of a value (the inputs, then every step's), or a constant as text."""
 
-_UFUNCS: dict[str, Any] = {
-    "+": np.add,
-    "-": np.subtract,
-    "*": np.multiply,
-    "/": np.divide,
-    "tan": np.tan,
-}
-
 
 @dataclass(frozen=True)
 class Step:
     """One operation on one or two operands."""
 
-    name: str
+    function: np.ufunc
     operands: tuple[Operand, ...]
 
 
+@dataclass(frozen=True, eq=False)
 class Tape:
     """Where symbols write their steps.
 
     Attributes:
         n_inputs: number of inputs.
-        steps: in the order in which they were first asked for.
+        steps: each once, in the order in which they were first asked for -> number of its value.
     """
 
-    def __init__(self, n_inputs: int) -> None:
-        """Start an empty program."""
-        self.n_inputs = n_inputs
-        self.steps: list[Step] = []
-        self._values: dict[Step, int] = {}
+    n_inputs: int
+    steps: dict[Step, int] = field(default_factory=dict)
 
-    def value(self, name: str, *operands: Operand) -> Symbol:
+    def value(self, function: np.ufunc, *operands: Operand) -> Symbol:
         """Return the symbol of a step, which is written unless it stands there."""
-        step = Step(name, operands)
-        if step not in self._values:
-            self._values[step] = self.n_inputs + len(self.steps)
-            self.steps.append(step)
-        return Symbol(self, self._values[step])
+        new = self.n_inputs + len(self.steps)
+        return Symbol(self, self.steps.setdefault(Step(function, operands), new))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -77,14 +64,12 @@ class Symbol:
         """Write a sum, or the difference that it is."""
         operand, negative = _operand(other)
         if self.negative and negative:
-            return -self.tape.value("+", self.number, operand)
+            return -self.tape.value(np.add, self.number, operand)
         if self.negative:
-            return self.tape.value("-", operand, self.number)
-        return self.tape.value("-" if negative else "+", self.number, operand)
+            return self.tape.value(np.subtract, operand, self.number)
+        return self.tape.value(np.subtract if negative else np.add, self.number, operand)
 
-    def __radd__(self, other: float) -> Symbol:
-        """Write a sum."""
-        return self + other
+    __radd__ = __add__
 
     def __sub__(self, other: Symbol | float) -> Symbol:
         """Write a difference."""
@@ -97,17 +82,15 @@ class Symbol:
     def __mul__(self, other: Symbol | float) -> Symbol:
         """Write a product of the values without their signs."""
         operand, negative = _operand(other)
-        product = self.tape.value("*", self.number, operand)
+        product = self.tape.value(np.multiply, self.number, operand)
         return product if negative == self.negative else -product
 
-    def __rmul__(self, other: float) -> Symbol:
-        """Write a product."""
-        return self * other
+    __rmul__ = __mul__
 
     def __rtruediv__(self, other: float) -> Symbol:
         """Write a quotient."""
         operand, negative = _operand(other)
-        quotient = self.tape.value("/", operand, self.number)
+        quotient = self.tape.value(np.divide, operand, self.number)
         return quotient if negative == self.negative else -quotient
 
 
@@ -131,7 +114,7 @@ def half_angle(angle: Symbol) -> tuple[Symbol, Symbol]:
     below 6e-16.
     """
     half = 0.5 * angle
-    tangent = half.tape.value("tan", half.number)
+    tangent = half.tape.value(np.tan, half.number)
     if half.negative:
         tangent = -tangent
     double = 2.0 / (1.0 + tangent * tangent)
@@ -145,22 +128,63 @@ class Program:
     Attributes:
         n_inputs: number of inputs.
         n_results: number of results.
-        constants: of the steps.
-        n_buffers: how many arrays the values between need.
-        steps: function and places; places are numbered through inputs, results, constants and
-            buffers.
+        others: what lies in the places behind inputs and results: a constant's value, or None for
+            an array of values between.
+        steps: function and numbers of the places.
     """
 
     n_inputs: int
     n_results: int
-    constants: tuple[float, ...]
-    n_buffers: int
-    steps: tuple[tuple[Any, tuple[int, ...]], ...]
+    others: tuple[float | None, ...]
+    steps: tuple[tuple[np.ufunc, tuple[int, ...]], ...]
 
     @classmethod
     def of(cls, tape: Tape, results: Sequence[Symbol | float]) -> Program:
-        """Arrange the steps that lead to `results`."""
-        return _Arrangement(tape, results).program()
+        """Arrange the steps that lead to `results`; arrays that no later step reads serve again."""
+        first_other = tape.n_inputs + len(results)
+        places: dict[Operand, int] = {number: number for number in range(tape.n_inputs)}
+        others: list[float | None] = []
+        unread: list[int] = []
+
+        def place_of(operand: Operand) -> int:
+            if operand not in places:  # a constant
+                places[operand] = first_other + len(others)
+                others.append(float(operand))
+            return places[operand]
+
+        symbols = {
+            place: result
+            for place, result in enumerate(results, start=tape.n_inputs)
+            if isinstance(result, Symbol)
+        }
+        kept = {result.number for result in symbols.values()}
+        own = {  # what can be written straight to where the caller wants it
+            result.number: place
+            for place, result in symbols.items()
+            if not result.negative and result.number >= tape.n_inputs
+        }
+        needed = _needed(tape, kept)
+        last = {operand: i for i, (_, step) in enumerate(needed) for operand in step.operands}
+        steps: list[tuple[np.ufunc, tuple[int, ...]]] = []
+        for i, (number, step) in enumerate(needed):
+            operands = [place_of(operand) for operand in step.operands]
+            for operand in set(step.operands) - kept:
+                if last[operand] == i and isinstance(operand, int) and operand >= tape.n_inputs:
+                    unread.append(places[operand])
+            if number in own:
+                places[number] = own[number]
+            elif unread:
+                places[number] = unread.pop()
+            else:
+                places[number] = first_other + len(others)
+                others.append(None)
+            steps.append((step.function, (*operands, places[number])))
+        for place, result in enumerate(results, start=tape.n_inputs):
+            operand, negative = _operand(result)
+            if place_of(operand) != place:
+                function = np.negative if negative else np.positive
+                steps.append((function, (place_of(operand), place)))
+        return cls(tape.n_inputs, len(results), tuple(others), tuple(steps))
 
     def run(
         self, columns: Sequence[FloatArray], out: FloatArray, shared: Sequence[float] = ()
@@ -191,86 +215,17 @@ class Program:
         """Return arrays for the inputs (n_columns, size) and the results, and the steps on them."""
         inputs = np.empty((self.n_inputs - len(shared), size))
         results = np.empty((self.n_results, size))
-        constants = [np.asarray(value) for value in (*shared, *self.constants)]
-        given, own = constants[: len(shared)], constants[len(shared) :]
-        places = [*inputs, *given, *results, *own, *np.empty((self.n_buffers, size))]
+        between = iter(np.empty((self.others.count(None), size)))
+        others = [next(between) if value is None else np.asarray(value) for value in self.others]
+        places = [*inputs, *map(np.asarray, shared), *results, *others]
         calls = [(function, [places[k] for k in numbers]) for function, numbers in self.steps]
         return inputs, results, calls
 
 
-class _Arrangement:
-    """Gives every value a place; a buffer is free again after the last step that reads it."""
-
-    def __init__(self, tape: Tape, results: Sequence[Symbol | float]) -> None:
-        self._tape, self._results = tape, results
-        self._places = {number: ("input", number) for number in range(tape.n_inputs)}
-        self._constants: dict[str, int] = {}
-        self._free: list[int] = []
-        self._n_buffers = 0
-
-    def program(self) -> Program:
-        needed = _needed(self._tape, self._results)
-        last = {operand: i for i, (_, step) in enumerate(needed) for operand in step.operands}
-        own = self._own_results()
-        kept = {result.number for result in self._results if isinstance(result, Symbol)}
-        steps = []
-        for i, (number, step) in enumerate(needed):
-            places = [self._place(operand) for operand in step.operands]
-            for operand in set(step.operands) - kept:
-                if last[operand] == i and self._place(operand)[0] == "buffer":
-                    self._free.append(self._place(operand)[1])
-            self._places[number] = ("result", own[number]) if number in own else self._buffer()
-            steps.append((_UFUNCS[step.name], [*places, self._places[number]]))
-        for i, result in enumerate(self._results):
-            operand, negative = _operand(result)
-            if self._place(operand) != ("result", i):
-                function = np.negative if negative else np.positive
-                steps.append((function, [self._place(operand), ("result", i)]))
-        return self._numbered(steps)
-
-    def _own_results(self) -> dict[int, int]:
-        """Values that can be written straight to where the caller wants them."""
-        return {
-            result.number: i
-            for i, result in enumerate(self._results)
-            if isinstance(result, Symbol)
-            and not result.negative
-            and result.number >= self._tape.n_inputs
-        }
-
-    def _place(self, operand: Operand) -> tuple[str, int]:
-        if isinstance(operand, int):
-            return self._places[operand]
-        return "constant", self._constants.setdefault(operand, len(self._constants))
-
-    def _buffer(self) -> tuple[str, int]:
-        if self._free:
-            return "buffer", self._free.pop()
-        self._n_buffers += 1
-        return "buffer", self._n_buffers - 1
-
-    def _numbered(self, steps: list[tuple[Any, list[tuple[str, int]]]]) -> Program:
-        first = {"input": 0, "result": self._tape.n_inputs}
-        first["constant"] = first["result"] + len(self._results)
-        first["buffer"] = first["constant"] + len(self._constants)
-        return Program(
-            n_inputs=self._tape.n_inputs,
-            n_results=len(self._results),
-            constants=tuple(float(text) for text in self._constants),
-            n_buffers=self._n_buffers,
-            steps=tuple(
-                (function, tuple(first[kind] + number for kind, number in places))
-                for function, places in steps
-            ),
-        )
-
-
-def _needed(tape: Tape, results: Sequence[Symbol | float]) -> list[tuple[int, Step]]:
-    """Return the steps that the results depend on, with the numbers of their values."""
-    wanted = {result.number for result in results if isinstance(result, Symbol)}
-    found = []
-    for i in reversed(range(len(tape.steps))):
-        number, step = tape.n_inputs + i, tape.steps[i]
+def _needed(tape: Tape, results: set[int]) -> list[tuple[int, Step]]:
+    """Return the steps that these values depend on, with the numbers of their own values."""
+    wanted, found = set(results), []
+    for step, number in reversed(tape.steps.items()):
         if number in wanted:
             found.append((number, step))
             wanted.update(operand for operand in step.operands if isinstance(operand, int))

@@ -11,46 +11,26 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from stiff_models.base import FittedModel
+from stiff_models.catalog import model_info
 from stiff_models.physics.congruence import linearised_at_best, loaded_deflection
 from stiff_models.physics.kinematics import jacobian, joint_deflection, unit_deflections
 from stiff_protocols.contract.errors import StiffBenchWarning
-from stiff_protocols.contract.identification import Identified, identify, typical_joints
+from stiff_protocols.contract.identification import IdentifiedSprings, identify, typical_joints
 from stiff_protocols.contract.types import FloatArray, Robot, Samples, TextArray
 
+Physics = Literal["vjm", "vjm-multisegment", "vjm-full"]
+"""Keys of the virtual joint models: what other families build on."""
 
-@dataclass(frozen=True, eq=False)
-class IdentifiedSprings(Identified):
-    """Springs with names, in the order of the compliances.
 
-    Attributes:
-        names: such as "A2" or "A2 segment 1".
-        units: of the stiffnesses, "Nm/rad" or "N/m".
-    """
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-
-    @property
-    def unidentifiable(self) -> tuple[str, ...]:
-        """Names of the springs that the data cannot identify."""
-        return tuple(name for name, known in zip(self.names, self.known, strict=True) if not known)
-
-    def report(self) -> dict[str, float]:
-        """Return stiffnesses, standard errors, 90 % intervals or the prior's, rank, condition."""
-        numbers: dict[str, float] = {}
-        interval = self.interval(0.9)
-        for i, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
-            own = {"stiffness": self.stiffness[i], "standard error": self.standard_error[i]}
-            if self.known[i]:
-                own["90 % interval from"], own["90 % interval to"] = interval[i]
-            else:
-                own["prior stiffness"] = 1.0 / self.compliance[i]
-            numbers |= {f"{word} {name} [{unit}]": float(value) for word, value in own.items()}
-        return numbers | {"rank": float(self.rank), "condition number": self.condition}
+def fitted_physics(name: Physics, samples: Samples, robot: Robot) -> FittedModel:
+    """Return the model with its default options, identified on the samples; errors as of `fit`."""
+    fitted: FittedModel = model_info(name).load()().fit(samples, robot=robot)
+    return fitted
 
 
 def identify_springs(
@@ -120,7 +100,7 @@ class VirtualJointModel(FittedModel):
         congruence: include the load's own stiffness (conservative congruence, K - K_g);
             predictions then are no longer linear in the wrench, and a load beyond buckling is a
             ModelError.
-        joints_: what was identified.
+        springs_: what was identified.
         diagnostics_: by name and unit: of each joint that the samples identify its stiffness,
             standard error and the ends of an interval that holds it with 90 % probability; of
             each other the prior's stiffness; rank and condition number.
@@ -129,14 +109,14 @@ class VirtualJointModel(FittedModel):
     congruence: bool = False
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
-        self.joints_ = identify_joints(robot, train, congruence=self.congruence)
-        self.diagnostics_ = self.joints_.report()
-        warn_unidentifiable(self.joints_)
-        warn_unexplained(self.joints_.compliance, train)
+        self.springs_ = identify_joints(robot, train, congruence=self.congruence)
+        self.diagnostics_ = self.springs_.report()
+        warn_unidentifiable(self.springs_)
+        warn_unexplained(self.springs_.compliance, train)
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         deflection = loaded_deflection if self.congruence else joint_deflection
-        return deflection(self.robot_, self.joints_.compliance, q, wrench)
+        return deflection(self.robot_, self.springs_.compliance, q, wrench)
 
 
 def warn_unidentifiable(springs: IdentifiedSprings, samples: str = "training samples") -> None:

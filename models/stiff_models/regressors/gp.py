@@ -8,20 +8,15 @@ from dataclasses import dataclass
 from typing import Annotated, Protocol, Self
 
 import numpy as np
-from annotated_types import Ge
+from annotated_types import Ge, Gt
 from sklearn.base import clone
-from sklearn.model_selection import GroupKFold
 
-from stiff_models.base import normal_interval
+from stiff_models.base import left_out_fifths, normal_interval
 from stiff_models.regressors.gaussian_process import Covariance, GaussianProcess, Kernel, Search
 from stiff_models.regressors.standardised_model import StandardisedModel
 from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
 from stiff_protocols.contract.types import AXES, FloatArray, Interval, Robot, Samples
 
-INSTRUMENT_NOISE = 1e-5
-"""Standard deviation of a laser tracker, m: the least noise that samples have. Without it the
-likelihood finds 2e-8 m where there are few of them."""
-FOLDS = 5
 FEWEST_POSES = 10
 """Fewer are not divided: two of eight poses hold no standard deviation."""
 
@@ -43,8 +38,8 @@ class GaussianProcessModel(StandardisedModel):
 
     Hyperparameters that are the likeliest ones for a hundred samples make the process too sure of
     itself. So it is fitted again without each fifth of the poses, and its standard deviations are
-    multiplied by the root mean square of the errors there, in units of the deviations there; by 1
-    where that is less.
+    multiplied by the root mean square of the errors there, in units of the deviations there. They
+    are never below the instrument's.
 
     Attributes:
         kernel: "matern" (Matern 5/2) or "rbf" (squared exponential).
@@ -52,6 +47,9 @@ class GaussianProcessModel(StandardisedModel):
         restarts: searches for the hyperparameters from random starts, after the first.
         search_rows: training rows that the search uses at most (drawn at random); the
             process itself always learns from all of them.
+        instrument_noise_mm: standard deviation of a measured deflection an axis, mm, as the data
+            card or the instrument's data sheet has it: the least noise that is looked for. Without
+            it the likelihood finds 2e-5 mm in few samples. What repeats differ by is found there.
         processes_: one an axis.
         calibration_: (3,) what the standard deviations of each axis are multiplied by.
     """
@@ -60,6 +58,7 @@ class GaussianProcessModel(StandardisedModel):
     ard: bool = True
     restarts: Annotated[int, Ge(0)] = 1
     search_rows: Annotated[int, Ge(2)] = 1000
+    instrument_noise_mm: Annotated[float, Gt(0.0)] = 0.01  # a laser tracker's
 
     def fit(
         self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
@@ -68,7 +67,7 @@ class GaussianProcessModel(StandardisedModel):
         super().fit(train, robot=robot, validation=validation, seed=seed)
         self.calibration_ = np.ones(len(AXES))
         if errors := list(self._errors_of_folds(train, robot, validation, seed)):
-            self.calibration_ = np.maximum(np.sqrt((np.vstack(errors) ** 2).mean(axis=0)), 1.0)
+            self.calibration_ = np.sqrt((np.vstack(errors) ** 2).mean(axis=0))
         return self
 
     def _errors_of_folds(
@@ -78,19 +77,18 @@ class GaussianProcessModel(StandardisedModel):
         n_poses = len(np.unique(train.pose_id))
         if n_poses < FEWEST_POSES:
             return
-        folds = GroupKFold(FOLDS, shuffle=True, random_state=seed)
-        for learned, left_out in folds.split(train.q, groups=train.pose_id):
-            copy, rows = self._for_a_fold(), train.take(left_out)
+        for learned, left_out in left_out_fifths(train, seed):
+            copy = self._for_a_fold()
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", StiffBenchWarning)  # the whole fit has had its say
                 try:
                     super(GaussianProcessModel, copy).fit(
-                        train.take(learned), robot=robot, validation=validation, seed=seed
+                        learned, robot=robot, validation=validation, seed=seed
                     )
                 except ModelError:  # too few poses are left for the physics
                     continue
-            error = copy.predict(rows.q, rows.wrench) - rows.deflection
-            yield error / copy._deviations_in_m(rows.q, rows.wrench)
+            error = copy.predict(left_out.q, left_out.wrench) - left_out.deflection
+            yield error / copy._deviations_in_m(left_out.q, left_out.wrench)
 
     def _for_a_fold(self) -> Self:
         """Return an unfitted copy that is fitted sooner: one search is enough there."""
@@ -115,6 +113,7 @@ class GaussianProcessModel(StandardisedModel):
 
         def within(q: FloatArray, wrench: FloatArray) -> Interval:
             deviation = self._deviations_in_m(q, wrench) * self.calibration_
+            deviation = np.maximum(deviation, self._instrument_noise)
             return normal_interval(self._predict(q, wrench), deviation, coverage)
 
         return self.training_range_.widened(within, *self._checked(q, wrench))
@@ -131,7 +130,8 @@ class GaussianProcessModel(StandardisedModel):
     def noise_variance(self) -> FloatArray:
         """Return (3,) the variance of a measured deflection's own error, m²."""
         noise = np.array([one.noise for one in self._of_axes()])
-        return np.asarray(noise * (self.calibration_ * self.output_scaler_.scale) ** 2)
+        noise *= (self.calibration_ * self.output_scaler_.scale) ** 2
+        return np.asarray(np.maximum(noise, self._instrument_noise**2))
 
     def _of_axes(self) -> Sequence[AxisProcess]:
         """Return what predicts each axis."""
@@ -154,8 +154,13 @@ class GaussianProcessModel(StandardisedModel):
         return np.asarray(self._deviations(inputs) * self.output_scaler_.scale)
 
     def _least_noise(self) -> FloatArray:
-        """The (3,) variance of the instruments, standardised."""
-        return np.asarray((INSTRUMENT_NOISE / self.output_scaler_.scale) ** 2)
+        """The (3,) variance of the instrument, standardised."""
+        return np.asarray((self._instrument_noise / self.output_scaler_.scale) ** 2)
+
+    @property
+    def _instrument_noise(self) -> float:
+        """The instrument's standard deviation, m."""
+        return self.instrument_noise_mm / 1000.0
 
     def _search(self, seed: int) -> Search:
         return Search(restarts=self.restarts, rows=self.search_rows, seed=seed)

@@ -8,9 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from stiff_models.physics.families import Physics, fitted_physics
+from stiff_models.physics.vjm import Physics, fitted_physics
 from stiff_models.regressors.gp import GaussianProcessModel
 from stiff_models.regressors.regressor_model import BoostingModel
+from stiff_protocols.contract.identification import IdentifiedSprings
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
 
@@ -34,6 +35,12 @@ class OnPhysics:
         learner._fit(self._residual(train), robot, residuals, seed)
         learned: dict[str, float] = vars(self).get("diagnostics_", {})
         self.diagnostics_ = {**self.physics_.diagnostics_, **learned}
+
+    @property
+    def springs_(self) -> IdentifiedSprings:
+        """What was identified of the physics' springs."""
+        found: IdentifiedSprings = self.physics_.springs_
+        return found
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         learner: Any = super()

@@ -20,13 +20,11 @@ def missing_tabpfn(model_path: str = "") -> str:
     if reason := missing("tabpfn"):
         return reason
     file = Path(model_path) if model_path else _default_weights()
+    if file.is_file():
+        return ""
     return (
-        ""
-        if file.is_file()
-        else (
-            f"needs its weights, {file} is not there (nothing is downloaded at run time): "
-            "set tabpfn.model_path to a file of a TabPFN regressor"
-        )
+        f"needs its weights, {file} is not there (nothing is downloaded at run time): "
+        "set tabpfn.model_path to a file of a TabPFN regressor"
     )
 
 

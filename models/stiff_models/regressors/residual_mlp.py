@@ -19,5 +19,5 @@ class ResidualMlp(OnPhysics, Mlp):
     def _torch_module(self) -> torch.nn.Module:
         if self.physics != "vjm":
             raise ConfigError(f"physics {self.physics!r} has no ONNX form (valid: vjm)")
-        springs = VjmModule(self.robot_, self.physics_.joints_.compliance)
+        springs = VjmModule(self.robot_, self.physics_.springs_.compliance)
         return SumOf([springs, super()._torch_module()])

@@ -95,14 +95,12 @@ def _model_class(key: str) -> type[SklearnModel]:
     residual = key.startswith(ON_PHYSICS)
     estimator = _regressor_class(key, key.removeprefix(ON_PHYSICS).removeprefix(PREFIX))
     types = _documented_types(estimator)
-    fields: list[tuple[str, Any, Any]] = []
-    for name, parameter in inspect.signature(estimator).parameters.items():
-        default = parameter.default
-        fields.append((name, Annotated[Any, BeforeValidator(literal)], field(default=default)))
-    lines = [f"    {name}: {types.get(name, 'see scikit-learn')}" for name, _, _ in fields]
+    parameters = inspect.signature(estimator).parameters
+    option = Annotated[Any, BeforeValidator(literal)]
+    lines = [f"    {name}: {types.get(name, 'see scikit-learn')}" for name in parameters]
     return make_dataclass(
         ("Vjm" if residual else "") + estimator.__name__,
-        fields,
+        [(name, option, field(default=each.default)) for name, each in parameters.items()],
         bases=(OnPhysics, SklearnModel) if residual else (SklearnModel,),
         namespace={
             "key": key,

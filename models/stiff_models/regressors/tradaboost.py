@@ -227,16 +227,8 @@ class TrAdaBoost(SourceModel, StandardisedModel):
         boosted = []
         for axis, name in enumerate(AXES):
             rows = Rows(both, outputs[:, axis], len(drawn))
-            steps = [
-                *steps_of(
-                    learner,
-                    rows,
-                    train.pose_id,
-                    steps=self.steps,
-                    rounds=self.rounds,
-                    folds=self.folds,
-                )
-            ]
+            how = {"steps": self.steps, "rounds": self.rounds, "folds": self.folds}
+            steps = list(steps_of(learner, rows, train.pose_id, **how))
             best = int(np.nan_to_num([step.error for step in steps], nan=np.inf).argmin())
             weights = steps[best].weights
             boosted.append(adaboost_r2(learner, rows, weights, self.rounds))

@@ -26,7 +26,7 @@ from stiff_models.networks.training_plan import HUBER_DELTA, TrainingPlan, loss_
 from stiff_models.transfer.alignment import ramp, reverse_gradient
 from stiff_models.transfer.mlp_pretrained import PRETRAINING
 from stiff_models.transfer.pretraining import PretrainedModel
-from stiff_protocols.contract.types import FloatArray, Robot, Samples
+from stiff_protocols.contract.types import Robot, Samples
 
 REGRESSORS_SHARE = 0.05
 """Of the disagreement's weight: outputs have no bound, as class probabilities have, and regressors
@@ -138,10 +138,9 @@ class Adann2R(PretrainedModel, NetworkModel):
         return False
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
-        self._pretrain(train, self._origin(train, robot), seed)
+        super()._fit(train, robot, validation, seed)
         apart = 1000.0 * self._disagreement(self._measured_rows(train))
         self.diagnostics_["disagreement on the target [mm]"] = apart
-        self.robot_ = robot  # predictions are of the target from here on
 
     def _trained_on_source(
         self, rows: Rows, plan: TrainingPlan, train: Samples, seed: int, judge: Judge
@@ -151,21 +150,15 @@ class Adann2R(PretrainedModel, NetworkModel):
         objective = AdversarialObjective(
             self._two(), measured.inputs, labels, weight=self.adversarial_weight, seed=seed
         )
-        return self._train_remembered(
+        return self._pretrain_remembered(
             rows,
             plan,
             seed,
-            "pre-train",
-            objective=objective,
             judge=judge,
+            objective=objective,
             extra=(measured.inputs, *(() if labels is None else (labels,))),
             about=f"adversarial {self.adversarial_weight!r}",
         )
-
-    @property
-    def curves_(self) -> dict[str, FloatArray]:
-        """The training's curve."""
-        return {"pre-training": self.history_.points}
 
     def _disagreement(self, rows: Rows) -> float:
         """Return the mean absolute difference of both regressors on rows, m, all axes together."""
@@ -186,5 +179,5 @@ class Adann2R(PretrainedModel, NetworkModel):
         )
         return TwoRegressors(cast(torch.nn.Sequential, one), cast(torch.nn.Sequential, two))
 
-    def _pretraining_plan(self, n_rows: int) -> TrainingPlan:
-        return FAST if self.pretrain_steps is None else replace(FAST, steps=self.pretrain_steps)
+    def _recipe_plan(self, n_rows: int) -> TrainingPlan:
+        return FAST

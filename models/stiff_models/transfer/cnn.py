@@ -147,15 +147,15 @@ def adapt_statistics(network: Cnn, inputs: torch.Tensor) -> None:
     The network is left in evaluation mode.
     """
     network.eval()
-    for module in network.norms():
-        module.reset_running_stats()
-        module.train()
-    momenta = [module.momentum for module in network.norms()]
-    for module in network.norms():
-        module.momentum = None  # the plain mean over all batches: here, over the one
+    norms = network.norms()
+    momenta = [norm.momentum for norm in norms]
+    for norm in norms:
+        norm.reset_running_stats()
+        norm.train()
+        norm.momentum = None  # the plain mean over all batches: here, over the one
     network(inputs)
-    for module, momentum in zip(network.norms(), momenta, strict=True):
-        module.momentum = momentum
+    for norm, momentum in zip(norms, momenta, strict=True):
+        norm.momentum = momentum
     network.eval()
 
 

@@ -17,7 +17,7 @@ from annotated_types import Ge
 
 from stiff_models.device import torch_device
 from stiff_models.networks.features import Scaler, encode
-from stiff_models.networks.network import ChosenActivation, build_network, linear_layers
+from stiff_models.networks.network import ChosenActivation, linear_layers
 from stiff_models.networks.torch_parts import EncodedNetwork, TorchJacobian
 from stiff_models.physics.kinematics import jacobian, joint_torque
 from stiff_models.transfer.ft_mlp import FtMlp
@@ -33,7 +33,7 @@ class ComplianceNetwork(torch.nn.Module):
     `body` maps (n, n_features) to (n, n_joints); its output layer starts at zero.
     """
 
-    def __init__(self, body: torch.nn.Sequential, n_joints: int) -> None:
+    def __init__(self, body: torch.nn.Module, n_joints: int) -> None:
         """Keep the body, and let it begin with the constant compliances."""
         super().__init__()
         self.body = body
@@ -88,28 +88,16 @@ class ComplianceNet(FtMlp):
         self.reference_compliance_ = np.where(compliance > 0.0, compliance, typical)
         return super()._simulated(samples, robot, seed)
 
-    def _start(
-        self, robot: Robot, q: FloatArray, wrench: FloatArray, deflection: FloatArray, seed: int
-    ) -> None:
-        self.robot_ = robot
-        _, torque = _translation_and_torque(robot, q, wrench)
-        self.input_scaler_ = Scaler.of(encode(robot, q, torque, self.angle_encoding))
+    def _take_statistics(self, q: FloatArray, wrench: FloatArray, deflection: FloatArray) -> None:
+        _, torque = _translation_and_torque(self.robot_, q, wrench)
+        self.input_scaler_ = Scaler.of(encode(self.robot_, q, torque, self.angle_encoding))
         size = np.sqrt((deflection**2).mean(axis=0))
         # no shift of the outputs: no load must give no deflection
         self.output_scaler_ = Scaler(np.zeros(3), np.where(size > 0.0, size, 1.0))
-        network = self._new_network(len(self.input_scaler_.mean), seed)
-        self.network_ = network.to(torch_device(self.device)).eval()
 
     def _new_network(self, n_inputs: int, seed: int, n_outputs: int = 3) -> torch.nn.Module:
         n_joints = self.robot_.n_joints  # n_outputs: of the body they are the joints
-        body = build_network(
-            n_inputs,
-            layers=self.layers,
-            width=self.width,
-            activation=self.hidden_activation,
-            seed=seed,
-            n_outputs=n_joints,
-        )
+        body = super()._new_network(n_inputs, seed, n_outputs=n_joints)
         return ComplianceNetwork(body, n_joints)
 
     def _torch_module(self) -> torch.nn.Module:

@@ -7,6 +7,7 @@ they have learned little. Here the members are `ft-mlp`, each with its own pre-t
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, fields
 from typing import Annotated
 
@@ -14,22 +15,19 @@ import numpy as np
 import torch
 from annotated_types import Ge
 
-from stiff_models.base import normal_interval
+from stiff_models.base import left_out_fifths, normal_interval
 from stiff_models.networks.torch_parts import MeanOf
 from stiff_models.transfer.ft_mlp import FtMlp
-from stiff_protocols.contract.errors import ModelError
+from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
 from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples
-from stiff_protocols.splits.generators import inner_validation
-
-HELD_OUT = 0.2  # share of the training poses that the residuals of the intervals come from
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class DeepEnsemble(FtMlp):
     """Mean of `members` fine-tuned MLPs; every option of `ft-mlp` is every member's.
 
-    The residual scatter of the intervals is that of one more network on four fifths of the training
-    poses, on the rest of them.
+    The residual scatter of the intervals is that of one network at the poses of each fifth of the
+    training samples that it was fitted without, for as many epochs as the first member.
 
     Attributes:
         members: number of networks; the first has the seeds of ft-mlp, the others their own.
@@ -39,8 +37,7 @@ class DeepEnsemble(FtMlp):
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         self.check_params()
-        parts = inner_validation(train, np.arange(len(train)), HELD_OUT, seed)
-        if not len(parts.validation):
+        if len(np.unique(train.pose_id)) < 2:
             raise ModelError(
                 "deep-ensemble needs samples of two poses or more for its intervals, all "
                 f"{len(train)} are of one"
@@ -50,12 +47,15 @@ class DeepEnsemble(FtMlp):
             self._member(n).fit(train, robot=robot, validation=validation, seed=int(member_seed))
             for n, member_seed in enumerate((seed, *further))
         ]
-        held_out = train.take(parts.validation)
-        probe = self._member(0).fit(
-            train.take(parts.train), robot=robot, validation=validation, seed=seed
-        )
-        error = probe.predict(held_out.q, held_out.wrench) - held_out.deflection
-        self.noise_ = np.sqrt((error**2).mean(axis=0))  # (3,) m
+        probe, errors = self._member(0), []
+        if self.training == "cv":
+            probe.set_params(training="normal", epochs=self.members_[0].best_params_["epochs"])
+        for learned, left_out in left_out_fifths(train, seed):
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", StiffBenchWarning)  # the members have had their say
+                probe.fit(learned, robot=robot, validation=validation, seed=seed)
+            errors.append(probe.predict(left_out.q, left_out.wrench) - left_out.deflection)
+        self.noise_ = np.sqrt((np.vstack(errors) ** 2).mean(axis=0))  # (3,) m
         self.diagnostics_ = {"members": float(self.members)} | self.members_[0].diagnostics_
 
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:

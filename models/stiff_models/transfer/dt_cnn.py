@@ -7,7 +7,7 @@ unlabelled target inputs the features of the source.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
@@ -98,17 +98,18 @@ class DtCnn(PretrainedModel):
         return not uses_target(self.alignment) and super().shares_pretraining
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
-        self._pretrain(train, self._origin(train, robot), seed)
+        super()._fit(train, robot, validation, seed)
         if self.alignment == "adabn":
             adapt_statistics(self._cnn(), self._inputs(train.q, train.wrench))
-        self.robot_ = robot  # predictions are of the target from here on
         if self.supervision == "fine-tune":
-            self._fine_tune(train, seed)
+            # measured rows are few, and would move the statistics away from what the layers know
+            self._cnn().freeze_statistics()
+            (self.fine_tuning_,) = self._learn_measured(train, None, FINE_TUNING, seed, "cv")
 
     @property
     def curves_(self) -> dict[str, FloatArray]:
         """The curve of the training on the source, and of a fine-tuning."""
-        found = {"pre-training": self.history_.points}
+        found = super().curves_
         if self.supervision == "fine-tune":
             found["fine-tuning"] = self.fine_tuning_.points
         return found
@@ -130,32 +131,19 @@ class DtCnn(PretrainedModel):
             seed=seed,
         )
         moving = [*self.network_.parameters(), *objective.parameters()]
-        return self._train_remembered(
+        return self._pretrain_remembered(
             rows,
             plan,
             seed,
-            "pre-train",
+            judge=judge,
             trainable=Trainable(dict.fromkeys(moving, 1.0)),
             objective=objective,
-            judge=judge,
             extra=(target,),
             about=f"{self.alignment} {self.alignment_weight!r}",
         )
 
-    def _fine_tune(self, train: Samples, seed: int) -> None:
-        """Train every layer on measured rows, with the batch statistics of the pre-training.
-
-        The measured rows are few, and would move the statistics away from what the layers know.
-        """
-        self._cnn().freeze_statistics()
-        rows = self._measured_rows(train)
-        plan = self._cross_validated(train, rows, FINE_TUNING, seed)
-        self.fine_tuning_ = self._learn(self.network_, rows, plan, seed)[0]
-
-    def _start(
-        self, robot: Robot, q: FloatArray, wrench: FloatArray, deflection: FloatArray, seed: int
-    ) -> None:
-        super()._start(robot, q, wrench, deflection, seed)
+    def _take_statistics(self, q: FloatArray, wrench: FloatArray, deflection: FloatArray) -> None:
+        super()._take_statistics(q, wrench, deflection)
         if self.preset == "udtl":  # the network normalises each sample as it is
             n_inputs = len(self.input_scaler_.mean)
             self.input_scaler_ = Scaler(np.zeros(n_inputs), np.ones(n_inputs))
@@ -175,6 +163,5 @@ class DtCnn(PretrainedModel):
             n_outputs=n_outputs,
         )
 
-    def _pretraining_plan(self, n_rows: int) -> TrainingPlan:
-        plan = FAST if self.recipe == "fast" else udtl_plan(n_rows)
-        return plan if self.pretrain_steps is None else replace(plan, steps=self.pretrain_steps)
+    def _recipe_plan(self, n_rows: int) -> TrainingPlan:
+        return FAST if self.recipe == "fast" else udtl_plan(n_rows)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Annotated, Literal
@@ -19,8 +18,9 @@ import torch
 from annotated_types import Ge
 from torch.nn.utils import parametrize
 
-from stiff_models.networks.mlp import Epochs, LearningRate, Selection
+from stiff_models.networks.mlp import Epochs, LearningRate
 from stiff_models.networks.network import linear_layers
+from stiff_models.networks.network_model import Selection
 from stiff_models.networks.training import Curve, Rows, Visits, train_network
 from stiff_models.networks.training_plan import Trainable, TrainingPlan
 from stiff_models.transfer.freeze import Stage, stages
@@ -82,13 +82,8 @@ class FtMlp(MlpPretrained):
         self.check_params()
         super()._fit(train, robot, None, seed)
         self.source_network_ = copy.deepcopy(self.network_)
-        rows, held_out = self._measured_rows(train), None
-        if validation is not None and self.training == "best":
-            held_out = self._measured_rows(validation)
-        plan = self._fine_tuning_plan(keep_best=held_out is not None)
-        if self.training == "cv":
-            plan = self._cross_validated(train, rows, plan, seed)
-        self.fine_tuning_ = self._learn(self.network_, rows, plan, seed, validation=held_out)
+        plan = self._fine_tuning_plan()
+        self.fine_tuning_ = self._learn_measured(train, validation, plan, seed, self.training)
         learned = np.abs(self.predict(train.q, train.wrench) - train.deflection)
         self.diagnostics_ |= {
             "training MAE [mm]": float(learned.mean()) * 1000.0,  # of all axes together
@@ -105,10 +100,34 @@ class FtMlp(MlpPretrained):
         validation: Rows | None = None,
         visits: Visits = MappingProxyType({}),
     ) -> list[Curve]:
-        steps = self._stages(plan.steps)
-        return fine_tune(
-            network, rows, plan, steps, validation=validation, seed=seed, visits=visits
-        )
+        """Train a network in place, stage after stage; `visits` count the steps of each.
+
+        A stage goes on from the weights that the stage before kept; with `plan.keep_best` the best
+        weights of all stages are put back at the end.
+        """
+        strategy, curves = self._stages(plan.steps), []
+        best_loss, best_weights = math.inf, copy.deepcopy(network.state_dict())
+        for number, stage in enumerate(strategy):
+            which = "" if len(strategy) == 1 else f" {number + 1}/{len(strategy)}"
+            low_rank = _low_rank_updates(network, stage, seed) if stage.rank else {}
+            curve = train_network(
+                network,
+                rows,
+                replace(plan, steps=stage.epochs),
+                seed=seed,
+                phase=f"fine-tune{which}",
+                trainable=Trainable(low_rank or _rates(network, stage), stage.pull),
+                validation=validation,
+                visits=visits,
+            )
+            if low_rank:
+                _merge_updates(network)
+            curves.append(curve)
+            if curve.best_loss < best_loss:
+                best_loss, best_weights = curve.best_loss, copy.deepcopy(network.state_dict())
+        if plan.keep_best:
+            network.load_state_dict(best_weights)
+        return curves
 
     def _n_stages(self) -> int:
         return len(self._stages(epochs=1))
@@ -122,13 +141,12 @@ class FtMlp(MlpPretrained):
             found[f"fine-tuning{stage}"] = curve.points
         return found
 
-    def _fine_tuning_plan(self, *, keep_best: bool) -> TrainingPlan:
+    def _fine_tuning_plan(self) -> TrainingPlan:
         plan = FINE_TUNING[self.recipe]
         return replace(
             plan,
             steps=plan.steps if self.epochs is None else self.epochs,
             learning_rate=plan.learning_rate if self.learning_rate is None else self.learning_rate,
-            keep_best=keep_best,
             mixed_precision=self.precision == "bfloat16",
         )
 
@@ -140,46 +158,6 @@ class FtMlp(MlpPretrained):
             unfreeze_every=self.unfreeze_every,
             l2sp_alpha=self.l2sp_alpha,
         )
-
-
-def fine_tune(
-    network: torch.nn.Module,
-    rows: Rows,
-    plan: TrainingPlan,
-    steps: Sequence[Stage],
-    *,
-    validation: Rows | None,
-    seed: int,
-    visits: Visits = MappingProxyType({}),
-) -> list[Curve]:
-    """Train `network` in place, stage after stage, and return each stage's curve.
-
-    A stage goes on from the weights that the stage before kept; with `plan.keep_best` the best
-    weights of all stages are put back at the end. `visits` count the steps of each stage.
-    """
-    curves = []
-    best_loss, best_weights = math.inf, copy.deepcopy(network.state_dict())
-    for number, stage in enumerate(steps):
-        phase = "fine-tune" if len(steps) == 1 else f"fine-tune {number + 1}/{len(steps)}"
-        low_rank = _low_rank_updates(network, stage, seed) if stage.rank else {}
-        curve = train_network(
-            network,
-            rows,
-            replace(plan, steps=stage.epochs),
-            seed=seed,
-            phase=phase,
-            trainable=Trainable(low_rank or _rates(network, stage), stage.pull),
-            validation=validation,
-            visits=visits,
-        )
-        if low_rank:
-            _merge_updates(network)
-        curves.append(curve)
-        if curve.best_loss < best_loss:
-            best_loss, best_weights = curve.best_loss, copy.deepcopy(network.state_dict())
-    if plan.keep_best:
-        network.load_state_dict(best_weights)
-    return curves
 
 
 def _rates(network: torch.nn.Module, stage: Stage) -> dict[torch.Tensor, float]:

@@ -13,7 +13,6 @@ from stiff_models.networks.network import Activation
 from stiff_models.networks.network_model import NetworkModel
 from stiff_models.networks.training_plan import TrainingPlan
 from stiff_models.transfer.pretraining import PretrainedModel
-from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
 Recipe = Literal["fast", "best", "paper"]
 
@@ -66,15 +65,6 @@ class MlpPretrained(PretrainedModel, NetworkModel):
         """Whether a pre-training serves all training parts of a robot."""
         return self.recipe != "paper" and super().shares_pretraining
 
-    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
-        self._pretrain(train, self._origin(train, robot), seed)
-        self.robot_ = robot  # predictions are of the target from here on
-
-    @property
-    def curves_(self) -> dict[str, FloatArray]:
-        """The pre-training's curve."""
-        return {"pre-training": self.history_.points}
-
     @property
     def hidden_activation(self) -> Activation:
         """The option's activation; "auto" is the paper's ReLU with its preset, else sharp GELU.
@@ -85,6 +75,5 @@ class MlpPretrained(PretrainedModel, NetworkModel):
             return "relu" if self.paper_source else "sharp-gelu"
         return self.activation
 
-    def _pretraining_plan(self, n_rows: int) -> TrainingPlan:
-        plan = PRETRAINING[self.recipe]
-        return plan if self.pretrain_steps is None else replace(plan, steps=self.pretrain_steps)
+    def _recipe_plan(self, n_rows: int) -> TrainingPlan:
+        return PRETRAINING[self.recipe]

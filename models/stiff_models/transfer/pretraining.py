@@ -10,7 +10,7 @@ which nearly all training parts of a robot share.
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -25,7 +25,7 @@ from stiff_models.networks.training import Rows
 from stiff_models.networks.training_plan import TrainingPlan
 from stiff_models.transfer.source import SourceDomain, simulate
 from stiff_models.transfer.source_model import SourceModel
-from stiff_protocols.contract.types import AXES, BenchmarkData, FloatArray, Samples
+from stiff_protocols.contract.types import AXES, BenchmarkData, FloatArray, Robot, Samples
 
 SOURCE_TRAIN_SHARE = 0.7  # source paper: 70 % train, 30 % test, at random
 JUDGED_ROWS = 4096  # of either part of the source, for the errors on it
@@ -57,12 +57,22 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
         """Whether a pre-training serves all training parts of a robot."""
         return self.source_teacher == "vjm"
 
-    @abstractmethod
-    def _pretraining_plan(self, n_rows: int) -> TrainingPlan:
-        """Return how the network learns so many simulated samples."""
+    @property
+    def curves_(self) -> dict[str, FloatArray]:
+        """The pre-training's curve."""
+        return {"pre-training": self.history_.points}
 
-    def _pretrain(self, train: Samples, origin: BenchmarkData, seed: int) -> None:
-        """Set a network that knows the source domain of `origin`; `train` is the target's."""
+    @abstractmethod
+    def _recipe_plan(self, n_rows: int) -> TrainingPlan:
+        """Return how the network learns so many simulated samples, but for `pretrain_steps`."""
+
+    def _pretraining_plan(self, n_rows: int) -> TrainingPlan:
+        plan = self._recipe_plan(n_rows)
+        return plan if self.pretrain_steps is None else replace(plan, steps=self.pretrain_steps)
+
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
+        """Set a network that knows the source domain."""
+        origin = self._origin(train, robot)
         if self.shares_pretraining:
             trained, n_samples, residual = self._learn_parts(origin)
         else:
@@ -70,7 +80,13 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
             residual = trained.judged["residual"]
         self.history_ = trained.curve
         self.source_errors_ = source_errors(residual)
-        self.diagnostics_ = source_report(n_samples, trained.seconds, self.source_errors_)
+        errors = zip(SOURCE_ERRORS, (1000.0 * self.source_errors_).tolist(), strict=True)
+        self.diagnostics_ = {
+            "source samples": float(n_samples),
+            "pre-training time, also of a cached one [s]": trained.seconds,
+            **{f"source {name} [mm]": error for name, error in errors},
+        }
+        self.robot_ = robot  # predictions are of the target from here on
 
     def _learn_sum(self, train: Samples, origin: BenchmarkData, seed: int) -> tuple[Trained, int]:
         """Train the network of one training part."""
@@ -91,7 +107,7 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
         self, rows: Rows, plan: TrainingPlan, train: Samples, seed: int, judge: Judge
     ) -> Trained:
         """Train the network on rows of the source; `train` is the target's."""
-        return self._train_remembered(rows, plan, seed, "pre-train", judge=judge)
+        return self._pretrain_remembered(rows, plan, seed, judge=judge)
 
     def _learn_parts(self, origin: BenchmarkData) -> tuple[Trained, int, FloatArray]:
         """Train an output a joint and axis, or find them trained, and add the joints up."""
@@ -132,7 +148,7 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
                     "input_scale": self.input_scaler_.scale,
                 }
 
-            return self._train(rows, plan, seed, "pre-train", judge=judge)
+            return self._pretrain(rows, plan, seed, judge=judge)
 
         geometry = (robot.placements, robot.axes, robot.tcp)
         digest = training_digest(
@@ -204,14 +220,3 @@ def source_errors(residual: FloatArray) -> FloatArray:
     learned, tested = np.abs(residual)
     together = [value for errors in (learned, tested) for value in (errors.mean(), errors.std())]
     return np.array([*tested.mean(axis=0), *together])
-
-
-def source_report(n_samples: int, seconds: float, errors: FloatArray) -> dict[str, float]:
-    """Return the diagnostics of a pre-training, from its wall time and (7,) errors, m."""
-    return {
-        "source samples": float(n_samples),
-        "pre-training time, also of a cached one [s]": seconds,
-    } | {
-        f"source {name} [mm]": float(error) * 1000.0
-        for name, error in zip(SOURCE_ERRORS, errors, strict=True)
-    }

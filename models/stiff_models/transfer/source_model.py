@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Literal, Self
 
 import numpy as np
 
-from stiff_models.physics.families import Physics, fitted_physics
 from stiff_models.physics.kinematics import joint_deflection
-from stiff_models.physics.vjm import identify_joints, warn_unidentifiable, why_rigid
+from stiff_models.physics.vjm import (
+    Physics,
+    fitted_physics,
+    identify_joints,
+    warn_unidentifiable,
+    why_rigid,
+)
 from stiff_models.transfer.source import (
     PoseDesign,
     SourceDesign,
@@ -22,7 +26,7 @@ from stiff_models.transfer.source import (
     source_design,
 )
 from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
-from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot, Samples
+from stiff_protocols.contract.types import BenchmarkData, Deflection, FloatArray, Robot, Samples
 
 PAPER_STIFFNESS = (50_900.0, 63_360.0, 50_340.0, 2_270.0, 8_890.0, 1_390.0)
 """Source paper, Table 3: A1..A6, N m/rad."""
@@ -35,10 +39,6 @@ NO_TARGET_LABELS = "target labels not trained on"
 
 NO_TARGET_LABELS_AT_ALL = "target labels not used"
 """The same where another robot's labels identify the VJM."""
-
-
-Teacher = Callable[[FloatArray, FloatArray], FloatArray]
-"""Returns (n, 3) deflections [m] of joint positions (n, n_joints) and wrenches (n, 6)."""
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -152,7 +152,7 @@ class SourceModel:
         q, wrench = self._design(samples, robot, seed).rows()
         return SourceDomain(q, wrench, self._teacher(samples, robot)(q, wrench)[:, :, None])
 
-    def _teacher(self, samples: Samples, robot: Robot) -> Teacher:
+    def _teacher(self, samples: Samples, robot: Robot) -> Deflection:
         """Return what says how the simulated robot gives way."""
         if self.source_teacher == "vjm":
             return partial(joint_deflection, robot, self._source_compliance(samples, robot))

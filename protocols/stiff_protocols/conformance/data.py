@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
 
@@ -119,24 +120,26 @@ class DividedRows:
         """What is divided, with the tool paths of the protocol; StageFailed where it has none."""
         if not isinstance(self.protocol, CorrectsPaths):
             return self._data.samples
-        try:
+        with _stage("with_paths", "whose robot answers new poses"):
             return self.protocol.with_paths(self._data).samples
-        except StiffBenchError as error:
-            advice = "check it on a data set whose robot answers new poses (--dataset KEY)"
-            raise StageFailed("with_paths", Failed(str(error), advice)) from error
-        except (Exception, SystemExit) as error:
-            raise StageFailed("with_paths", error) from error
 
     def splits(self, samples: Samples | None = None) -> Sequence[Split]:
         """Return the divisions of these samples or others; StageFailed where there are none."""
         chosen = self.samples if samples is None else samples
-        try:
+        with _stage("splits", "that it can divide"):
             return self.protocol.splits(chosen, n_splits=None, seed=0)
-        except StiffBenchError as error:
-            advice = "check it on a data set that it can divide (--dataset KEY)"
-            raise StageFailed("splits", Failed(str(error), advice)) from error
-        except (Exception, SystemExit) as error:
-            raise StageFailed("splits", error) from error
+
+
+@contextmanager
+def _stage(name: str, needs: str) -> Iterator[None]:
+    """Make an error a failed stage; one of ours says that the data set is not one that it needs."""
+    try:
+        yield
+    except StiffBenchError as error:
+        advice = f"check it on a data set {needs} (--dataset KEY)"
+        raise StageFailed(name, Failed(str(error), advice)) from error
+    except (Exception, SystemExit) as error:
+        raise StageFailed(name, error) from error
 
 
 def check_protocol(make: Callable[[], EvaluationProtocol], data: BenchmarkData) -> list[Check]:

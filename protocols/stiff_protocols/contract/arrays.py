@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from stiff_protocols.contract.errors import DataError
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 TextArray = NDArray[np.str_]
 
@@ -33,3 +34,9 @@ def frozen_array(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> 
         raise DataError(f"{name}{list(row)} is {array[row]}, expected a finite number")
     array.flags.writeable = False
     return array
+
+
+def freeze(owner: object, **shapes: tuple[int | None, ...]) -> None:
+    """Make attributes of a frozen dataclass `frozen_array`s of these shapes; DataError as there."""
+    for name, shape in shapes.items():
+        object.__setattr__(owner, name, frozen_array(getattr(owner, name), name, shape))

@@ -37,10 +37,6 @@ def missing(*packages: str) -> str:
 
 
 def require(feature: str, *packages: str) -> None:
-    """See that the packages of a feature, as the message is to name it, are installed.
-
-    Raises:
-        ConfigError: one is not; the message names the extra.
-    """
+    """Raise ConfigError, which names the extra, where a package of the feature is missing."""
     if reason := missing(*packages):
         raise ConfigError(f"{feature} {reason}")

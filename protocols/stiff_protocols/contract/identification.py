@@ -21,11 +21,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares, nnls
 from scipy.special import ndtri
 
-from stiff_protocols.contract.arrays import FloatArray, IntArray
+from stiff_protocols.contract.arrays import BoolArray, FloatArray, IntArray
 from stiff_protocols.contract.errors import ModelError
 from stiff_protocols.contract.robot import Robot
 
@@ -76,7 +75,7 @@ class Identified:
     """
 
     compliance: FloatArray
-    known: NDArray[np.bool_]
+    known: BoolArray
     log_error: FloatArray
     rank: int
     condition: float
@@ -105,6 +104,37 @@ class Identified:
         return np.asarray(ends)
 
 
+@dataclass(frozen=True, eq=False)
+class IdentifiedSprings(Identified):
+    """Springs with names, in the order of the compliances.
+
+    Attributes:
+        names: such as "A2" or "A2 segment 1".
+        units: of the stiffnesses, "Nm/rad" or "N/m".
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+
+    @property
+    def unidentifiable(self) -> tuple[str, ...]:
+        """Names of the springs that the data cannot identify."""
+        return tuple(name for name, known in zip(self.names, self.known, strict=True) if not known)
+
+    def report(self) -> dict[str, float]:
+        """Return stiffnesses, standard errors, 90 % intervals or the prior's, rank, condition."""
+        numbers: dict[str, float] = {}
+        interval = self.interval(0.9)
+        for i, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
+            own = {"stiffness": self.stiffness[i], "standard error": self.standard_error[i]}
+            if self.known[i]:
+                own["90 % interval from"], own["90 % interval to"] = interval[i]
+            else:
+                own["prior stiffness"] = 1.0 / self.compliance[i]
+            numbers |= {f"{word} {name} [{unit}]": float(value) for word, value in own.items()}
+        return numbers | {"rank": float(self.rank), "condition number": self.condition}
+
+
 @lru_cache(32)
 def typical_joints(robot: Robot) -> FloatArray:
     """Return the (n_joints,) typical compliances of a robot's joints, up to one factor."""
@@ -126,7 +156,7 @@ def spread_positions(robot: Robot) -> FloatArray:
     return np.random.default_rng(0).uniform(lower, upper, (LEVER_POSES, robot.n_joints))
 
 
-def typical_compliance(move: FloatArray, turns: NDArray[np.bool_]) -> FloatArray:
+def typical_compliance(move: FloatArray, turns: BoolArray) -> FloatArray:
     """Return what compliances of robots are like, up to one factor, (n_springs,).
 
     The stiffness of joints grows with their largest lever. A slide gives way at the TCP as much
@@ -144,7 +174,7 @@ def typical_compliance(move: FloatArray, turns: NDArray[np.bool_]) -> FloatArray
 
 
 def identify(
-    matrix: FloatArray, target: FloatArray, typical: FloatArray, pose: IntArray | None = None
+    matrix: FloatArray, target: FloatArray, typical: FloatArray, pose: IntArray
 ) -> Identified:
     """Identify compliances.
 
@@ -153,7 +183,7 @@ def identify(
         target: (rows,) measured deflection.
         typical: (n_columns,) typical compliances, up to one factor for all.
         pose: (rows,) number of the pose of each row, from 0: what no spring explains there is one
-            error for all of its samples. None: rows err each on their own.
+            error for all of its samples.
 
     Raises:
         ModelError: no spring can be identified (for example, every wrench is zero).
@@ -190,12 +220,11 @@ def identify(
         rest = target - matrix[:, ~known] @ compliance[~known]
         own = least_compliance(matrix[:, known], rest)
         compliance[known] = own if own.all() else compliance[known]
-    if pose is not None:
-        residual = (target - matrix @ compliance) / noise
-        scores = np.zeros((int(pose.max()) + 1, len(compliance)))
-        np.add.at(scores, pose, matrix * compliance / noise * residual[:, None])
-        together = covariance @ (scores.T @ scores + spread.T @ spread) @ covariance
-        error = np.maximum(error, np.sqrt(np.diag(together)))
+    residual = (target - matrix @ compliance) / noise
+    scores = np.zeros((int(pose.max()) + 1, len(compliance)))
+    np.add.at(scores, pose, matrix * compliance / noise * residual[:, None])
+    together = covariance @ (scores.T @ scores + spread.T @ spread) @ covariance
+    error = np.maximum(error, np.sqrt(np.diag(together)))
     needed = (1.0 / PRIOR_SHARE - 1.0) / PRIOR_SPREAD**2
     return Identified(
         compliance=compliance,
@@ -250,11 +279,7 @@ Solver = Callable[[FloatArray, FloatArray], FloatArray]
 
 
 def nonnegative(scaled: FloatArray, target: FloatArray) -> FloatArray:
-    """Return the least-squares solution without negative entries.
-
-    Raises:
-        ModelError: the search for it goes round in circles.
-    """
+    """Return the least-squares solution without negative entries; ModelError for none found."""
     try:
         return np.asarray(nnls(scaled, target)[0])
     except RuntimeError as error:

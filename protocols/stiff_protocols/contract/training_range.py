@@ -6,14 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stiff_protocols.contract.arrays import FloatArray, frozen_array
+from stiff_protocols.contract.arrays import FloatArray, freeze, frozen_array
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.types import Interval, Samples
+from stiff_protocols.contract.types import BoolArray, Interval, Samples
 
 MARGIN = 0.1
-"""Part of a quantity's training range that still counts as inside beyond its ends."""
+"""Part of a quantity's training range that still counts as inside beyond its ends: a robot at work
+never repeats them to the digit."""
 LEAST_MARGIN, LEAST_FORCE, LEAST_TORQUE = 0.01, 0.1, 0.01
 """The least margin, rad or m, N, N m: for a joint that hardly moved and a load that was none."""
 
@@ -36,8 +36,7 @@ class TrainingRange:
 
     def __post_init__(self) -> None:
         """Freeze and check every array."""
-        for name in ("lower", "upper"):
-            object.__setattr__(self, name, frozen_array(getattr(self, name), name, (None,)))
+        freeze(self, lower=(None,), upper=(None,))
         loads = frozen_array([self.force, self.torque], "largest force and torque", (2,))
         if self.lower.shape != self.upper.shape or (self.lower > self.upper).any():
             raise DataError("a training range's lower ends lie above its upper ends")
@@ -65,15 +64,18 @@ class TrainingRange:
         """
         return np.hstack([q, _lengths(wrench)])
 
-    def beyond(self, q: FloatArray, wrench: FloatArray) -> NDArray[np.bool_]:
+    def beyond(self, q: FloatArray, wrench: FloatArray) -> BoolArray:
         """Return (n, n_joints + 2) which `quantities` lie beyond, by the rule of `extrapolates`.
 
-        Raises:
-            DataError: `q` has another number of joints.
+        DataError: `q` has another number of joints.
         """
         if q.shape[1] != len(self.lower):
             raise DataError(f"a training range of {len(self.lower)} joints, q has {q.shape[1]}")
-        values, (lower, upper) = self.quantities(q, wrench), self.ends
+        return self.are_beyond(self.quantities(q, wrench))
+
+    def are_beyond(self, values: FloatArray) -> BoolArray:
+        """Return (n, n_joints + 2) which `quantities` lie beyond."""
+        lower, upper = self.ends
         least = np.r_[np.full(len(self.lower), LEAST_MARGIN), LEAST_FORCE, LEAST_TORQUE]
         room = np.maximum(MARGIN * (upper - lower), least)
         return np.asarray((values < lower - room) | (values > upper + room))
@@ -118,14 +120,9 @@ class TrainingRange:
         A joint does where it is beyond its smallest or largest training position by more than a
         tenth of the span between them (at least 0.01 rad or m). A load does where the length of
         its force or torque is more than a tenth above the largest in training (at least 0.1 N or
-        0.01 N m). The tenth is there because a robot put to work never repeats the ends of the
-        measured range to the digit, and the deflection changes little over it. Angles count as
-        they stand (350 deg is not -10 deg: not every model is periodic); directions of loads
-        and gaps between the training poses are not looked at.
-
-        Args:
-            q: (n, n_joints) rad or m.
-            wrench: (n, 6) N and N m at the TCP, base frame.
+        0.01 N m). Angles count as they stand (350 deg is not -10 deg: not every model is
+        periodic); directions of loads and gaps between the training poses are not looked at.
+        Arguments as of `quantities`.
         """
         far = self.beyond(q, wrench)
         return [

@@ -14,7 +14,14 @@ from typing import Any, Self
 
 import numpy as np
 
-from stiff_protocols.contract.arrays import FloatArray, IntArray, TextArray, frozen_array
+from stiff_protocols.contract.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    TextArray,
+    freeze,
+    frozen_array,
+)
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.robot import JointType, Robot
 
@@ -23,6 +30,7 @@ __all__ = [
     "KNOWN",
     "PATH_GROUP",
     "BenchmarkData",
+    "BoolArray",
     "FloatArray",
     "IntArray",
     "Interval",
@@ -73,11 +81,9 @@ class Samples:
 
     def __post_init__(self) -> None:
         """Freeze and check every array."""
-        q = frozen_array(self.q, "q", (None, None))
-        n = len(q)
-        object.__setattr__(self, "q", q)
-        object.__setattr__(self, "wrench", frozen_array(self.wrench, "wrench", (n, 6)))
-        object.__setattr__(self, "deflection", frozen_array(self.deflection, "deflection", (n, 3)))
+        freeze(self, q=(None, None))
+        n = len(self.q)
+        freeze(self, wrench=(n, 6), deflection=(n, 3))
         for name in ("pose_id", "load_id", "group"):
             text = np.array(getattr(self, name), dtype=np.str_)
             if text.shape != (n,):
@@ -101,6 +107,12 @@ class Samples:
     def take(self, rows: IntArray) -> Self:
         """Return the samples of the given row numbers, in that order."""
         return type(self)(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+
+    @classmethod
+    def together(cls, *parts: Samples) -> Self:
+        """Return the samples of all parts, in their order."""
+        columns = {f.name: [getattr(part, f.name) for part in parts] for f in fields(cls)}
+        return cls(**{name: np.concatenate(arrays) for name, arrays in columns.items()})
 
 
 def _range(vectors: FloatArray) -> str:
@@ -186,8 +198,7 @@ class Interval:
 
     def __post_init__(self) -> None:
         """Freeze and check the arrays."""
-        for name in ("lower", "upper"):
-            object.__setattr__(self, name, frozen_array(getattr(self, name), name, (None, 3)))
+        freeze(self, lower=(None, 3), upper=(None, 3))
         if self.lower.shape != self.upper.shape or (self.lower > self.upper).any():
             raise DataError("an interval's lower bounds lie above its upper bounds")
 
@@ -216,10 +227,9 @@ class Prediction:
     def __post_init__(self) -> None:
         """Freeze and check the arrays."""
         n = len(self.rows)
-        for name in ("predicted", "measured"):
-            object.__setattr__(self, name, frozen_array(getattr(self, name), name, (n, 3)))
+        freeze(self, predicted=(n, 3), measured=(n, 3))
         if self.reference is not None:
-            object.__setattr__(self, "reference", frozen_array(self.reference, "reference", (n, 3)))
+            freeze(self, reference=(n, 3))
         if self.interval is not None and len(self.interval.lower) != n:
             raise DataError(f"{len(self.interval.lower)} intervals for {n} predictions")
 

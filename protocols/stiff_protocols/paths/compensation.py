@@ -7,16 +7,15 @@ changes over its own length, so each step is about a hundredth of the one before
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
 
-from stiff_protocols.contract.arrays import FloatArray, IntArray, TextArray, frozen_array
+from stiff_protocols.contract.arrays import BoolArray, FloatArray, IntArray, TextArray, frozen_array
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.robot import Robot
 from stiff_protocols.contract.types import Deflection
-from stiff_protocols.paths.inverse import BoolArray, refuse_redundant, solved
+from stiff_protocols.paths.inverse import refuse_redundant
 from stiff_protocols.paths.path import ToolPath
 
 TOLERANCE_M, MAX_ITERATIONS = 1e-6, 20
@@ -30,6 +29,7 @@ class Compensation:
     """A corrected path. A row that was not corrected has its command and deflection from before.
 
     Attributes:
+        wanted: (n, 3) points of the path, base frame, m.
         position: (n, 3) commanded TCP, base frame, m.
         q: (n, n_joints) commanded joint positions, rad or m.
         deflection: (n, 3) predicted at the command, base frame, m.
@@ -40,6 +40,7 @@ class Compensation:
         problem: (n,) why a row was not corrected: one of the words above; "" where it was.
     """
 
+    wanted: FloatArray
     position: FloatArray
     q: FloatArray
     deflection: FloatArray
@@ -49,10 +50,16 @@ class Compensation:
     problem: TextArray
 
     @classmethod
-    def joined(cls, parts: Sequence[Compensation]) -> Compensation:
-        """Return the rows of several, in this order."""
-        names = [each.name for each in fields(cls)]
-        return cls(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
+    def joined(cls, parts: list[Compensation]) -> Compensation:
+        """Return the rows of several, in this order; the list is emptied, to need less memory."""
+        columns = {each.name: [getattr(one, each.name) for one in parts] for each in fields(cls)}
+        parts.clear()
+        return cls(**{name: np.concatenate(columns.pop(name)) for name in [*columns]})
+
+    @property
+    def after(self) -> FloatArray:
+        """(n, 3) from the wanted point to where the loaded tool is predicted, base frame, m."""
+        return self.position + self.deflection - self.wanted
 
     @property
     def converged(self) -> BoolArray:
@@ -116,7 +123,7 @@ def compensate(
         if not len(rows) or iteration == max_iterations - 1:
             break
         position[rows] += off
-        command[rows], reached = solved(robot, position[rows], path.rotation[rows], command[rows])
+        command[rows], reached = robot.inverse(position[rows], path.rotation[rows], command[rows])
         problem[rows[~reached]] = OUT_OF_REACH
         rows = rows[reached]
     beyond = (command < np.minimum(robot.lower, wanted)) | (
@@ -126,4 +133,6 @@ def compensate(
     left = problem != ""
     position[left], command[left] = path.position[left], wanted[left]
     deflection[left] = before[left]
-    return Compensation(position, command, deflection, before, iterations, contraction, problem)
+    return Compensation(
+        path.position, position, command, deflection, before, iterations, contraction, problem
+    )

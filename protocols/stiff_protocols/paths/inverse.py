@@ -1,7 +1,7 @@
 """Joint positions along a path of the tool: inverse kinematics of all points at once.
 
-`solved` is Newton's method with damping, for n poses from n seeds. `follow` finds the seeds: it
-marches along the path in steps that are so short that the arm cannot leave its configuration, and
+`Robot.inverse` is Newton's method, for n poses from n seeds. `follow` finds the seeds: it marches
+along the path in steps that are so short that the arm cannot leave its configuration, and
 interpolates the joint positions between them.
 """
 
@@ -10,29 +10,18 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stiff_protocols.contract.arrays import FloatArray, IntArray
+from stiff_protocols.contract.arrays import BoolArray, FloatArray, IntArray
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.robot import ChainPoses, Robot
-
-BoolArray = NDArray[np.bool_]
-
-REACHED_M, REACHED_RAD = 1e-8, 1e-8
-"""How near the joint positions come to the pose that was asked for."""
-STEPS = 40
-"""Newton's steps at most; in reach and away from singularities it takes three to five."""
-PATIENCE = 8
-"""A point whose error has not halved in so many steps is given up."""
-LARGEST_TURN = 0.3
-"""rad or m, of a joint in one Newton step."""
-LENGTH = 0.5
-"""m that count as 1 rad in the damping and the condition of a Jacobian."""
+from stiff_protocols.contract.robot import LENGTH, Robot
+from stiff_protocols.paths.path import ToolPath
 
 STRIDE_M, STRIDE_RAD = 0.05, 0.2
 """One step along the path is so long at most."""
 SHORTEST = 1 / 128
 """Part of it that a step is shortened to where a joint moves far."""
+NEIGHBOURS = 1 / 8
+"""Part of it between points that are solved first, to begin the others from."""
 JUMP = 0.5
 """rad or m: a joint that moves further in the shortest step has changed the configuration."""
 
@@ -40,14 +29,16 @@ SINGULAR = 100.0
 """Condition of the Jacobian from which a point counts as singular. On the shipped six-axis arms
 it is about 10 in the middle of the workspace, and 100 with joint 5 a few degrees from straight."""
 
-LIMIT_SLACK = 1e-6
-"""rad or m beyond a limit that still count as at it."""
 STARTS = 128
 """Random seeds for the first point, where no start is given."""
-COMPARED_AT = 100
+COMPARED_AT = 200
 """Points of a path at which configurations are compared."""
+LIMIT_SLACK = 1e-6
+"""rad or m beyond a limit that still count as at it."""
 SAME_CONFIGURATION = 0.01
 """rad or m between joint positions that are one configuration."""
+SHORT_TURN = 0.05
+"""rad or m of a joint between the positions at which a motion is tested for singularities."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,48 +75,6 @@ class Followed:
         return Followed(*(getattr(self, each.name)[rows] for each in fields(self)))
 
 
-def solved(
-    robot: Robot, position: FloatArray, rotation: FloatArray, seed: FloatArray
-) -> tuple[FloatArray, BoolArray]:
-    """Return joint positions at which the TCP has each pose, and whether it reaches it.
-
-    Newton's method with the damping of Sugihara (IEEE Trans. Robotics 27, 2011), which shrinks with
-    the remaining error. Limits of the joints are not looked at.
-
-    Args:
-        robot: of up to six joints.
-        position: (n, 3) of the TCP, base frame, m.
-        rotation: (n, 3, 3) of the last joint's frame.
-        seed: (n, n_joints) where to begin, rad or m.
-    """
-    from scipy.spatial.transform import Rotation
-
-    q, reached = np.array(seed, dtype=np.float64), np.zeros(len(seed), dtype=bool)
-    rows, left = np.arange(len(q)), np.full((STEPS, len(q)), np.inf)
-    for step in range(STEPS):
-        stands = robot.forward(q[rows])
-        turn = Rotation.from_matrix(rotation[rows] @ stands.rotation.transpose(0, 2, 1))
-        error = np.hstack([position[rows] - stands.points[:, -1], turn.as_rotvec()])
-        near = np.linalg.norm(error.reshape(-1, 2, 3), axis=2) <= (REACHED_M, REACHED_RAD)
-        reached[rows[near.all(axis=1)]] = True
-        error[:, :3] /= LENGTH
-        left[step, rows] = np.linalg.norm(error, axis=1)
-        on = ~near.all(axis=1)
-        if step >= PATIENCE:
-            on &= left[step, rows] < 0.5 * left[step - PATIENCE, rows]
-        rows, error = rows[on], error[on]
-        if not len(rows):
-            break
-        jacobian = _even(robot.jacobian_at(ChainPoses(stands.points[on], stands.rotations[on])))
-        transposed = jacobian.transpose(0, 2, 1)
-        damping = 0.5 * np.einsum("ni,ni->n", error, error) + 1e-14
-        normal = transposed @ jacobian + damping[:, None, None] * np.eye(robot.n_joints)
-        turned = np.linalg.solve(normal, transposed @ error[..., None])[..., 0]
-        largest = np.abs(turned).max(axis=1, keepdims=True)
-        q[rows] += turned * np.minimum(1.0, LARGEST_TURN / np.maximum(largest, LARGEST_TURN))
-    return q, reached
-
-
 def refuse_redundant(robot: Robot) -> None:
     """Refuse a robot for which a pose of the tool does not say where the joints are.
 
@@ -138,15 +87,73 @@ def refuse_redundant(robot: Robot) -> None:
         )
 
 
+@dataclass
+class Branch:
+    """Joint positions along a path that comes in blocks, on one continuous branch.
+
+    Attributes:
+        robot: of up to six joints.
+        q: (n_joints,) joint positions near the next point, rad or m; None: nothing is known yet.
+        last: position and rotation of the last point, (1, 3) and (1, 3, 3); None: there is none.
+    """
+
+    robot: Robot
+    q: FloatArray | None = None
+    last: tuple[FloatArray, FloatArray] | None = None
+
+    @classmethod
+    def along(cls, robot: Robot, some: ToolPath, near: FloatArray | None) -> Branch:
+        """Return the one that `follow` chooses by some points of the whole path."""
+        return cls(robot, follow(robot, some.position, some.rotation, near=near).q[0])
+
+    def driven(self, path: ToolPath, q: FloatArray | None = None) -> Followed:
+        """Return the next points' joint positions, by `judged` where `q` has them, else `follow`.
+
+        Each block begins with the last point before it, to see a flip between the two.
+        """
+        position, rotation, before = path.position, path.rotation, self.last is not None
+        if self.last is not None and self.q is not None:
+            position = np.concatenate([self.last[0], position])
+            rotation = np.concatenate([self.last[1], rotation])
+            q = None if q is None else np.vstack([self.q, q])
+        if q is None:
+            found = follow(self.robot, position, rotation, self.q)
+        else:
+            found = judged(self.robot, q)
+        self.q, self.last = found.q[-1], (position[-1:], rotation[-1:])
+        return found.take(slice(int(before), None))
+
+
+def is_singular(robot: Robot, q: FloatArray) -> BoolArray:
+    """Return (n,) whether the Jacobian is near the loss of its rank."""
+    return np.asarray(np.linalg.cond(_even(robot.jacobian(q))) > SINGULAR)
+
+
 def judged(robot: Robot, q: FloatArray) -> Followed:
-    """Return what can be said of joint positions (n, n_joints) that are given, rad or m."""
+    """Return what can be said of joint positions (n, n_joints) that are given, rad or m.
+
+    Between two rows the joints move in proportion. Where that passes a singularity, a part of the
+    arm flips, even where two parts flip at once, which the sign of the determinant does not show.
+    """
+    found = _described(robot, q, np.ones(len(q), dtype=bool))
+    flips, clear = found.flips.copy(), ~found.singular
+    far = np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0) > JUMP
+    for row in np.flatnonzero(far & clear[1:] & clear[:-1]):
+        turn = q[row + 1] - q[row]
+        n = int(np.abs(turn).max() / SHORT_TURN) + 1
+        between = q[row] + np.arange(1, 2 * n)[:, None] / (2 * n) * turn  # the middle is one
+        flips[row + 1] |= is_singular(robot, between).any()
+    return replace(found, flips=flips)
+
+
+def _described(robot: Robot, q: FloatArray, reached: BoolArray) -> Followed:
+    """Return what joint positions (n, n_joints) say by themselves."""
     jacobian = _even(robot.jacobian(q))
     flips = np.zeros(len(q), dtype=bool)
     if robot.n_joints == 6:  # the sign is that of shoulder, elbow and wrist together
         sign = np.sign(np.linalg.det(jacobian))
         flips[1:] = sign[1:] * sign[:-1] < 0.0
     beyond = (q < robot.lower - LIMIT_SLACK) | (q > robot.upper + LIMIT_SLACK)
-    reached = np.ones(len(q), dtype=bool)
     return Followed(q, reached, beyond, np.linalg.cond(jacobian), flips)
 
 
@@ -190,7 +197,7 @@ def follow(
             near=near if start is None else None,
         )
 
-    some = np.unique(np.linspace(0, len(position) - 1, COMPARED_AT).astype(int))
+    some = spread(len(position))
     best, least = 0, (np.inf, np.inf, np.inf)
     for branch in range(len(starts) if len(starts) > 1 else 0):
         found = driven(branch, some)
@@ -202,6 +209,14 @@ def follow(
         if cost < least:
             best, least = branch, cost
     return driven(best, np.arange(len(position)))
+
+
+def spread(n: int, most: int = COMPARED_AT) -> IntArray:
+    """Return at most so many of n rows, evenly spread, first and last among them.
+
+    By default those at which configurations are compared.
+    """
+    return np.unique(np.linspace(0, n - 1, most).astype(np.int64))
 
 
 def _even(jacobian: FloatArray) -> FloatArray:
@@ -219,7 +234,7 @@ def _configurations(robot: Robot, position: FloatArray, rotation: FloatArray) ->
     upper = np.where(turns, np.pi, np.clip(robot.upper, -2.0, 2.0))
     seeds = np.random.default_rng(0).uniform(lower, upper, size=(STARTS, robot.n_joints))
     poses = (np.tile(position, (STARTS, 1)), np.tile(rotation, (STARTS, 1, 1)))
-    q, reached = solved(robot, *poses, seeds)
+    q, reached = robot.inverse(*poses, seeds)
     if not reached.any():
         away = np.linalg.norm(robot.tcp_position(q) - position, axis=1)
         return q[[np.argmin(away)]]
@@ -242,27 +257,29 @@ def _marched(
     """
     from scipy.spatial.transform import Rotation, Slerp
 
-    turn = Rotation.from_matrix(rotation)
-    angle = (turn[1:] * turn[:-1].inv()).magnitude()
+    chord = np.linalg.norm(np.diff(rotation, axis=0), axis=(1, 2)) / np.sqrt(8.0)
+    angle = 2.0 * np.arcsin(np.minimum(chord, 1.0))
     distance = np.linalg.norm(np.diff(position, axis=0), axis=1)
     # Every row needs an own place on the path, repeated points too
     strides = np.maximum(np.maximum(distance / STRIDE_M, angle / STRIDE_RAD), 1e-9)
     place = np.r_[0.0, np.cumsum(strides)]
-    turned = Slerp(place, turn) if len(place) > 1 else None
     m = len(starts)
 
     def at(where: float) -> tuple[FloatArray, FloatArray]:
-        point = np.array([np.interp(where, place, axis) for axis in position.T])
-        matrix = rotation[0] if turned is None else turned([where]).as_matrix()[0]
-        return np.tile(point, (m, 1)), np.tile(matrix, (m, 1, 1))
+        row = max(int(np.searchsorted(place, where)), 1)
+        ends = slice(row - 1, row + 1)
+        point = [np.interp(where, place[ends], axis[ends]) for axis in position.T]
+        turn = Slerp(place[ends], Rotation.from_matrix(rotation[ends]))
+        return np.tile(point, (m, 1)), np.tile(turn([where]).as_matrix(), (m, 1, 1))
 
-    first, _ = solved(robot, *at(0.0), starts)
+    begin = np.repeat(position[:1], m, axis=0), np.repeat(rotation[:1], m, axis=0)
+    first, _ = robot.inverse(*begin, starts)
     places, branch = [0.0], [first]
     breaks, broken = np.zeros((m, len(place)), dtype=bool), np.zeros(m, dtype=bool)
     here, stride = 0.0, 1.0
     while here < place[-1]:
         there = min(here + stride, place[-1])
-        q, reached = solved(robot, *at(there), branch[-1])
+        q, reached = robot.inverse(*at(there), branch[-1])
         bad = ~reached | (np.abs(q - branch[-1]).max(axis=1) > JUMP)
         if (bad & ~broken).any() and stride > SHORTEST:
             stride *= 0.5
@@ -273,11 +290,20 @@ def _marched(
         places.append(there)
         branch.append(q)
         here, stride = there, min(1.0, 2.0 * stride)
-    along = np.stack(branch, axis=1)  # (m, knots, n_joints)
-    seeds = [
-        np.stack([np.interp(place, places, joint) for joint in each.T], axis=1) for each in along
-    ]
+    seeds = [_between(place, np.array(places), along) for along in np.stack(branch, axis=1)]
+    regular = np.r_[np.arange(0.0, place[-1], NEIGHBOURS), place[-1]]
+    some = np.unique(np.searchsorted(place, regular))
+    if 2 * len(some) < len(place):
+        for i, along in enumerate(seeds):
+            q, reached = robot.inverse(position[some], rotation[some], along[some])
+            kept = reached & (np.abs(q - along[some]).max(axis=1) < JUMP)
+            seeds[i] = _between(place, place[some], np.where(kept[:, None], q, along[some]))
     return np.array(seeds), breaks
+
+
+def _between(place: FloatArray, known: FloatArray, q: FloatArray) -> FloatArray:
+    """Return (n, n_joints) at (n,) places, linear between (k, n_joints) `q` at `known` ones."""
+    return np.stack([np.interp(place, known, joint) for joint in q.T], axis=1)
 
 
 def _driven(
@@ -290,13 +316,13 @@ def _driven(
     near: FloatArray | None,
 ) -> Followed:
     """Return the branch of (n, n_joints) seeds; by turns of 360 deg next to `near`, if given."""
-    q, reached = solved(robot, position, rotation, seeds)
+    q, reached = robot.inverse(position, rotation, seeds)
     away = np.abs(np.diff(q - seeds, axis=0)).max(axis=1, initial=0.0) > JUMP
     flips = breaks | np.r_[False, away & reached[1:] & reached[:-1]]
     if near is not None:
         q = q + _turns_to(near, robot, q)
-    found = judged(robot, q)
-    return replace(found, reached=reached, flips=flips | found.flips)
+    found = _described(robot, q, reached)
+    return replace(found, flips=flips | found.flips)
 
 
 def _middle(robot: Robot) -> FloatArray:

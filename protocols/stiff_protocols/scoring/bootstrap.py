@@ -79,8 +79,7 @@ def pose_errors(pose_id: ArrayLike, errors: ArrayLike) -> PoseErrors:
 def pose_differences(a: PoseErrors, b: PoseErrors) -> FloatArray:
     """Return the (p, k) mean difference of each pose, |error of A| - |error of B|, m.
 
-    Raises:
-        DataError: A and B were not tested on the same poses, each equally often.
+    DataError: A and B were not tested on the same poses, each equally often.
     """
     _check_paired(a, b)
     return np.asarray((a.totals - b.totals) / a.counts[:, None])
@@ -108,9 +107,7 @@ def bootstrap_difference(
     return Difference(mean, low, high)
 
 
-def resampled_means(
-    errors: Sequence[PoseErrors], *, resamples: int = RANK_RESAMPLES, seed: int = 0
-) -> FloatArray:
+def resampled_means(errors: Sequence[PoseErrors], *, seed: int = 0) -> FloatArray:
     """Return the (B, m) mean errors, m, of m competitors on B draws of the poses, the same for all.
 
     Each competitor has one column of errors; those with equal errors have exactly equal means.
@@ -128,7 +125,7 @@ def resampled_means(
                 f"resampled means need one column of errors, there are {one.totals.shape[1]}"
             )
     totals, counts = np.concatenate([one.totals for one in errors], axis=1), errors[0].counts
-    draws = _pose_draws(len(counts), resamples, seed)  # (B, p)
+    draws = _pose_draws(len(counts), seed)  # (B, p)
     means = (draws @ totals) / (draws @ counts.astype(np.float64))[:, None]
     # a matrix product may round equal columns differently, which would break their tie
     contents = [column.tobytes() for column in totals.T]
@@ -136,10 +133,10 @@ def resampled_means(
 
 
 @lru_cache(maxsize=8)
-def _pose_draws(n_poses: int, resamples: int, seed: int) -> FloatArray:
+def _pose_draws(n_poses: int, seed: int) -> FloatArray:
     """Return (B, p) how often each pose was drawn; read-only, as many calls share it."""
     shares = np.full(n_poses, 1.0 / n_poses)
-    draws = np.random.default_rng(seed).multinomial(n_poses, shares, size=resamples)
+    draws = np.random.default_rng(seed).multinomial(n_poses, shares, size=RANK_RESAMPLES)
     exact = draws.astype(np.float64)  # products of integers are not BLAS's
     exact.setflags(write=False)
     return exact

@@ -12,13 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from functools import partial
+from typing import Any, Literal
 
 import numpy as np
 
 from stiff_protocols.contract.errors import unknown_name
-from stiff_protocols.contract.record import Cost
-from stiff_protocols.contract.types import AXES, FloatArray, Prediction
+from stiff_protocols.contract.record import Cost, ResultRecord
+from stiff_protocols.contract.types import AXES, BoolArray, FloatArray, Prediction
 
 WHOLE = ("",)
 """The axes of a metric that has one value in all."""
@@ -33,21 +34,21 @@ class Metric:
         key: the word used on the command line and in records.
         label: column heading.
         unit: of the value; "share" is printed in per cent, "1" as it is.
-        direction: whether a smaller, a larger, or the nominal value is best.
         meaning: one line for `bench list metrics`.
         of_prediction: predictions -> one value an axis, or None where they do not tell.
         of_cost: cost -> one value, or None where it is not known.
+        direction: whether a smaller, a larger, or the nominal value is best.
         axes: of the values: x, y, z, or one value in all.
-        needs_interval: it is computed from the predictions' intervals.
+        needs_interval: it is computed from the predictions' intervals, and has no value without.
     """
 
     key: str
     label: str
     unit: Unit
-    direction: Literal["smaller", "larger", "nominal"]
     meaning: str
     of_prediction: Callable[[Prediction], FloatArray | None] | None = None
     of_cost: Callable[[Cost], float | None] | None = None
+    direction: Literal["smaller", "larger", "nominal"] = "smaller"
     axes: tuple[str, ...] = AXES
     needs_interval: bool = False
 
@@ -57,6 +58,8 @@ class Metric:
         `cost` is None where it is not known, as for the predictions of several splits together.
         """
         found: FloatArray | float | None = None
+        if self.needs_interval and prediction.interval is None:
+            return {}
         if self.of_prediction is not None:
             found = self.of_prediction(prediction)
         elif self.of_cost is not None and cost is not None:
@@ -78,28 +81,21 @@ def norm_errors(prediction: Prediction) -> FloatArray:
     return np.asarray(np.sqrt(x * x + y * y + z * z))  # a quarter of np.linalg.norm's time
 
 
-def _mae(prediction: Prediction) -> FloatArray:
-    return np.asarray(absolute_errors(prediction).mean(axis=0))
+def _of_axes(reduced: Callable[..., Any]) -> Callable[[Prediction], FloatArray]:
+    """Return what computes such a number of the absolute errors, m, axis by axis."""
+    return lambda prediction: np.asarray(reduced(absolute_errors(prediction), axis=0))
 
 
-def _stde(prediction: Prediction) -> FloatArray:
-    return np.asarray(absolute_errors(prediction).std(axis=0))
+def _of_norm(reduced: Callable[..., Any]) -> Callable[[Prediction], FloatArray]:
+    """Return what computes such a number of the lengths of the errors, m."""
+    return lambda prediction: np.asarray(reduced(norm_errors(prediction)))
 
 
-def _me(prediction: Prediction) -> FloatArray:
-    return np.asarray(absolute_errors(prediction).max(axis=0))
+_P95 = partial(np.percentile, q=95.0)
 
 
 def _rmse(prediction: Prediction) -> FloatArray:
     return np.asarray(np.sqrt((absolute_errors(prediction) ** 2).mean(axis=0)))
-
-
-def _median(prediction: Prediction) -> FloatArray:
-    return np.asarray(np.median(absolute_errors(prediction), axis=0))
-
-
-def _p95(prediction: Prediction) -> FloatArray:
-    return np.asarray(np.percentile(absolute_errors(prediction), 95.0, axis=0))
 
 
 def _r2(prediction: Prediction) -> FloatArray:
@@ -110,18 +106,6 @@ def _r2(prediction: Prediction) -> FloatArray:
     return np.asarray(
         1.0 - np.divide(left, total, out=np.full_like(left, np.nan), where=total > 0.0)
     )
-
-
-def _norm(prediction: Prediction) -> FloatArray:
-    return np.asarray(norm_errors(prediction).mean())
-
-
-def _norm_p95(prediction: Prediction) -> FloatArray:
-    return np.asarray(np.percentile(norm_errors(prediction), 95.0))
-
-
-def _norm_max(prediction: Prediction) -> FloatArray:
-    return np.asarray(norm_errors(prediction).max())
 
 
 def _relative(prediction: Prediction) -> FloatArray | None:
@@ -143,154 +127,120 @@ def _skill(prediction: Prediction) -> FloatArray | None:
     return np.asarray(1.0 - norm_errors(prediction).mean() / reference) if reference > 0.0 else None
 
 
-def _coverage(prediction: Prediction) -> FloatArray | None:
+def _inside(prediction: Prediction) -> BoolArray:
+    """Return (n, 3) whether each deflection lies in its interval, bounds included."""
     interval, measured = prediction.interval, prediction.measured
-    if interval is None:
-        return None
-    inside = (interval.lower <= measured) & (measured <= interval.upper)
-    return np.asarray(inside.mean(axis=0))
+    assert interval is not None  # else the metric has no value
+    return (interval.lower <= measured) & (measured <= interval.upper)
 
 
-def _coverage_3d(prediction: Prediction) -> FloatArray | None:
-    interval, measured = prediction.interval, prediction.measured
-    if interval is None:
-        return None
-    inside = (interval.lower <= measured) & (measured <= interval.upper)
-    return np.asarray(inside.all(axis=1).mean())
+def _coverage(prediction: Prediction) -> FloatArray:
+    return np.asarray(_inside(prediction).mean(axis=0))
 
 
-def _width(prediction: Prediction) -> FloatArray | None:
+def _coverage_3d(prediction: Prediction) -> FloatArray:
+    return np.asarray(_inside(prediction).all(axis=1).mean())
+
+
+def _width(prediction: Prediction) -> FloatArray:
     interval = prediction.interval
-    return None if interval is None else np.asarray((interval.upper - interval.lower).mean(axis=0))
+    assert interval is not None  # else the metric has no value
+    return np.asarray((interval.upper - interval.lower).mean(axis=0))
 
+
+_whole = partial(Metric, axes=WHOLE)
+_of_interval = partial(Metric, needs_interval=True)
 
 METRICS = {
     metric.key: metric
     for metric in (
-        Metric("mae", "MAE", "m", "smaller", "mean absolute error of an axis", _mae),
-        Metric("stde", "STDE", "m", "smaller", "standard deviation of the absolute error", _stde),
-        Metric("me", "ME", "m", "smaller", "largest absolute error", _me),
-        Metric("rmse", "RMSE", "m", "smaller", "root mean square error", _rmse),
-        Metric("median", "median", "m", "smaller", "median absolute error", _median),
-        Metric("p95", "P95", "m", "smaller", "95th percentile of the absolute error", _p95),
-        Metric("r2", "R2", "1", "larger", "1 - squared errors / squared deviations", _r2),
-        Metric(
+        Metric("mae", "MAE", "m", "mean absolute error of an axis", _of_axes(np.mean)),
+        Metric("stde", "STDE", "m", "standard deviation of the absolute error", _of_axes(np.std)),
+        Metric("me", "ME", "m", "largest absolute error", _of_axes(np.max)),
+        Metric("rmse", "RMSE", "m", "root mean square error", _rmse),
+        Metric("median", "median", "m", "median absolute error", _of_axes(np.median)),
+        Metric("p95", "P95", "m", "95th percentile of the absolute error", _of_axes(_P95)),
+        Metric("r2", "R2", "1", "1 - squared errors / squared deviations", _r2, direction="larger"),
+        _whole(
             "norm",
             "3-D error",
             "m",
-            "smaller",
             "mean 3-D error, the length of the error vector",
-            _norm,
-            axes=WHOLE,
+            _of_norm(np.mean),
         ),
-        Metric(
-            "norm-p95",
-            "3-D error P95",
-            "m",
-            "smaller",
-            "95th percentile of the 3-D error",
-            _norm_p95,
-            axes=WHOLE,
+        _whole(
+            "norm-p95", "3-D error P95", "m", "95th percentile of the 3-D error", _of_norm(_P95)
         ),
-        Metric(
-            "norm-max",
-            "3-D error max",
-            "m",
-            "smaller",
-            "largest 3-D error",
-            _norm_max,
-            axes=WHOLE,
-        ),
-        Metric(
+        _whole("norm-max", "3-D error max", "m", "largest 3-D error", _of_norm(np.max)),
+        _whole(
             "relative",
             "relative",
             "share",
-            "smaller",
             "mean 3-D error / mean length of the deflection",
             _relative,
-            axes=WHOLE,
         ),
-        Metric(
+        _whole(
             "removed",
             "removed",
             "share",
-            "larger",
             "1 - relative: share of the mean deflection, or path error, that the model removes",
             _removed,
-            axes=WHOLE,
+            direction="larger",
         ),
-        Metric(
+        _whole(
             "skill",
             "skill",
             "share",
-            "larger",
             "1 - 3-D error / that of a VJM identified on the same rows with the same wrenches",
             _skill,
-            axes=WHOLE,
+            direction="larger",
         ),
-        Metric(
+        _of_interval(
             "coverage",
             "coverage",
             "share",
-            "nominal",
             "share of the samples inside their interval",
             _coverage,
-            needs_interval=True,
+            direction="nominal",
         ),
-        Metric(
+        _of_interval(
             "coverage-3d",
             "3-D coverage",
             "share",
-            "nominal",
             "share of the samples inside their intervals of X, Y and Z at once",
             _coverage_3d,
+            direction="nominal",
             axes=WHOLE,
-            needs_interval=True,
         ),
-        Metric(
-            "width",
-            "width",
-            "m",
-            "smaller",
-            "mean width of the intervals",
-            _width,
-            needs_interval=True,
-        ),
-        Metric(
+        _of_interval("width", "width", "m", "mean width of the intervals", _width),
+        _whole(
             "fit-time",
             "fit time",
             "s",
-            "smaller",
             "wall time of a fit; a run's first one loads libraries, cached pre-training is free",
             of_cost=lambda cost: cost.fit_s,
-            axes=WHOLE,
         ),
-        Metric(
+        _whole(
             "latency",
             "latency",
             "s",
-            "smaller",
             "wall time of predicting one sample",
             of_cost=lambda cost: cost.latency_s,
-            axes=WHOLE,
         ),
-        Metric(
+        _whole(
             "throughput",
             "throughput",
             "1/s",
-            "larger",
             "samples predicted per second in one large call",
             of_cost=lambda cost: cost.throughput_per_s,
-            axes=WHOLE,
+            direction="larger",
         ),
-        Metric(
+        _whole(
             "memory",
             "memory",
             "B",
-            "smaller",
             "memory that fit and prediction added to the process",
             of_cost=lambda cost: cost.memory_bytes,
-            axes=WHOLE,
         ),
     )
 }
@@ -301,3 +251,12 @@ def metric(key: str) -> Metric:
     if key not in METRICS:
         raise unknown_name("metric", key, METRICS)
     return METRICS[key]
+
+
+def metric_records(prediction: Prediction, cost: Cost | None = None) -> tuple[ResultRecord, ...]:
+    """Return every metric that a prediction and its cost have."""
+    return tuple(
+        ResultRecord(metric.key, axis, value, metric.unit)
+        for metric in METRICS.values()
+        for axis, value in metric.values(prediction, cost).items()
+    )

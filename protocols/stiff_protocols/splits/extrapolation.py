@@ -58,8 +58,7 @@ class Extrapolation:
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
         """Return each division once, or `n_splits` times with a part of its training poses.
 
-        Raises:
-            ConfigError: the samples cannot be divided.
+        ConfigError: the samples cannot be divided.
         """
         divisions = list(self.divisions(samples, seed))
         repeated = n_splits is not None and n_splits > 1

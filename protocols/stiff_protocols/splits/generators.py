@@ -104,19 +104,13 @@ def indivisible(samples: Samples, why: str) -> ConfigError:
 
 
 def divided_by(
-    splitter: Any,
-    samples: Samples,
-    *,
-    n_splits: int,
-    validation_fraction: float | None,
-    seed: int,
+    splitter: Any, samples: Samples, *, validation_fraction: float | None, seed: int
 ) -> LazySplits:
     """Return scikit-learn's divisions by pose, each with an inner validation part.
 
     Args:
-        splitter: one of scikit-learn's group splitters, which makes `n_splits` divisions.
+        splitter: one of scikit-learn's group splitters.
         samples: to be divided.
-        n_splits: see above.
         validation_fraction: of the training poses; None: the test rows are the validation rows.
         seed: of the inner divisions.
     """
@@ -129,7 +123,7 @@ def divided_by(
             else:
                 yield divided_inside(samples, index, train, test, validation_fraction, seed)
 
-    return LazySplits(divided, n_splits)
+    return LazySplits(divided, splitter.get_n_splits())
 
 
 def divided_inside(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -13,6 +13,7 @@ from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
 from stiff_protocols.contract.types import (
     PATH_GROUP,
     BenchmarkData,
+    BoolArray,
     Deflection,
     FloatArray,
     IntArray,
@@ -21,7 +22,7 @@ from stiff_protocols.contract.types import (
     Split,
 )
 from stiff_protocols.paths.compensation import compensate
-from stiff_protocols.paths.inverse import BoolArray, judged, solved
+from stiff_protocols.paths.inverse import is_singular
 from stiff_protocols.paths.path import ToolPath, shaped
 from stiff_protocols.splits.generators import LazySplits
 from stiff_protocols.splits.random_splits import Holdout
@@ -75,15 +76,7 @@ class PathCompensation(Holdout):
             )
         if (data.samples.group == PATH_GROUP).any():
             raise ConfigError(f"its samples have the group {PATH_GROUP!r}, which paths are given")
-        points = _points(data)
-        samples = Samples(
-            **{
-                item.name: np.concatenate(
-                    [getattr(one, item.name) for one in (data.samples, points)]
-                )
-                for item in fields(Samples)
-            }
-        )
+        samples = Samples.together(data.samples, _points(data))
         found = replace(data, samples=samples, known={})
         rows = np.arange(len(data.samples), len(samples))
         oracle = samples.deflection.copy()
@@ -176,16 +169,9 @@ def _points(data: BenchmarkData) -> Samples:
 def _driven(
     robot: Robot, shapes: Sequence[str], starts: FloatArray, size: float
 ) -> tuple[FloatArray, BoolArray]:
-    """Return joint angles along paths about poses, and which of the paths can be driven there.
+    """Return (k POINTS, 6) rad along k paths, and (k,) whether each can be driven.
 
-    Args:
-        robot: that drives.
-        shapes: (k,) of the paths.
-        starts: (k, 6) joint angles of the poses, whose orientation is held, rad.
-        size: of every path, m.
-
-    Returns:
-        (k POINTS, 6) rad, and (k,).
+    They are of one size [m], about the poses `starts` (k, 6) rad, whose orientation is held.
     """
     stands = robot.forward(starts)
     centres, rotations = stands.points[:, -1], stands.rotation
@@ -194,10 +180,9 @@ def _driven(
         for shape, centre, rotation in zip(shapes, centres, rotations, strict=True)
     ]
     seeds = np.repeat(starts, POINTS, axis=0)
-    q, reached = solved(
-        robot, np.concatenate(outlines), np.repeat(rotations, POINTS, axis=0), seeds
-    )
-    ok = reached & ~judged(robot, q).singular
+    position, rotation = np.concatenate(outlines), np.repeat(rotations, POINTS, axis=0)
+    q, reached = robot.inverse(position, rotation, seeds)
+    ok = reached & ~is_singular(robot, q)
     ok &= (np.abs(q - seeds) < SAME_BRANCH_RAD).all(axis=1)
     ok &= (np.minimum(q - robot.lower, robot.upper - q) > MARGIN_RAD).all(axis=1)
     return q, np.asarray(ok.reshape(-1, POINTS).all(axis=1))

@@ -69,11 +69,7 @@ class KFold:
     validation_fraction: Fraction = 0.2
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
-        """Return one division a part.
-
-        Raises:
-            ConfigError: another number of splits was asked for, or there are too few poses.
-        """
+        """Return one division a part; ConfigError for another number or too few poses."""
         if n_splits not in (None, self.folds):
             raise ConfigError(
                 f"{n_splits}: kfold has {self.folds} splits, one a fold; leave it out, "
@@ -87,7 +83,6 @@ class KFold:
         return divided_by(
             GroupKFold(self.folds, shuffle=True, random_state=seed),
             samples,
-            n_splits=self.folds,
             validation_fraction=self.validation_fraction,
             seed=seed,
         )
@@ -173,21 +168,15 @@ def _shuffled(
     validation_fraction: float | None,
     seed: int,
 ) -> LazySplits:
-    """Return `n_splits` (default 1) random divisions; arguments as `divided_by`.
-
-    Raises:
-        ConfigError: there are too few poses.
-    """
-    n = n_splits or 1
+    """Return `n_splits` (default 1) random divisions; ConfigError for too few poses."""
     n_poses = len(np.unique(samples.pose_id))
     if math.ceil(test_fraction * n_poses) >= n_poses:
         why = f"leaves no pose to learn from (valid: at most {n_poses - 1}/{n_poses})"
         why = why if n_poses > 1 else "needs two poses"
         raise indivisible(samples, f"test_fraction={test_fraction:g} {why}")
     return divided_by(
-        GroupShuffleSplit(n_splits=n, test_size=test_fraction, random_state=seed),
+        GroupShuffleSplit(n_splits or 1, test_size=test_fraction, random_state=seed),
         samples,
-        n_splits=n,
         validation_fraction=validation_fraction,
         seed=seed,
     )

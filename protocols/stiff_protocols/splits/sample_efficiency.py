@@ -41,8 +41,7 @@ class SampleEfficiency:
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
         """Return `n_splits` (default 1) draws of every size.
 
-        Raises:
-            ConfigError: `sizes` are no numbers, or there are too few poses.
+        ConfigError: `sizes` are no numbers, or there are too few poses.
         """
         poses = np.unique(samples.pose_id)
         n_test = int(self.test_fraction * len(poses))

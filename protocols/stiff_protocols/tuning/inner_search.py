@@ -16,7 +16,7 @@ import itertools
 import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, fields
+from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
@@ -61,23 +61,13 @@ def fit_to(
 ) -> None:
     """Fit; a model that chooses no epoch learns from the validation rows instead."""
     if validation is not None and not (len(validation) and chooses_epoch(model)):
-        train, validation = together(train, validation), None
+        train, validation = Samples.together(train, validation), None
     model.fit(train, robot=robot, validation=validation, seed=seed)
 
 
 def chooses_epoch(model: StiffnessModel) -> bool:
     """Whether a model that is given validation rows chooses its epoch by them."""
     return model.chooses_epoch() if isinstance(model, ChoosesEpoch) else True
-
-
-def together(first: Samples, second: Samples) -> Samples:
-    """Return the rows of both."""
-    return Samples(
-        **{
-            item.name: np.concatenate([getattr(first, item.name), getattr(second, item.name)])
-            for item in fields(Samples)
-        }
-    )
 
 
 NOT_TUNED = "not tuned"
@@ -233,7 +223,7 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
         self, train: Samples, robot: Robot, validation: Samples | None, seed: int
     ) -> tuple[Tried, ...]:
         """Return every candidate's inner error; one that fails is left out, with a warning."""
-        rows = train if validation is None else together(train, validation)
+        rows = train if validation is None else Samples.together(train, validation)
         parts = KFold(folds=self.folds, validation_fraction=self.validation_fraction).splits(
             rows,
             n_splits=None,
@@ -241,21 +231,10 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
         )
         found: dict[str, Tried] = {}  # a drawn candidate may come again
 
-        def tried(params: Mapping[str, Any]) -> Tried:
-            distances = []
-            try:
-                for part in parts:
-                    distances.append(
-                        self._errors(params, rows, part, robot, validation is not None, seed)
-                    )
-            except Exception as raised:  # a plugin's, whatever it is: this candidate's alone
-                return Tried(params, math.inf, f"{type(raised).__name__}: {raised}")
-            return Tried(params, float(np.concatenate(distances).mean()))
-
         def error_of(params: Mapping[str, Any]) -> float:
             words = in_words(params)
             if words not in found:
-                found[words] = tried(params)
+                found[words] = self._tried(params, rows, parts, robot, validation is None, seed)
             return found[words].error
 
         self._try(error_of, seed)
@@ -268,28 +247,31 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
                 warnings.warn(left_out, StiffBenchWarning, stacklevel=1)
         return tuple(found.values())
 
-    def _errors(
+    def _tried(
         self,
         params: Mapping[str, Any],
         rows: Samples,
-        part: Split,
+        parts: Sequence[Split],
         robot: Robot,
-        validates: bool,
+        learns_all: bool,
         seed: int,
-    ) -> FloatArray:
-        """Return a candidate's Euclidean errors on the part's test rows, m."""
-        model = self._with(params)
-        train, validation = rows.take(part.train), rows.take(part.validation)
-        test = rows.take(part.test)
-        with warnings.catch_warnings():  # those of the last fit are the ones to read
-            warnings.simplefilter("ignore")
-            if validates:
-                fit_to(model, train, validation, robot=robot, seed=seed)
-            else:
-                fit_to(model, together(train, validation), None, robot=robot, seed=seed)
-            predicted = np.asarray(model.predict(test.q, test.wrench))
-        check_prediction(predicted, len(test))
-        return np.asarray(np.linalg.norm(predicted - test.deflection, axis=1))
+    ) -> Tried:
+        """Return a candidate's mean Euclidean error on the test rows of all parts, m."""
+        distances = []
+        try:
+            for part in parts:
+                model, test = self._with(params), rows.take(part.test)
+                learned = np.r_[part.train, part.validation] if learns_all else part.train
+                validation = None if learns_all else rows.take(part.validation)
+                with warnings.catch_warnings():  # those of the last fit are the ones to read
+                    warnings.simplefilter("ignore")
+                    fit_to(model, rows.take(learned), validation, robot=robot, seed=seed)
+                    predicted = np.asarray(model.predict(test.q, test.wrench))
+                check_prediction(predicted, len(test))
+                distances.append(np.linalg.norm(predicted - test.deflection, axis=1))
+        except Exception as raised:  # a plugin's, whatever it is: this candidate's alone
+            return Tried(params, math.inf, f"{type(raised).__name__}: {raised}")
+        return Tried(params, float(np.concatenate(distances).mean()))
 
     def _try(self, error_of: Callable[[Mapping[str, Any]], float], seed: int) -> None:
         """Ask for the error of every combination, or of those that TPE draws."""

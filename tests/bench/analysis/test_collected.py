@@ -25,8 +25,7 @@ def only(made: MadeResults) -> Case:
 
 
 def test_older_results_on_other_splits_are_left_out_and_said(made):
-    made.add("a", [1.0] * 5, run_id="1", splits_named="old-")
-    made.add("c", [1.0] * 5, run_id="1", splits_named="old-")
+    made.add_each({"a": [1.0] * 5, "c": [1.0] * 5}, run_id="1", splits_named="old-")
     made.add("a", [2.0] * 3, run_id="2", splits_named="new-")
     case = only(made)
     assert case.slots == tuple((index, f"split-new-{index}") for index in range(3))
@@ -142,20 +141,16 @@ def test_an_older_failure_is_none(made):
     assert len(found.done) == 1 and not found.failures
 
 
-@pytest.mark.parametrize("runs", ["12", "21"])
-def test_a_result_with_intervals_stands_before_one_without(made, runs):
-    for run_id, coverage in zip(runs, (None, 0.9), strict=True):
+@pytest.mark.parametrize(
+    ("coverages", "counts"),
+    [((None, 0.9), 0.9), ((0.9, None), 0.9), ((0.8, 0.9), 0.9), ((0.9, 0.8), 0.8)],
+)
+def test_of_two_coverages_the_newest_counts_and_any_before_none(made, coverages, counts):
+    for run_id, coverage in zip("12", coverages, strict=True):
         made.add("a", [1.0], run_id=run_id, coverage=coverage)
     (result,) = only(made).results("a")
-    assert result.cell.coverage == 0.9
-
-
-@pytest.mark.parametrize("runs", ["12", "21"])
-def test_of_two_coverages_the_newest_counts(made, runs):
-    for run_id, coverage in zip(runs, (0.8, 0.9), strict=True):
-        made.add("a", [1.0], run_id=run_id, coverage=coverage)
-    (result,) = only(made).results("a")
-    assert result.run_id == "2"
+    older, newer = coverages
+    assert result.cell.coverage == (newer or older)
 
 
 def test_a_mark_in_an_options_value_stays_doubled():

@@ -7,7 +7,7 @@ import weakref
 import pytest
 
 from run_requests import planned
-from stiff_bench.analysis.forecast import forecast, forecast_line, forecast_table
+from stiff_bench.analysis.forecast import Forecast, forecast, forecast_line, forecast_table
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.store.database import ResultStore
 from stiff_bench.tables.render import render
@@ -28,18 +28,15 @@ def store_some(plan, fit_s, *, of=lambda task: True, status="ok"):
     )
 
 
-def told(plan, *, jobs=1, rerun="missing"):
-    return forecast(cell_tasks(plan), plan.output, jobs=jobs, rerun=rerun)
+def told(plan, *, rerun="missing"):
+    return forecast(cell_tasks(plan), plan.output, rerun=rerun)
 
 
 def test_without_stored_results_cells_are_counted_and_nothing_is_written(tmp_path):
-    found = told(plan_into(tmp_path / "new", datasets=("kr10-twin", "fanuc-r2000ic")))
-    assert [(part.model, part.n_cells, part.seconds) for part in found.parts] == [
-        ("zero", 6, None),
-        ("vjm", 6, None),
-    ]
-    assert (found.n_cells, found.n_cached, found.n_unknown) == (12, 0, 12)
-    assert "12 to compute; time unknown: 12 fits" in forecast_line(found)
+    *parts, total = told(plan_into(tmp_path / "new", datasets=("kr10-twin", "fanuc-r2000ic")))
+    assert parts == [Forecast(model, 6, 0, 6, 0.0) for model in ("zero", "vjm")]
+    assert total == Forecast("all", 12, 0, 12, 0.0)
+    assert "12 to compute; time unknown: 12 fits" in forecast_line(total, 1)
     assert not (tmp_path / "new").exists()
 
 
@@ -49,21 +46,18 @@ def test_stored_cells_are_cached_and_their_mean_is_the_time_of_the_others(tmp_pa
         of = {"of": lambda t, i=index: t.shown.model == "vjm" and t.cell.split_index == i}
         store_some(plan, fit_s, **of)
     store_some(plan, 100.0, of=lambda t: t.shown.model == "zero")
-    found = told(plan)
-    assert [(part.model, part.n_cached, part.seconds) for part in found.parts] == [
-        ("zero", 3, 0.0),
-        ("vjm", 2, 7.5),
-    ]
-    assert found.seconds == 7.5 and told(plan, jobs=2).seconds == 3.75
-    assert forecast_line(found).endswith("1 to compute; about 0:00:08 with 1 job")
+    *parts, total = told(plan)
+    assert parts == [Forecast("zero", 3, 3, 0, 0.0), Forecast("vjm", 3, 2, 0, 7.5)]
+    assert forecast_line(total, 1).endswith("1 to compute; about 0:00:08 with 1 job")
+    assert forecast_line(total, 2).endswith("about 0:00:04 with 2 jobs")
 
 
 def test_models_without_a_stored_fit_are_said_beside_the_time_of_the_others(tmp_path):
     store_some(plan_into(tmp_path, models=("zero",), splits=1, seed=1), 60.0)
     found = told(plan_into(tmp_path))
-    assert found.n_unknown == 3
-    assert "about 0:03:02 with 1 job, and 3 fits" in forecast_line(found)
-    table = render([forecast_table(found)], "github", "bench run --plan")
+    assert found[-1].n_unknown == 3
+    assert "about 0:03:02 with 1 job, and 3 fits" in forecast_line(found[-1], 1)
+    table = render([forecast_table(found, 1)], "github", "bench run --plan")
     rows = {
         cells[1].strip(): cells[-2].strip()
         for cells in (r.split("|") for r in table.split("\n"))
@@ -86,7 +80,7 @@ def test_models_without_a_stored_fit_are_said_beside_the_time_of_the_others(tmp_
 def test_what_counts_as_cached_is_what_the_run_takes(tmp_path, rerun, status, n_cached):
     plan = plan_into(tmp_path, models=("vjm",))
     store_some(plan, 1.0, status=status)
-    assert told(plan, rerun=rerun).n_cached == n_cached
+    assert told(plan, rerun=rerun)[-1].n_cached == n_cached
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from figure_results import with_fields
 from made_results import N_POSES, TWINS, MadeResults, forget
 from stiff_bench.analysis.collected import collect
 from stiff_bench.analysis.leaderboard import Leaderboard, stored_leaderboard
@@ -25,7 +26,6 @@ from stiff_bench.tables.metric_table import TRAINING_MARK
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.record import Cost, ResultRecord
 from stiff_protocols.scoring.bootstrap import pose_errors, resampled_means
-from stiff_protocols.scoring.metrics import METRICS
 
 
 @pytest.fixture()
@@ -54,13 +54,6 @@ def cells(board: Leaderboard, title: str) -> dict[str, list[str]]:
     return {name.strip(): [cell.strip() for cell in found] for name, *found in lines[2:]}
 
 
-def rewrite(made: MadeResults, keys: Sequence[str], **changes) -> None:
-    """Change fields of stored results."""
-    for result in list(read_results(made.folder)):
-        if result.cell.key in keys:
-            ResultStore(made.folder).write_cell(replace(result, **changes))
-
-
 def ranks(board: Leaderboard) -> dict[str, float]:
     return {model.name: model.mean_rank for model in board.sections[0].ranked}
 
@@ -71,9 +64,9 @@ def n_robots(board: Leaderboard) -> int:
 
 def add_three(made: MadeResults, **changes) -> None:
     """Three models on three data sets: a wins twice, b once, c comes last, then second."""
-    for dataset, (a, b, c) in zip(TWINS, [(1, 2, 3), (1, 2, 3), (3, 1, 2)], strict=False):
-        for model, error in (("a", a), ("b", b), ("c", c)):
-            made.add(model, [error, error], dataset, **changes)
+    for dataset, errors in zip(TWINS, [(1, 2, 3), (1, 2, 3), (3, 1, 2)], strict=False):
+        each = {model: [error] * 2 for model, error in zip("abc", errors, strict=True)}
+        made.add_each(each, dataset, **changes)
 
 
 def test_models_are_sorted_by_their_mean_rank(made):
@@ -92,8 +85,7 @@ def test_ranks_are_computed_anew_among_the_models_that_are_shown(made):
 
 
 def test_a_key_stands_for_all_its_variants(made):
-    for model in ("net", "net@size=2", "network"):
-        made.add(model, [1.0])
+    made.add_each({key: [1.0] for key in ["net", "net@size=2", "network"]})
     assert set(ranks(board_of(made, "net"))) == {"net", "net@size=2"}
 
 
@@ -119,9 +111,8 @@ def test_many_missing_results_are_counted_and_it_is_said_what_lists_them(made):
     assert "--format json" in note and "specimen" not in note
     every = json.loads(text_of(board_of(made), "json"))["tables"]
     (scores,) = (one for one in every if one["table"] == "scores")
-    lacking = [
-        row["model"] for row in scores["rows"] if row["values"][0].get("status") == "not run"
-    ]
+    statuses = [(row["model"], row["values"][0].get("status")) for row in scores["rows"]]
+    lacking = [model for model, status in statuses if status == "not run"]
     assert sorted(lacking) == sorted(2 * [f"late-{number}" for number in range(5)])
 
 
@@ -138,8 +129,7 @@ def test_a_failure_is_missing_with_its_reason_and_is_said_in_its_column(made):
 
 
 def test_of_fewer_splits_only_those_count_that_all_models_have(made):
-    made.add("a", [1.0, 5.0, 9.0])
-    made.add("b", [2.0, 2.0])
+    made.add_each({"a": [1.0, 5.0, 9.0], "b": [2.0, 2.0]})
     board = board_of(made)
     (scored,) = board.sections[0].cases
     assert scored.mean("a") == pytest.approx(3e-3)
@@ -168,8 +158,7 @@ def test_a_model_that_was_run_on_older_splits_alone_is_not_ranked_and_that_is_sa
 
 def test_of_data_that_changed_under_one_name_only_those_of_the_newest_run_count(made):
     for version, run_id in ((1, "20260101T"), (0, "20270101T")):
-        made.add("a", [1.0 + version], version=version, run_id=run_id)
-        made.add("b", [1.5], version=version, run_id=run_id)
+        made.add_each({"a": [1.0 + version], "b": [1.5]}, version=version, run_id=run_id)
     board = board_of(made)
     assert ranks(board) == {"a": 1.0, "b": 2.0}
     assert len(board.sections[0].cases) == 1
@@ -178,8 +167,8 @@ def test_of_data_that_changed_under_one_name_only_those_of_the_newest_run_count(
 
 def test_another_task_never_enters(made):
     add_three(made)
-    made.add("a", [9.0, 9.0], "ur5-pose-error", task="pose-error", kind="measured")
-    made.add("b", [1.0, 1.0], "ur5-pose-error", task="pose-error", kind="measured")
+    other = {"task": "pose-error", "kind": "measured"}
+    made.add_each({"a": [9.0, 9.0], "b": [1.0, 1.0]}, "ur5-pose-error", **other)
     board = board_of(made)
     assert ranks(board)["a"] == pytest.approx(5 / 3)
     assert "ur5-pose-error is left out: it is measured pose-error, not stiffness." in text_of(board)
@@ -197,15 +186,9 @@ def test_a_case_with_one_model_alone_is_left_out_and_said(made):
 
 def test_protocols_that_select_on_the_test_part_are_ranked_apart_and_marked(made):
     add_three(made)
-    for model, error in (("a", 2.0), ("b", 1.0)):
-        made.add(
-            model,
-            [error],
-            protocol="paper-holdout",
-            selects_on_test=True,
-            picked_on_test=model == "b",
-            warning="it is optimistic",
-        )
+    papers = {"protocol": "paper-holdout", "selects_on_test": True, "warning": "it is optimistic"}
+    made.add("a", [2.0], **papers)
+    made.add("b", [1.0], picked_on_test=True, **papers)
     board = board_of(made)
     fair, unfair = board.sections
     assert ranks(board)["a"] == pytest.approx(5 / 3)
@@ -219,8 +202,8 @@ def test_protocols_that_select_on_the_test_part_are_ranked_apart_and_marked(made
 def test_a_protocol_that_reports_training_rows_is_left_out_and_named(made):
     add_three(made)
     before = ranks(board_of(made))
-    for model, error in (("a", 2.0), ("b", 1.0)):
-        made.add(model, [error], protocol="paper-holdout@read_on=all", reports_training=True)
+    papers = {"protocol": "paper-holdout@read_on=all", "reports_training": True}
+    made.add_each({"a": [2.0], "b": [1.0]}, **papers)
     board = board_of(made)
     assert ranks(board) == before and len(board.sections) == 1
     assert f"paper-holdout@read_on=all is left out: {TRAINING_MARK}." in text_of(board)
@@ -231,8 +214,7 @@ def test_the_interval_of_one_case_is_that_of_the_ranks_over_its_poses(made, rng)
         model: rng.gamma(2.0, scale, size=N_POSES)
         for model, scale in zip("abc", (5, 6, 9), strict=True)
     }
-    for model, error in errors.items():
-        made.add(model, [error], rows=np.arange(N_POSES))
+    made.add_each({model: [error] for model, error in errors.items()}, rows=np.arange(N_POSES))
     poses = [f"P{pose:02d}" for pose in range(N_POSES)]
     drawn = resampled_means([pose_errors(poses, errors[m][:, None] * 1e-3) for m in "abc"])
     low, high = np.quantile(stats.rankdata(drawn, axis=1), [0.025, 0.975], axis=0)
@@ -250,8 +232,8 @@ def test_the_interval_holds_the_mean_rank_also_where_draws_pull_it_to_the_middle
         errors = rng.gamma(2.0, 1.0, size=(6, N_POSES))
         errors *= (1.0 / errors.mean(axis=1))[:, None]
         errors[0] *= 0.999
-        for model, error in zip("abcdef", errors, strict=True):
-            made.add(model, [error], dataset, rows=np.arange(N_POSES))
+        each = {model: [error] for model, error in zip("abcdef", errors, strict=True)}
+        made.add_each(each, dataset, rows=np.arange(N_POSES))
     board = board_of(made)
     first, *_ = board.sections[0].ranked
     assert (first.name, first.mean_rank, first.low) == ("a", 1.0, 1.0)
@@ -260,13 +242,9 @@ def test_the_interval_holds_the_mean_rank_also_where_draws_pull_it_to_the_middle
 
 def test_cases_on_the_same_poses_are_drawn_together(made, rng):
     """Two conditions with the same errors say no more than one of them."""
-    errors = {
-        model: rng.gamma(2.0, scale, size=N_POSES)
-        for model, scale in zip("ab", (5, 6), strict=True)
-    }
+    errors = {"a": [rng.gamma(2.0, 5, size=N_POSES)], "b": [rng.gamma(2.0, 6, size=N_POSES)]}
     for condition in ("n = 5", "n = 10"):
-        for model, error in errors.items():
-            made.add(model, [error], rows=np.arange(N_POSES), condition=condition)
+        made.add_each(errors, rows=np.arange(N_POSES), condition=condition)
     (first, _) = board_of(made).sections[0].ranked
     assert (first.low, first.high) == (1.0, 2.0)  # independent draws would give 1.5 too
 
@@ -294,15 +272,14 @@ def test_a_single_split_is_tested_over_its_poses(made, rng):
 
 
 def test_five_specimens_are_five_data_sets_but_splits_and_seeds_are_none(made):
-    for number, dataset in enumerate((*TWINS[:4], f"{TWINS[0]}@seed=1")):
-        for model, error in (("a", 1.0), ("b", 2.0), ("c", 3.0)):
-            made.add(model, [error + number / 10] * 6, dataset)
+    three = {"a": [1.0] * 6, "b": [2.0] * 6, "c": [3.0] * 6}
+    for dataset in (*TWINS[:4], f"{TWINS[0]}@seed=1"):
+        made.add_each(three, dataset)
     board = board_of(made)
     assert n_robots(board) == 4
     why = board.sections[0].analyses[0].why_none
     assert "needs at least 5 data sets of different robots, here are 4" in why
-    for model, error in (("a", 1.0), ("b", 2.0), ("c", 3.0)):
-        made.add(model, [error], TWINS[4])
+    made.add_each(three, TWINS[4])
     board = board_of(made)
     (section,) = board.sections
     (analysis,) = section.analyses
@@ -320,9 +297,8 @@ def test_five_specimens_are_five_data_sets_but_splits_and_seeds_are_none(made):
 
 def test_several_protocols_are_analysed_each_and_together(made):
     for dataset in TWINS:
-        for protocol, errors in (("holdout", (1, 2, 3)), ("kfold", (1, 3, 2))):
-            for model, error in zip("abc", errors, strict=True):
-                made.add(model, [error], dataset, protocol)
+        made.add_each({"a": [1], "b": [2], "c": [3]}, dataset, "holdout")
+        made.add_each({"a": [1], "b": [3], "c": [2]}, dataset, "kfold")
     together, *each = board_of(made).sections[0].analyses
     assert together.outcome.mean_ranks.tolist() == [1.0, 2.5, 2.5]
     assert [analysis.protocol for analysis in each] == ["holdout", "kfold"]
@@ -332,8 +308,7 @@ def test_several_protocols_are_analysed_each_and_together(made):
 def test_a_column_is_mean_and_deviation_over_data_sets_and_its_conditions_are_in_order(made):
     for dataset, error in zip(TWINS, (1.0, 2.0, 6.0), strict=False):
         for condition in ("n = 10", "n = 5"):
-            made.add("a", [error], dataset, condition=condition)
-            made.add("b", [error + 1], dataset, condition=condition)
+            made.add_each({"a": [error], "b": [error + 1]}, dataset, condition=condition)
     board = board_of(made)
     value = scores_of(board)["a"]
     assert (value["value"], value["spread"]) == pytest.approx((3, np.std([1, 2, 6], ddof=1)))
@@ -343,8 +318,7 @@ def test_a_column_is_mean_and_deviation_over_data_sets_and_its_conditions_are_in
 
 
 def test_a_metric_with_axes_ranks_by_one_of_them_or_by_their_mean(made):
-    made.add("a", [3.0])
-    made.add("b", [1.0])
+    made.add_each({"a": [3.0], "b": [1.0]})
     of_z, of_all, of_x = (board_of(made, metric="mae", axis=axis) for axis in ("z", None, "x"))
     assert of_z.sections[0].cases[0].mean("a") == pytest.approx(3e-3)
     assert of_all.sections[0].cases[0].mean("a") == pytest.approx(1e-3)
@@ -353,8 +327,7 @@ def test_a_metric_with_axes_ranks_by_one_of_them_or_by_their_mean(made):
 
 
 def test_where_larger_is_better_the_largest_is_first_and_nothing_is_drawn(made):
-    made.add("a", [3.0, 3.0])
-    made.add("b", [1.0, 1.0])
+    made.add_each({"a": [3.0, 3.0], "b": [1.0, 1.0]})
     board = board_of(made, metric="skill")
     assert ranks(board) == {"b": 1.0, "a": 2.0}
     assert np.isnan(board.sections[0].ranked[0].low)
@@ -362,8 +335,7 @@ def test_where_larger_is_better_the_largest_is_first_and_nothing_is_drawn(made):
 
 
 def test_leave_one_out_is_scored_over_all_poses_together(made):
-    for model, errors in (("a", [1.0, 3.0]), ("b", [4.0, 4.0])):
-        made.add(model, errors, protocol="leave-one-out", pooled=True)
+    made.add_each({"a": [1.0, 3.0], "b": [4.0, 4.0]}, protocol="leave-one-out", pooled=True)
     (scored,) = board_of(made, metric="me", axis="z").sections[0].cases
     assert scored.scores["a"].tolist() == pytest.approx([3e-3])
 
@@ -373,8 +345,7 @@ def test_several_data_sets_of_one_robot_count_once_in_the_analysis(made):
     for dataset in TWINS:
         key, _, option = dataset.partition("@")
         for name in (dataset, f"{key}@torques=hook@{option}", f"omni@{option}@seed=1"):
-            for model, error in (("a", 1.0), ("b", 2.0), ("c", 1.6 if name == dataset else 3.0)):
-                made.add(model, [error], name)
+            made.add_each({"a": [1.0], "b": [2.0], "c": [1.6 if name == dataset else 3.0]}, name)
     board = board_of(made)
     (analysis,) = board.sections[0].analyses
     assert len(analysis.families) == 5
@@ -389,8 +360,7 @@ def test_equal_data_under_two_names_are_one_robot(made):
     twin = "twin@specimen=1"
     copied = sum(twin.encode()) - sum(b"copy")  # gives the copy the twin's numbers
     for dataset, version in ((twin, 0), ("copy", copied), ("twin@torques=hook@specimen=1", 0)):
-        for model in "abc":
-            made.add(model, [1.0], dataset, version=version)
+        made.add_each({key: [1.0] for key in "abc"}, dataset, version=version)
     assert len({case.name.data_sha256 for case in collect(made.folder)}) == 2
     assert n_robots(board_of(made)) == 1
 
@@ -406,10 +376,8 @@ def test_a_protocols_table_shows_the_marks_of_that_protocol_alone(made):
 
 
 def test_a_model_without_the_metric_takes_no_splits_from_the_others(made):
-    for model in "ab":
-        made.add(model, [1.0, 1.0, 1.0])
-    (key,) = made.add("c", [1.0])
-    rewrite(made, [key], records=())
+    made.add_each({"a": [1.0] * 3, "b": [1.0] * 3, "c": [1.0]})
+    with_fields(made, "c", records=())
     board = board_of(made)
     (scored,) = board.sections[0].cases
     assert len(scored.slots) == 3 and set(scored.scores) == {"a", "b"}
@@ -433,16 +401,17 @@ def test_an_interrupted_run_takes_part_where_it_takes_no_split_from_the_finished
     made, done, asked, ranked, n_slots
 ):
     for model, n_done, n_asked in zip("abc", done, asked, strict=True):
-        rewrite(made, made.add(model, [1.0] * n_done), n_splits=n_asked)
+        made.add(model, [1.0] * n_done)
+        with_fields(made, model, n_splits=n_asked)
     (scored,) = board_of(made).sections[0].cases
     assert set(scored.scores) == set(ranked) and len(scored.slots) == n_slots
 
 
 def test_costs_are_ranked_without_a_test(made):
     for dataset in TWINS:
-        for model, seconds in (("a", 1.0), ("b", 5.0), ("c", 9.0)):
-            record = ResultRecord("fit-time", *METRICS["fit-time"].axes, seconds, "s")
-            rewrite(made, made.add(model, [1.0, 1.0], dataset), records=(record,))
+        made.add_each({key: [1.0, 1.0] for key in "abc"}, dataset)
+    for model, seconds in (("a", 1.0), ("b", 5.0), ("c", 9.0)):
+        with_fields(made, model, records=(ResultRecord("fit-time", "", seconds, "s"),))
     board = board_of(made, metric="fit-time")
     assert ranks(board) == {"a": 1.0, "b": 2.0, "c": 3.0}
     ranked = board.sections[0].ranked
@@ -452,17 +421,14 @@ def test_costs_are_ranked_without_a_test(made):
 
 
 def test_the_only_complete_model_is_said_to_lack_nothing(made):
-    made.add("a", [1.0], TWINS[0])
-    made.add("b", [1.0], TWINS[1])
-    for dataset in TWINS[:2]:
-        made.add("vjm", [1.0], dataset)
+    made.add_each({"a": [1.0], "vjm": [1.0]}, TWINS[0])
+    made.add_each({"b": [1.0], "vjm": [1.0]}, TWINS[1])
     assert board_of(made).sections[0].unranked["vjm"] == {}
 
 
 def test_a_table_shows_the_caveats_of_its_own_data_sets_alone(made):
     for dataset, caveat in (("left", "left is odd"), ("right", "right is odd")):
-        for model in "ab":
-            made.add(model, [1.0], dataset, caveats=(caveat,))
+        made.add_each({"a": [1.0], "b": [1.0]}, dataset, caveats=(caveat,))
     _, left, right = text_of(board_of(made)).split("\n**")
     assert "left is odd" in left and "right is odd" not in left
     assert "right is odd" in right and "left is odd" not in right
@@ -470,8 +436,7 @@ def test_a_table_shows_the_caveats_of_its_own_data_sets_alone(made):
 
 def test_several_seeds_are_said_and_named(made):
     for dataset in TWINS[:2]:
-        for model, n_splits in (("a", 2), ("b", 3)):
-            made.add(model, [1.0] * n_splits, dataset)
+        made.add_each({"a": [1.0] * 2, "b": [1.0] * 3}, dataset)
     for result in list(read_results(made.folder)):
         other = replace(result, cell=replace(result.cell, seed=1))
         ResultStore(made.folder).write_cell(other)
@@ -484,17 +449,16 @@ def test_several_seeds_are_said_and_named(made):
 def test_a_clear_difference_is_found_among_any_number_of_models(made, rng):
     """Holm over 51 rivals asks for a rarer event than 2000 draws hold."""
     base = rng.gamma(9.0, 1.0, size=(3, 4))
-    made.add("best", list(base))
-    for number in range(51):
-        made.add(f"worse-{number}", list(base + 50.0 + 0.01 * number))
+    worse = {f"worse-{number}": list(base + 50.0 + 0.01 * number) for number in range(51)}
+    made.add_each({"best": list(base), **worse})
     found = [model.like_best for model in board_of(made).sections[0].ranked]
     assert found == [1] + [0] * 51
 
 
 def test_of_two_versions_of_the_source_data_the_newest_counts(made):
     for run_id, source, error in (("1", "old", 1.0), ("2", "new", 3.0)):
-        made.add("a", [error], protocol="cross-robot", run_id=run_id, source=source)
-        made.add("b", [2.0], protocol="cross-robot", run_id=run_id, source=source)
+        how = {"protocol": "cross-robot", "run_id": run_id, "source": source}
+        made.add_each({"a": [error], "b": [2.0]}, **how)
     board = board_of(made)
     assert ranks(board) == {"b": 1.0, "a": 2.0}
     assert "different pre-training data here (new, old)" in text_of(board)
@@ -551,12 +515,12 @@ def test_the_command_prints_the_board_and_loads_neither_torch_nor_pinocchio(made
     assert "12 results of " in done.stdout and "made by stiffbench 9.9 at 01234567." in done.stdout
 
 
-def priced(
-    made: MadeResults, model: str, fits_s: Sequence[float], memory: int | None = None
-) -> None:
+def priced(made: MadeResults, model: str, fits_s: Sequence[float], memory: int | None = None):
     """Say what a model's three splits cost."""
-    for key, fit_s in zip(made.add(model, [1.0, 1.0, 1.0]), fits_s, strict=True):
-        rewrite(made, [key], cost=Cost(fit_s, 0.1, 0.5 * fit_s, 12_345.6, memory))
+    made.add(model, [1.0, 1.0, 1.0])
+    for split, fit_s in enumerate(fits_s):
+        cost = Cost(fit_s, 0.1, 0.5 * fit_s, 12_345.6, memory)
+        with_fields(made, model, split=split, cost=cost)
 
 
 def test_costs_stand_beside_the_ranks_as_medians_with_their_range(made):

@@ -35,10 +35,11 @@ def errors_of(law, rng, *, scatter=0.0, poses=0.5):
 @pytest.mark.parametrize("c", [0.3, 0.5, 1.2])
 def test_the_law_of_errors_without_scatter_is_told_with_its_exponent(rng, c):
     law = PowerLaw(0.05e-3, 0.4e-3, c)
-    found = learning_curve(errors_of(law, rng), resamples=30)
+    errors = errors_of(law, rng)
+    found = learning_curve(errors, resamples=30)
     assert found.told
     assert found.law.c == pytest.approx(c, rel=1e-3)
-    np.testing.assert_allclose(found.errors, [law(n) for n in SIZES], rtol=1e-12)
+    np.testing.assert_allclose(errors.mean, [law(n) for n in SIZES], rtol=1e-12)
     assert found.law(120) == pytest.approx(law(120), rel=1e-4)
     low, high = found.interval(120, 60)
     assert low == pytest.approx(high, rel=1e-3)  # factors of poses cancel

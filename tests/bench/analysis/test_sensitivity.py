@@ -12,10 +12,11 @@ from command_line import assert_refused, bench_here
 from stiff_bench.analysis.sensitivity import Mistake, mean_error
 from stiff_bench.store.database import read_results
 from stiff_bench.tables.units import MM
-from stiff_datasets.measured.measured import write_samples
+from stiff_datasets.measured.sample_files import sample_table, write_table
 from stiff_protocols.contract.errors import ConfigError
 
 NO_OTHERS = {"force_noise_percent": 0.0, "registration_deg": 0.0, "deflection_shift_mm": 0.0}
+NO_OTHER_WORDS = ("--force-noise=0", "--registration=0", "--deflection-shift=0")
 UNNOTICED_MM = 1e-20
 """So small that it changes no number of a data set."""
 DATA = ("--dataset", "fanuc-r2000ic")
@@ -24,8 +25,8 @@ DATA = ("--dataset", "fanuc-r2000ic")
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory):
     """Two splits of three models on the FANUC, where `knn` is far worse than the VJM."""
-    folder = tmp_path_factory.mktemp("sensitivity")
-    sb.evaluate(["knn", "mean", "vjm"], "fanuc-r2000ic", splits=2, output=folder / "runs")
+    folder = tmp_path_factory.mktemp("sensitivity") / "runs"
+    sb.evaluate(["knn", "mean", "vjm"], "fanuc-r2000ic", splits=2, output=folder)
     return folder
 
 
@@ -45,19 +46,15 @@ def stored_errors(folder) -> dict[str, float]:
 
 
 def test_without_a_perturbation_the_stored_errors_come_out_exactly(stored):
-    found = sb.open_results(stored / "runs").sensitivity(
-        tcp_off_mm=UNNOTICED_MM, draws=1, **NO_OTHERS
-    )
-    errors = stored_errors(stored / "runs")
+    found = sb.open_results(stored).sensitivity(tcp_off_mm=UNNOTICED_MM, draws=1, **NO_OTHERS)
+    errors = stored_errors(stored)
     unperturbed, unnoticed = numbers(found, 0), numbers(found, 1)
     assert {model: unperturbed[model] for model in errors} == errors
     assert {model: unnoticed[model] for model in errors} == errors
 
 
 def test_a_mistake_too_small_to_see_keeps_the_order_in_every_draw(stored):
-    found = sb.open_results(stored / "runs").sensitivity(
-        tcp_off_mm=UNNOTICED_MM, draws=2, **NO_OTHERS
-    )
+    found = sb.open_results(stored).sensitivity(tcp_off_mm=UNNOTICED_MM, draws=2, **NO_OTHERS)
     (table,) = found.tables
     best, pairs, tau = table.rows[1][-6:-3]
     assert (best.share, pairs.share, tau.value, tau.spread) == ((2, 2), (6, 6), 1.0, 0.0)
@@ -65,7 +62,7 @@ def test_a_mistake_too_small_to_see_keeps_the_order_in_every_draw(stored):
 
 
 def test_models_stand_in_their_order_and_every_mistake_has_a_row(stored):
-    found = sb.open_results(stored / "runs").sensitivity("knn", "vjm", draws=1)
+    found = sb.open_results(stored).sensitivity("knn", "vjm", draws=1)
     (table,) = found.tables
     assert [column.name for column in table.columns[1:3]] == ["vjm", "knn"]
     assert [row[0] for row in table.rows] == [
@@ -92,7 +89,7 @@ def test_a_mistake_that_is_large_enough_changes_the_order():
 
 
 def test_a_pair_that_changes_places_is_named_with_its_verdict(stored):
-    found = sb.open_results(stored / "runs").sensitivity(
+    found = sb.open_results(stored).sensitivity(
         "vjm", "knn", draws=1, tcp_off_mm=0.0, **(NO_OTHERS | {"force_noise_percent": 100.0})
     )
     (table,) = found.tables
@@ -137,14 +134,13 @@ def test_splits_that_some_lack_and_models_without_a_result_are_left_out_and_name
 def test_the_splits_of_every_kind_of_protocol_are_had_again(tmp_path, words):
     models = ("--model", "mean", "--model", "vjm")
     assert bench_here("run", *models, *DATA, *words, cwd=tmp_path).returncode == 0
-    only = ("--force-noise", "0", "--registration", "0", "--deflection-shift", "0")
-    done = bench_here("compare", "--perturb", "--draws", "1", *only, cwd=tmp_path)
+    done = bench_here("compare", "--perturb", "--draws", "1", *NO_OTHER_WORDS, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "TCP off by 0.5 mm" in done.stdout
 
 
 def test_a_file_of_ones_own_may_be_gone(tmp_path, fanuc):
-    write_samples(tmp_path / "my.csv", fanuc.samples, fanuc.robot)
+    write_table(tmp_path / "my.csv", [sample_table(fanuc.samples, fanuc.robot)])
     words = ("run", "--model", "mean", "--model", "vjm", "--data", "my.csv")
     robot = ("--robot", "fanuc-r2000ic")
     assert bench_here(*words, *robot, cwd=tmp_path).returncode == 0
@@ -178,29 +174,24 @@ def test_a_model_whose_plugin_is_missing_is_refused_and_named(tmp_path, plugin_f
         (["--tcp-off", "half"], ["'half' is no length"]),
         (["vjm"], ["vjm alone", "two models or more"]),
         (["vjm", "gp"], ["unknown model with results 'gp'"]),
-        (
-            [f"--{name}=0" for name in ("tcp-off", "force-noise", "registration")]
-            + ["--deflection-shift=0"],
-            ["nothing is perturbed"],
-        ),
+        ([*NO_OTHER_WORDS, "--tcp-off=0"], ["nothing is perturbed"]),
     ],
     ids=str,
 )
 def test_bad_words_are_refused_in_one_line(stored, words, parts):
-    assert_refused(
-        bench_here("compare", "--perturb", "--results", "runs", *words, cwd=stored), *parts
-    )
+    done = bench_here("compare", "--perturb", "--results", "runs", *words, cwd=stored.parent)
+    assert_refused(done, *parts)
 
 
 @pytest.mark.parametrize(
     "words", [["vjm"], [], ["vjm", "knn", "mean"], ["vjm", "knn", "--draws=3"]]
 )
 def test_without_perturb_there_are_two_models_and_no_mistakes(stored, words):
-    done = bench_here("compare", "--results", "runs", *words, cwd=stored)
+    done = bench_here("compare", "--results", "runs", *words, cwd=stored.parent)
     assert_refused(done, "--perturb")
 
 
 @pytest.mark.parametrize("name", ["tcp_off_mm", "force_noise_percent", "draws", "jobs"])
 def test_a_bad_size_is_refused_by_its_name_in_python(stored, name):
     with pytest.raises(ConfigError, match=f"{name} -1"):
-        sb.open_results(stored / "runs").sensitivity(**{name: -1})
+        sb.open_results(stored).sensitivity(**{name: -1})

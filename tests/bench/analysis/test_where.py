@@ -37,7 +37,7 @@ def test_a_model_that_is_worse_under_heavy_loads_is_found_to_be_so_there_alone(t
     force = np.linalg.norm(made_data().samples.wrench[:, :3], axis=1)
     heavy = force > np.quantile(force, 2 / 3)
     found, _ = found_in(tmp_path, a=spread(1e-4, 1e-5, seed=2), b=worse_where(heavy))
-    light, middle, hard = [place for place in found.places if place.factor == "force"]
+    light, middle, hard = [place for place in found.places if place.factor.name == "force"]
     assert [place.verdict for place in (light, middle, hard)] == ["equivalent", "equivalent", "a"]
     assert hard.low == pytest.approx(force[heavy].min())
     assert hard.high == pytest.approx(force.max())
@@ -53,10 +53,10 @@ def test_of_each_kind_the_division_that_explains_most_is_shown(tmp_path):
     high = data.samples.group == "far"
     b = worse_where((torque > np.quantile(torque, 2 / 3)) + 1.0 * high)
     found, stored = found_in(tmp_path, a=spread(1e-4, 1e-5, seed=2), b=b)
-    shown = {place.kind: place.factor for place in found.places}
+    shown = {place.factor.kind: place.factor.name for place in found.places}
     assert shown["joint torque"] == f"torque on {stored.joint_names[3]}"
     assert shown["pose region"] == "part of the plan"
-    assert [p.label for p in found.places if p.kind == "pose region"] == ["far", "near"]
+    assert [p.label for p in found.places if p.factor.kind == "pose region"] == ["far", "near"]
     # group, reach, height, force, six joints; the loads have no torque at the TCP to divide by
     assert found.n_places == 2 + 9 * 3
 

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 import stiffbench as sb
-from stiff_datasets.measured.measured import write_samples
+from stiff_datasets.measured.sample_files import sample_table, write_table
 from stiff_protocols.contract.errors import (
     ConfigError,
     DataError,
@@ -152,7 +152,7 @@ def test_a_model_that_chooses_its_epoch_gets_poses_to_choose_by_and_says_so(twin
 
 def test_frames_files_and_arrays_hold_the_same_samples(twin, tmp_path):
     file = tmp_path / "mine.csv"
-    write_samples(file, twin.samples, twin.robot)
+    write_table(file, [sample_table(twin.samples, twin.robot)])
     of_file = sb.read_samples(file, robot=twin.robot)
     of_frame = sb.Dataset.from_frame(twin.frame(), twin.robot)
     of_arrays = sb.Dataset.from_samples(of_file.samples, twin.robot, name="arrays")

@@ -13,7 +13,7 @@ import stiffbench as sb
 from command_line import assert_refused, bench_here
 from stiff_bench.api.model import model_choice
 from stiff_bench.api.next_poses import curve_errors
-from stiff_datasets.measured.measured import write_samples
+from stiff_datasets.measured.sample_files import sample_table, write_table
 from stiff_datasets.twin.robot_twin import Ur5Twin
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import BenchmarkData
@@ -31,7 +31,9 @@ def measured(ur5, tmp_path):
     """A function that writes the first poses of the UR5's twin as a user's file."""
 
     def write(n_poses, name="my.csv"):
-        write_samples(tmp_path / name, ur5.samples.take(np.arange(n_poses)), ur5.robot)
+        write_table(
+            tmp_path / name, [sample_table(ur5.samples.take(np.arange(n_poses)), ur5.robot)]
+        )
         return name
 
     return write

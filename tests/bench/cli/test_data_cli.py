@@ -22,7 +22,7 @@ def home(tmp_path):
     return {"STIFFBENCH_HOME": str(tmp_path / "home")}
 
 
-def filled_in(plan: Path, kr10_chain) -> Path:
+def filled_in(plan: Path, kr10) -> Path:
     """The plan as a careful user would return it: deflections of the twin in its empty columns."""
     from stiff_datasets.twin.constants import shipped_constants
     from stiff_datasets.twin.twin import DigitalTwin
@@ -31,7 +31,7 @@ def filled_in(plan: Path, kr10_chain) -> Path:
     q = np.deg2rad([[float(row[f"q{i}_deg"]) for i in range(1, 7)] for row in rows])
     names = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")
     wrench = np.array([[float(row[name]) for name in names] for row in rows])
-    twin = DigitalTwin(kr10_chain, shipped_constants("kr10_r1100_2").springs)
+    twin = DigitalTwin(kr10, shipped_constants("kr10_r1100_2").springs)
     for row, moved in zip(rows, twin.readings(q, wrench) * 1000, strict=True):
         row |= dict(zip(("dx_mm", "dy_mm", "dz_mm"), moved.round(5), strict=True))
     path = plan.with_name("measured.csv")
@@ -43,11 +43,11 @@ def filled_in(plan: Path, kr10_chain) -> Path:
 
 
 @pytest.mark.slow
-def test_from_the_plan_to_the_leaderboard_with_ones_own_file(tmp_path, home, kr10, kr10_chain):
+def test_from_the_plan_to_the_leaderboard_with_ones_own_file(tmp_path, home, kr10):
     planned = bench_here("data", "plan", "--output", "plan.csv", cwd=tmp_path)
     assert planned.returncode == 0, planned.stderr
     assert "151 poses" in planned.stdout and "mean of 20 random" in planned.stdout
-    path = filled_in(tmp_path / "plan.csv", kr10_chain)
+    path = filled_in(tmp_path / "plan.csv", kr10)
     assert len(read_samples(path, kr10)) == 151
     words = ["data", "validate", "measured.csv"]
     assert "every torque is zero" in bench_here(*words, cwd=tmp_path).stdout

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from command_line import assert_refused, bench_here
 from stiff_bench.api.model import load_model
 from stiff_bench.cli import models as deploy_cli
-from stiff_datasets.measured.measured import write_samples
+from stiff_datasets.measured.sample_files import sample_table, write_table
 from stiff_datasets.robots.robot import load_robot
 from stiff_models import load
 from stiff_models.physics.vjm import joint_deflection
@@ -57,6 +57,15 @@ def predict(vjm_file, tmp_path):
     return make
 
 
+def test_a_fit_prints_a_row_a_spring_and_says_which_the_samples_cannot_tell(tmp_path):
+    words = ("--dataset", "fanuc-r2000ic", "--output", tmp_path / "springs.stiff")
+    text = run(deploy_cli.fit, "--model", "vjm-multisegment", *words)
+    rows = [line for line in text.splitlines() if "[Nm/rad]" in line and " to " in line]
+    assert [row[:12] for row in rows] == [f"J{j} segment {k}" for j in range(1, 7) for k in (1, 2)]
+    assert 0 < sum("not identifiable" in row for row in rows) < len(rows)
+    assert "stiffness J1" not in text  # said once
+
+
 def test_predictions_are_written_to_standard_output(vjm_file, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("poses.csv").write_text(f"{HEADER}\n{ROW}\n")
@@ -72,7 +81,7 @@ def test_fit_predict_and_export_on_the_command_line(tmp_path):
     done = bench_here("fit", "--model", "vjm", *words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     for part in ("vjm.stiff: vjm", "kr10-twin (simulated, 151 samples)", "seed 0",
-                 "stiffness A1 [Nm/rad]", "never measured"):  # fmt: skip
+                 "A1 [Nm/rad]", "never measured"):  # fmt: skip
         assert part in done.stdout
     lines = (f"pose_id,load_id,group,{HEADER},dx_mm,dy_mm,dz_mm", f"P1,1,all,{ROW},,,")
     (tmp_path / "plan.csv").write_text("\n".join(lines))  # as `bench data plan` writes it
@@ -242,7 +251,7 @@ def test_ones_own_robot_with_a_rail_from_a_measurement_to_predictions_in_parquet
     names = np.arange(12).astype(str)
     deflection = joint_deflection(robot, np.array([1e-6, 1e-5]), q, wrench)
     measured = Samples(q, wrench, deflection, names, names, names)
-    write_samples(tmp_path / "my.parquet", measured, robot)
+    write_table(tmp_path / "my.parquet", [sample_table(measured, robot)])
     run(deploy_cli.fit, "--model", "vjm", "--data", tmp_path / "my.parquet", "--urdf", urdf,
         "--tcp", "0.5,0,0.1", "--output", tmp_path / "vjm.stiff")  # fmt: skip
     run(deploy_cli.predict, "--model", tmp_path / "vjm.stiff", "--input", tmp_path / "my.parquet",
@@ -256,7 +265,7 @@ def test_ones_own_robot_with_a_rail_from_a_measurement_to_predictions_in_parquet
 
 def test_whatever_a_crafted_model_raises_is_blamed_on_its_file(vjm_file, tmp_path):
     model = load_model(vjm_file)
-    model.fitted.joints_ = "no joints"
+    model.fitted.springs_ = "no joints"
     poses = tmp_path / "poses.csv"
     poses.write_text(f"{HEADER}\n{ROW}\n")
     with pytest.raises(DataError, match=r"vjm\.stiff: its model cannot predict: AttributeError"):

@@ -112,10 +112,10 @@ def test_figure_4_needs_no_results(tmp_path):
 @pytest.mark.slow
 def test_all_of_the_papers_figures_can_be_drawn_from_its_study(paper):
     prepared, _ = can_be_drawn(FIGURES, paper)
-    assert [one.name for one in prepared] == list(FIGURES)
-    for one in prepared:
+    assert [*prepared] == [*FIGURES]
+    for name, one in prepared.items():
         one.draw().canvas.draw()
-        assert f"Figure {one.name}" in one.caption
+        assert f"Figure {name}" in one.caption
         assert "kr10-twin, simulated" in one.caption
 
 
@@ -128,7 +128,7 @@ def test_missing_models_of_the_paper_are_named(tmp_path):
 
 
 def test_figure_5_has_a_line_a_depth_and_the_papers_values_as_stars(paper):
-    axes = FIGURES["5"].prepare(paper).draw().axes[0]
+    axes = FIGURES["5"](paper).draw().axes[0]
     lines = [line for line in axes.get_lines() if len(line.get_xdata())]
     of_depth_3 = [[40, 3 / 40], [380, 3 / 380]]
     assert any(
@@ -144,7 +144,7 @@ def test_results_are_refused_by_the_figure_that_reads_none(tmp_path):
 
 
 def caption_of(name: str, results: PaperResults) -> str:
-    return FIGURES[name].prepare(results).caption
+    return FIGURES[name](results).caption
 
 
 def test_the_models_that_picked_an_epoch_are_named_in_the_papers_figures(tmp_path):
@@ -178,5 +178,5 @@ def test_a_strategy_without_a_finite_loss_has_no_line_in_figure_6(changing):
     for layers in (("1",), ("1", "2")):
         nothing = {"fine-tuning": np.full((3, 3), np.nan)}
         with_fields(changing, unfrozen(layers).name, curves=nothing)
-    left, _ = FIGURES["6"].prepare(PaperResults.of(changing.folder)).draw().axes
+    left, _ = FIGURES["6"](PaperResults.of(changing.folder)).draw().axes
     assert not left.get_lines()

@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 import stiffbench as sb
 from command_line import assert_refused, bench_here
 from stiff_bench.api.path import CorrectedPath, compensate_path, example_path
-from stiff_datasets.measured.path_file import read_path, tool_of
+from stiff_datasets.measured.path_file import path_table, tool_of
+from stiff_datasets.measured.sample_files import read_sheet
 from stiff_datasets.robots.shipped import ROBOTS
 from stiff_protocols.contract.errors import (
     ConfigError,
@@ -82,7 +83,7 @@ def refused(vjm_file, tmp_path):
         (tmp_path / "bad.csv").write_text("\n".join(lines) + "\n")
         words = ("--model", str(vjm_file), "--path", "bad.csv", "--output", "c.csv", *words)
         assert_refused(bench_here("path", "compensate", *words, cwd=tmp_path), *parts)
-        assert not (tmp_path / "c.csv").exists()
+        assert [file.name for file in tmp_path.iterdir()] == ["bad.csv"]
 
     return see
 
@@ -173,7 +174,7 @@ def test_joint_angles_stand_for_poses_and_choose_the_configuration(square, corre
     loads = [*FORCE, "tx_Nm", "ty_Nm", "tz_Nm"]
     wanted = pd.read_csv(square)
     usual, written = corrected(wanted.assign(fz_N=0.0, fy_N=0.0, tz_Nm=0.0))
-    np.testing.assert_allclose(usual.found.position, usual.wanted.position, atol=1e-12)
+    np.testing.assert_allclose(usual.found.position, usual.found.wanted, atol=1e-12)
     by_joints = pd.concat([written[JOINTS], wanted[loads]], axis=1)
     again, _ = corrected(by_joints)
     from_poses, _ = corrected(wanted)
@@ -209,7 +210,7 @@ class Wild:
         return self.inner.predict(q, wrench) + away
 
 
-def test_points_that_do_not_converge_stop_the_command_or_stay_uncorrected(vjm, corrected):
+def test_points_that_do_not_converge_stop_the_command_or_stay_uncorrected(vjm, corrected, tmp_path):
     def wild():
         model = sb.make_model("vjm")
         model.fitted = Wild(vjm.fitted)
@@ -218,6 +219,7 @@ def test_points_that_do_not_converge_stop_the_command_or_stay_uncorrected(vjm, c
     path = "\n".join([HEADER, ROW, ROW.replace(",10,", ",20,"), ROW, ""])
     with pytest.raises(ModelError, match=r"1 of 3 points .* row 3"):
         corrected(path, wild())
+    assert not list(tmp_path.glob("*corrected*"))
     with pytest.warns(UserWarning, match="row 3"):
         found, written = corrected(path + ROW.replace("700", "701"), wild(), on_failure="keep")
     assert written["uncorrected"].tolist() == ["", "not converged", "", ""]
@@ -247,7 +249,7 @@ def test_every_shipped_robot_has_an_example_that_it_can_drive(robot, tmp_path):
     table = pd.read_csv(tmp_path / "p.csv")
     assert (table["fz_N"] == -9.0).all()
     arm = ROBOTS[robot].robot()
-    found = read_path(tmp_path / "p.csv", arm, tool_of(arm, None))
+    found = path_table(read_sheet(tmp_path / "p.csv"), arm, tool_of(arm, None))
     assert follow(arm, found.path.position, found.path.rotation).ok.all()
 
 
@@ -260,13 +262,62 @@ def test_what_is_odd_is_said_before_anything_is_computed(corrected, capsys):
     assert ["radians" in line for line in said] == [False, True]
 
 
-@pytest.mark.filterwarnings("ignore:extrapolation")
-def test_a_long_path_is_corrected_in_blocks_as_in_one(square, corrected, monkeypatch):
-    wanted = pd.read_csv(square)
-    whole, _ = corrected(wanted)
-    monkeypatch.setattr("stiff_bench.api.path.BLOCK", 7)
-    blocks, _ = corrected(wanted)
-    np.testing.assert_allclose(blocks.found.q, whole.found.q, atol=1e-8)
+@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+def test_a_path_is_corrected_in_blocks_as_in_one(square, vjm, tmp_path, monkeypatch, ending):
+    path, commands, tables = tmp_path / f"p{ending}", [], []
+    if ending == ".csv":  # as people write them
+        lines = square.read_text().splitlines()
+        path.write_text("\n".join(["# a remark", "", *lines[:9], "", "# another", *lines[9:]]))
+    else:
+        pd.read_csv(square).to_parquet(path)
+    for block in (1000, 7):
+        monkeypatch.setattr("stiff_bench.api.path.BLOCK", block)
+        output = tmp_path / f"c{block}{ending}"
+        with pytest.warns(UserWarning, match="extrapolation in 39 of 41 rows: q6 8"):
+            commands.append(compensate_path(vjm, path, output).found)
+        read = pd.read_csv if ending == ".csv" else pd.read_parquet
+        tables.append(read(output))
+    whole, blocks = commands
+    np.testing.assert_allclose(blocks.q, whole.q, atol=1e-9)
+    np.testing.assert_allclose(blocks.position, whole.position, atol=1e-11)
+    np.testing.assert_allclose(blocks.before, whole.before, atol=1e-11)
+    np.testing.assert_array_equal(blocks.iterations, whole.iterations)
+    pd.testing.assert_frame_equal(*tables, atol=1e-7, rtol=0.0)
+
+
+WRISTS = [f"0,-60,90,0,{angle},0,0,0,-9" for angle in (30, 31, 32, 33, 34, -35)]
+
+
+@pytest.mark.parametrize(
+    ("rows", "parts"),
+    [
+        ([HEADER, *[ROW] * 5, ROW.replace("400", "x"), ROW], ["row 7", "z_mm", "'x'"]),
+        ([HEADER, *[ROW] * 6, "", ROW.replace("700", "2000")], ["row 9", "2000,0,400"]),
+        ([f"{HEADER},frame", *[f"{ROW},base"] * 4, f"{ROW},table"], ["row 6", "'table'"]),
+        ([",".join([*JOINTS, *FORCE]), *WRISTS[:4], WRISTS[5]], ["row 6", "configuration"]),
+        ([",".join([*JOINTS, *FORCE]), *WRISTS[:5], WRISTS[5]], ["row 7", "configuration"]),
+        ([HEADER, *[ROW] * 6, f"{ROW},1"], ["row 8", "10 cells"]),
+    ],
+)
+def test_what_is_wrong_behind_the_first_block_is_found_with_its_row(
+    rows, parts, corrected, monkeypatch, tmp_path
+):
+    monkeypatch.setattr("stiff_bench.api.path.BLOCK", 2)
+    with pytest.raises(DataError) as refused:
+        corrected("\n".join([*rows, ""]))
+    assert all(part in str(refused.value) for part in parts)
+    assert [file.name for file in tmp_path.iterdir()] == ["path.csv"]
+
+
+def test_a_file_is_judged_as_a_whole_where_its_first_block_says_little(corrected, monkeypatch):
+    monkeypatch.setattr("stiff_bench.api.path.BLOCK", 2)
+    near = ROW.replace("700,0,400", "1,0,1")
+    rows = [near, near, near.replace("1,0,1", "20,0,1"), near]
+    found, _ = corrected("\n".join([HEADER, *rows, ""]), frame=(699.0, 0.0, 399.0, 0.0, 0.0, 0.0))
+    np.testing.assert_allclose(found.found.wanted[2], [0.719, 0.0, 0.4], atol=1e-9)
+    rows = [f"{0.7 + 0.01 * i:.3f},0,0.4,180,0,180,0,0,-40" for i in range(5)]
+    with pytest.raises(DataError, match="look like metres"):
+        corrected("\n".join([HEADER, *rows, ""]))
 
 
 def test_load_beyond_the_training_range_is_warned_of_with_numbers(corrected):

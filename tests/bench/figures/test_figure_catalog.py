@@ -16,76 +16,61 @@ from stiff_bench.figures.source import FigureSource
 from stiff_bench.figures.style import COLUMN_INCH, DOTS_PER_INCH
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
-FROM_PREDICTIONS = ["scores", "regression", "errors", "workspace"]
+NEEDS = {
+    "losses": "`bench run --model ft-mlp`",
+    "sweep": "`bench reproduce`",
+    "freezing": "`bench reproduce`",
+    "learning-curves": "`bench run --protocol sample-efficiency",
+    "springs": "`bench run --model vjm --model vjm-multisegment`",
+    "calibration": "`bench run --metric coverage`",
+    "ranks": "at least 5 data sets of different robots",
+}
+"""What predictions of one robot cannot show -> what makes it."""
+SEVEN = ("vjm", "gp", "mlp", "a", "b", "c", "d")
 
 
 def drawn(name, source: FigureSource):
-    return FIGURES[name].prepare(source).draw()
+    return FIGURES[name](source).draw()
 
 
 def caption_of(name, source: FigureSource) -> str:
-    return FIGURES[name].prepare(source).caption
+    return FIGURES[name](source).caption
 
 
-def png_width(content: bytes) -> int:
-    return int(struct.unpack(">I", content[16:20])[0])
-
-
-def test_what_predictions_alone_show_can_be_drawn_of_any_results(tmp_path):
+def test_what_predictions_alone_show_is_drawn_and_for_the_rest_it_is_said_what_makes_it(tmp_path):
     compared(tmp_path)
-    prepared, _ = can_be_drawn(FIGURES, FigureSource.of(tmp_path))
-    assert [one.name for one in prepared] == FROM_PREDICTIONS
+    prepared, missing = can_be_drawn(FIGURES, FigureSource.of(tmp_path))
+    assert [*prepared] == ["scores", "regression", "errors", "workspace"]
+    assert missing.keys() == NEEDS.keys()
+    for name, why in missing.items():
+        assert NEEDS[name] in why and str(tmp_path) in why
 
 
 def test_a_figure_of_one_panel_is_as_wide_as_a_column_at_300_dots_an_inch(tmp_path):
     learned(tmp_path)
-    content = FIGURES["learning-curves"].prepare(FigureSource.of(tmp_path)).picture("png")
-    assert png_width(content) == pytest.approx(COLUMN_INCH * DOTS_PER_INCH, abs=1)
+    content = FIGURES["learning-curves"](FigureSource.of(tmp_path)).picture("png")
+    (width,) = struct.unpack(">I", content[16:20])
+    assert width == pytest.approx(COLUMN_INCH * DOTS_PER_INCH, abs=1)
 
 
 @pytest.mark.parametrize("kind", ["svg", "png", pytest.param("pdf", marks=pytest.mark.slow)])
 def test_the_same_results_give_the_same_file(tmp_path, kind):
     learned(tmp_path)
-    line, source = FIGURES["learning-curves"], FigureSource.of(tmp_path)
-    assert line.prepare(source).picture(kind) == line.prepare(source).picture(kind)
+    gather, source = FIGURES["learning-curves"], FigureSource.of(tmp_path)
+    assert gather(source).picture(kind) == gather(source).picture(kind)
 
 
 def test_a_models_name_is_drawn_as_it_is_written(tmp_path):
     compared(tmp_path)
     source = FigureSource.of(tmp_path, models=["$x_1$ <b>", "gp"])
-    text = FIGURES["errors"].prepare(source).picture("svg").decode()
+    text = FIGURES["errors"](source).picture("svg").decode()
     assert "$x_1$ &lt;b&gt;" in text
     assert "<b>" not in text
 
 
-@pytest.mark.parametrize(
-    ("name", "command"),
-    [
-        ("losses", "bench run --model ft-mlp"),
-        ("sweep", "bench reproduce"),
-        ("freezing", "bench reproduce"),
-        ("learning-curves", "bench run --protocol sample-efficiency"),
-        ("calibration", "bench run --metric coverage"),
-        ("springs", "bench run --model vjm --model vjm-multisegment"),
-    ],
-)
-def test_what_is_missing_is_said_with_the_command_that_makes_it(tmp_path, name, command):
-    compared(tmp_path)
-    _, missing = can_be_drawn(FIGURES, FigureSource.of(tmp_path))
-    why = missing[name]
-    assert command in why
-    assert str(tmp_path) in why
-
-
-def test_ranks_over_too_few_robots_are_refused(tmp_path):
-    compared(tmp_path)
-    with pytest.raises(ConfigError, match="at least 5 data sets of different robots"):
-        drawn("ranks", FigureSource.of(tmp_path))
-
-
 def test_ranks_over_five_robots_name_every_model(tmp_path):
     ranked(tmp_path)
-    text = FIGURES["ranks"].prepare(FigureSource.of(tmp_path)).picture("svg").decode()
+    text = FIGURES["ranks"](FigureSource.of(tmp_path)).picture("svg").decode()
     for shown in ("gp (1.00)", "mlp (2.00)", "(3.00) vjm", "critical difference"):
         assert shown in text
 
@@ -107,14 +92,14 @@ def test_models_without_a_common_split_are_refused(tmp_path):
 def test_a_fair_protocol_comes_before_one_that_picks_on_the_test_part(tmp_path):
     made = compared(tmp_path)
     made.add("extra", [0.1])
-    for name in ("vjm", "gp", "mlp", "a", "b", "c", "d"):
+    for name in SEVEN:
         made.add(name, [0.1], protocol="paper-holdout", selects_on_test=True)
     assert FigureSource.of(tmp_path).case().name.protocol == "holdout"
 
 
 def test_a_protocol_that_reports_training_rows_is_drawn_where_nothing_else_is_there_alone(tmp_path):
     made = compared(tmp_path)
-    for name in ("vjm", "gp", "mlp", "a", "b", "c", "d"):
+    for name in SEVEN:
         made.add(name, [0.1], protocol="paper-holdout@read_on=all", reports_training=True)
     assert {one.name.protocol for one in FigureSource.of(tmp_path).newest} == {"holdout"}
     asked = FigureSource.of(tmp_path, protocols=["paper-holdout"])

@@ -62,7 +62,7 @@ def test_a_sample_of_several_splits_has_the_mean_of_its_errors():
 def test_a_workspace_colours_each_pose_by_the_length_of_its_error(tmp_path):
     MadeResults(tmp_path).add("vjm", [[0.1, 0.2, 0.3, 0.4]])
     source = FigureSource.of(tmp_path)
-    side, above, *_ = FIGURES["workspace"].prepare(source).draw().axes
+    side, above, *_ = FIGURES["workspace"](source).draw().axes
     data = read_data(tmp_path, source.case().name.data_sha256)
     for axes, across in ((side, np.hypot(*data.tcp[:4, :2].T)), (above, data.tcp[:4, 0])):
         (points,) = axes.collections
@@ -82,10 +82,18 @@ def test_a_calibration_has_a_point_for_each_coverage_that_every_split_has(tmp_pa
             old = result.prediction.interval
             moved = Interval(old.lower + shift, old.upper + shift, 0.5)
             store.write_cell(replace(result, prediction=replace(result.prediction, interval=moved)))
-    axes = FIGURES["calibration"].prepare(FigureSource.of(tmp_path)).draw().axes[0]
+    axes = FIGURES["calibration"](FigureSource.of(tmp_path)).draw().axes[0]
     lines = {one.get_label(): one.get_xydata() for one in axes.get_lines() if one.get_marker()}
     np.testing.assert_allclose(lines["gp"], [[50.0, 50.0], [80.0, 100.0]])
     np.testing.assert_allclose(lines["vjm"], [[50.0, 100.0], [80.0, 100.0]])
+
+
+def test_a_calibration_is_of_the_splits_on_which_all_models_have_intervals(tmp_path):
+    made = MadeResults(tmp_path)
+    made.add("gp", [0.1, 0.1], coverage=0.8)
+    made.add("vjm", [0.3, 0.3])
+    made.add("vjm", [0.3], coverage=0.8)
+    assert "holdout, 1 split," in FIGURES["calibration"](FigureSource.of(tmp_path)).caption
 
 
 def test_a_springs_deflection_adds_up_the_segments_below_the_torque():
@@ -94,33 +102,26 @@ def test_a_springs_deflection_adds_up_the_segments_below_the_torque():
     np.testing.assert_allclose(spring.deflection(torque), [0.0, 1e-4, 2e-4, 4e-4])
 
 
-def test_springs_are_read_from_what_the_models_reported(tmp_path):
+@pytest.mark.parametrize("identifiable", [True, False])
+def test_springs_are_drawn_as_the_models_reported_them_or_with_the_priors_slope(
+    tmp_path, identifiable
+):
     made = compared(tmp_path)
     joints = made_data(0).robot.joint_names
     segments = {f"stiffness {j} segment {k} [Nm/rad]": 1e4 * k for j in joints for k in (1, 2)}
     bends = {f"breakpoint {j} 1 [Nm]": 0.1 for j in joints}
-    with_fields(made, "mlp", diagnostics=segments | bends)
+    key = f"stiffness {joints[0]} segment 2 [Nm/rad]"
+    prior = {} if identifiable else {key: np.nan, f"prior {key}": 5e4}
+    with_fields(made, "mlp", diagnostics=segments | bends | prior)
     with_fields(made, "vjm", diagnostics={f"stiffness {j} [Nm/rad]": 2e4 for j in joints})
-    first = FIGURES["springs"].prepare(FigureSource.of(tmp_path)).draw().axes[0]
+    first = FIGURES["springs"](FigureSource.of(tmp_path)).draw().axes[0]
     *_, segmented, bend, linear = first.get_lines()
     torque, deflection = segmented.get_xydata()[-1]
-    np.testing.assert_allclose(deflection, 1e3 * (0.1 / 1e4 + (torque - 0.1) / 2e4))
+    slope = 2e4 if identifiable else 5e4
+    np.testing.assert_allclose(deflection, 1e3 * (0.1 / 1e4 + (torque - 0.1) / slope))
     np.testing.assert_allclose(bend.get_xdata(), [0.1])
     torque, deflection = linear.get_xydata()[-1]
     np.testing.assert_allclose(deflection, 1e3 * torque / 2e4)
-
-
-def test_a_segment_that_was_not_identifiable_is_drawn_with_the_priors_stiffness(tmp_path):
-    made = compared(tmp_path)
-    joints = made_data(0).robot.joint_names
-    segments = {f"stiffness {j} segment {k} [Nm/rad]": 1e4 for j in joints for k in (1, 2)}
-    key = f"stiffness {joints[0]} segment 2 [Nm/rad]"
-    prior = {key: np.nan, f"prior {key}": 5e4}
-    bends = {f"breakpoint {j} 1 [Nm]": 0.1 for j in joints}
-    with_fields(made, "mlp", diagnostics=segments | prior | bends)
-    first = FIGURES["springs"].prepare(FigureSource.of(tmp_path)).draw().axes[0]
-    torque, deflection = first.get_lines()[-2].get_xydata()[-1]
-    np.testing.assert_allclose(deflection, 1e3 * (0.1 / 1e4 + (torque - 0.1) / 5e4))
 
 
 EFFICIENCY = {"protocol": "sample-efficiency", "n_train": 40}
@@ -134,7 +135,7 @@ def errors_of(folder, **asked):
 
 def test_a_learning_curve_is_the_geometric_mean_with_students_interval(tmp_path):
     learned(tmp_path)
-    (axes,) = FIGURES["learning-curves"].prepare(FigureSource.of(tmp_path)).draw().axes
+    (axes,) = FIGURES["learning-curves"](FigureSource.of(tmp_path)).draw().axes
     mean = np.e / np.array(SIZES)  # mm; of e^0, e^1 and e^2
     line = next(one for one in axes.get_lines() if np.allclose(one.get_ydata()[:3], mean))
     np.testing.assert_allclose(line.get_xdata(), SIZES)

@@ -11,7 +11,7 @@ from made_results import TWINS, MadeResults
 from stiff_bench.analysis.critical_difference import RankAnalysis
 from stiff_bench.analysis.same_robot import Specimen
 from stiff_bench.cli.compare import leaderboard
-from stiff_bench.figures.ranks import save_diagrams
+from stiff_bench.figures.ranks import ranks_figure, save_diagrams
 from stiff_protocols.scoring.ranks import compare_over_datasets
 
 NAMES = tuple(f"model-{number}" for number in range(20))
@@ -44,6 +44,13 @@ def test_the_diagram_names_metric_protocol_data_sets_and_every_model(tmp_path, r
     for name in NAMES:
         assert re.search(rf"\b{name}\b", words)
     assert "critical difference 12.1" in words  # 3.544 sqrt(20 * 21 / 36)
+
+
+def test_a_bar_goes_through_its_models_in_order_so_that_the_file_is_always_the_same(rng):
+    (axes,) = ranks_figure([analysis_of(rng.normal(size=(6, 20)))]).axes
+    lines = [line.get_xydata().T for line in axes.get_lines()]
+    bars = [x for x, y in lines if len(x) > 2 and np.ptp(y) == 0.0]
+    assert bars and all((np.diff(bar) >= 0.0).all() for bar in bars)
 
 
 def test_one_bar_stands_over_all_where_friedman_finds_nothing(tmp_path):

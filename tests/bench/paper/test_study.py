@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from stiff_bench.api.run import Run
 from stiff_bench.paper.results import PaperResults
 from stiff_bench.paper.study import (
     ALL_PAIRS,
@@ -109,8 +108,3 @@ def test_a_cell_that_two_parts_need_is_asked_for_once(tmp_path):
 def test_the_leaderboard_has_every_shipped_model_once():
     for run in leaderboard_study(KEYS):
         assert [one.key for one in run.models] == KEYS
-
-
-def test_before_anything_is_stored_a_forecast_says_that_no_time_is_known(tmp_path):
-    found = Run(study_of(paper_study(full=False), tmp_path)).foreseen()
-    assert found.n_unknown == found.n_cells > 0 and found.seconds == 0.0

@@ -9,10 +9,10 @@ import pytest
 from made_results import TWINS, MadeResults, change
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.sort_key import sort_key
-from stiff_bench.figures.figure import Content, FigureLine
+from stiff_bench.figures.figure import Prepared
 from stiff_bench.report import pairs as pair_tables
 from stiff_bench.report import report as gather
-from stiff_bench.report.runs import Selection
+from stiff_bench.report.report import Selection
 from stiff_bench.store.database import ResultStore, stored_results
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
@@ -102,30 +102,21 @@ def test_failures_stand_with_reason_cause_and_log_and_alike_ones_together(result
     assert [fold.text for fold in block.folds] == ["first\nlast <b>"] * 2
 
 
-@pytest.mark.parametrize("change", ["options", "version", "source"])
-def test_a_failure_that_a_newer_run_repeats_counts_once(results, change):
-    old, new = {
-        "options": ({"options": {"steps": 10}}, {"options": {"steps": 20}}),
-        "version": ({"version": 0}, {"version": 1}),
-        "source": ({"source": "old"}, {"source": "new"}),
-    }[change]
-    first = results.add("bad", failed=(0,), dataset="other", run_id="run-2", **old)
-    results.add_run("run-2", first)
-    again = results.add("bad", failed=(0,), dataset="other", run_id="run-3", **new)
-    results.add_run("run-3", again)
+@pytest.mark.parametrize(
+    ("old", "new", "n_failed"),
+    [
+        ({"options": {"steps": 10}}, {"options": {"steps": 20}}, 1),
+        ({"version": 0}, {"version": 1}, 2),  # other data are another case
+        ({"source": "old"}, {"source": "new"}, 2),
+    ],
+)
+def test_a_failure_that_a_newer_run_repeats_counts_once(results, old, new, n_failed):
+    for run_id, about in (("run-2", old), ("run-3", new)):
+        keys = results.add("bad", failed=(0,), dataset="other", run_id=run_id, **about)
+        results.add_run(run_id, keys)
     blocks = blocks_of(results.folder)
-    n_places = 1 if change == "options" else 2  # other data are another case
-    assert f"; {n_places} failed, 0 skipped." in blocks["Summary"].texts[1]
-    (table,) = blocks["Failed and skipped"].tables
-    assert len(table.rows) == n_places
-
-
-def test_a_failure_on_old_data_is_not_hidden_by_a_result_on_new_data(results):
-    results.add("bad", failed=(0,), dataset="other", version=0)
-    results.add("bad", [0.1], dataset="other", version=1)
-    blocks = blocks_of(results.folder)
-    assert "; 1 failed, 0 skipped." in blocks["Summary"].texts[1]
-    assert len(blocks["Failed and skipped"].tables[0].rows) == 1
+    assert f"; {n_failed} failed, 0 skipped." in blocks["Summary"].texts[1]
+    assert len(blocks["Failed and skipped"].tables[0].rows) == n_failed
 
 
 def test_missing_samples_cost_what_needs_them_and_nothing_else(results):
@@ -180,16 +171,14 @@ def test_a_figure_that_cannot_be_drawn_is_left_out(results, monkeypatch, error):
     def whole(source):
         from matplotlib.figure import Figure
 
-        return Content("of nothing", Figure)
+        return Prepared("drawn", "of nothing", Figure)
 
-    lines = {
-        name: FigureLine(name, name, gather_it)
-        for name, gather_it in (("losses", broken), ("springs", whole), ("scores", whole))
-    }
-    monkeypatch.setattr(gather, "FIGURES", lines)
+    figures = {"losses": broken, "springs": whole, "scores": whole}
+    monkeypatch.setattr(gather, "FIGURES", figures)
     blocks = blocks_of(results.folder)
-    assert [picture.title for picture in blocks["Error by model"].pictures] == ["scores"]
-    assert [picture.title for picture in blocks["Figures"].pictures] == ["springs"]
+    assert "bench figure scores " in blocks["Error by model"].pictures[0].command
+    (picture,) = blocks["Figures"].pictures
+    assert picture.title == "drawn" and "bench figure springs " in picture.command
     assert [*blocks].index("Error by model") < [*blocks].index("Leaderboard")
 
 

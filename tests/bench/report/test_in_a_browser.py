@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from made_results import TWINS, MadeResults
-from stiff_bench.report.report import write_report
-from stiff_bench.report.runs import Selection
+from stiff_bench.report.report import Selection, write_report
 
 pytestmark = [
     pytest.mark.slow,

@@ -32,21 +32,16 @@ def test_the_page_is_written_and_said(folder, tmp_path):
     assert page.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 
 
-def test_several_folders_are_parts_of_one_page_and_not_compared(folder, tmp_path):
-    other = MadeResults(tmp_path / "others")
+def test_several_folders_are_parts_of_one_page_not_compared_and_each_has_every_model_named(
+    folder, tmp_path
+):
+    other, page = MadeResults(tmp_path / "others"), tmp_path / "page.html"
     other.add("gp", [0.1])
-    page = tmp_path / "page.html"
-    done = run("--results", folder, "--results", other.folder, "--output", page)
-    assert done.exit_code == 0
+    words = ["--results", folder, "--results", other.folder, "--output", page]
+    assert run(*words).exit_code == 0
     text = page.read_text(encoding="utf-8")
     assert text.count("<h2") == 2
     assert "are not compared with each other" in text
-
-
-def test_a_model_that_one_of_the_folders_lacks_is_refused(folder, tmp_path):
-    other = MadeResults(tmp_path / "others")
-    other.add("gp", [0.1])
-    words = ["--results", folder, "--results", other.folder, "--output", tmp_path / "page.html"]
     done = run(*words, "--model", "gp")
     assert isinstance(done.exception, ConfigError) and "'gp'" in str(done.exception)
 

@@ -8,18 +8,15 @@ import numpy as np
 import pytest
 
 from made_robots import random_chain
-from run_requests import planned
+from run_requests import computed, planned
 from stiff_bench.plan.cells import NO_SOURCE, cell_tasks, check_source
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.plan.request import RunPlan
 from stiff_bench.plan.words import chosen_dataset
-from stiff_bench.run.cell import compute_cell
 from stiff_bench.run.execution import IN_THIS_PROCESS
 from stiff_bench.run.progress import LineDisplay
 from stiff_bench.run.runner import run_cells
 from stiff_bench.store.database import ResultStore, read_data
 from stiff_bench.store.names import split_word
-from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.twin.robot_twin import Ur5Twin
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_protocols.contract.errors import ConfigError
@@ -35,6 +32,11 @@ OPTIONS = {"width": 8, "pretrain_steps": 3, "epochs": 4, "training": "best"}
 FT_MLP = "@".join(["ft-mlp", *(f"{name}={value}" for name, value in OPTIONS.items())])
 
 
+@pytest.fixture(scope="module")
+def ur5():
+    return Ur5Twin().load()
+
+
 @pytest.fixture()
 def cross_tasks(tasks_of):
     """A function that lists cells of the FANUC with the UR5 as the foreign source."""
@@ -45,28 +47,26 @@ def of_condition(tasks, condition):
     return [task for task in tasks if task.cell.condition == condition]
 
 
-def test_both_conditions_share_rows_and_model_seed_and_are_stored_apart(cross_tasks):
+def test_both_conditions_share_rows_and_model_seed_and_are_stored_apart(cross_tasks, ur5):
     tasks = cross_tasks(FT_MLP)
     for own, foreign in zip(of_condition(tasks, OWN), of_condition(tasks, FROM_UR5), strict=True):
         assert own.cell.split_sha256 == foreign.cell.split_sha256
         assert own.cell.model_seed == foreign.cell.model_seed
         assert own.cell.key != foreign.cell.key
         assert own.source is None and own.cell.source_sha256 == ""
-        assert foreign.cell.source_sha256 == Ur5Twin().load().sha256 == foreign.source.sha256
+        assert foreign.cell.source_sha256 == ur5.sha256 == foreign.source.sha256
     assert len({task.cell.model_seed for task in tasks}) == 2  # one a split
 
 
-def test_with_its_own_source_a_cell_is_what_holdout_gives_for_the_same_seed(cross_tasks):
+def test_with_its_own_source_a_cell_is_what_holdout_gives_for_the_same_seed(cross_tasks, fanuc):
     task = of_condition(cross_tasks(FT_MLP), OWN)[1]
-    result = compute_cell(task, "r")
-    assert result.status == "ok", result.failure
-    data = FanucR2000iC().load()
-    split = Holdout().splits(data.samples, n_splits=2, seed=0)[1]
+    result = computed(task)
+    split = Holdout().splits(fanuc.samples, n_splits=2, seed=0)[1]
     train, validation, test = (
-        data.samples.take(rows) for rows in (split.train, split.validation, split.test)
+        fanuc.samples.take(rows) for rows in (split.train, split.validation, split.test)
     )
     model = FtMlp(**OPTIONS, device="cpu").fit(
-        train, robot=data.robot, validation=validation, seed=task.cell.model_seed
+        train, robot=fanuc.robot, validation=validation, seed=task.cell.model_seed
     )
     np.testing.assert_array_equal(result.prediction.predicted, model.predict(test.q, test.wrench))
 
@@ -80,8 +80,7 @@ def test_with_the_foreign_source_a_cell_and_its_intervals_are_those_of_that_sour
     other = replace(samples, deflection=samples.deflection * 2.0)  # every label of the target
 
     def bounds(task):
-        result = compute_cell(task, "r")
-        assert result.status == "ok", result.failure
+        result = computed(task)
         interval = result.prediction.interval
         return result.prediction.predicted, (interval.lower + interval.upper) / 2.0
 
@@ -105,11 +104,10 @@ def test_rows_say_what_the_source_means_for_them(cross_tasks):
     assert set(foreign) > set(own) and not any("ur5-twin" in caveat for caveat in own)
 
 
-def test_the_sources_samples_are_stored_beside_the_targets(cross_tasks, tmp_path):
-    plan = RunPlan((), (), (), (), None, 0, tmp_path, "bench run", None)
+def test_the_sources_samples_are_stored_beside_the_targets(cross_tasks, tmp_path, ur5):
     tasks = cross_tasks("vjm")
-    run_cells(tasks, plan.command, ResultStore(tmp_path), IN_THIS_PROCESS, LineDisplay())
-    for data in (tasks[0].data, Ur5Twin().load()):
+    run_cells(tasks, "bench run", ResultStore(tmp_path), IN_THIS_PROCESS, LineDisplay())
+    for data in (tasks[0].data, ur5):
         assert len(read_data(tmp_path, data.sha256).samples) == len(data.samples)
 
 
@@ -138,26 +136,24 @@ def test_a_source_that_is_the_target_itself_is_refused(tasks_of):
         tasks_of(("vjm",), "kr10-twin@specimen=9", "cross-robot")
 
 
-def test_a_source_that_holds_but_one_sample_of_the_target_is_refused():
-    target, ur5 = FanucR2000iC().load(), Ur5Twin().load()
+def test_a_source_that_holds_but_one_sample_of_the_target_is_refused(fanuc, ur5):
     rows = {
-        name: np.concatenate([getattr(ur5.samples, name), getattr(target.samples, name)[[17]]])
+        name: np.concatenate([getattr(ur5.samples, name), getattr(fanuc.samples, name)[[17]]])
         for name in ("q", "wrench", "deflection", "pose_id", "load_id", "group")
     }
     with pytest.raises(ConfigError, match="holds 1 of the 43 samples of its target 'fanuc'"):
-        check_source("mixed", BenchmarkData(Samples(**rows), ur5.robot), "fanuc", target)
-    check_source("ur5-twin", ur5, "fanuc", target)
+        check_source("mixed", BenchmarkData(Samples(**rows), ur5.robot), "fanuc", fanuc)
+    check_source("ur5-twin", ur5, "fanuc", fanuc)
 
 
-def test_a_source_with_other_joints_is_refused(rng):
-    target, ur5 = FanucR2000iC().load(), Ur5Twin().load()
+def test_a_source_with_other_joints_is_refused(rng, fanuc, ur5):
     five = random_chain(rng, ("revolute",) * 5)
     fewer = BenchmarkData(replace(ur5.samples, q=ur5.samples.q[:, :5]), five)
     with pytest.raises(ConfigError, match=r"'chain' has 5 joints \(revolute\).*has 6 joints"):
-        check_source("mine", fewer, "fanuc", target)
+        check_source("mine", fewer, "fanuc", fanuc)
     slides = replace(ur5.robot, joint_types=("prismatic", *ur5.robot.joint_types[1:]))
     with pytest.raises(ConfigError, match=r"has 6 joints \(prismatic, revolute, "):
-        check_source("mine", BenchmarkData(ur5.samples, slides), "fanuc", target)
+        check_source("mine", BenchmarkData(ur5.samples, slides), "fanuc", fanuc)
 
 
 def test_a_plugins_split_must_not_name_a_source_that_its_protocol_did_not_announce():

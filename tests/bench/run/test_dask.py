@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -21,8 +21,8 @@ import pytest
 
 import hostile_models
 import stiff_models
-from command_line import assert_refused, bench, bench_here, started
-from stiff_bench.store.database import FILE, read_manifests, read_results, stored_statuses
+from command_line import assert_refused, bench, bench_here, n_stored, started, wait_until
+from stiff_bench.store.database import FILE, read_manifests, read_results
 
 pytest.importorskip("distributed", reason="needs the extra 'cluster'")
 PLUGIN = str(Path(hostile_models.__file__))
@@ -38,7 +38,7 @@ def free_port() -> int:
 class Cluster:
     """A scheduler and two workers, each a process of its own that can be killed."""
 
-    def __init__(self, stack: ExitStack, folder: Path, workers: int = 2):
+    def __init__(self, stack: ExitStack, folder: Path, workers: int):
         self.port, self._stack, self._folder = free_port(), stack, folder
         self.address = f"tcp://127.0.0.1:{self.port}"
         self.start(workers)
@@ -52,14 +52,9 @@ class Cluster:
         return self._run("dask_worker", *words, **options)
 
     def _run(self, program: str, *words: object, **options: Any) -> subprocess.Popen[bytes]:
+        python = [sys.executable, "-m", f"distributed.cli.{program}", "--no-dashboard"]
         command = subprocess.Popen(
-            [
-                sys.executable,
-                "-m",
-                f"distributed.cli.{program}",
-                *map(str, words),
-                "--no-dashboard",
-            ],
+            [*python, *map(str, words)],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             cwd=self._folder,
@@ -76,8 +71,15 @@ class Cluster:
             process
             for nanny in self.workers
             for process in psutil.Process(nanny.pid).children(recursive=True)
-            if "spawn_main" in " ".join(process.cmdline())
+            if "spawn_main" in command_line(process)
         ]
+
+
+def command_line(process: psutil.Process) -> str:
+    """The words of a process, none of one that has just ended: a nanny starts short ones, too."""
+    with suppress(psutil.NoSuchProcess):  # a zombie is one of these
+        return " ".join(process.cmdline())
+    return ""
 
 
 def kill_family(pid: int) -> None:
@@ -90,9 +92,9 @@ def kill_family(pid: int) -> None:
 
 
 @contextmanager
-def a_cluster(folder: Path) -> Iterator[Cluster]:
+def a_cluster(folder: Path, workers: int = 2) -> Iterator[Cluster]:
     with ExitStack() as stack:
-        yield Cluster(stack, folder)
+        yield Cluster(stack, folder, workers)
 
 
 def predictions(folder: Path) -> dict[tuple[str, int], bytes]:
@@ -101,17 +103,6 @@ def predictions(folder: Path) -> dict[tuple[str, int], bytes]:
         assert one.status == "ok", one.failure
         found[one.shown.model, one.cell.split_index] = one.prediction.predicted.tobytes()
     return found
-
-
-def wait_until(true: Callable[[], object], seconds: float = 120.0) -> None:
-    end = time.monotonic() + seconds
-    while not true():
-        assert time.monotonic() < end
-        time.sleep(0.1)
-
-
-def n_stored(folder: Path) -> int:
-    return len(stored_statuses(folder))
 
 
 @pytest.mark.slow
@@ -164,12 +155,10 @@ def test_a_cell_that_kills_every_worker_it_meets_costs_that_cell_alone(tmp_path)
 def test_a_run_waits_for_workers_and_ends_where_one_is_of_other_code(tmp_path):
     stub = tmp_path / "older" / "stiff_models"
     shutil.copytree(Path(stiff_models.__file__).parent, stub)
-    (stub / "physics" / "vjm.py").write_text(
-        (stub / "physics" / "vjm.py").read_text() + "# of another version\n"
-    )
+    with (stub / "physics" / "vjm.py").open("a") as module:
+        module.write("# of another version\n")
     run = ["run", "--model", "vjm", "--model", "knn", "--splits", "4"]
-    with ExitStack() as stack:
-        cluster = Cluster(stack, tmp_path, workers=0)
+    with a_cluster(tmp_path, workers=0) as cluster:
         words = [*run, "--dask", cluster.address, "--output", "out"]
         paths = f"{stub.parent}:{os.environ.get('PYTHONPATH', '')}"
         with started(*words, cwd=tmp_path) as command:
@@ -225,12 +214,12 @@ def test_an_interrupted_run_leaves_no_cell_running_on_the_cluster(tmp_path):
 
 def cells_below(cluster: Cluster) -> list[psutil.Process]:
     """The processes of cells: leaders of a session, below the workers."""
-    return [
-        process
-        for worker in cluster.worker_processes()
-        for process in worker.children(recursive=True)
-        if os.getsid(process.pid) == process.pid
-    ]
+    found = []
+    for worker in cluster.worker_processes():
+        with suppress(psutil.NoSuchProcess, ProcessLookupError):  # ended since it was listed
+            below = worker.children(recursive=True)
+            found += [process for process in below if os.getsid(process.pid) == process.pid]
+    return found
 
 
 @pytest.mark.slow

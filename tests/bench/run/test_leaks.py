@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sealed_samples import Leak, computed_under_seal
-from stiff_bench.run.cell import compute_cell
+from run_requests import computed, with_model
+from sealed_samples import Leak, computed_under_seal, with_other_test_deflections
 from stiff_bench.tables.metric_table import SELECTION_MARK, TRAINING_MARK, build_tables
 from stiff_bench.tables.render import render
 from stiff_models.catalog import FAMILIES, MODELS, model_info
@@ -23,6 +23,7 @@ SEEN = []
 MAE = [metric("mae")]
 KEYS = [*(info.key for info in MODELS), *(family.example for family in FAMILIES)]
 FAIR = [info.key for info in PROTOCOLS if info.key != "paper-holdout"]
+READ_ON_ALL = "paper-holdout@read_on=all"
 SMALL_ENSEMBLE = {"width": 8, "pretrain_steps": 5, "epochs": 10, "members": 2}
 QUICKER = {"deep-ensemble": SMALL_ENSEMBLE}
 """Options of a model that its quick options leave too slow for several fits."""
@@ -44,15 +45,10 @@ def tasks(tasks_of):
     return lambda model, protocol: tasks_of((model,), "fanuc-r2000ic", protocol)
 
 
-def witnessed(task, cls=Witness):
-    return replace(task, model=replace(task.model, cls=cls, params={}, context={}))
-
-
 def given(task):
     """Return the poses in the training, validation and test part of a cell."""
     SEEN.clear()
-    result = compute_cell(witnessed(task), "r")
-    assert result.status == "ok", result.failure
+    computed(with_model(task, Witness))
     ((train, validation),) = SEEN
     test = task.data.samples.take(task.split.test)
     return train, validation, test
@@ -91,17 +87,11 @@ def test_under_the_papers_protocol_test_rows_choose_an_epoch_and_nothing_else(ta
 
 def as_it_is_and_with_other_test_deflections(task, options, compute_spoiled):
     """Compute a cell twice with these options of its model, and return both predictions."""
-    deflection = task.data.samples.deflection.copy()
-    deflection[task.split.test] += 7.0
     model = replace(task.model, params=options)
     choosing = getattr(model.make(), "chooses_epoch", lambda: task.chooses_epoch)()
     task = replace(task, cell=replace(task.cell, coverage=0.8), model=model, chooses_epoch=choosing)
-    spoiled = replace(
-        task, data=replace(task.data, samples=replace(task.data.samples, deflection=deflection))
-    )
-    results = [compute_spoiled(spoiled), compute_cell(task, "r")]
-    assert [each.failure for each in results] == ["", ""]
-    second, first = (each.prediction for each in results)
+    second = compute_spoiled(with_other_test_deflections(task)).prediction
+    first = computed(task).prediction
     assert (first.measured != second.measured).all()
     return first, second
 
@@ -130,15 +120,15 @@ def test_no_test_deflection_is_read_before_the_last_prediction_nor_changes_one(
 
 def test_an_ensemble_that_chooses_no_epoch_takes_nothing_from_the_papers_test_rows(tasks):
     task = tasks("deep-ensemble", "paper-holdout")[0]
-    options = SMALL_ENSEMBLE
-    assert_the_same(*as_it_is_and_with_other_test_deflections(task, options, computed_under_seal))
+    assert_the_same(
+        *as_it_is_and_with_other_test_deflections(task, SMALL_ENSEMBLE, computed_under_seal)
+    )
 
 
 def test_an_ensembles_noise_is_not_that_of_the_papers_test_rows_that_choose_its_epoch(tasks):
     task = tasks("deep-ensemble", "paper-holdout")[0]
-    first, second = as_it_is_and_with_other_test_deflections(
-        task, SMALL_ENSEMBLE | {"training": "best"}, lambda spoiled: compute_cell(spoiled, "r")
-    )
+    options = SMALL_ENSEMBLE | {"training": "best"}
+    first, second = as_it_is_and_with_other_test_deflections(task, options, computed)
     widths = [np.max(each.interval.upper - each.interval.lower) for each in (first, second)]
     assert max(widths) < 0.1  # m; the deflections are moved by 7 m
 
@@ -153,10 +143,11 @@ def test_no_fair_protocol_lets_a_test_deflection_be_read_early(protocol, model, 
         np.testing.assert_array_equal(result.prediction.measured, truth)
 
 
-def test_the_papers_protocol_breaks_the_seal_for_models_that_choose_an_epoch_alone(tasks):
-    computed_under_seal(tasks("vjm", "paper-holdout")[0])
+@pytest.mark.parametrize("protocol", ["paper-holdout", READ_ON_ALL])
+def test_the_papers_protocol_breaks_the_seal_for_models_that_choose_an_epoch_alone(protocol, tasks):
+    computed_under_seal(tasks("vjm", protocol)[0])
     with pytest.raises(Leak, match=r"read before .*\.fit"):
-        computed_under_seal(tasks("mlp@training=best", "paper-holdout")[0])
+        computed_under_seal(tasks("mlp@training=best", protocol)[0])
 
 
 class Thief(Witness):
@@ -188,8 +179,8 @@ class ThiefInPredict(Thief):
 
 @pytest.mark.parametrize("thief", [Thief, ThiefInPredict])
 def test_a_plugin_that_reaches_for_the_engines_data_is_caught(thief, tasks):
-    task = witnessed(tasks("vjm", "holdout")[0], thief)
-    assert compute_cell(task, "r").status == "ok"  # so it is the seal that catches it
+    task = with_model(tasks("vjm", "holdout")[0], thief)
+    computed(task)  # so it is the seal that catches it
     with pytest.raises(Leak, match="read during fit or prediction"):
         computed_under_seal(task)
 
@@ -218,24 +209,15 @@ def test_an_engine_that_leaks_is_caught(name, leaky, words, tasks, monkeypatch):
         computed_under_seal(task)
 
 
-@pytest.mark.parametrize("protocol", [info.key for info in PROTOCOLS])
-def test_validation_rows_are_test_rows_if_and_only_if_the_protocol_says_so(protocol, tasks_of):
-    for task in tasks_of(protocol=protocol):
-        chosen_on_test = len(np.intersect1d(task.split.validation, task.split.test)) > 0
-        assert chosen_on_test == task.shown.selects_on_test == (protocol not in FAIR)
-
-
-READ_ON_ALL = "paper-holdout@read_on=all"
-
-
 @pytest.mark.parametrize("protocol", [*(info.key for info in PROTOCOLS), READ_ON_ALL])
-def test_no_test_row_is_trained_on_and_more_rows_are_reported_by_one_protocol_alone(
-    protocol, tasks_of
-):
+def test_which_rows_train_choose_and_are_reported_is_what_the_protocol_says(protocol, tasks_of):
     for task in tasks_of(protocol=protocol):
-        assert not len(np.intersect1d(task.split.train, task.split.test))
-        more = len(np.setdiff1d(task.split.reported, task.split.test)) > 0
-        assert more == task.shown.reports_training == (protocol == READ_ON_ALL)
+        split, shown = task.split, task.shown
+        assert not len(np.intersect1d(split.train, split.test))
+        chosen_on_test = len(np.intersect1d(split.validation, split.test)) > 0
+        assert chosen_on_test == shown.selects_on_test == (protocol not in FAIR)
+        more = len(np.setdiff1d(split.reported, split.test)) > 0
+        assert more == shown.reports_training == (protocol == READ_ON_ALL)
 
 
 def test_a_protocol_that_reports_training_rows_and_does_not_say_so_is_refused(tasks, monkeypatch):
@@ -266,18 +248,6 @@ def test_both_readings_of_the_papers_protocol_are_of_the_same_fit(tasks):
             np.testing.assert_allclose(of_read[rows], of_tested, rtol=1e-4, atol=1e-9)
 
 
-def computed(task):
-    result = compute_cell(task, "r")
-    assert result.status == "ok", result.failure
-    return result
-
-
-def test_what_is_read_on_all_samples_looks_at_no_test_deflection_before_the_last_prediction(tasks):
-    computed_under_seal(tasks("vjm", READ_ON_ALL)[0])
-    with pytest.raises(Leak, match=r"read before .*\.fit"):
-        computed_under_seal(tasks("mlp@training=best", READ_ON_ALL)[0])
-
-
 def test_a_protocol_that_selects_on_test_and_does_not_say_so_is_refused(tasks, monkeypatch):
     monkeypatch.setattr(PaperHoldout, "selects_on_test", False)
     with pytest.raises(ConfigError, match="9 test rows that choose an epoch, and the protocol doe"):
@@ -290,7 +260,7 @@ def printed(tasks_of):
 
     def of(models, protocol):
         tasks = tasks_of(models, "fanuc-r2000ic", protocol)
-        tables = build_tables([compute_cell(witnessed(task), "r") for task in tasks], MAE)
+        tables = build_tables([computed(with_model(task, Witness)) for task in tasks], MAE)
         formats = ("github", "latex", "html", "csv", "json")
         return {fmt: render(tables, fmt, "bench run") for fmt in formats}
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from run_requests import planned
+from run_requests import computed, planned
+from sealed_samples import with_other_test_deflections
 from stiff_bench.plan.cells import cell_tasks
-from stiff_bench.run.cell import compute_cell
 from stiff_bench.store.database import ResultStore
 from stiff_bench.tables.metric_table import build_tables
 from stiff_models.catalog import MODELS
@@ -56,12 +55,7 @@ def test_choice_prediction_and_intervals_do_not_change_with_the_test_deflections
     protocol = "nested@inner_folds=2"
     fixed = "@restarts=0@ard=false" if key == "vjm-gp" else ""
     (task,) = tasks(key + fixed, protocol=protocol, coverage=True)
-    samples = task.data.samples
-    deflection = samples.deflection.copy()
-    deflection[task.split.test] += 7.0
-    spoiled = replace(task.data, samples=replace(samples, deflection=deflection))
-    first, second = compute_cell(task, "r"), compute_cell(replace(task, data=spoiled), "r")
-    assert first.status == second.status == "ok", first.failure
+    first, second = computed(task), computed(with_other_test_deflections(task))
     assert (first.prediction.measured != second.prediction.measured).all()
     assert first.chosen == second.chosen and first.chosen
     assert first.diagnostics == pytest.approx(second.diagnostics, rel=0, abs=0, nan_ok=True)
@@ -81,8 +75,7 @@ def test_a_fit_sees_the_training_side_alone_and_calibration_poses_choose_nothing
         return fit(self, train, **rest)
 
     monkeypatch.setattr(task.model.cls, "fit", watched)
-    result = compute_cell(task, "r")
-    assert result.status == "ok", result.failure
+    result = computed(task)
     samples, split = task.data.samples, task.split
     side = set(samples.pose_id[np.concatenate([split.train, split.validation])].tolist())
     assert not set().union(*seen) & set(samples.pose_id[split.test].tolist())
@@ -94,7 +87,7 @@ def test_a_fit_sees_the_training_side_alone_and_calibration_poses_choose_nothing
 
 def test_what_was_chosen_stands_under_the_table_and_comes_back_from_disk(tmp_path):
     found = tasks("knn", "vjm", splits=3)
-    results = [compute_cell(task, "r") for task in found]
+    results = [computed(task) for task in found]
     store = ResultStore(tmp_path)
     for result in results:
         store.write_cell(result)

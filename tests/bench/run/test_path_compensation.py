@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from run_requests import planned
+from run_requests import computed, planned, with_model
 from stiff_bench.analysis import collected
 from stiff_bench.analysis.collected import collect, same_name_other_data
 from stiff_bench.analysis.comparison import compare
 from stiff_bench.analysis.leaderboard import of_newest_data
 from stiff_bench.analysis.verdict import Question
 from stiff_bench.plan.cells import cell_tasks, tell_source
-from stiff_bench.run.cell import compute_cell
 from stiff_bench.run.execution import IN_THIS_PROCESS
 from stiff_bench.run.progress import LineDisplay
 from stiff_bench.run.runner import run_cells
@@ -71,16 +70,16 @@ def cases(stored):
     return stored[0], {case.name.protocol: case for case in collect(stored[0])}
 
 
-def with_witness(task):
+def witnessed(task):
+    """What a model is given."""
     SEEN.clear()
-    return replace(task, model=replace(task.model, cls=Witness, params={}, context={}))
+    computed(with_model(task, Witness))
+    return SEEN
 
 
 def test_no_model_is_given_the_robot_that_answers(tasks):
-    result = compute_cell(with_witness(tasks[0]), "r")
-    assert result.status == "ok", result.failure
     assert tasks[0].data.under_load is not None
-    assert not any(hasattr(one, "under_load") or callable(one) for one in SEEN)
+    assert not any(hasattr(one, "under_load") or callable(one) for one in witnessed(tasks[0]))
     SEEN.clear()
     tell_source(Witness(), tasks[0].data)
     assert SEEN[0].samples is tasks[0].data.samples and SEEN[0].under_load is None
@@ -91,7 +90,7 @@ def test_other_answers_of_the_robot_change_no_fit_and_no_command(tasks, results)
         return np.full((len(q), 3), 7.0)
 
     task = tasks[0]
-    spoiled = compute_cell(replace(task, data=replace(task.data, under_load=other)), "r")
+    spoiled = computed(replace(task, data=replace(task.data, under_load=other)))
     assert spoiled.diagnostics == results[0].diagnostics
     left = spoiled.prediction.measured - spoiled.prediction.predicted
     command = left - 7.0  # p_cmd - p: what the model corrected
@@ -105,9 +104,7 @@ def test_other_answers_of_the_robot_change_no_fit_and_no_command(tasks, results)
 
 
 def test_a_training_side_holds_measured_poses_alone(tasks):
-    SEEN.clear()
-    compute_cell(with_witness(tasks[0]), "r")
-    train = next(one for one in SEEN if isinstance(one, Samples))
+    train = next(one for one in witnessed(tasks[0]) if isinstance(one, Samples))
     assert PATH_GROUP not in train.group and len(train) == 120
 
 
@@ -131,7 +128,7 @@ def test_the_reference_row_is_the_vjms_own_path_error(results):
 
 def test_an_interval_of_a_corrected_path_covers_what_the_models_interval_covers(tasks):
     task = tasks[0]
-    found = compute_cell(replace(task, cell=replace(task.cell, coverage=0.8)), "r").prediction
+    found = computed(replace(task, cell=replace(task.cell, coverage=0.8))).prediction
     assert (found.interval.lower <= found.predicted).all()
     assert (found.predicted <= found.interval.upper).all()
 
@@ -163,7 +160,6 @@ def test_results_with_and_without_paths_are_of_the_same_data_set(cases):
     assert {case.name.protocol for case in of_newest_data(every)} == {PATHS, "holdout"}
 
 
-@pytest.mark.parametrize("dataset", ["fanuc-r2000ic"])
-def test_measured_data_are_refused_in_a_line_that_names_them(dataset, tasks_of):
-    with pytest.raises(ConfigError, match=rf"{dataset} under {PATHS}: a measured robot cannot"):
-        tasks_of(("vjm",), dataset, PATHS)
+def test_measured_data_are_refused_in_a_line_that_names_them(tasks_of):
+    with pytest.raises(ConfigError, match=f"fanuc-r2000ic under {PATHS}: a measured robot cannot"):
+        tasks_of(("vjm",), "fanuc-r2000ic", PATHS)

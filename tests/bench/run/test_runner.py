@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import mmap
 import os
 import sys
 import time
 import types
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from sklearn.base import BaseEstimator
 
-from run_requests import planned
+from run_requests import computed, planned, with_model
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.run.cell import compute_cell
+from stiff_bench.run.cell import CURVE_POINTS, compute_cell
+from stiff_bench.run.costs import (
+    MOST_SINGLE_PREDICTIONS,
+    MemoryMeter,
+    latency,
+    peak_memory_bytes,
+)
 from stiff_bench.store.database import ResultStore
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_protocols.contract.errors import ConfigError
@@ -24,6 +32,7 @@ from stiff_protocols.contract.types import Interval, Split
 from stiff_protocols.scoring.metrics import METRICS
 
 FITS = []
+MIB = 2**20
 
 
 class Scaled(BaseEstimator):
@@ -58,8 +67,8 @@ def task_of(tasks_of):
 
     def make(cls, coverage=None, protocol="holdout", model="vjm", **params):
         task = tasks_of((model,), "fanuc-r2000ic", protocol)[0]
-        choice = replace(task.model, cls=cls, params=params, context={})
-        return replace(task, model=choice, cell=replace(task.cell, coverage=coverage))
+        task = replace(task, cell=replace(task.cell, coverage=coverage))
+        return with_model(task, cls, **params)
 
     FITS.clear()
     return make
@@ -70,12 +79,11 @@ def values(result, metric):
 
 
 def test_split_conformal_intervals_leave_the_point_metrics_alone(task_of):
-    plain = compute_cell(task_of(Scaled), "r")
+    plain = computed(task_of(Scaled))
     assert plain.prediction.interval is None and len(FITS) == 1
     with_intervals = {metric.key for metric in METRICS.values() if metric.needs_interval}
     assert {record.metric for record in plain.records} == set(METRICS) - with_intervals
-    result = compute_cell(task_of(Scaled, 0.9), "r")
-    assert result.status == "ok", result.failure
+    result = computed(task_of(Scaled, 0.9))
     np.testing.assert_array_equal(result.prediction.predicted, plain.prediction.predicted)
     assert values(result, "mae") == values(plain, "mae")
     assert result.calibration_samples == 9  # of the 34 poses of the training side
@@ -87,15 +95,14 @@ def test_split_conformal_intervals_leave_the_point_metrics_alone(task_of):
 
 
 def test_a_model_with_intervals_of_its_own_is_fitted_once(task_of):
-    result = compute_cell(task_of(Sure, 0.75), "r")
-    assert result.status == "ok" and result.calibration_samples == 0 and len(FITS) == 1
+    result = computed(task_of(Sure, 0.75))
+    assert result.calibration_samples == 0 and len(FITS) == 1
     assert values(result, "width") == pytest.approx([1.5] * 3)
     assert values(result, "coverage") == [1.0] * 3
 
 
 def test_rows_that_choose_an_epoch_are_given_to_both_fits_and_calibrate_nothing(task_of):
-    result = compute_cell(task_of(Scaled, 0.9, model="ft-mlp@training=best"), "r")
-    assert result.status == "ok", result.failure
+    result = computed(task_of(Scaled, 0.9, model="ft-mlp@training=best"))
     (first, validation, _), (second, also, _) = FITS
     assert len(first) == 27 and len(second) == 27 - result.calibration_samples == 18
     np.testing.assert_array_equal(validation.deflection, also.deflection)
@@ -103,8 +110,8 @@ def test_rows_that_choose_an_epoch_are_given_to_both_fits_and_calibrate_nothing(
 
 
 def test_a_training_side_too_small_for_the_coverage_keeps_the_point_metrics_and_says_why(task_of):
-    result = compute_cell(task_of(Scaled, 0.95), "r")
-    assert result.status == "ok" and len(FITS) == 1
+    result = computed(task_of(Scaled, 0.95))
+    assert len(FITS) == 1
     assert result.prediction.interval is None and values(result, "mae")
     assert not values(result, "coverage")
     (warning,) = result.warnings
@@ -114,8 +121,8 @@ def test_a_training_side_too_small_for_the_coverage_keeps_the_point_metrics_and_
 
 def test_the_reference_is_a_vjm_identified_on_the_same_training_side(task_of):
     task = task_of(Scaled)
-    result = compute_cell(task, "r")
-    ours = compute_cell(replace(task, model=task_of(VirtualJointModel).model), "r")
+    result = computed(task)
+    ours = computed(replace(task, model=task_of(VirtualJointModel).model))
     np.testing.assert_array_equal(result.prediction.reference, ours.prediction.predicted)
     assert values(ours, "skill") == [0.0] and values(result, "skill")[0] < 0.0
 
@@ -126,9 +133,7 @@ def test_costs_are_measured_and_a_slow_model_is_not_asked_for_a_thousand_rows(ta
     class Slow(Scaled):
         def fit(self, train, *, robot, validation=None, seed=0):
             time.sleep(0.03)
-            self.held = np.ones(
-                25_000_000
-            )  # 190 MiB: more than what earlier tests leave to be freed
+            self.held = np.ones(190 * MIB // 8)  # more than what earlier tests leave to be freed
             return super().fit(train, robot=robot, validation=validation, seed=seed)
 
         def predict(self, q, wrench):
@@ -136,12 +141,70 @@ def test_costs_are_measured_and_a_slow_model_is_not_asked_for_a_thousand_rows(ta
             time.sleep(0.02 + 0.001 * len(q))
             return super().predict(q, wrench)
 
-    cost = compute_cell(task_of(Slow), "r").cost
+    cost = computed(task_of(Slow)).cost
     assert max(asked) < 100
     assert cost.fit_s > 0.03 and cost.predict_s > 0.028
     assert 0.021 < cost.latency_s < cost.predict_s
     assert 30 < cost.throughput_per_s < 1000
-    assert cost.memory_bytes is None or cost.memory_bytes > 100 * 2**20
+    assert cost.memory_bytes is None or cost.memory_bytes > 100 * MIB
+
+
+def test_the_latency_of_a_model_is_that_of_one_row_after_another():
+    rows = np.arange(12.0).reshape(2, 6)
+    asked = []
+    model = types.SimpleNamespace(predict=lambda q, wrench: asked.append((q, wrench)))
+    assert latency(model, rows, -rows) > 0.0
+    assert len(asked) == MOST_SINGLE_PREDICTIONS
+    for i, found in enumerate(asked):
+        row = rows[i % 2 : i % 2 + 1]
+        np.testing.assert_array_equal(found, [row, -row])
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux forgets a peak on request")
+def test_a_meter_sees_its_own_rise_alone_and_the_runs_peak_is_not_forgotten():
+    with fresh_memory(100):
+        peak = peak_memory_bytes()
+    meter = MemoryMeter()
+    with fresh_memory(40):
+        assert 35 * MIB < meter.rise() < 60 * MIB
+    assert MemoryMeter().rise() < 20 * MIB
+    assert peak_memory_bytes() >= peak
+
+
+@contextmanager
+def fresh_memory(mebibytes):
+    """Take pages from the kernel; an array may be given pages that were freed and kept before."""
+    with mmap.mmap(-1, mebibytes * MIB) as pages:
+        for _ in range(mebibytes):
+            pages.write(bytes([1]) * MIB)
+        yield
+
+
+class Curved(Scaled):
+    """Was trained as it is told."""
+
+    def __init__(self, curve):
+        super().__init__()
+        self.curves_ = {"training": curve}
+
+
+def test_a_long_curve_is_thinned_to_points_of_its_own_with_both_ends(task_of):
+    steps = np.arange(12_345)
+    whole = np.column_stack([steps, 1.0 / (1 + steps), np.full(len(steps), np.nan)])
+    found = computed(task_of(Curved, curve=whole)).curves["training"]
+    assert found.shape == (CURVE_POINTS, 3)
+    np.testing.assert_array_equal(found[[0, -1]], whole[[0, -1]])
+    np.testing.assert_array_equal(found, whole[found[:, 0].astype(int)])
+    assert np.diff(found[:, 0]).min() >= 62 and np.diff(found[:, 0]).max() <= 63
+
+
+@pytest.mark.parametrize(
+    "wrong", [np.zeros((5, 2)), np.zeros(3), "none", [[1, 2, 3], [1]], None, np.zeros((2, 3, 3))]
+)
+def test_what_is_no_curve_fails_the_cell_and_is_named(task_of, wrong):
+    result = compute_cell(task_of(Curved, curve=wrong), "r")
+    assert (result.status, result.cause) == ("failed", "ModelError")
+    assert result.failure.startswith("curves_['training'] is no (n, 3) array")
 
 
 @pytest.mark.parametrize(("factor", "part"), [(1e3, "are these mm?"), (1e-3, "times smaller")])
@@ -176,9 +239,9 @@ def test_a_model_whose_prediction_draws_gives_the_same_interval_however_often_it
             self.rng_.normal()
             return super().predict(q, wrench)
 
-    first = compute_cell(task_of(Drawing, 0.8), "r")
+    first = computed(task_of(Drawing, 0.8))
     monkeypatch.setattr("stiff_bench.run.costs.MOST_SINGLE_PREDICTIONS", 3)
-    again = compute_cell(task_of(Drawing, 0.8), "r")
+    again = computed(task_of(Drawing, 0.8))
     np.testing.assert_array_equal(first.prediction.interval.lower, again.prediction.interval.lower)
 
 
@@ -186,8 +249,7 @@ def test_what_training_rows_cannot_teach_stands_beside_the_result(tasks_of):
     task = tasks_of(("knn",), splits=1)[0]
     samples = task.data.samples
     one_pose = replace(samples, q=np.tile(samples.q[0], (len(samples), 1)))
-    result = compute_cell(replace(task, data=replace(task.data, samples=one_pose)), "run")
-    assert result.status == "ok"
+    result = computed(replace(task, data=replace(task.data, samples=one_pose)))
     assert any("training samples are of one pose" in said for said in result.warnings)
 
 
@@ -222,7 +284,7 @@ def test_what_a_model_prints_goes_to_standard_error(task_of, capfd):
             os.write(1, b"from C\n")
             return super().predict(q, wrench)
 
-    assert compute_cell(task_of(Prints), "r").status == "ok"
+    computed(task_of(Prints))
     said = capfd.readouterr()
     assert said.out == "" and "from Python" in said.err and "from C" in said.err
 
@@ -271,5 +333,5 @@ def test_an_option_that_is_infinite_can_be_stored(tasks_of, tmp_path):
     key = "sklearn:linear_model.RANSACRegressor"  # stop_score=inf
     task = tasks_of((key,), "fanuc-r2000ic")[0]
     store = ResultStore(tmp_path)
-    store.write_cell(compute_cell(task, "r"))
+    store.write_cell(computed(task))
     assert store.result(task.cell.key).cell.model_params["stop_score"] == "inf"

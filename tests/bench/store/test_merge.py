@@ -202,10 +202,6 @@ def test_of_a_run_that_was_copied_while_it_ran_the_last_state_counts(tmp_path):
         assert found.status == "finished"
 
 
-class Killed(BaseException):
-    pass
-
-
 @pytest.mark.parametrize("n", [0, 1])
 def test_a_merge_that_was_stopped_is_completed_by_the_same_one(two, tmp_path, monkeypatch, n):
     """A folder is taken whole or not at all."""
@@ -216,12 +212,12 @@ def test_a_merge_that_was_stopped_is_completed_by_the_same_one(two, tmp_path, mo
 
     def killed(db, run):
         if next(calls) == n:
-            raise Killed
+            raise KeyboardInterrupt
         whole(db, run)
 
     with monkeypatch.context() as patched:
         patched.setattr(merging, "write_run", killed)
-        with pytest.raises(Killed):
+        with pytest.raises(KeyboardInterrupt):
             merge(three, tmp_path / "c", NOTHING)
     assert contents(tmp_path / "c") == dict(item for one in each[:n] for item in one.items())
     merge(three, tmp_path / "c", NOTHING)

@@ -34,7 +34,7 @@ from stiff_bench.store.database import (
     writing,
 )
 from stiff_bench.store.samples import data_content, stored_data, what_differs
-from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
+from stiff_bench.store.versions import LIBRARIES, differing_libraries
 from stiff_datasets.robots.robot import shipped_robot
 from stiff_datasets.robots.shipped import ROBOTS
 from stiff_models.physics.kinematics import jacobian
@@ -60,7 +60,7 @@ def many(folder: Path, n: int = 150) -> list[str]:
 
 NUMBERS = np.array([[1 / 3, 2e-17, -0.1]])
 INTERVAL = Interval(NUMBERS - 1 / 7, NUMBERS + 1 / 7, 0.9)
-CURVES = {"fit": np.array([[1.0, 0.1, math.nan], [2.0, 1 / 3, 0.4]])}
+CURVES = {"none": np.empty((0, 3)), "fit": np.array([[1.0, 0.1, math.nan], [2.0, 1 / 3, 0.4]])}
 
 
 @pytest.mark.parametrize(
@@ -117,12 +117,10 @@ def test_a_folder_of_another_format_is_refused_with_what_to_do(tmp_path, part, m
             attempt(tmp_path)
 
 
-def test_a_folder_keeps_samples_and_robot_of_its_results_with_the_joints_torques(tmp_path):
-    data = FanucR2000iC().load()
+def test_a_folder_keeps_samples_and_robot_of_its_results_with_the_joints_torques(tmp_path, fanuc):
+    data = fanuc
     ResultStore(tmp_path).write_data(data)
     back = read_data(tmp_path, data.sha256)
-    np.testing.assert_array_equal(back.samples.wrench, data.samples.wrench)
-    assert back.samples.pose_id.tolist() == data.samples.pose_id.tolist()
     torque = np.einsum("nki,nk->ni", jacobian(data.robot, data.samples.q), data.samples.wrench)
     np.testing.assert_allclose(back.torque, torque, atol=1e-9)
     assert back.joint_names == data.robot.joint_names and back.robot == data.robot.name
@@ -131,11 +129,12 @@ def test_a_folder_keeps_samples_and_robot_of_its_results_with_the_joints_torques
     np.testing.assert_array_equal(back.geometry.flange, data.robot.flange)
 
 
-def test_a_file_from_before_the_robot_was_stored_is_read_and_completed_by_the_next_run(tmp_path):
-    data = FanucR2000iC().load()
+def test_a_file_from_before_the_robot_was_stored_is_read_and_completed_by_the_next_run(
+    tmp_path, fanuc
+):
     store = ResultStore(tmp_path)
-    store.write_data(data)
-    with np.load(io.BytesIO(data_content(data))) as arrays:
+    store.write_data(fanuc)
+    with np.load(io.BytesIO(data_content(fanuc))) as arrays:
         older = io.BytesIO()
         since = ("tcp_on_flange", "robot ")
         np.savez(older, **{name: arrays[name] for name in arrays if not name.startswith(since)})
@@ -143,11 +142,11 @@ def test_a_file_from_before_the_robot_was_stored_is_read_and_completed_by_the_ne
     with writing(tmp_path) as db:
         row = (content, hashlib.sha256(content).hexdigest())
         db.execute("UPDATE data SET content = ?, content_sha256 = ?", row)
-    assert read_data(tmp_path, data.sha256).tcp_on_flange is None
-    assert read_data(tmp_path, data.sha256).geometry is None
-    store.write_data(data)
-    assert read_data(tmp_path, data.sha256).tcp_on_flange is not None
-    assert read_data(tmp_path, data.sha256).geometry is not None
+    found = read_data(tmp_path, fanuc.sha256)
+    assert found.tcp_on_flange is found.geometry is None
+    store.write_data(fanuc)
+    found = read_data(tmp_path, fanuc.sha256)
+    assert found.tcp_on_flange is not None and found.geometry is not None
 
 
 def test_it_is_told_in_what_data_of_one_name_differ():
@@ -165,18 +164,15 @@ def test_it_is_told_in_what_data_of_one_name_differ():
     assert what_differs([replace(first, tcp_on_flange=None), tool]) == "data or TCP"
 
 
-def test_samples_that_are_missing_or_damaged_are_said_to_be_and_written_anew(tmp_path):
-    data = FanucR2000iC().load()
+def test_samples_that_are_damaged_are_said_to_be_and_written_anew(tmp_path, fanuc):
     store = ResultStore(tmp_path)
-    with pytest.raises(StoreError, match="holds no data set"):
-        read_data(tmp_path, data.sha256)
-    store.write_data(data)
+    store.write_data(fanuc)
     for damage_to in ("content = x'00'", "content = 'no zip'", "content_sha256 = ''"):
         change(tmp_path, f"UPDATE data SET {damage_to}")
-        with pytest.raises(DamagedFile, match=data.sha256):
-            read_data(tmp_path, data.sha256)
-        store.write_data(data)
-        assert len(read_data(tmp_path, data.sha256).samples) == 43
+        with pytest.raises(DamagedFile, match=fanuc.sha256):
+            read_data(tmp_path, fanuc.sha256)
+        store.write_data(fanuc)
+        assert len(read_data(tmp_path, fanuc.sha256).samples) == 43
 
 
 def test_results_are_read_in_the_order_of_keys_failures_too_or_some_by_their_keys(tmp_path):
@@ -233,7 +229,7 @@ def test_no_number_or_text_of_a_cell_can_change_unnoticed(tmp_path, statement):
     change(tmp_path, statement)
     with pytest.raises(DamagedFile, match="damaged: cell"):
         read_results(tmp_path)
-    told: list[StoreError] = []
+    told: list[DamagedFile] = []
     assert list(stored_results(tmp_path, report=told.append)) == []
     assert len(told) == 1
 
@@ -250,7 +246,7 @@ def test_a_changed_manifest_is_found_and_taken_out_by_the_next_run(tmp_path, sta
     change(tmp_path, f"UPDATE run SET {statement}")
     with pytest.raises(DamagedFile, match="run r"):
         read_manifests(tmp_path)
-    told: list[StoreError] = []
+    told: list[DamagedFile] = []
     repair(tmp_path, told.append)
     assert len(told) == 1 and read_manifests(tmp_path) == []
 
@@ -282,26 +278,10 @@ def test_a_write_that_fails_leaves_what_was_there_and_no_folder_is_made_in_a_fil
         ResultStore(tmp_path / FILE / "results")
 
 
-def test_a_folder_that_is_read_stays_as_it_is(tmp_path):
-    many(tmp_path, 2)
-    before = (tmp_path / FILE).read_bytes(), (tmp_path / FILE).stat().st_mtime_ns
-    read_results(tmp_path)
-    read_manifests(tmp_path)
-    assert before == ((tmp_path / FILE).read_bytes(), (tmp_path / FILE).stat().st_mtime_ns)
-
-
-def test_a_key_is_the_same_in_every_version_and_the_seed_is_that_of_data_and_rows():
+def test_a_key_is_the_same_in_every_version():
     assert CELL.key == "8a49b67bbeadb3aae6d65663"
-    of_data = dict.fromkeys(("dataset", "data_sha256", "protocol", "split_sha256"), "x")
-    of_data |= {"dataset_params": {"seed": 1}, "protocol_params": {"f": 1}}
-    of_model = dict.fromkeys(("model", "model_version", "condition", "source_sha256"), "x")
-    of_model |= {"model_params": {}, "scoring_version": 2, "coverage": 0.9}
-    for changes, same_seed in ((of_data | {"split_index": 1, "seed": 1}, False), (of_model, True)):
-        for name, value in changes.items():
-            other = replace(CELL, **{name: value})
-            assert (other.model_seed == CELL.model_seed) == same_seed, name
-    rows = replace(CELL, split_sha256="rows and errors", rows_sha256=CELL.split_sha256)
-    assert rows.key != CELL.key and rows.model_seed == CELL.model_seed
+    more = replace(CELL, model_version="2", scoring_version=2, coverage=0.9, source_sha256="x")
+    assert replace(more, condition="n = 5", rows_sha256="y").key == "c5cb27b173770c661093b12e"
 
 
 @pytest.mark.parametrize("status", ["failed", "skipped"])
@@ -318,23 +298,19 @@ def test_the_newest_record_of_a_cell_counts_but_no_failure_replaces_a_result(tmp
 
 
 @pytest.mark.parametrize("table", ["cell", "value", "run", "data"])
-def test_of_a_torn_file_the_readable_rows_are_kept_and_the_others_named(tmp_path, table):
+def test_of_a_torn_file_the_readable_rows_are_kept_and_the_others_named(tmp_path, table, fanuc):
     keys = many(tmp_path)
     store = ResultStore(tmp_path)
-    data = FanucR2000iC().load()
-    store.write_data(data)
+    store.write_data(fanuc)
     whole = (tmp_path / FILE).read_bytes()
     tear(tmp_path, table)
     torn = (tmp_path / FILE).read_bytes()
     assert torn != whole and fault_of(tmp_path) is not None
-    told: list[StoreError] = []
+    told: list[DamagedFile] = []
     repair(tmp_path, told.append)
     kept = {one.cell.key: one for one in read_results(tmp_path)}
-    lost = {error.key for error in told if isinstance(error, DamagedFile)} - {""}
-    if table in ("cell", "value"):
-        assert len(kept) > len(keys) // 3
-    else:
-        assert len(kept) == len(keys)
+    lost = {error.key for error in told} - {""}
+    assert len(kept) > len(keys) // 3 if table in ("cell", "value") else len(kept) == len(keys)
     assert lost | kept.keys() == {*keys} and not lost & kept.keys()
     assert all(one.records == VALUES for one in kept.values())
     assert fault_of(tmp_path) is None
@@ -349,7 +325,7 @@ def test_a_file_that_is_no_database_is_said_and_set_aside_by_the_next_run(tmp_pa
     with pytest.raises(DamagedFile, match=FILE):
         read_results(tmp_path)
     store = ResultStore(tmp_path)
-    told: list[StoreError] = []
+    told: list[DamagedFile] = []
     repair(tmp_path, told.append)
     store.write_cell(result())
     assert told and only(tmp_path).status == "ok"
@@ -358,6 +334,25 @@ def test_a_file_that_is_no_database_is_said_and_set_aside_by_the_next_run(tmp_pa
     aside = [tmp_path / f"{FILE}.damaged{more}" for more in ("", "-2")]
     assert {*tmp_path.iterdir()} == {tmp_path / FILE, *aside}
     assert [path.read_bytes() for path in aside] == [rubbish, b"rubbish"]
+
+
+@pytest.mark.parametrize(
+    ("runs", "parts"),
+    [
+        ({"a": ["r1"], "b": ["r1"]}, None),
+        ({"a": ["r1", "r2"], "b": ["r2", "r1"]}, None),
+        ({"a": ["r1"], "b": ["r1", "r2"]}, ("numpy", "a: 2.3.0", "b: 2.3.0, 2.4.0")),
+        ({"a": ["r1"], "b": ["lost"]}, ("numpy", "a: 2.3.0", "b: unknown")),
+    ],
+)
+def test_a_library_is_named_whose_versions_differ_between_two_models(runs, parts):
+    manifests = [
+        replace(MANIFEST, run_id=name, environment={library: version for library in LIBRARIES})
+        for name, version in (("r1", "2.3.0"), ("r2", "2.4.0"))
+    ]
+    lines = list(differing_libraries(manifests, runs))
+    assert len(lines) == (len(LIBRARIES) if parts else 0)
+    assert not lines or all(part in lines[0] for part in parts)
 
 
 @pytest.mark.slow

@@ -14,20 +14,26 @@ from stiff_bench.tables.metric_table import build_tables
 from stiff_bench.tables.render import render
 from stiff_bench.tables.table import Quantity, Table
 from stiff_protocols.contract.errors import StoreError
-from stiff_protocols.contract.record import CellResult, Cost, ResultRecord
+from stiff_protocols.contract.record import CellResult, Cost
 from stiff_protocols.contract.types import Interval, Prediction
-from stiff_protocols.scoring.metrics import metric
+from stiff_protocols.scoring.metrics import metric, metric_records
 
 METRICS = [metric(key) for key in ("mae", "stde", "me")]
 COST = Cost(fit_s=1.5, predict_s=0.1, latency_s=5e-5, throughput_per_s=2e4, memory_bytes=2**21)
 WITH_INTERVALS = [metric(key) for key in ("mae", "coverage", "width")]
 
 
-def result(task, error_m, **changes):
-    """A result that is wrong by `error_m` on every axis of every row."""
-    measured = task.data.samples.deflection[task.split.test]
-    prediction = Prediction(task.split.test, measured + error_m, measured)
-    return scored(task, prediction, METRICS, **changes)
+def result(task, error_m, *, interval_m=None, reference_m=None, known_m=(), **changes):
+    """A result wrong by `error_m` on every axis of every row, beside others that are wrong so."""
+    rows = task.split.test
+    measured = task.data.samples.deflection[rows]
+    interval = None if interval_m is None else Interval(*(measured + interval_m), 0.9)
+    reference = None if reference_m is None else measured + reference_m
+    known = {name: measured + wrong for name, wrong in dict(known_m).items()}
+    scores = Prediction(rows, measured + error_m, measured, interval, reference, known)
+    fields = {"shown": task.shown, "status": "ok", "prediction": scores, "cost": COST}
+    fields["records"] = metric_records(scores, COST)
+    return CellResult(cell=task.cell, run_id="r", **(fields | changes))
 
 
 def with_intervals(tasks, calibration_samples):
@@ -35,24 +41,12 @@ def with_intervals(tasks, calibration_samples):
     tasks = [replace(task, cell=replace(task.cell, coverage=0.9)) for task in tasks]
     results = []
     for number, task in enumerate(tasks):
-        measured = task.data.samples.deflection[task.split.test]
-        lower = measured - 1e-4
+        lower = np.full((len(task.split.test), 3), -1e-4)
         lower[:number] += 1.0
-        interval = Interval(lower, lower + 5e-4, 0.9)
-        prediction = Prediction(task.split.test, measured + 1e-4, measured, interval)
+        ends = np.stack([lower, lower + 5e-4])
         count = calibration_samples[number % len(calibration_samples)]
-        results.append(scored(task, prediction, WITH_INTERVALS, calibration_samples=count))
+        results.append(result(task, 1e-4, interval_m=ends, calibration_samples=count))
     return results
-
-
-def scored(task, scores, metrics, **changes):
-    records = tuple(
-        ResultRecord(m.key, axis, value, m.unit)
-        for m in metrics
-        for axis, value in m.values(scores, COST).items()
-    )
-    fields = {"status": "ok", "records": records, "prediction": scores, "cost": COST} | changes
-    return CellResult(cell=task.cell, shown=task.shown, run_id="r", **fields)
 
 
 def value_of(table: Table, metric: str, axis: str, row: int = 0) -> Quantity | None:
@@ -91,13 +85,10 @@ def test_leave_one_out_scores_all_poses_together(tasks_of):
     results = [result(task, e) for task, e in zip(tasks, errors, strict=True)]
     (table,) = build_tables(results, METRICS)
     assert value_of(table, "mae", "z").value == pytest.approx(errors.mean() * 1000)
-    assert value_of(table, "stde", "z").value == pytest.approx(
-        errors.std() * 1000
-    )  # 0 split by split
+    of_all = errors.std() * 1000  # 0 split by split
+    assert value_of(table, "stde", "z").value == pytest.approx(of_all)
     assert value_of(table, "me", "z").value == pytest.approx(0.5)
-    of_costs = [metric("fit-time")]
-    costly = [scored(task, result(task, 1e-4).prediction, of_costs) for task in tasks]
-    (costs,) = build_tables(costly, of_costs)
+    (costs,) = build_tables(results, [metric("fit-time")])
     assert value_of(costs, "fit-time", "").value == pytest.approx(1500.0)  # a mean over the splits
     (covered,) = build_tables(with_intervals(tasks, [11]), WITH_INTERVALS)
     assert value_of(covered, "coverage", "x").value == pytest.approx(100 / 43)  # the first is right
@@ -205,10 +196,8 @@ def test_each_condition_of_a_protocol_has_a_table_of_its_own_without_published_r
 def test_values_without_axes_and_costs_have_one_column_with_its_unit(tasks_of):
     metrics = [metric(key) for key in ("mae", "norm", "skill", "fit-time", "memory")]
     (task,) = tasks_of(splits=1)
-    measured = task.data.samples.deflection[task.split.test]
-    wrong, reference = (measured + np.array(by) for by in ([3e-4, 4e-4, 0], [1e-3, 0, 0]))
-    prediction = Prediction(task.split.test, wrong, measured, reference=reference)
-    (table,) = build_tables([scored(task, prediction, metrics)], metrics)
+    wrong, reference = np.array([3e-4, 4e-4, 0]), np.array([1e-3, 0, 0])
+    (table,) = build_tables([result(task, wrong, reference_m=reference)], metrics)
     header, _, row = render([table], "github", "bench run").splitlines()[2:5]
     columns = [cell.strip() for cell in header.strip("|").split("|")]
     assert columns[4:] == ["3-D error", "skill [%]", "fit time [ms]", "memory [MiB]"]
@@ -218,13 +207,8 @@ def test_values_without_axes_and_costs_have_one_column_with_its_unit(tasks_of):
 
 def test_a_value_that_one_split_lacks_is_a_dash_and_no_mean_over_the_rest(tasks_of):
     metrics = [metric("mae"), metric("skill")]
-    tasks = tasks_of(splits=2)
-    results = []
-    for number, task in enumerate(tasks):
-        measured = task.data.samples.deflection[task.split.test]
-        reference = measured + 1e-3 if number else None
-        prediction = Prediction(task.split.test, measured + 1e-4, measured, reference=reference)
-        results.append(scored(task, prediction, metrics))
+    first, second = tasks_of(splits=2)
+    results = [result(first, 1e-4), result(second, 1e-4, reference_m=1e-3)]
     (table,) = build_tables(results, metrics)
     assert value_of(table, "skill", "") is None and value_of(table, "mae", "x") is not None
     assert "| - |" in " ".join(render([table], "github", "bench run").split())
@@ -243,14 +227,9 @@ def test_a_table_says_how_many_samples_a_split_trains_and_tests_on(tasks_of):
 
 def test_rows_that_stand_beside_a_model_claim_no_source_domain(tasks_of):
     (task,) = tasks_of(splits=1)
-    measured = task.data.samples.deflection[task.split.test]
-    prediction = Prediction(
-        *(task.split.test, measured + 1e-4, measured),
-        reference=measured + 2e-4,
-        known={"oracle": measured, "noise": measured + 1e-5},
-    )
     shown = replace(task.shown, model="ft-mlp", source="vjm on Sobol poses")
-    (table,) = build_tables([scored(replace(task, shown=shown), prediction, METRICS)], METRICS)
+    beside = {"reference_m": 2e-4, "known_m": {"oracle": 0.0, "noise": 1e-5}}
+    (table,) = build_tables([result(task, 1e-4, shown=shown, **beside)], METRICS)
     names = [str(row[0]) for row in table.rows]
     assert all(name in " ".join(names) for name in ("vjm", "oracle", "instrument noise"))
     assert [note for note in table.notes if "source domain" in note] == [

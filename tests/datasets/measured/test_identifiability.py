@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from made_robots import planar_arm
 from stiff_datasets.measured.identifiability import (
     choose_by_condition,
     choose_d_optimal,
@@ -16,18 +18,18 @@ from stiff_datasets.measured.identifiability import (
     regressor,
 )
 from stiff_datasets.planning.plan_gain import plan_gain
-from stiff_datasets.robots.robot import read_chain, shipped_chain, shipped_robot
+from stiff_datasets.robots.robot import shipped_robot
+from stiff_datasets.robots.shipped import named_robot
 from stiff_models.physics.vjm import compliance_regressor
 from stiff_protocols.contract.errors import DataError
 
-FANUC_TCP = (0.0069, 0.2453, 0.3193)
 KR10_JOINTS = ("A1", "A2", "A3", "A4", "A5", "A6")
 L1, L2 = 0.7, 0.4  # m
 
 
-def random_samples(chain, n, rng, *, a5=None):
+def random_samples(robot, n, rng, *, a5=None):
     """Poses inside the limits and forces of 80 N."""
-    q = rng.uniform(chain.model.lowerPositionLimit, chain.model.upperPositionLimit, size=(n, 6))
+    q = rng.uniform(robot.lower, robot.upper, size=(n, 6))
     if a5 is not None:
         q[:, 4] = a5
     force = rng.normal(size=(n, 3))
@@ -36,68 +38,51 @@ def random_samples(chain, n, rng, *, a5=None):
 
 
 @pytest.fixture()
-def kr10_regressors(kr10_chain, rng):
-    return regressor(kr10_chain, *random_samples(kr10_chain, 60, rng))
+def kr10_regressors(kr10, rng):
+    return regressor(kr10, *random_samples(kr10, 60, rng))
 
 
-def planar_chain(tmp_path, kind="revolute"):
+def planar_robot():
     """Two links in the x-y plane, both axes along z."""
-    joint = (
-        f'<joint name="{{0}}" type="{kind}"><parent link="{{1}}"/><child link="{{2}}"/>'
-        '<origin xyz="{3} 0 0"/><axis xyz="0 0 1"/>'
-        '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint><link name="{2}"/>'
-    )
-    body = joint.format("a", "base", "l1", 0) + joint.format("b", "l1", "l2", L1)
-    path = tmp_path / f"{kind}.urdf"
-    path.write_text(f'<robot name="planar"><link name="base"/>{body}</robot>')
-    return read_chain(path, tcp=(L2, 0.0, 0.0))
+    arm = planar_arm(2, (0.0, 0.0, 1.0))
+    placements = arm.placements.copy()
+    placements[1, 0, 3] = L1
+    return replace(arm, placements=placements, tcp=np.array([L2, 0.0, 0.0]))
 
 
 # ---- regressor -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("name", "tcp"), [("kr10_r1100_2", (0.06, 0.0, 0.08)), ("fanuc_r2000ic", FANUC_TCP)]
-)
-def test_the_regressor_is_that_of_the_virtual_joint_model(name, tcp, rng):
+@pytest.mark.parametrize("name", ["kr10-r1100-2", "fanuc-r2000ic"])
+def test_the_regressor_is_that_of_the_virtual_joint_model(name, rng):
     q, wrench = rng.uniform(-2, 2, size=(50, 6)), rng.normal(size=(50, 6)) * 50
-    expected = compliance_regressor(shipped_robot(name, tcp=tcp), q, wrench)
-    np.testing.assert_allclose(
-        regressor(shipped_chain(name, tcp=tcp), q, wrench), expected, rtol=1e-9, atol=1e-11
-    )
+    robot = named_robot(name).robot()
+    expected = compliance_regressor(robot, q, wrench)
+    np.testing.assert_allclose(regressor(robot, q, wrench), expected, rtol=1e-9, atol=1e-11)
 
 
-def test_the_regressor_agrees_with_finite_differences_of_the_tcp(kr10_chain, rng):
+def test_the_regressor_agrees_with_finite_differences_of_the_tcp(kr10, kr10_chain, rng):
     model, data = kr10_chain.model, kr10_chain.model.createData()
 
     def tcp(q):
         pin.forwardKinematics(model, data, q)
         return data.oMi[6].act(kr10_chain.tcp)
 
-    q, wrench = random_samples(kr10_chain, 10, rng)
-    for angles, load, found in zip(q, wrench, regressor(kr10_chain, q, wrench), strict=True):
+    q, wrench = random_samples(kr10, 10, rng)
+    for angles, load, found in zip(q, wrench, regressor(kr10, q, wrench), strict=True):
         for joint, step in enumerate(1e-6 * np.eye(6)):
             moved = (tcp(angles + step) - tcp(angles - step)) / 2e-6
             np.testing.assert_allclose(found[:, joint], moved * (moved @ load[:3]), atol=1e-6)
 
 
-def test_a_planar_arms_regressor_has_its_closed_form(tmp_path):
+def test_a_planar_arms_regressor_has_its_closed_form():
     q1, q2, (fx, fy) = 0.3, 0.8, (20.0, -50.0)
     column_b = np.array([-L2 * np.sin(q1 + q2), L2 * np.cos(q1 + q2)])
     column_a = column_b + np.array([-L1 * np.sin(q1), L1 * np.cos(q1)])
-    found = regressor(planar_chain(tmp_path), [[q1, q2]], [[fx, fy, 7.0, 1.0, 2.0, 0.0]])[0]
+    found = regressor(planar_robot(), [[q1, q2]], [[fx, fy, 7.0, 1.0, 2.0, 0.0]])[0]
     for joint, column in enumerate((column_a, column_b)):
         np.testing.assert_allclose(found[:2, joint], column * (column @ (fx, fy)), atol=1e-12)
     np.testing.assert_allclose(found[2], 0.0, atol=1e-12)
-
-
-def test_a_continuous_joint_has_one_angle_too(tmp_path, rng):
-    q, wrench = rng.uniform(-3, 3, size=(5, 2)), rng.normal(size=(5, 6))
-    np.testing.assert_allclose(
-        regressor(planar_chain(tmp_path, "continuous"), q, wrench),
-        regressor(planar_chain(tmp_path), q, wrench),
-        atol=1e-12,
-    )
 
 
 @pytest.mark.parametrize(
@@ -108,18 +93,18 @@ def test_a_continuous_joint_has_one_angle_too(tmp_path, rng):
         (np.full((1, 6), np.nan), np.zeros((1, 6)), r"q\[0, 0\] is nan"),
     ],
 )
-def test_arrays_of_another_shape_are_refused(kr10_chain, q, wrench, message):
+def test_arrays_of_another_shape_are_refused(kr10, q, wrench, message):
     with pytest.raises(DataError, match=message):
-        regressor(kr10_chain, q, wrench)
+        regressor(kr10, q, wrench)
 
 
 # ---- identifiability -------------------------------------------------------------------------
 
 
-def test_one_joint_has_its_closed_form(tmp_path):
+def test_one_joint_has_its_closed_form():
     n, force, noise, compliance = 4, 50.0, 1e-5, 2e-5
     across = np.tile([0.0, force, 0, 0, 0, 0], (n, 1))  # force across the stretched arm
-    first = regressor(planar_chain(tmp_path), np.zeros((n, 2)), across)[:, :, :1]
+    first = regressor(planar_robot(), np.zeros((n, 2)), across)[:, :, :1]
     found = identifiability(first, ("a",), reference_compliance=compliance, deflection_noise=noise)
     deflection = (L1 + L2) ** 2 * force * compliance
     assert found.relative_standard_error[0] == pytest.approx(noise / deflection / np.sqrt(n))
@@ -175,16 +160,16 @@ def test_plans_compare_alike_whatever_the_reference(kr10_regressors):
 def test_a_joint_without_lever_or_in_line_with_another_is_unidentifiable(
     off_axis, a5, unknown, rank, rng
 ):
-    chain = shipped_chain("kr10_r1100_2", tcp=(off_axis, 0.0, 0.08))
-    found = identifiability(regressor(chain, *random_samples(chain, 151, rng, a5=a5)), KR10_JOINTS)
+    robot = shipped_robot("kr10_r1100_2", tcp=(off_axis, 0.0, 0.08))
+    found = identifiability(regressor(robot, *random_samples(robot, 151, rng, a5=a5)), KR10_JOINTS)
     assert (found.unidentifiable, found.rank) == (unknown, rank)
     assert np.isinf(found.condition) == np.isinf(found.log_det) == bool(unknown)
     infinite = np.isinf(found.relative_standard_error).tolist()
     assert infinite == [joint in unknown for joint in KR10_JOINTS]
 
 
-def test_two_unknowns_need_two_directions_and_any_needs_a_load(tmp_path):
-    stretched = regressor(planar_chain(tmp_path), np.zeros((5, 2)), np.eye(6)[[1] * 5] * 50)
+def test_two_unknowns_need_two_directions_and_any_needs_a_load():
+    stretched = regressor(planar_robot(), np.zeros((5, 2)), np.eye(6)[[1] * 5] * 50)
     assert identifiability(stretched, ("a", "b")).unidentifiable == ("a", "b")
     for n in (0, 7):
         found = identifiability(np.zeros((n, 3, 6)), KR10_JOINTS)

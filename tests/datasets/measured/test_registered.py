@@ -42,7 +42,7 @@ def damaged(text):
 
 
 def test_nothing_is_there_until_a_user_registers_it(home):
-    assert missing(KEY) == NOTHING
+    assert missing() == NOTHING
     with pytest.raises(DataError, match=NOTHING):
         Kr10Measured().load()
     assert not home.exists()
@@ -50,7 +50,7 @@ def test_nothing_is_there_until_a_user_registers_it(home):
 
 def test_a_registered_file_is_read_with_the_shipped_robot_and_its_tcp(csv, kr10):
     path = register(KEY, csv, None, TCP)
-    assert missing(KEY) == ""
+    assert missing() == ""
     data = Kr10Measured().load()
     assert data.robot.name == kr10.name
     np.testing.assert_array_equal(data.robot.tcp, kr10.tcp)
@@ -107,7 +107,7 @@ def test_what_cannot_be_read_is_not_registered(home, csv, name, line, urdf, tcp,
     with pytest.raises(DataError, match=message):
         register(KEY, csv.with_stem(name), urdf, tcp)
     assert not home.exists()
-    assert missing(KEY) == NOTHING
+    assert missing() == NOTHING
 
 
 def test_a_key_without_a_place_is_refused_with_the_valid_one(csv):
@@ -126,7 +126,7 @@ def test_a_file_that_changed_or_went_since_must_be_registered_again(csv):
     reason = r"my\.csv: the registered file is gone: bench data register kr10-measured"
     with pytest.raises(DataError, match=reason):
         Kr10Measured().load()
-    assert missing(KEY).endswith("FILE.csv")
+    assert missing().endswith("FILE.csv")
 
 
 @pytest.mark.parametrize(
@@ -160,7 +160,7 @@ def test_a_damaged_file_of_registrations_is_one_clear_error(csv, text, message):
         Kr10Measured().load()
     assert str(registry_file()) in str(caught.value)
     assert "\n" not in str(caught.value)
-    assert missing(KEY) == str(caught.value)
+    assert missing() == str(caught.value)
     if "not TOML" in message:  # and is never overwritten
         with pytest.raises(DataError, match=r"not TOML.*mend or delete"):
             register(KEY, csv, None, TCP)

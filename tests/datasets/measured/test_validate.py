@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,16 +11,11 @@ import pandas as pd
 import pytest
 
 from made_samples import samples_with
-from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
-from stiff_datasets.measured.measured import write_samples
 from stiff_datasets.measured.sample_files import sample_table
-from stiff_datasets.measured.validate import render_report, validate
-from stiff_datasets.robots.robot import ChainModel, shipped_chain
-from stiff_datasets.robots.shipped import named_robot
-from stiff_datasets.twin.constants import shipped_constants
-from stiff_datasets.twin.kr10_twin import Kr10Twin
+from stiff_datasets.measured.validate import validate
+from stiff_datasets.robots.robot import shipped_robot
 from stiff_models.physics.vjm import identify_joints, joint_deflection
-from stiff_protocols.contract.types import BenchmarkData, Robot, Samples
+from stiff_protocols.contract.types import Robot, Samples
 
 TOOL = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 
@@ -30,41 +24,31 @@ TOOL = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 class Measurement:
     samples: Samples
     robot: Robot
-    chain: ChainModel
     path: Path
 
     def report(self, **changes):
-        write_samples(self.path, dataclasses.replace(self.samples, **changes), self.robot)
-        return validate(self.path, self.chain, no_torque=True)
+        samples = dataclasses.replace(self.samples, **changes)
+        return self.report_of(sample_table(samples, self.robot))
 
     def table(self):
         return sample_table(self.samples, self.robot)
 
     def report_of(self, table):
         table.to_csv(self.path, index=False)
-        return validate(self.path, self.chain, no_torque=True)
+        return validate(self.path, self.robot, no_torque=True)
 
 
-@functools.cache
-def measured(robot: str) -> tuple[BenchmarkData, ChainModel]:
-    if robot == "fanuc":
-        return FanucR2000iC().load(), named_robot("fanuc-r2000ic").chain()
-    data = Kr10Twin().load()
-    return data, shipped_constants("kr10_r1100_2").chain()
-
-
-@pytest.fixture(params=["fanuc", "kr10"])
+@pytest.fixture(params=["fanuc", "twin"])
 def measurement(request, tmp_path):
     """Of either robot: for what is found by way of the physics."""
-    data, chain = measured(request.param)
-    return Measurement(data.samples, data.robot, chain, tmp_path / "my.csv")
+    data = request.getfixturevalue(request.param)
+    return Measurement(data.samples, data.robot, tmp_path / "my.csv")
 
 
 @pytest.fixture()
-def fanucs(tmp_path):
+def fanucs(fanuc, tmp_path):
     """The real one: for what is found in a row, whatever the robot."""
-    data, chain = measured("fanuc")
-    return Measurement(data.samples, data.robot, chain, tmp_path / "my.csv")
+    return Measurement(fanuc.samples, fanuc.robot, tmp_path / "my.csv")
 
 
 def turned(wrench, matrix):
@@ -87,7 +71,7 @@ def only(findings, words):
 def test_good_data_give_no_error_and_no_warning(measurement):
     report = measurement.report()
     assert messages(report.errors) == messages(report.warnings) == []
-    assert render_report(report).splitlines()[0] == f"{measurement.path}: ok"
+    assert repr(report).splitlines()[0] == f"{measurement.path}: ok"
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -121,8 +105,8 @@ def test_a_wrench_in_another_frame_of_the_base_is_named(measurement, words, matr
     [(": explained", np.eye(3)), (" and had to be read with x, y, z taken from its", TOOL)],
 )
 def test_a_wrench_in_the_tool_frame_is_named(measurement, words, matrix):
-    last_joint = measurement.robot.forward(measurement.samples.q).rotation
-    tool = last_joint @ measurement.chain.flange.rotation
+    robot = measurement.robot
+    tool = robot.forward(measurement.samples.q).rotation @ robot.flange[:3, :3]
     to_tool = matrix.T @ tool.transpose(0, 2, 1)
     report = measurement.report(wrench=turned(measurement.samples.wrench, to_tool))
     assert only(report.warnings, f"wrench looks as if it were expressed in the flange frame{words}")
@@ -219,17 +203,15 @@ def test_repeats_that_differ_are_found(fanucs, rng):
     assert found.rows == (10, 11, 12, 13)
 
 
-def test_joints_that_cannot_be_identified_are_named(tmp_path):
-    data = Kr10Twin().load()
-    chain = shipped_chain("kr10_r1100_2", tcp=(0.0, 0.0, 0.08))  # on the axis of A6
-    robot = dataclasses.replace(data.robot, tcp=chain.tcp)
-    report = Measurement(data.samples, robot, chain, tmp_path / "my.csv").report()
+def test_joints_that_cannot_be_identified_are_named(twin, tmp_path):
+    robot = shipped_robot("kr10_r1100_2", tcp=(0.0, 0.0, 0.08))  # on the axis of A6
+    report = Measurement(twin.samples, robot, tmp_path / "my.csv").report()
     assert only(report.warnings, "the stiffness of joint A6 cannot be identified")
     assert "rank 5 of 6" in only(report.facts, "identifiable").message
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_validate_and_the_vjm_name_the_same_joints(seed, kr10, kr10_chain, tmp_path):
+def test_validate_and_the_vjm_name_the_same_joints(seed, kr10, tmp_path):
     rng = np.random.default_rng(seed)
     q = np.tile(rng.uniform(-1.0, 1.0, 6), (40, 1))
     q[:, :2] = rng.uniform(-1.0, 0.0, (40, 2))  # A1 and A2 move
@@ -237,7 +219,7 @@ def test_validate_and_the_vjm_name_the_same_joints(seed, kr10, kr10_chain, tmp_p
     stiffness = np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])
     deflection = joint_deflection(kr10, 1.0 / stiffness, q, wrench)
     samples = samples_with(q, wrench, deflection + rng.normal(scale=1e-4, size=(40, 3)))
-    report = Measurement(samples, kr10, kr10_chain, tmp_path / "my.csv").report()
+    report = Measurement(samples, kr10, tmp_path / "my.csv").report()
     names = identify_joints(kr10, samples).unidentifiable
     assert 0 < len(names) < 6
     assert only(report.warnings, f"the stiffness of joint {', '.join(names)} cannot be identified")
@@ -254,7 +236,7 @@ def test_every_error_is_listed_and_there_is_no_other_finding(fanucs):
         ("error", (11,)),
     ]
     assert report.warnings == report.facts == ()
-    lines = render_report(report).splitlines()
+    lines = repr(report).splitlines()
     assert lines[0] == f"{fanucs.path}: invalid, 3 errors"
     assert "  - row 4, column fx_N: 'abc', expected a finite number" in lines
 
@@ -263,26 +245,26 @@ def test_a_plan_that_is_not_filled_in_has_one_error_a_column(fanucs):
     table = sample_table(fanucs.samples, fanucs.robot)
     table[["dx_mm", "dy_mm", "dz_mm"]] = np.nan
     table.to_csv(fanucs.path, index=False)
-    report = validate(fanucs.path, fanucs.chain)
+    report = validate(fanucs.path, fanucs.robot)
     n = len(table)
     for name, found in zip(("dx_mm", "dy_mm", "dz_mm"), report.errors, strict=True):
         assert found.message == f"column {name}: '', expected a finite number"
         assert found.rows == tuple(range(2, n + 2))
-    text = render_report(report)
+    text = repr(report)
     assert f"invalid, {3 * n} errors" in text and f"(rows 2-{n + 1})" in text
 
 
 def test_a_file_that_cannot_be_read_is_an_error_of_the_report(fanucs):
-    report = validate(fanucs.path, fanucs.chain)
+    report = validate(fanucs.path, fanucs.robot)
     assert messages(report.errors) == ["cannot be read: No such file or directory"]
-    assert render_report(report).startswith(f"{fanucs.path}: invalid, 1 error\n")
+    assert repr(report).splitlines()[0] == f"{fanucs.path}: invalid, 1 error"
 
 
 def test_the_report_is_aligned_and_no_wider_than_a_terminal(fanucs):
     wrench = fanucs.samples.wrench.copy()
     wrench[:40, 0] = 5001.0
     report = fanucs.report(wrench=wrench)
-    lines = render_report(report).splitlines()
+    lines = repr(report).splitlines()
     n = len(report.warnings)
     assert lines[0] == f"{fanucs.path}: suspicious, {n} warning{'s' * (n > 1)}"
     assert lines[1:3] == ["", "Warnings"]
@@ -294,7 +276,7 @@ def test_the_report_is_aligned_and_no_wider_than_a_terminal(fanucs):
     assert lines[lines.index("Facts") + 1 :] == wanted
 
 
-def test_the_tcp_is_shown_in_the_frame_in_which_it_was_given(tmp_path):
-    data, chain = Kr10Twin().load(), shipped_chain("kr10_r1100_2", tcp=(-0.06, 0.0, 0.08))
-    report = Measurement(data.samples, data.robot, chain, tmp_path / "my.csv").report()
+def test_the_tcp_is_shown_in_the_frame_in_which_it_was_given(twin, tmp_path):
+    robot = shipped_robot("kr10_r1100_2", tcp=(-0.06, 0.0, 0.08))
+    report = Measurement(twin.samples, robot, tmp_path / "my.csv").report()
     assert "TCP (-0.06, 0, 0.08) m" in only(report.facts, "robot").message

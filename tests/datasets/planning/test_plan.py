@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from made_robots import planar_arm
 from made_samples import samples_with
 from stiff_datasets.measured.identifiability import identifiability, regressor
+from stiff_datasets.measured.load_file import Loads
 from stiff_datasets.measured.measured import read_samples
 from stiff_datasets.measured.sample_files import DEFLECTION_COLUMNS
-from stiff_datasets.planning.design import Loads, ProcessDesign, SpringDesign, variance_gain
+from stiff_datasets.planning.design import ProcessDesign, SpringDesign
 from stiff_datasets.planning.plan import (
     APART,
     MeasurementPlan,
@@ -24,42 +27,33 @@ from stiff_datasets.planning.plan import (
     unmeasured,
     write_plan,
 )
-from stiff_datasets.planning.plan_gain import plan_gain
+from stiff_datasets.planning.plan_gain import plan_gain, variance_gain
 from stiff_datasets.planning.reachable import (
     LOWEST_HEIGHT,
     base_distance,
     lowest_height,
 )
-from stiff_datasets.robots.robot import (
-    load_robot,
-    read_chain,
-    robot_of,
-    shipped_chain,
-)
+from stiff_datasets.robots.robot import robot_of, shipped_robot
+from stiff_datasets.robots.shipped import named_robot
 from stiff_protocols.contract.errors import ConfigError, DataError, StoreError
 
-FANUC_TCP = (0.0069, 0.2453, 0.3193)
-ROBOTS = {  # name: TCP m, payload kg, clearance m
-    "kr10_r1100_2": ((0.06, 0.0, 0.08), 10.0, 0.2),
-    "fanuc_r2000ic": (FANUC_TCP, 165.0, 0.5),
-}
+ROBOTS = {"kr10-r1100-2": (10.0, 0.2), "fanuc-r2000ic": (165.0, 0.5)}  # payload kg, clearance m
 CRITERIA = ("d-optimal", "i-optimal", "condition")
 
 
-def plan_of(chain, n_poses, *, criterion="d-optimal", **options):
+def plan_of(robot, n_poses, *, criterion="d-optimal", **options):
     """A plan chosen from candidates of its own."""
-    pool = candidate_plan(chain, **options)
-    design = SpringDesign(regressor(chain, pool.q, pool.wrench), criterion)
+    pool = candidate_plan(robot, **options)
+    design = SpringDesign(regressor(robot, pool.q, pool.wrench), criterion)
     return chosen_plan(pool, n_poses, design)[0]
 
 
 @pytest.fixture(scope="module", params=ROBOTS)
 def case(request):
-    """Robot, chain, and what its plans are made with."""
-    tcp, payload, clearance = ROBOTS[request.param]
+    """A robot, and what its plans are made with."""
+    payload, clearance = ROBOTS[request.param]
     options = {"candidates": 300, "seed": 4, "payload_kg": payload, "clearance": clearance}
-    chain = shipped_chain(request.param, tcp=tcp)
-    return robot_of(chain), chain, options
+    return named_robot(request.param).robot(), options
 
 
 def between(start, end, n=150):
@@ -76,8 +70,8 @@ def sampled_clearances(robot, q):
 
 @pytest.mark.parametrize("criterion", CRITERIA)
 def test_a_chosen_plan_keeps_limits_clearances_and_payload(case, criterion):
-    robot, chain, options = case
-    plan = plan_of(chain, 40, criterion=criterion, **options)
+    robot, options = case
+    plan = plan_of(robot, 40, criterion=criterion, **options)
     assert plan.q.shape == (40, 6)
     assert (plan.q >= robot.lower).all() and (plan.q <= robot.upper).all()
     base, height = np.transpose([sampled_clearances(robot, q) for q in plan.q])
@@ -88,7 +82,7 @@ def test_a_chosen_plan_keeps_limits_clearances_and_payload(case, criterion):
 
 
 def test_clearances_are_those_of_points_sampled_on_the_arm(case, rng):
-    robot, _, _ = case
+    robot, _ = case
     q = rng.uniform(np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi), size=(60, 6))
     points = robot.forward(q).points
     sampled = np.array([sampled_clearances(robot, row) for row in q])
@@ -115,17 +109,16 @@ def test_the_distance_to_a_column_of_one_metre_has_its_closed_form(elbow, tcp, e
 
 
 def test_a_plan_is_better_than_every_random_one_by_the_criterion_it_was_chosen_by(case):
-    robot, chain, options = case
-    pool = candidate_plan(chain, **options)
+    robot, options = case
+    pool = candidate_plan(robot, **options)
     d_optimal, i_optimal, by_condition = (
         plan_gain(
-            regressor(chain, plan.q, plan.wrench),
-            regressor(chain, pool.q, pool.wrench),
+            regressor(robot, plan.q, plan.wrench),
+            regressor(robot, pool.q, pool.wrench),
             robot.joint_names,
         )
-        for plan in (plan_of(chain, 30, criterion=criterion, **options) for criterion in CRITERIA)
+        for plan in (plan_of(robot, 30, criterion=criterion, **options) for criterion in CRITERIA)
     )
-    assert d_optimal.n_random == 20
     assert d_optimal.efficiency > d_optimal.efficiency_over_best > 1.2
     assert d_optimal.plan.worst_error < d_optimal.random_best.worst_error
     assert i_optimal.plan.worst_error < i_optimal.random_best.worst_error
@@ -135,52 +128,40 @@ def test_a_plan_is_better_than_every_random_one_by_the_criterion_it_was_chosen_b
 
 @pytest.mark.parametrize("criterion", CRITERIA)
 def test_the_same_seed_gives_the_same_plan_and_another_seed_another(case, criterion):
-    _, chain, options = case
+    robot, options = case
     first, again, other = (
-        plan_of(chain, 12, criterion=criterion, **(options | {"seed": seed})) for seed in (1, 1, 2)
+        plan_of(robot, 12, criterion=criterion, **(options | {"seed": seed})) for seed in (1, 1, 2)
     )
     for name in ("q", "wrench", "pose_id"):
         np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
     assert not np.isin(first.q[:, 0], other.q[:, 0]).any()
     if criterion == "d-optimal":  # the first rows are the smaller plan
-        smaller = plan_of(chain, 5, **(options | {"seed": 1}))
+        smaller = plan_of(robot, 5, **(options | {"seed": 1}))
         np.testing.assert_array_equal(smaller.q, first.q[:5])
 
 
 @pytest.mark.parametrize("criterion", CRITERIA)
 def test_a_plan_serves_the_other_joints_where_the_tcp_is_on_a6s_axis(criterion):
-    chain = shipped_chain("kr10_r1100_2", tcp=(0.0, 0.0, 0.08))
-    plan = plan_of(chain, 30, criterion=criterion, candidates=100, payload_kg=10.0, seed=0)
-    names = robot_of(chain).joint_names
-    found = identifiability(regressor(chain, plan.q, plan.wrench), names)
+    robot = shipped_robot("kr10_r1100_2", tcp=(0.0, 0.0, 0.08))
+    plan = plan_of(robot, 30, criterion=criterion, candidates=100, payload_kg=10.0, seed=0)
+    found = identifiability(regressor(robot, plan.q, plan.wrench), robot.joint_names)
     assert found.unidentifiable == ("A6",)
 
 
-def arm_urdf(tmp_path, kinds):
-    """An arm of 0.5 m links, alternating axes; the limits are -1..5.5 rad or m."""
-    body = ""
-    for i, kind in enumerate(kinds):
-        axis = "0 0 1" if i == 0 else "0 1 0" if i % 2 else "1 0 0"
-        body += (
-            f'<joint name="j{i}" type="{kind}"><parent link="l{i}"/><child link="l{i + 1}"/>'
-            f'<origin xyz="0 0 0.5"/><axis xyz="{axis}"/>'
-            '<limit lower="-1" upper="5.5" effort="1" velocity="1"/></joint>'
-            f'<link name="l{i + 1}"/>'
-        )
-    path = tmp_path / "arm.urdf"
-    path.write_text(f'<robot name="arm"><link name="l0"/>{body}</robot>')
-    return path
-
-
-def test_joints_of_more_than_a_turn_are_drawn_within_half_a_turn_of_their_middle(tmp_path):
-    path = arm_urdf(tmp_path, ["revolute", "continuous", "revolute", "prismatic"])
-    plan = candidate_plan(read_chain(path, tcp=(0.1, 0.2, 0.3)), 200, seed=0, payload_kg=5.0)
+def test_joints_of_more_than_a_turn_are_drawn_within_half_a_turn_of_their_middle():
+    robot = replace(
+        planar_arm(4, (0.0, 1.0, 0.0)),
+        joint_types=("revolute", "revolute", "revolute", "prismatic"),
+        lower=np.array([-1.0, -np.inf, -1.0, -1.0]),
+        upper=np.array([5.5, np.inf, 5.5, 5.5]),
+    )
+    plan = candidate_plan(robot, 200, seed=0, payload_kg=5.0)
     q, middle = plan.q, (5.5 - 1.0) / 2
     assert (np.abs(q[:, 0] - middle) <= np.pi).all()
     assert np.abs(q[:, 1]).max() <= np.pi and np.ptp(q[:, :3], axis=0).min() > 5.0
     assert q[:, 3].max() > middle + np.pi  # a slide's metres are no angle
     assert q[:, 3].min() >= -1.0 and q[:, 3].max() <= 5.5
-    table = plan_table(plan, load_robot(path, tcp=(0.1, 0.2, 0.3)))
+    table = plan_table(plan, robot)
     assert table["q2_deg"].abs().max() <= 180.0
     np.testing.assert_allclose(table["q4_mm"], q[:, 3] * 1000, atol=1e-4)
 
@@ -190,7 +171,7 @@ def test_every_row_of_a_filled_in_plan_is_a_valid_sample(tmp_path, kr10, kr10_ch
     if source == "paper":
         plan = paper_plan(kr10_chain, 10.0, 0)
     else:
-        plan = plan_of(kr10_chain, 50, criterion=source, candidates=120, payload_kg=10.0, seed=0)
+        plan = plan_of(kr10, 50, criterion=source, candidates=120, payload_kg=10.0, seed=0)
     path = tmp_path / "plan.csv"
     write_plan(path, plan, kr10)
     with pytest.raises(DataError, match=r"row 2, column dx_mm: ''"):
@@ -222,7 +203,7 @@ def test_angles_are_not_rounded_out_of_the_limits(kr10):
     """0.785398163397448 rad, the upper limit of A2, is a hair less than 45 deg."""
     q = np.stack([kr10.lower, kr10.upper])
     ids = np.array(["1", "2"])
-    table = plan_table(MeasurementPlan(q, ids, ids, np.zeros((2, 6))), kr10)
+    table = plan_table(MeasurementPlan(q, np.zeros((2, 6)), ids, ids), kr10)
     angles = table[[f"q{i}_deg" for i in range(1, 7)]].to_numpy()
     assert (angles[0] >= np.rad2deg(kr10.lower)).all()
     assert (angles[1] <= np.rad2deg(kr10.upper)).all()
@@ -255,32 +236,30 @@ def test_a_file_that_exists_is_not_overwritten_and_others_are_refused_before_the
         ({"clearance": 0.9}, r"\d+ of 5000 .* expected 100 candidates: ask for a smaller"),
     ],
 )
-def test_what_cannot_be_planned_is_refused(kr10_chain, changes, message):
+def test_what_cannot_be_planned_is_refused(kr10, changes, message):
     arguments = {"n_poses": 10, "candidates": 100, "seed": 0, "payload_kg": 10.0} | changes
     with pytest.raises(ConfigError, match=message):
-        plan_of(kr10_chain, **arguments)
+        plan_of(kr10, **arguments)
 
 
 @pytest.mark.parametrize(
-    ("name", "tcp", "payload", "message"),
+    ("name", "tcp", "message"),
     [
-        ("fanuc_r2000ic", FANUC_TCP, 10.0, "is for kr10_r1100_2, not for fanuc_r2000ic"),
+        ("fanuc-r2000ic", None, "is for kr10_r1100_2, not for fanuc_r2000ic"),
         *(
-            ("kr10_r1100_2", tcp, 10.0, r"of the paper's poses \(.*\) do not keep a clearance")
+            ("kr10-r1100-2", tcp, r"of the paper's poses \(.*\) do not keep a clearance")
             for tcp in [(0.0, 0.0, 0.3), (0.3, 0.0, 0.1)]  # a long tool: base or ground
         ),
     ],
 )
-def test_the_papers_plan_is_for_its_own_robot_and_a_tool_that_hits_nothing(
-    name, tcp, payload, message
-):
+def test_the_papers_plan_is_for_its_own_robot_and_a_tool_that_hits_nothing(name, tcp, message):
     with pytest.raises(ConfigError, match=message):
-        paper_plan(shipped_chain(name, tcp=tcp), payload, 0)
+        paper_plan(named_robot(name).chain(tcp), 10.0, 0)
 
 
-def test_a_robot_without_an_elbow_is_refused(tmp_path):
-    with pytest.raises(ConfigError, match="arm has 2 joints; expected at least three"):
-        candidate_plan(read_chain(arm_urdf(tmp_path, ["revolute"] * 2)), 10, seed=0, payload_kg=5.0)
+def test_a_robot_without_an_elbow_is_refused():
+    with pytest.raises(ConfigError, match="planar has 2 joints; expected at least three"):
+        candidate_plan(planar_arm(2, (0.0, 0.0, 1.0)), 10, seed=0, payload_kg=5.0)
 
 
 # ---- after a measurement ---------------------------------------------------------------------
@@ -294,15 +273,15 @@ def measured_at(plan, **names):
 @pytest.fixture(scope="module")
 def going_on(case):
     """A robot's candidates and workspace, and 15 poses that are measured."""
-    _, chain, options = case
-    drawn = candidate_plan(chain, **(options | {"candidates": 500}))
-    measured = measured_at(candidate_plan(chain, **(options | {"candidates": 15, "seed": 77})))
-    return chain, drawn.take(slice(150, None)), drawn.take(slice(150)), measured
+    robot, options = case
+    drawn = candidate_plan(robot, **(options | {"candidates": 500}))
+    measured = measured_at(candidate_plan(robot, **(options | {"candidates": 15, "seed": 77})))
+    return robot, drawn.take(slice(150, None)), drawn.take(slice(150)), measured
 
 
 def spring_design(going_on, criterion):
-    chain, pool, workspace, measured = going_on
-    regressors = [regressor(chain, one.q, one.wrench) for one in (pool, workspace, measured)]
+    robot, pool, workspace, measured = going_on
+    regressors = [regressor(robot, one.q, one.wrench) for one in (pool, workspace, measured)]
     return SpringDesign(regressors[0], criterion, *regressors[1:])
 
 
@@ -342,9 +321,9 @@ def test_the_variance_of_a_prediction_is_that_of_simulated_measurements(going_on
     assert design.variance(rows) < design.variance(rows[:2]) < design.variance(rows[:0])
 
 
-def test_a_joint_that_was_not_seen_is_seen_with_the_first_new_pose(kr10_chain):
-    pool = candidate_plan(kr10_chain, 200, seed=0, payload_kg=10.0)
-    candidates = regressor(kr10_chain, pool.q, pool.wrench)
+def test_a_joint_that_was_not_seen_is_seen_with_the_first_new_pose(kr10):
+    pool = candidate_plan(kr10, 200, seed=0, payload_kg=10.0)
+    candidates = regressor(kr10, pool.q, pool.wrench)
     measured = candidates[:20].copy()
     measured[:, :, 3] = 0.0
     for criterion in CRITERIA:
@@ -355,16 +334,16 @@ def test_a_joint_that_was_not_seen_is_seen_with_the_first_new_pose(kr10_chain):
     assert np.isinf(gain.before) and np.isnan(gain.ratio) and gain.plan < gain.random_mean
 
 
-def test_a_measured_pose_is_not_proposed_again_and_new_ones_are_numbered_on(kr10, kr10_chain):
-    pool = candidate_plan(kr10_chain, 60, seed=0, payload_kg=10.0)
-    first = SpringDesign(regressor(kr10_chain, pool.q, pool.wrench), "d-optimal")
+def test_a_measured_pose_is_not_proposed_again_and_new_ones_are_numbered_on(kr10):
+    pool = candidate_plan(kr10, 60, seed=0, payload_kg=10.0)
+    first = SpringDesign(regressor(kr10, pool.q, pool.wrench), "d-optimal")
     plan, rows = chosen_plan(pool, 9, first)
     reached = plan.q + np.deg2rad(0.3)  # a controller's log
     reached[0, 5] += 2.0 * np.pi
-    measured = measured_at(MeasurementPlan(reached, plan.pose_id, plan.group, plan.wrench))
+    measured = measured_at(replace(plan, q=reached))
     left = unmeasured(pool, measured, kr10)
     assert sorted(left.pose_id) == sorted(np.delete(pool.pose_id, rows))
-    again = SpringDesign(regressor(kr10_chain, left.q, left.wrench), "d-optimal")
+    again = SpringDesign(regressor(kr10, left.q, left.wrench), "d-optimal")
     more, _ = chosen_plan(left, 51, again, measured=measured_at(plan, pose_id=plan.pose_id))
     assert more.pose_id[[0, -1]].tolist() == ["P10", "P60"]
     assert np.abs(more.q[:, None] - plan.q).max(axis=2).min() > APART

@@ -7,13 +7,19 @@ import pinocchio as pin
 import pytest
 
 from stiff_datasets.planning.poses import (
+    COLUMN,
+    FOREARM,
+    HAND,
+    PAIRS,
+    RADII,
+    UPPER_ARM,
     bent_wrist_poses,
     cartesian_poses,
     joint_space_poses,
     paper_poses,
+    self_clearance,
     tcp_off_a1,
 )
-from stiff_datasets.planning.self_collision import self_clearance
 
 TOO_NEAR_A1 = "J01 J08 J09 J16 J17 J24 J25 J31 J32 J33 J40 J41 J42".split()
 """No A5 in 0..90 deg puts the TCP 250 mm off A1's axis."""
@@ -95,3 +101,37 @@ def test_a_more_bent_wrist_would_collide_or_bring_the_tcp_nearer(kr10_chain, ben
     collides = self_clearance(kr10_chain, q) < 0.02
     assert len(q) == 14 and allowed.all()
     assert (collides | (was_off & (tcp_off_a1(kr10_chain, q) < 0.25))).all()
+
+
+STEPS = np.linspace(0.0, 1.0, 101)[:, None]
+
+
+def sampled_gap(points, first, second):
+    """Return the gap of two capsules of one pose, from sampled centre lines."""
+    ends = {
+        COLUMN: (np.zeros(3), points[0]),
+        UPPER_ARM: (points[1], points[2]),
+        FOREARM: (points[3], points[4]),
+        HAND: (points[4], points[6]),
+    }
+    lines = [ends[name][0] + STEPS * (ends[name][1] - ends[name][0]) for name in (first, second)]
+    distance = np.linalg.norm(lines[0][:, None] - lines[1], axis=2).min()
+    return distance - RADII[first] - RADII[second]
+
+
+def test_the_smallest_gap_is_that_of_sampled_points_in_any_pose(kr10, kr10_chain, rng):
+    q = rng.uniform(kr10.lower, kr10.upper, size=(20, 6))
+    q[10:, 2:5] = np.deg2rad(rng.uniform((130, -10, 60), (156, 10, 120), size=(10, 3)))  # folded
+    sampled = np.array(
+        [min(sampled_gap(at, *pair) for pair in PAIRS) for at in kr10.forward(q).points]
+    )
+    found = self_clearance(kr10_chain, q)
+    assert (found <= sampled + 1e-9).all()
+    np.testing.assert_allclose(found, sampled, atol=2e-3)
+    assert (found < 0).any() and (found > 0).any()
+
+
+def test_an_upright_arm_is_clear_and_a_folded_one_is_not(kr10_chain):
+    upright, folded = (0, -90, 0, 0, 0, 0), (0, -90, 156, 0, 120, 0)
+    found = self_clearance(kr10_chain, np.deg2rad([upright, folded]))
+    assert found[0] > 0.3 and found[1] < 0

@@ -98,5 +98,5 @@ def test_an_arm_has_masses_inside_its_links_limits_and_151_poses_of_its_own(name
     for joint in range(1, 7):
         moments = np.linalg.eigvalsh(chain.model.inertias[joint].inertia)
         assert moments[0] > 0 and moments[2] <= moments[:2].sum() * (1 + 1e-9)
-    q = reachable_poses(chain, 151, stream("test", name))
+    q = reachable_poses(robot, 151, stream("test", name))
     assert ((q >= robot.lower) & (q <= robot.upper)).all()

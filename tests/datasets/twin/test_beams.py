@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from made_robots import planar_arm
-from stiff_datasets.robots.robot import robot_of
 from stiff_datasets.twin.beams import SHEAR_COEFFICIENT, Beams, Tube
 from stiff_datasets.twin.constants import shipped_constants, specimen_beams
 from stiff_datasets.twin.kr10_twin import Kr10TwinBeam
@@ -132,10 +131,10 @@ def parts(beams):
 
 
 def test_with_rigid_links_the_springs_remain_alone(poses, rng):
-    chain, wrench = BEAM.chain(), rng.normal(size=(6, 6)) * 10
-    stiff = Beams(robot_of(chain), (Tube(0.2, 0.1),) * 7, np.full(7, 1e25), NU)
-    alone = DigitalTwin(chain, BEAM.springs).readings(poses, wrench)
-    found = DigitalTwin(chain, BEAM.springs, beams=stiff).readings(poses, wrench)
+    robot, wrench = BEAM.robot(), rng.normal(size=(6, 6)) * 10
+    stiff = Beams(robot, (Tube(0.2, 0.1),) * 7, np.full(7, 1e25), NU)
+    alone = DigitalTwin(robot, BEAM.springs).readings(poses, wrench)
+    found = DigitalTwin(robot, BEAM.springs, beams=stiff).readings(poses, wrench)
     np.testing.assert_allclose(found, alone, rtol=1e-9)
 
 

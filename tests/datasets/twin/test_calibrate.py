@@ -23,19 +23,15 @@ from stiff_datasets.twin.calibrate import (
     specimen_figures,
     vjm_figures,
 )
-from stiff_datasets.twin.constants import read_constants, shipped_constants
+from stiff_datasets.twin.constants import read_constants
 from stiff_datasets.twin.kr10_twin import CALIBRATIONS, Kr10Twin
 from stiff_models.physics.vjm import VirtualJointModel
 
 RECORDS = Path(__file__).parents[3] / "results" / "calibration"
 
 
-def shipped(number):
-    return shipped_constants(CALIBRATIONS[number].constants)
-
-
 def record(number):
-    return json.loads((RECORDS / f"{CALIBRATIONS[number].constants}.json").read_text("utf-8"))
+    return json.loads((RECORDS / f"{CALIBRATIONS[number].name}.json").read_text("utf-8"))
 
 
 def assert_figures(found, stated):
@@ -49,16 +45,15 @@ NUMBER = r"[-+]?\d+(?:\.\d+)?"
 
 @pytest.mark.parametrize("number", CALIBRATIONS)
 def test_the_shipped_constants_are_those_that_were_found(number):
-    constants = shipped(number).model_dump(mode="json", exclude_none=True)
+    constants = CALIBRATIONS[number].constants().model_dump(mode="json", exclude_none=True)
     for name in ("name", "urdf", "tcp_m", "payload_kg", "hook_m", "joint", "noise"):
         assert constants[name] == record(number)["constants"][name]
 
 
 @pytest.mark.parametrize("number", CALIBRATIONS)
 def test_the_shipped_constants_give_the_figures_of_the_record(number):
-    constants, search = shipped(number), SEARCHES[number]
-    poses, stated = CALIBRATIONS[number].poses(constants.chain()), record(number)
-    found = line_figures(constants, seeds=search.seeds[1], poses=poses)
+    twin, search, stated = CALIBRATIONS[number], SEARCHES[number], record(number)
+    found = line_figures(twin.constants(), seeds=search.seeds[1], poses=twin.poses())
     assert_figures(found, stated["specimens"][0])
     assert [stated["search_seeds"], stated["figure_seeds"]] == [[*one] for one in search.seeds]
     assert not set(stated["search_seeds"]) & set(stated["figure_seeds"])
@@ -106,13 +101,13 @@ def test_the_misfit_is_nothing_for_the_paper_itself_and_grows_either_way():
 
 def test_the_figures_are_those_of_the_vjm_on_the_samples_it_was_identified_on():
     data = Kr10Twin().load()
-    found = vjm_figures(shipped(1).chain(), data.samples)
+    found = vjm_figures(data.robot, data.samples)
     model = VirtualJointModel().fit(data.samples, robot=data.robot)
     error = np.abs(model.predict(data.samples.q, data.samples.wrench) - data.samples.deflection)
     np.testing.assert_allclose(found.mae, error.mean(axis=0))
     np.testing.assert_allclose(found.stde, error.std(axis=0))
     np.testing.assert_allclose(found.me, error.max(axis=0))
-    np.testing.assert_allclose(found.stiffness, model.joints_.stiffness)
+    np.testing.assert_allclose(found.stiffness, model.springs_.stiffness)
 
 
 def test_a_folder_that_cannot_be_made_is_one_line_before_the_work(tmp_path):

@@ -12,18 +12,26 @@ import pytest
 
 from stiff_datasets.planning.loads import stream
 from stiff_datasets.planning.poses import paper_poses
-from stiff_datasets.robots.robot import robot_of
 from stiff_datasets.twin.constants import read_constants, shipped_constants, specimen_springs
-from stiff_datasets.twin.effects import EFFECTS, Instruments, parse_effects, real_chain
+from stiff_datasets.twin.effects import EFFECTS, Instruments, parse_effects, real_robot
 from stiff_datasets.twin.kr10_twin import Kr10Twin, Kr10TwinBeam, Kr10TwinRough
 from stiff_datasets.twin.robot_twin import RobotTwin
 from stiff_datasets.twin.springs import SpringLaw
 from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
 from stiff_protocols.contract.errors import ConfigError, DataError
 
-CONSTANTS = Kr10TwinRough().constants()
+CONSTANTS = shipped_constants("kr10_rough")
 LOAD = np.array([60.0, 20.0, -60.0, 3.0, -4.0, 2.0])
 STOPS = 4000
+
+
+def own_twin(tmp_path, name, old="", new=""):
+    """Constants of a user's file: a shipped one with one change."""
+    source = (files("stiff_datasets") / "twins" / f"{name}.toml").read_text(encoding="utf-8")
+    assert old in source
+    path = tmp_path / "my.toml"
+    path.write_text(source.replace(old, new, 1), encoding="utf-8")
+    return read_constants(path)
 
 
 @pytest.mark.parametrize(
@@ -58,7 +66,7 @@ def test_each_effect_changes_the_measurement_and_none_is_the_default_twins_physi
         )
     assert Kr10TwinRough().load().sha256 == found[-1].sha256
     q, wrench = found[0].samples.q, found[0].samples.wrench
-    twin = DigitalTwin(CONSTANTS.chain(), specimen_springs(CONSTANTS, 0))
+    twin = DigitalTwin(CONSTANTS.robot(), specimen_springs(CONSTANTS, 0))
     np.testing.assert_allclose(found[0].known["oracle"], twin.readings(q, wrench), atol=1e-12)
 
 
@@ -101,8 +109,8 @@ def test_lost_motion_follows_masings_rule_and_the_order_of_loads_does_not_matter
     assert sorted(np.round(backwards, 10)) == sorted(np.round([*angles, angles[0]], 10))
 
 
-def test_a_pose_loaded_alone_or_among_others_in_any_order_reads_the_same(kr10_chain, rng):
-    twin = DigitalTwin(kr10_chain, specimen_springs(CONSTANTS, 0), hysteresis=True)
+def test_a_pose_loaded_alone_or_among_others_in_any_order_reads_the_same(kr10, rng):
+    twin = DigitalTwin(kr10, specimen_springs(CONSTANTS, 0), hysteresis=True)
     q = np.repeat(rng.uniform(-1.5, 1.5, size=(1, 6)), 5, axis=0)
     wrench = LOAD * rng.uniform(-1, 1, size=(5, 1))
     order = rng.permutation(5)
@@ -112,7 +120,7 @@ def test_a_pose_loaded_alone_or_among_others_in_any_order_reads_the_same(kr10_ch
     np.testing.assert_allclose(alone, together[:1], rtol=0, atol=1e-14)
 
 
-def test_no_load_moves_nothing_and_a_small_one_moves_in_proportion(kr10_chain, rng):
+def test_no_load_moves_nothing_and_a_small_one_moves_in_proportion(rng):
     experiment = TwinExperiment(CONSTANTS, loads="line", specimen=2, seed=0, effects=EFFECTS)
     q = rng.uniform(-1.5, 1.5, size=(20, 6))
     np.testing.assert_allclose(experiment.twin.readings(q, np.zeros((20, 6))), 0.0, atol=1e-14)
@@ -121,19 +129,16 @@ def test_no_load_moves_nothing_and_a_small_one_moves_in_proportion(kr10_chain, r
     np.testing.assert_allclose(twice, 2.0 * once, rtol=1e-3)
 
 
-def test_the_real_robot_is_off_by_the_stated_sizes(kr10_chain):
-    errors = CONSTANTS.errors
-    real = real_chain(kr10_chain, errors, stream("test"))
-    for joint in range(1, 7):
-        off = kr10_chain.model.jointPlacements[joint].actInv(real.model.jointPlacements[joint])
-        assert np.linalg.norm(off.translation) == pytest.approx(3e-4)
-        assert np.linalg.norm(pin.log3(off.rotation)) == pytest.approx(5e-4)
-        ratio = real.model.inertias[joint].mass / kr10_chain.model.inertias[joint].mass
-        assert abs(ratio - 1.0) == pytest.approx(0.1)
-    assert np.linalg.norm(real.tcp - kr10_chain.tcp) == pytest.approx(3e-4)
-    moved = robot_of(real).tcp_position(np.zeros((1, 6))) - robot_of(kr10_chain).tcp_position(
-        np.zeros((1, 6))
-    )
+def test_the_real_robot_is_off_by_the_stated_sizes(kr10):
+    real = real_robot(kr10, CONSTANTS.errors, stream("test"))
+    for described, found in zip(kr10.placements, real.placements, strict=True):
+        off = np.linalg.inv(described) @ found
+        assert np.linalg.norm(off[:3, 3]) == pytest.approx(3e-4)
+        assert np.linalg.norm(pin.log3(off[:3, :3])) == pytest.approx(5e-4)
+    np.testing.assert_allclose(np.abs(real.masses / kr10.masses - 1.0), 0.1)
+    assert np.linalg.norm(real.tcp - kr10.tcp) == pytest.approx(3e-4)
+    at_zero = np.zeros((1, 6))
+    moved = real.tcp_position(at_zero) - kr10.tcp_position(at_zero)
     assert 1e-4 < np.linalg.norm(moved) < 3e-3
 
 
@@ -175,10 +180,7 @@ def test_the_oracle_knows_all_but_the_noise():
 
 
 def test_links_that_shall_bend_need_sections(tmp_path):
-    source = files("stiff_datasets") / "twins" / "ur5.toml"
-    path = tmp_path / "my.toml"
-    path.write_text(source.read_text(encoding="utf-8"), encoding="utf-8")
-    constants = read_constants(path)
+    constants = own_twin(tmp_path, "ur5")
     with pytest.raises(DataError, match=r"my\.toml: no table \[beams\]"):
         TwinExperiment(constants, loads="omni", specimen=0, seed=0, effects=("links",))
 
@@ -200,23 +202,17 @@ def test_links_that_shall_bend_need_sections(tmp_path):
     ],
 )
 def test_impossible_constants_are_named(tmp_path, old, new, message):
-    source = (files("stiff_datasets") / "twins" / "kr10_rough.toml").read_text(encoding="utf-8")
-    assert old in source
-    path = tmp_path / "my.toml"
-    path.write_text(source.replace(old, new, 1), encoding="utf-8")
     with pytest.raises(DataError, match=message):
-        read_constants(path).chain()
+        own_twin(tmp_path, "kr10_rough", old, new).chain()
 
 
 def test_a_robot_without_masses_makes_no_twin(tmp_path):
     urdf = (files("stiff_datasets") / "robots" / "ur5.urdf").read_text(encoding="utf-8")
     bare = "".join(part.split("</inertial>")[-1] for part in urdf.split("<inertial>"))
     (tmp_path / "bare.urdf").write_text(bare, encoding="utf-8")
-    toml = (files("stiff_datasets") / "twins" / "ur5.toml").read_text(encoding="utf-8")
-    path = tmp_path / "my.toml"
-    path.write_text(toml.replace('urdf = "ur5"', 'urdf = "bare.urdf"'), encoding="utf-8")
+    constants = own_twin(tmp_path, "ur5", 'urdf = "ur5"', 'urdf = "bare.urdf"')
     with pytest.raises(DataError, match=r"my\.toml: no link of bare\.urdf has a mass"):
-        read_constants(path).chain()
+        constants.chain()
 
 
 def test_the_rough_twin_is_the_default_one_but_for_its_name_links_and_errors():

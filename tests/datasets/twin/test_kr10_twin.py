@@ -7,7 +7,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from stiff_datasets.twin.constants import shipped_constants, specimen_springs
+from stiff_datasets.twin.constants import specimen_springs
 from stiff_datasets.twin.kr10_twin import (
     CALIBRATIONS,
     Kr10Twin,
@@ -70,7 +70,7 @@ def test_specimens_and_seeds_differ_and_the_same_words_give_the_same_bytes(data,
 
 @pytest.mark.parametrize("number", CALIBRATIONS)
 def test_specimens_differ_by_manufacturing_scatter_not_more(number):
-    constants = shipped_constants(CALIBRATIONS[number].constants)
+    constants = CALIBRATIONS[number].constants()
     nominal, *drawn = (
         np.array([spring.gear.slopes[0] for spring in specimen_springs(constants, number)])
         for number in range(10)

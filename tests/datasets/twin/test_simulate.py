@@ -11,31 +11,35 @@ from stiff_datasets.measured.measured import read_samples
 from stiff_datasets.twin import simulate as module
 from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.simulate import simulate
-from stiff_datasets.twin.twin import DigitalTwin
+from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
 CONSTANTS = shipped_constants("kr10_r1100_2")
 
 
-def test_what_is_written_is_valid_measured_data_of_the_twin_in_either_format(
-    tmp_path, kr10, kr10_chain
-):
+def omni(loads_per_pose=1, seed=0):
+    return TwinExperiment(
+        CONSTANTS, loads="omni", specimen=0, seed=seed, loads_per_pose=loads_per_pose
+    )
+
+
+def test_what_is_written_is_valid_measured_data_of_the_twin_in_either_format(tmp_path, kr10):
     found = []
     for path in (tmp_path / "s.csv", tmp_path / "s.parquet"):
-        simulate(path, CONSTANTS, 301, loads="omni", loads_per_pose=3, seed=1)
+        simulate(path, omni(loads_per_pose=3, seed=1), 301)
         found.append(read_samples(path, kr10))
     samples, other = found
     for item in fields(samples):
         np.testing.assert_array_equal(getattr(samples, item.name), getattr(other, item.name))
     assert len(samples) == 301 and len(set(samples.pose_id)) == 101
-    exact = DigitalTwin(kr10_chain, CONSTANTS.springs).readings(samples.q, samples.wrench)
+    exact = DigitalTwin(kr10, CONSTANTS.springs).readings(samples.q, samples.wrench)
     error = samples.deflection - exact
     assert error.std() == pytest.approx(np.sqrt(2) * 1e-5, rel=0.1)
 
 
 def test_blocks_have_poses_loads_and_noise_of_their_own(tmp_path, kr10, monkeypatch):
     monkeypatch.setattr(module, "BLOCK", 40)
-    simulate(tmp_path / "s.csv", CONSTANTS, 100, loads="omni", loads_per_pose=2)
+    simulate(tmp_path / "s.csv", omni(loads_per_pose=2), 100)
     samples = read_samples(tmp_path / "s.csv", kr10)
     assert len(np.unique(samples.q, axis=0)) == 50 == len(set(samples.pose_id))
     assert len(np.unique(samples.wrench, axis=0)) == 100
@@ -43,13 +47,13 @@ def test_blocks_have_poses_loads_and_noise_of_their_own(tmp_path, kr10, monkeypa
 
 def test_the_same_words_write_the_same_bytes(tmp_path):
     for name in ("a", "b", "c"):
-        simulate(tmp_path / f"{name}.csv", CONSTANTS, 30, loads="omni", seed=int(name == "c"))
+        simulate(tmp_path / f"{name}.csv", omni(seed=int(name == "c")), 30)
     a, b, c = ((tmp_path / f"{name}.csv").read_bytes() for name in "abc")
     assert a == b != c
 
 
 def test_an_unknown_ending_and_a_folder_that_is_not_there_are_refused(tmp_path):
     with pytest.raises(ConfigError, match=r"s\.xls: '\.xls' \(valid endings: \.csv, \.parquet\)"):
-        simulate(tmp_path / "s.xls", CONSTANTS, 10, loads="omni")
+        simulate(tmp_path / "s.xls", omni(), 10)
     with pytest.raises(StoreError, match=r"absent/s\.csv: cannot be written: No such file"):
-        simulate(tmp_path / "absent" / "s.csv", CONSTANTS, 10, loads="omni")
+        simulate(tmp_path / "absent" / "s.csv", omni(), 10)

@@ -10,7 +10,7 @@ import pytest
 from pinocchio_twin import pinocchio_torque
 
 from stiff_datasets.planning.poses import paper_poses
-from stiff_datasets.robots.robot import read_chain
+from stiff_datasets.robots.robot import load_robot
 from stiff_datasets.twin.constants import shipped_constants, specimen_springs
 from stiff_datasets.twin.springs import Gear, JointSprings, SpringLaw
 from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
@@ -42,12 +42,12 @@ def arm(tmp_path):
         '<origin xyz="0.5 0 0"/><mass value="2"/>'
         '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>'
     )
-    return read_chain(path, tcp=(1.0, 0.0, 0.0))
+    return load_robot(path, tcp=(1.0, 0.0, 0.0))
 
 
 @pytest.fixture()
-def twin(kr10_chain):
-    return DigitalTwin(kr10_chain, SPRINGS)
+def twin(kr10):
+    return DigitalTwin(kr10, SPRINGS)
 
 
 def one(values):
@@ -109,11 +109,10 @@ def test_an_upright_joint_follows_its_gears_slopes_and_lost_motion(arm, springs,
     assert found.theta[0, 0] == pytest.approx(angle, rel=2e-3)  # a little gravity as it leans
 
 
-def test_without_tilts_slopes_and_lost_motion_it_is_the_linear_vjm_to_first_order(kr10, kr10_chain):
+def test_without_tilts_slopes_and_lost_motion_it_is_the_linear_vjm_to_first_order(kr10):
     stiffness = np.array([5.1e4, 6.3e4, 5.0e4, 2.3e3, 8.9e3, 1.4e3])
-    weightless = pin.Model(kr10_chain.model)  # gravity bends the robot with the load at nil
-    weightless.gravity.linear = np.zeros(3)
-    twin = DigitalTwin(replace(kr10_chain, model=weightless), [linear(k) for k in stiffness])
+    weightless = replace(kr10, gravity=np.zeros(3))  # it bends the robot with the load at nil
+    twin = DigitalTwin(weightless, [linear(k) for k in stiffness])
     rows = jacobian(kr10, POSE[None])[0]
     loads = LOAD * np.array([1.0, 0.5, 0.25, 0.125])[:, None]
     expected = ((loads @ rows) / stiffness) @ rows[:3].T
@@ -140,9 +139,9 @@ def test_samples_do_not_depend_on_those_beside_them_and_no_load_moves_nothing(tw
     assert not twin.readings(q[:50], np.zeros((50, 6))).any()
 
 
-def test_a_load_that_no_spring_can_carry_and_a_joint_without_spring_are_refused(kr10_chain):
-    soft = DigitalTwin(kr10_chain, [linear(20.0)] * 6)
+def test_a_load_that_no_spring_can_carry_and_a_joint_without_spring_are_refused(kr10):
+    soft = DigitalTwin(kr10, [linear(20.0)] * 6)
     with pytest.raises(DataError, match=r"no elastic equilibrium at q = .* the load is too large"):
         soft.readings(one(POSE), one(LOAD))
     with pytest.raises(DataError, match="5 joint springs for 6 joints"):
-        DigitalTwin(kr10_chain, SPRINGS[:5])
+        DigitalTwin(kr10, SPRINGS[:5])

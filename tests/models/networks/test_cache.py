@@ -52,20 +52,6 @@ def test_the_source_error_is_measured_once_and_kept_with_the_training(twin, monk
     assert first.shape == (7,) and (first > 0).all()
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"width": 9},
-        {"activation": "tanh"},
-        {"pretrain_steps": 11},
-    ],
-)
-def test_another_network_or_plan_is_another_training(twin, trainings, change):
-    fit(twin)
-    fit(twin, **change)
-    assert len(trainings) == 2
-
-
 def test_other_training_samples_are_another_training_and_test_samples_are_no_part_of_the_key(
     twin, trainings
 ):

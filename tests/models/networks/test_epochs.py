@@ -102,7 +102,7 @@ def test_a_short_training_of_the_choice_is_the_training_of_that_length(
         network.fit(train, robot=robot, seed=2)  # scalers and pre-training of all rows
         rows = network._measured_rows(train).take(np.arange(60))
         network.network_ = network.source_network_
-        plan = network._fine_tuning_plan(keep_best=False)
+        plan = network._fine_tuning_plan()
         network._learn(network.network_, rows, plan, 2)
         held_out = train.take(np.arange(60, 90))
         left = network.predict(held_out.q, held_out.wrench) - held_out.deflection

@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 
 from made_samples import samples_with
+from stiff_datasets.twin.constants import shipped_constants, specimen_springs
+from stiff_datasets.twin.kr10_twin import Kr10Twin
+from stiff_datasets.twin.springs import SpringLaw
 from stiff_models.physics.full_vjm import FullVjm, ridge, spring_regressor, spring_units
-from stiff_models.physics.vjm import compliance_regressor, joint_deflection
+from stiff_models.physics.kinematics import gravity_torque, jacobian, joint_torque
+from stiff_models.physics.vjm import compliance_regressor, identify_joints, joint_deflection
 
 STIFFNESS = np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])
 
@@ -117,3 +121,28 @@ def test_three_springs_of_a_sliding_joint_are_along_its_axes(kr10, rng):
         compliance_regressor(sliding, q, wrench)[..., 0],
         atol=1e-12,
     )
+
+
+@pytest.mark.parametrize("specimen", range(2))
+def test_the_intervals_of_its_torsion_springs_hold_the_twins_own_where_those_of_vjm_do_not(
+    specimen,
+):
+    data = Kr10Twin(specimen=specimen).load()
+    samples, robot = data.samples, data.robot
+    gears = SpringLaw(specimen_springs(shipped_constants("kr10_r1100_2"), specimen))
+    load = joint_torque(jacobian(robot, samples.q), samples.wrench)  # (n, 6) N m
+    at_rest = -gravity_torque(robot, samples.q)
+    angles = [
+        gears.angle(np.kron(torque.T, [[1.0], [0.0], [0.0]]))[::3].T  # no tilting
+        for torque in (at_rest + load, at_rest)
+    ]
+    own = (load**2).sum(axis=0) / (load * (angles[0] - angles[1])).sum(axis=0)
+
+    def held(springs, kind):
+        place = [springs.names.index(f"A{joint}{kind}") for joint in range(1, 7)]
+        low, high = springs.interval(0.9)[place].T
+        return ((low <= own) & (own <= high))[springs.known[place]]
+
+    of_full = held(FullVjm().fit(samples, robot=robot).springs_, " rz")
+    assert of_full.all() and len(of_full) >= 3
+    assert held(identify_joints(robot, samples), "").sum() <= 2

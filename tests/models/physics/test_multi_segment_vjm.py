@@ -11,7 +11,7 @@ from made_robots import planar_arm
 from made_samples import samples_with
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.twin.kr10_twin import Kr10Twin
-from stiff_models.physics.kinematics import gravity_torque, jacobian
+from stiff_models.physics.kinematics import gravity_torque, jacobian, joint_torque
 from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm, segment_torques
 from stiff_models.physics.vjm import VirtualJointModel, joint_deflection
 from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
@@ -72,7 +72,7 @@ def preloaded():
     wrench = np.zeros((80, 6))
     wrench[:, :3] = rng.normal(size=(80, 3)) * 20.0
     rows, weight = jacobian(robot, q), gravity_torque(robot, q)
-    load = np.einsum("nki,nk->ni", rows, wrench)
+    load = joint_torque(rows, wrench)
     turn = phi(weight + load, (SOFT, STIFF), 12.0) - phi(weight, (SOFT, STIFF), 12.0)
     return robot, samples_with(q, wrench, rows[:, :3, 0] * turn)
 
@@ -111,7 +111,7 @@ def test_equal_slopes_give_the_linear_models_springs(kr10, rng):
 
 def test_quantiles_are_those_of_the_training_torques_with_gravitys_share():
     robot, samples = preloaded()
-    load = np.einsum("nki,nk->ni", jacobian(robot, samples.q), samples.wrench)
+    load = joint_torque(jacobian(robot, samples.q), samples.wrench)
     torque = load + gravity_torque(robot, samples.q)
     for segments, shares in ((2, [0.25]), (3, [0.25, 0.625]), (4, [0.25, 0.5, 0.75])):
         for gravity, used in ((True, torque), (False, load)):
@@ -123,7 +123,7 @@ def test_quantiles_are_those_of_the_training_torques_with_gravitys_share():
 def test_the_search_comes_as_near_to_the_true_breakpoint_as_its_candidates():
     robot, samples = preloaded()
     model = MultiSegmentVjm(breakpoints="search").fit(samples, robot=robot)
-    load = np.einsum("nki,nk->ni", jacobian(robot, samples.q), samples.wrench)
+    load = joint_torque(jacobian(robot, samples.q), samples.wrench)
     torque = np.abs(load + gravity_torque(robot, samples.q))
     below, above = (np.quantile(torque, (torque < 12.0).mean() + step) for step in (-0.05, 0.05))
     assert below < model.breakpoints_[0, 0] < above

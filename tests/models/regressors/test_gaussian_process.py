@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import ndtri
@@ -149,11 +151,26 @@ def test_the_search_looks_at_some_rows_and_the_process_learns_from_all(parts):
     assert not np.allclose(thetas[0], thetas[3])
 
 
-def test_no_noise_lies_below_that_of_the_instruments(parts):
+@pytest.mark.parametrize("noise_mm", [0.01, 0.05])
+def test_no_noise_lies_below_that_of_the_instrument(noise_mm, parts):
     robot, train, _, _ = parts
-    model = GaussianProcessModel(restarts=0).fit(train.take(np.arange(25)), robot=robot)
-    assert (np.sqrt(model.noise_variance()) >= 0.999e-5 * model.calibration_).all()
-    assert min(model.diagnostics_.values()) >= 0.00999
+    model = GaussianProcessModel(restarts=0, instrument_noise_mm=noise_mm)
+    model.fit(train.take(np.arange(25)), robot=robot)
+    assert (np.sqrt(model.noise_variance()) >= 0.999e-3 * noise_mm).all()
+    model.calibration_ = np.full(3, 1e-3)  # as if left-out poses were predicted to the micrometre
+    interval = model.predict_interval(train.q[:25], train.wrench[:25], 0.6827)  # of one sigma
+    assert (interval.upper - interval.lower >= 1.99e-3 * noise_mm).all()
+    assert min(model.diagnostics_.values()) >= 0.999 * noise_mm
+
+
+def test_the_noise_is_what_repeated_measurements_differ_by(parts, rng):
+    robot, train, _, _ = parts
+    repeated = train.take(np.repeat(np.arange(20), 4))
+    noise = 5e-5 * rng.normal(size=repeated.deflection.shape)
+    repeated = replace(repeated, deflection=repeated.deflection + noise)
+    model = GaussianProcessModel(restarts=0).fit(repeated, robot=robot)
+    for found in model.diagnostics_.values():
+        assert found == pytest.approx(0.05, rel=0.3)  # 60 degrees of freedom: 9 % are one sigma
 
 
 @pytest.mark.filterwarnings("ignore:joint stiffness not identifiable.* J6")  # of FANUC samples
@@ -176,7 +193,7 @@ def test_a_process_that_is_too_sure_of_few_poses_is_told_so_by_those_that_were_l
 @pytest.fixture(scope="module")
 def real_robot():
     """What the deflections of the KR10 twin's samples come from."""
-    constants = Kr10Twin().constants()
+    constants = Kr10Twin().twin.constants()
     return TwinExperiment(constants, loads="line-hook", specimen=0, seed=0).twin
 
 

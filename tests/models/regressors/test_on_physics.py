@@ -81,7 +81,7 @@ def test_validation_rows_reach_the_residual_network_and_never_the_physics(parts)
         )
         for rows in (held_out, replace(held_out, deflection=-3 * held_out.deflection))
     ]
-    np.testing.assert_array_equal(*(fit.physics_.joints_.compliance for fit in fits))
+    np.testing.assert_array_equal(*(fit.physics_.springs_.compliance for fit in fits))
     assert fits[0].history_.best_loss != fits[1].history_.best_loss
 
 

@@ -12,16 +12,13 @@ from stiff_models.regressors.tabular import RealMlp, TabPfn
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
 
-def test_without_pytabkit_its_families_name_the_extra(monkeypatch):
+def test_without_its_package_a_family_names_the_extra(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    reason = optional_packages.missing_pytabkit()
-    assert reason == "needs the package pytabkit: pip install 'stiffbench[tabular]'"
-
-
-def test_without_tabpfn_its_family_names_the_extra(monkeypatch):
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    reason = "needs the package tabpfn: pip install 'stiffbench[tabpfn]'"
-    assert optional_packages.missing_tabpfn() == reason
+    for package, extra, reason in (
+        ("pytabkit", "tabular", optional_packages.missing_pytabkit()),
+        ("tabpfn", "tabpfn", optional_packages.missing_tabpfn()),
+    ):
+        assert reason == f"needs the package {package}: pip install 'stiffbench[{extra}]'"
     data = Kr10Twin().load()
     with pytest.raises(ConfigError, match="needs the package tabpfn"):
         TabPfn(device="cpu").fit(data.samples, robot=data.robot)

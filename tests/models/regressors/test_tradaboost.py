@@ -137,16 +137,6 @@ def test_simulated_rows_that_contradict_the_measured_ones_lose_their_weight():
     assert ratios[-1] < 0.05
 
 
-def test_in_equal_domains_it_is_as_good_as_learning_from_everything():
-    rows = rows_with(0.0)
-    chosen = best(all_steps(rows))
-    everything = RIDGE.fit(rows.inputs, rows.outputs)
-    alone = error_of(RIDGE.fit(TARGET, truth(TARGET)))
-    error = error_of(adaboost_r2(RIDGE, rows, chosen.weights, rounds=2))
-    assert error < 1.5 * error_of(everything) or error < 0.01
-    assert error < 0.5 * alone
-
-
 def test_a_source_that_is_off_everywhere_does_no_harm():
     rows = rows_with(2.0)
     chosen = best(all_steps(rows))

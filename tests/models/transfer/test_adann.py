@@ -9,11 +9,10 @@ import pytest
 import torch
 from domain_rows import INPUTS, OF_TARGET, TARGETS, normal
 
-from made_samples import samples_with, with_other_labels
+from made_samples import with_other_labels
 from stiff_models.networks.network import build_network, linear_layers
 from stiff_models.networks.training import Rows, train_network
 from stiff_models.networks.training_plan import HUBER_DELTA, TrainingPlan
-from stiff_models.physics.kinematics import joint_deflection
 from stiff_models.transfer.adann import (
     REGRESSORS_SHARE,
     Adann2R,
@@ -52,10 +51,9 @@ def test_the_regressors_share_the_first_half_of_the_hidden_layers(layers, common
     assert len(linear_layers(network.extractor)) == common
     for regressor in (network.first, network.second):
         assert len(linear_layers(regressor)) == layers + 1 - common
-    assert network.disagreement(network.extractor(INPUTS)) > 0.0
-    mean = (
-        network.first(network.extractor(INPUTS)) + network.second(network.extractor(INPUTS))
-    ) / 2
+    features = network.extractor(INPUTS)
+    assert network.disagreement(features) > 0.0
+    mean = (network.first(features) + network.second(features)) / 2
     torch.testing.assert_close(network(INPUTS), mean)
 
 
@@ -89,9 +87,9 @@ def test_regressors_are_driven_apart_on_the_target_and_the_extractor_against_the
 def test_labels_of_the_target_are_learned_like_those_of_the_source():
     network, labels = two_regressors(), normal(40, 3, 5)
     loss = objective(network, labels, weight=0.0)(0.9, INPUTS, TARGETS)
-    both = [objective(network, weight=0.0)(0.9, *rows) for rows in ((INPUTS, TARGETS),)]
-    both.append(objective(network, weight=0.0)(0.9, OF_TARGET, labels))
-    torch.testing.assert_close(loss, sum(both))
+    rows = ((INPUTS, TARGETS), (OF_TARGET, labels))
+    both = sum(objective(network, weight=0.0)(0.9, *each) for each in rows)
+    torch.testing.assert_close(loss, both)
 
 
 def test_adversarial_training_brings_the_regressors_together_on_the_target():
@@ -117,26 +115,14 @@ def quick(small_source, monkeypatch):
     monkeypatch.setenv("STIFFBENCH_CACHE", "off")
 
 
-def fit(parts, train=None, seed=5, **options):
+def fit(parts, train=None, **options):
     robot, own, _, _ = parts
     model = Adann2R(**(SMALL | options))
-    return model.fit(own if train is None else train, robot=robot, seed=seed)
+    return model.fit(own if train is None else train, robot=robot, seed=5)
 
 
 def predictions(model, parts):
     return model.predict(parts[3].q, parts[3].wrench)
-
-
-@pytest.mark.usefixtures("quick")
-@pytest.mark.parametrize("supervision", ["none", "labels"])
-def test_the_same_seed_gives_the_same_predictions_and_another_seed_others(parts, supervision):
-    state = torch.random.get_rng_state()
-    first, again, other = (
-        predictions(fit(parts, seed=seed, supervision=supervision), parts) for seed in (1, 1, 2)
-    )
-    np.testing.assert_array_equal(first, again)
-    assert np.abs(first - other).max() > 0.0
-    assert torch.equal(torch.random.get_rng_state(), state)
 
 
 @pytest.mark.filterwarnings("ignore:joint stiffness not identifiable")  # of labels made up
@@ -169,32 +155,6 @@ def test_a_kept_training_is_taken_for_no_other_weight_or_label(parts, tmp_path, 
     ]
     for other in others:
         assert np.abs(predictions(other, parts) - predictions(first, parts)).max() > 0.0
-
-
-COMPLIANCE = 1.0 / np.array([5e4, 6e4, 5e4, 2e3, 9e3, 1e3])  # rad/(N m)
-
-
-@pytest.mark.usefixtures("quick")
-def test_labels_teach_what_a_source_of_too_stiff_joints_has_wrong(kr10, rng):
-    """The target's deflection is twice the source's."""
-    q, wrench = rng.uniform(-0.5, 0.5, size=(60, 6)), rng.normal(scale=50.0, size=(60, 6))
-    samples = samples_with(q, wrench, 2.0 * joint_deflection(kr10, COMPLIANCE, q, wrench))
-    stiffness = ",".join(f"{1.0 / c:.17g}" for c in COMPLIANCE)
-    options = {"source_stiffness": "nominal", "nominal_stiffness": stiffness}
-    options |= {"source_wrenches": "uniform", "width": 32, "pretrain_steps": 120}
-    half, whole = (
-        np.polyfit(
-            samples.deflection.ravel(),
-            Adann2R(**(SMALL | options), supervision=supervision)
-            .fit(samples, robot=kr10, seed=0)
-            .predict(q, wrench)
-            .ravel(),
-            1,
-        )[0]
-        for supervision in ("none", "labels")
-    )
-    assert half == pytest.approx(0.5, abs=0.2)
-    assert whole > half + 0.2
 
 
 @pytest.mark.usefixtures("quick")

@@ -27,10 +27,8 @@ from stiff_models.transfer.alignment import (
     jmmd,
     mk_mmd,
     ramp,
-    reverse_gradient,
     rsd,
     smooth_svd,
-    uses_target,
 )
 from stiff_models.transfer.cnn import build_cnn
 
@@ -115,11 +113,6 @@ def test_dann_carries_the_ramp_in_the_reversed_gradient_alone():
     )
 
 
-def test_only_dann_trains_something_beside_the_network():
-    assert [len(objective(alignment).parameters()) for alignment in DISTANCES] == [0, 0, 0, 6, 0, 0]
-    assert [uses_target(name) for name in ("none", "adabn", *DISTANCES)] == [False] * 2 + [True] * 6
-
-
 def test_target_batches_are_as_long_as_the_sources_and_reach_every_row():
     made = objective("coral")
     batches = [made._target_batch(16) for _ in range(20)]
@@ -172,33 +165,12 @@ def test_values_are_those_of_public_implementations(value, published):
 
 
 @pytest.mark.parametrize("distance", [mk_mmd, joint, coral])
-def test_samples_of_different_length_are_compared(distance):
-    assert torch.isfinite(distance(torch.cat([SOURCE, TARGET]), TARGET[:2]))
-
-
-@pytest.mark.parametrize("distance", [mk_mmd, joint, coral])
 @pytest.mark.parametrize("same", [True, False])
 def test_gradients_are_finite_also_where_all_rows_are_the_same(distance, same):
     source = torch.ones(4, 6) if same else torch.randn(4, 6)
     source.requires_grad_()
     distance(source, torch.ones(3, 6)).backward()
     assert torch.isfinite(source.grad).all()
-
-
-def test_jmmd_sees_that_features_and_outputs_belong_together():
-    # the same features and the same outputs, in another pairing: only a joint distance sees it
-    pairs = (SOURCE, SOURCE_OUTPUTS), (SOURCE, SOURCE_OUTPUTS[[1, 2, 0]])
-    assert jmmd(*pairs).item() > 0.1
-
-
-@pytest.mark.parametrize("distance", [mk_mmd, coral])
-def test_shifted_features_differ_in_mean_for_mmd_and_in_nothing_for_coral(distance):
-    shift = distance(SOURCE, SOURCE + 3.0).item()
-    assert shift == pytest.approx(0.0, abs=1e-12) if distance is coral else shift > 1.0
-
-
-def test_the_gradient_of_coral_is_that_of_finite_differences():
-    assert torch.autograd.gradcheck(coral, (SOURCE.clone().requires_grad_(), TARGET))
 
 
 def test_the_gradient_of_mk_mmd_holds_the_bandwidth_fixed():
@@ -304,14 +276,6 @@ def by_hand(source, target):
     return (of_source + of_target) / 2
 
 
-def test_reversed_gradients_are_multiplied_by_minus_the_strength():
-    values = THREE.clone().requires_grad_()
-    passed = reverse_gradient(values, 0.3)
-    assert torch.equal(passed, values)
-    (passed * 5.0).sum().backward()
-    assert torch.allclose(values.grad, torch.full_like(values, -1.5))
-
-
 def test_the_loss_is_the_cross_entropy_with_half_of_the_weight_a_domain():
     value = domain_loss(logit(), THREE, ONE, strength=1.0).item()
     assert value == pytest.approx(by_hand(THREE, ONE), rel=1e-6)
@@ -343,7 +307,9 @@ def test_extreme_logits_have_finite_gradients():
 
 
 def test_the_discriminator_is_256_1024_1024_1_and_drawn_from_its_seed():
+    state = torch.random.get_rng_state()
     first, again, other = (build_discriminator(256, seed=seed) for seed in (1, 1, 2))
+    assert torch.equal(torch.random.get_rng_state(), state)
     layers = [m for m in first if isinstance(m, torch.nn.Linear)]
     assert [(m.in_features, m.out_features) for m in layers] == [
         (256, 1024),

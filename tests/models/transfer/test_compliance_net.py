@@ -33,7 +33,7 @@ def test_before_fine_tuning_it_is_the_vjm(parts):
     assert np.abs(difference).max() < 1e-6 * np.abs(test.deflection).max()
     np.testing.assert_allclose(
         net.compliance(test.q, test.wrench),
-        np.broadcast_to(vjm.joints_.compliance, (len(test), 6)),
+        np.broadcast_to(vjm.springs_.compliance, (len(test), 6)),
         rtol=1e-6,
     )
 
@@ -63,7 +63,7 @@ def test_pre_training_on_nominal_stiffnesses_moves_it_to_them(parts):
     robot, train, held_out, test = parts
     options = {"source_stiffness": "nominal", "source_wrenches": "data", "source_poses": "data"}
     twice = ",".join(
-        str(0.5 / c) for c in VirtualJointModel().fit(train, robot=robot).joints_.compliance
+        str(0.5 / c) for c in VirtualJointModel().fit(train, robot=robot).springs_.compliance
     )
     model = ComplianceNet(
         **SMALL, **options, nominal_stiffness=twice, pretrain_steps=150, epochs=0

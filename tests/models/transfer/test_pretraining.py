@@ -33,7 +33,7 @@ def with_compliance(robot, samples, factors):
     """The same samples of a robot whose joints are so many times as compliant."""
     joints = identify_joints(robot, samples)
     vjm = VirtualJointModel().fit(samples, robot=robot)
-    vjm.joints_ = replace(joints, compliance=joints.compliance * factors)
+    vjm.springs_ = replace(joints, compliance=joints.compliance * factors)
     return replace(samples, deflection=predicted(vjm, samples))
 
 
@@ -91,6 +91,9 @@ def test_no_result_depends_on_the_robots_name(twin):
 @pytest.mark.parametrize(
     "options",
     [
+        {"width": 9},
+        {"activation": "tanh"},
+        {"pretrain_steps": 21},
         {"pretrain_seed": 1},
         {"preset": "paper"},
         {"recipe": "paper"},
@@ -100,7 +103,7 @@ def test_no_result_depends_on_the_robots_name(twin):
 def test_what_makes_another_pre_training(options, twin, trainings):
     """A strategy of fine-tuning does not: see the tests of the cache."""
     for given in ({}, options):
-        FtMlp(**SMALL, width=8, epochs=0, **given).fit(twin.samples, robot=twin.robot)
+        FtMlp(**SMALL | {"width": 8, "epochs": 0} | given).fit(twin.samples, robot=twin.robot)
     assert trainings.count("pre-train") == 2
 
 

@@ -37,23 +37,6 @@ NOISE = cell(
 )
 CELLS = (
     cell("vjm", "kr10-twin", "0f", "holdout", 0, "a1", 0),
-    cell(
-        *("gp", "kr10-twin", "1e", "holdout", 0, "a1", 0),
-        model_params={"kernel": "rbf", "ard": False, "restarts": 2},
-        dataset_params={"specimen": 3},
-        protocol_params={"test_fraction": 0.2, "validation_fraction": 0.2},
-        coverage=0.9,
-    ),
-    cell(
-        *("ft-mlp", "fanuc-r2000ic", "2d", "kfold", 4, "b2", 7),
-        model_params={"freeze": "layers:1,2", "epochs": None, "learning_rate": 1e-3},
-        protocol_params={"folds": 5},
-    ),
-    cell(
-        *("mlp-pretrained", "fanuc-r2000ic", "2d", "leave-one-out", 42, "c3", 7),
-        model_params={"recipe": "paper", "width": 380},
-        coverage=0.8,
-    ),
     NOISE,
     replace(NOISE, split_sha256="f6" * 32, coverage=0.5, condition="noise x20"),
     cell(
@@ -71,11 +54,6 @@ CELLS = (
         condition="n = 20",
     ),
     cell(
-        *("sklearn:ensemble.RandomForestRegressor", "kr10-twin", "0f", "nested", 0, "29", 0),
-        model_params={"n_estimators": 10, "max_depth": None, "bootstrap": True},
-        protocol_params={"grid": "default", "search": "grid", "trials": 20, "inner_folds": 3},
-    ),
-    cell(
         *("a-plugin", "kr10-twin", "0f", "extrapolation-load", 9, "3a", 123),
         model_params={"members": 20, "angles": "sincos"},
         protocol_params={"share": 0.8, "by": None},
@@ -85,10 +63,7 @@ CELLS = (
         source_sha256="5c",
     ),
 )
-SEEDS = (
-    *(1010786622, 4170104928, 4068861055, 1183597059, 620147820),
-    *(620147820, 402898232, 921810196, 295025881, 2852163926),
-)
+SEEDS = (1010786622, 620147820, 620147820, 402898232, 921810196, 2852163926)
 
 
 @pytest.mark.parametrize(("cell", "seed"), [*zip(CELLS, SEEDS, strict=True)])

@@ -73,21 +73,31 @@ def test_gravity_torque_is_what_pinocchios_drives_balance(chain):
     )
 
 
-def test_inverse_gives_positions_within_the_limits_at_which_the_tcp_has_the_pose(kr10, rng):
-    for _ in range(20):
-        q = rng.uniform(0.6 * kr10.lower, 0.6 * kr10.upper)
-        pose = kr10.forward(q[None]).tcp[0]
-        found = kr10.inverse(pose, np.clip(q + rng.normal(scale=0.05, size=6), -2.0, 2.0))
-        np.testing.assert_allclose(kr10.forward(found[None]).tcp[0], pose, atol=1e-6)
-        assert (found >= kr10.lower).all()
-        assert (found <= kr10.upper).all()
+def test_inverse_gives_positions_at_which_the_tcp_has_each_pose_it_reaches(kr10, rng):
+    q = rng.uniform(0.6 * kr10.lower, 0.6 * kr10.upper, size=(20, 6))
+    wanted = kr10.forward(q)
+    position = wanted.points[:, -1].copy()
+    position[7] = 5.0, 0.0, 0.0
+    found, reached = kr10.inverse(
+        position, wanted.rotation, q + rng.normal(scale=0.05, size=q.shape)
+    )
+    np.testing.assert_array_equal(reached, np.arange(20) != 7)
+    stands = kr10.forward(found)
+    np.testing.assert_allclose(stands.points[reached, -1], position[reached], atol=1e-8)
+    np.testing.assert_allclose(stands.rotation[reached], wanted.rotation[reached], atol=2e-8)
 
 
-def test_a_pose_out_of_reach_is_refused_with_how_far_it_stays_away(kr10):
-    pose = np.eye(4)
-    pose[:3, 3] = 5.0, 0.0, 0.0
-    with pytest.raises(DataError, match="mm"):
-        kr10.inverse(pose, np.zeros(6))
+@pytest.mark.parametrize("wrong", ["position", "rotation", "not finite"])
+def test_inverse_refuses_poses_that_are_none(wrong, kr10):
+    position, rotation = np.zeros((2, 3)), np.stack([np.eye(3)] * 2)
+    if wrong == "not finite":
+        position[1, 2] = np.nan
+    poses = (
+        (position[:1] if wrong == "position" else position),
+        (rotation[:1] if wrong == "rotation" else rotation),
+    )
+    with pytest.raises(DataError, match="rotation" if wrong == "rotation" else "position"):
+        kr10.inverse(*poses, np.zeros((2, 6)))
 
 
 @pytest.mark.parametrize("method", ["forward", "jacobian", "gravity_torque", "tcp_position"])

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from made_robots import random_chain
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.paths.inverse import follow
+from stiff_protocols.paths.inverse import follow, judged
 from stiff_protocols.paths.path import SHAPES, ToolPath, shaped
 
 LOAD = (0.0, 0.0, -85.0, 0.0, 0.0, 0.0)
@@ -163,6 +163,34 @@ def test_straight_wrist_is_singular_and_passing_it_is_a_flip(kr10):
     tilted = Rotation.from_rotvec([1e-3, 0, 1e-3]).as_matrix() @ rotation
     for found in (through, follow(kr10, position, tilted, q[0])):
         assert abs(int(np.flatnonzero(found.flips)[0]) - N // 2) < 5
+
+
+@pytest.fixture(scope="module")
+def configurations(kr10):
+    """All joint positions at one pose, several of which two or three flips apart."""
+    pose = kr10.forward(READY[None]).tcp[0]
+    found = []
+    for seed in np.random.default_rng(0).uniform(-np.pi, np.pi, size=(200, 6)):
+        (q,), (reached,) = kr10.inverse(pose[None, :3, 3], pose[None, :3, :3], seed[None])
+        q = (q + np.pi) % (2 * np.pi) - np.pi
+        if reached and not any(np.abs(np.sin(0.5 * (q - other))).max() < 0.01 for other in found):
+            found.append(q)
+    return np.array(found)
+
+
+def test_given_joint_angles_are_in_one_configuration_only_where_no_part_flips(kr10, configurations):
+    assert len(configurations) == 8  # shoulder, elbow and wrist
+    sign = np.sign(np.linalg.det(kr10.jacobian(configurations)))
+    assert (sign > 0).sum() == 4  # the sign alone misses three of seven changes
+    for i, one in enumerate(configurations):
+        for k, other in enumerate(configurations):
+            found = judged(kr10, np.stack([one, other, other]))
+            assert found.flips.tolist() == [False, i != k, False]
+
+
+def test_given_joint_angles_far_apart_in_one_configuration_are_no_flip(kr10):
+    away = np.array([2.5, 0.3, -0.4, 0.5, -0.3, 3.0])
+    assert not judged(kr10, np.stack([READY - 0.5 * away, READY, READY + 0.5 * away])).flips.any()
 
 
 def test_a_robot_with_a_choice_at_every_point_is_refused(rng):

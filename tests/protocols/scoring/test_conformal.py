@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from sklearn.base import BaseEstimator
 
+from made_samples import samples_with
 from stiff_protocols.contract.errors import ModelError, NotFittedError
-from stiff_protocols.contract.types import Samples
 from stiff_protocols.scoring.conformal import SplitConformal, calibration_samples_needed
 
 ONE, TWO = [(np.full((n, 6), 5.0), np.zeros((n, 6))) for n in (1, 2)]  # rows to predict
@@ -28,11 +28,9 @@ class Rest(BaseEstimator):
 
 
 def samples(deflection, poses=None):
-    n = len(deflection)
-    poses = np.arange(n) if poses is None else poses
-    names = np.array([f"p{pose}" for pose in poses])
-    q = np.repeat(np.asarray(poses, dtype=float)[:, None], 6, axis=1)
-    return Samples(q, np.zeros((n, 6)), deflection, names, names, names)
+    poses = np.arange(len(deflection)) if poses is None else poses
+    q = np.repeat(poses[:, None].astype(float), 6, axis=1)
+    return samples_with(q, np.zeros(q.shape), deflection, pose_id=poses.astype(str))
 
 
 def fitted(train, **options):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from made_samples import learned, unloaded
-from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.splits.sample_efficiency import SampleEfficiency
 
 
@@ -44,12 +43,3 @@ def test_sizes_beyond_the_training_side_become_one_with_all_of_it():
     splits = SampleEfficiency().splits(unloaded(43), n_splits=None, seed=0)
     assert [split.condition for split in splits] == ["n = 5", "n = 10", "n = 20", "n = 35"]
     assert len(learned(splits[-1])) + len(splits[-1].test) == 43
-
-
-@pytest.mark.parametrize("sizes", ["few", "5,,10", "5;10", "", "0,5", "-3", "2.5"])
-def test_sizes_that_are_no_numbers_from_1_are_refused_by_name(sizes):
-    with pytest.raises(ConfigError) as refused:
-        SampleEfficiency(sizes=sizes).splits(unloaded(20), n_splits=None, seed=0)
-    assert str(refused.value) == (
-        f"sample-efficiency.sizes={sizes!r}: valid are whole numbers from 1, separated by commas"
-    )

@@ -37,15 +37,6 @@ def test_leave_one_out_tests_every_pose_once_in_the_order_of_the_data():
     assert [int(split.test[0]) for split in splits] == list(range(12))
 
 
-def test_paper_holdout_validates_on_its_test_rows_and_says_so():
-    protocol = PaperHoldout()
-    (split,) = protocol.splits(unloaded(151), n_splits=None, seed=0)
-    assert protocol.selects_on_test
-    np.testing.assert_array_equal(split.validation, split.test)
-    assert not set(split.train) & set(split.test)
-    assert len(split.test) == 31
-
-
 @pytest.mark.parametrize(
     ("protocol", "n_poses", "n_splits", "message"),
     [
@@ -70,6 +61,28 @@ def test_paper_holdout_validates_on_its_test_rows_and_says_so():
 def test_what_the_poses_do_not_allow_is_refused_with_numbers(protocol, n_poses, n_splits, message):
     with pytest.raises(ConfigError, match=message):
         protocol.splits(unloaded(n_poses), n_splits=n_splits, seed=0)
+
+
+@pytest.mark.parametrize(
+    ("protocol", "option", "valid", "texts"),
+    [
+        (
+            SampleEfficiency,
+            "sample-efficiency.sizes",
+            "whole numbers from 1",
+            ("few", "5,,10", "5;10", "", "0,5", "-3", "2.5"),
+        ),
+        (SensorNoise, "sensor-noise.levels", "numbers from 0", ("loud", "1,,5", "-1", "0,inf")),
+    ],
+)
+def test_a_list_that_holds_no_valid_numbers_is_refused_by_its_option(
+    protocol, option, valid, texts
+):
+    for text in texts:
+        made = protocol(**{option.partition(".")[2]: text})
+        refused = re.escape(f"{option}={text!r}: valid are {valid}, separated by commas")
+        with pytest.raises(ConfigError, match=refused):
+            made.splits(unloaded(20), n_splits=None, seed=0)
 
 
 def test_repeated_holdout_begins_with_holdouts_splits_and_has_fifteen_unless_told_otherwise():
@@ -171,11 +184,6 @@ def test_the_inner_part_is_that_of_scikit_learns_splitter():
         ((fit, validate),) = theirs.split(train, groups=samples.pose_id[train])
         np.testing.assert_array_equal(found.train, np.sort(train[fit]))
         np.testing.assert_array_equal(found.validation, np.sort(train[validate]))
-
-
-def test_a_fraction_that_leaves_no_pose_to_fit_to_is_refused():
-    with pytest.raises(ConfigError, match=r"validation_fraction=0\.99 leaves no pose"):
-        inner_validation(unloaded(3, 2), np.arange(6), 0.99, 0)
 
 
 def test_lazy_splits_are_computed_when_they_are_looked_at_and_are_the_same_every_time():

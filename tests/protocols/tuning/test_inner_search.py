@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from sklearn.base import BaseEstimator, clone
 
+from made_samples import samples_with
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_models.regressors.regressor_model import NearestNeighbours
 from stiff_models.transfer.dt_cnn import DtCnn
@@ -20,7 +21,6 @@ from stiff_protocols.contract.errors import (
     StiffBenchWarning,
 )
 from stiff_protocols.contract.plugin import Range
-from stiff_protocols.contract.types import Samples
 from stiff_protocols.tuning.inner_search import InnerSearch
 
 FITS = []
@@ -61,10 +61,9 @@ def samples(rng):
 
     def make(first, n_poses):
         pose = np.repeat(np.arange(first, first + n_poses), 2)
-        names = pose.astype(str)
         q = np.repeat(pose[:, None].astype(float), 6, axis=1)
         deflection = rng.normal(scale=1e-5, size=(len(pose), 3))
-        return Samples(q, np.zeros((len(pose), 6)), deflection, names, names, names)
+        return samples_with(q, np.zeros(q.shape), deflection, pose_id=pose.astype(str))
 
     return make
 
