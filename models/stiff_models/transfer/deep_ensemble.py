@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, fields
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import torch
@@ -26,8 +26,9 @@ from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples
 class DeepEnsemble(FtMlp):
     """Mean of `members` fine-tuned MLPs; every option of `ft-mlp` is every member's.
 
-    The residual scatter of the intervals is that of one network at the poses of each fifth of the
-    training samples that it was fitted without, for as many epochs as the first member.
+    With training="cv" the first member chooses the number of epochs for all. The residual scatter
+    of the intervals is that of one network, so trained, at the poses of each fifth of the training
+    samples that it was fitted without.
 
     Attributes:
         members: number of networks; the first has the seeds of ft-mlp, the others their own.
@@ -42,14 +43,16 @@ class DeepEnsemble(FtMlp):
                 "deep-ensemble needs samples of two poses or more for its intervals, all "
                 f"{len(train)} are of one"
             )
-        further = np.random.default_rng(seed).integers(2**31, size=self.members - 1)
-        self.members_ = [
-            self._member(n).fit(train, robot=robot, validation=validation, seed=int(member_seed))
-            for n, member_seed in enumerate((seed, *further))
-        ]
-        probe, errors = self._member(0), []
+        first = self._member(0).fit(train, robot=robot, validation=validation, seed=seed)
+        chosen: dict[str, Any] = {}
         if self.training == "cv":
-            probe.set_params(training="normal", epochs=self.members_[0].best_params_["epochs"])
+            chosen = {"training": "normal", "epochs": first.best_params_["epochs"]}
+        self.members_ = [first]
+        seeds = np.random.default_rng(seed).integers(2**31, size=self.members - 1).tolist()
+        for number, own in enumerate(seeds, start=1):
+            member = self._member(number).set_params(**chosen)
+            self.members_ += [member.fit(train, robot=robot, validation=validation, seed=own)]
+        probe, errors = self._member(0).set_params(**chosen), []
         for learned, left_out in left_out_fifths(train, seed):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", StiffBenchWarning)  # the members have had their say

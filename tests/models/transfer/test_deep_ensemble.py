@@ -66,6 +66,11 @@ def test_its_noise_comes_from_training_poses_and_never_from_validation_labels(pa
     assert (calm.noise_ > residual * 0.8).all()  # held out, and not what the weights have fitted
 
 
+def test_the_first_member_chooses_the_epochs_of_all(ensemble):
+    chosen = ensemble.members_[0].best_params_["epochs"]
+    assert [member.epochs for member in ensemble.members_[1:]] == [chosen, chosen]
+
+
 def test_samples_of_one_pose_cannot_give_it_intervals(parts):
     robot, train, _, _ = parts
     one = replace(train, pose_id=np.full(len(train), "p"))
