@@ -28,9 +28,8 @@ from stiff_protocols.contract.errors import (
     NotFittedError,
     StiffBenchError,
     StiffBenchWarning,
-    StoreError,
 )
-from stiff_protocols.contract.files import refuse_existing
+from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.interfaces import (
     ChecksRobot,
     IdentifiesSprings,
@@ -356,17 +355,6 @@ def load_model(file: Path | str) -> Model:
     model = Model(choice if keys else replace(choice, params=fitted.get_params(deep=False)))
     model.fitted, model.file = fitted, Path(file)
     return model
-
-
-def check_new_file(path: Path) -> None:
-    """See that a file can be written, before the work is done.
-
-    Raises:
-        StoreError: it exists, or its folder does not.
-    """
-    refuse_existing(path)
-    if not path.parent.is_dir():
-        raise StoreError(f"{path}: cannot be written: no folder {path.parent}")
 
 
 class Extrapolation:

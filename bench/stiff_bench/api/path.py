@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from stiff_bench.api.model import Extrapolation, Model, blamed_on, check_new_file
+from stiff_bench.api.model import Extrapolation, Model, blamed_on
 from stiff_bench.console import say
 from stiff_bench.plan.words import RobotWords
 from stiff_bench.run.progress import display
@@ -42,6 +42,7 @@ from stiff_protocols.contract.errors import (
     StiffBenchWarning,
     unknown_name,
 )
+from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot
 from stiff_protocols.paths.compensation import (

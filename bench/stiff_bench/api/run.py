@@ -11,7 +11,7 @@ from typing import Any
 from stiff_bench.analysis.forecast import Forecast, forecast, forecast_line, forecast_table
 from stiff_bench.api.catalog import registry
 from stiff_bench.api.data import Dataset
-from stiff_bench.api.model import Model, check_new_file
+from stiff_bench.api.model import Model
 from stiff_bench.api.results import Results
 from stiff_bench.api.tables import Tables
 from stiff_bench.console import say
@@ -24,6 +24,7 @@ from stiff_bench.run.runner import run_cells
 from stiff_bench.store.database import ResultStore
 from stiff_bench.tables.render import render
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.files import check_new_file
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from stiff_protocols.conformance.checklist import Check, Status
 from stiff_protocols.conformance.data import check_dataset, check_protocol
 from stiff_protocols.conformance.suite import check_model
 from stiff_protocols.contract.errors import ConfigError, StoreError
-from stiff_protocols.contract.files import make_folder, written_whole
+from stiff_protocols.contract.files import check_new_file, make_folder, written_whole
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, PluginInfo
 
 _MARKS: dict[Status, str] = {"passed": "✓", "failed": "✗", "not applicable": "–"}  # noqa: RUF001
@@ -171,8 +171,7 @@ def new_model(name: str, folder: Path, registry: Registry) -> str:
     make_folder(folder)
     plugin, test = folder / f"{module}.py", folder / f"test_{module}.py"
     for path in (plugin, test):
-        if path.exists():
-            raise StoreError(f"{path}: exists; nothing was written")
+        check_new_file(path)
     if importlib.util.find_spec(module) is not None:
         raise ConfigError(f"Python already has a module {module!r}; give another name")
     _write_both(plugin, _filled_in("model.py.txt", names), test, _filled_in("test.py.txt", names))

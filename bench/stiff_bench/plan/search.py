@@ -48,12 +48,7 @@ def written_grids(
 
 
 def _read(path: Path, said: str, keys: set[str]) -> dict[str, dict[str, Any]]:
-    try:
-        content = read_toml(path)
-    except OSError as error:
-        raise ConfigError(f"{said}: cannot be read: {error.strerror or error}") from error
-    except ValueError as error:
-        raise ConfigError(f"{said}: no TOML: {error}") from error
+    content = read_toml(path, named=said, error=ConfigError)
     for key, table in content.items():
         if not isinstance(table, dict):
             raise ConfigError(f"{said}: {key} is {table!r} (valid: tables [MODEL] of options)")

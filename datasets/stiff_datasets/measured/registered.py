@@ -225,10 +225,6 @@ def _sha256(path: Path) -> str:
 def _tables(path: Path) -> dict[str, Any]:
     """Return every table of the file; none where there is no file."""
     try:
-        return read_toml(path)
-    except FileNotFoundError:
-        return {}
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except ValueError as error:
-        raise DataError(f"{path}: not TOML: {error}; mend or delete the file") from error
+        return read_toml(path) if path.exists() else {}
+    except DataError as error:
+        raise DataError(f"{error}; mend or delete the file") from error

@@ -29,8 +29,8 @@ from stiff_datasets.planning.loads import G, stream
 from stiff_datasets.planning.poses import Poses, paper_poses
 from stiff_datasets.planning.reachable import CLEARANCE, LOWEST_HEIGHT, keeps_clear, reachable_poses
 from stiff_datasets.robots.robot import ChainModel, robot_of
-from stiff_protocols.contract.errors import ConfigError, StoreError
-from stiff_protocols.contract.files import refuse_existing
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples, TextArray
 
 PAPER_ROBOT = "kr10_r1100_2"
@@ -179,9 +179,7 @@ def check_plan_file(path: Path) -> None:
     """
     if path.suffix != ".csv":
         raise ConfigError(f"{path}: {path.suffix!r} (valid ending of a plan: .csv)")
-    refuse_existing(path)
-    if not path.parent.is_dir():
-        raise StoreError(f"{path}: cannot be written: no folder {path.parent}")
+    check_new_file(path)
 
 
 def write_plan(path: Path, plan: MeasurementPlan, robot: Robot) -> None:

@@ -394,12 +394,7 @@ def read_constants(path: Path) -> TwinConstants:
     Raises:
         DataError: it cannot be read, or a key or value is wrong; the message names them.
     """
-    try:
-        table = read_toml(path)
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except ValueError as error:
-        raise DataError(f"{path}: not a TOML file: {error}") from error
+    table = read_toml(path)
     try:
         constants = TwinConstants(**table)
     except ValidationError as error:

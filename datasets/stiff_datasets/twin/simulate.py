@@ -22,7 +22,7 @@ from stiff_datasets.planning.reachable import reachable_poses
 from stiff_datasets.twin.twin import DECIMALS_DEG, DECIMALS_MM, TwinExperiment
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.extras import require
-from stiff_protocols.contract.files import refuse_existing, written_whole
+from stiff_protocols.contract.files import check_new_file, written_whole
 from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.types import Robot, Samples
 
@@ -55,7 +55,7 @@ def simulate(path: Path, experiment: TwinExperiment, n_samples: int) -> None:
     if path.suffix not in ENDINGS:
         raise ConfigError(f"{path}: {path.suffix!r} (valid endings: {', '.join(ENDINGS)})")
     require("a file of simulated samples", "pyarrow")
-    refuse_existing(path)
+    check_new_file(path)
     constants, loads_per_pose = experiment.constants, experiment.loads_per_pose
     robot, done, poses_done = constants.robot(), 0, 0
     poses_a_block = max(1, BLOCK // loads_per_pose)

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.errors import DataError, StiffBenchError, StoreError
 
 
 def make_folder(folder: Path) -> None:
@@ -22,12 +22,18 @@ def make_folder(folder: Path) -> None:
         raise StoreError(f"{folder}: cannot be made: {reason}") from error
 
 
-def refuse_existing(path: Path) -> None:
-    """See that a file of data is a new one; StoreError where it exists."""
+def check_new_file(path: Path) -> None:
+    """See that a file of data is a new one in a folder that is there, before the work is done.
+
+    Raises:
+        StoreError: it exists, or its folder does not.
+    """
     if path.exists():
         raise StoreError(
             f"{path}: exists, and nothing is written over it; give the name of a new file"
         )
+    if not path.parent.is_dir():
+        raise StoreError(f"{path}: cannot be written: no folder {path.parent}")
 
 
 @contextmanager
@@ -81,16 +87,28 @@ DEEPEST = 16
 """Tables and lists inside each other."""
 
 
-def read_toml(path: Path) -> dict[str, Any]:
+def read_toml(
+    path: Path, *, named: str = "", error: type[StiffBenchError] = DataError
+) -> dict[str, Any]:
     """Read a TOML file.
 
-    Raises:
-        OSError: it cannot be read.
-        ValueError: it is no TOML, or larger or deeper than any settings are; the message does not
-            name the file.
+    Args:
+        path: of the file.
+        named: how the error names it; "": by its path.
+        error: that is raised where it cannot be read, or is no TOML, or larger or deeper than any
+            settings are.
     """
-    with path.open("rb") as file:
-        content = file.read(LARGEST + 1)
+    try:
+        with path.open("rb") as file:
+            return _tables(file.read(LARGEST + 1))
+    except OSError as problem:
+        reason = problem.strerror or problem
+        raise error(f"{named or path}: cannot be read: {reason}") from problem
+    except ValueError as problem:
+        raise error(f"{named or path}: not TOML: {problem}") from problem
+
+
+def _tables(content: bytes) -> dict[str, Any]:
     if len(content) > LARGEST:
         raise ValueError(f"larger than {LARGEST} bytes")
     try:

@@ -170,7 +170,7 @@ def test_values_of_a_file_get_their_options_types(grid_file):
         ("[ft-mlp]\nfreeze = ['full', 'layers:7']", ["freeze=layers:7: ", "'7' is no layer"]),
         ("knn = 3", ["knn is 3 (valid: tables [MODEL] of options)"]),
         ("[ft-mpl]\nfreeze = ['full']", ["has tables for ft-mpl, none for", "(ft-mlp, knn)"]),
-        ("[knn", ["no TOML: "]),
+        ("[knn", ["not TOML: "]),
     ],
 )
 def test_a_wrong_file_is_refused_before_anything_is_loaded(text, parts, grid_file, monkeypatch):

@@ -48,7 +48,7 @@ def test_constants_are_converted_to_springs_in_si_units(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("name = ", "not a TOML file"),
+        ("name = ", "not TOML"),
         (6 * JOINT, "name is missing"),
         (
             TOP.replace("payload_kg", "payload") + JOINT,

@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.errors import DataError, StoreError
 from stiff_protocols.contract.files import make_folder, read_toml, written_whole
 
 
@@ -65,5 +65,5 @@ def test_tables_of_a_toml_file_come_back(tmp_path):
 def test_what_is_no_toml_of_settings_is_refused(tmp_path, text, message):
     path = tmp_path / "a.toml"
     path.write_bytes(text)
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(DataError, match=rf"a\.toml: not TOML: .*{message}"):
         read_toml(path)
