@@ -11,12 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 from tabulate import tabulate
 
-from stiff_bench.api.model import fitted, model_choice
-from stiff_bench.api.next_poses import Measured, choose_next
+from stiff_bench.analysis.pose_plans import Choosing, Measured, next_plan
+from stiff_bench.plan.options import Choice
+from stiff_bench.run.whole_fit import whole_fit
 from stiff_datasets.planning.plan import MeasurementPlan, candidate_plan
 from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.twin import TwinExperiment
-from stiff_protocols.contract.types import BenchmarkData, Samples
+from stiff_models.catalog import model_info
+from stiff_protocols.contract.types import Samples
 
 TWINS = {"kr10-twin": "kr10_r1100_2", "ur5-twin": "ur5", "arm-family (gp12)": "gp12"}
 CASES = (("vjm", 5, 5), ("vjm", 40, 20), ("vjm-gp", 40, 20), ("gp", 40, 20))
@@ -41,7 +43,7 @@ class Outcome:
 
 
 def outcome(twin: str, model: str, n_measured: int, n_new: int, seed: int) -> Outcome:
-    constants, choice = shipped_constants(TWINS[twin]), model_choice(model, {})
+    constants, choice = shipped_constants(TWINS[twin]), Choice.of(model_info(model))
     robot = constants.robot()
 
     def random(n: int, seed: int) -> MeasurementPlan:
@@ -54,21 +56,13 @@ def outcome(twin: str, model: str, n_measured: int, n_new: int, seed: int) -> Ou
 
     samples = measured(random(n_measured, 1000 + seed), seed)
     tested = measured(random(TESTED, 2000 + seed), 2000 + seed)
-    found = choose_next(
-        Measured("my.csv", samples, robot, choice),
-        n_new,
-        n_candidates=CANDIDATES,
-        criterion="i-optimal",
-        workspace=None,
-        payload_kg=constants.payload_kg,
-        clearance=0.2,
-        seed=seed,
-    )
+    how = Choosing(n_new, None, CANDIDATES, constants.payload_kg, 0.2, seed)
+    found = next_plan(Measured("my.csv", samples, robot, choice), how)
 
     def error(*new: MeasurementPlan) -> float:
         parts = (measured(plan, 3000 + seed) for plan in new)
-        data = BenchmarkData(Samples.together(samples, *parts), robot)
-        predicted = fitted(choice, data)[0].predict(tested.q, tested.wrench)
+        fitted, _ = whole_fit(choice, Samples.together(samples, *parts), robot)
+        predicted = fitted.predict(tested.q, tested.wrench)
         return float(np.linalg.norm(predicted - tested.deflection, axis=1).mean() * 1000.0)
 
     errors = (error(), error(random(n_new, 4000 + seed)), error(found.plan))

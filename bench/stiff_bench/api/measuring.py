@@ -9,27 +9,18 @@ from typing import Literal
 
 import numpy as np
 
+from stiff_bench.analysis import pose_plans
+from stiff_bench.api.model import model_choice
 from stiff_bench.api.tables import Text
-from stiff_bench.plan.words import RobotWords
+from stiff_bench.plan.request import loaded
+from stiff_bench.plan.words import RobotWords, measured_file
 from stiff_bench.run.progress import display
-from stiff_bench.tables.published import published_stiffness
 from stiff_bench.tables.render import plain_text
-from stiff_bench.tables.table import Cell, Column, Table
 from stiff_bench.tables.units import counted
 from stiff_datasets.measured import registered, ur5_pose_error
 from stiff_datasets.measured import validate as validation
-from stiff_datasets.measured.identifiability import REFERENCE_COMPLIANCE, regressor
-from stiff_datasets.planning.design import Criterion, SpringDesign
-from stiff_datasets.planning.plan import (
-    FORCE_SHARE,
-    MeasurementPlan,
-    candidate_plan,
-    check_plan_file,
-    chosen_plan,
-    paper_plan,
-    write_plan,
-)
-from stiff_datasets.planning.plan_gain import N_RANDOM, PlanGain, plan_gain
+from stiff_datasets.planning.design import Criterion
+from stiff_datasets.planning.plan import FORCE_SHARE, check_plan_file, write_plan
 from stiff_datasets.robots.shipped import DEFAULT_ROBOT as DEFAULT_ROBOT
 from stiff_datasets.robots.shipped import named_robot
 from stiff_datasets.twin import simulate as simulation
@@ -43,11 +34,6 @@ from stiff_datasets.twin.effects import parse_effects
 from stiff_datasets.twin.twin import TwinExperiment
 from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.types import FloatArray, Robot
-
-PAPER_POSES = 151  # as many as the paper measured
-POSES_AFTER = 10  # further ones
-FEWEST_CANDIDATES, CANDIDATES_A_POSE = 2000, 10
 
 
 def plan_poses(
@@ -109,110 +95,36 @@ def plan_poses(
     payload = known_payload if payload is None else payload
     if payload is None:
         raise ConfigError(f"of {arm.name} is not known; give it, in kg", "payload")
-    usual = PAPER_POSES if after is None else POSES_AFTER
-    n_poses = usual if poses is None else poses
-    n_candidates = candidates or max(FEWEST_CANDIDATES, CANDIDATES_A_POSE * n_poses)
-    if after is not None:
-        from stiff_bench.api import next_poses
-
-        measured = next_poses.read_measured(
-            Path(after), words, model or REFERENCE_MODEL, no_torque=no_torque
-        )
+    how = pose_plans.Choosing(poses, criterion, candidates, payload, clearance, seed)
+    name, step, curve = arm.name, "", []
+    if after is None:
         with display():
-            found = next_poses.choose_next(
-                measured,
-                n_poses,
-                n_candidates=n_candidates,
-                criterion=criterion or "i-optimal",
-                workspace=None if workspace is None else Path(workspace),
-                payload_kg=payload,
-                clearance=clearance,
-                seed=seed,
-            )
-            curve = next_poses.curve_text(measured, n_poses, seed)
-        lines = [
-            _heading(output, found.plan, f"{arm.name} after those of {after}"),
-            "",
-            plain_text(next_poses.gain_table(measured, found)),
-            "",
-            *next_poses.gain_text(measured, found),
-            *_advice(words, f"append the rows to {after}", Path(after)),
-            "",
-            *curve,
-        ]
-        write_plan(output, found.plan, arm)
-        return Text("\n".join(lines))
-    with display():
-        pool = candidate_plan(arm, n_candidates, seed=seed, payload_kg=payload, clearance=clearance)
-        regressors = regressor(arm, pool.q, pool.wrench)
-        if poses is None and criterion is None and words.is_papers:
-            name, plan = "the paper's plan", paper_plan(chain, payload, seed, clearance)
-        else:
-            design = SpringDesign(regressors, criterion or "d-optimal")
-            name = f"chosen, {design.criterion}"
-            plan, _ = chosen_plan(pool, n_poses, design)
-    gain = plan_gain(
-        regressor(arm, plan.q, plan.wrench),
-        regressors,
-        arm.joint_names,
-        reference_compliance=_reference(words, arm),
-        seed=seed,
-    )
-    write_plan(output, plan, arm)
-    notes = [
+            found = pose_plans.first_plan(arm, chain if words.is_papers else None, how)
+    else:
+        name, step = f"{name} after those of {after}", f"append the rows to {after}; "
+        file = measured_file(Path(after), arm, no_torque=no_torque)
+        fitted = model_choice(model or REFERENCE_MODEL, {})
+        measured = pose_plans.Measured(str(after), loaded(file).samples, arm, fitted)
+        with display():
+            found = pose_plans.next_plan(measured, how, workspace)
+            curve = ["", *pose_plans.curve_text(measured, len(found.plan.q), seed)]
+    write_plan(output, found.plan, arm)
+    size = np.linalg.norm(found.plan.wrench[0, :3])
+    lines = [
+        f"{output}: {counted(len(found.plan.q), 'pose')} of {name}, one suggested force each "
+        f"({size:.1f} N at the TCP, {FORCE_SHARE:.0%} of the payload)",
         "",
-        f"D-efficiency {gain.efficiency:.2f} relative to the mean random plan, "
-        f"{gain.efficiency_over_best:.2f} relative to the best one"
-        + ("." if gain.efficiency >= 1.0 else ": worse than random poses."),
-        *_advice(words, "", output),
-    ]
-    unseen = [joint for joint in arm.joint_names if joint not in gain.joints]
-    if unseen:
-        notes.append(f"Not identifiable with this TCP: {', '.join(unseen)}.")
-    return Text(
-        f"{_heading(output, plan, arm.name)}\n\n"
-        + plain_text(_gain_table(name, gain, notes, with_errors=words.is_papers))
-    )
-
-
-def _heading(output: Path, plan: MeasurementPlan, robot: str) -> str:
-    size = np.linalg.norm(plan.wrench[0, :3])
-    return (
-        f"{output}: {counted(len(plan.q), 'pose')} of {robot}, one suggested force each "
-        f"({size:.1f} N at the TCP, {FORCE_SHARE:.0%} of the payload)"
-    )
-
-
-def _advice(words: RobotWords, step: str, file: Path) -> list[str]:
-    """Return what was checked, and what to do with the plan until `file` can be validated."""
-    return [
+        plain_text(found.table),
+        "",
+        *found.findings,
         "Checked: joint limits, the arm's centre line against base column and ground. Not checked: "
         "shape of links and tool, surroundings. Approach each pose slowly.",
         "Replace the suggested wrench by the actual one and fill in dx_mm, dy_mm, dz_mm; "
-        f"{step and f'{step}; '}then: bench data validate {file}{words.text}",
+        f"{step}then: bench data validate {after or output}{words.text}",
+        *found.rest,
+        *curve,
     ]
-
-
-def _reference(words: RobotWords, robot: Robot) -> float | FloatArray:
-    """Return the joint compliances that errors are relative to, rad/(N m)."""
-    if not words.is_papers:
-        return REFERENCE_COMPLIANCE
-    published = published_stiffness()
-    return np.array([1.0 / published[joint] for joint in robot.joint_names])
-
-
-def _gain_table(name: str, gain: PlanGain, notes: Sequence[str], *, with_errors: bool) -> Table:
-    """Return a plan beside random ones; errors are relative to stiffnesses that must be known."""
-    judged = (gain.plan, gain.random_mean, gain.random_best)
-    rows: list[list[Cell]] = [
-        ["condition number", *(each.condition for each in judged)],
-        ["worst joint's standard error [%]", *(100.0 * each.worst_error for each in judged)],
-        ["log det of information", *(each.log_det for each in judged)],
-    ]
-    if not with_errors:
-        del rows[1]
-    names = (name, f"mean of {N_RANDOM} random", "best random")
-    return Table("", [Column("", "text"), *(Column(n, format=".2f") for n in names)], rows, notes)
+    return Text("\n".join(lines))
 
 
 def validate(

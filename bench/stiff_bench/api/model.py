@@ -14,11 +14,11 @@ import numpy as np
 from stiff_bench.api.catalog import registry
 from stiff_bench.api.data import Dataset, choice_of
 from stiff_bench.console import say
-from stiff_bench.plan.cells import chooses_epoch
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import OURS
 from stiff_bench.plan.request import check_model
 from stiff_bench.run.progress import display
+from stiff_bench.run.whole_fit import whole_fit
 from stiff_bench.tables.render import plain_text
 from stiff_bench.tables.table import Cell, Column, Quantity, Table
 from stiff_bench.tables.units import PRINTED, percent
@@ -31,7 +31,6 @@ from stiff_protocols.contract.errors import (
 )
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.interfaces import (
-    ChecksRobot,
     IdentifiesSprings,
     PredictsInterval,
     ReportsDiagnostics,
@@ -47,7 +46,6 @@ from stiff_protocols.contract.types import (
     frozen_array,
 )
 from stiff_protocols.scoring.metrics import METRICS
-from stiff_protocols.splits.generators import inner_validation
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -55,9 +53,6 @@ if TYPE_CHECKING:
     from stiff_protocols.contract.identification import IdentifiedSprings
 
 SPRING_INTERVAL = 0.9
-
-VALIDATION_FRACTION = 0.2
-"""Of the poses, where a model chooses its epoch; as the protocols' default."""
 
 
 class Model:
@@ -98,7 +93,7 @@ class Model:
             ModelError: the samples cannot be fitted.
         """
         with display():
-            self.fitted, self.note = fitted(self.choice, data, seed=seed)
+            self.fitted, self.note = whole_fit(self.choice, data.samples, data.robot, seed=seed)
         self._has_warned = False
         return self
 
@@ -281,34 +276,6 @@ class Model:
         """Name it, and say whether it is fitted."""
         state = "not fitted" if self.fitted is None else "fitted"
         return f"Model {self.name} ({state})"
-
-
-def fitted(
-    choice: Choice[ModelInfo], data: Dataset | BenchmarkData, *, seed: int = 0
-) -> tuple[Any, str]:
-    """Return a new fitted model, and how its number of epochs was chosen; see `Model.fit`."""
-    if why := choice.missing():
-        raise ConfigError(f"{choice.name!r} cannot be used here: {why}")
-    model = choice.make()
-    if isinstance(model, ChecksRobot):
-        model.check_robot(data.robot)
-    train, validation, note = data.samples, None, ""
-    if chooses_epoch(choice.info, model):
-        rows = np.arange(len(train))
-        split = inner_validation(train, rows, VALIDATION_FRACTION, seed)
-        if len(split.validation):
-            train, validation = train.take(split.train), train.take(split.validation)
-            note = (
-                f"{len(validation)} samples of {len(set(validation.pose_id))} poses chose the "
-                f"number of epochs; {len(train)} samples were learned from"
-            )
-        else:
-            note = "one pose gives no rows to choose the epoch by: the last one was kept"
-    model.fit(train, robot=data.robot, validation=validation, seed=seed)
-    for name, value in (("robot_", data.robot), ("training_range_", TrainingRange.of(train))):
-        if not hasattr(model, name):  # a plugin's model need not have them
-            setattr(model, name, value)
-    return model, note
 
 
 def model_choice(model: str | type | Model, options: dict[str, Any]) -> Choice[ModelInfo]:

@@ -11,12 +11,12 @@ import pytest
 import planned_poses
 import stiffbench as sb
 from command_line import assert_refused, bench_here
-from stiff_bench.api.model import model_choice
-from stiff_bench.api.next_poses import curve_errors
+from stiff_bench.analysis.pose_plans import Measured, curve_errors
+from stiff_bench.plan.options import Choice
 from stiff_datasets.measured.sample_files import sample_table, write_table
 from stiff_datasets.twin.robot_twin import Ur5Twin
+from stiff_models.catalog import model_info
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.types import BenchmarkData
 
 UR5 = ("data", "plan", "--robot", "ur5", "--candidates", "200", "--output", "next.csv")
 
@@ -116,19 +116,23 @@ def test_springs_that_explain_little_raise_the_question_of_the_robot(tmp_path, m
 
 
 def test_errors_of_a_curve_are_those_of_fits_to_nested_poses_tested_on_others(ur5):
-    data = BenchmarkData(ur5.samples.take(np.arange(20)), ur5.robot)
-    found = curve_errors(model_choice("vjm", {}), data, 0)
+
+    def errors(model, n_poses):
+        choice = Choice.of(model_info(model))
+        samples = ur5.samples.take(np.arange(n_poses))
+        return curve_errors(Measured("my.csv", samples, ur5.robot, choice), 0)
+
+    found = errors("vjm", 20)
     assert found.sizes.tolist() == sorted(set(found.sizes.tolist()))
     assert (found.sizes[0], found.sizes[-1]) == (5, 16)
     assert (found.counts.sum(axis=1) == 4).all()  # a fifth, one load a pose
     assert ((found.totals > 0) == (found.counts[:, None] > 0)).all()
-    zero = curve_errors(model_choice("zero", {}), data, 0)
-    lengths = np.linalg.norm(data.samples.deflection, axis=1)
-    order = np.argsort(data.samples.pose_id)
+    zero, samples = errors("zero", 20), ur5.samples.take(np.arange(20))
+    lengths = np.linalg.norm(samples.deflection, axis=1)
+    order = np.argsort(samples.pose_id)
     np.testing.assert_allclose(zero.totals[3, 0], zero.counts[3] * lengths[order])
     with pytest.raises(DataError, match="14 poses, it needs at least 15"):
-        few = BenchmarkData(ur5.samples.take(np.arange(14)), ur5.robot)
-        curve_errors(model_choice("vjm", {}), few, 0)
+        errors("vjm", 14)
 
 
 @pytest.mark.parametrize(

@@ -80,9 +80,7 @@ def test_a_name_that_cannot_serve_is_refused_and_nothing_is_written(tmp_path, na
 def test_a_file_that_exists_is_left_as_it_is_and_no_other_is_written(tmp_path):
     test = tmp_path / "test_spring.py"
     test.write_text("mine")
-    with pytest.raises(
-        StoreError, match=r"test_spring\.py: exists, and nothing is written"
-    ):
+    with pytest.raises(StoreError, match=r"test_spring\.py: exists, and nothing is written"):
         new_model("spring", tmp_path, build_registry())
     assert [path.name for path in tmp_path.iterdir()] == ["test_spring.py"]
     assert test.read_text() == "mine"

@@ -1,0 +1,379 @@
+"""Which poses to measure, first or after those that are measured, and what they would gain."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.special import ndtri
+
+from stiff_bench.analysis.learning_curve import LEVEL, CurveErrors, learning_curve
+from stiff_bench.plan.options import Choice
+from stiff_bench.run.whole_fit import whole_fit
+from stiff_bench.tables.published import published_stiffness
+from stiff_bench.tables.render import plain_text
+from stiff_bench.tables.table import Cell, Column, Table
+from stiff_bench.tables.units import MM, counted, percent
+from stiff_datasets.measured.identifiability import (
+    DEFLECTION_NOISE,
+    REFERENCE_COMPLIANCE,
+    regressor,
+)
+from stiff_datasets.measured.load_file import Loads, read_loads
+from stiff_datasets.planning.design import Criterion, Design, ProcessDesign, SpringDesign
+from stiff_datasets.planning.plan import (
+    MeasurementPlan,
+    candidate_plan,
+    chosen_plan,
+    paper_plan,
+    unmeasured,
+)
+from stiff_datasets.planning.plan_gain import (
+    N_RANDOM,
+    PlanGain,
+    VarianceGain,
+    plan_gain,
+    variance_gain,
+)
+from stiff_datasets.robots.robot import ChainModel
+from stiff_models.catalog import REFERENCE_MODEL, model_info
+from stiff_protocols.contract.errors import (
+    ConfigError,
+    DataError,
+    StiffBenchError,
+    StiffBenchWarning,
+)
+from stiff_protocols.contract.interfaces import PredictsCovariance
+from stiff_protocols.contract.plugin import ModelInfo
+from stiff_protocols.contract.progress import report
+from stiff_protocols.contract.types import Robot, Samples
+from stiff_protocols.scoring.sanity import check_prediction
+from stiff_protocols.splits.sample_efficiency import SampleEfficiency
+
+FIRST_POSES, NEXT_POSES = 151, 10
+"""That are planned; the paper measured 151."""
+FEWEST_CANDIDATES, CANDIDATES_A_POSE = 2000, 10
+WORKSPACE_POSES = 500
+"""Random loads that stand for all that the robot can reach."""
+FEWEST_FOR_PROCESS = 10
+"""Poses; the length scales of a kernel that was fitted to fewer mean nothing."""
+LEAST_EXPLAINED = 0.5
+"""Share of the squared deflection that joint springs explain of a file of the robot named."""
+
+DRAWS, SIZES = 10, 6
+SMALLEST_SIZE, FEWEST_FOR_CURVE = 5, 15
+"""Poses that are learned from at least; and those that there must be for a learning curve."""
+
+
+@dataclass(frozen=True)
+class Choosing:
+    """How poses are chosen: the arguments of `stiffbench.plan_poses`."""
+
+    poses: int | None
+    criterion: Criterion | None
+    candidates: int | None
+    payload_kg: float
+    clearance: float
+    seed: int
+
+    def drawn(self, robot: Robot, n_poses: int, further: int = 0) -> MeasurementPlan:
+        """Return the candidates for a choice of so many poses, and further random loads."""
+        n = further + (self.candidates or max(FEWEST_CANDIDATES, CANDIDATES_A_POSE * n_poses))
+        how = {"payload_kg": self.payload_kg, "clearance": self.clearance}
+        return candidate_plan(robot, n, seed=self.seed, **how)
+
+
+@dataclass(frozen=True, eq=False)
+class PosePlan:
+    """A plan, and what it gains over random ones.
+
+    Attributes:
+        plan: the poses.
+        gain: over random ones, as numbers.
+        table: the same for people.
+        findings: sentences beneath.
+        rest: sentences that stand behind all others.
+    """
+
+    plan: MeasurementPlan
+    gain: PlanGain | VarianceGain
+    table: Table
+    findings: list[str]
+    rest: Sequence[str] = ()
+
+
+def first_plan(robot: Robot, papers: ChainModel | None, how: Choosing) -> PosePlan:
+    """Return a plan for a robot of which nothing is measured.
+
+    Args:
+        robot: that will be measured.
+        papers: the chain of the source paper's KR10, whose plan and stiffnesses are known; None:
+            it is another robot.
+        how: the poses are chosen.
+
+    Raises:
+        ConfigError: an argument is out of range.
+    """
+    n_poses, reference = how.poses or FIRST_POSES, np.full(robot.n_joints, REFERENCE_COMPLIANCE)
+    pool = how.drawn(robot, n_poses)
+    regressors = regressor(robot, pool.q, pool.wrench)
+    if papers is not None:
+        stiffness = published_stiffness()
+        reference = np.array([1.0 / stiffness[joint] for joint in robot.joint_names])
+    if papers is not None and how.poses is None and how.criterion is None:
+        name = "the paper's plan"
+        plan = paper_plan(papers, how.payload_kg, how.seed, how.clearance)
+    else:
+        design = SpringDesign(regressors, how.criterion or "d-optimal")
+        name = f"chosen, {design.criterion}"
+        plan, _ = chosen_plan(pool, n_poses, design)
+    gain = plan_gain(
+        regressor(robot, plan.q, plan.wrench),
+        regressors,
+        robot.joint_names,
+        reference_compliance=reference,
+        seed=how.seed,
+    )
+    judged = (gain.plan, gain.random_mean, gain.random_best)
+    rows: list[list[Cell]] = [
+        ["condition number", *(each.condition for each in judged)],
+        ["log det of information", *(each.log_det for each in judged)],
+    ]
+    if papers is not None:  # errors are relative to stiffnesses that must be known
+        errors = (100.0 * each.worst_error for each in judged)
+        rows.insert(1, ["worst joint's standard error [%]", *errors])
+    names = (name, f"mean of {N_RANDOM} random", "best random")
+    finding = (
+        f"D-efficiency {gain.efficiency:.2f} relative to the mean random plan, "
+        f"{gain.efficiency_over_best:.2f} relative to the best one"
+    )
+    finding += "." if gain.efficiency >= 1.0 else ": worse than random poses."
+    unseen = [joint for joint in robot.joint_names if joint not in gain.joints]
+    rest = [f"Not identifiable with this TCP: {', '.join(unseen)}."] if unseen else []
+    return PosePlan(plan, gain, _table(names, rows, ".2f"), [finding], rest)
+
+
+def _table(names: Sequence[str], rows: Sequence[Sequence[Cell]], spec: str) -> Table:
+    return Table("", [Column("", "text"), *(Column(name, format=spec) for name in names)], rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What is measured already.
+
+    Attributes:
+        file: its name.
+        samples: of it.
+        robot: that was measured.
+        model: that will be fitted to all poses in the end.
+    """
+
+    file: str
+    samples: Samples
+    robot: Robot
+    model: Choice[ModelInfo]
+
+    @property
+    def n_poses(self) -> int:
+        """How many poses are measured."""
+        return len(np.unique(self.samples.pose_id))
+
+    @property
+    def is_process(self) -> bool:
+        """Whether the model says itself how unknown deflections go together."""
+        return issubclass(self.model.cls, PredictsCovariance)
+
+    @cached_property
+    def springs(self) -> Any:
+        """The reference model, joint springs, fitted to the samples.
+
+        Raises:
+            DataError: the samples identify no spring.
+        """
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                choice: Choice[ModelInfo] = Choice.of(model_info(REFERENCE_MODEL))
+                return whole_fit(choice, self.samples, self.robot)[0]
+        except StiffBenchError as error:
+            raise DataError(f"{self.file}: {error}") from error
+
+    @cached_property
+    def unexplained(self) -> float:
+        """Sum of the squared deflection [m²] that joint springs leave."""
+        predicted = self.springs.predict(self.samples.q, self.samples.wrench)
+        return float(((self.samples.deflection - predicted) ** 2).sum())
+
+    def design(
+        self, pool: MeasurementPlan, workspace: Loads, criterion: Criterion, seed: int
+    ) -> Design:
+        """Return what chooses among the candidates of `pool` for predictions in the workspace."""
+        samples, robot = self.samples, self.robot
+        if self.is_process:
+            model, _ = whole_fit(self.model, samples, robot, seed=seed)
+            return ProcessDesign(model, pool, workspace)
+        free = max(samples.deflection.size - robot.n_joints, 1)
+        return SpringDesign(
+            regressor(robot, pool.q, pool.wrench),
+            criterion,
+            regressor(robot, workspace.q, workspace.wrench),
+            regressor(robot, samples.q, samples.wrench),
+            max(self.unexplained / free, DEFLECTION_NOISE**2),
+        )
+
+
+def next_plan(measured: Measured, how: Choosing, workspace: Path | str | None = None) -> PosePlan:
+    """Return a plan that goes on where a measurement ended.
+
+    Args:
+        measured: what there is.
+        how: the next poses are chosen.
+        workspace: file of poses and wrenches where predictions are to be good; None: all that the
+            robot can reach.
+
+    Raises:
+        ConfigError: an argument is wrong, or the criterion is not one of the model.
+        DataError: a file cannot be read, or holds too few poses for the model.
+    """
+    model, robot, samples = measured.model, measured.robot, measured.samples
+    n_new = NEXT_POSES if how.poses is None else how.poses
+    criterion = how.criterion or "i-optimal"
+    if measured.is_process and criterion != "i-optimal":
+        raise ConfigError(
+            f"{criterion}: of joint springs (valid with {model.name}: i-optimal)", "criterion"
+        )
+    if measured.is_process and measured.n_poses < FEWEST_FOR_PROCESS:
+        raise DataError(
+            f"{measured.file}: {measured.n_poses} poses; {model.name} plans from "
+            f"{FEWEST_FOR_PROCESS} poses on (valid before: --model {REFERENCE_MODEL})"
+        )
+    if workspace is None:
+        drawn = how.drawn(robot, n_new, WORKSPACE_POSES)
+        where: Loads = drawn.take(slice(WORKSPACE_POSES))
+        pool = drawn.take(slice(WORKSPACE_POSES, None))
+        place = f"{WORKSPACE_POSES} random reachable poses, the suggested force in any direction"
+    else:
+        where, pool = read_loads(Path(workspace), robot), how.drawn(robot, n_new)
+        place = f"{counted(len(where.q), 'row')} of {workspace}"
+    pool = unmeasured(pool, samples, robot)
+    design = measured.design(pool, where, criterion, how.seed)
+    plan, chosen = chosen_plan(pool, n_new, design, measured=samples)
+    gain = variance_gain(design, chosen, len(pool.q), seed=how.seed)
+    variances = np.array(gain)
+    half = ndtri(0.5 + LEVEL / 2.0) * np.sqrt(variances + design.noise)
+    rows: list[list[Cell]] = [
+        [name, *(float(one) if np.isfinite(one) else None for one in values * MM)]
+        for name, values in (
+            ("standard error of a prediction [mm]", np.sqrt(variances)),
+            (f"half width of its {percent(LEVEL)} interval [mm]", half),
+        )
+    ]
+    names = (
+        f"{measured.n_poses} measured",
+        f"+ {n_new} chosen, {criterion}",
+        f"+ {n_new} random, mean of {N_RANDOM}",
+        f"+ {n_new} random, best",
+    )
+    findings = _findings(measured, gain, place)
+    return PosePlan(plan, gain, _table(names, rows, ".4f"), findings)
+
+
+def _findings(measured: Measured, gain: VarianceGain, place: str) -> list[str]:
+    """Return what a plan gains where, a sentence a line, and what is odd in the measurement."""
+    springs, model = not measured.is_process, measured.model
+    predicting = REFERENCE_MODEL if springs else model.name
+    lines = [f"Predictions of {predicting}, an axis, over the workspace: {place}."]
+    if np.isfinite(gain.before):
+        lowered = 1.0 - gain.plan / gain.before
+        lines.append(
+            f"The plan lowers their mean variance by {lowered:.0%}, {gain.ratio:.2f} times as much "
+            "as random poses."
+        )
+    else:
+        unknown = ", ".join(measured.springs.springs_.unidentifiable)
+        lines.append(f"Not identifiable from the measured poses: {unknown}.")
+    if springs and model.info.key != REFERENCE_MODEL:
+        lines.append(
+            f"{model.name} does not say what it would learn from a pose: the poses are chosen for "
+            "joint springs."
+        )
+    share = 1.0 - measured.unexplained / max(float((measured.samples.deflection**2).sum()), 1e-30)
+    if share < LEAST_EXPLAINED:
+        lines.append(
+            f"warning: joint springs of {measured.robot.name} explain {share:.0%} of the squared "
+            f"deflection in {measured.file}: is it this robot's, with this TCP?"
+        )
+    return lines
+
+
+def curve_errors(measured: Measured, seed: int) -> CurveErrors:
+    """Fit the model to nested subsets of the poses, and test it on poses that are in none of them.
+
+    The splits are those of the protocol `sample-efficiency`: in each draw a fifth of the poses is
+    the test part of every size.
+
+    Raises:
+        DataError: there are too few poses.
+        StiffBenchError: the model cannot be fitted.
+    """
+    samples = measured.samples
+    poses, pose_of_row = np.unique(samples.pose_id, return_inverse=True)
+    if len(poses) < FEWEST_FOR_CURVE:
+        raise DataError(f"{len(poses)} poses, it needs at least {FEWEST_FOR_CURVE}")
+    protocol = SampleEfficiency()
+    most = len(poses) - int(protocol.test_fraction * len(poses))
+    least = max(SMALLEST_SIZE, most / 8)
+    sizes = np.unique(np.geomspace(least, most, SIZES).round().astype(np.int64))
+    protocol.sizes = ",".join(map(str, sizes))
+    totals = np.zeros((DRAWS, len(sizes), len(poses)))
+    counts = np.zeros((DRAWS, len(poses)), dtype=np.int64)
+    splits = protocol.splits(samples, n_splits=DRAWS, seed=seed)
+    for number, split in enumerate(splits):
+        report("learning curve", number, len(splits))
+        draw, size = divmod(number, len(sizes))
+        train = samples.take(np.sort(np.concatenate([split.train, split.validation])))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StiffBenchWarning)  # few poses identify little
+            model, _ = whole_fit(measured.model, train, measured.robot, seed=seed)
+        predicted = model.predict(samples.q[split.test], samples.wrench[split.test])
+        check_prediction(predicted, len(split.test))
+        errors = np.linalg.norm(predicted - samples.deflection[split.test], axis=1)
+        tested = pose_of_row[split.test]
+        totals[draw, size] = np.bincount(tested, errors, len(poses))
+        counts[draw] = np.bincount(tested, minlength=len(poses))
+    return CurveErrors(sizes, totals, counts)
+
+
+def curve_text(measured: Measured, n_new: int, seed: int) -> list[str]:
+    """Return the learning curve up to `n_new` more poses, a line each; or why there is none."""
+    name = f"{measured.model.name} on {measured.file}"
+    try:
+        errors = curve_errors(measured, seed)
+    except StiffBenchError as error:
+        return [f"No learning curve of {name}: {error}."]
+    curve, now = learning_curve(errors, seed=seed), measured.n_poses
+    law, more = curve.law, sorted({now + n_new, 2 * now})
+    sizes = [*map(str, errors.sizes), *(f"{size}*" for size in (now, *more))]
+    values = [*errors.mean, *map(law, (now, *more))]
+    row: list[Cell] = ["mean 3-D error [mm]", *(float(value) * MM for value in values)]
+    columns = [Column("training poses", "text"), *(Column(size, format=".4f") for size in sizes)]
+    steps = ", ".join(
+        f"with {size - now} more poses about {law(size) * MM:.3f} mm ({low:.3f} to {high:.3f} mm)"
+        for size in more
+        for low, high in [[MM * end for end in curve.interval(size, now)]]
+    )
+    told = "" if curve.told else " (assumed, the errors do not tell it)"
+    return [
+        f"Learning curve of {name}, tested on poses held out; * of the fitted curve:",
+        "",
+        plain_text(Table("", columns, [row])),
+        "",
+        f"The mean error is {law(now) * MM:.3f} mm now, {steps}: an extrapolation by a + b n^-c "
+        f"with {percent(LEVEL)} intervals, c = {law.c:.2f}{told}, for poses like the measured "
+        "ones.",
+    ]
