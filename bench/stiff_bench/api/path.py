@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from stiff_bench.api.model import Extrapolation, Model, blamed_on
+from stiff_bench.api.model import Model, blamed_on
 from stiff_bench.console import say
 from stiff_bench.plan.words import RobotWords
 from stiff_bench.run.progress import display
 from stiff_bench.tables.picture_file import check_suffix
+from stiff_datasets.measured.extrapolation import Extrapolation
 from stiff_datasets.measured.path_file import (
     LoadFrame,
     PathTable,
@@ -37,7 +38,6 @@ from stiff_datasets.measured.sample_files import (
 )
 from stiff_protocols.contract.errors import (
     ConfigError,
-    DataError,
     ModelError,
     StiffBenchWarning,
     unknown_name,
@@ -51,15 +51,15 @@ from stiff_protocols.paths.compensation import (
     Compensation,
     compensate,
 )
-from stiff_protocols.paths.inverse import Branch, follow, refuse_redundant, spread
-from stiff_protocols.paths.path import SHAPES, ToolPath, shaped
+from stiff_protocols.paths.example import drivable_path
+from stiff_protocols.paths.inverse import Branch, refuse_redundant
+from stiff_protocols.paths.path import SHAPES
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 BLOCK = 2_000
 """Points that are read, corrected and written at once; progress is shown after each block."""
-EXAMPLE_POINTS, EXAMPLE_SIZE_MM = 401, 200.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,8 +101,8 @@ def example_path(
     shape: str,
     output: Path | str,
     *,
-    size: float = EXAMPLE_SIZE_MM,
-    points: int = EXAMPLE_POINTS,
+    size: float = 200.0,
+    points: int = 401,
     load: Sequence[float] | None = None,
     robot: str | None = None,
     urdf: Path | str | None = None,
@@ -134,33 +134,9 @@ def example_path(
         if payload is None:
             raise ConfigError(f"of {arm.name} is not known; give one, in N and N m", "load")
         load = (0.0, 0.0, -0.25 * payload * 9.81, 0.0, 0.0, 0.0)
-    from scipy.spatial.transform import Rotation
-
-    reach = np.linalg.norm(arm.placements[1:, :3, 3], axis=1).sum()
-    outwards = arm.axes[-1] * (-1.0 if arm.axes[-1] @ arm.tcp < 0.0 else 1.0)
-    down, _ = Rotation.align_vectors([[0.0, 0.0, -1.0]], [outwards])  # where the last joint points
-    some = spread(points)
-    for x, z in ((0.6, 0.4), (0.5, 0.3), (0.7, 0.4), (0.5, 0.6), (0.4, 0.3)):
-        driven: list[tuple[float, ToolPath]] = []
-        for angle in (0.0, 90.0, 180.0, 270.0):
-            turned = Rotation.from_euler("z", angle, degrees=True) * down
-            path = shaped(
-                shape,
-                (x * reach, 0.0, z * reach),
-                size / MM_PER_M,
-                points,
-                rotation=turned.as_matrix(),
-                wrench=load,
-            )
-            found = follow(arm, path.position[some], path.rotation[some])
-            if found.ok.all():
-                driven.append((float(np.abs(found.q[:, -1]).max()), path))
-        if driven:
-            write_path(output, min(driven, key=lambda one: one[0])[1], tool_of(arm, None))
-            return f"{output}: {shape} of {points} points for {arm.name}, base frame"
-    raise DataError(
-        f"{arm.name} has no place for a {shape} of {size:g} mm in front of it; try a smaller size"
-    )
+    path = drivable_path(arm, shape, size / MM_PER_M, points, wrench=load)
+    write_path(output, path, tool_of(arm, None))
+    return f"{output}: {shape} of {points} points for {arm.name}, base frame"
 
 
 def compensate_path(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +27,7 @@ from stiff_bench.cli.options import (
     several_keys,
 )
 from stiff_bench.console import print_text, say
+from stiff_protocols.contract.errors import ConfigError
 
 if TYPE_CHECKING:
     from stiff_bench.api.results import Results
@@ -59,15 +61,14 @@ def leaderboard(
     return 1 if why_none else 0
 
 
-PERTURBATIONS = {
-    "tcp_off_mm": "--tcp-off",
-    "force_noise_percent": "--force-noise",
-    "registration_deg": "--registration",
-    "deflection_shift_mm": "--deflection-shift",
-    "draws": "--draws",
-    "jobs": "--jobs",
-}
-"""Options of `bench compare --perturb` by their names in `Results.sensitivity`."""
+def _needs_perturb(ctx: click.Context, option: click.Parameter, value: Any) -> Any:
+    if value is not None and not ctx.params["perturb"]:
+        raise ConfigError("goes with --perturb; give it too", option.opts[0].removeprefix("--"))
+    return value
+
+
+perturbing = partial(click.option, callback=_needs_perturb)
+"""An option of `bench compare --perturb`; not given, it is left to `Results.sensitivity`."""
 
 
 @click.command()
@@ -89,17 +90,18 @@ PERTURBATIONS = {
 @click.option(
     "--perturb",
     is_flag=True,
+    is_eager=True,
     help="Does the order of the models outlast mistakes of the measurement? Fits them anew, on "
     "perturbed copies of the data set.",
 )
-@click.option(
+@perturbing(
     "--tcp-off",
     "tcp_off_mm",
     type=Millimetres(min=0),
     metavar="LENGTH",
     help="With --perturb: how far the TCP lies from where it was said to be.  [default: 0.5mm]",
 )
-@click.option(
+@perturbing(
     "--force-noise",
     "force_noise_percent",
     type=FiniteRange(0, 100),
@@ -107,7 +109,7 @@ PERTURBATIONS = {
     help="With --perturb: standard deviation of each component of force and torque, of its norm.  "
     "[default: 2]",
 )
-@click.option(
+@perturbing(
     "--registration",
     "registration_deg",
     type=FiniteRange(0, 180),
@@ -115,19 +117,19 @@ PERTURBATIONS = {
     help="With --perturb: angle between the measuring device's frame and the robot's base.  "
     "[default: 0.1]",
 )
-@click.option(
+@perturbing(
     "--deflection-shift",
     "deflection_shift_mm",
     type=Millimetres(min=0),
     metavar="LENGTH",
     help="With --perturb: a constant that is in every deflection.  [default: 0.05mm]",
 )
-@click.option(
+@perturbing(
     "--draws",
     type=WholeRange(1, 10_000),
     help="With --perturb: how often each of them is drawn.  [default: 10]",
 )
-@click.option(
+@perturbing(
     "--jobs",
     type=WholeRange(1, 1024),
     help="With --perturb: number of fits at once, each in its own process.  [default: 1]",
@@ -141,16 +143,11 @@ def compare(models: tuple[str, ...], results: Path, fmt: str, perturb: bool, **a
     A and B are models with their options, as `bench run` names them: vjm, ft-mlp@freeze=full. With
     --perturb there may be more of them, or none: then all that have results take part.
     """
-    how = {name: asked.pop(name) for name in PERTURBATIONS}
-    given = {name: value for name, value in how.items() if value is not None}
-    if perturb:
-        found = _stored(results).sensitivity(*models, **given, **asked)
-    elif given:
-        raise click.UsageError(f"{PERTURBATIONS[min(given)]} goes with --perturb; give it too")
-    elif len(models) != 2:
+    asked = {name: value for name, value in asked.items() if value is not None}
+    if not perturb and len(models) != 2:
         raise click.UsageError(f"{len(models)} models: give two, A and B, or --perturb")
-    else:
-        found = _stored(results).compare(*models, **asked)
+    stored = _stored(results)
+    found = stored.sensitivity(*models, **asked) if perturb else stored.compare(*models, **asked)
     print_text(found.text_as(fmt))
 
 

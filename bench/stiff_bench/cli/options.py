@@ -6,7 +6,7 @@ import math
 import shlex
 import sys
 from collections.abc import Callable
-from functools import partial
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -16,12 +16,14 @@ from stiff_bench.api import RESULTS
 from stiff_bench.api.process import pinned
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+Context = click.Context | None
+Parameter = click.Parameter | None
 
 
 class FilePath(click.Path):
     """A file or folder; an empty word, such as an unset variable of a script, would be "."."""
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def convert(self, value: Any, param: Parameter, ctx: Context) -> Any:
         """Return the path, or refuse an empty one."""
         if str(value) == "":
             self.fail("'' (valid: the name of a file or folder)", param, ctx)
@@ -31,62 +33,51 @@ class FilePath(click.Path):
 FILE = FilePath(path_type=Path)
 
 
-Number = TypeVar("Number", int, float)
-Context = click.Context | None
-
-
-class WholeRange(click.IntRange):
-    """A whole number within bounds."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: Context) -> int:
-        """Return the number, or refuse it naming what is valid."""
-        return _number(super().convert, value, param, ctx, f"a whole number {_bounds(self)}")
-
-
-class FiniteRange(click.FloatRange):
+class Bounded(click.ParamType[float]):
     """A number within bounds; click's own takes "nan" for one, and "inf" where no bound is."""
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: Context) -> float:
+    kind, unit = "a number", ""
+
+    def convert(self, value: Any, param: Parameter, ctx: Context) -> Any:
         """Return the number, or refuse it naming what is valid."""
-        return _number(super().convert, value, param, ctx, f"a number {_bounds(self)}")
+        try:
+            number = super().convert(str(value).removesuffix(self.unit), param, ctx)
+            if math.isfinite(number):
+                return number
+        except click.BadParameter:
+            pass
+        self.fail(f"{value!r} (valid: {self.kind} {self.bounds})", param, ctx)
+
+    @property
+    def bounds(self) -> str:
+        """In words: "from 1 to 10", "above 0 and below 1" or "of at least 0"."""
+        low, high, open_low, open_high = (
+            getattr(self, name) for name in ("min", "max", "min_open", "max_open")
+        )
+        if None not in (low, high) and not open_low and not open_high:
+            return f"from {low} to {high}"
+        ends = (
+            "" if low is None else f"{'above' if open_low else 'of at least'} {low:g}",
+            "" if high is None else f"{'below' if open_high else 'of at most'} {high:g}",
+        )
+        return " and ".join(filter(None, ends))
 
 
-def _number(
-    convert: Callable[..., Number],
-    value: Any,
-    param: click.Parameter | None,
-    ctx: Context,
-    valid: str,
-) -> Number:
-    try:
-        number = convert(value, param, ctx)
-        if math.isfinite(number):
-            return number
-    except click.BadParameter:
-        pass
-    raise click.BadParameter(f"{value!r} (valid: {valid})", ctx, param)
+class WholeRange(Bounded, click.IntRange):
+    """A whole number within bounds."""
+
+    kind = "a whole number"
 
 
-def _bounds(kind: click.IntRange | click.FloatRange) -> str:
-    """Return "from 1 to 10", "above 0 and below 1" or "of at least 0"."""
-    if None not in (kind.min, kind.max) and not kind.min_open and not kind.max_open:
-        return f"from {kind.min} to {kind.max}"
-    low = "" if kind.min is None else f"{'above' if kind.min_open else 'of at least'} {kind.min:g}"
-    high = "" if kind.max is None else f"{'below' if kind.max_open else 'of at most'} {kind.max:g}"
-    return " and ".join(filter(None, (low, high)))
+class FiniteRange(Bounded, click.FloatRange):
+    """A number within bounds."""
 
 
 class Millimetres(FiniteRange):
-    """A length, such as 0.01 or 0.01mm."""
+    """A length within bounds, such as 0.01 or 0.01mm."""
 
-    name = "mm"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: Context) -> float:
-        """Return the number of millimetres, or refuse it naming what is valid."""
-        try:
-            return super().convert(float(str(value).removesuffix("mm")), param, ctx)
-        except ValueError:
-            self.fail(f"{value!r} is no length (valid: 0.01mm, 0.01, ...)", param, ctx)
+    name = unit = "mm"
+    kind = "a length such as 0.01mm or 0.01,"
 
 
 class Numbers(click.ParamType[tuple[float, ...]]):
@@ -98,9 +89,7 @@ class Numbers(click.ParamType[tuple[float, ...]]):
         """Remember what they are, and how many there must be; None: at least one."""
         self.what, self.count = what, count
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...]:
+    def convert(self, value: Any, param: Parameter, ctx: Context) -> tuple[float, ...]:
         """Return the numbers, or refuse a text that is none of them."""
         try:
             numbers = tuple(float(word) for word in str(value).split(","))
@@ -120,7 +109,7 @@ class Size(click.ParamType[int]):
 
     name = "size"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: Context) -> int:
+    def convert(self, value: Any, param: Parameter, ctx: Context) -> int:
         """Return the bytes, or refuse a text that is no size."""
         from pydantic import ByteSize, TypeAdapter, ValidationError
 
@@ -150,13 +139,7 @@ several_keys = partial(click.option, multiple=True, metavar="KEY")
 
 def together(*options: Callable[[Any], Any]) -> Callable[[Command], Command]:
     """Return one decorator that adds several options, in this order."""
-
-    def add(command: Command) -> Command:
-        for option in reversed(options):
-            command = option(command)
-        return command
-
-    return add
+    return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
 
 
 def output_option(metavar: str, text: str = "A new file.") -> Callable[[Command], Command]:

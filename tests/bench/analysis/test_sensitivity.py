@@ -171,7 +171,7 @@ def test_a_model_whose_plugin_is_missing_is_refused_and_named(tmp_path, plugin_f
 @pytest.mark.parametrize(
     ("words", "parts"),
     [
-        (["--tcp-off", "half"], ["'half' is no length"]),
+        (["--tcp-off", "half"], ["valid: a length such as 0.01mm"]),
         (["vjm"], ["vjm alone", "two models or more"]),
         (["vjm", "gp"], ["unknown model with results 'gp'"]),
         ([*NO_OTHER_WORDS, "--tcp-off=0"], ["nothing is perturbed"]),

@@ -1,0 +1,46 @@
+"""A path in front of a robot that it can drive, to try corrections on."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.robot import Robot
+from stiff_protocols.paths.inverse import follow, spread
+from stiff_protocols.paths.path import ToolPath, shaped
+
+PLACES = ((0.6, 0.4), (0.5, 0.3), (0.7, 0.4), (0.5, 0.6), (0.4, 0.3))
+"""Of the path's centre, in front of the base and above it, as shares of the robot's reach."""
+
+
+def drivable_path(
+    robot: Robot, shape: str, size: float, n_points: int, *, wrench: ArrayLike
+) -> ToolPath:
+    """Return a horizontal path, the tool pointing down; arguments as `shaped`.
+
+    Of four turns of the tool that can be driven, it takes the one that turns the last joint least.
+
+    Raises:
+        DataError: no place was found where the robot can drive the path.
+    """
+    reach = np.linalg.norm(robot.placements[1:, :3, 3], axis=1).sum()
+    outwards = robot.axes[-1] * (-1.0 if robot.axes[-1] @ robot.tcp < 0.0 else 1.0)
+    down, _ = Rotation.align_vectors([[0.0, 0.0, -1.0]], [outwards])  # where the last joint points
+    some = spread(n_points)
+    for x, z in PLACES:
+        driven: list[tuple[float, ToolPath]] = []
+        for angle in (0.0, 90.0, 180.0, 270.0):
+            turned = (Rotation.from_euler("z", angle, degrees=True) * down).as_matrix()
+            centre = (x * reach, 0.0, z * reach)
+            path = shaped(shape, centre, size, n_points, rotation=turned, wrench=wrench)
+            found = follow(robot, path.position[some], path.rotation[some])
+            if found.ok.all():
+                driven.append((float(np.abs(found.q[:, -1]).max()), path))
+        if driven:
+            return min(driven, key=lambda one: one[0])[1]
+    raise DataError(
+        f"{robot.name} has no place for a {shape} of {1000.0 * size:g} mm in front of it; try a "
+        "smaller size"
+    )
