@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 from string import Template
+from typing import Any
 from unittest import mock
 
 from stiff_bench.plan.options import Choice
@@ -26,7 +27,7 @@ from stiff_protocols.conformance.data import check_dataset, check_protocol
 from stiff_protocols.conformance.suite import check_model
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.files import check_new_file, make_folder, written_whole
-from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, PluginInfo
+from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo
 
 _MARKS: dict[Status, str] = {"passed": "✓", "failed": "✗", "not applicable": "–"}  # noqa: RUF001
 _WIDTH = 100
@@ -78,46 +79,32 @@ def checklist(key: str, dataset: str, settings: Sequence[str], registry: Registr
         DataError: the data set cannot be loaded or is too small.
     """
     info = registry.find(key)
-    _refuse_missing(key, "" if isinstance(info, ModelInfo) else info.missing())
+    if isinstance(info, DatasetInfo):
+        choice = chosen_dataset(key, settings, registry)
+        _refuse_missing(choice)
+        with display():
+            return Checklist(_named(choice), check_dataset(choice.make))
+    subject, on = _with_data(info, dataset, settings, registry)
+    _refuse_missing(subject)
     with display():
+        data = loaded(on)
         if isinstance(info, ModelInfo):
-            checks, where = _check_model(info, dataset, settings, registry)
-        elif isinstance(info, DatasetInfo):
-            choice = chosen_dataset(key, settings, registry)
-            checks, where = check_dataset(choice.make), _named(choice)
+            ours = registry.origins.get(key, OURS) == OURS  # others read their own files
+            with mock.patch.dict(os.environ, {VARIABLE: OFF}):  # a kept training repeats itself
+                checks = check_model(
+                    subject.make,
+                    data,
+                    uses_validation=info.uses_validation,
+                    load=load if ours else None,
+                )
         else:
-            checks, where = _check_protocol(info, dataset, settings, registry)
-    return Checklist(where, checks)
+            checks = check_protocol(subject.make, data)
+    return Checklist(f"{_named(subject)} on {_named(on)}", checks)
 
 
-def _check_model(
-    info: ModelInfo, dataset: str, settings: Sequence[str], registry: Registry
-) -> tuple[list[Check], str]:
-    model, data = _with_data(info, dataset, settings, registry)
-    model = Choice(info, model.cls, {**info.quick, **model.params}, {})
-    _refuse_missing(info.key, model.missing())
-    ours = registry.origins.get(info.key, OURS) == OURS  # others read their own files
-    with mock.patch.dict(os.environ, {VARIABLE: OFF}):  # a kept training always repeats itself
-        checks = check_model(
-            model.make,
-            loaded(data),
-            uses_validation=info.uses_validation,
-            load=load if ours else None,
-        )
-    return checks, f"{_named(model)} on {_named(data)}"
-
-
-def _refuse_missing(key: str, why: str) -> None:
-    if why:
-        raise ConfigError(f"{key!r} cannot be checked here: {why}")
-
-
-def _check_protocol(
-    info: PluginInfo, dataset: str, settings: Sequence[str], registry: Registry
-) -> tuple[list[Check], str]:
-    protocol, data = _with_data(info, dataset, settings, registry)
-    checks = check_protocol(protocol.make, loaded(data))
-    return checks, f"{_named(protocol)} on {_named(data)}"
+def _refuse_missing(choice: Choice[Any]) -> None:
+    if why := choice.missing():
+        raise ConfigError(f"{choice.info.key!r} cannot be checked here: {why}")
 
 
 def _with_data(
@@ -127,8 +114,9 @@ def _with_data(
     data = chosen_dataset(dataset, (), registry)
     classes = {info.key: info.load(), data.info.key: data.cls}
     params = parse_settings(settings, classes)
+    quick = info.quick if isinstance(info, ModelInfo) else {}
     return (
-        Choice(info, classes[info.key], params[info.key], {}),
+        Choice(info, classes[info.key], {**quick, **params[info.key]}, {}),
         replace(data, params={**params[data.info.key], **data.params}),
     )
 

@@ -21,7 +21,7 @@ Draw = Callable[[BenchmarkData, np.random.Generator], BenchmarkData]
 
 @dataclass(frozen=True)
 class Perturbations:
-    """How large the mistakes of a measurement are.
+    """How large the mistakes of a measurement are; 0: there is none.
 
     Attributes:
         tcp_m: distance of the TCP from where the robot description has it, m.
@@ -31,10 +31,10 @@ class Perturbations:
         shift_m: length of what is added to every deflection, m.
     """
 
-    tcp_m: float = 0.5e-3
-    force: float = 0.02
-    turn_rad: float = math.radians(0.1)
-    shift_m: float = 0.05e-3
+    tcp_m: float = 0.0
+    force: float = 0.0
+    turn_rad: float = 0.0
+    shift_m: float = 0.0
 
     def mistakes(self) -> dict[str, Draw]:
         """Return what each mistake is, with its size, -> how it is drawn; none of size 0."""

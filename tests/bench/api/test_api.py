@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
 import stiffbench as sb
@@ -121,18 +120,14 @@ def test_a_model_whose_training_range_is_unknown_says_so_once(twin):
     assert len(caught) == 1
 
 
-def test_rows_of_a_file_beyond_the_training_range_are_marked_with_each_call_warned_of(
-    twin, tmp_path
-):
-    model, loads = sb.make_model("vjm").fit(twin), tmp_path / "loads.csv"
+def test_each_file_with_rows_beyond_the_training_range_is_warned_of(twin, tmp_path):
+    model = sb.make_model("vjm").fit(twin)
     frame = twin.frame().head(2)
     frame.loc[1, "q2_deg"] = -180.0 - 60.0
-    frame.to_csv(loads, index=False)
+    frame.to_csv(tmp_path / "loads.csv", index=False)
     for name in ("a.csv", "b.csv"):
         with pytest.warns(StiffBenchWarning, match=r"1 of 2 rows: q2 -240 deg"):
-            model.predict_file(loads, tmp_path / name)
-        marks = pd.read_csv(tmp_path / name)["extrapolates"].fillna("")
-        assert marks.tolist() == ["", "joints"]
+            model.predict_file(tmp_path / "loads.csv", tmp_path / name)
 
 
 def test_a_model_that_chooses_its_epoch_gets_poses_to_choose_by_and_says_so(twin, monkeypatch):

@@ -6,11 +6,14 @@ The commands are found in click's own tree, so that a new one is covered by bein
 from __future__ import annotations
 
 import functools
+import inspect
+import re
 from collections.abc import Iterator
 
 import click
 import pytest
 
+import stiffbench as sb
 from command_line import LEAVES, Leaf, assert_refused, bench_here
 from stiff_bench.cli.main import bench
 
@@ -171,6 +174,34 @@ def test_an_unknown_command_is_refused_in_one_line(words, refused):
     said = refused([*words, "no-such-command"])
     assert all(name in said for name in ("no-such-command", *group.commands))
     assert "--no-such-option" in refused([*words, "--no-such-option"])
+
+
+API = {
+    "compare": sb.Results.sensitivity,
+    "data plan": sb.plan_poses,
+    "data simulate": sb.simulate,
+    "leaderboard": sb.Results.leaderboard,
+    "path compensate": sb.compensate_path,
+    "path example": sb.example_path,
+}
+"""Command -> the function of the Python API that has its options as arguments."""
+
+
+@pytest.mark.parametrize("name", API)
+def test_the_help_of_an_option_states_the_default_of_the_python_api(name):
+    (command,) = (leaf.command for leaf in LEAVES if leaf.name == name)
+    arguments, stated = inspect.signature(API[name]).parameters, 0
+    for option in command.params:
+        argument = arguments.get(option.name)
+        if not isinstance(option, click.Option) or not isinstance(argument, inspect.Parameter):
+            continue
+        if argument.default in (None, (), False, inspect.Parameter.empty):
+            continue
+        shown = re.search(r"\[default: ([\w.]+)", option.help)
+        text = str(option.default if shown is None else shown[1]).removesuffix("mm")
+        assert type(argument.default)(text) == argument.default, option.name
+        stated += 1
+    assert stated
 
 
 def test_the_tree_is_whole():

@@ -76,23 +76,21 @@ def test_without_an_output_the_file_is_named_after_the_figure(tmp_path, monkeypa
     assert {path.name for path in tmp_path.iterdir()} == {"runs", "figure-errors.png"}
 
 
-def test_an_unknown_figure_is_refused_with_those_that_there_are():
-    assert "did you mean 'regression'" in refusal("regresion")
-
-
-def test_an_unknown_suffix_is_refused_before_anything_is_read(tmp_path):
-    assert "suffix '.jpg'" in refusal("4", "--output", tmp_path / "a.jpg")
-
-
-def test_missing_results_of_the_paper_name_the_command_that_makes_them(tmp_path):
-    for folder, why in ((tmp_path / "nothing", "no such folder"), (tmp_path, "holds no results")):
-        message = refusal("9", "--results", folder, "--output", tmp_path / "a.png")
-        assert f"{why}; `bench reproduce` makes the results" in message
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [
+        (["regresion"], "did you mean 'regression'"),
+        (["4", "--output", "a.jpg"], "suffix '.jpg'"),
+        (["9", "--results", "none"], "no such folder; `bench reproduce` makes the results"),
+        (["9", "--results", "."], "holds no results; `bench reproduce` makes the results"),
+        (["9", "--model", "gp"], "model gp"),
+        (["4", "--results", "runs"], "results runs: figure 4 is fitted here"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused_and_nothing_is_written(words, part, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert part in refusal(*words)
     assert not list(tmp_path.iterdir())
-
-
-def test_the_papers_figures_take_no_choice_of_models(tmp_path):
-    assert "model gp" in refusal("9", "--model", "gp", "--output", tmp_path / "a.png")
 
 
 def test_a_figure_that_results_are_not_enough_for_leaves_no_file(tmp_path):
@@ -138,27 +136,14 @@ def test_figure_5_has_a_line_a_depth_and_the_papers_values_as_stars(paper):
     assert stars == {(100.0, 0.2186), (100.0, 0.2090), (100.0, 0.2375), (380.0, 0.1199)}
 
 
-def test_results_are_refused_by_the_figure_that_reads_none(tmp_path):
-    message = refusal("4", "--results", tmp_path, "--output", tmp_path / "a.png")
-    assert f"results {tmp_path}: figure 4 is fitted here" in message
-
-
-def caption_of(name: str, results: PaperResults) -> str:
-    return FIGURES[name](results).caption
-
-
-def test_the_models_that_picked_an_epoch_are_named_in_the_papers_figures(tmp_path):
+def test_captions_name_models_that_picked_an_epoch_or_saw_no_target_label(tmp_path):
     made = MadeResults(tmp_path)
     made.add("vjm", [0.1], **PAPER)
     made.add(FT_MLP.name, [0.1], picked_on_test=True, **PAPER)
-    caption = caption_of("9", PaperResults.of(tmp_path))
-    assert f"seed 0. {FT_MLP.name}: epoch picked on test part." in caption
-
-
-def test_figure_8_says_that_no_target_label_trained_its_model(tmp_path):
-    MadeResults(tmp_path).add(DT_CNN.name, [0.1], regime="target labels not trained on", **PAPER)
-    caption = caption_of("8", PaperResults.of(tmp_path))
-    assert f"{DT_CNN.name}: target labels not trained on." in caption
+    made.add(DT_CNN.name, [0.1], regime="target labels not trained on", **PAPER)
+    results = PaperResults.of(tmp_path)
+    assert f"{FT_MLP.name}: epoch picked on test part." in FIGURES["9"](results).caption
+    assert f"{DT_CNN.name}: target labels not trained on." in FIGURES["8"](results).caption
 
 
 def test_one_failed_cell_leaves_its_network_out_of_figure_5_and_names_it(changing):
@@ -169,7 +154,7 @@ def test_one_failed_cell_leaves_its_network_out_of_figure_5_and_names_it(changin
     changing.add(
         pretrained(layers=depth, width=width).name, [0.1], failed=[1], options=options, **PAPER
     )
-    caption = caption_of("5", PaperResults.of(changing.folder))
+    caption = FIGURES["5"](PaperResults.of(changing.folder)).caption
     for lost in ("width=400", "activation=tanh", "sigmoid"):
         assert "No numbers: " in caption and "it broke" in caption and lost in caption
 

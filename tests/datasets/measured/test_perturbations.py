@@ -11,6 +11,8 @@ import pytest
 from stiff_datasets.measured.perturbations import Perturbations
 from stiff_protocols.contract.types import BenchmarkData
 
+ALL = Perturbations(tcp_m=0.5e-3, force=0.02, turn_rad=2e-3, shift_m=5e-5)
+
 
 def test_a_tcp_that_is_off_moves_as_pinocchio_says(kr10_chain, twin, rng):
     wrong = Perturbations(tcp_m=0.5e-3).moved_tcp(twin, rng)
@@ -39,7 +41,7 @@ def test_force_noise_is_a_share_of_each_samples_force_and_of_its_torque(twin, rn
 def test_a_load_without_torque_has_none_with_noise(twin, rng):
     wrench = twin.samples.wrench * [1, 1, 1, 0, 0, 0]
     data = BenchmarkData(replace(twin.samples, wrench=wrench), twin.robot)
-    assert not Perturbations().noisy_wrench(data, rng).samples.wrench[:, 3:].any()
+    assert not ALL.noisy_wrench(data, rng).samples.wrench[:, 3:].any()
 
 
 def test_a_wrong_registration_turns_every_deflection_alike_and_keeps_its_length(twin, rng):
@@ -57,15 +59,15 @@ def test_a_shift_adds_one_constant_to_all_deflections(twin, rng):
     assert np.linalg.norm(shift[0]) == pytest.approx(5e-5)
 
 
-@pytest.mark.parametrize("name", Perturbations().mistakes())
+@pytest.mark.parametrize("name", ALL.mistakes())
 def test_a_mistake_is_another_in_each_draw_and_the_same_with_the_same_seed(twin, name):
-    draw = Perturbations().mistakes()[name]
+    draw = ALL.mistakes()[name]
     first, other, again = (draw(twin, np.random.default_rng(seed)).sha256 for seed in (1, 2, 1))
     assert first == again != other and twin.sha256 not in (first, other)
 
 
 def test_a_mistake_of_no_size_changes_no_number_and_is_left_out(twin, rng):
-    nothing = Perturbations(tcp_m=0.0, force=0.0, turn_rad=0.0, shift_m=0.0)
+    nothing = Perturbations()
     assert nothing.mistakes() == {}
     for draw in (
         nothing.moved_tcp,
