@@ -5,7 +5,7 @@ What needs numpy or pydantic is imported where it is used: a list of keys answer
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +14,7 @@ from stiff_bench.api.tables import Tables, Text
 from stiff_bench.plan.registry import Registry, build_registry
 from stiff_bench.tables.render import plain_text, render
 from stiff_bench.tables.table import Cell, Column, Table
+from stiff_bench.tables.units import PRINTED, marked
 from stiff_protocols.contract.plugin import (
     DatasetInfo,
     Grid,
@@ -57,25 +58,23 @@ def use_only(plugins: Iterable[Path]) -> None:
 def list_models() -> Tables:
     """Return the key of every model, and what it is; families such as scikit-learn's come last."""
     families = [[family.example, family.summary] for family in registry().families]
-    return _listed("models", _KEY, [*_keys(registry().models.values()), *families])
+    return _listed("models", _KEY, [*_rows(registry().models), *families])
 
 
 def list_datasets() -> Tables:
     """Return the key of every data set, its kind, and what it is."""
-    rows = _keys(registry().datasets.values())
-    kinds = [info.label for info in registry().datasets.values()]
-    rows = [[key, kind, what] for (key, what), kind in zip(rows, kinds, strict=True)]
-    return _listed("datasets", ["key", "kind", "what it is"], rows)
+    known = registry().datasets
+    rows = [[key, known[str(key)].label, what] for key, what in _rows(known)]
+    return _listed("datasets", ("key", "kind", "what it is"), rows)
 
 
 def list_protocols() -> Tables:
     """Return the key of every protocol, and what it is."""
-    return _listed("protocols", _KEY, _keys(registry().protocols.values()))
+    return _listed("protocols", _KEY, _rows(registry().protocols))
 
 
 def list_metrics() -> Tables:
     """Return the key of every metric, its unit as printed, what is best, and what it is."""
-    from stiff_bench.tables.units import PRINTED
     from stiff_protocols.contract.types import AXES
     from stiff_protocols.scoring.metrics import METRICS
 
@@ -89,9 +88,8 @@ def list_metrics() -> Tables:
 _KEY = ("key", "what it is")
 
 
-def _keys(infos: Iterable[PluginInfo]) -> list[list[Cell]]:
-    whys = ((info, info.missing()) for info in infos)
-    return [[info.key, f"{info.summary} [{why}]" if why else info.summary] for info, why in whys]
+def _rows(known: Mapping[str, PluginInfo]) -> list[list[Cell]]:
+    return [[info.key, marked(info.summary, info.missing())] for info in known.values()]
 
 
 def _listed(what: str, headers: Sequence[str], rows: Sequence[Sequence[Cell]]) -> Tables:

@@ -13,6 +13,7 @@ import numpy as np
 
 from stiff_bench.api.catalog import registry
 from stiff_bench.api.data import Dataset, choice_of
+from stiff_bench.api.results import metric_line
 from stiff_bench.console import say
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import OURS
@@ -21,7 +22,7 @@ from stiff_bench.run.progress import display
 from stiff_bench.run.whole_fit import whole_fit
 from stiff_bench.tables.render import plain_text
 from stiff_bench.tables.table import Cell, Column, Quantity, Table
-from stiff_bench.tables.units import PRINTED, percent
+from stiff_bench.tables.units import percent
 from stiff_datasets.measured.extrapolation import Extrapolation
 from stiff_protocols.contract.errors import (
     ConfigError,
@@ -39,13 +40,8 @@ from stiff_protocols.contract.interfaces import (
 from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.source_code import code_of
 from stiff_protocols.contract.training_range import TrainingRange
-from stiff_protocols.contract.types import (
-    BenchmarkData,
-    FloatArray,
-    Prediction,
-    frozen_array,
-)
-from stiff_protocols.scoring.metrics import METRICS
+from stiff_protocols.contract.types import BenchmarkData, FloatArray, Prediction, frozen_array
+from stiff_protocols.scoring.metrics import metric_records
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -227,14 +223,7 @@ class Model:
         samples = data.samples
         predicted = self.predict(samples.q, samples.wrench)
         prediction = Prediction(np.arange(len(samples)), predicted, samples.deflection)
-        return DataFrame(
-            [
-                (metric.key, axis, value * PRINTED[metric.unit][1], PRINTED[metric.unit][0])
-                for metric in METRICS.values()
-                for axis, value in metric.values(prediction, None).items()
-            ],
-            columns=["metric", "axis", "value", "unit"],
-        )
+        return DataFrame(map(metric_line, metric_records(prediction)))
 
     @property
     def diagnostics(self) -> dict[str, float]:

@@ -36,21 +36,11 @@ from stiff_datasets.measured.sample_files import (
     read_sheets,
     write_table,
 )
-from stiff_protocols.contract.errors import (
-    ConfigError,
-    ModelError,
-    StiffBenchWarning,
-    unknown_name,
-)
+from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning, unknown_name
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot
-from stiff_protocols.paths.compensation import (
-    MAX_ITERATIONS,
-    TOLERANCE_M,
-    Compensation,
-    compensate,
-)
+from stiff_protocols.paths.compensation import MAX_ITERATIONS, TOLERANCE_M, Compensation, compensate
 from stiff_protocols.paths.example import drivable_path
 from stiff_protocols.paths.inverse import Branch, refuse_redundant
 from stiff_protocols.paths.path import SHAPES

@@ -28,6 +28,12 @@ WRITERS = {
     "transfer": write_transfer,
 }
 
+STUDIES = {
+    "leaderboard": lambda: study.leaderboard_study([info.key for info in MODELS]),
+    "effects": study.effects_study,
+    "transfer": study.transfer_study,
+}
+
 
 @dataclass(frozen=True)
 class Reproduction(Run):
@@ -62,13 +68,7 @@ class Reproduction(Run):
 
 
 def reproduction(
-    what: What,
-    *,
-    full: bool,
-    output: Path,
-    command: str,
-    paper_recipe: bool = False,
-    **how: Any,
+    what: What, *, full: bool, output: Path, command: str, paper_recipe: bool = False, **how: Any
 ) -> Reproduction:
     """Return the study behind the pages of a kind.
 
@@ -83,15 +83,10 @@ def reproduction(
     Raises:
         ConfigError: two options contradict each other.
     """
-    if what == "leaderboard":
-        runs = study.leaderboard_study([info.key for info in MODELS])
-    elif what == "effects":
-        runs = study.effects_study()
-    elif what == "transfer":
-        runs = study.transfer_study()
+    if what == "paper":
+        runs = study.paper_study(full=full) + (study.paper_recipe_study() if paper_recipe else ())
     else:
-        runs = study.paper_study(full=full)
-        runs += study.paper_recipe_study() if paper_recipe else ()
+        runs = STUDIES[what]()
     if how["jobs"] is None and not how["dask"] and how["isolate"] is not False:
         how["jobs"] = usable_cores()
     folder = output / what / "runs"

@@ -16,7 +16,7 @@ from stiff_bench.tables.render import render
 from stiff_bench.tables.table import Table
 from stiff_bench.tables.units import MM, PRINTED
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.record import CellResult, ResultRecord
 from stiff_protocols.contract.types import AXES
 from stiff_protocols.scoring.metrics import METRICS, metric
 
@@ -100,12 +100,7 @@ class Results:
         rows = []
         for one in self.cells:
             about = {**_about(one), "status": one.status, "failure": one.failure}
-            for record in one.records:
-                unit, factor = PRINTED[METRICS[record.metric].unit]
-                value = {"value": record.value * factor, "unit": unit}
-                rows.append({**about, "metric": record.metric, "axis": record.axis, **value})
-            if not one.records:
-                rows.append(about)
+            rows += [{**about, **metric_line(record)} for record in one.records] or [about]
         return DataFrame(rows)
 
     def predictions(self) -> DataFrame:
@@ -366,6 +361,13 @@ class Results:
 
     def _repr_html_(self) -> str:
         return self.table().text_as("html")
+
+
+def metric_line(record: ResultRecord) -> dict[str, object]:
+    """Return a metric as a line of tidy data, in the unit that it is printed in."""
+    unit, factor = PRINTED[METRICS[record.metric].unit]
+    value = {"value": record.value * factor, "unit": unit}
+    return {"metric": record.metric, "axis": record.axis, **value}
 
 
 def _about(one: CellResult) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from stiff_bench.analysis.forecast import Forecast, forecast, forecast_line, forecast_table
+from stiff_bench.analysis.forecast import forecast, forecast_line, forecast_table
 from stiff_bench.api.catalog import registry
 from stiff_bench.api.data import Dataset
 from stiff_bench.api.model import Model
@@ -39,20 +39,16 @@ class Run:
     plans: Sequence[RunPlan]
     execution: Execution = IN_THIS_PROCESS
 
-    def foreseen(self) -> list[Forecast]:
-        """Return what would be computed of each model and, last, of all, and how long that takes.
+    def forecast(self) -> Tables:
+        """Return what would be computed of each model, and how long all takes, in a sentence.
 
         Raises:
             StiffBenchError: the data cannot be loaded or divided.
         """
-        tasks, output = cell_tasks(*self.plans), self.plans[0].output
-        return forecast(tasks, output, rerun=self.execution.rerun)
-
-    def forecast(self) -> Tables:
-        """Return `foreseen` as a table and a sentence."""
-        found, jobs = self.foreseen(), self.execution.executor.at_once
+        plan, jobs = self.plans[0], self.execution.executor.at_once
+        found = forecast(cell_tasks(*self.plans), plan.output, rerun=self.execution.rerun)
         tables = [forecast_table(found, jobs)]
-        text_as = partial(render, tables, command=self.plans[0].command)
+        text_as = partial(render, tables, command=plan.command)
         return Tables(lambda: tables, text_as, forecast_line(found[-1], jobs))
 
     def compute(self) -> Results:

@@ -152,10 +152,7 @@ def validate(file: Path, no_torque: bool, **robot: Any) -> int:
     "--loads-per-pose", type=WholeRange(1, 1000), default=1, help="Number of loads per pose."
 )
 @click.option(
-    "--specimen",
-    type=WholeRange(0, 9),
-    default=0,
-    help="One of ten simulated robots of the type.",
+    "--specimen", type=WholeRange(0, 9), default=0, help="One of ten simulated robots of the type."
 )
 @click.option(
     "--effects",

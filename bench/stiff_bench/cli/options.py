@@ -123,6 +123,9 @@ class Size(click.ParamType[int]):
 
 
 PROBABILITY = FiniteRange(0, 1, min_open=True, max_open=True)
+intervals_option = click.option(
+    "--coverage", type=PROBABILITY, help="Add prediction intervals of this coverage."
+)
 
 
 def picture(_: click.Context, __: click.Parameter, file: Path | None) -> Path | None:

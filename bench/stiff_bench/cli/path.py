@@ -10,10 +10,10 @@ import click
 from stiff_bench.cli.models import model_file_option
 from stiff_bench.cli.options import (
     FILE,
-    PROBABILITY,
     Millimetres,
     Numbers,
     WholeRange,
+    intervals_option,
     output_option,
     picture,
     plugin_option,
@@ -113,11 +113,7 @@ def example(**words: Any) -> None:
     default="stop",
     help="At a point that cannot be corrected: stop, or keep it uncorrected and name it.",
 )
-@click.option(
-    "--coverage",
-    type=PROBABILITY,
-    help="Add prediction intervals of this coverage.",
-)
+@intervals_option
 @click.option(
     "--figure",
     type=FILE,

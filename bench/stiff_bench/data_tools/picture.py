@@ -11,13 +11,7 @@ from stiff_bench.store.samples import load_torque
 from stiff_bench.tables.picture_file import check_suffix, drawing, save_figure
 from stiff_bench.tables.units import MM
 from stiff_models.physics.kinematics import gravity_torque
-from stiff_protocols.contract.types import (
-    AXES,
-    BenchmarkData,
-    FloatArray,
-    IntArray,
-    TextArray,
-)
+from stiff_protocols.contract.types import AXES, BenchmarkData, FloatArray, IntArray, TextArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

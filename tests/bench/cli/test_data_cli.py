@@ -232,10 +232,7 @@ def test_pose_errors_are_fetched_and_never_called_stiffness(tmp_path, home):
 @pytest.mark.parametrize(
     ("words", "parts"),
     [
-        (
-            ["plan", "--robot", "kr11", "--output", "p.csv"],
-            ["robot 'kr11'", "kr10-r1100-2"],
-        ),
+        (["plan", "--robot", "kr11", "--output", "p.csv"], ["robot 'kr11'", "kr10-r1100-2"]),
         (["plan", "--robot", "ur5", "--urdf", "x", "--output", "p.csv"], ["--robot ur5", "one of"]),
         (["plan", "--poses", "9", "--clearance", "5", "--output", "p.csv"], ["clearance", "5 m"]),
         (["plan", "--tcp", "0,0,0.3", "--output", "p.csv"], ["the paper's poses", "clearance"]),
