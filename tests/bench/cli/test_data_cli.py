@@ -103,35 +103,33 @@ def test_a_plan_of_ones_own_robot_needs_its_payload(tmp_path):
     assert "worst joint" not in done.stdout  # its error would be relative to nothing known
 
 
-def test_nothing_is_pretended_to_be_measured_on_a_kr10(tmp_path, home):
+def test_neither_nothing_nor_a_simulated_file_passes_for_a_measured_kr10(tmp_path, home):
+    def refused(*words: str, part: str) -> None:
+        assert_refused(bench_here(*words, cwd=tmp_path, env=home), part)
+
     listed = bench_here("list", "datasets", cwd=tmp_path, env=home).stdout
     (line,) = (line for line in listed.splitlines() if line.startswith("kr10-measured"))
-    assert "bench data register kr10-measured" in line
-    done = bench_here("run", "--model", "vjm", "--dataset", "kr10-measured", cwd=tmp_path, env=home)
-    assert_refused(done, "bench data register kr10-measured")
-
-
-def test_a_simulated_file_is_never_registered_as_a_measurement(tmp_path, home):
+    command = "bench data register kr10-measured"
+    assert command in line
+    refused("run", "--model", "vjm", "--dataset", "kr10-measured", part=command)
     bench_here("data", "simulate", "--samples", "20", "--output", "s.csv", cwd=tmp_path)
-    done = bench_here("data", "register", "kr10-measured", "s.csv", cwd=tmp_path, env=home)
-    assert_refused(done, "s.csv: ", "'simulated'")
+    refused("data", "register", "kr10-measured", "s.csv", part="'simulated'")
 
 
-def test_validate_lists_every_error_and_leaves_with_2(tmp_path):
-    text = Path(FANUC_CSV).read_text().replace("-0.686", "nan", 1)
-    (tmp_path / "my.csv").write_text(text.replace("-0.538", "99", 1))
-    done = bench_here("data", "validate", "my.csv", "--robot", "fanuc-r2000ic", cwd=tmp_path)
-    assert done.returncode == 2
-    assert done.stdout.startswith("my.csv: invalid, 2 errors")
-    assert "row 2, column dx_mm: 'nan'" in done.stdout
-    assert "row 3, column dx_mm: '99'" in done.stdout
-
-
-def test_validate_of_what_is_suspicious_leaves_with_1(tmp_path):
-    (tmp_path / "my.csv").write_text(Path(FANUC_CSV).read_text())
-    done = bench_here("data", "validate", "my.csv", "--robot", "fanuc-r2000ic", cwd=tmp_path)
+def test_validate_leaves_with_1_of_what_is_suspicious_and_with_2_and_every_error_if_invalid(
+    tmp_path,
+):
+    words = ["data", "validate", "my.csv", "--robot", "fanuc-r2000ic"]
+    text = Path(FANUC_CSV).read_text()
+    (tmp_path / "my.csv").write_text(text)
+    done = bench_here(*words, cwd=tmp_path)
     assert done.returncode == 1 and done.stdout.startswith("my.csv: suspicious, ")
     assert "every torque is zero" in done.stdout
+    (tmp_path / "my.csv").write_text(text.replace("-0.686", "nan", 1).replace("-0.538", "99", 1))
+    done = bench_here(*words, cwd=tmp_path)
+    assert done.returncode == 2 and done.stdout.startswith("my.csv: invalid, 2 errors")
+    for part in ("row 2, column dx_mm: 'nan'", "row 3, column dx_mm: '99'"):
+        assert part in done.stdout
 
 
 def test_files_without_torques_are_used_and_registered_where_that_is_said(tmp_path, home):
@@ -184,15 +182,10 @@ def test_a_robot_of_ones_own_is_simulated_from_urdf_and_constants(tmp_path):
 def test_info_prints_card_facts_and_caveats_and_draws_a_picture(tmp_path):
     done = bench_here("data", "info", "fanuc-r2000ic", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    for part in (
-        "drill tip",
-        "Copyright (c) 2026",
-        "sha256",
-        "43",
-        "results/info/fanuc-r2000ic.png",
-    ):
+    picture = "results/info/fanuc-r2000ic.png"
+    for part in ("drill tip", "Copyright (c) 2026", "sha256", "43", picture):
         assert part in done.stdout
-    assert (tmp_path / "results/info/fanuc-r2000ic.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from stiff_datasets.measured.sample_files import sample_table, write_table
 from stiff_datasets.robots.robot import load_robot
 from stiff_models import load
 from stiff_models.physics.vjm import joint_deflection
-from stiff_protocols.contract.errors import ConfigError, DataError, StoreError
+from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import Samples
 
 JOINTS = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg"
@@ -105,7 +105,8 @@ def test_fit_predict_and_export_on_the_command_line(tmp_path):
 
 def test_predictions_are_the_models_in_millimetres_beside_the_rows(predict, vjm_file):
     table, text = predict(f"pose_id,{HEADER}", f"007,{ROW}", f"008,{ROW}")
-    assert "2 rows" in text
+    assert "2 rows" in text and "warning" not in text
+    assert table["extrapolates"].isna().all()
     assert list(table.columns) == [*f"pose_id,{HEADER}".split(","), *PREDICTED]
     assert table["pose_id"].tolist() == ["007", "008"]
     q = np.deg2rad([[10.0, -60, 70, 0, 40, 0]])
@@ -125,14 +126,6 @@ def test_what_is_odd_is_predicted_with_a_warning(predict):
     assert len(table) == 2
     assert "columns not used: note" in said
     assert "1 row has a joint outside of its limits, the first: row 3, column q1_deg" in said
-
-
-def test_predictions_are_not_written_as_text_into_a_file_that_says_excel(tmp_path, vjm_file):
-    (tmp_path / "loads.csv").write_text(f"{HEADER}\n{ROW}\n")
-    words = ["--input", "loads.csv", "--output", "out.xlsx"]
-    done = bench_here("predict", "--model", vjm_file, *words, cwd=tmp_path)
-    assert_refused(done, "out.xlsx: Excel files are read, not written (valid: .csv, .parquet)")
-    assert [path.name for path in tmp_path.iterdir()] == ["loads.csv"]
 
 
 @pytest.mark.parametrize(
@@ -158,32 +151,28 @@ def test_a_bad_value_is_named_with_file_row_and_column(lines, parts, predict):
         assert part in str(refused.value)
 
 
-def test_existing_files_are_never_written_over(vjm_file, tmp_path):
-    before = vjm_file.read_bytes()
-    with pytest.raises(StoreError, match="exists"):
-        run(deploy_cli.fit, "--model", "vjm", "--dataset", "kr10-twin", "--output", vjm_file)
-    with pytest.raises(StoreError, match="exists"):
-        run(deploy_cli.predict, "--model", vjm_file, "--input", vjm_file, "--output", vjm_file)
-    with pytest.raises(StoreError, match="exists"):
-        run(deploy_cli.export, "--model", vjm_file, "--output", vjm_file)
-    assert vjm_file.read_bytes() == before
+FIT = ["fit", "--model", "vjm", "--dataset", "kr10-twin", "--output"]
+PREDICT = ["predict", "--model", "vjm.stiff", "--input", "loads.csv", "--output"]
 
 
-def test_a_folder_that_is_not_there_is_refused_before_the_fit(tmp_path):
-    with pytest.raises(StoreError, match="no folder"):
-        run(deploy_cli.fit, "--model", "vjm", "--dataset", "kr10-twin", "--output",
-            tmp_path / "none" / "vjm.stiff")  # fmt: skip
-
-
-@pytest.mark.parametrize("words", [[], ["--dataset", "kr10-twin", "--data", "my.csv"]])
-def test_a_fit_needs_one_set_of_data(words, tmp_path):
-    with pytest.raises(ConfigError, match="one of --dataset KEY and --data"):
-        run(deploy_cli.fit, "--model", "vjm", *words, "--output", tmp_path / "vjm.stiff")
-
-
-def test_rows_inside_the_training_range_have_no_mark_and_no_warning(predict):
-    table, said = predict(HEADER, ROW, ROW)
-    assert table["extrapolates"].isna().all() and "warning" not in said
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [
+        ([*FIT, "vjm.stiff"], "vjm.stiff: exists"),
+        ([*PREDICT, "loads.csv"], "loads.csv: exists"),
+        (["export", "--model", "vjm.stiff", "--output", "loads.csv"], "loads.csv: exists"),
+        ([*FIT, "none/vjm.stiff"], "no folder none"),
+        ([*FIT[:3], "--output", "new"], "one of --dataset KEY and --data"),
+        ([*FIT, "new", "--data", "my.csv"], "one of --dataset KEY and --data"),
+        ([*PREDICT, "out.xlsx"], "Excel files are read, not written (valid: .csv, .parquet)"),
+    ],
+)
+def test_what_cannot_be_written_is_refused_and_nothing_changes(words, part, vjm_file, tmp_path):
+    contents = {"vjm.stiff": vjm_file.read_bytes(), "loads.csv": f"{HEADER}\n{ROW}\n".encode()}
+    for name, content in contents.items():
+        (tmp_path / name).write_bytes(content)
+    assert_refused(bench_here(*words, cwd=tmp_path), part)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == contents
 
 
 def test_rows_beyond_the_training_range_are_marked_and_one_warning_has_the_numbers(

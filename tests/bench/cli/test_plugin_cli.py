@@ -149,19 +149,6 @@ def test_a_shipped_model_a_data_set_and_a_protocol_pass():
         assert checked.where == first
 
 
-def test_what_cannot_be_used_here_says_why(bad):
-    registry = build_registry([bad])
-    registry.add(
-        [ModelInfo(key="extra", target=dict, summary="", missing_because=f"{__name__}:why")], "test"
-    )
-    with pytest.raises(StiffBenchError, match="'extra' cannot be checked here: no weights"):
-        checklist("extra", "fanuc-r2000ic", (), registry)
-
-
-def why() -> str:
-    return "no weights"
-
-
 class NeedsFile(BaseEstimator):
     """Can be used once an option names a file."""
 
@@ -172,10 +159,17 @@ class NeedsFile(BaseEstimator):
         return "" if self.file else "no file of weights"
 
 
-def test_what_a_model_misses_depends_on_its_options():
+def why() -> str:
+    return "no weights"
+
+
+def test_what_cannot_be_used_here_or_not_with_its_options_says_why():
     registry = build_registry()
-    registry.add([ModelInfo(key="needs-file", target=NeedsFile, summary="")], "test")
-    with pytest.raises(StiffBenchError, match="'needs-file' cannot be checked here: no file of"):
-        checklist("needs-file", "fanuc-r2000ic", (), registry)
+    extra = ModelInfo(key="extra", target=dict, summary="", missing_because=f"{__name__}:why")
+    needs = ModelInfo(key="needs-file", target=NeedsFile, summary="")
+    registry.add([extra, needs], "test")
+    for key, reason in (("extra", "no weights"), ("needs-file", "no file of weights")):
+        with pytest.raises(StiffBenchError, match=f"'{key}' cannot be checked here: {reason}"):
+            checklist(key, "fanuc-r2000ic", (), registry)
     checked = checklist("needs-file", "fanuc-r2000ic", ("needs-file.file=w.ckpt",), registry)
     assert "needs-file (file=w.ckpt) on fanuc-r2000ic" in checked.where
