@@ -119,7 +119,8 @@ def first_plan(robot: Robot, papers: ChainModel | None, how: Choosing) -> PosePl
     Raises:
         ConfigError: an argument is out of range.
     """
-    n_poses, reference = how.poses or FIRST_POSES, np.full(robot.n_joints, REFERENCE_COMPLIANCE)
+    n_poses = FIRST_POSES if how.poses is None else how.poses
+    reference = np.full(robot.n_joints, REFERENCE_COMPLIANCE)
     pool = how.drawn(robot, n_poses)
     regressors = regressor(robot, pool.q, pool.wrench)
     if papers is not None:

@@ -107,6 +107,11 @@ def test_a_plan_and_what_was_measured_of_it_are_one_file(tmp_path, measured, ur5
     assert len(sb.read_samples(tmp_path / "both.csv", robot="ur5")) == 17
 
 
+def test_joints_that_the_measured_poses_do_not_identify_are_named(tmp_path, measured):
+    done = bench_here(*UR5, "--after", measured(1), "--poses", "6", cwd=tmp_path)
+    assert "Not identifiable from the measured poses: shoulder_pan, " in done.stdout, done.stderr
+
+
 def test_springs_that_explain_little_raise_the_question_of_the_robot(tmp_path, measured):
     rows = pd.read_csv(tmp_path / measured(12))
     rows[["dx_mm", "dy_mm", "dz_mm"]] *= -1.0
