@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -257,31 +257,25 @@ def test_a_large_cloud_is_thinned_and_the_picture_says_so(rng, tmp_path):
     assert len(text) < 1_500_000
 
 
-@dataclass(frozen=True, kw_only=True)
-class CardedInfo(DatasetInfo):
-    card: str = ""
-
-
-def info_of(card):
-    return CardedInfo(
-        key="fanuc-r2000ic",
-        target="stiff_datasets.measured.fanuc_r2000ic:FanucR2000iC",
-        kind="measured",
-        summary="43 real deflections",
-        reference="a card",
-        caveats=("too few to rank.",),
-        card=card,
-    )
+FANUC = DatasetInfo(
+    key="fanuc-r2000ic",
+    target=FanucR2000iC,
+    kind="measured",
+    summary="43 real deflections",
+    reference="a card",
+    caveats=("too few to rank.",),
+    card="data/fanuc_r2000ic.md",
+)
 
 
 def test_a_card_that_is_not_there_is_named():
     with pytest.raises(DataError, match=r"'fanuc-r2000ic': card 'data/absent\.md'.*expected"):
-        dataset_info(info_of("data/absent.md"), FanucR2000iC().load(), Path("a.png"))
+        dataset_info(replace(FANUC, card="data/absent.md"), FANUC.target().load(), Path("a.png"))
 
 
 def test_info_holds_heading_facts_card_and_the_place_of_the_picture(tmp_path):
-    data, picture = FanucR2000iC().load(), tmp_path / "fanuc.png"
-    text = dataset_info(info_of("data/fanuc_r2000ic.md"), data, picture)
+    data, picture = FANUC.target().load(), tmp_path / "fanuc.png"
+    text = dataset_info(FANUC, data, picture)
     parts = (
         *("fanuc-r2000ic (measured): 43 real deflections", "reference: a card"),
         *("caveat: too few to rank.", data.sha256, plain_text(facts(data)[3])),
@@ -289,4 +283,4 @@ def test_info_holds_heading_facts_card_and_the_place_of_the_picture(tmp_path):
     )
     places = [text.index(part) for part in parts]
     assert places == sorted(places)
-    assert "# Data card" not in dataset_info(info_of(""), data, picture)
+    assert "# Data card" not in dataset_info(replace(FANUC, card=""), data, picture)
