@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from tabulate import tabulate
 
-from stiff_bench.analysis.pose_plans import Choosing, Measured, next_plan
+from stiff_bench.analysis.pose_plans import Measured, PlanOptions, next_plan
 from stiff_bench.plan.options import Choice
 from stiff_bench.run.whole_fit import whole_fit
 from stiff_datasets.planning.plan import MeasurementPlan, candidate_plan
@@ -56,7 +56,7 @@ def outcome(twin: str, model: str, n_measured: int, n_new: int, seed: int) -> Ou
 
     samples = measured(random(n_measured, 1000 + seed), seed)
     tested = measured(random(TESTED, 2000 + seed), 2000 + seed)
-    how = Choosing(n_new, None, CANDIDATES, constants.payload_kg, 0.2, seed)
+    how = PlanOptions(n_new, None, CANDIDATES, constants.payload_kg, 0.2, seed)
     found = next_plan(Measured("my.csv", samples, robot, choice), how)
 
     def error(*new: MeasurementPlan) -> float:

@@ -71,7 +71,7 @@ SMALLEST_SIZE, FEWEST_FOR_CURVE = 5, 15
 
 
 @dataclass(frozen=True)
-class Choosing:
+class PlanOptions:
     """How poses are chosen: the arguments of `stiffbench.plan_poses`."""
 
     poses: int | None
@@ -107,7 +107,7 @@ class PosePlan:
     rest: Sequence[str] = ()
 
 
-def first_plan(robot: Robot, papers: ChainModel | None, how: Choosing) -> PosePlan:
+def first_plan(robot: Robot, papers: ChainModel | None, how: PlanOptions) -> PosePlan:
     """Return a plan for a robot of which nothing is measured.
 
     Args:
@@ -228,7 +228,9 @@ class Measured:
         )
 
 
-def next_plan(measured: Measured, how: Choosing, workspace: Path | str | None = None) -> PosePlan:
+def next_plan(
+    measured: Measured, how: PlanOptions, workspace: Path | str | None = None
+) -> PosePlan:
     """Return a plan that goes on where a measurement ended.
 
     Args:

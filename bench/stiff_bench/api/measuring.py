@@ -95,7 +95,7 @@ def plan_poses(
     payload = known_payload if payload is None else payload
     if payload is None:
         raise ConfigError(f"of {arm.name} is not known; give it, in kg", "payload")
-    how = pose_plans.Choosing(poses, criterion, candidates, payload, clearance, seed)
+    how = pose_plans.PlanOptions(poses, criterion, candidates, payload, clearance, seed)
     name, step, curve = arm.name, "", []
     if after is None:
         with display():
