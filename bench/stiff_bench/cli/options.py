@@ -202,18 +202,17 @@ FORMATS = click.Choice(["github", "latex", "csv", "html", "json"])
 format_option = click.option(
     "--format", "fmt", type=FORMATS, default="github", help="Format of standard output."
 )
-models_option = several_keys(
-    "--model", "models", help="A model, or a key for all its variants; may be repeated."
-)
+
+
+def variants_option(kind: str, thing: str) -> Callable[[Command], Command]:
+    """Return the option that chooses models, data sets or protocols among those with results."""
+    text = f"A {thing}, or a key for all its variants; may be repeated."
+    return several_keys(f"--{kind}", f"{kind}s", help=text)
+
+
+models_option = variants_option("model", "model")
 case_options = together(
-    several_keys(
-        "--dataset", "datasets", help="A data set, or a key for all its variants; may be repeated."
-    ),
-    several_keys(
-        "--protocol",
-        "protocols",
-        help="A protocol, or a key for all its variants; may be repeated.",
-    ),
+    variants_option("dataset", "data set"), variants_option("protocol", "protocol")
 )
 ranking_options = together(
     models_option,
