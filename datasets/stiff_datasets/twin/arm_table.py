@@ -57,7 +57,7 @@ def payload_deflection(constants: TwinConstants, q: FloatArray) -> FloatArray:
     beams = specimen_beams(constants, robot, 0, asked=True)
     twin = DigitalTwin(robot, constants.springs, beams=beams)
     weight = np.tile([0.0, 0.0, -constants.payload_kg * G], (len(q), 1))
-    wrench = hook_wrenches(weight, twin.tool_vectors(q, constants.hook_m))
+    wrench = hook_wrenches(weight, robot.forward(q).rotation @ np.array(constants.hook_m))
     return np.asarray(np.linalg.norm(twin.readings(q, wrench), axis=1))
 
 

@@ -79,7 +79,7 @@ def test_a_gears_rated_torque_is_near_the_joints_static_torque(number, data, con
     lever = np.linalg.norm(np.cross(axes, hook[:, None] - stands.points[:, :-1]), axis=2)
     weight = [np.abs(pin.computeGeneralizedGravity(model, frames, angles)) for angles in q]
     largest = (np.array(weight) + twin.payload_kg * G * lever).max(axis=0)
-    ratio = np.array([joint.springs.gear.rated_torque for joint in twin.joint]) / largest
+    ratio = np.array([joint.springs.gear.rated_Nm for joint in twin.joint]) / largest
     assert (ratio > 0.5).all() and (ratio < 4).all()  # 14 is the smallest size
 
 
@@ -92,7 +92,7 @@ def test_the_constants_are_those_of_the_rule_in_the_files_head(number, constants
     rng = stream("arm-family", twin.name)
     factors, tubes = np.exp(0.3 * rng.normal(size=(6, 3))), np.exp(0.1 * rng.normal(size=7))
     for joint, (stiff, tilted, lost) in zip(twin.joint, factors, strict=True):
-        middle = joint.springs.gear.slopes[1]
+        middle = joint.springs.gear.slopes_Nm_per_rad[1]
         assert joint.structure_Nm_per_rad == pytest.approx(structure * stiff * middle, rel=DIGITS)
         assert joint.tilting_ratio == pytest.approx(np.clip(tilting * tilted, 1, 8), rel=DIGITS)
         assert joint.lost_motion_arcmin == pytest.approx(LOST_MOTION_ARCMIN * lost, rel=DIGITS)

@@ -41,7 +41,7 @@ def compliances(beams, q):
 
 
 def test_a_cantilever_gives_way_as_timoshenkos_closed_form_says():
-    length, tube = 0.8, Tube(0.1, 0.01)
+    length, tube = 0.8, Tube(outer_m=0.1, wall_m=0.01)
     area = np.pi * (0.05**2 - 0.04**2)
     inertia = np.pi / 4 * (0.05**4 - 0.04**4)
     found = compliances(cantilever(length, tube), np.zeros((1, 1)))[0]
@@ -132,7 +132,7 @@ def parts(beams):
 
 def test_with_rigid_links_the_springs_remain_alone(poses, rng):
     robot, wrench = BEAM.robot(), rng.normal(size=(6, 6)) * 10
-    stiff = Beams(robot, (Tube(0.2, 0.1),) * 7, np.full(7, 1e25), NU)
+    stiff = Beams(robot, (Tube(outer_m=0.2, wall_m=0.1),) * 7, np.full(7, 1e25), NU)
     alone = DigitalTwin(robot, BEAM.springs).readings(poses, wrench)
     found = DigitalTwin(robot, BEAM.springs, beams=stiff).readings(poses, wrench)
     np.testing.assert_allclose(found, alone, rtol=1e-9)
