@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -393,71 +393,65 @@ def _solved(gram: FloatArray, right: FloatArray) -> FloatArray:
     return np.asarray(nnls((axes * root).T, (axes / root).T @ (right / size))[0] / size)
 
 
-def readings(data: Reading, joints_only: bool = False) -> Iterator[tuple[str, Reading, float]]:
-    """Yield every hypothesis without free numbers, what it makes of the samples, and `must_gain`.
+def readings(data: Reading, joints_only: bool = False) -> list[tuple[str, Reading, float]]:
+    """Return every hypothesis without free numbers, what it makes of the samples, and `must_gain`.
 
     The likeliest come first.
     """
+    kinds = [(_joints, GAIN)]
     if not joints_only:
-        yield from ((*each, POINT_GAIN) for each in _points(data))
-        yield from ((*each, GAIN) for each in _wrenches(data))
-        yield from ((*each, RARE_GAIN) for each in _units(data))
-    yield from ((*each, GAIN) for each in _joints(data))
-    if not joints_only:
-        for text, each in _axes(data):
-            yield text, each, RARE_GAIN if "taken from" in text else GAIN
-        yield from ((*each, GAIN) for each in _rows(data))
+        kinds = [(_points, POINT_GAIN), (_wrenches, GAIN), (_units, RARE_GAIN), *kinds]
+        kinds += [(_axes, GAIN), (_rows, GAIN)]
+    return [
+        (text, each, RARE_GAIN if "taken from" in text else gain)  # an odd order of axes
+        for made, gain in kinds
+        for text, each in made(data).items()
+    ]
 
 
-def _points(data: Reading) -> Iterator[tuple[str, Reading]]:
-    if data.torque.any():
-        for name, point in {"flange": data.lever, "base": data.tcp}.items():
-            torque = data.torque - np.cross(point, data.force)
-            text = f"the torques look as if they were taken about the {name}, not the TCP"
-            yield text, replace(data, torque=torque)
+def _points(data: Reading) -> dict[str, Reading]:
+    points = {"flange": data.lever, "base": data.tcp} if data.torque.any() else {}
+    return {
+        f"the torques look as if they were taken about the {name}, not the TCP": replace(
+            data, torque=data.torque - np.cross(point, data.force)
+        )
+        for name, point in points.items()
+    }
 
 
-def _wrenches(data: Reading) -> Iterator[tuple[str, Reading]]:
+def _wrenches(data: Reading) -> dict[str, Reading]:
     to_base = functools.partial(_turned, data.flange)
-    yield (
+    found = {
         "the wrench looks as if it had the opposite sign (the reaction? or is the deflection "
-        "unloaded minus loaded?)",
-        _changed(data, np.negative, *LOAD),
-    )
-    yield (
-        "the wrench looks as if it were expressed in the flange frame",
-        _changed(data, to_base, *LOAD),
-    )
+        "unloaded minus loaded?)": _changed(data, np.negative, *LOAD),
+        "the wrench looks as if it were expressed in the flange frame": _changed(
+            data, to_base, *LOAD
+        ),
+    }
     if (data.deflection >= 0.0).all():
-        yield "the deflections look as if they had lost their signs", _signed(data)
-    if not data.torque.any():
-        return
-    yield (
-        "the torques look as if they had the opposite sign",
-        _changed(data, np.negative, "torque"),
-    )
-    for name in ("torque", "force"):
-        text = f"the {name}s look as if they were expressed in the flange frame"
-        yield text, _changed(data, to_base, name)
-    yield (
-        "forces and torques look as if they were swapped",
-        replace(data, force=data.torque, torque=data.force),
-    )
+        found["the deflections look as if they had lost their signs"] = _signed(data)
+    if data.torque.any():
+        opposite = _changed(data, np.negative, "torque")
+        found["the torques look as if they had the opposite sign"] = opposite
+        for name in ("torque", "force"):
+            text = f"the {name}s look as if they were expressed in the flange frame"
+            found[text] = _changed(data, to_base, name)
+        swapped = replace(data, force=data.torque, torque=data.force)
+        found["forces and torques look as if they were swapped"] = swapped
+    return found
 
 
-def _units(data: Reading) -> Iterator[tuple[str, Reading]]:
-    force, torque = data.force, data.torque
-    if not torque.any():  # the size of the stiffnesses is all that tells
-        return
+def _units(data: Reading) -> dict[str, Reading]:
+    found: dict[str, Reading] = {}
+    if not data.torque.any():  # the size of the stiffnesses is all that tells
+        return found
     for (of_force, of_torque), (in_newton, in_newton_metres) in UNITS.items():
         words = [f"the forces look as if they were in {of_force}"] if of_force else []
         words += [f"the torques look as if they were in {of_torque}"] if of_torque else []
-        changed = replace(data, force=force * in_newton, torque=torque * in_newton_metres)
-        yield " and ".join(words), changed
-    yield (
-        "the torques look as if they did not belong to the forces",
-        replace(data, torque=np.zeros_like(torque)),
-    )
+        force, torque = data.force * in_newton, data.torque * in_newton_metres
+        found[" and ".join(words)] = replace(data, force=force, torque=torque)
+    without = replace(data, torque=np.zeros_like(data.torque))
+    return found | {"the torques look as if they did not belong to the forces": without}
 
 
 def _signed(data: Reading) -> Reading:
@@ -469,7 +463,8 @@ def _signed(data: Reading) -> Reading:
     return changed
 
 
-def _axes(data: Reading) -> Iterator[tuple[str, Reading]]:
+def _axes(data: Reading) -> dict[str, Reading]:
+    found: dict[str, Reading] = {}
     for matrix in _signed_permutations():
         proper = np.linalg.det(matrix) > 0.0
         same = bool((matrix == np.eye(3)).all())
@@ -479,63 +474,59 @@ def _axes(data: Reading) -> Iterator[tuple[str, Reading]]:
         to_base = functools.partial(_turned, data.flange @ matrix)
         turned = _changed(data, to_base, *LOAD)
         if not same:
-            yield f"the wrench looks as if it {read}", _changed(data, again, *LOAD)
+            found[f"the wrench looks as if it {read}"] = _changed(data, again, *LOAD)
             for name in ("force", "torque", "deflection"):
-                yield f"the {name}s look as if they {read}", _changed(data, again, name)
+                found[f"the {name}s look as if they {read}"] = _changed(data, again, name)
             if proper:  # else one of opposite signs, which is the same
-                yield (
-                    f"wrench and deflections look as if they {read}",
-                    _changed(data, again, *LOAD, "deflection"),
-                )
-            yield f"the wrench looks as if it were {frame}", turned
+                text = f"wrench and deflections look as if they {read}"
+                found[text] = _changed(data, again, *LOAD, "deflection")
+            found[f"the wrench looks as if it were {frame}"] = turned
         if data.torque.any():
             about = turned.torque - np.cross(data.lever, turned.force)
             text = f"the wrench looks as if it were {frame}, its torque about the flange"
-            yield text, replace(turned, torque=about)
+            found[text] = replace(turned, torque=about)
         text = f"the deflections look as if they were {frame}"
-        yield text, _changed(data, to_base, "deflection")
+        found[text] = _changed(data, to_base, "deflection")
         if proper:
             text = f"wrench and deflections look as if they were {frame}"
-            yield text, _changed(turned, to_base, "deflection")
+            found[text] = _changed(turned, to_base, "deflection")
+    return found
 
 
-def _joints(data: Reading) -> Iterator[tuple[str, Reading]]:
-    names = data.robot.joint_names
-    unit = np.eye(len(names))
-    for name, row in zip(names, unit, strict=True):
-        yield f"joint {name} looks as if it had the opposite sign", data.at(data.q * (1 - 2 * row))
+def _joints(data: Reading) -> dict[str, Reading]:
+    names, q = data.robot.joint_names, data.q
+    numbers = np.arange(len(names))
     revolute = np.array([kind == "revolute" for kind in data.robot.joint_types])
-    for name, row, turns in zip(names, unit, revolute, strict=True):
-        for degrees in (90, -90, 180) if turns else ():
-            text = f"joint {name} looks as if it were {degrees:+d} deg off"
-            if name == names[-1]:  # which turns the tool alone
+    read = {  # text -> (n, n_joints) joint positions, rad or m
+        f"joint {name} looks as if it had the opposite sign": np.where(numbers == i, -q, q)
+        for i, name in enumerate(names)
+    }
+    for i in np.flatnonzero(revolute):
+        for degrees in (90, -90, 180):
+            text = f"joint {names[i]} looks as if it were {degrees:+d} deg off"
+            if i == numbers[-1]:  # which turns the tool alone
                 text = (
                     f"the TCP looks as if it were {degrees:+d} deg off about the axis of joint "
-                    f"{name}, or joint {name} as if it were"
+                    f"{names[i]}, or joint {names[i]} as if it were"
                 )
-            yield text, data.at(data.q - row * np.deg2rad(degrees))
-    for i, j in itertools.combinations(range(len(names)), 2):
-        order = np.arange(len(names))
+            read[text] = q - (numbers == i) * np.deg2rad(degrees)
+    for i, j in itertools.combinations(numbers, 2):
+        order = numbers.copy()
         order[[i, j]] = j, i
-        yield (
-            f"joints {names[i]} and {names[j]} look as if they were swapped",
-            data.at(data.q[:, order]),
-        )
-    yield "the joints look as if they stood in reverse order", data.at(data.q[:, ::-1])
-    yield "all joints look as if they had the opposite sign", data.at(-data.q)
+        read[f"joints {names[i]} and {names[j]} look as if they were swapped"] = q[:, order]
+    read["the joints look as if they stood in reverse order"] = q[:, ::-1]
+    read["all joints look as if they had the opposite sign"] = -q
+    in_rad = np.where(revolute, np.rad2deg(q), q)
     if revolute.any():
-        yield (
-            "the joint angles look as if they were in rad",
-            data.at(np.where(revolute, np.rad2deg(data.q), data.q)),
-        )
-    small = np.abs(np.rad2deg(data.q)).max(axis=0) <= 2.0 * np.pi
-    for joint in np.flatnonzero(revolute & small):
-        q = data.q.copy()
-        q[:, joint] = np.rad2deg(q[:, joint])
-        yield f"joint {names[joint]} looks as if it were in rad", data.at(q)
+        read["the joint angles look as if they were in rad"] = in_rad
+    small = np.abs(np.rad2deg(q)).max(axis=0) <= 2.0 * np.pi
+    for i in np.flatnonzero(revolute & small):
+        read[f"joint {names[i]} looks as if it were in rad"] = np.where(numbers == i, in_rad, q)
+    return {text: data.at(positions) for text, positions in read.items()}
 
 
-def _rows(data: Reading) -> Iterator[tuple[str, Reading]]:
+def _rows(data: Reading) -> dict[str, Reading]:
+    found: dict[str, Reading] = {}
     for step, where in ((-1, "down"), (1, "up")):
         words = f"look as if they were shifted {where} by one row"
         kept = np.ones((len(data.q), 1))
@@ -545,13 +536,13 @@ def _rows(data: Reading) -> Iterator[tuple[str, Reading]]:
         )
         loads = replace(data, force=data.force * kept, torque=data.torque * kept)
         given = replace(loads, deflection=data.deflection * kept)
-        yield f"the deflections {words}", replace(loads, deflection=deflection * kept)
-        yield f"the wrenches {words}", replace(given, force=force * kept, torque=torque * kept)
-        yield f"the joint angles {words}", given.at(q)
-    yield (
-        "the deflections look as if their rows stood in reverse order",
-        replace(data, deflection=data.deflection[::-1]),
-    )
+        found |= {
+            f"the deflections {words}": replace(loads, deflection=deflection * kept),
+            f"the wrenches {words}": replace(given, force=force * kept, torque=torque * kept),
+            f"the joint angles {words}": given.at(q),
+        }
+    backwards = replace(data, deflection=data.deflection[::-1])
+    return found | {"the deflections look as if their rows stood in reverse order": backwards}
 
 
 def _moved_tcp(data: Reading, shift: FloatArray) -> Reading:

@@ -18,11 +18,10 @@ import pandas as pd
 from stiff_datasets.measured.sample_checks import (
     Problem,
     limit_problems,
-    number_problems,
+    numbers_and_loads,
     problems_error,
     radian_problems,
     table_problems,
-    wrench_problems,
 )
 from stiff_datasets.measured.sample_files import (
     DEFLECTION_COLUMNS,
@@ -81,14 +80,8 @@ def read_loads(path: Path, robot: Robot) -> LoadTable:
     if problems:
         raise problems_error(path, problems, "")
     joints = joint_columns(robot)
-    q_file, wrench = sheet.numbers(joints), sheet.numbers(WRENCH_COLUMNS)
-    problems = [
-        *number_problems(sheet, joints, q_file),
-        *number_problems(sheet, WRENCH_COLUMNS, wrench),
-        *wrench_problems(sheet, wrench),
-    ]
+    q_file, wrench, problems = numbers_and_loads(sheet, joints)
     if problems:
-        problems.sort(key=lambda problem: problem.row or 0)
         raise problems_error(path, problems, "mend this one first")
     outside = list(limit_problems(sheet, q_file, robot))
     names = [name for name in ID_COLUMNS if name in sheet.cells]
@@ -100,7 +93,7 @@ def read_loads(path: Path, robot: Robot) -> LoadTable:
         wrench=wrench,
         columns=pd.DataFrame(columns),
         oddities=(
-            *([f"{path}: columns not used: {', '.join(sheet.unused)}"] if sheet.unused else []),
+            *sheet.oddities,
             *(f"{path}: {problem}" for problem in radian_problems(q_file, robot)),
             *([_outside(path, outside)] if outside else []),
         ),

@@ -34,9 +34,8 @@ def read_samples(path: Path, robot: Robot, *, no_torque: bool = False) -> Sample
     """
     checked = check_sheet(read_sheet(path), robot, no_torque=no_torque)
     samples = _samples(checked, "bench data validate lists them")
-    if unused := checked.sheet.unused:
-        message = f"{path}: columns not used: {', '.join(unused)}"
-        warnings.warn(message, StiffBenchWarning, stacklevel=2)
+    for oddity in checked.sheet.oddities:
+        warnings.warn(oddity, StiffBenchWarning, stacklevel=2)
     return samples
 
 

@@ -22,14 +22,16 @@ import pandas as pd
 from stiff_datasets.measured.load_file import interval_columns
 from stiff_datasets.measured.sample_checks import (
     FULL_TURN_RAD,
+    NO_TORQUE,
     Problem,
     cell_problem,
+    filled,
     limit_problems,
-    number_problems,
+    numbers_and_loads,
     problems_error,
     radian_problems,
+    range_problems,
     table_problems,
-    wrench_problems,
 )
 from stiff_datasets.measured.sample_files import (
     DEFLECTION_COLUMNS,
@@ -146,12 +148,13 @@ def overview(path: Path, rows: int) -> tuple[Sheet, int]:
     """
     blocks = read_sheets(path, rows)
     first = next(blocks)
-    parts, n = [first], len(first.cells)
+    cells, lines, n = [first.cells], [first.lines], len(first.cells)
     for block in blocks:
-        parts.append(block.take(slice(None, None, SPARSE)))
+        cells.append(block.cells.iloc[::SPARSE])
+        lines.append(block.lines[::SPARSE])
         n += len(block.cells)
-    cells = pd.concat([part.cells for part in parts], ignore_index=True)
-    return replace(first, cells=cells, lines=np.concatenate([part.lines for part in parts])), n
+    together = pd.concat(cells, ignore_index=True)
+    return replace(first, cells=together, lines=np.concatenate(lines)), n
 
 
 def path_table(
@@ -207,26 +210,17 @@ def path_table(
         problems.append(Problem(f"header: further joints {', '.join(further)}", joints_of))
     if problems:
         raise problems_error(path, problems, "")
-    absent = [name for name in TORQUE_COLUMNS if name not in found]
-    sheet = replace(sheet, cells=sheet.cells.assign(**dict.fromkeys(absent, "0")))
-    numbers = sheet.numbers(places)
-    wrench = sheet.numbers(WRENCH_COLUMNS) if load is None else np.tile(load, (len(numbers), 1))
-    problems = [
-        *number_problems(sheet, places, numbers),
-        *(number_problems(sheet, WRENCH_COLUMNS, wrench) if loads else ()),
-        *(wrench_problems(sheet, wrench) if loads else ()),
-    ]
-    if not problems:
-        problems += (
-            [*radian_problems(numbers, robot), *limit_problems(sheet, numbers, robot)]
-            if by_joints
-            else _pose_problems(sheet, numbers, angles)
-        )
+    given = NO_TORQUE if load is None else dict(zip(WRENCH_COLUMNS, load, strict=True))
+    sheet = filled(sheet, given)
+    numbers, wrench, problems = numbers_and_loads(sheet, places)
+    if not problems and by_joints:
+        problems = [*radian_problems(numbers, robot), *limit_problems(sheet, numbers, robot)]
+    elif not problems:
+        problems = [*_pose_problems(sheet, numbers, angles)]
     if about is not None:
         problems = [problem for problem in problems if problem.row is not None]
     frame_name, mixed = _frame_name(sheet, frame, about)
-    problems = sorted([*problems, *mixed], key=lambda problem: problem.row or 0)
-    if problems:
+    if problems := [*problems, *mixed]:
         raise problems_error(path, problems, "mend this one first")
     q, written = None, pd.DataFrame(dict(zip(places[3:], numbers.T[3:], strict=True)))
     if by_joints:
@@ -261,21 +255,20 @@ def path_problems(table: PathTable, robot: Robot, found: Followed) -> list[Probl
         robot: that shall drive it.
         found: joint positions of its rows.
     """
-    problems = []
-    names = robot.joint_names
-    units = ["deg" if kind == "revolute" else "mm" for kind in robot.joint_types]
-    factors = file_units(robot)
+    problems, factors = [], file_units(robot)
+    in_frame = (table.path.position - table.frame[:3, 3]) @ table.frame[:3, :3]
     for row in np.flatnonzero(~found.ok):
         joint = int(np.argmax(found.beyond[row]))
         if not found.reached[row]:
-            value, valid = (
-                _shown(table, int(row)),
-                f"a pose that {robot.name} reaches in this configuration",
-            )
+            value = ",".join(f"{each:.6g}" for each in in_frame[row] * MM_PER_M)
+            valid = f"a pose that {robot.name} reaches in this configuration"
         elif found.beyond[row, joint]:
-            low, high = (end[joint] * factors[joint] for end in (robot.lower, robot.upper))
-            value = f"joint {names[joint]} at {found.q[row, joint] * factors[joint]:.6g}"
-            valid = f"{low:g}..{high:g} {units[joint]}, its limits"
+            low, high, at = (
+                each[joint] * factors[joint] for each in (robot.lower, robot.upper, found.q[row])
+            )
+            value = f"joint {robot.joint_names[joint]} at {at:.6g}"
+            unit = joint_columns(robot)[joint].rpartition("_")[2]
+            valid = f"{low:g}..{high:g} {unit}, its limits"
         elif found.flips[row]:
             value = "another configuration of shoulder, elbow or wrist than in the row before"
             valid = "one configuration along the path"
@@ -362,38 +355,28 @@ def _angles(rotation: FloatArray) -> dict[str, FloatArray]:
     return dict(zip(ANGLE_COLUMNS, angles.T, strict=True))
 
 
-def _shown(table: PathTable, row: int) -> str:
-    local = (table.path.position[row] - table.frame[:3, 3]) @ table.frame[:3, :3]
-    return ",".join(f"{each:.6g}" for each in local * MM_PER_M)
-
-
-def _pose_problems(sheet: Sheet, numbers: FloatArray, angles: tuple[str, ...]) -> list[Problem]:
-    problems = []
+def _pose_problems(sheet: Sheet, numbers: FloatArray, angles: tuple[str, ...]) -> Iterator[Problem]:
     position, turn = numbers[:, :3], numbers[:, 3:]
-    names = POSITION_COLUMNS
     if np.abs(position).max() <= SMALLEST_POSITION_MM:
-        problems.append(
-            Problem(
-                f"every position lies within +-{SMALLEST_POSITION_MM:g} mm of the frame's origin; "
-                "the columns x_mm.. are in mm, these look like metres",
-                "",
-            )
+        yield Problem(
+            f"every position lies within +-{SMALLEST_POSITION_MM:g} mm of the frame's origin; "
+            "the columns x_mm.. are in mm, these look like metres",
+            "",
         )
-    for row, axis in np.argwhere(np.abs(position) > LARGEST_POSITION_MM):
-        problems.append(
-            cell_problem(sheet, row, names[axis], f"mm within +-{LARGEST_POSITION_MM:g}")
-        )
+    valid, ends = (
+        f"mm within +-{LARGEST_POSITION_MM:g}",
+        (-LARGEST_POSITION_MM, LARGEST_POSITION_MM),
+    )
+    yield from range_problems(sheet, POSITION_COLUMNS, position, *ends, [valid] * 3)
     if angles == QUATERNION_COLUMNS:
         lengths = np.linalg.norm(turn, axis=1)
         for row in np.flatnonzero(np.abs(lengths - 1.0) > QUATERNION_SLACK):
             valid = f"a quaternion of length 1, here {lengths[row]:.4g}"
-            problems.append(cell_problem(sheet, row, QUATERNION_COLUMNS[0], valid))
-    return problems
+            yield cell_problem(sheet, row, QUATERNION_COLUMNS[0], valid)
 
 
 def _oddities(sheet: Sheet, turn: FloatArray, angles: tuple[str, ...]) -> Iterator[str]:
-    if sheet.unused:
-        yield f"{sheet.path}: columns not used: {', '.join(sheet.unused)}"
+    yield from sheet.oddities
     if angles == ANGLE_COLUMNS and (np.abs(turn) <= FULL_TURN_RAD).all() and np.ptp(turn) > 1.0:
         yield (
             f"{sheet.path}: every angle of the orientation lies within +-{FULL_TURN_RAD:.2f} deg; "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -36,6 +36,8 @@ SAME_POSE = 1e-3
 """deg or mm; joint positions of one pose may differ by the rounding of a log."""
 LIMIT_SLACK = 1e-6
 """deg or mm; a limit may have been written with rounding."""
+
+NO_TORQUE = dict.fromkeys(TORQUE_COLUMNS, 0.0)
 
 _SHOWN = 60
 """Characters of a wrong cell that a message shows."""
@@ -96,10 +98,8 @@ def check_sheet(sheet: Sheet, robot: Robot, *, no_torque: bool = False) -> Check
     problems = table_problems(sheet, columns, optional) or [*_long_names(sheet)]
     if problems:
         return CheckedSamples(sheet, problems)
-    absent = [name for name in TORQUE_COLUMNS if name not in sheet.cells]
-    sheet = replace(sheet, cells=sheet.cells.assign(**dict.fromkeys(absent, "0")))
     columns, n = columns[len(ID_COLUMNS) :], robot.n_joints
-    sheet, junk = _without_junk(sheet, columns)
+    sheet, junk = _without_junk(filled(sheet, NO_TORQUE), columns)
     if sheet.cells.empty:
         return CheckedSamples(sheet, junk)
     numbers = sheet.numbers(columns)  # positions: deg, and mm of prismatic joints
@@ -126,6 +126,12 @@ def check_sheet(sheet: Sheet, robot: Robot, *, no_torque: bool = False) -> Check
     return CheckedSamples(sheet, problems, samples)
 
 
+def filled(sheet: Sheet, usual: Mapping[str, float]) -> Sheet:
+    """Return the sheet with numbers of ours in the columns that the file does not have."""
+    absent = {name: number for name, number in usual.items() if name not in sheet.cells}
+    return replace(sheet, cells=sheet.cells.assign(**absent))
+
+
 def _with_names(cells: pd.DataFrame, q_file: FloatArray) -> pd.DataFrame:
     """Return the cells with names of poses, loads and groups, where a file has none.
 
@@ -141,7 +147,7 @@ def _with_names(cells: pd.DataFrame, q_file: FloatArray) -> pd.DataFrame:
 
 def problems_error(path: Path, problems: Sequence[Problem], hint: str) -> DataError:
     """Return the error that names the first problem, and how many there are beside it."""
-    first, *others = problems
+    first, *others = sorted(problems, key=lambda problem: problem.row or 0)
     more = f" (and {len(others)} more; {hint})" if others else ""
     return DataError(f"{path}: {first}{more}")
 
@@ -252,11 +258,37 @@ def number_problems(
         yield cell_problem(sheet, row, columns[column], "a finite number")
 
 
+def numbers_and_loads(
+    sheet: Sheet, columns: tuple[str, ...]
+) -> tuple[FloatArray, FloatArray, list[Problem]]:
+    """Return the (n, len(columns)) numbers and (n, 6) wrenches of a file, and what is wrong."""
+    numbers, wrench = sheet.numbers(columns), sheet.numbers(WRENCH_COLUMNS)
+    problems = [
+        *number_problems(sheet, columns, numbers),
+        *number_problems(sheet, WRENCH_COLUMNS, wrench),
+        *wrench_problems(sheet, wrench),
+    ]
+    return numbers, wrench, problems
+
+
+def range_problems(
+    sheet: Sheet,
+    columns: Sequence[str],
+    values: FloatArray,
+    lower: FloatArray | float,
+    upper: FloatArray | float,
+    valid: Sequence[str],
+) -> Iterator[Problem]:
+    """Yield the cells whose (n, n_columns) `values` are numbers beyond their column's bounds."""
+    for row, i in np.argwhere(np.isfinite(values) & ((values < lower) | (values > upper))):
+        yield cell_problem(sheet, row, columns[i], valid[i])
+
+
 def wrench_problems(sheet: Sheet, wrench: FloatArray) -> Iterator[Problem]:
     """Yield the components of (n, 6) `wrench` that no robot bears, N and N m."""
     valid = f"a load within +-{LARGEST_NUMBER:g}; is the file in another unit?"
-    for row, column in np.argwhere(np.isfinite(wrench) & (np.abs(wrench) > LARGEST_NUMBER)):
-        yield cell_problem(sheet, row, WRENCH_COLUMNS[column], valid)
+    ends = -LARGEST_NUMBER, LARGEST_NUMBER
+    return range_problems(sheet, WRENCH_COLUMNS, wrench, *ends, [valid] * 6)
 
 
 def radian_problems(q_file: FloatArray, robot: Robot) -> Iterator[Problem]:
@@ -273,18 +305,14 @@ def radian_problems(q_file: FloatArray, robot: Robot) -> Iterator[Problem]:
 
 def limit_problems(sheet: Sheet, q_file: FloatArray, robot: Robot) -> Iterator[Problem]:
     """Yield the joint positions (n, n_joints), deg or mm, outside of the robot's limits."""
+    columns = joint_columns(robot)
     lower = np.maximum(robot.lower * file_units(robot), -LARGEST_NUMBER)
     upper = np.minimum(robot.upper * file_units(robot), LARGEST_NUMBER)
-    units = [column.rpartition("_")[2] for column in joint_columns(robot)]
-    outside = (q_file < lower - LIMIT_SLACK) | (q_file > upper + LIMIT_SLACK)
-    for row, joint in np.argwhere(np.isfinite(q_file) & outside):
-        yield cell_problem(
-            sheet,
-            row,
-            joint_columns(robot)[joint],
-            f"{lower[joint]:g}..{upper[joint]:g} {units[joint]}, the limits of joint "
-            f"{robot.joint_names[joint]} of {robot.name}",
-        )
+    valid = [
+        f"{low:g}..{high:g} {column.rpartition('_')[2]}, the limits of joint {name} of {robot.name}"
+        for low, high, column, name in zip(lower, upper, columns, robot.joint_names, strict=True)
+    ]
+    return range_problems(sheet, columns, q_file, lower - LIMIT_SLACK, upper + LIMIT_SLACK, valid)
 
 
 def _deflection_problems(sheet: Sheet, deflection_mm: FloatArray) -> Iterator[Problem]:
@@ -297,8 +325,8 @@ def _deflection_problems(sheet: Sheet, deflection_mm: FloatArray) -> Iterator[Pr
         )
         return
     valid = f"mm within +-{LARGEST_DEFLECTION_MM:g}; is the file in another unit?"
-    for row, axis in np.argwhere(size > LARGEST_DEFLECTION_MM):
-        yield cell_problem(sheet, row, DEFLECTION_COLUMNS[axis], valid)
+    ends = 0.0, LARGEST_DEFLECTION_MM
+    yield from range_problems(sheet, DEFLECTION_COLUMNS, size, *ends, [valid] * 3)
     if size.max() < SMALLEST_DEFLECTION_MM:  # not so where a cell is no number
         yield Problem(
             f"no deflection exceeds {SMALLEST_DEFLECTION_MM:g} mm (largest {size.max():g}); the "

@@ -17,12 +17,12 @@ import itertools
 import math
 import re
 import sys
-import warnings
 import zipfile
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, suppress
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -96,6 +96,7 @@ _HEADER_NAMES, _TITLE_ROWS = 3, 20
 """A row with so many names of columns is the header, if it is among the first so many."""
 _DECIMALS = 10
 """Numbers are written with so few decimals where that reads back as the same SI number."""
+_Row = tuple[int, list[Any]]  # its number in the file, and its cells
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +124,11 @@ class Sheet:
     unused: tuple[str, ...] = ()
     odd_units: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
+    @property
+    def oddities(self) -> list[str]:
+        """One line that names the columns that are not used, if any."""
+        return [f"{self.path}: columns not used: {', '.join(self.unused)}"] if self.unused else []
+
     def numbers(self, columns: tuple[str, ...]) -> FloatArray:
         """Return (n, len(columns)) the cells in our units, NaN where a cell is no finite number.
 
@@ -132,10 +138,6 @@ class Sheet:
         values = [_numbers(self.cells[each], self.decimal) for each in columns]
         factors = [self.factors.get(column, 1.0) for column in columns]
         return np.array(values, dtype=np.float64).T * factors
-
-    def take(self, rows: slice) -> Sheet:
-        """Return some rows."""
-        return replace(self, cells=self.cells.iloc[rows], lines=self.lines[rows])
 
     def recognised(self, columns: tuple[str, ...]) -> Sheet:
         """Return the sheet with columns named as in `columns`, the others set apart.
@@ -324,83 +326,73 @@ def _filled_lines(path: Path, text: Iterable[str]) -> Iterator[tuple[int, str]]:
 def _csv_blocks(path: Path, lines: Iterator[tuple[int, str]], rows: int) -> Iterator[Sheet]:
     """Yield blocks of the table below the titles and the header."""
     head = [*itertools.islice(lines, 1 + _TITLE_ROWS)]
+    told = re.fullmatch(r"sep=([,;\t])", head[0][1].strip(" \ufeff")) if head else None  # by Excel
+    head = head[1:] if told else head
     if not head:
         raise DataError(f"{path}: the file is empty")
-    told = re.fullmatch(r"sep=([,;\t])", head[0][1].strip(" \ufeff"))  # as Excel writes it
-    head = head[1:] if told else head
-    first = _header(_cells(line) for _, line in head)
-    header = head[first : first + 1]
-    below = itertools.chain(head[first + 1 :], lines)
-    separator = told[1] if told else max(",;\t", key=header[0][1].count)
-    block, n_read = [*itertools.islice(below, rows)], 0
-    while block or not n_read:
-        sheet = _csv_sheet(path, [*header, *block], separator)
-        if len(sheet.cells) or not n_read:
-            yield sheet
-        block, n_read = [*itertools.islice(below, rows)], n_read + 1
+    first = _header(re.split(r"[,;\t]", line.replace('"', "")) for _, line in head)
+    separator = told[1] if told else max(",;\t", key=head[first][1].count)
+    table = _csv_rows(path, itertools.chain(head[first:], lines), separator)
+    yield from _sheets(path, table, rows, "." if separator == "," else ",")
 
 
-def _csv_sheet(path: Path, lines: Sequence[tuple[int, str]], separator: str) -> Sheet:
-    """Return the table of numbered lines, whose first is the header."""
+def _csv_rows(path: Path, lines: Iterator[tuple[int, str]], separator: str) -> Iterator[_Row]:
+    """Yield the rows, all as wide as the first; a cell in quotes may have several lines."""
+    begun = width = 0
+
+    def texts() -> Iterator[str]:
+        nonlocal begun
+        for number, line in lines:
+            begun = begun or number
+            yield line
+        if begun:
+            raise csv.Error(f"a cell of row {begun} has a quotation mark that is not closed")
+
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", pd.errors.ParserWarning)
-            cells = pd.read_csv(
-                io.StringIO("\n".join(line for _, line in lines)),
-                sep=separator,
-                dtype=object,
-                skipinitialspace=True,
-                index_col=False,
-                keep_default_na=False,  # a pose may be called NA
-                skip_blank_lines=False,  # or the numbers of rows would not be those of lines
-            )
-    except pd.errors.EmptyDataError:
-        raise DataError(f"{path}: the file is empty") from None
-    except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
-        why = _too_wide(lines, separator) or " ".join(str(error).split())
-        raise DataError(f"{path}: not a CSV table: {why}") from error
-    cells = cells.rename(columns=str.strip).fillna("").map(str.strip)
-    nameless = cells.columns.str.fullmatch(r"Unnamed: \d+")
-    cells = cells.loc[:, ~nameless | (cells != "").any().to_numpy()]
-    cells = cells.rename(
-        columns=lambda name: re.sub(r"^Unnamed: \d+$", "column without a name", name)
-    )
-    cells = cells[(cells != "").any(axis=1)]
-    numbers = np.array([number for number, _ in lines], dtype=np.int64)[cells.index + 1]
-    return Sheet(path, cells, numbers, decimal="." if separator == "," else ",")
-
-
-def _too_wide(lines: Sequence[tuple[int, str]], separator: str) -> str:
-    """Name the first row that has more cells than the header, the first; "" where none has."""
-    rows = csv.reader([line for _, line in lines], delimiter=separator)
-    header: list[str] = []
-    with suppress(csv.Error):
-        for row in rows:
-            header = header or row
-            if len(row) > len(header):
+        for cells in csv.reader(texts(), delimiter=separator, skipinitialspace=True):
+            number, begun, width = begun, 0, width or len(cells)
+            if len(cells) > width:
                 hint = "; decimal commas need semicolons between columns" * (separator == ",")
-                at = lines[rows.line_num - 1][0]
-                return f"row {at} has {len(row)} cells, the header {len(header)}{hint}"
-    return ""
+                raise csv.Error(f"row {number} has {len(cells)} cells, the header {width}{hint}")
+            cells = [cell.strip() for cell in cells]
+            if any(cells):
+                yield number, cells + [""] * (width - len(cells))
+    except csv.Error as error:
+        raise DataError(f"{path}: not a CSV table: {error}") from error
+
+
+def _sheets(path: Path, table: Iterator[_Row], rows: int, decimal: str) -> Iterator[Sheet]:
+    """Yield the rows below the first, the header, in blocks of so many, at least one."""
+    _, header = next(table)
+    names = [str(name) or f"column {i + 1}" for i, name in enumerate(header)]
+    block = [*itertools.islice(table, rows)]
+    while True:
+        cells = pd.DataFrame([row for _, row in block], columns=names, dtype=object)
+        kept = (np.array(header, dtype=object) != "") | (cells != "").any().to_numpy()
+        numbers = np.array([number for number, _ in block], dtype=np.int64)
+        yield Sheet(path, _named(cells.loc[:, kept]), numbers, decimal=decimal)
+        block = [*itertools.islice(table, rows)]
+        if not block:
+            return
 
 
 def _read_excel(path: Path, rows: int) -> Iterator[Sheet]:
     require(f"{path}: Excel", "openpyxl")
     import openpyxl
 
+    table: list[_Row] = []
     try:
         with zipfile.ZipFile(path) as parts:
             size = sum(part.file_size for part in parts.infolist())
         if size > LARGEST_EXCEL:
             raise ValueError(f"{size} bytes unpacked (valid: at most {LARGEST_EXCEL})")
         with closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:
-            sheet = book.worksheets[0]
-            lines = enumerate(sheet.iter_rows(max_col=MOST_COLUMNS, values_only=True), start=1)
-            filled = {
-                number: ["" if cell is None else cell for cell in row]
-                for number, row in lines
-                if any(cell not in (None, "") for cell in row) and not str(row[0]).startswith("#")
-            }
+            found = book.worksheets[0].iter_rows(max_col=MOST_COLUMNS, values_only=True)
+            for number, row in enumerate(found, start=1):
+                cells = ["" if cell is None else cell for cell in row]
+                cells = [cell.strip() if isinstance(cell, str) else cell for cell in cells]
+                if any(cell != "" for cell in cells) and not str(cells[0]).startswith("#"):
+                    table.append((number, cells + [""] * (MOST_COLUMNS - len(cells))))
     except OSError:
         raise
     except zipfile.BadZipFile as error:
@@ -408,18 +400,10 @@ def _read_excel(path: Path, rows: int) -> Iterator[Sheet]:
     except Exception as error:  # of a damaged file openpyxl raises whatever its parsers do
         reason = " ".join(str(error).split())
         raise DataError(f"{path}: not an Excel table: {reason}") from error
-    cells = pd.DataFrame(filled.values(), index=list(filled), dtype=object).fillna("")
-    if cells.empty:
+    if not table:
         raise DataError(f"{path}: the first sheet is empty")
-    cells = cells.map(lambda cell: cell.strip() if isinstance(cell, str) else cell)
-    cells = cells.iloc[_header([*map(str, row)] for row in cells.to_numpy()) :]
-    cells = cells.loc[:, (cells != "").any()]
-    names = [str(name) or f"column {i + 1}" for i, name in enumerate(cells.iloc[0])]
-    cells = cells.iloc[1:].set_axis(names, axis="columns")
-    numbers = cells.index.to_numpy(dtype=np.int64)
-    whole = Sheet(path, _named(cells.reset_index(drop=True)), numbers, decimal=",")
-    for first in range(0, max(len(cells), 1), rows):
-        yield whole.take(slice(first, first + rows))
+    first = _header([*map(str, cells)] for _, cells in table)
+    yield from _sheets(path, iter(table[first:]), rows, ",")
 
 
 def _read_parquet(path: Path, rows: int) -> Iterator[Sheet]:
@@ -460,19 +444,13 @@ def _named(cells: pd.DataFrame) -> pd.DataFrame:
     return cells
 
 
-def _cells(line: str) -> list[str]:
-    return re.split(r"[,;\t]", line.replace('"', ""))
-
-
 def _header(rows: Iterable[Sequence[str]]) -> int:
     """Return which row is the header: the first with names of columns, below a title, if any."""
-    filled = ((i, row) for i, row in enumerate(rows) if any(cell.strip() for cell in row))
-    first = [*itertools.islice(filled, _TITLE_ROWS)]
-    for i, row in first:
+    for i, row in enumerate(itertools.islice(rows, _TITLE_ROWS)):
         names = (_split(cell)[0] for cell in row if len(cell) <= LONGEST_CELL)
         if sum(name in _NAMES for name in names) >= _HEADER_NAMES:
             return i
-    return first[0][0] if first else 0
+    return 0
 
 
 def _numbers(cells: pd.Series, decimal: str) -> list[float]:

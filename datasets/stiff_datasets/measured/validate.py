@@ -49,7 +49,7 @@ OTHER_UNITS = {
     1000.0: "the forces in kN or the deflections in micrometres",
 }
 """Error that makes a robot look so many times as compliant as it is."""
-NO_TORQUE = re.compile(
+UNMEASURED = re.compile(
     r"^.*\btorques?\b.*\bnot (measured|recorded)\b", re.IGNORECASE | re.MULTILINE
 )
 """What a data card FILE.md beside FILE.csv has where no torques were measured."""
@@ -141,7 +141,7 @@ def validate(path: Path, robot: Robot, *, no_torque: bool = False) -> Validation
 def _card_says_no_torque(path: Path) -> bool:
     card = path.with_suffix(".md")
     return card.is_file() and bool(
-        NO_TORQUE.search(card.read_text(encoding="utf-8", errors="replace"))
+        UNMEASURED.search(card.read_text(encoding="utf-8", errors="replace"))
     )
 
 

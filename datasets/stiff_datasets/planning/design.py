@@ -1,27 +1,23 @@
 """What samples tell a model, and which candidates would tell it most: designs.
 
 Two kinds of model say how well a deflection is known before it is measured. Joint springs, by the
-information matrix of the samples. A Gaussian process, by its posterior covariance. For both an
-I-optimal design lowers the mean variance of predictions over a workspace most (for a process:
-J. Sacks, W. Welch, T. Mitchell and H. Wynn, Design and Analysis of Computer Experiments, 1989).
+information matrix of the samples (V. Fedorov, Theory of Optimal Experiments, 1972). A Gaussian
+process, by its posterior covariance. For both an I-optimal design lowers the mean variance of
+predictions over a workspace most (for a process: J. Sacks, W. Welch, T. Mitchell and H. Wynn,
+Design and Analysis of Computer Experiments, 1989). Candidates are chosen one by one, so the first k
+choices are the choice of k.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
-from stiff_datasets.measured.identifiability import (
-    DEFLECTION_NOISE,
-    TOLERANCE,
-    choose_by_condition,
-    choose_d_optimal,
-    choose_i_optimal,
-    excited_columns,
-)
+from stiff_datasets.measured.identifiability import DEFLECTION_NOISE, TOLERANCE
 from stiff_datasets.measured.load_file import Loads
 from stiff_protocols.contract.interfaces import PredictsCovariance
 from stiff_protocols.contract.progress import report
@@ -31,6 +27,49 @@ Criterion = Literal["d-optimal", "i-optimal", "condition"]
 
 _BLOCK = 256
 """Candidates whose variances are computed at once."""
+
+_START = 1e-6
+"""Information that a plan without samples has on every joint, as a share of what one mean
+candidate gives: a determinant exists from the first choice on and is not changed visibly later."""
+
+
+def _determinant_gain(rows: FloatArray, information: FloatArray, _: FloatArray) -> FloatArray:
+    """Return the factor by which each candidate raises the determinant of the information.
+
+    By the matrix determinant lemma: det(M + B^T B) = det(M) det(I + B M^-1 B^T).
+    """
+    spread = rows @ np.linalg.inv(information) @ rows.transpose(0, 2, 1)
+    return np.asarray(np.linalg.det(np.eye(3) + spread))
+
+
+def _prediction_gain(rows: FloatArray, information: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Return by how much each candidate lowers the predictions' summed variance.
+
+    The variance of a prediction with rows X goes with the trace of X M^-1 X^T; its decrease is by
+    the Woodbury identity.
+    """
+    known = rows @ np.linalg.inv(information)
+    spread = known @ rows.transpose(0, 2, 1)
+    lowered = known @ wanted @ known.transpose(0, 2, 1)
+    return np.asarray(np.trace(np.linalg.solve(np.eye(3) + spread, lowered), axis1=1, axis2=2))
+
+
+def _condition_gain(rows: FloatArray, information: FloatArray, _: FloatArray) -> FloatArray:
+    """Return minus the squared condition number that each candidate leaves, columns scaled."""
+    trial = information + rows.transpose(0, 2, 1) @ rows
+    size = np.sqrt(np.diagonal(trial, axis1=1, axis2=2))
+    eigenvalues = np.linalg.eigvalsh(trial / (size[:, :, None] * size[:, None, :]))
+    # the floor: joints that no candidate can tell apart leave nothing but rounding
+    return np.asarray(-eigenvalues[:, -1] / np.maximum(eigenvalues[:, 0], TOLERANCE**2))
+
+
+_GAINS: dict[Criterion, Callable[[FloatArray, FloatArray, FloatArray], FloatArray]] = {
+    "d-optimal": _determinant_gain,
+    "i-optimal": _prediction_gain,
+    "condition": _condition_gain,
+}
+"""Of every candidate: its rows B (n, 3, k), the information M (k, k) of all samples before, and
+that of the workspace -> (n,), the largest is the best."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,30 +99,66 @@ class SpringDesign:
         return 1 if self.measured is not None else -(-self.candidates.shape[2] // 3)
 
     def choose(self, n: int) -> IntArray:
-        """Return (n,) row numbers of candidates, the one that tells most first."""
-        if self.criterion == "i-optimal":
-            wanted = self._workspace
-            return choose_i_optimal(self.candidates, n, workspace=wanted, measured=self.measured)
-        choose = choose_d_optimal if self.criterion == "d-optimal" else choose_by_condition
-        return choose(self.candidates, n, measured=self.measured)
+        """Return (n,) row numbers of candidates, the one that tells most first.
+
+        Joints that no candidate excites are left out; scaling a column changes nothing. By
+        "condition", as many are chosen by the determinant first as joints cannot be identified
+        yet. It evens the joints out by weakly loaded poses, so that the standard errors grow.
+        """
+        rows, information, wanted = self._scaled
+        n_columns, first = len(information), np.empty(0, dtype=np.int64)
+        if self.criterion == "condition":
+            missing = n_columns - int(np.linalg.matrix_rank(information, TOLERANCE, hermitian=True))
+            first = replace(self, criterion="d-optimal").choose(min(n, missing))
+        else:
+            information = information + _START * np.eye(n_columns)
+        chosen, free = list(first), np.ones(len(rows), dtype=bool)
+        free[chosen] = False
+        known = rows[chosen].reshape(-1, n_columns)
+        information = information + known.T @ known
+        for step in range(len(chosen), n):
+            report("choose", step, n)
+            gain = _GAINS[self.criterion](rows, information, wanted)
+            best = np.argmax(np.where(free, gain, -np.inf))
+            free[best] = False
+            information += rows[best].T @ rows[best]
+            chosen.append(best)
+        return np.array(chosen, dtype=np.int64)
 
     def variance(self, rows: IntArray) -> float:
         """Return the mean variance [m²] of a prediction once these candidates are measured.
 
         Mean over workspace and axes, without noise; infinite where something is not identified.
         """
-        excited, known, wanted = excited_columns(self.candidates, self.measured, self._workspace)
+        excited, known, wanted = self._scaled
         gained = excited[rows].reshape(-1, excited.shape[2])
         information = known + gained.T @ gained
         eigenvalues = np.linalg.eigvalsh(information)
         if not eigenvalues[0] > TOLERANCE * eigenvalues[-1]:
             return np.inf
         spread = np.trace(np.linalg.solve(information, wanted))
-        return float(self.noise * spread / (3 * len(self._workspace)))
+        workspace = self.candidates if self.workspace is None else self.workspace
+        return float(self.noise * spread / (3 * len(workspace)))
 
-    @property
-    def _workspace(self) -> FloatArray:
-        return self.candidates if self.workspace is None else self.workspace
+    @cached_property
+    def _scaled(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The candidates' columns that are not next to zero, each of unit mean square.
+
+        And the information matrices, of the same columns, of all measured and of all workspace
+        rows.
+        """
+        size = np.sqrt((self.candidates**2).sum(axis=1).mean(axis=0))
+        excited = size > TOLERANCE * size.max()
+        scale = size[excited]
+
+        def information(rows: FloatArray) -> FloatArray:
+            matrix = rows[:, :, excited].reshape(-1, len(scale)) / scale
+            return np.asarray(matrix.T @ matrix)
+
+        measured = self.candidates[:0] if self.measured is None else self.measured
+        workspace = self.candidates if self.workspace is None else self.workspace
+        rows = self.candidates[:, :, excited] / scale
+        return rows, information(measured), information(workspace)
 
 
 @dataclass(frozen=True, eq=False)

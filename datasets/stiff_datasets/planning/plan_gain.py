@@ -8,11 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stiff_datasets.measured.identifiability import (
-    REFERENCE_COMPLIANCE,
-    identifiability,
-    per_joint,
-)
+from stiff_datasets.measured.identifiability import REFERENCE_COMPLIANCE, identifiability
 from stiff_datasets.planning.design import Design
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray, IntArray
@@ -98,7 +94,7 @@ def plan_gain(
         seed: draws the random plans.
 
     Raises:
-        DataError: as `identifiability`, or the candidates identify no joint or are too few.
+        DataError: the candidates identify no joint or are too few.
     """
     drawn = random_plans(len(plan), len(candidates), seed)
     unknown = identifiability(candidates, joint_names).unidentifiable
@@ -106,7 +102,7 @@ def plan_gain(
     if not compared:
         raise DataError("the candidates identify no joint; is every force zero?")
     names = tuple(joint_names[i] for i in compared)
-    reference = per_joint(reference_compliance, len(joint_names))[compared]
+    reference = np.broadcast_to(reference_compliance, len(joint_names))[compared]
 
     def criteria(samples: FloatArray) -> Criteria:
         found = identifiability(samples[:, :, compared], names, reference_compliance=reference)

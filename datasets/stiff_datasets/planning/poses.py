@@ -11,9 +11,10 @@ domain (Table 4: A4 = A6 = 0, A5 in 0..90 deg, A1 in -45..45 deg) lies too:
   through 15, 30, 45, 60 and 75 deg from pose to pose, because A4 shows in the deflection only
   where A5 is bent, and takes the nearest of these where the joint limits do not permit.
 
-`bent_wrist_poses` decides A5 of the joint-space group otherwise: as near 90 deg as permits a TCP
-that is 250 mm off A1's axis and an arm clear of itself (`self_clearance`). At 13 poses no A5 in
-0..90 deg permits the 250 mm; there the second condition decides alone.
+`bent_wrist_poses` decides A5 of the joint-space group otherwise: as near 90 deg, in steps of 5, as
+permits a TCP that is 250 mm off A1's axis and an arm clear of itself by 20 mm (capsules along base
+column, upper arm, forearm and hand). At 13 poses no A5 in 0..90 deg permits the 250 mm; there the
+second condition decides alone. `tests/datasets/planning/test_poses.py` computes it.
 
 Collisions with what stands around the robot are not checked.
 """
@@ -23,11 +24,10 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass, replace
 
-import coal
 import numpy as np
 import pinocchio as pin
 
-from stiff_datasets.robots.robot import ChainModel, robot_of
+from stiff_datasets.robots.robot import ChainModel
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray, TextArray
 
@@ -51,18 +51,14 @@ CARTESIAN_Z_MM = (300, 550, 800)
 
 _CARTESIAN_A5_DEG = (15, 30, 45, 60, 75)
 _A5_RANGE_DEG = (0.0, 90.0)
-SAME_POSE_RAD = 1e-6
-_A5_STEP_DEG = 5
-TCP_OFF_A1_M = 0.25
-LEAST_GAP_M = 0.02
-"""Between capsules along the arm, whose radii are rough."""
+_BENT_A5_DEG = {
+    **{26: 75, 28: 85, 34: 35, 35: 70, 40: 35, 41: 40, 42: 40, 43: 15, 44: 25, 45: 25, 46: 25},
+    **{47: 20, 48: 5, 54: 5, 60: 5},
+}
+"""Number of a joint-space pose -> A5 of `bent_wrist_poses`; 90 at the others."""
 _START = np.deg2rad((-90.0, 90.0))
 """A2 and A3 the inverse kinematics starts from: elbow up."""
 _LONGEST_STEP = 0.3  # rad; a full Newton step may leap to the other elbow
-COLUMN, UPPER_ARM, FOREARM, HAND = "base column", "upper arm", "forearm", "hand"
-RADII = {COLUMN: 0.12, UPPER_ARM: 0.09, FOREARM: 0.08, HAND: 0.06}
-"""m, for a KR10: about half the width of the widest housing of each; assumption."""
-PAIRS = ((COLUMN, FOREARM), (COLUMN, HAND), (UPPER_ARM, HAND))
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,27 +92,9 @@ def bent_wrist_poses(chain: ChainModel) -> Poses:
     """Return the poses of `paper_poses` with another A5 in joint space; errors as there."""
     level = paper_poses(chain)
     q = level.q.copy()
-    for pose in np.flatnonzero(level.group == "joint-space"):
-        q[pose, 4] = _bent_a5(chain, q[pose], np.delete(q, pose, axis=0))
+    numbers = range(1, (level.group == "joint-space").sum() + 1)
+    q[: len(numbers), 4] = np.deg2rad([_BENT_A5_DEG.get(number, 90) for number in numbers])
     return replace(level, q=q)
-
-
-def _bent_a5(chain: ChainModel, q: FloatArray, others: FloatArray) -> float:
-    """Return A5 [rad] for a pose (6,) of the joint-space group; no other pose is there already."""
-    first, last = _A5_RANGE_DEG
-    a5 = np.deg2rad(np.arange(last, first - 1, -_A5_STEP_DEG))  # the most wanted first
-    candidates = np.tile(q, (len(a5), 1))
-    candidates[:, 4] = a5
-    apart = np.abs(candidates[:, None] - others).max(axis=2).min(axis=1)  # rad
-    candidates = candidates[apart > SAME_POSE_RAD]
-    clear = self_clearance(chain, candidates) >= LEAST_GAP_M
-    off_a1 = tcp_off_a1(chain, candidates) >= TCP_OFF_A1_M
-    return float(candidates[np.argmax(clear.astype(int) + (clear & off_a1)), 4])
-
-
-def tcp_off_a1(chain: ChainModel, q: FloatArray) -> FloatArray:
-    """Return (n,) the distance of the KR10's TCP from A1's axis at (n, 6) `q` [rad], m."""
-    return np.asarray(np.linalg.norm(robot_of(chain).forward(q).points[:, -1, :2], axis=1))
 
 
 def joint_space_poses() -> FloatArray:
@@ -167,40 +145,3 @@ def _solve(chain: ChainModel, target: FloatArray, a5: float) -> FloatArray | Non
         step = np.linalg.lstsq(rows[:3, :3], missing, rcond=1e-6)[0]
         q[:3] += np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
     return None
-
-
-def self_clearance(chain: ChainModel, q: FloatArray) -> FloatArray:
-    """Return (n,) the smallest gap [m] of an arm to itself at (n, 6) `q` [rad]; overlap: below 0.
-
-    Four capsules: base column (base frame's origin to A1's), upper arm (A2 to A3), forearm (A4 to
-    A5), hand with tool (A5 to the TCP). Neighbours share a joint and always overlap there, so what
-    is checked is column against forearm, column against hand and upper arm against hand.
-    """
-    geometry = _capsules(chain)
-    data, found = chain.model.createData(), geometry.createData()
-    gaps = []
-    for one in q:
-        pin.computeDistances(chain.model, data, geometry, found, one)
-        gaps.append(min(result.min_distance for result in found.distanceResults))
-    return np.array(gaps)
-
-
-def _capsules(chain: ChainModel) -> pin.GeometryModel:
-    """Return the capsules, each fixed to the joint that moves it, and the pairs to check."""
-    placements, here = chain.model.jointPlacements, np.zeros(3)
-    geometry, numbers = pin.GeometryModel(), {}
-    for name, joint, start, end in (
-        (COLUMN, 0, here, placements[1].translation),
-        (UPPER_ARM, 2, here, placements[3].translation),
-        (FOREARM, 4, here, placements[5].translation),
-        (HAND, 6, placements[6].actInv(here), chain.tcp),  # A6 moves its far end
-    ):
-        shape = coal.Capsule(RADII[name], float(np.linalg.norm(end - start)))
-        turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end - start)
-        placement = pin.SE3(turn.matrix(), (start + end) / 2.0)  # a capsule lies along its z
-        numbers[name] = geometry.addGeometryObject(
-            pin.GeometryObject(name, joint, placement, shape)
-        )
-    for first, second in PAIRS:
-        geometry.addCollisionPair(pin.CollisionPair(numbers[first], numbers[second]))
-    return geometry

@@ -12,8 +12,11 @@ SI: N, N m, m, rad, Pa.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Le
+from pydantic import BaseModel, Field, model_validator
 
 from stiff_protocols.contract.types import FloatArray, Robot
 
@@ -21,27 +24,37 @@ SHEAR_COEFFICIENT = 0.5
 """Of a round tube with a thin wall (G. R. Cowper, J. Appl. Mech. 33, 1966)."""
 
 
-@dataclass(frozen=True)
-class Tube:
+Diameter = Annotated[float, Ge(1e-3), Le(2.0), Field(allow_inf_nan=False)]  # m; mm would be larger
+
+
+class Tube(BaseModel, extra="forbid", frozen=True):
     """The section of a segment.
 
     Attributes:
-        outer: diameter, m.
-        wall: thickness, m.
+        outer_m: diameter.
+        wall_m: thickness.
     """
 
-    outer: float
-    wall: float
+    outer_m: Diameter
+    wall_m: Diameter
+
+    @model_validator(mode="after")
+    def _hollow(self) -> Tube:
+        if 2.0 * self.wall_m > self.outer_m:
+            raise ValueError(
+                f"wall_m {self.wall_m:g} is more than half of outer_m {self.outer_m:g}"
+            )
+        return self
 
     @property
     def area(self) -> float:
         """Of the section, m2."""
-        return np.pi / 4.0 * (self.outer**2 - (self.outer - 2.0 * self.wall) ** 2)
+        return np.pi / 4.0 * (self.outer_m**2 - (self.outer_m - 2.0 * self.wall_m) ** 2)
 
     @property
     def second_moment(self) -> float:
         """Of the section about a diameter, m4; the polar one is twice as large."""
-        return np.pi / 64.0 * (self.outer**4 - (self.outer - 2.0 * self.wall) ** 4)
+        return np.pi / 64.0 * (self.outer_m**4 - (self.outer_m - 2.0 * self.wall_m) ** 4)
 
 
 @dataclass(frozen=True)

@@ -199,7 +199,7 @@ def calibrate(
     """
     search, start = SEARCHES[number], _start(number)
     poses, misfits = CALIBRATIONS[number].poses(), list[float]()
-    lower, upper, whole = (np.array(column) for column in zip(*_bounds(search), strict=True))
+    (lower, upper), whole = _bounds(search), np.tile([True, False, False, False], 6)
 
     def figures(point: FloatArray, digits: int = _SIGNIFICANT_DIGITS) -> VjmFigures:
         return line_figures(_at(start, point, digits), seeds=search.seeds[0], poses=poses)
@@ -256,22 +256,17 @@ def _start(number: int) -> TwinConstants:
     return start.model_copy(update={"name": name, "noise": search.noise, "joint": tuple(joints)})
 
 
-def _bounds(search: Search) -> list[tuple[float, float, bool]]:
-    """Return lower and upper bound of every free constant, and whether it is a whole number.
+def _bounds(search: Search) -> tuple[FloatArray, FloatArray]:
+    """Return the lower and upper bounds of the free constants.
 
     Joint by joint: number of the gear size, log10 of the structure, tilting ratio, lost motion.
     """
-    structures = zip(SOFTEST_STRUCTURE, search.stiffest_structure, strict=True)
-    return [
-        bound
-        for sizes, structure in zip(GEAR_SIZES, structures, strict=True)
-        for bound in (
-            (0, len(sizes) - 1, True),
-            (np.log10(structure[0]), np.log10(structure[1]), False),
-            (SMALLEST_RATIO, LARGEST_RATIO, False),
-            (*search.lost_motion, False),
-        )
-    ]
+    sizes = [len(each) - 1 for each in GEAR_SIZES]
+    softest, stiffest = np.log10(SOFTEST_STRUCTURE), np.log10(search.stiffest_structure)
+    low, high = search.lost_motion
+    lower = np.broadcast_arrays(0.0, softest, SMALLEST_RATIO, low)
+    upper = np.broadcast_arrays(sizes, stiffest, LARGEST_RATIO, high)
+    return np.stack(lower, axis=1).reshape(-1), np.stack(upper, axis=1).reshape(-1)
 
 
 def _point(constants: TwinConstants, lower: FloatArray, upper: FloatArray) -> FloatArray:

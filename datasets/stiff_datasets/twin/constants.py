@@ -34,7 +34,6 @@ tilting ratio of ``inf`` is rigid. Links bend where the file has their sections:
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cached_property
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -64,7 +63,7 @@ from stiff_datasets.robots.robot import (
     shipped_names,
 )
 from stiff_datasets.twin.beams import Beams, Tube
-from stiff_datasets.twin.springs import Gear, JointSprings
+from stiff_datasets.twin.springs import SOFTEST, STIFFEST, Gear, JointSprings, Positive
 from stiff_protocols.contract.errors import DataError, unknown_name
 from stiff_protocols.contract.files import read_toml
 from stiff_protocols.contract.types import FloatArray, Robot
@@ -72,11 +71,7 @@ from stiff_protocols.contract.types import FloatArray, Robot
 LAST_SPECIMEN = 9
 SpecimenNumber = Annotated[int, Ge(0), Le(LAST_SPECIMEN)]
 
-Positive = Annotated[float, Gt(0), Field(allow_inf_nan=False)]
-SOFTEST, STIFFEST = 10.0, 1e10  # N m/rad; a unit off by a thousand is outside
-Stiffness = Annotated[float, Ge(SOFTEST), Le(STIFFEST), Field(allow_inf_nan=False)]
 Modulus = Annotated[float, Ge(1e9), Le(1e12), Field(allow_inf_nan=False)]  # Pa; not MPa, GPa
-Diameter = Annotated[float, Ge(1e-3), Le(2.0), Field(allow_inf_nan=False)]  # m; mm would be larger
 NotNegative = Annotated[float, Ge(0), Field(allow_inf_nan=False)]
 Length = Annotated[float, Ge(-LONGEST_TCP_M), Le(LONGEST_TCP_M)]  # m; mm would be larger
 Vector = tuple[Length, Length, Length]
@@ -87,11 +82,14 @@ SMALLEST_RATIO, LARGEST_RATIO = 1.0, 8.0
 """Tilting stiffness against axial stiffness: the range of published identifications."""
 
 CATALOGUE = {
-    14: Gear((0.47e4, 0.61e4, 0.71e4), (2.0, 6.9), 7.8),
-    17: Gear((1.0e4, 1.4e4, 1.6e4), (3.9, 12.0), 24.0),
-    20: Gear((1.6e4, 2.5e4, 2.9e4), (7.0, 25.0), 40.0),
-    25: Gear((3.1e4, 5.0e4, 5.7e4), (14.0, 48.0), 67.0),
-    32: Gear((6.7e4, 11.0e4, 12.0e4), (29.0, 108.0), 137.0),
+    size: Gear(slopes_Nm_per_rad=slopes, breakpoints_Nm=breakpoints, rated_Nm=rated)
+    for size, slopes, breakpoints, rated in (
+        (14, (0.47e4, 0.61e4, 0.71e4), (2.0, 6.9), 7.8),
+        (17, (1.0e4, 1.4e4, 1.6e4), (3.9, 12.0), 24.0),
+        (20, (1.6e4, 2.5e4, 2.9e4), (7.0, 25.0), 40.0),
+        (25, (3.1e4, 5.0e4, 5.7e4), (14.0, 48.0), 67.0),
+        (32, (6.7e4, 11.0e4, 12.0e4), (29.0, 108.0), 137.0),
+    )
 }
 """Strain-wave gears by size, ratio 80 and above. Recalled from the manufacturer's catalogue and so
 an assumption, but for the slopes of size 32, which were confirmed; rated torques: assumption."""
@@ -112,21 +110,6 @@ class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class GearTable(_Table):
-    """A gear that is not in the catalogue; see `stiff_datasets.twin.springs.Gear`."""
-
-    slopes_Nm_per_rad: tuple[Stiffness, Stiffness, Stiffness]
-    breakpoints_Nm: tuple[Positive, Positive]
-    rated_Nm: Positive
-
-    @model_validator(mode="after")
-    def _ascending(self) -> GearTable:
-        first, second = self.breakpoints_Nm
-        if first >= second:
-            raise ValueError(f"breakpoints_Nm {first:g}, {second:g}: the second must be larger")
-        return self
-
-
 class JointTable(_Table):
     """The elasticity of one joint.
 
@@ -137,7 +120,7 @@ class JointTable(_Table):
         lost_motion_arcmin: full width.
     """
 
-    gear: StrictInt | GearTable
+    gear: StrictInt | Gear
     structure_Nm_per_rad: Annotated[float, _or_rigid(SOFTEST, STIFFEST)]
     tilting_ratio: Annotated[float, _or_rigid(SMALLEST_RATIO, LARGEST_RATIO)]
     lost_motion_arcmin: Annotated[NotNegative, Le(LARGEST_LOST_MOTION)]
@@ -151,11 +134,8 @@ class JointTable(_Table):
     @cached_property
     def springs(self) -> JointSprings:
         """The same in SI units."""
-        if isinstance(self.gear, int):
-            gear = CATALOGUE[self.gear]
-        else:
-            gear = Gear(self.gear.slopes_Nm_per_rad, self.gear.breakpoints_Nm, self.gear.rated_Nm)
-        tilting = self.tilting_ratio * gear.slopes[1]
+        gear = CATALOGUE[self.gear] if isinstance(self.gear, int) else self.gear
+        tilting = self.tilting_ratio * gear.slopes_Nm_per_rad[1]
         lost_motion = self.lost_motion_arcmin * ARCMIN
         return JointSprings(gear, self.structure_Nm_per_rad, (tilting, tilting), lost_motion)
 
@@ -218,21 +198,6 @@ class Errors(_Table):
     tail: Annotated[float, Gt(0)] = 3.0
 
 
-class SegmentTable(_Table):
-    """The round tube of a segment; see `stiff_datasets.twin.beams.Tube`."""
-
-    outer_m: Diameter
-    wall_m: Diameter
-
-    @model_validator(mode="after")
-    def _hollow(self) -> SegmentTable:
-        if 2.0 * self.wall_m > self.outer_m:
-            raise ValueError(
-                f"wall_m {self.wall_m:g} is more than half of outer_m {self.outer_m:g}"
-            )
-        return self
-
-
 class BeamsTable(_Table):
     """The links' elasticity; see `stiff_datasets.twin.beams.Beams`.
 
@@ -248,13 +213,13 @@ class BeamsTable(_Table):
     foundation_N_per_m: Annotated[float, Ge(1e3)] = np.inf
     foundation_Nm_per_rad: Annotated[float, Ge(10.0)] = np.inf
     bend: Literal["always", "effect"] = "effect"
-    segment: tuple[SegmentTable, ...]
+    segment: tuple[Tube, ...]
 
     def beams(self, robot: Robot, moduli: FloatArray) -> Beams:
         """Return them on a robot, each segment's Young's modulus times (n_segments,) `moduli`."""
         return Beams(
             robot,
-            tuple(Tube(tube.outer_m, tube.wall_m) for tube in self.segment),
+            self.segment,
             moduli * self.modulus_Pa,
             self.poisson,
             (self.foundation_N_per_m, self.foundation_Nm_per_rad),
@@ -347,10 +312,10 @@ def specimen_springs(constants: TwinConstants, specimen: int) -> tuple[JointSpri
     for joint in constants.springs:
         factors = np.exp(rng.normal(size=5) * deviations)
         gear, structure, *tilting, lost_motion = factors.tolist()
-        first, second, third = (slope * gear for slope in joint.gear.slopes)
+        slopes = tuple(slope * gear for slope in joint.gear.slopes_Nm_per_rad)
         drawn.append(
             JointSprings(
-                gear=replace(joint.gear, slopes=(first, second, third)),
+                gear=joint.gear.model_copy(update={"slopes_Nm_per_rad": slopes}),
                 structure=joint.structure * structure,
                 tilting=(joint.tilting[0] * tilting[0], joint.tilting[1] * tilting[1]),
                 lost_motion=joint.lost_motion * lost_motion,
@@ -412,7 +377,7 @@ def _first_problem(error: ValidationError) -> str:
     path = [
         str(part + 1) if isinstance(part, int) else part
         for part in problem["loc"]
-        if not str(part).startswith(("int", "GearTable", "function-"))
+        if not str(part).startswith(("int", "Gear", "function-"))
     ]
     where = ".".join(path)
     kind, about = problem["type"], problem.get("ctx", {})
@@ -448,9 +413,9 @@ _VALID = {
 """Pydantic's name of a problem -> what is valid, in our words."""
 
 
-_TABLES: dict[str, type[_Table]] = {
-    **{"joint": JointTable, "gear": GearTable, "noise": Noise, "scatter": Scatter},
-    **{"errors": Errors, "beams": BeamsTable, "segment": SegmentTable},
+_TABLES: dict[str, type[BaseModel]] = {
+    **{"joint": JointTable, "gear": Gear, "noise": Noise, "scatter": Scatter},
+    **{"errors": Errors, "beams": BeamsTable, "segment": Tube},
 }
 
 

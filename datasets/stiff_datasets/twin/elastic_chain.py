@@ -54,7 +54,6 @@ class ElasticChain:
         self._centre = np.stack([b.T @ centre for b, centre in centres])  # (n_joints, 3) m
         self._weight = robot.masses[:, None] * robot.gravity  # (n_joints, 3) N
         self._tcp = bases[-1].T @ robot.tcp
-        self._last_basis = bases[-1]
 
     def statics(self, q: FloatArray, theta: FloatArray, wrench: FloatArray) -> Statics:
         """Return torques and TCP of the chain at `q`, deformed by `theta`, under `wrench`.
@@ -89,14 +88,6 @@ class ElasticChain:
             torque[rows] = np.einsum("kcn,cn->kn", axes[rows], moment)
             moment = moment + _cross(arm[joint], force)
         return Statics(torque, tcp=sum(arm[1:], arm[0] + lever))
-
-    def tool_vectors(self, q: FloatArray, vector: FloatArray) -> FloatArray:
-        """Return (3, n): `vector` (3,) of the last joint's frame in the base frame, undeformed."""
-        frame = np.repeat(np.eye(3)[:, :, None], q.shape[1], axis=2)
-        for joint in range(self.n_joints):
-            frame = np.tensordot(self._turn[joint], frame, axes=(0, 0))
-            _mix(frame, 0, 1, np.sin(q[joint]), np.cos(q[joint]))
-        return _along(self._last_basis.T @ vector, frame)
 
 
 def _basis(robot: Robot, joint: int) -> FloatArray:

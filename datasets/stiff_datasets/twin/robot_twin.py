@@ -57,35 +57,11 @@ class Ur5Twin(TwinData):
         return self.measured(constants, random_poses(constants, POSES, self.seed))
 
 
-@dataclass(frozen=True)
-class Arm:
-    """A type of robot in `ArmFamily`.
-
-    Attributes:
-        name: of its URDF and of its constants.
-        maker, type: the manufacturer's words.
-        masses: where those of its links are from; the URDF says it in full.
-    """
-
-    name: str
-    maker: str
-    type: str
-    masses: str
-
-
 ARMS = (
-    Arm("irb120_3_06", "ABB", "IRB 120-3/0.6", "public, from CAD"),
-    Arm("tx60", "Stäubli", "TX60", "public, from CAD"),
-    Arm("lr_mate_200id", "FANUC", "LR Mate 200iD", "scaled from KR 6 R700-2"),
-    Arm("gp12", "Yaskawa", "GP12", "scaled from KR 12 R1450 HW"),
-    Arm("kr16_r1610_2", "KUKA", "KR 16 R1610-2", "public; split inside the wrist"),
-    Arm("m20ib_25", "FANUC", "M-20iB/25", "scaled from KR 20 R1820-2 E"),
-    Arm("irb4600_40_255", "ABB", "IRB 4600-40/2.55", "scaled from KR 50 R2500"),
-    Arm("kr70_r2100", "KUKA", "KR 70 R2100", "public"),
-    Arm("gp180", "Yaskawa", "GP180", "scaled from KR 120 R2700-2"),
-    Arm("kr240_r2900_2", "KUKA", "KR 240 R2900-2", "public"),
+    *("irb120_3_06", "tx60", "lr_mate_200id", "gp12", "kr16_r1610_2"),
+    *("m20ib_25", "irb4600_40_255", "kr70_r2100", "gp180", "kr240_r2900_2"),
 )
-"""Numbers 0 to 9, by payload."""
+"""Numbers 0 to 9, by payload -> names of the URDF and of the constants."""
 
 HEAVIEST = 0.8  # of the payload
 
@@ -104,7 +80,7 @@ class ArmFamily(TwinData):
 
     def load(self) -> BenchmarkData:
         """Simulate the measurement."""
-        constants = shipped_constants(ARMS[self.robot].name)
+        constants = shipped_constants(ARMS[self.robot])
         poses = random_poses(constants, POSES, self.seed)
         return self.measured(constants, poses, heaviest=HEAVIEST)
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Gt, Le
+from pydantic import BaseModel, Field, model_validator
 
 from stiff_protocols.contract.types import FloatArray
 
@@ -13,19 +16,30 @@ LOST_MOTION_SHARE = 0.04
 """Of the rated torque: where catalogues measure lost motion."""
 
 
-@dataclass(frozen=True)
-class Gear:
+SOFTEST, STIFFEST = 10.0, 1e10  # N m/rad; a unit off by a thousand is outside
+Stiffness = Annotated[float, Ge(SOFTEST), Le(STIFFEST), Field(allow_inf_nan=False)]
+Positive = Annotated[float, Gt(0), Field(allow_inf_nan=False)]
+
+
+class Gear(BaseModel, extra="forbid", frozen=True):
     """Catalogue torsion of a strain-wave gear: slope K1 up to T1, K2 up to T2, K3 above.
 
     Attributes:
-        slopes: K1, K2, K3 in N m/rad.
-        breakpoints: T1, T2 in N m.
-        rated_torque: N m; lost motion is measured at +-4 % of it.
+        slopes_Nm_per_rad: K1, K2, K3.
+        breakpoints_Nm: T1, T2.
+        rated_Nm: lost motion is measured at +-4 % of this torque.
     """
 
-    slopes: tuple[float, float, float]
-    breakpoints: tuple[float, float]
-    rated_torque: float
+    slopes_Nm_per_rad: tuple[Stiffness, Stiffness, Stiffness]
+    breakpoints_Nm: tuple[Positive, Positive]
+    rated_Nm: Positive
+
+    @model_validator(mode="after")
+    def _ascending(self) -> Gear:
+        first, second = self.breakpoints_Nm
+        if first >= second:
+            raise ValueError(f"breakpoints_Nm {first:g}, {second:g}: the second must be larger")
+        return self
 
 
 @dataclass(frozen=True)
@@ -90,8 +104,8 @@ class SpringLaw:
 
 def _rows(joint: JointSprings) -> list[tuple[float, ...]]:
     """Return the constants of a joint's torsion and of its two tilts."""
-    torsion = [1.0 / slope + 1.0 / joint.structure for slope in joint.gear.slopes]
-    lost = (joint.lost_motion / 2.0, LOST_MOTION_SHARE * joint.gear.rated_torque)
+    torsion = [1.0 / slope + 1.0 / joint.structure for slope in joint.gear.slopes_Nm_per_rad]
+    lost = (joint.lost_motion / 2.0, LOST_MOTION_SHARE * joint.gear.rated_Nm)
     linear = [([1.0 / tilting] * 3, (1.0, 2.0), (0.0, 1.0)) for tilting in joint.tilting]
-    parts = [(torsion, joint.gear.breakpoints, lost), *linear]
+    parts = [(torsion, joint.gear.breakpoints_Nm, lost), *linear]
     return [(*compliance, *breakpoints, *end) for compliance, breakpoints, end in parts]

@@ -137,7 +137,8 @@ class TwinExperiment:
             force = line_wrenches(len(q), payload, rng)[:, :3]
         else:
             force = omni_forces(len(q), payload, rng, self.heaviest)
-        return hook_wrenches(force, self.twin.tool_vectors(q, self.constants.hook_m))
+        lever = self.twin.robot.forward(q).rotation @ np.array(self.constants.hook_m)
+        return hook_wrenches(force, lever)
 
     def recorded(
         self, poses: Poses, wrench: FloatArray, deflection: FloatArray, *, block: int = 0
@@ -260,10 +261,10 @@ class DigitalTwin:
         hysteresis: bool = False,
     ) -> None:
         """Build the elastic chain."""
-        self._beams, self._hysteresis = beams, hysteresis
+        self.robot, self._beams, self._hysteresis = robot, beams, hysteresis
         self._chain = ElasticChain(robot)
-        if len(springs) != self._chain.n_joints:
-            raise DataError(f"{len(springs)} joint springs for {self._chain.n_joints} joints")
+        if len(springs) != robot.n_joints:
+            raise DataError(f"{len(springs)} joint springs for {robot.n_joints} joints")
         self._law = SpringLaw(springs)
 
     def readings(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
@@ -304,10 +305,6 @@ class DigitalTwin:
             parts.append(self._solve(q[rows].T.copy(), wrench[rows].T.copy(), begin))
         theta, torque, tcp = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         return Equilibrium(theta, torque, tcp)
-
-    def tool_vectors(self, q: FloatArray, vector: Sequence[float]) -> FloatArray:
-        """Return (n, 3): `vector` (3,) of the last joint's frame in the base frame, undeformed."""
-        return self._chain.tool_vectors(q.T, np.asarray(vector)).T
 
     def _solve(
         self, q: FloatArray, wrench: FloatArray, turning: FloatArray | None

@@ -48,7 +48,9 @@ def test_nearly_every_planted_mistake_is_named_and_none_wrongly(source, first, t
 
 @pytest.mark.parametrize(("twin", "specimen"), [("kr10-twin", 7), ("ur5-twin", 0)])
 def test_clean_data_are_ok(twin, specimen, tmp_path):
-    assert clean(twin, specimen).report(tmp_path / "my.csv").warnings == ()
+    report = clean(twin, specimen).report(tmp_path / "my.csv")
+    assert report.errors == report.warnings == ()
+    assert repr(report).splitlines()[0] == f"{tmp_path / 'my.csv'}: ok"
 
 
 @pytest.mark.slow

@@ -201,6 +201,10 @@ def test_a_file_of_forces_alone_is_read_where_that_is_said(tmp_path, kr10):
             "not a CSV table: row 4 has 19 cells, the header 18; decimal commas need semicolons",
         ),
         ([HEADER, GOOD + ",7,8"], "not a CSV table: row 2 has 20 cells, the header 18"),
+        (
+            [HEADER + ",note", GOOD + ',"windy', line(load_id=2) + ",calm"],
+            "a cell of row 2 has a quotation mark that is not closed",
+        ),
         ([HEADER, "", "", line(fx_N="abc")], "row 4, column fx_N: 'abc'"),
         (
             [HEADER, line(q1_deg="1e999"), line(q1_deg="1e999", load_id="2")],

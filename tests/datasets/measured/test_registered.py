@@ -167,22 +167,14 @@ def test_a_damaged_file_of_registrations_is_one_clear_error(csv, text, message):
         assert registry_file().read_bytes() == before
 
 
-def test_the_environment_variable_names_the_folder(monkeypatch, tmp_path):
-    monkeypatch.setenv("STIFFBENCH_HOME", str(tmp_path / "mine"))
-    assert registered.home() == tmp_path / "mine"
-    assert not registered.home().exists()
+def test_the_environment_variable_or_the_platform_names_the_folder(monkeypatch, tmp_path):
     monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setenv("STIFFBENCH_HOME", "~/mine")
-    assert registered.home() == Path("~/mine").expanduser()
-
-
-@pytest.mark.parametrize("value", [None, ""])
-def test_without_it_the_platforms_folder_for_user_data_is_used(monkeypatch, tmp_path, value):
-    monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.delenv("STIFFBENCH_HOME", raising=False)
-    if value is not None:
+    users = platformdirs.user_data_path("stiffbench")
+    for value, folder in (("~/mine", tmp_path / "mine"), ("/a", Path("/a")), ("", users)):
         monkeypatch.setenv("STIFFBENCH_HOME", value)
-    assert registered.home() == platformdirs.user_data_path("stiffbench")
+        assert registered.home() == folder and not folder.exists()
+    monkeypatch.delenv("STIFFBENCH_HOME")
+    assert registered.home() == users
 
 
 def test_a_folder_that_cannot_be_made_is_named_with_the_way_out(tmp_path):

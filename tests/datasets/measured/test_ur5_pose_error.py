@@ -90,10 +90,6 @@ def server(published):
         thread.join()
 
 
-def names_in(folder):
-    return sorted(path.name for path in folder.rglob("*") if path.is_file())
-
-
 def test_a_download_brings_both_files_and_a_second_one_what_is_wrong_alone(home, server):
     url, handler = server
     assert missing() == "not fetched: bench data fetch ur5-pose-error"
@@ -159,16 +155,6 @@ def test_a_download_that_fails_is_one_clear_error_and_leaves_nothing(home, serve
     assert "\n" not in str(caught.value)
     assert ("cannot be downloaded" in str(caught.value)) or why == "stops"
     assert not home.exists()
-
-
-def test_a_write_that_fails_leaves_no_part_of_a_file(home, published, monkeypatch):
-    def full(self, content):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "write_bytes", full)
-    with pytest.raises(Exception, match="No space left"):
-        fetch(published)
-    assert names_in(home) == []
 
 
 def test_the_columns_become_si_units_with_no_wrench_and_unique_poses(published):

@@ -68,12 +68,6 @@ def only(findings, words):
     return found
 
 
-def test_good_data_give_no_error_and_no_warning(measurement):
-    report = measurement.report()
-    assert messages(report.errors) == messages(report.warnings) == []
-    assert repr(report).splitlines()[0] == f"{measurement.path}: ok"
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_half_of_the_rows_of_good_data_raise_no_alarm_about_frames(measurement, seed):
     rows = np.random.default_rng(seed).permutation(len(measurement.samples))

@@ -72,7 +72,9 @@ def test_specimens_and_seeds_differ_and_the_same_words_give_the_same_bytes(data,
 def test_specimens_differ_by_manufacturing_scatter_not_more(number):
     constants = CALIBRATIONS[number].constants()
     nominal, *drawn = (
-        np.array([spring.gear.slopes[0] for spring in specimen_springs(constants, number)])
+        np.array(
+            [spring.gear.slopes_Nm_per_rad[0] for spring in specimen_springs(constants, number)]
+        )
         for number in range(10)
     )
     scatter = np.log(np.array(drawn) / nominal).std()

@@ -39,7 +39,7 @@ def write(tmp_path, text):
 def test_constants_are_converted_to_springs_in_si_units(tmp_path):
     text = TOP + 5 * JOINT + JOINT.replace("25", OWN_GEAR)
     *alike, own = read_constants(write(tmp_path, text)).springs
-    assert len(alike) == 5 and own.gear.slopes == (1e6, 2e6, 2e6)
+    assert len(alike) == 5 and own.gear.slopes_Nm_per_rad == (1e6, 2e6, 2e6)
     assert alike[0].gear == CATALOGUE[25]
     assert alike[0].structure == 1e5 and alike[0].tilting == (4 * 5e4, 4 * 5e4)
     assert alike[0].lost_motion == pytest.approx(np.deg2rad(1 / 60))
