@@ -67,7 +67,7 @@ def test_over_splits_the_numbers_are_those_of_the_corrected_t_test_by_hand(tmp_p
     scale = math.sqrt((1 / 5 + 8 / 32) * differences.var(ddof=1))  # 8 rows tested, 32 trained on
     half = scale * stats.t.ppf(0.975, 4)
     assert row.difference == pytest.approx(differences.mean())
-    assert (row.mean_a, row.mean_b) == pytest.approx((1.1e-4, 2.16e-4))
+    assert row.means == pytest.approx((1.1e-4, 2.16e-4))
     assert (row.main.low, row.main.high) == pytest.approx(
         (differences.mean() - half, differences.mean() + half)
     )
@@ -197,7 +197,7 @@ def test_splits_that_one_of_them_lacks_are_left_out_and_named(tmp_path):
     found = compared(folder)
     assert found.n_splits == 3
     kept = [0, 2, 4]
-    assert found.row("x").mean_b == pytest.approx(np.mean([B_SPLITS[k] for k in kept]))
+    assert found.row("x").means[1] == pytest.approx(np.mean([B_SPLITS[k] for k in kept]))
     assert "a lacks 2 of 5 splits (failed: it broke)" in text_of(folder)
 
 

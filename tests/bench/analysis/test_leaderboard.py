@@ -17,8 +17,8 @@ from scipy import stats
 
 from figure_results import with_fields
 from made_results import N_POSES, TWINS, MadeResults, forget
-from stiff_bench.analysis.collected import collect
-from stiff_bench.analysis.leaderboard import Leaderboard, stored_leaderboard
+from stiff_bench.analysis.collected import StoredResults, collect
+from stiff_bench.analysis.leaderboard import Leaderboard, build_leaderboard
 from stiff_bench.analysis.leaderboard_tables import render_leaderboard
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.store.database import ResultStore, read_results
@@ -34,7 +34,8 @@ def made(tmp_path: Path) -> MadeResults:
 
 
 def board_of(made: MadeResults, *models: str, metric="norm", axis=None, **narrowed) -> Leaderboard:
-    return stored_leaderboard(made.folder, models=models, key=sort_key(metric, axis), **narrowed)
+    stored = StoredResults.read(made.folder)
+    return build_leaderboard(stored, models=models, key=sort_key(metric, axis), **narrowed)
 
 
 def text_of(board: Leaderboard, fmt: str = "github") -> str:
