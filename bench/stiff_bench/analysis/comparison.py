@@ -85,10 +85,9 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A and B in one case.
+    """A and B in the case of this name.
 
     Attributes:
-        name: of the case.
         a, b: what must stand beside their numbers.
         n_splits: that both have.
         n_train, n_test: rows that a split trains and tests on, means.
@@ -239,7 +238,6 @@ class Across:
 
     Attributes:
         family: the data sets' name without their specimen.
-        protocol, condition, seed: shared.
         verdicts: of the mean length of the error, one a data set; "open" where repeats of one
             data set disagree.
         of_fits: a verdict among them is of fitted models alone (one split, or all scored together).
@@ -293,7 +291,6 @@ class Report:
 
     Attributes:
         a, b: names.
-        question: what was asked.
         comparisons: one a case; at least one.
         across: over data sets of one robot type.
         where: who is better where, if there is one case.

@@ -1,8 +1,7 @@
 """Ranks of models over data sets and protocols. Numbers alone; `leaderboard_tables` prints them.
 
-A mean rank over fewer cases is another quantity: a model that lacks a result anywhere has none,
-and stands beneath with what it lacks. Ranks, tests and the critical difference are computed among
-the models that are shown and complete, whoever else has results in the folder.
+A mean rank over fewer cases is another quantity: a model that lacks a result anywhere has none.
+Ranks, tests and the critical difference are computed among the models that are shown and complete.
 """
 
 from __future__ import annotations
@@ -104,11 +103,10 @@ class Section:
 
 @dataclass(frozen=True)
 class Leaderboard:
-    """Sections, fair protocols first.
+    """One section or more, fair protocols first.
 
     Attributes:
         key: what models are ranked by.
-        sections: at least one.
         notes: what is left out, and why.
         provenance: which stiffbench made the results shown.
     """

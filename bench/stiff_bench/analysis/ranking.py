@@ -32,7 +32,7 @@ class ScoredCase:
         key: what they are ranked by.
         data: the samples of the case's data set.
         seed: of the draws of poses.
-        slots: the splits that all who take part have; no other counts.
+        slots: the splits that all who take part have; they alone count.
         results: model that takes part -> its results on these splits, in order.
         scores: model -> (J,) its value on each of these splits, in the metric's unit; one value
             where the protocol scores all splits together.

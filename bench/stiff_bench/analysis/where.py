@@ -1,9 +1,8 @@
 """Where is A better than B? Regions of the workspace, sizes of the load, torques on the joints.
 
-The tested samples are divided by each of these into three parts of about equal number (a part of
-the measurement plan stays one), and every part is tested by itself. There are dozens of them, so
-the p-values are corrected for all that were looked at (Holm). What is shown is, of each kind, the
-division that explains most of the differences between poses.
+Each of these divides the tested samples into three places of about equal number (a part of the
+measurement plan stays one). There are dozens, so their p-values are corrected for one another
+(Holm). Of each kind the division that explains most of the differences between poses is shown.
 """
 
 from __future__ import annotations
