@@ -112,7 +112,9 @@ class Case:
     def results(self, competitor: str, slots: Sequence[Slot] | None = None) -> list[CellResult]:
         """Return a model's results on these slots (default: all that it has), in order."""
         done = self.competitors[competitor].done
-        return [done[slot] for slot in (done if slots is None else slots) if slot in done]
+        if slots is None:
+            return list(done.values())
+        return [done[slot] for slot in slots if slot in done]
 
     def results_of_all_slots(self, competitor: str) -> list[CellResult]:
         """Return a model's results if it has one on every split; else none."""

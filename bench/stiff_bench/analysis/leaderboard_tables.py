@@ -298,15 +298,7 @@ def _costs(section: Section) -> Table:
         title=f"Costs of {counted(n_results, 'fit')} | median (lowest to highest), not ranked",
         columns=[
             Column("model", "text"),
-            *(
-                Column(
-                    heading,
-                    unit=PRINTED[METRICS[key].unit][0],
-                    format=written,
-                    about={"metric": key},
-                )
-                for key, (heading, written) in _COSTS.items()
-            ),
+            *_COSTS.values(),
             Column("fits"),
         ],
         rows=[
@@ -352,13 +344,16 @@ def _three_digits(value: float) -> str:
     return f"{float(f'{value:.3g}'):,.15g}"
 
 
-_COSTS: dict[str, tuple[str, Callable[[Quantity], str]]] = {
-    "fit-time": ("fit time", _time),
-    "throughput": ("predictions a second", lambda found: _range(found, "", _three_digits)),
-    "latency": ("latency of one", _time),
-    "memory": ("memory [MiB]", lambda found: _range(found, "", lambda size: f"{size:.1f}")),
+_COSTS = {
+    key: Column(name, unit=PRINTED[METRICS[key].unit][0], format=written, about={"metric": key})
+    for key, name, written in (
+        ("fit-time", "fit time", _time),
+        ("throughput", "predictions a second", lambda found: _range(found, "", _three_digits)),
+        ("latency", "latency of one", _time),
+        ("memory", "memory [MiB]", lambda found: _range(found, "", lambda size: f"{size:.1f}")),
+    )
 }
-"""Metric of a column -> its heading, and how its quantities are written."""
+"""Metric -> its column."""
 
 
 def _details(section: Section, board: Leaderboard) -> list[Table]:

@@ -195,6 +195,9 @@ def test_splits_that_one_of_them_lacks_are_left_out_and_named(tmp_path):
     kept = [0, 2, 4]
     assert found.row("x").means[1] == pytest.approx(np.mean([B_SPLITS[k] for k in kept]))
     assert "a lacks 2 of 5 splits (failed: it broke)" in text_of(folder)
+    store_results(folder, PAIR, failed={"b": range(5)}, condition="n = 5")
+    with pytest.raises(ConfigError, match=r"b has no result \(failed: it broke\)"):
+        report_on(folder, conditions=("n = 5",))
 
 
 def test_specimens_count_as_data_sets_and_splits_do_not(tmp_path):
@@ -353,12 +356,6 @@ def test_models_that_met_only_under_another_tcp_are_told_so(tmp_path):
         ConfigError, match=r"no comparison in common: .*; made stands for different .*: TCP \("
     ):
         report_on(tmp_path)
-
-
-def test_a_model_that_failed_everywhere_is_said_to_have_failed(tmp_path):
-    folder = store_results(tmp_path, PAIR, failed={"b": range(5)})
-    with pytest.raises(ConfigError, match=r"b has no result \(failed: it broke\)"):
-        report_on(folder)
 
 
 def test_csv_and_json_hold_the_numbers_of_the_report_in_mm(tmp_path):
