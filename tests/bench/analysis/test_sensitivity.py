@@ -167,19 +167,24 @@ def test_a_model_whose_plugin_is_missing_is_refused_and_named(tmp_path, plugin_f
 @pytest.mark.parametrize(
     ("words", "parts"),
     [
-        (["--perturb", "--tcp-off", "half"], ["'half' is no length"]),
-        (["--perturb", "vjm"], ["vjm alone", "two models or more"]),
-        (["--perturb", "vjm", "gp"], ["unknown model with results 'gp'"]),
-        (["--perturb", *NO_OTHER_WORDS, "--tcp-off=0"], ["nothing is perturbed"]),
-        # without it there are two models and no mistakes
-        *([words, ["--perturb"]] for words in ([], ["vjm"], ["vjm", "knn", "mean"])),
-        (["vjm", "knn", "--draws=3"], ["--perturb"]),
+        (["--tcp-off", "half"], ["'half' is no length"]),
+        (["vjm"], ["vjm alone", "two models or more"]),
+        (["vjm", "gp"], ["unknown model with results 'gp'"]),
+        ([*NO_OTHER_WORDS, "--tcp-off=0"], ["nothing is perturbed"]),
     ],
     ids=str,
 )
 def test_bad_words_are_refused_in_one_line(stored, words, parts):
-    done = bench_here("compare", "--results", "runs", *words, cwd=stored.parent)
+    done = bench_here("compare", "--perturb", "--results", "runs", *words, cwd=stored.parent)
     assert_refused(done, *parts)
+
+
+@pytest.mark.parametrize(
+    "words", [["vjm"], [], ["vjm", "knn", "mean"], ["vjm", "knn", "--draws=3"]]
+)
+def test_without_perturb_there_are_two_models_and_no_mistakes(stored, words):
+    done = bench_here("compare", "--results", "runs", *words, cwd=stored.parent)
+    assert_refused(done, "--perturb")
 
 
 @pytest.mark.parametrize("name", ["tcp_off_mm", "force_noise_percent", "draws", "jobs"])
