@@ -1,9 +1,4 @@
-"""Stored results, sorted for comparisons: who met whom on the same data and the same splits.
-
-A case is one data set under one protocol and condition. Results of different data never meet in
-one, even where the data sets' names are the same; results of different splits are different slots
-of it, and a model that lacks a slot is incomplete there.
-"""
+"""Stored results, sorted into cases: who met whom on the same data and the same splits."""
 
 from __future__ import annotations
 
@@ -59,9 +54,8 @@ class Competitor:
 
     Attributes:
         shown: what must stand beside its numbers.
-        done: its results by slot, in the order of the slots.
-        failures: slot -> the record that says why it failed there or was skipped; no slot that is
-            done.
+        done: its results by slot, in order.
+        failures: by slot, none of which is done: records that say why it failed or was skipped.
         n_asked: how many splits its newest run was asked for here; 0 where it is not known.
     """
 
@@ -84,6 +78,8 @@ class Competitor:
 @dataclass(frozen=True, eq=False)
 class Case:
     """All competitors on one data set under one protocol and condition.
+
+    Results of different data never meet in one, even where the data sets' names are the same.
 
     Attributes:
         name: what they share.
@@ -127,10 +123,8 @@ class Case:
 
     def shared_slots(self, competitors: Iterable[str]) -> list[Slot]:
         """Return the splits on which all of these models have a result, in order."""
-        shared = set(self.slots).intersection(
-            *(self.competitors[name].done for name in competitors)
-        )
-        return sorted(shared)
+        done = (self.competitors[name].done for name in competitors)
+        return sorted(set(self.slots).intersection(*done))
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +133,7 @@ class StoredResults:
 
     Attributes:
         folder: that was read.
-        cases: all of its results, sorted.
+        cases: all of its results.
         runs: whose manifests it holds.
     """
 
@@ -260,20 +254,27 @@ def chosen_cases(
     """Return the cases of these data sets and protocols; none named means all.
 
     A key without options stands for all its variants: "kr10-twin" for every specimen,
-    "kr10-twin@specimen=0" for the one that is shown as "kr10-twin".
+    "kr10-twin@specimen=0", where the default is spelled out, for the one shown as "kr10-twin".
 
     Raises:
         ConfigError: a name has no results.
     """
     chosen = list(cases)
     for kind, words in (("dataset", datasets), ("protocol", protocols)):
-        for word in words:
-            if not any(_stands_for_its(kind, word, case) for case in cases):
+        found = {word: [case for case in cases if _is_of(case, kind, word)] for word in words}
+        for word, of_word in found.items():
+            if not of_word:
                 names = {getattr(case.name, kind) for case in cases}
                 raise unknown_name(f"{kind} with results", word, names)
         if words:
-            chosen = [c for c in chosen if any(_stands_for_its(kind, word, c) for word in words)]
+            chosen = [case for case in chosen if any(case in of_word for of_word in found.values())]
     return chosen
+
+
+def _is_of(case: Case, kind: str, word: str) -> bool:
+    """Say whether a word stands for a case's data set or protocol."""
+    key, options = getattr(case.cell, kind), getattr(case.cell, f"{kind}_params")
+    return stands_for(word, getattr(case.name, kind)) or _spells_out(word, key, options)
 
 
 def stands_for(word: str, name: str) -> bool:
@@ -286,22 +287,13 @@ def asked_for(name: str, words: Sequence[str]) -> bool:
     return not words or any(stands_for(word, name) for word in words)
 
 
-def _stands_for_its(kind: str, word: str, case: Case) -> bool:
-    """Say whether a word stands for a case's data set or protocol; defaults may be spelled."""
-    key, options = getattr(case.cell, kind), getattr(case.cell, f"{kind}_params")
-    return stands_for(word, getattr(case.name, kind)) or _spells_out(word, key, options)
-
-
 def same_name_other_data(
     cases: Sequence[Case], data_of: Callable[[str], StoredData]
 ) -> Iterator[str]:
     """Yield a line for each data set whose name stands for different numbers in the folder.
 
-    So too for cases whose source domain comes from different numbers under one name.
-
-    Args:
-        cases: of one folder.
-        data_of: the data with a hash; raises StoreError where they are not stored.
+    So too for cases whose source domain does. `data_of` returns the data with a hash; it raises
+    StoreError where they are not stored.
     """
     of_dataset = grouped(sorted(cases, key=lambda c: c.newest_run), lambda one: one.name.dataset)
     for dataset, found in sorted(of_dataset.items()):
@@ -334,14 +326,6 @@ def left_out_notes(cases: Sequence[Case]) -> Iterator[str]:
         yield f"{where}: {reason} are left out."
 
 
-def few_notes(notes: Iterable[str], most: int = 4) -> list[str]:
-    """Return the notes for people, each once; where there are more, the last counts the others."""
-    every = list(dict.fromkeys(filter(None, notes)))
-    if len(every) <= most:
-        return every
-    return [*every[: most - 1], f"{len(every) - most + 1} more notes: `--format json`"]
-
-
 def competitor_meant(word: str, cases: Sequence[Case]) -> str:
     """Return the name of the model with results that a word stands for.
 
@@ -365,10 +349,8 @@ def competitor_meant(word: str, cases: Sequence[Case]) -> str:
 def _spells_out(word: str, key: str, options: Mapping[str, Any]) -> bool:
     """Say whether a word is a key with some of these options, which may be defaults."""
     asked = Variant.of_word(word)
-    return (
-        asked.key == key
-        and asked.options.keys() <= options.keys()
-        and all(_is(options[option], text) for option, text in asked.options.items())
+    return asked.key == key and all(
+        option in options and _is(options[option], text) for option, text in asked.options.items()
     )
 
 

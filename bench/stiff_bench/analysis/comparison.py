@@ -20,7 +20,7 @@ from stiff_bench.analysis.collected import (
     split_sizes,
     test_share,
 )
-from stiff_bench.analysis.same_robot import dataset_of, family_of
+from stiff_bench.analysis.critical_difference import dataset_of, family_of
 from stiff_bench.analysis.verdict import (
     Estimate,
     Question,
@@ -35,10 +35,10 @@ from stiff_bench.store.database import read_data
 from stiff_bench.store.names import CaseName, grouped, labels, natural_key
 from stiff_bench.store.samples import StoredData
 from stiff_bench.store.versions import differing_libraries, sources
-from stiff_bench.tables.metric_table import TRAINING_MARK, pooled_prediction
+from stiff_bench.tables.metric_table import TRAINING_MARK
 from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name
 from stiff_protocols.contract.record import Presentation
-from stiff_protocols.contract.types import AXES, FloatArray, IntArray
+from stiff_protocols.contract.types import AXES, FloatArray, IntArray, TextArray
 from stiff_protocols.scoring.bootstrap import pose_errors
 from stiff_protocols.scoring.metrics import absolute_errors, norm_errors
 from stiff_protocols.scoring.paired import wilcoxon_signed_rank
@@ -55,15 +55,14 @@ class Row:
 
     Attributes:
         error: one of `ERRORS`.
-        mean_a, mean_b: mean absolute errors, m.
+        means: mean absolute errors of A and of B, m.
         over_splits: by the corrected t test; None where there is one split or all are pooled.
         over_poses: by the bootstrap over poses, with the fitted models held fixed.
         verdict: of all of them together; without splits it is of the fitted models alone.
     """
 
     error: str
-    mean_a: float
-    mean_b: float
+    means: tuple[float, float]
     over_splits: Estimate | None
     over_poses: Estimate
     verdict: Verdict
@@ -71,7 +70,7 @@ class Row:
     @property
     def difference(self) -> float:
         """A less B, m; negative where A is better."""
-        return self.mean_a - self.mean_b
+        return self.means[0] - self.means[1]
 
     @property
     def main(self) -> Estimate:
@@ -86,10 +85,9 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A and B in one case.
+    """A and B in the case of this name.
 
     Attributes:
-        name: of the case.
         a, b: what must stand beside their numbers.
         n_splits: that both have.
         n_train, n_test: rows that a split trains and tests on, means.
@@ -125,18 +123,22 @@ class Comparison:
 
 @dataclass(frozen=True, eq=False)
 class PairedErrors:
-    """The errors of A and of B at the same test rows, all shared splits one after another.
+    """The errors of A and of B at the same test rows, split by split.
 
     Attributes:
-        rows: (n,) row numbers in the data set; a row that several splits test stands here as often.
-        split: (n,) which of the shared splits it is of, from 0.
-        a, b: (n, 4) sizes of the errors, m, one column for each of `ERRORS`.
+        rows: (n,) row numbers in the data set, all shared splits one after another; a row that
+            several splits test stands here as often.
+        a, b: of each split (n_j, 4) sizes of the errors, m, one column for each of `ERRORS`.
     """
 
     rows: IntArray
-    split: IntArray
-    a: FloatArray
-    b: FloatArray
+    a: Sequence[FloatArray]
+    b: Sequence[FloatArray]
+
+    @property
+    def lengths(self) -> tuple[FloatArray, FloatArray]:
+        """(n,) lengths of A's errors at these rows, and of B's, m."""
+        return np.concatenate(self.a)[:, -1], np.concatenate(self.b)[:, -1]
 
 
 def paired_errors(case: Case, a: str, b: str) -> PairedErrors:
@@ -152,13 +154,15 @@ def paired_errors(case: Case, a: str, b: str) -> PairedErrors:
     slots = case.shared_slots([a, b])
     if not slots:
         raise DataError(f"{a} and {b} have no result on the same split")
-    results = case.results(a, slots)
-    of_a, of_b = (pooled_prediction(one) for one in (results, case.results(b, slots)))
-    counts = [len(one.prediction.rows) for one in results if one.prediction is not None]
-    sizes_a, sizes_b = (
-        np.column_stack([absolute_errors(one), norm_errors(one)]) for one in (of_a, of_b)
+    of_a, of_b = (
+        [one.prediction for one in case.results(name, slots) if one.prediction is not None]
+        for name in (a, b)
     )
-    return PairedErrors(of_a.rows, np.repeat(np.arange(len(slots)), counts), sizes_a, sizes_b)
+    sizes_a, sizes_b = (
+        [np.column_stack([absolute_errors(one), norm_errors(one)]) for one in of_model]
+        for of_model in (of_a, of_b)
+    )
+    return PairedErrors(np.concatenate([one.rows for one in of_a]), sizes_a, sizes_b)
 
 
 def compare(case: Case, a: str, b: str, data: StoredData, question: Question) -> Comparison:
@@ -168,54 +172,49 @@ def compare(case: Case, a: str, b: str, data: StoredData, question: Question) ->
         DataError: one has no results there, they share no split, or one pose alone was tested.
     """
     paired = paired_errors(case, a, b)
-    slots = case.shared_slots([a, b])
-    shown, results = case.competitors[a].shown, case.results(a, slots)
+    shown, results = case.competitors[a].shown, case.results(a, case.shared_slots([a, b]))
     n_train, n_test = split_sizes(results)
-    share = test_share(results, data) if len(slots) > 1 and not shown.pooled else None
+    share = test_share(results, data) if len(results) > 1 and not shown.pooled else None
+    pose_id = data.samples.pose_id[paired.rows]
     return Comparison(
         name=case.name,
         a=shown,
         b=case.competitors[b].shown,
-        n_splits=len(slots),
+        n_splits=len(results),
         n_train=n_train,
         n_test=n_test,
-        n_poses=len(np.unique(data.samples.pose_id[paired.rows])),
-        rows=_rows(paired, data, share, question),
+        n_poses=len(np.unique(pose_id)),
+        rows=tuple(_rows(paired, pose_id, share, question)),
         missing=tuple(_missing(case, a, b)),
     )
 
 
 def _rows(
-    paired: PairedErrors, data: StoredData, test_share: float | None, question: Question
-) -> tuple[Row, ...]:
-    """Return the rows with their verdicts; over splits too where these have a test share."""
-    pose_id = data.samples.pose_id[paired.rows]
-    a, b = (pose_errors(pose_id, errors) for errors in (paired.a, paired.b))
+    paired: PairedErrors, pose_id: TextArray, test_share: float | None, question: Question
+) -> Iterator[Row]:
+    """Yield the rows with their verdicts; over splits too where these have a test share."""
+    a, b = (pose_errors(pose_id, np.concatenate(errors)) for errors in (paired.a, paired.b))
     over_poses = _corrected_over_axes(estimates_over_poses(a, b, question))
-    mean_a, mean_b = a.mean, b.mean  # (4,) m
+    means = np.column_stack([a.mean, b.mean])  # (4, 2) m
     over_splits: Sequence[Estimate | None] = [None] * len(ERRORS)
     if test_share is not None:
-        of_a, of_b = (_split_means(errors, paired.split) for errors in (paired.a, paired.b))
+        of_a, of_b = (
+            np.array([errors.mean(axis=0) for errors in of_model])  # (J, 4) m
+            for of_model in (paired.a, paired.b)
+        )
         over_splits = _corrected_over_axes(estimates_over_splits(of_a - of_b, test_share, question))
-        mean_a, mean_b = of_a.mean(axis=0), of_b.mean(axis=0)
-    rows = []
-    for k, error in enumerate(ERRORS):
-        estimates = [one for one in (over_splits[k], over_poses[k]) if one is not None]
-        verdict = decide(estimates, question.confidence)
-        means = float(mean_a[k]), float(mean_b[k])
-        rows.append(Row(error, *means, over_splits[k], over_poses[k], verdict))
-    return tuple(rows)
+        means = np.column_stack([of_a.mean(axis=0), of_b.mean(axis=0)])
+    for error, (mean_a, mean_b), splits, poses in zip(
+        ERRORS, means.tolist(), over_splits, over_poses, strict=True
+    ):
+        verdict = decide([poses] if splits is None else [splits, poses], question.confidence)
+        yield Row(error, (mean_a, mean_b), splits, poses, verdict)
 
 
 def _corrected_over_axes(estimates: Sequence[Estimate]) -> list[Estimate]:
     """Correct the axes' p-values for one another (Holm); the length is a question of its own."""
     *of_axes, length = estimates
     return [*corrected(of_axes), length]
-
-
-def _split_means(errors: FloatArray, split: IntArray) -> FloatArray:
-    """Return the (J, 4) mean errors of each split."""
-    return np.array([errors[split == number].mean(axis=0) for number in np.unique(split)])
 
 
 def _missing(case: Case, a: str, b: str) -> Iterator[str]:
@@ -239,7 +238,6 @@ class Across:
 
     Attributes:
         family: the data sets' name without their specimen.
-        protocol, condition, seed: shared.
         verdicts: of the mean length of the error, one a data set; "open" where repeats of one
             data set disagree.
         of_fits: a verdict among them is of fitted models alone (one split, or all scored together).
@@ -293,7 +291,6 @@ class Report:
 
     Attributes:
         a, b: names.
-        question: what was asked.
         comparisons: one a case; at least one.
         across: over data sets of one robot type.
         where: who is better where, if there is one case.
@@ -364,7 +361,7 @@ def compare_folder(
     if len(shared) == 1:
         data = data_of(shared[0].name.data_sha256)
         paired = paired_errors(shared[0], a, b)
-        where = where_better(paired.rows, paired.a[:, -1], paired.b[:, -1], data, question)
+        where = where_better(paired.rows, *paired.lengths, data, question)
     used = [(case, case.shared_slots([a, b])) for case in shared]
     counts = {
         name: Counter(one.run_id for case, slots in used for one in case.results(name, slots))

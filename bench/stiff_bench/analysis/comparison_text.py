@@ -9,14 +9,13 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from stiff_bench.analysis.collected import few_notes
 from stiff_bench.analysis.comparison import NORM, Across, Comparison, Report, Row
 from stiff_bench.analysis.verdict import Estimate, Verdict, decide
 from stiff_bench.analysis.where import Place
 from stiff_bench.store.names import label_parts, labels
 from stiff_bench.tables.metric_table import mark_of, setting
 from stiff_bench.tables.render import render
-from stiff_bench.tables.table import Cell, Column, Name, Quantity, Table
+from stiff_bench.tables.table import Cell, Column, Name, Quantity, Table, text_columns
 from stiff_bench.tables.units import MM, PRINTED, counted, marked, percent
 
 VERDICTS: dict[Verdict, str] = {
@@ -36,7 +35,7 @@ def render_report(report: Report, fmt: str, command: str) -> str:
     """
     about: dict[str, object] = {"a": report.a, "b": report.b}
     asked = {"equivalence_mm": MM * report.question.rope, "confidence": report.question.confidence}
-    named = comparison_tables(report, every_note=fmt == "json")
+    named = comparison_tables(report)
     if fmt == "json":
         named["estimates"] = _estimates(report)
     elif fmt == "csv":
@@ -45,8 +44,8 @@ def render_report(report: Report, fmt: str, command: str) -> str:
     return render(tables, fmt, command, text=sentence(report), about=about | asked)
 
 
-def comparison_tables(report: Report, *, every_note: bool = False) -> dict[str, Table]:
-    """Return name -> table; the last one has the notes, the most important or all of them."""
+def comparison_tables(report: Report) -> dict[str, Table]:
+    """Return name -> table; the last one has the notes."""
     if len(report.comparisons) > 1:
         named = {"cases": _cases(report)}
         if report.across:
@@ -56,8 +55,7 @@ def comparison_tables(report: Report, *, every_note: bool = False) -> dict[str, 
         if report.where is not None and report.where.places:
             named["where"] = _places(report, report.where.places)
     *_, last = named
-    every = list(dict.fromkeys(_notes(report)))
-    named[last] = replace(named[last], notes=every if every_note else few_notes(every))
+    named[last] = replace(named[last], notes=list(dict.fromkeys(_notes(report))), brief=True)
     return named
 
 
@@ -160,11 +158,6 @@ def _notes(report: Report) -> Iterator[str]:
 
 def _estimates(report: Report) -> Table:
     """Return what each method says of each error in each case."""
-    texts = (
-        *("dataset", "protocol", "condition", "seed", "splits", "data_sha256", "source_sha256"),
-        *("selects_on_test", "mark_a", "mark_b", "task", "n_train", "n_test", "n_poses"),
-        *("error", "method", "verdict"),
-    )
     rows: list[list[Cell]] = []
     for one in report.comparisons:
         name = one.name
@@ -175,12 +168,17 @@ def _estimates(report: Report) -> Table:
             *(one.n_train, one.n_test, one.n_poses),
         ]
         rows += [
-            [*about, row.error, method, _verdict(row), *_numbers(row, found)]
+            [*about, row.error, method, _verdict(row), *_numbers(row.means, found)]
             for row in one.rows
             for method, found in (("over splits", row.over_splits), ("over poses", row.over_poses))
             if found is not None
         ]
-    columns = [*(Column(text, "text") for text in texts), *_number_columns(report)]
+    columns = [
+        *text_columns("dataset", "protocol", "condition", "seed", "splits", "data_sha256"),
+        *text_columns("source_sha256", "selects_on_test", "mark_a", "mark_b", "task", "n_train"),
+        *text_columns("n_test", "n_poses", "error", "method", "verdict"),
+        *_number_columns(report),
+    ]
     return Table("Estimates by each method | mean error, mm", columns, rows, unit=_UNIT)
 
 
@@ -206,11 +204,11 @@ def _number_columns(report: Report) -> list[Column]:
     ]
 
 
-def _numbers(row: Row | Place, estimate: Estimate) -> list[Cell]:
+def _numbers(means: tuple[float, float], estimate: Estimate) -> list[Cell]:
     """Return the cells of `_number_columns`."""
-    posterior = estimate.posterior
+    (a, b), posterior = means, estimate.posterior
     return [
-        *(MM * length for length in (row.mean_a, row.mean_b, row.difference)),
+        *(MM * length for length in (a, b, a - b)),
         _interval(estimate),
         *(estimate.p_value, posterior.a_better, posterior.equivalent, posterior.b_better),
     ]
@@ -235,7 +233,10 @@ def _errors(report: Report) -> Table:
         ],
         [
             [
-                *("3-D" if row.error == NORM else row.error.upper(), *_numbers(row, row.main)),
+                *(
+                    "3-D" if row.error == NORM else row.error.upper(),
+                    *_numbers(row.means, row.main),
+                ),
                 *([_interval(row.over_poses)] if found.over_splits else []),
                 _shown_verdict(row, report),
             ]
@@ -258,7 +259,7 @@ def _cases(report: Report) -> Table:
         [
             [
                 *(Name(_joined(*called[one.name]), _marks(one)), one.n_splits),
-                *(*_numbers(row, row.main), _shown_verdict(row, report)),
+                *(*_numbers(row.means, row.main), _shown_verdict(row, report)),
             ]
             for one in report.comparisons
             for row in [one.row(NORM)]
@@ -335,7 +336,7 @@ def _places(report: Report, places: Sequence[Place]) -> Table:
         [
             [
                 *(place_text(place), place.factor.kind, place.n_samples, len(place.a.poses)),
-                *(*_numbers(place, place.estimate), VERDICTS[place.verdict]),
+                *(*_numbers(place.means, place.estimate), VERDICTS[place.verdict]),
             ]
             for place in places
         ],
@@ -346,9 +347,9 @@ def _places(report: Report, places: Sequence[Place]) -> Table:
 def place_text(place: Place) -> str:
     """Return which place it is, with unit."""
     name, unit = place.factor.name, place.factor.unit
-    if place.low is None or place.high is None:
-        return f"{name}: {place.label}"
+    if isinstance(place.values, str):
+        return f"{name}: {place.values}"
     unit, scale = PRINTED["m"] if unit == "m" else (unit, 1.0)
-    decimals = 0 if abs(scale * place.high) >= 100.0 else 1
-    low, high = (f"{scale * value:.{decimals}f}" for value in (place.low, place.high))
+    decimals = 0 if abs(scale * place.values[1]) >= 100.0 else 1
+    low, high = (f"{scale * value:.{decimals}f}" for value in place.values)
     return f"{name} {low} to {high} {unit}"

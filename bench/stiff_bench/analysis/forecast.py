@@ -1,11 +1,7 @@
-"""What a run would compute, and about how long that takes: `bench run --plan`.
-
-Nothing is computed or written. Times are means of the stored fits of the same models.
-"""
+"""What a run would compute, and about how long that takes: `bench run --plan`."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
@@ -40,31 +36,28 @@ class Forecast:
 def forecast(tasks: Iterable[CellTask], output: Path, *, rerun: Rerun) -> list[Forecast]:
     """Return what a run would compute of each model, in the order of the tasks, and "all" last.
 
-    Args:
-        tasks: what is asked for.
-        output: folder of the results; it need not be there.
-        rerun: which of the stored cells are computed again.
+    Nothing is computed or written; the folder of the results need not be there. Times are means of
+    the stored fits of the same models.
 
     Raises:
         StiffBenchError: a data set cannot be loaded or divided, or the stored results not read.
     """
-    statuses = stored_statuses(output)
+    statuses, means = stored_statuses(output), mean_seconds(output)
     cached = {key for key, status in statuses.items() if status in COUNTING[rerun]}
-    n_cells: Counter[str] = Counter()
-    n_cached: Counter[str] = Counter()
+    is_cached: dict[str, list[bool]] = {}
     for task in tasks:
-        n_cells[task.shown.model] += 1
-        n_cached[task.shown.model] += task.cell.key in cached
-    means = mean_seconds(output)
+        is_cached.setdefault(task.shown.model, []).append(task.cell.key in cached)
     found = []
-    for name, n_all in n_cells.items():
-        n_missing = n_all - n_cached[name]
+    for name, of_model in is_cached.items():
+        n_missing = of_model.count(False)
         n_unknown = 0 if name in means else n_missing
         seconds = n_missing * means.get(name, 0.0)
-        found.append(Forecast(name, n_all, n_cached[name], n_unknown, seconds))
-    n_unknown, seconds = sum(one.n_unknown for one in found), sum(one.seconds for one in found)
-    total = Forecast("all", n_cells.total(), n_cached.total(), n_unknown, seconds)
-    return [*found, total]
+        found.append(Forecast(name, len(of_model), sum(of_model), n_unknown, seconds))
+    totals = (
+        sum(getattr(one, number) for one in found)
+        for number in ("n_cells", "n_cached", "n_unknown", "seconds")
+    )
+    return [*found, Forecast("all", *totals)]
 
 
 def forecast_table(found: Sequence[Forecast], jobs: int) -> Table:

@@ -1,8 +1,7 @@
 """Ranks of models over data sets and protocols. Numbers alone; `leaderboard_tables` prints them.
 
-A mean rank over fewer cases is another quantity: a model that lacks a result anywhere has none,
-and stands beneath with what it lacks. Ranks, tests and the critical difference are computed among
-the models that are shown and complete, whoever else has results in the folder.
+A mean rank over fewer cases is another quantity: a model that lacks a result anywhere has none.
+Ranks, tests and the critical difference are computed among the models that are shown and complete.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ import functools
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -105,11 +103,10 @@ class Section:
 
 @dataclass(frozen=True)
 class Leaderboard:
-    """Sections, fair protocols first.
+    """One section or more, fair protocols first.
 
     Attributes:
         key: what models are ranked by.
-        sections: at least one.
         notes: what is left out, and why.
         provenance: which stiffbench made the results shown.
     """
@@ -120,8 +117,8 @@ class Leaderboard:
     provenance: tuple[str, ...]
 
 
-def stored_leaderboard(
-    folder: Path,
+def build_leaderboard(
+    stored: StoredResults,
     *,
     models: Sequence[str] = (),
     datasets: Sequence[str] = (),
@@ -129,40 +126,28 @@ def stored_leaderboard(
     key: SortKey,
     seed: int = 0,
 ) -> Leaderboard:
-    """Return the leaderboard of a folder of results; arguments as `Results.leaderboard`.
+    """Return the leaderboard of stored results; arguments as `Results.leaderboard`.
 
     Raises:
         ConfigError: a name has no results, or there is nothing to compare.
-        StoreError: the folder holds no results, a file of it is damaged, or two models share no
-            split.
+        StoreError: samples are damaged, or two models share no split.
     """
-    stored = StoredResults.read(folder)
-    chosen = chosen_cases(stored.cases, datasets=datasets, protocols=protocols)
-    return build_leaderboard(
-        replace(stored, cases=tuple(chosen)), models=models, key=key, seed=seed
-    )
-
-
-def build_leaderboard(
-    stored: StoredResults, *, models: Sequence[str] = (), key: SortKey, seed: int = 0
-) -> Leaderboard:
-    """Return the leaderboard of the results that are given; see `stored_leaderboard`."""
+    cases = chosen_cases(stored.cases, datasets=datasets, protocols=protocols)
     data_of = functools.cache(functools.partial(read_data, stored.folder))
     with no_garbage_collection():
         usable = [
             case
-            for case in of_newest_data(stored.cases)
+            for case in of_newest_data(cases)
             if presentation(case).task == STIFFNESS and not presentation(case).reports_training
         ]
         names = chosen_models(usable, models)
         n_run = {case: sum(name in case.competitors for name in names) for case in usable}
         shown = sorted((case for case in usable if n_run[case] > 1), key=in_order)
         lonely = sorted((case for case in usable if n_run[case] == 1), key=in_order)
-        notes = list(_data_notes(stored.cases, data_of))
+        notes = list(_data_notes(cases, data_of))
         if lonely:
-            first = labels(case.name for case in usable)[lonely[0].name]
-            more = f" (and {len(lonely) - 1} more)" if len(lonely) > 1 else ""
-            notes.append(f"{first}{more} is left out: none of the other models was run there.")
+            first = labels(case.name for case in usable)[lonely[0].name] + and_more(lonely)
+            notes.append(f"{first} is left out: none of the other models was run there.")
         if not shown:
             why = "".join(f"; {note.removesuffix('.')}" for note in notes)
             raise ConfigError(
@@ -224,6 +209,11 @@ def in_order(case: Case) -> tuple[Any, ...]:
     """Return a sort key: "n = 5" stands before "n = 10"."""
     name = case.name
     return (*map(natural_key, (name.protocol, name.condition, name.dataset)), name)
+
+
+def and_more(things: Sequence[object]) -> str:
+    """Return " (and 2 more)" of three things, the first of which is named; "" of one."""
+    return f" (and {len(things) - 1} more)" if len(things) > 1 else ""
 
 
 def _section(scored: list[ScoredCase], names: Sequence[str], selects_on_test: bool) -> Section:

@@ -5,63 +5,54 @@ docs/comparing.md says what the columns and marks mean.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
-from stiff_bench.analysis.collected import few_notes
-from stiff_bench.analysis.critical_difference import RankAnalysis
-from stiff_bench.analysis.leaderboard import Leaderboard, Section, caveats_of, presentation
+from stiff_bench.analysis.critical_difference import dataset_of, family_of, of_robots
+from stiff_bench.analysis.leaderboard import (
+    Leaderboard,
+    Section,
+    and_more,
+    caveats_of,
+    presentation,
+)
 from stiff_bench.analysis.ranking import ScoredCase, complete_models, times_like_best
-from stiff_bench.analysis.same_robot import dataset_of, family_of, of_families, of_robots
 from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.store.names import CaseName, grouped, labels
 from stiff_bench.tables.metric_table import SELECTION_MARK, number_format
 from stiff_bench.tables.render import render
-from stiff_bench.tables.table import Cell, Column, Name, Quantity, Table
+from stiff_bench.tables.table import Cell, Column, Name, Quantity, Table, text_columns
 from stiff_bench.tables.units import PRINTED, counted, percent
 from stiff_protocols.contract.record import Cost
 from stiff_protocols.scoring.metrics import METRICS
 from stiff_protocols.scoring.paired import LEVEL
 
 BEST, LIKE_BEST = "*", "≈"
+_TESTS = ("Nemenyi", "Conover")
 
 
 def render_leaderboard(board: Leaderboard, fmt: str, command: str) -> str:
-    """Return the tables as text of the given format.
+    """Return the tables as text of a format of `render`; `command` makes them.
 
     csv has the ranks alone, a line a model and number; json has each model's score in each
     case, too, and all pairs of models.
-
-    Args:
-        board: the numbers.
-        fmt: as `render` takes it.
-        command: that makes them.
     """
     tables = []
     for section in board.sections:
-        if fmt == "csv":
-            tables.append(_ranks(section, board))
-        else:
-            tables += section_tables(section, board, every_note=fmt == "json")
-        if fmt == "json":
-            tables += _details(section, board)
+        tables += [_ranks(section, board)] if fmt == "csv" else section_tables(section, board)
+        tables += _details(section, board) if fmt == "json" else []
     about = {"sort_key": board.key.text, "direction": board.key.metric.direction}
     return render(tables, fmt, command, about=about)
 
 
-def section_tables(
-    section: Section, board: Leaderboard, *, every_note: bool = False
-) -> list[Table]:
+def section_tables(section: Section, board: Leaderboard) -> list[Table]:
     """Return ranks, scores by protocol, critical differences and costs of one section."""
     tables = [_ranks(section, board), *_by_protocol(section, board.key)]
-    if analyses := [one for one in section.analyses if one.outcome is not None]:
-        tables.append(_analyses(section, analyses, board))
-    tables.append(_costs(section))
-    notes = list if every_note else few_notes
-    return [replace(table, notes=notes(table.notes)) for table in tables if table.rows]
+    tables += [_analyses(section, board), _costs(section)]
+    return [replace(table, brief=True) for table in tables if table.rows]
 
 
 def _about(section: Section, table: str) -> dict[str, object]:
@@ -105,15 +96,24 @@ def _ranks(section: Section, board: Leaderboard) -> Table:
 
 
 def _scope(section: Section) -> str:
-    families = {dataset_of(scored.name): family_of(scored.name) for scored in section.cases}
-    protocols = list(dict.fromkeys(scored.name.protocol for scored in section.cases))
-    kinds = " and ".join(section.kinds)
-    seeds = _seeds(len({scored.name.seed for scored in section.cases}))
-    return f"{of_families(families)} ({kinds}) under {', '.join([*protocols, *seeds])}"
+    names = [scored.name for scored in section.cases]
+    protocols = list(dict.fromkeys(name.protocol for name in names))
+    kinds, seeds = " and ".join(section.kinds), _several({name.seed for name in names}, "seed")
+    return f"{_datasets(names)} ({kinds}) under {', '.join([*protocols, *seeds])}"
 
 
-def _seeds(number: int) -> list[str]:
-    return [counted(number, "seed")] if number > 1 else []
+def _datasets(names: Iterable[CaseName]) -> str:
+    """Return e.g. "5 x kr10-twin, ur5"."""
+    families = {dataset_of(name): family_of(name) for name in names}
+    return ", ".join(
+        members[0] if len(members) == 1 else f"{len(members)} x {family}"
+        for family, members in grouped(families, families.__getitem__).items()
+    )
+
+
+def _several(numbers: Collection[object], thing: str) -> list[str]:
+    """Return ["2 seeds"] of two different ones, nothing of one."""
+    return [counted(len(numbers), thing)] if len(numbers) > 1 else []
 
 
 def _rank_notes(section: Section, board: Leaderboard) -> Iterator[str]:
@@ -132,11 +132,9 @@ def _rank_notes(section: Section, board: Leaderboard) -> Iterator[str]:
         yield f"Without a mean rank: {_lacking(section.unranked, called)}."
     cut = [scored for scored in section.cases if scored.left_out]
     if cut:
-        more_cut = f" (and {len(cut) - 1} more)" if len(cut) > 1 else ""
-        yield f"{called[cut[0].name]}{more_cut}: {cut[0].left_out}."
+        yield f"{called[cut[0].name]}{and_more(cut)}: {cut[0].left_out}."
     if board.notes:
-        more_notes = f" (and {len(board.notes) - 1} more)" if len(board.notes) > 1 else ""
-        yield f"{board.notes[0].removesuffix('.')}{more_notes}."
+        yield f"{board.notes[0].removesuffix('.')}{and_more(board.notes)}."
 
 
 MOST_LACKING = 4
@@ -163,33 +161,28 @@ def _by_protocol(section: Section, key: SortKey) -> Iterator[Table]:
     """Yield a table for each robot type and protocol; its columns are the conditions."""
     unit, _ = PRINTED[key.metric.unit]
     apart = f" | {SELECTION_MARK}s" if section.selects_on_test else ""
-    for (family, protocol), of_protocol in grouped(
+    for (_, protocol), of_protocol in grouped(
         section.cases, lambda one: (family_of(one.name), one.name.protocol)
     ).items():
-        datasets = list(dict.fromkeys(dataset_of(one.name) for one in of_protocol))
-        spread = ", mean ± standard deviation over data sets" if len(datasets) > 1 else ""
+        n_datasets = len({dataset_of(one.name) for one in of_protocol})
+        spread = ", mean ± standard deviation over data sets" if n_datasets > 1 else ""
         columns, scores = [Column("model", "text")], []
         for condition, members in grouped(of_protocol, lambda one: one.name.condition).items():
-            names = dict.fromkeys(dataset_of(one.name) for one in members)
+            datasets = dict.fromkeys(dataset_of(one.name) for one in members)
             seeds = sorted({one.name.seed for one in members})
             about = {
-                "metric": key.text,
-                "protocol": protocol,
-                "condition": condition,
-                "datasets": " ".join(names),
-                "seeds": " ".join(map(str, seeds)),
+                **{"metric": key.text, "protocol": protocol, "condition": condition},
+                **{"datasets": " ".join(datasets), "seeds": " ".join(map(str, seeds))},
             }
-            several = [counted(len(names), "data set")] if len(datasets) > 1 else []
-            counts = ", ".join([*several, *_seeds(len(seeds))])
+            several = [counted(len(datasets), "data set")] if n_datasets > 1 else []
+            counts = ", ".join([*several, *_several(seeds, "seed")])
             heading = f"{condition or protocol}{f' ({counts})' if counts else ''}"
-            columns.append(
-                Column(heading, unit=unit, format=number_format(key.metric), about=about)
-            )
+            number = number_format(key.metric)
+            columns.append(Column(heading, unit=unit, format=number, about=about))
             scores.append(_scores_of(section, members, key))
         like = "" if key.is_cost else f"; {LIKE_BEST} no significant difference from the best"
-        caveats = caveats_of(one.case for one in of_protocol)
         yield Table(
-            title=f"{protocol} on {of_families(dict.fromkeys(datasets, family))}{apart} | "
+            title=f"{protocol} on {_datasets(one.name for one in of_protocol)}{apart} | "
             f"{key.text}{spread}",
             columns=columns,
             rows=[
@@ -200,7 +193,10 @@ def _by_protocol(section: Section, key: SortKey) -> Iterator[Table]:
                 for model in section.models
                 if any(model in column for column in scores)
             ],
-            notes=[f"{BEST} best mean of the column{like}.", *caveats],
+            notes=[
+                f"{BEST} best mean of the column{like}.",
+                *caveats_of(one.case for one in of_protocol),
+            ],
             unit=unit,
             about=_about(section, "scores by protocol"),
         )
@@ -239,9 +235,29 @@ def _scores_of(section: Section, scored: Sequence[ScoredCase], key: SortKey) -> 
     return found
 
 
-def _analyses(section: Section, analyses: Sequence[RankAnalysis], board: Leaderboard) -> Table:
-    """Return a row for each analysis; all have an outcome."""
-    types = {robot.type for one in analyses for robot in one.families}
+def _analyses(section: Section, board: Leaderboard) -> Table:
+    """Return a row for each analysis that has an outcome."""
+    rows: list[list[Cell]] = []
+    types = set()
+    for analysis in section.analyses:
+        if (outcome := analysis.outcome) is None:
+            continue
+        types |= {robot.type for robot in analysis.families}
+        upper = np.triu_indices(len(analysis.models), k=1)
+        told = [
+            None
+            if p is None or not analysis.differs
+            else Quantity(share=(int((p[upper] < LEVEL).sum()), len(p[upper])))
+            for p in (outcome.nemenyi, outcome.conover)
+        ]
+        groups = [f"{{{', '.join(analysis.models[i] for i in group)}}}" for group in outcome.groups]
+        rows.append(
+            [
+                *(analysis.text, of_robots(analysis.families), len(analysis.models)),
+                *(outcome.friedman_p, outcome.critical_difference, *told),
+                (", ".join(groups) or "none") if analysis.differs else "all (Friedman)",
+            ]
+        )
     kinds = " and ".join(section.kinds)
     one_type = f"all robots are of one type ({', '.join(types)}, {kinds}): not valid for others."
     return Table(
@@ -252,10 +268,10 @@ def _analyses(section: Section, analyses: Sequence[RankAnalysis], board: Leaderb
             Column("models"),
             Column("Friedman p", format=".2g"),
             Column("CD", format=".2f"),
-            *(Column(f"pairs: {test}", format=_of) for test in ("Nemenyi", "Conover")),
+            *(Column(f"pairs: {test}", format=_of) for test in _TESTS),
             Column("groups, best first", "text"),
         ],
-        rows=[_analysis_cells(analysis) for analysis in analyses],
+        rows=rows,
         notes=[one_type] if len(types) == 1 else [],
         about=_about(section, "critical difference"),
     )
@@ -263,24 +279,6 @@ def _analyses(section: Section, analyses: Sequence[RankAnalysis], board: Leaderb
 
 def _of(pairs: Quantity) -> str:
     return " of ".join(map(str, pairs.share or ()))
-
-
-def _analysis_cells(analysis: RankAnalysis) -> list[Cell]:
-    outcome = analysis.outcome
-    assert outcome is not None
-    upper = np.triu_indices(len(analysis.models), k=1)
-    told = [
-        None
-        if p is None or not analysis.differs
-        else Quantity(share=(int((p[upper] < LEVEL).sum()), len(p[upper])))
-        for p in (outcome.nemenyi, outcome.conover)
-    ]
-    groups = [f"{{{', '.join(analysis.models[i] for i in group)}}}" for group in outcome.groups]
-    return [
-        *(analysis.text, of_robots(analysis.families), len(analysis.models)),
-        *(outcome.friedman_p, outcome.critical_difference, *told),
-        (", ".join(groups) or "none") if analysis.differs else "all (Friedman)",
-    ]
 
 
 def _costs(section: Section) -> Table:
@@ -300,15 +298,7 @@ def _costs(section: Section) -> Table:
         title=f"Costs of {counted(n_results, 'fit')} | median (lowest to highest), not ranked",
         columns=[
             Column("model", "text"),
-            *(
-                Column(
-                    heading,
-                    unit=PRINTED[METRICS[key].unit][0],
-                    format=written,
-                    about={"metric": key},
-                )
-                for key, (heading, written) in _COSTS.items()
-            ),
+            *_COSTS.values(),
             Column("fits"),
         ],
         rows=[
@@ -354,13 +344,16 @@ def _three_digits(value: float) -> str:
     return f"{float(f'{value:.3g}'):,.15g}"
 
 
-_COSTS: dict[str, tuple[str, Callable[[Quantity], str]]] = {
-    "fit-time": ("fit time", _time),
-    "throughput": ("predictions a second", lambda found: _range(found, "", _three_digits)),
-    "latency": ("latency of one", _time),
-    "memory": ("memory [MiB]", lambda found: _range(found, "", lambda size: f"{size:.1f}")),
+_COSTS = {
+    key: Column(name, unit=PRINTED[METRICS[key].unit][0], format=written, about={"metric": key})
+    for key, name, written in (
+        ("fit-time", "fit time", _time),
+        ("throughput", "predictions a second", lambda found: _range(found, "", _three_digits)),
+        ("latency", "latency of one", _time),
+        ("memory", "memory [MiB]", lambda found: _range(found, "", lambda size: f"{size:.1f}")),
+    )
 }
-"""Metric of a column -> its heading, and how its quantities are written."""
+"""Metric -> its column."""
 
 
 def _details(section: Section, board: Leaderboard) -> list[Table]:
@@ -378,33 +371,31 @@ def _details(section: Section, board: Leaderboard) -> list[Table]:
             conover = None if outcome.conover is None else float(outcome.conover[i, j])
             p_values = float(outcome.nemenyi[i, j]), conover
             pairs.append([one.models[i], one.models[j], *block, *p_values])
-    tables = [
-        _scores(section, board),
+    over_robots = [
         Table(
-            title="Mean ranks over robots",
-            columns=[
-                *(Column(text, "text") for text in ("model", "protocol", "condition", "robots")),
+            "Mean ranks over robots",
+            [
+                *text_columns("model", "protocol", "condition", "robots"),
                 Column("mean rank over robots", format=".2f"),
             ],
-            rows=ranks,
+            ranks,
             about=_about(section, "mean ranks over robots"),
         ),
         Table(
-            title="Pairs over robots",
-            columns=[
-                *(Column(text, "text") for text in ("model", "other", "protocol", "condition")),
-                *(Column(text, format=".2g") for text in ("Nemenyi p", "Conover p")),
+            "Pairs over robots",
+            [
+                *text_columns("model", "other", "protocol", "condition"),
+                *(Column(f"{test} p", format=".2g") for test in _TESTS),
             ],
-            rows=pairs,
+            pairs,
             about=_about(section, "pairs over robots"),
         ),
     ]
-    return [table for table in tables if table.rows]
+    return [_scores(section, board), *(over_robots if ranks else [])]
 
 
 def _scores(section: Section, board: Leaderboard) -> Table:
     """Return each model's score in each case, or why it has none."""
-    texts = ("dataset", "data_sha256", "source_sha256", "protocol", "condition", "seed", "splits")
     metric = board.key.metric
     unit, factor = PRINTED[metric.unit]
     rows: list[list[Cell]] = []
@@ -422,7 +413,8 @@ def _scores(section: Section, board: Leaderboard) -> Table:
     return Table(
         title=f"Scores | {board.key.text}",
         columns=[
-            *(Column(text, "text") for text in ("model", *texts, "splits left out")),
+            *text_columns("model", "dataset", "data_sha256", "source_sha256", "protocol"),
+            *text_columns("condition", "seed", "splits", "splits left out"),
             Column(board.key.text, unit=unit, format=number_format(metric)),
         ],
         rows=rows,

@@ -1,7 +1,6 @@
 """What more poses would gain: a power law through the errors of a model on few and many poses.
 
-The law is ``e(n) = a + b n^-c``: an error a that no number of poses removes, and a part that falls
-with their number n. Whatever it says beyond the poses that were measured is an extrapolation.
+Whatever it says beyond the poses that were measured is an extrapolation.
 """
 
 from __future__ import annotations
@@ -10,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray, IntArray
 
 USUAL_EXPONENT = 0.5
@@ -20,17 +18,16 @@ EXPONENTS = (0.25, 1.0)
 EXPONENT_BOUNDS = (0.05, 3.0)
 TOLD = 0.15
 """Standard deviation of c over resampled poses up to which the errors tell it."""
-FEWEST_SIZES = 3
 RESAMPLES = 200
 LEVEL = 0.9
 
 
 @dataclass(frozen=True)
 class PowerLaw:
-    """The law ``a + b n^-c`` of the mean error.
+    """The law ``e(n) = a + b n^-c`` of the mean error.
 
     Attributes:
-        a: m; 0 or more.
+        a: m; 0 or more: what no number of poses removes.
         b: m; 0 or more: an error never rises with the number of poses.
         c: exponent.
     """
@@ -58,14 +55,6 @@ class CurveErrors:
     sizes: IntArray
     totals: FloatArray
     counts: IntArray
-
-    def __post_init__(self) -> None:
-        """Check that there is a curve to fit."""
-        if len(self.sizes) < FEWEST_SIZES or not self.counts.any():
-            raise DataError(
-                f"a learning curve of {len(self.sizes)} numbers of poses, expected "
-                f"{FEWEST_SIZES} or more with errors"
-            )
 
     @property
     def mean(self) -> FloatArray:
@@ -108,7 +97,7 @@ class LearningCurve:
     def interval(self, n: float, now: float) -> tuple[float, float]:
         """Return where the error [m] with n poses lies in `LEVEL` of the resampled laws.
 
-        Relative to what it is with `now` poses, which counts as known.
+        The error with `now` poses counts as known.
         """
         shares = [law(n) / law(now) if law(now) > 0.0 else 1.0 for law in self.others]
         tail = 0.5 * (1.0 - LEVEL)
@@ -134,12 +123,8 @@ def learning_curve(
 def power_law(sizes: FloatArray, errors: FloatArray, exponent: float | None = None) -> PowerLaw:
     """Return the law of the least squares of relative errors.
 
-    With the exponent given it is linear in a and b; so the exponent alone is searched for.
-
-    Args:
-        sizes: (s,) numbers of poses.
-        errors: (s,) m.
-        exponent: c; None: fitted, too.
+    `sizes` are the (s,) numbers of poses, `errors` m; an `exponent` of None is fitted, too. With
+    the exponent given the law is linear in a and b; so the exponent alone is searched for.
     """
     from scipy.optimize import minimize_scalar, nnls  # a command without a curve needs none
 

@@ -32,7 +32,7 @@ class ScoredCase:
         key: what they are ranked by.
         data: the samples of the case's data set.
         seed: of the draws of poses.
-        slots: the splits that all who take part have; no other counts.
+        slots: the splits that all who take part have; they alone count.
         results: model that takes part -> its results on these splits, in order.
         scores: model -> (J,) its value on each of these splits, in the metric's unit; one value
             where the protocol scores all splits together.
@@ -51,7 +51,7 @@ class ScoredCase:
 
     @property
     def name(self) -> CaseName:
-        """What all results share."""
+        """Name of the case."""
         return self.case.name
 
     def ranking(self, models: tuple[str, ...]) -> Ranking:
@@ -61,6 +61,10 @@ class ScoredCase:
     def mean(self, model: str) -> float:
         """Return a model's mean over the splits, in the metric's unit."""
         return float(self.scores[model].mean())
+
+    def signed_means(self, models: Sequence[str]) -> FloatArray:
+        """Return the (m,) means of models, with the sign that makes smaller ones better."""
+        return self.key.sign * np.array([self.mean(model) for model in models])
 
     def failed(self, model: str) -> str:
         """Return "FAILED" or "SKIPPED" where a model was run and gave no result; else ""."""
@@ -156,12 +160,7 @@ def _unfinished(case: Case, models: Sequence[str]) -> dict[str, str]:
 
 @dataclass(frozen=True, eq=False)
 class Ranking:
-    """The ranks of some models in a case; all of them take part in it.
-
-    Attributes:
-        scored: the case.
-        models: in the order of the arrays.
-    """
+    """The ranks of some models in a case, in this order; all of them take part in it."""
 
     scored: ScoredCase
     models: tuple[str, ...]
@@ -169,8 +168,7 @@ class Ranking:
     @cached_property
     def ranks(self) -> FloatArray:
         """The (m,) ranks among these models: 1 is the best, ties share their mean rank."""
-        scores = np.array([self.scored.mean(model) for model in self.models])
-        return ranked(self.scored.key.sign * scores)
+        return ranked(self.scored.signed_means(self.models))
 
     @cached_property
     def is_best(self) -> BoolArray:

@@ -1,8 +1,4 @@
-"""Does the order of the models outlast the mistakes of a measurement? `bench compare --perturb`.
-
-The models of stored results are fitted and scored anew, with their options and seeds and on their
-splits, on copies of the data set that hold a mistake each (`Perturbations`).
-"""
+"""Does the order of the models outlast the mistakes of a measurement? `bench compare --perturb`."""
 
 from __future__ import annotations
 
@@ -20,7 +16,6 @@ from stiff_bench.analysis.collected import (
     StoredResults,
     chosen_cases,
     competitor_meant,
-    few_notes,
 )
 from stiff_bench.analysis.comparison import NORM, compare, under
 from stiff_bench.analysis.comparison_text import VERDICTS
@@ -89,7 +84,7 @@ class Mistake:
         """In how many draws all of them do."""
         return int(self.pairs_held.all(axis=(1, 2)).sum())
 
-    @cached_property
+    @property
     def taus(self) -> FloatArray:
         """(S,) Kendall's tau-b of each draw with the unperturbed order; NaN where all tie."""
         from scipy.stats import kendalltau
@@ -104,16 +99,19 @@ class Sensitivity:
     Attributes:
         case: the stored results.
         models: names, the best on the unperturbed data first.
-        n_splits: that all of them have.
         mistakes: one at least.
         notes: what must be read with the numbers.
     """
 
     case: Case
     models: tuple[str, ...]
-    n_splits: int
     mistakes: tuple[Mistake, ...]
-    notes: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def n_splits(self) -> int:
+        """Number of splits that all of the models have."""
+        return len(self.case.shared_slots(self.models))
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
@@ -137,6 +135,7 @@ def sensitivities(
 ) -> list[Sensitivity]:
     """Fit and score models of stored results anew under the mistakes of a measurement.
 
+    They keep their options, seeds and splits, on copies of the data set that hold a mistake each.
     Nothing is stored. The seed of the question is that of the draws; `threads` are those of each
     fit, the other arguments those of `Results.sensitivity`.
 
@@ -191,13 +190,8 @@ def _why_not(case: Case, models: Sequence[str]) -> str:
 class _Fits:
     """The fits of the models of a case, as they were when their results were stored.
 
-    Attributes:
-        case: the stored results.
-        stored: the data as they are stored.
-        data: the same, which they were fitted to.
-        plan: that they follow from.
-        tasks: of each model, its splits in order, with the cells and so the seeds that are stored.
-        notes: on what is not as it was.
+    `tasks` are of each model, its splits in order, with the cells and so the seeds that are stored;
+    `notes` are on what is not as it was.
     """
 
     case: Case
@@ -208,11 +202,7 @@ class _Fits:
     notes: list[str]
 
     def errors(self, data: BenchmarkData, execution: Execution, shown: Display) -> dict[str, float]:
-        """Return each model's mean 3-D error [m] where it is fitted to and tested on other data.
-
-        Raises:
-            ModelError: a fit fails.
-        """
+        """Return each model's mean 3-D error [m] where it is fitted to and tested on other data."""
         done = {}
         tasks = [replace(task, data=data) for task in self.tasks]
         for result in execution.executor.results(tasks, "", shown):
@@ -238,11 +228,7 @@ def mean_error(results: Sequence[CellResult]) -> float:
 
 
 def _fits_of(folder: Path, case: Case, models: Sequence[str], registry: Registry) -> _Fits:
-    """Return the fits that made the stored results of some models.
-
-    Raises:
-        ConfigError: a model, the protocol, the robot or the splits cannot be had again.
-    """
+    """Return the fits that made the results of some models; ConfigError: they cannot be had."""
     stored = read_data(folder, case.name.data_sha256)
     robot = robot_of_results(stored, case.cell, registry)
     data = None if robot is None else BenchmarkData(stored.samples, robot)
@@ -313,7 +299,6 @@ def _of_fits(
     draws: int,
     question: Question,
 ) -> Sensitivity:
-    """Return what becomes of the models of a case under each mistake, every draw of it fitted."""
     before = fits.errors(fits.data, execution, shown)
     models = sorted(before, key=lambda model: before[model])
     base = np.array([before[model] for model in models])
@@ -324,9 +309,8 @@ def _of_fits(
         errors = [fits.errors(data, execution, shown) for data in perturbed]
         rows = np.array([[one[model] for model in models] for one in errors])
         found.append(Mistake(name, base, rows))
-    n_splits = len(fits.case.shared_slots(models))
-    partial = Sensitivity(fits.case, tuple(models), n_splits, tuple(found), ())
-    return replace(partial, notes=tuple(_notes(partial, fits, question)))
+    without_notes = Sensitivity(fits.case, tuple(models), tuple(found))
+    return replace(without_notes, notes=tuple(_notes(without_notes, fits, question)))
 
 
 def _notes(found: Sensitivity, fits: _Fits, question: Question) -> Iterator[str]:
@@ -356,8 +340,7 @@ def _verdict(fits: _Fits, question: Question, a: str, b: str) -> Verdict:
 
 def render_sensitivities(found: Sequence[Sensitivity], fmt: str, command: str) -> str:
     """Return the tables as text of the given format, with all notes in json."""
-    tables = [sensitivity_table(one, every_note=fmt == "json") for one in found]
-    return render(tables, fmt, command, text=sentence(found))
+    return render([*map(sensitivity_table, found)], fmt, command, text=sentence(found))
 
 
 def sentence(found: Sequence[Sensitivity]) -> str:
@@ -374,7 +357,7 @@ def sentence(found: Sequence[Sensitivity]) -> str:
     return " ".join(parts)
 
 
-def sensitivity_table(found: Sensitivity, *, every_note: bool = False) -> Table:
+def sensitivity_table(found: Sensitivity) -> Table:
     """Return a row a mistake: errors with ranks, and in how many draws the order holds."""
     case, key = found.case, sort_key(NORM, None)
     shown = case.competitors[found.models[0]].shown
@@ -420,7 +403,8 @@ def sensitivity_table(found: Sensitivity, *, every_note: bool = False) -> Table:
             ),
         ],
         rows=rows,
-        notes=found.notes if every_note else few_notes(found.notes),
+        notes=found.notes,
+        brief=True,
         unit=unit,
         about={
             **{"dataset": shown.dataset, "protocol": shown.protocol},

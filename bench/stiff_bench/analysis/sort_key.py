@@ -90,8 +90,7 @@ def sort_key(key: str, axis: str | None) -> SortKey:
     """Return what a metric's key and an axis name.
 
     Raises:
-        ConfigError: there is no such metric, it does not say which model is better, or it has no
-            such axis.
+        ConfigError: there is no such metric or axis, or it does not say which model is better.
     """
     found = metric(key)
     if found.needs_interval:

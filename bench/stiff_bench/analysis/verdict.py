@@ -1,7 +1,5 @@
-"""Is A better than B? The one rule of compare, leaderboard, report and critical differences.
+"""Is A better than B? `decide` is the one rule of compare, leaderboard, report and CD diagrams.
 
-`decide` gives the verdict on a difference A less B. What it judges by are test results: on mean
-errors over splits and over poses (`Estimate`), or on mean ranks over robots (`rank_difference`).
 How often it finds a winner between equal models is counted in
 tests/protocols/scoring/test_false_positives.py.
 """
@@ -52,7 +50,7 @@ class Question:
 
 @dataclass(frozen=True)
 class Estimate:
-    """What one test says about a difference, A less B; smaller is better.
+    """What one test says about a difference of errors, or of mean ranks, A less B.
 
     Attributes:
         low, high: bounds of the difference, in its unit.
@@ -131,12 +129,8 @@ def estimates_over_draws(
 ) -> list[Estimate]:
     """Return an estimate for each pair of models that share the draws of their poses.
 
-    The interval is the percentiles of the draws: BCa's takes 20 ms a pair.
-
-    Args:
-        drawn: (B, k) differences of the mean errors on each draw, m.
-        p_values: (k,) of Wilcoxon's test over the poses.
-        question: what is asked.
+    `drawn` are the (B, k) differences of the mean errors on each draw, m, `p_values` the k of
+    Wilcoxon's test over the poses. The interval is the percentiles of the draws: BCa's takes 20 ms.
     """
     tail = 0.5 * (1.0 - question.confidence)
     low, high = np.quantile(drawn, [tail, 1.0 - tail], axis=0)  # (k,)
@@ -189,14 +183,9 @@ def decide_pairs(
     """Return the verdicts on k pairs; None where no test applies: one value, no poses behind it.
 
     A winner needs the corrected t over splits, or Wilcoxon's test over poses where there are no
-    splits, and that the draws of the poses agree.
-
-    Args:
-        errors: of the models.
-        pairs: columns of A and of B.
-        question: what is asked of each.
-        correct: whether the p-values are corrected for the other pairs (Holm). The draws are not:
-            among many models Holm would ask for rarer events than they hold.
+    splits, and that the draws of the poses agree. `pairs` are columns of A and of B. Where asked
+    to, the p-values are corrected for the other pairs (Holm); the draws are not: among many models
+    Holm would ask for rarer events than they hold.
     """
     a, b = [one for one, _ in pairs], [other for _, other in pairs]
     results: list[list[Estimate]] = []

@@ -1,15 +1,14 @@
 """Where is A better than B? Regions of the workspace, sizes of the load, torques on the joints.
 
-The tested samples are divided by each of these into three parts of about equal number (a part of
-the measurement plan stays one), and every part is tested by itself. There are dozens of them, so
-the p-values are corrected for all that were looked at (Holm). What is shown is, of each kind, the
-division that explains most of the differences between poses.
+Each of these divides the tested samples into three places of about equal number (a part of the
+measurement plan stays one). There are dozens, so their p-values are corrected for one another
+(Holm). Of each kind the division that explains most of the differences between poses is shown.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -54,53 +53,31 @@ class Factor:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
-    """The tested samples that a factor divides from the others.
+class Place:
+    """The tested samples that a factor divides from the others, and who is better there.
 
     Attributes:
         factor: what they were divided by.
-        label: names them; "" where they are a range.
-        low, high: smallest and largest value of the factor; None where `label` names them.
+        values: the factor's smallest and largest value there, or the name that all of them have.
         n_samples: different ones.
         a, b: lengths of the errors on their poses, m, in one column.
-    """
-
-    factor: Factor
-    label: str
-    low: float | None
-    high: float | None
-    n_samples: int
-    a: PoseErrors
-    b: PoseErrors
-
-    @property
-    def mean_a(self) -> float:
-        """Mean length of A's error, m."""
-        return float(self.a.mean[0])
-
-    @property
-    def mean_b(self) -> float:
-        """Mean length of B's error, m."""
-        return float(self.b.mean[0])
-
-    @property
-    def difference(self) -> float:
-        """A less B, m; negative where A is better."""
-        return self.mean_a - self.mean_b
-
-
-@dataclass(frozen=True, eq=False)
-class Place(Part):
-    """A part, and who is better there.
-
-    Attributes:
         estimate: over its poses, with the fitted models held fixed; its p-value is corrected for
             all places that were looked at.
         verdict: of the estimate.
     """
 
+    factor: Factor
+    values: tuple[float, float] | str
+    n_samples: int
+    a: PoseErrors
+    b: PoseErrors
     estimate: Estimate
-    verdict: Verdict
+    verdict: Verdict = "open"
+
+    @property
+    def means(self) -> tuple[float, float]:
+        """Mean length of A's error, and of B's, m."""
+        return float(self.a.mean[0]), float(self.b.mean[0])
 
 
 @dataclass(frozen=True)
@@ -124,8 +101,6 @@ def where_better(
 ) -> Where:
     """Look for the places where the mean length of the error differs.
 
-    A division counts if it has several parts and `FEWEST_POSES` in each.
-
     Args:
         rows: (n,) row numbers in the data set that were tested.
         a: (n,) lengths of A's error there, m.
@@ -133,24 +108,21 @@ def where_better(
         data: the samples, their loads and TCP positions.
         question: what is asked of each place.
     """
-    divisions = [[*_parts(factor, rows, a, b, data)] for factor in factors(data)]
     every = [
-        part
-        for parts in divisions
-        if len(parts) > 1 and min(len(part.a.poses) for part in parts) >= FEWEST_POSES
-        for part in parts
+        place
+        for factor in factors(data)
+        for place in _divided(factor, rows, a, b, data.samples.pose_id, question)
     ]
-    estimates = corrected([estimates_over_poses(one.a, one.b, question)[0] for one in every])
+    estimates = corrected([place.estimate for place in every])
     places = [
-        Place(**vars(part), estimate=one, verdict=decide([one], question.confidence))
-        for part, one in zip(every, estimates, strict=True)
+        replace(place, estimate=one, verdict=decide([one], question.confidence))
+        for place, one in zip(every, estimates, strict=True)
     ]
-    of_factors = grouped(places, lambda place: place.factor).items()
-    of_kinds = grouped(of_factors, lambda division: division[0].kind).values()
-    strongest = [max((parts for _, parts in of_kind), key=_explained) for of_kind in of_kinds]
+    divisions = grouped(places, lambda place: place.factor).values()
+    of_kinds = grouped(divisions, lambda division: division[0].factor.kind).values()
     verdicts = [place.verdict for place in places]
     return Where(
-        places=tuple(place for parts in strongest for place in parts),
+        places=tuple(place for of_kind in of_kinds for place in max(of_kind, key=_explained)),
         n_places=len(places),
         a_better=verdicts.count("a"),
         b_better=verdicts.count("b"),
@@ -176,33 +148,41 @@ def factors(data: StoredData) -> list[Factor]:
     ]
 
 
-def _parts(
-    factor: Factor, rows: IntArray, a: FloatArray, b: FloatArray, data: StoredData
-) -> Iterator[Part]:
+def _divided(
+    factor: Factor,
+    rows: IntArray,
+    a: FloatArray,
+    b: FloatArray,
+    pose_id: TextArray,
+    question: Question,
+) -> list[Place]:
+    """Return the places, not corrected; none unless there are several of `FEWEST_POSES` each."""
     values = factor.values[rows]
+    names = values.astype(np.str_)
     if factor.unit:
         different = factor.values[np.unique(rows)].astype(np.float64)
         if np.ptp(different) < LEAST_SPREAD * np.abs(different).max():
-            return  # such as one force at all poses, to the digits of its file
+            return []  # such as one force at all poses, to the digits of its file
         edges = np.quantile(different, np.arange(1, PARTS) / PARTS)
         names = np.searchsorted(edges, values).astype(np.str_)
-    else:
-        names = values.astype(np.str_)
-    for name in np.unique(names):
-        chosen = names == name
-        pose_id = data.samples.pose_id[rows[chosen]]
-        yield Part(
-            factor,
-            label="" if factor.unit else str(name),
-            low=float(values[chosen].min()) if factor.unit else None,
-            high=float(values[chosen].max()) if factor.unit else None,
-            n_samples=len(np.unique(rows[chosen])),
-            a=pose_errors(pose_id, a[chosen][:, None]),
-            b=pose_errors(pose_id, b[chosen][:, None]),
+    parts = [(str(name), names == name) for name in np.unique(names)]
+    fewest = min(len(np.unique(pose_id[rows[chosen]])) for _, chosen in parts)
+    if len(parts) < 2 or fewest < FEWEST_POSES:
+        return []
+    places = []
+    for name, chosen in parts:
+        of_a, of_b = (
+            pose_errors(pose_id[rows[chosen]], errors[chosen][:, None]) for errors in (a, b)
         )
+        inside = values[chosen]
+        ends = (float(inside.min()), float(inside.max())) if factor.unit else name
+        (estimate,) = estimates_over_poses(of_a, of_b, question)
+        n_samples = len(np.unique(rows[chosen]))
+        places.append(Place(factor, ends, n_samples, of_a, of_b, estimate))
+    return places
 
 
-def _explained(parts: Sequence[Part]) -> float:
+def _explained(parts: Sequence[Place]) -> float:
     """Return which share (0..1) of the poses' differences' variance lies between the parts."""
     differences = [pose_differences(part.a, part.b)[:, 0] for part in parts]
     together = np.concatenate(differences)

@@ -289,13 +289,14 @@ class Results:
             ConfigError: fewer than two models have results, or the metric cannot rank.
             StoreError: the folder holds no results, or damaged ones.
         """
-        from stiff_bench.analysis.leaderboard import stored_leaderboard
+        from stiff_bench.analysis.collected import StoredResults
+        from stiff_bench.analysis.leaderboard import build_leaderboard
         from stiff_bench.analysis.leaderboard_tables import render_leaderboard, section_tables
         from stiff_bench.analysis.sort_key import sort_key
 
         chosen = {"models": models, "datasets": datasets, "protocols": protocols}
         key = sort_key(metric, axis)
-        board = stored_leaderboard(self.folder, key=key, seed=seed, **chosen)
+        board = build_leaderboard(StoredResults.read(self.folder), key=key, seed=seed, **chosen)
         text_as = partial(render_leaderboard, board, command=self.command)
 
         def tables() -> Iterator[Table]:

@@ -12,8 +12,8 @@ import pandas as pd
 from scipy import stats
 
 from stiff_bench.analysis.collected import Case
+from stiff_bench.analysis.critical_difference import family_of
 from stiff_bench.analysis.leaderboard import presentation
-from stiff_bench.analysis.same_robot import family_of
 from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource, between, marks_in, mean_length, with_linear
 from stiff_bench.figures.style import (

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiff_bench.analysis.collected import StoredResults
-from stiff_bench.analysis.critical_difference import RankAnalysis
+from stiff_bench.analysis.critical_difference import RankAnalysis, of_robots
 from stiff_bench.analysis.leaderboard import build_leaderboard
-from stiff_bench.analysis.same_robot import of_robots
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource, marks_in

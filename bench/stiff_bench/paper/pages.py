@@ -6,7 +6,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from stiff_bench.analysis.leaderboard import stored_leaderboard
+from stiff_bench.analysis.collected import StoredResults
+from stiff_bench.analysis.leaderboard import build_leaderboard
 from stiff_bench.analysis.leaderboard_tables import render_leaderboard
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.figures.catalog import FIGURES
@@ -84,7 +85,7 @@ def write_leaderboard(output: Path, command: str, n_missing: int) -> Iterator[Pa
         ConfigError: there is nothing to compare.
     """
     runs = output / "leaderboard" / "runs"
-    board = stored_leaderboard(runs, key=sort_key("norm", None))
+    board = build_leaderboard(StoredResults.read(runs), key=sort_key("norm", None))
     asked = {name: FIGURES[name] for name in OF_LEADERBOARD}
     figures, missing = can_be_drawn(asked, FigureSource.of(runs))
     return write_study(

@@ -112,7 +112,7 @@ class PageTable(NamedTuple):
 def page_table(table: Table) -> PageTable:
     """Return a table's cells with their typed order, cut to `MOST_ROWS`."""
     rows = table.rows[:MOST_ROWS]
-    notes = [*table.notes]
+    notes = [*table.shown().notes]
     if len(rows) < len(table.rows):
         notes.append(
             f"The first {len(rows)} of {len(table.rows)} rows are shown; --model, --dataset and "

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -59,7 +60,13 @@ def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
     notes = [*shown.caveats, *size_notes(group), *([shown.warning] * warned)]
     for results in by_model.values():
         notes += outcome_notes(results)
-    published = {} if cell.condition else _published(shown.published, metrics)
+    of_table = published_errors(shown.published) if shown.published and not cell.condition else {}
+    keys = {metric.key for metric in metrics}
+    published = {
+        method: values
+        for method, values in of_table.items()
+        if not keys.isdisjoint(key for key, _ in values)
+    }
     notes += [f"[{MARK}]: {NOTE}."] if published else []
     kind, n_splits = kind_label(shown.kind, shown.task), len({r.cell.split_index for r in group})
     facts: dict[str, Cell] = {
@@ -115,8 +122,7 @@ def _beside(result: CellResult, name: str) -> CellResult | None:
     if found is None or result.shown.task != STIFFNESS:
         return None
     known = {row: found.known.get(key) for key, row in KNOWN.items()}
-    other = {REFERENCE_MODEL: found.reference, **known}[name]
-    if other is None:
+    if (other := ({REFERENCE_MODEL: found.reference} | known)[name]) is None:
         return None
     prediction = Prediction(found.rows, other, found.measured, reference=found.reference)
     return CellResult(
@@ -141,11 +147,10 @@ def _title(first: CellResult, n_splits: int, metrics: Sequence[Metric]) -> str:
     spread = ", mean ± standard deviation over splits" if n_splits > 1 else ""
     if shown.pooled:
         spread = " over the predictions of all splits"
-    units = dict.fromkeys(PRINTED[metric.unit][0] for metric in metrics)
-    unit = " and ".join(filter(None, units))
+    units = " and ".join(filter(None, dict.fromkeys(PRINTED[one.unit][0] for one in metrics)))
     intervals = "" if cell.coverage is None else f" | {percent(cell.coverage)} intervals"
     of_cell = setting(shown, cell.condition, n_splits, cell.seed)
-    return f"{of_cell} | {unit}{spread}{intervals}"
+    return f"{of_cell} | {units}{spread}{intervals}"
 
 
 def metric_columns(metrics: Sequence[Metric]) -> list[Column]:
@@ -161,7 +166,7 @@ def metric_columns(metrics: Sequence[Metric]) -> list[Column]:
     ]
 
 
-def metric_cells(values: Values, metrics: Sequence[Metric]) -> list[Cell]:
+def metric_cells(values: Mapping[tuple[str, str], Cell], metrics: Sequence[Metric]) -> list[Cell]:
     """Return the values of a row in the order of `metric_columns`."""
     return [values.get((metric.key, axis)) for metric, axis in _places(metrics)]
 
@@ -176,14 +181,9 @@ def number_format(metric: Metric) -> str:
 
 
 def _refuse_mixed(by_model: Mapping[str, Sequence[CellResult]]) -> None:
-    """See that every model's results are of the same data, source, splits and coverage.
-
-    Raises:
-        StoreError: they are not.
-    """
+    identity = attrgetter("data_sha256", "source_sha256", "split_sha256", "coverage")
     identities = {
-        tuple((c.data_sha256, c.source_sha256, c.split_sha256, c.coverage) for c in cells)
-        for cells in ([result.cell for result in results] for results in by_model.values())
+        tuple(identity(result.cell) for result in results) for results in by_model.values()
     }
     if len(identities) > 1:
         raise StoreError(
@@ -196,10 +196,10 @@ def _of_model(
     model: str, results: Sequence[CellResult], metrics: Sequence[Metric]
 ) -> tuple[Name, Values]:
     """Return a model with its values; a failed or skipped cell leaves none."""
-    failed = sum(result.status == "failed" for result in results)
-    if failed:
+    statuses = [result.status for result in results]
+    if failed := statuses.count("failed"):
         return Name(model, f"FAILED in {failed} of {len(results)} splits"), {}
-    if any(result.status == "skipped" for result in results):
+    if "skipped" in statuses:
         return Name(model, "SKIPPED"), {}
     return Name(model, mark_of(results[0].shown)), metric_values(results, metrics)
 
@@ -207,9 +207,7 @@ def _of_model(
 def metric_values(results: Sequence[CellResult], metrics: Sequence[Metric]) -> Values:
     """Return a model's values over its splits, or over their predictions together.
 
-    Args:
-        results: of one model, data set and protocol; none has failed.
-        metrics: asked for.
+    The results are of one data set and protocol; none has failed.
     """
     together = pooled_prediction(results) if results[0].shown.pooled else None
     found = {}
@@ -244,10 +242,11 @@ def pooled_prediction(results: Sequence[CellResult]) -> Prediction:
     references = [part.reference for part in parts if part.reference is not None]
     interval = None
     if intervals and len(intervals) == len(parts):
-        lower, upper = (
-            np.concatenate([getattr(one, end) for one in intervals]) for end in ("lower", "upper")
+        interval = Interval(
+            lower=np.concatenate([one.lower for one in intervals]),
+            upper=np.concatenate([one.upper for one in intervals]),
+            coverage=intervals[0].coverage,
         )
-        interval = Interval(lower, upper, intervals[0].coverage)
     return Prediction.of_stored(
         rows=np.concatenate([part.rows for part in parts]),
         predicted=np.concatenate([part.predicted for part in parts]),
@@ -256,13 +255,3 @@ def pooled_prediction(results: Sequence[CellResult]) -> Prediction:
         reference=np.concatenate(references) if len(references) == len(parts) else None,
         known={},
     )
-
-
-def _published(table: str, metrics: Sequence[Metric]) -> dict[str, Values]:
-    """Return the methods of a published table, "" for none, that have one of these metrics."""
-    keys = {metric.key for metric in metrics}
-    return {
-        method: {place: Quantity(value) for place, value in values.items()}
-        for method, values in (published_errors(table) if table else {}).items()
-        if keys & {key for key, _ in values}
-    }

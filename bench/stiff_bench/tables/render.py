@@ -58,9 +58,7 @@ def render(
 def plain_text(table: Table, *, widths: Sequence[int | None] = ()) -> str:
     """Return headings and cells in columns for a terminal, without the title; then the notes.
 
-    Args:
-        table: to print; texts stand left, numbers right.
-        widths: of columns that are broken into lines, characters.
+    `widths` are those of columns that are broken into lines, characters.
     """
     body = _columns(table, "simple", str, maxcolwidths=[*widths] or None)
     return "\n".join([body, *table.notes])

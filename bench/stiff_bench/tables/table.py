@@ -110,6 +110,11 @@ class Column:
         return " ".join(filter(None, (number_text(found, self.format), found.status, mark))) or "-"
 
 
+def text_columns(*names: str) -> list[Column]:
+    """Return columns of texts."""
+    return [Column(name, "text") for name in names]
+
+
 def number_text(quantity: Quantity, spec: str) -> str:
     """Return value, spread, interval and share, each number as `format` writes it by `spec`."""
     parts = []
@@ -131,6 +136,7 @@ VALUE_FIELDS = (
     *("unit", "mark", "status"),
 )
 """Of each number, in csv and json."""
+MOST_NOTES = 4
 
 
 @dataclass(frozen=True)
@@ -145,6 +151,7 @@ class Table:
         unit: that the title names; the names of columns with another one say it.
         about: facts for csv and json, such as data set, protocol and seed.
         details: too long to stand beneath it; json alone has them.
+        brief: whether people see `MOST_NOTES` of its notes alone; json has all.
     """
 
     title: str
@@ -154,6 +161,7 @@ class Table:
     unit: str = ""
     about: Mapping[str, object] = field(default_factory=dict)
     details: Sequence[str] = ()
+    brief: bool = False
 
     def heading(self, column: Column) -> str:
         """Return a column's name, with its unit where neither title nor cells say it."""
@@ -161,10 +169,15 @@ class Table:
         return column.name if named else f"{column.name} [{column.unit}]"
 
     def shown(self) -> Table:
-        """Return the table without its hidden columns: what people see."""
+        """Return what people see: no hidden columns and, where it is brief, few notes."""
         seen = [number for number, one in enumerate(self.columns) if not one.hidden]
         rows = [[row[number] for number in seen] for row in self.rows]
-        return replace(self, columns=[self.columns[number] for number in seen], rows=rows)
+        notes = list(dict.fromkeys(filter(None, self.notes))) if self.brief else self.notes
+        if self.brief and len(notes) > MOST_NOTES:
+            n_more = len(notes) - MOST_NOTES + 1
+            notes = [*notes[: MOST_NOTES - 1], f"{n_more} more notes: `--format json`"]
+        columns = [self.columns[number] for number in seen]
+        return replace(self, columns=columns, rows=rows, notes=notes)
 
     def texts(self) -> list[list[str]]:
         """Return each row's cells for people."""

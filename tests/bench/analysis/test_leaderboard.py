@@ -17,8 +17,8 @@ from scipy import stats
 
 from figure_results import with_fields
 from made_results import N_POSES, TWINS, MadeResults, forget
-from stiff_bench.analysis.collected import collect
-from stiff_bench.analysis.leaderboard import Leaderboard, stored_leaderboard
+from stiff_bench.analysis.collected import StoredResults, collect
+from stiff_bench.analysis.leaderboard import Leaderboard, build_leaderboard
 from stiff_bench.analysis.leaderboard_tables import render_leaderboard
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.store.database import ResultStore, read_results
@@ -34,7 +34,8 @@ def made(tmp_path: Path) -> MadeResults:
 
 
 def board_of(made: MadeResults, *models: str, metric="norm", axis=None, **narrowed) -> Leaderboard:
-    return stored_leaderboard(made.folder, models=models, key=sort_key(metric, axis), **narrowed)
+    stored = StoredResults.read(made.folder)
+    return build_leaderboard(stored, models=models, key=sort_key(metric, axis), **narrowed)
 
 
 def text_of(board: Leaderboard, fmt: str = "github") -> str:
@@ -69,16 +70,12 @@ def add_three(made: MadeResults, **changes) -> None:
         made.add_each(each, dataset, **changes)
 
 
-def test_models_are_sorted_by_their_mean_rank(made):
+def test_models_are_sorted_by_their_mean_rank_among_those_that_are_shown(made):
     add_three(made)
     board = board_of(made)
     assert ranks(board) == pytest.approx({"a": 5 / 3, "b": 5 / 3, "c": 8 / 3})
     assert [model.won for model in board.sections[0].ranked] == [2, 1, 0]
     assert "sorted by mean rank of 3-D error [mm] (smaller is better)" in text_of(board)
-
-
-def test_ranks_are_computed_anew_among_the_models_that_are_shown(made):
-    add_three(made)
     board = board_of(made, "a", "c")
     assert ranks(board) == pytest.approx({"a": 4 / 3, "c": 5 / 3})
     assert "| b" not in text_of(board)
@@ -99,6 +96,10 @@ def test_a_model_that_lacks_a_case_has_no_mean_rank_and_moves_nobody_elses(made)
     lacking = ", ".join(f"twin@specimen={number} | holdout" for number in (1, 2))
     assert f"winner lacks 2 of 3 results ({lacking}: not run)" in text_of(board)
     assert cells(board, "holdout")["winner"] == ["0.1000 (1/3)"]
+    made.add_each({"other": [1.0], "vjm": [1.0]}, "twin@specimen=3")
+    for dataset in TWINS[:3]:
+        made.add("vjm", [1.0, 1.0], dataset)
+    assert board_of(made).sections[0].unranked["vjm"] == {}, "no other model has all results"
 
 
 def test_many_missing_results_are_counted_and_it_is_said_what_lists_them(made):
@@ -128,18 +129,13 @@ def test_a_failure_is_missing_with_its_reason_and_is_said_in_its_column(made):
     assert shown["never"] == ["FAILED"]
 
 
-def test_of_fewer_splits_only_those_count_that_all_models_have(made):
+def test_splits_that_all_models_have_count_and_there_must_be_one(made):
     made.add_each({"a": [1.0, 5.0, 9.0], "b": [2.0, 2.0]})
     board = board_of(made)
-    (scored,) = board.sections[0].cases
-    assert scored.mean("a") == pytest.approx(3e-3)
+    assert board.sections[0].cases[0].mean("a") == pytest.approx(3e-3)
     assert "only the 2 of 3 splits" in text_of(board)
-
-
-def test_models_that_share_no_split_are_refused_by_name(made):
-    made.add("a", [1.0])
-    first, _ = made.add("b", [2.0, 2.0])
-    forget(made.folder, first)
+    first, *_ = made.add("b", [2.0, 2.0])
+    forget(made.folder, first, *made.add("a", [1.0, 5.0, 9.0])[1:])
     with pytest.raises(StoreError, match="a and b were run on different splits and share none"):
         board_of(made)
 
@@ -156,32 +152,52 @@ def test_a_model_that_was_run_on_older_splits_alone_is_not_ranked_and_that_is_sa
     assert "(all of a) are left out" in text_of(board)
 
 
-def test_of_data_that_changed_under_one_name_only_those_of_the_newest_run_count(made):
-    for version, run_id in ((1, "20260101T"), (0, "20270101T")):
-        made.add_each({"a": [1.0 + version], "b": [1.5]}, version=version, run_id=run_id)
+@pytest.mark.parametrize(
+    ("older", "newer", "said"),
+    [
+        ({"version": 1}, {"version": 0}, "twin stands for different data here: samples ("),
+        ({"source": "old"}, {"source": "new"}, "different pre-training data here (new, old)"),
+    ],
+)
+def test_of_data_that_changed_under_one_name_those_of_the_newest_run_count(
+    made, older, newer, said
+):
+    for run_id, about, error in (("20260101T", older, 1.0), ("20270101T", newer, 3.0)):
+        made.add_each({"a": [error], "b": [2.0]}, run_id=run_id, **about)
     board = board_of(made)
-    assert ranks(board) == {"a": 1.0, "b": 2.0}
+    assert ranks(board) == {"b": 1.0, "a": 2.0}
     assert len(board.sections[0].cases) == 1
-    assert "twin stands for different data here: samples (" in text_of(board)
+    assert said in text_of(board)
 
 
-def test_another_task_never_enters(made):
+@pytest.mark.parametrize(
+    ("models", "dataset", "about", "said"),
+    [
+        (
+            *("ab", "ur5-pose-error", {"task": "pose-error", "kind": "measured"}),
+            "ur5-pose-error is left out: it is measured pose-error, not stiffness.",
+        ),
+        (
+            *("ab", "own", {"protocol": "paper-holdout@read_on=all", "reports_training": True}),
+            f"paper-holdout@read_on=all is left out: {TRAINING_MARK}.",
+        ),
+        (
+            *("a", "lonely", {}),
+            "lonely | holdout is left out: none of the other models was run there.",
+        ),
+    ],
+)
+def test_what_cannot_be_ranked_moves_no_rank_and_is_said(made, models, dataset, about, said):
     add_three(made)
-    other = {"task": "pose-error", "kind": "measured"}
-    made.add_each({"a": [9.0, 9.0], "b": [1.0, 1.0]}, "ur5-pose-error", **other)
+    before = ranks(board_of(made))
+    for model, error in zip(models, (9.0, 1.0), strict=False):
+        made.add(model, [error, error], dataset, **about)
     board = board_of(made)
-    assert ranks(board)["a"] == pytest.approx(5 / 3)
-    assert "ur5-pose-error is left out: it is measured pose-error, not stiffness." in text_of(board)
+    (section,) = board.sections
+    assert ranks(board) == before and len(section.cases) == 3
+    assert said in text_of(board)
     with pytest.raises(ConfigError, match="nothing to rank"):
-        board_of(made, datasets=("ur5-pose-error",))
-
-
-def test_a_case_with_one_model_alone_is_left_out_and_said(made):
-    add_three(made)
-    made.add("a", [1.0], "lonely")
-    board = board_of(made)
-    assert len(board.sections[0].cases) == 3
-    assert "lonely | holdout is left out: none of the other models was run there." in text_of(board)
+        board_of(made, datasets=(dataset,))
 
 
 def test_protocols_that_select_on_the_test_part_are_ranked_apart_and_marked(made):
@@ -197,16 +213,6 @@ def test_protocols_that_select_on_the_test_part_are_ranked_apart_and_marked(made
     text = text_of(board)
     assert "b [epoch picked on test part]" in text
     assert "not a fair comparison" in text and "it is optimistic" in text
-
-
-def test_a_protocol_that_reports_training_rows_is_left_out_and_named(made):
-    add_three(made)
-    before = ranks(board_of(made))
-    papers = {"protocol": "paper-holdout@read_on=all", "reports_training": True}
-    made.add_each({"a": [2.0], "b": [1.0]}, **papers)
-    board = board_of(made)
-    assert ranks(board) == before and len(board.sections) == 1
-    assert f"paper-holdout@read_on=all is left out: {TRAINING_MARK}." in text_of(board)
 
 
 def test_the_interval_of_one_case_is_that_of_the_ranks_over_its_poses(made, rng):
@@ -261,14 +267,15 @@ def test_what_noise_can_explain_or_makes_none_in_practice_is_like_the_best_and_n
     assert found == {"best": 1, "equivalent": 1, "near": 0, "like": 1, "worse": 0}
     marks = {name: cell.split()[-1] for name, (cell,) in cells(board, "holdout").items()}
     assert marks["like"] == "≈" and marks["best"] == "*" and marks["worse"] not in "≈*"
-
-
-def test_a_single_split_is_tested_over_its_poses(made, rng):
-    base = rng.gamma(9.0, 1.0, size=N_POSES)
+    base = rng.gamma(9.0, 1.0, size=N_POSES)  # of a single split, which is tested over its poses
     for model, change in (("best", 0.0), ("like", rng.normal(size=N_POSES) + 0.1), ("worse", 9.0)):
-        made.add(model, [base + change], rows=np.arange(N_POSES))
-    found = {model.name: model.like_best for model in board_of(made).sections[0].ranked}
-    assert found == {"best": 1, "like": 1, "worse": 0}
+        made.add(model, [base + change], protocol="other", rows=np.arange(N_POSES))
+    (one_split,) = board_of(made, protocols=["other"]).sections
+    assert {one.name: one.like_best for one in one_split.ranked} == {
+        "best": 1,
+        "like": 1,
+        "worse": 0,
+    }
 
 
 def test_five_specimens_are_five_data_sets_but_splits_and_seeds_are_none(made):
@@ -317,27 +324,20 @@ def test_a_column_is_mean_and_deviation_over_data_sets_and_its_conditions_are_in
     assert "n = 5 (3 data sets)" in text_of(board)
 
 
-def test_a_metric_with_axes_ranks_by_one_of_them_or_by_their_mean(made):
+def test_the_metric_decides_what_is_ranked_and_in_which_direction(made):
     made.add_each({"a": [3.0], "b": [1.0]})
     of_z, of_all, of_x = (board_of(made, metric="mae", axis=axis) for axis in ("z", None, "x"))
     assert of_z.sections[0].cases[0].mean("a") == pytest.approx(3e-3)
     assert of_all.sections[0].cases[0].mean("a") == pytest.approx(1e-3)
     assert ranks(of_z) == {"b": 1.0, "a": 2.0} and ranks(of_x) == {"a": 1.5, "b": 1.5}
     assert "mean rank of MAE [mm], mean over x, y, z (smaller is better)" in text_of(of_all)
-
-
-def test_where_larger_is_better_the_largest_is_first_and_nothing_is_drawn(made):
-    made.add_each({"a": [3.0, 3.0], "b": [1.0, 1.0]})
-    board = board_of(made, metric="skill")
-    assert ranks(board) == {"b": 1.0, "a": 2.0}
-    assert np.isnan(board.sections[0].ranked[0].low)
-    assert "larger is better" in text_of(board)
-
-
-def test_leave_one_out_is_scored_over_all_poses_together(made):
+    of_skill = board_of(made, metric="skill")
+    assert ranks(of_skill) == {"b": 1.0, "a": 2.0}
+    assert np.isnan(of_skill.sections[0].ranked[0].low)  # nothing is drawn
+    assert "larger is better" in text_of(of_skill)
     made.add_each({"a": [1.0, 3.0], "b": [4.0, 4.0]}, protocol="leave-one-out", pooled=True)
-    (scored,) = board_of(made, metric="me", axis="z").sections[0].cases
-    assert scored.scores["a"].tolist() == pytest.approx([3e-3])
+    (pooled,) = board_of(made, metric="me", axis="z", protocols=["leave-one-out"]).sections[0].cases
+    assert pooled.scores["a"].tolist() == pytest.approx([3e-3])
 
 
 def test_several_data_sets_of_one_robot_count_once_in_the_analysis(made):
@@ -420,12 +420,6 @@ def test_costs_are_ranked_without_a_test(made):
     assert "\u2248" not in text_of(board)
 
 
-def test_the_only_complete_model_is_said_to_lack_nothing(made):
-    made.add_each({"a": [1.0], "vjm": [1.0]}, TWINS[0])
-    made.add_each({"b": [1.0], "vjm": [1.0]}, TWINS[1])
-    assert board_of(made).sections[0].unranked["vjm"] == {}
-
-
 def test_a_table_shows_the_caveats_of_its_own_data_sets_alone(made):
     for dataset, caveat in (("left", "left is odd"), ("right", "right is odd")):
         made.add_each({"a": [1.0], "b": [1.0]}, dataset, caveats=(caveat,))
@@ -453,15 +447,6 @@ def test_a_clear_difference_is_found_among_any_number_of_models(made, rng):
     made.add_each({"best": list(base), **worse})
     found = [model.like_best for model in board_of(made).sections[0].ranked]
     assert found == [1] + [0] * 51
-
-
-def test_of_two_versions_of_the_source_data_the_newest_counts(made):
-    for run_id, source, error in (("1", "old", 1.0), ("2", "new", 3.0)):
-        how = {"protocol": "cross-robot", "run_id": run_id, "source": source}
-        made.add_each({"a": [error], "b": [2.0]}, **how)
-    board = board_of(made)
-    assert ranks(board) == {"b": 1.0, "a": 2.0}
-    assert "different pre-training data here (new, old)" in text_of(board)
 
 
 @pytest.mark.parametrize(

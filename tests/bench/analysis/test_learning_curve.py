@@ -14,7 +14,6 @@ from stiff_bench.analysis.learning_curve import (
     learning_curve,
     power_law,
 )
-from stiff_protocols.contract.errors import DataError
 
 SIZES = np.array([6, 9, 14, 21, 32, 48])
 N_DRAWS, N_POSES = 10, 60
@@ -80,8 +79,3 @@ def test_more_poses_never_look_worse(errors):
     law = power_law(SIZES.astype(float), np.array(errors))
     assert law(96) == pytest.approx(law(48), rel=1e-6)
     assert law(48) == pytest.approx(np.exp(np.log(errors).mean()) if errors[0] else 0.0, rel=0.05)
-
-
-def test_two_sizes_and_no_errors_are_no_curve():
-    with pytest.raises(DataError, match="of 2 numbers of poses, expected 3"):
-        CurveErrors(SIZES[:2], np.ones((1, 2, 4)), np.ones((1, 4), dtype=np.int64))

@@ -83,17 +83,11 @@ def test_a_level_that_the_test_of_the_pair_just_meets_decides(rng):
                 assert verdicts[1][number] == ("a" if p_value < 0.5 else "open")
 
 
-def test_one_value_without_poses_behind_it_has_no_verdict():
-    assert (
-        decide_pairs(SharedErrors(None, 0.2, None, None), [(0, 1)], Question(), correct=True)
-        is None
-    )
-
-
 def test_a_value_that_is_no_mean_over_rows_is_decided_by_its_splits_alone():
     of_splits = np.array([[1.0, 2.0], [1.1, 2.2], [0.9, 2.1]])
-    errors = SharedErrors(of_splits, 0.2, None, None)
-    assert decide_pairs(errors, [(0, 1)], Question(rope=0.0), correct=True) == ["a"]
+    for values, verdicts in ((of_splits, ["a"]), (None, None)):
+        errors = SharedErrors(values, 0.2, None, None)
+        assert decide_pairs(errors, [(0, 1)], Question(rope=0.0), correct=True) == verdicts
 
 
 def test_mean_ranks_differ_from_the_critical_difference_on_if_friedman_finds_any():

@@ -20,7 +20,7 @@ APART = {"a": spread(1e-4, 1e-5, 1), "b": spread(2e-4, 1e-5, 2)}
 def found_in(folder, tests=ALL, **models):
     case, data = case_in(store_results(folder, models, tests=tests))
     paired = paired_errors(case, "a", "b")
-    return where_better(paired.rows, paired.a[:, -1], paired.b[:, -1], data, Question()), data
+    return where_better(paired.rows, *paired.lengths, data, Question()), data
 
 
 def worse_where(mask, by=3e-4):
@@ -39,12 +39,12 @@ def test_a_model_that_is_worse_under_heavy_loads_is_found_to_be_so_there_alone(t
     found, _ = found_in(tmp_path, a=spread(1e-4, 1e-5, seed=2), b=worse_where(heavy))
     light, middle, hard = [place for place in found.places if place.factor.name == "force"]
     assert [place.verdict for place in (light, middle, hard)] == ["equivalent", "equivalent", "a"]
-    assert hard.low == pytest.approx(force[heavy].min())
-    assert hard.high == pytest.approx(force.max())
-    assert hard.difference == pytest.approx(-3e-4, rel=0.1)
-    assert hard.estimate.low < hard.difference < hard.estimate.high < -2e-4
+    assert hard.values == pytest.approx((force[heavy].min(), force.max()))
+    difference = hard.means[0] - hard.means[1]
+    assert difference == pytest.approx(-3e-4, rel=0.1)
+    assert hard.estimate.low < difference < hard.estimate.high < -2e-4
     assert (light.n_samples, middle.n_samples, hard.n_samples) == (14, 13, 13)
-    assert place_text(hard) == f"force {hard.low:.0f} to {hard.high:.0f} N"
+    assert place_text(hard) == f"force {hard.values[0]:.0f} to {hard.values[1]:.0f} N"
 
 
 def test_of_each_kind_the_division_that_explains_most_is_shown(tmp_path):
@@ -56,7 +56,7 @@ def test_of_each_kind_the_division_that_explains_most_is_shown(tmp_path):
     shown = {place.factor.kind: place.factor.name for place in found.places}
     assert shown["joint torque"] == f"torque on {stored.joint_names[3]}"
     assert shown["pose region"] == "part of the plan"
-    assert [p.label for p in found.places if p.factor.kind == "pose region"] == ["far", "near"]
+    assert [p.values for p in found.places if p.factor.kind == "pose region"] == ["far", "near"]
     # group, reach, height, force, six joints; the loads have no torque at the TCP to divide by
     assert found.n_places == 2 + 9 * 3
 

@@ -8,8 +8,7 @@ import numpy as np
 from click.testing import CliRunner
 
 from made_results import TWINS, MadeResults
-from stiff_bench.analysis.critical_difference import RankAnalysis
-from stiff_bench.analysis.same_robot import Specimen
+from stiff_bench.analysis.critical_difference import RankAnalysis, Specimen
 from stiff_bench.cli.compare import leaderboard
 from stiff_bench.figures.ranks import ranks_figure, save_diagrams
 from stiff_protocols.scoring.ranks import compare_over_datasets

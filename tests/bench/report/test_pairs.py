@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from compared_results import case_in, fifths, spread, steady, store_results
+from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.comparison import NORM, compare
-from stiff_bench.analysis.leaderboard import stored_leaderboard
+from stiff_bench.analysis.leaderboard import build_leaderboard
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.analysis.verdict import Question
 from stiff_bench.report.page import page_table
@@ -24,7 +25,7 @@ WON = {"a": "1 : 0", "b": "0 : 1", "equivalent": "0 : 0", "open": "0 : 0"}
 
 def pairs_of(folder):
     """Row -> column -> cell of the table, and the table as the page shows it."""
-    board = stored_leaderboard(folder, key=sort_key("norm", None))
+    board = build_leaderboard(StoredResults.read(folder), key=sort_key("norm", None))
     table = pair_table(board.sections[0], board)
     names = [row[0].split()[1] for row in table.texts()]
     rows = zip(names, table.texts(), strict=True)

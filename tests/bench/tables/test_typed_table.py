@@ -9,8 +9,6 @@ import math
 import subprocess
 import sys
 
-import pytest
-
 from stiff_bench.tables.render import plain_text, render
 from stiff_bench.tables.table import VALUE_FIELDS, Column, Name, Quantity, Table
 
@@ -39,18 +37,16 @@ def lines(*tables: Table) -> list[dict[str, str]]:
 
 
 def test_people_read_value_spread_interval_share_status_and_mark_and_a_dash_for_nothing():
-    assert SMALL.shown().texts() == [
+    shown = SMALL.shown()
+    assert shown.texts() == [
         ["a [a mark]", "0.33 ± 0.14", "1 to 2", "5"],
         ["b", "FAILED", "-", "-"],
         ["c", "0.50 (3/5) *", "1/2", "1000"],
     ]
-
-
-def test_a_heading_names_the_unit_that_the_title_does_not():
-    shown = SMALL.shown()
-    assert [shown.heading(column) for column in shown.columns] == [
-        *("model", "error", "share [%]", "n")
-    ]
+    # a heading names the unit that the title does not
+    assert [*map(shown.heading, shown.columns)] == ["model", "error", "share [%]", "n"]
+    first_row = plain_text(shown).splitlines()[2]
+    assert first_row.split() == ["a", "[a", "mark]", "0.33", "±", "0.14", "1", "to", "2", "5"]
 
 
 def test_csv_has_a_line_a_number_at_full_precision_with_all_that_it_is_of():
@@ -86,11 +82,8 @@ def test_json_has_the_values_of_csv_and_says_nothing_of_what_is_not_there():
         **{"axis": "x", "column": "error", "value": 1 / 3, "spread": 1 / 7, "n": 3, "unit": "mm"}
     }
     assert second["values"][0]["status"] == "FAILED" and second["values"][0]["value"] is None
-
-
-def test_json_is_strict_where_a_number_is_none_of_json():
-    table = Table("t", [Column("x")], [[math.nan], [math.inf]])
-    rows = json.loads(render([table], "json", "bench"))["tables"][0]["rows"]
+    no_numbers = Table("t", [Column("x")], [[math.nan], [math.inf]])
+    rows = json.loads(render([no_numbers], "json", "bench"))["tables"][0]["rows"]
     assert [row["values"][0]["value"] for row in rows] == [None, "inf"]
 
 
@@ -120,25 +113,9 @@ def test_the_names_of_groups_stand_above_or_before_those_of_their_columns():
     assert r"X & 1.0000 +- 0.5000 & 1.0000 +- 0.5000 & 2.0000" in latex
     assert "S[table-format=1.4(5)]" in latex
     assert "group 0: MAE" in page and "1.0000 ± 0.5000" in page
-
-
-def test_groups_of_many_columns_stand_beneath_each_other_in_latex():
-    latex = render([grouped(4)], "latex", "bench")
-    assert latex.count(r"\begin{tabular}") == 4
-    assert latex.count(r"\begin{table}") == 1
-    assert latex.count(r"X & ") == 4
-
-
-@pytest.mark.parametrize("fmt", ["github", "latex", "html"])
-def test_a_paragraph_stands_above_the_tables(fmt):
-    text = render([SMALL], fmt, "bench", text="what matters")
-    assert text.count("what matters") == 1
-
-
-def test_a_terminal_gets_columns_and_notes():
-    assert plain_text(SMALL.shown()).splitlines()[2].split() == [
-        *("a", "[a", "mark]", "0.33", "±", "0.14", "1", "to", "2", "5")
-    ]
+    many = render([grouped(4)], "latex", "bench", text="what matters")  # beneath each other
+    parts = (r"\begin{tabular}", r"\begin{table}", r"X & ", "what matters")
+    assert [many.count(part) for part in parts] == [4, 1, 4, 1]
 
 
 def test_a_table_is_printed_without_pandas_and_numpy():
