@@ -231,16 +231,15 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
         )
         found: dict[str, Tried] = {}  # a drawn candidate may come again
 
-        def error_of(params: Mapping[str, Any]) -> float:
+        def objective(trial: Trial) -> float:
+            params = {name: _value(trial, name, values) for name, values in self.grid.items()}
             words = in_words(params)
             if words not in found:
                 found[words] = self._tried(params, rows, parts, robot, validation is None, seed)
-            return found[words].error
+            error = found[words].error
+            return error if math.isfinite(error) else math.nan  # a failed trial teaches nothing
 
-        self._try(error_of, seed)
-        if self.search == "grid":  # the first of the grid wins a tie
-            order = dict.fromkeys(in_words(params) for params, _ in self._candidates())
-            found = {words: found[words] for words in order}
+        self._optimize(objective, seed)
         for words, score in found.items():
             if score.failure:
                 left_out = f"candidate {words} left out: {score.failure}"
@@ -273,25 +272,22 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
             return Tried(params, math.inf, f"{type(raised).__name__}: {raised}")
         return Tried(params, float(np.concatenate(distances).mean()))
 
-    def _try(self, error_of: Callable[[Mapping[str, Any]], float], seed: int) -> None:
-        """Ask for the error of every combination, or of those that TPE draws."""
+    def _optimize(self, objective: Callable[[Trial], float], seed: int) -> None:
+        """Try every combination in the order of the grid, or those that TPE draws."""
         require("tuning", "optuna")
         import optuna
 
-        def objective(trial: Trial) -> float:
-            error = error_of({name: _value(trial, name, v) for name, v in self.grid.items()})
-            return error if math.isfinite(error) else math.nan  # a failed trial teaches nothing
-
-        sampler: optuna.samplers.BaseSampler = optuna.samplers.TPESampler(seed=seed)
-        trials = self.trials
-        if self.search == "grid":
-            places = {n: range(len(v)) for n, v in self.grid.items() if not isinstance(v, Range)}
-            sampler = optuna.samplers.GridSampler(places, seed=seed)
-            trials = math.prod(map(len, places.values()))
         verbosity = optuna.logging.get_verbosity()
         optuna.logging.set_verbosity(optuna.logging.CRITICAL)
         try:
-            optuna.create_study(sampler=sampler).optimize(objective, n_trials=trials)
+            study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
+            trials = self.trials
+            if self.search == "grid":
+                sizes = [len(v) for v in self.grid.values() if not isinstance(v, Range)]
+                trials = math.prod(sizes)
+                for places in itertools.product(*map(range, sizes)):
+                    study.enqueue_trial(dict(zip(self.grid, places, strict=True)))
+            study.optimize(objective, n_trials=trials)
         finally:
             optuna.logging.set_verbosity(verbosity)
 

@@ -89,10 +89,9 @@ def test_differences_too_alike_for_bca_have_the_percentile_interval(differences)
 
 def test_models_of_different_poses_or_rows_are_refused():
     a = errors_of([1.0, 2.0])
-    with pytest.raises(DataError, match="first is 'p2'"):
-        bootstrap_difference(a, errors_of([1.0, 2.0, 3.0]))
-    with pytest.raises(DataError, match="pose 'p1' has 1 rows of one model and 2 of the other"):
-        bootstrap_difference(a, errors_of([1.0, 2.0, 3.0], [0, 1, 1]))
+    for poses in ([0, 1, 2], [0, 1, 1]):
+        with pytest.raises(DataError, match="the same poses, each equally often"):
+            bootstrap_difference(a, errors_of([1.0, 2.0, 3.0], poses))
     with pytest.raises(DataError, match="columns"):
         bootstrap_difference(a, pose_errors(["p0", "p1"], np.ones((2, 3))))
 
@@ -145,5 +144,5 @@ def test_means_are_of_one_direction_of_at_least_one_competitor(rng):
         resampled_means([pose_errors(["p0", "p1"], rng.random((2, 3)))])
     with pytest.raises(DataError, match="at least 1 competitor"):
         resampled_means([])
-    with pytest.raises(DataError, match="only poses that both"):
+    with pytest.raises(DataError, match="the same poses"):
         resampled_means([errors_of([1.0, 2.0]), errors_of([1.0, 2.0, 3.0])])
