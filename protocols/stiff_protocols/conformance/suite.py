@@ -10,6 +10,7 @@ from __future__ import annotations
 import inspect
 import typing
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -28,7 +29,7 @@ from stiff_protocols.contract.interfaces import (
     StiffnessModel,
 )
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, Samples
-from stiff_protocols.scoring.sanity import check_prediction, check_units
+from stiff_protocols.scoring.sanity import check_units
 
 __all__ = ["Check", "check_model"]
 
@@ -40,7 +41,7 @@ GROWN = 10.0
 COVERAGES = (0.5, 0.95)
 
 _MEND_SEED = "draw all chance from `seed`: rng = np.random.default_rng(seed)"
-_MODEL: Checklist[Session] = Checklist()
+_MODEL = Checklist()
 
 
 def check_model(
@@ -62,8 +63,7 @@ def check_model(
         load: reads a file that the model's `save` wrote (`stiff_models.load`); None: the round
             trip is not checked.
     """
-    session = Session(make, data, uses_validation=uses_validation, load=load)
-    return _MODEL.answers(session)
+    return _MODEL.answers(Session(make, data, uses_validation=uses_validation, load=load))
 
 
 @_MODEL.asks(
@@ -83,12 +83,10 @@ def _stores_options(session: Session) -> None:
     made = type(model)(**given)
     changed = [name for name, value in given.items() if getattr(made, name, None) is not value]
     early = [name for name in vars(made) if name.endswith("_") and not name.startswith("_")]
-    if changed or early:
-        raise Failed(
-            f"{', '.join(changed)} not stored as given"
-            if changed
-            else f"{', '.join(early)} is there before fit"
-        )
+    if changed:
+        raise Failed(f"{', '.join(changed)} not stored as given")
+    if early:
+        raise Failed(f"{', '.join(early)} is there before fit")
 
 
 @_MODEL.asks(
@@ -179,8 +177,7 @@ def _predicts(session: Session) -> str:
 @_MODEL.asks("predictions are in metres", "train.deflection is in m; predict the same unit")
 def _in_metres(session: Session) -> None:
     _ = session.prediction
-    predicted = session.predict(session.fitted, session.train.q, session.train.wrench)
-    check_prediction(predicted, len(session.train))
+    predicted = session.predict_checked(session.fitted, session.train.q, session.train.wrench)
     check_units(predicted, session.train.deflection)
 
 
@@ -189,12 +186,8 @@ def _in_metres(session: Session) -> None:
     "take means, scales and neighbours in fit from train, never in predict: that is a leak",
 )
 def _row_by_row(session: Session) -> None:
-    def predicted(q: FloatArray, wrench: FloatArray) -> FloatArray:
-        found = session.predict(session.fitted, q, wrench)
-        check_prediction(found, len(q))
-        return found
-
-    _see_no_neighbours("a row", session.prediction, predicted, session.test)
+    predict = partial(session.predict_checked, session.fitted)
+    _see_no_neighbours("a row", session.prediction, predict, session.test)
 
 
 @_MODEL.asks(
