@@ -24,7 +24,6 @@ class Failed(Exception):
     """The answer is no; `advice` says how to mend it, "" where the question's own does."""
 
     def __init__(self, reason: str, advice: str = "") -> None:
-        """Store both."""
         super().__init__(reason)
         self.advice = advice
 
@@ -33,7 +32,6 @@ class StageFailed(Exception):
     """A stage that several questions need ("fit", ...) failed with an error."""
 
     def __init__(self, stage: str, error: BaseException) -> None:
-        """Store both."""
         super().__init__(f"{stage} failed")
         self.stage, self.error = stage, error
 
@@ -51,7 +49,6 @@ class Check:
     advice: str = ""
 
     def __str__(self) -> str:
-        """Return one line."""
         parts = [self.name, self.reason, self.advice and f"to mend it: {self.advice}"]
         return "; ".join(part for part in parts if part)
 
@@ -60,7 +57,6 @@ class Checklist:
     """Questions about one kind of subject, in the order in which they are written down."""
 
     def __init__(self) -> None:
-        """Begin without a question."""
         self._questions: list[tuple[str, str, Question]] = []
 
     def asks(self, name: str, advice: str) -> Callable[[Question], None]:

@@ -110,7 +110,6 @@ class DividedRows:
     """A protocol, told of the robot if it asks for one, and a small data set that it divides."""
 
     def __init__(self, make: Callable[[], EvaluationProtocol], data: BenchmarkData) -> None:
-        """Make the protocol."""
         self._data, self.protocol = data, make()
         if isinstance(self.protocol, DividesByRobot):
             self.protocol.use_robot(data.robot)

@@ -101,7 +101,6 @@ class Robot:
     )
 
     def __post_init__(self) -> None:
-        """Freeze and check every array."""
         n = len(self.joint_names)
         if n == 0 or len(self.joint_types) != n:
             raise DataError(f"robot {self.name!r}: {n} joint names, {len(self.joint_types)} types")
@@ -134,7 +133,6 @@ class Robot:
         return np.asarray((lever @ self.flange[:3, :3]).round(9) + 0.0)
 
     def __repr__(self) -> str:
-        """Return name, joints with their limits, and where the TCP is at zero positions."""
         units = {"revolute": ("deg", np.degrees(1.0)), "prismatic": ("mm", 1000.0)}
         limits = [
             f"{name} {low * factor:.0f}..{high * factor:.0f} {unit}"

@@ -33,7 +33,6 @@ class ToolPath:
     wrench: FloatArray
 
     def __post_init__(self) -> None:
-        """Freeze and check every array."""
         n = len(self.position)
         for name, shape in {"position": (n, 3), "rotation": (n, 3, 3), "wrench": (n, 6)}.items():
             object.__setattr__(self, name, frozen_array(getattr(self, name), name, shape))
@@ -46,7 +45,6 @@ class ToolPath:
             raise DataError(f"path {self.name!r}: rotation[{row}] is no rotation matrix")
 
     def __len__(self) -> int:
-        """Return the number of points."""
         return len(self.position)
 
     def take(self, rows: IntArray | slice) -> ToolPath:

@@ -30,11 +30,9 @@ class LazySplits(Sequence[Split]):
         next(make())
 
     def __len__(self) -> int:
-        """Return how many there are."""
         return self._n
 
     def __iter__(self) -> Iterator[Split]:
-        """Compute them one by one."""
         return self._make()
 
     @overload
