@@ -193,12 +193,9 @@ def test_given_joint_angles_far_apart_in_one_configuration_are_no_flip(kr10):
     assert not judged(kr10, np.stack([READY - 0.5 * away, READY, READY + 0.5 * away])).flips.any()
 
 
-def test_a_robot_with_a_choice_at_every_point_is_refused(rng):
+def test_a_robot_with_a_choice_at_every_point_and_a_path_without_points_are_refused(rng):
     robot = random_chain(rng, ("revolute",) * 7)
     with pytest.raises(DataError, match="redundant"):
         follow(robot, np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1)))
-
-
-def test_a_path_without_points_is_refused():
     with pytest.raises(DataError, match="no points"):
         ToolPath("none", np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 6)))
