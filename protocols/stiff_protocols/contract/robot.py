@@ -134,16 +134,11 @@ class Robot:
 
     def __repr__(self) -> str:
         units = {"revolute": ("deg", np.degrees(1.0)), "prismatic": ("mm", 1000.0)}
-        limits = [
-            f"{name} {low * factor:.0f}..{high * factor:.0f} {unit}"
-            for name, low, high, (unit, factor) in zip(
-                self.joint_names,
-                self.lower,
-                self.upper,
-                (units[kind] for kind in self.joint_types),
-                strict=True,
-            )
-        ]
+        limits = []
+        joints = zip(self.joint_names, self.joint_types, self.lower, self.upper, strict=True)
+        for name, kind, low, high in joints:
+            unit, factor = units[kind]
+            limits.append(f"{name} {low * factor:.0f}..{high * factor:.0f} {unit}")
         (place,) = 1000.0 * self.tcp_position(np.zeros((1, self.n_joints)))
         tcp = ", ".join(f"{length:.1f}" for length in place)
         return (
