@@ -81,15 +81,8 @@ def row(twin: str, model: str, n_measured: int, n_new: int) -> list[str]:
     lowered = np.mean([one.lowered for one in found])
     errors = np.mean([one.errors for one in found], axis=0)
     times = f"{np.mean(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})"
-    poses = f"{n_measured} + {n_new}"
-    return [
-        f"`{twin}`",
-        f"`{model}`",
-        poses,
-        f"{lowered:.0%}",
-        times,
-        *(f"{e:.3f}" for e in errors),
-    ]
+    about = [f"`{twin}`", f"`{model}`", f"{n_measured} + {n_new}", f"{lowered:.0%}", times]
+    return [*about, *(f"{error:.3f}" for error in errors)]
 
 
 if __name__ == "__main__":

@@ -222,11 +222,9 @@ def _leaves_validation(session: Session) -> str:
     if session.uses_validation:
         _only_chooses_on_validation(session)
         return "they choose an epoch"
-    first, given = session.prediction, session.prediction_again(with_validation=True)
-    if not np.array_equal(first, given):
-        if not np.array_equal(first, session.prediction_again(with_validation=False)):
-            raise NotApplicable("no two of its fits are the same")
-        _same("fitted with validation rows, it", first, given)
+    _ = session.prediction
+    given = session.prediction_again(with_validation=True)
+    _same_unless_by_chance("fitted with validation rows, it", session, given)
     return ""
 
 
@@ -255,12 +253,9 @@ def _learns_from_its_rows(session: Session) -> None:
 @_MODEL.asks("a second fit forgets the first", "compute every attribute that ends in _ anew in fit")
 def _forgets(session: Session) -> None:
     """Fit one model to other rows first; it must then equal one that never saw them."""
-    first, refitted = session.prediction, session.prediction_after_refit()
-    if not np.array_equal(first, refitted):
-        again = session.prediction_again(with_validation=session.uses_validation)
-        if not np.array_equal(first, again):
-            raise NotApplicable("no two of its fits are the same")
-        _same("a model that was fitted to other rows before", first, refitted)
+    _ = session.prediction
+    refitted = session.prediction_after_refit()
+    _same_unless_by_chance("a model that was fitted to other rows before", session, refitted)
 
 
 @_MODEL.asks(
@@ -380,6 +375,16 @@ def _same(what: str, first: FloatArray, second: FloatArray) -> None:
     if not np.array_equal(first, second):
         far = float(np.abs(first - second).max())
         raise Failed(f"{what} differs by up to {1e3 * far:.3g} mm")
+
+
+def _same_unless_by_chance(what: str, session: Session, other: FloatArray) -> None:
+    """See that this is the first fit's prediction, where another like it gives the same."""
+    first = session.prediction
+    if np.array_equal(first, other):
+        return
+    if not np.array_equal(first, session.prediction_again(with_validation=session.uses_validation)):
+        raise NotApplicable("no two of its fits are the same")
+    _same(what, first, other)
 
 
 def _see_no_neighbours(

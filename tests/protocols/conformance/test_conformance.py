@@ -80,16 +80,13 @@ def test_what_a_model_may_do_is_said_and_no_failure(cls, name, reason, fanuc):
     assert checks[name].status == "not applicable" and checks[name].reason.startswith(reason)
 
 
-def test_a_constructor_that_raises_is_one_failure(fanuc):
+def test_a_constructor_that_raises_is_one_failure_and_too_few_samples_are_refused(fanuc):
     def refuse():
         raise SystemExit("no display")
 
     (failed,) = failures(refuse, fanuc)
     assert failed.name == "the constructor takes keywords and only stores them"
     assert "raised SystemExit: no display" in failed.reason
-
-
-def test_too_few_samples_are_refused(fanuc):
     few = BenchmarkData(fanuc.samples.take(np.arange(9)), fanuc.robot)
     with pytest.raises(DataError, match="9 samples are too few"):
         check_model(Springs, few, uses_validation=False)

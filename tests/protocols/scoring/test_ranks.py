@@ -86,16 +86,13 @@ def test_the_groups_hold_exactly_the_pairs_that_nemenyi_cannot_tell_apart(rng, a
             assert list(result.mean_ranks[list(group)]) == sorted(result.mean_ranks[list(group)])
 
 
-def test_models_that_tie_everywhere_are_equal_without_a_warning():
+def test_ranks_that_tie_or_agree_everywhere_leave_conover_no_verdict():
     result = compare_over_datasets(np.ones((6, 4)))
     np.testing.assert_array_equal(result.mean_ranks, 2.5)
     assert result.friedman_p == 1.0
     np.testing.assert_array_equal(result.nemenyi, 1.0)
     assert result.conover is None
     assert result.groups == [(0, 1, 2, 3)]
-
-
-def test_data_sets_that_agree_on_every_rank_leave_conover_no_verdict():
     values = np.tile([1.0, 1.0, 2.0, 3.0], (7, 1))
     result = compare_over_datasets(values)
     assert result.conover is None
