@@ -69,8 +69,7 @@ def _same_numbers(make: MakeDataset) -> str:
 def _plausible_units(make: MakeDataset) -> str:
     """Look at sizes: values in deg or mm are too large, in km too small."""
     data = _loaded(make)
-    turning = [kind == "revolute" for kind in data.robot.joint_types]
-    angle = float(np.abs(data.samples.q[:, turning]).max(initial=0.0))
+    angle = float(np.abs(data.samples.q[:, data.robot.turns]).max(initial=0.0))
     wrench = float(np.abs(data.samples.wrench).max(initial=0.0))
     deflection = float(np.abs(data.samples.deflection).max(initial=0.0))
     if angle > LARGEST_ANGLE:

@@ -124,6 +124,11 @@ class Robot:
         return len(self.joint_names)
 
     @property
+    def turns(self) -> BoolArray:
+        """(n_joints,) whether each joint is revolute."""
+        return np.array([kind == "revolute" for kind in self.joint_types])
+
+    @property
     def tcp_on_flange(self) -> FloatArray:
         """(3,) tool centre point in the frame of the robot description's last link, m.
 
@@ -203,7 +208,7 @@ class Robot:
     def jacobian_at(self, found: ChainPoses) -> FloatArray:
         """Return the `jacobian` where the robot stands as `forward` has returned."""
         axes = np.einsum("njab,jb->ajn", found.rotations, self.axes)  # (3, n_joints, n)
-        turns = np.array([kind == "revolute" for kind in self.joint_types])[:, None]
+        turns = self.turns[:, None]
         lever = (found.points[:, -1:] - found.points[:, :-1]).transpose(2, 1, 0)
         translation = np.where(turns, np.cross(axes, lever, axis=0), axes)
         return np.concatenate([translation, np.where(turns, axes, 0.0)]).transpose(2, 0, 1)
@@ -267,9 +272,9 @@ class Robot:
         centres = found.points[:, :-1] + carried
         weights = self.masses[:, None] * self.gravity  # (n_joints, 3) N
         torque = np.empty((len(axes), self.n_joints))
-        for joint, kind in enumerate(self.joint_types):
+        for joint, turns in enumerate(self.turns):
             force = np.broadcast_to(weights[joint:], centres[:, joint:].shape)
-            if kind == "revolute":
+            if turns:
                 force = np.cross(centres[:, joint:] - found.points[:, joint, None], force)
             torque[:, joint] = np.einsum("na,nka->n", axes[:, joint], force)
         return torque
