@@ -26,18 +26,11 @@ TESTED, CANDIDATES, SEEDS = 500, 2000, 5
 
 @dataclass(frozen=True)
 class Outcome:
-    """What poses gain after others.
+    """What poses gain after others."""
 
-    Attributes:
-        ratio: by how much more than random poses the plan lowers the mean variance of predictions.
-        lowered: share by which the plan lowers it.
-        errors: mean 3-D error [mm] on poses that nobody measured: before, with random poses, with
-            the plan.
-    """
-
-    ratio: float
-    lowered: float
-    errors: tuple[float, float, float]
+    ratio: float  # by how much more than random poses the plan lowers the mean variance
+    lowered: float  # share by which the plan lowers it
+    errors: tuple[float, float, float]  # mean 3-D, mm: before, with random poses, with the plan
 
 
 def outcome(twin: str, model: str, n_measured: int, n_new: int, seed: int) -> Outcome:

@@ -36,8 +36,7 @@ class Session:
 
     Attributes:
         make: returns a new model.
-        robot: of the data.
-        train, validation, test: disjoint samples.
+        train, validation, test: disjoint samples of the robot.
         other: as many samples as `train`, most of them others.
         uses_validation: the model is one that chooses an epoch.
         load: reads a saved model, or None.

@@ -19,6 +19,13 @@ from scipy import special
 from stiff_protocols.contract.errors import ConfigError, DataError
 from stiff_protocols.contract.types import FloatArray, frozen_array
 
+ROPE_M = 1e-5
+"""Region of practical equivalence, m: 0.01 mm, the repeatability of an optical tracker."""
+LEVEL = 0.05
+"""Probability of a false positive that a test allows."""
+MOST_EXACT = 50
+"""Up to so many differences the signed-rank test's p-value is counted: 2^50 signs are exact."""
+
 
 def ranked(values: ArrayLike) -> FloatArray:
     """Return the ranks within each row of (..., m): 1 is the smallest, ties share their mean rank.
@@ -29,14 +36,6 @@ def ranked(values: ArrayLike) -> FloatArray:
     mine, others = each[..., :, None], each[..., None, :]
     ranks = (others < mine).sum(axis=-1) + 0.5 * ((others == mine).sum(axis=-1) + 1.0)
     return np.where(np.isnan(each).any(axis=-1, keepdims=True), np.nan, ranks)
-
-
-ROPE_M = 1e-5
-"""Region of practical equivalence, m: 0.01 mm, the repeatability of an optical tracker."""
-LEVEL = 0.05
-"""Probability of a false positive that a test allows."""
-MOST_EXACT = 50
-"""Up to so many differences the signed-rank test's p-value is counted: 2^50 signs are exact."""
 
 
 def check_share(name: str, value: float) -> None:

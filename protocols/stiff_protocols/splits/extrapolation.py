@@ -127,7 +127,9 @@ class LoadExtrapolation(Extrapolation):
         """
         force = samples.wrench[:, :3]
         if self.by != "direction":
-            yield self._divided(samples, "light -> heavy loads", _size(force), seed)
+            yield self._divided(
+                samples, "light -> heavy loads", np.linalg.norm(force, axis=1), seed
+            )
         if self.by != "size":
             yield self._divided(samples, "other directions", _along(force), seed)
 
@@ -154,14 +156,9 @@ class LoadExtrapolation(Extrapolation):
         return condition, np.flatnonzero(train), np.flatnonzero(test)
 
 
-def _size(force: FloatArray) -> FloatArray:
-    """Return the (n,) lengths of forces, N."""
-    return np.asarray(np.linalg.norm(force, axis=1))
-
-
 def _along(force: FloatArray) -> FloatArray:
     """Return where (n, 3) forces point along the first principal axis of all directions."""
-    size = _size(force)[:, None]
+    size = np.linalg.norm(force, axis=1, keepdims=True)
     directions = np.divide(force, size, out=np.zeros_like(force), where=size > 0.0)
     centred = directions - directions.mean(axis=0)
     _, _, axes = np.linalg.svd(centred, full_matrices=False)
