@@ -168,13 +168,11 @@ def test_straight_wrist_is_singular_and_passing_it_is_a_flip(kr10):
 @pytest.fixture(scope="module")
 def configurations(kr10):
     """All joint positions at one pose, several of which two or three flips apart."""
-    pose = kr10.forward(READY[None]).tcp[0]
-    found = []
-    for seed in np.random.default_rng(0).uniform(-np.pi, np.pi, size=(200, 6)):
-        (q,), (reached,) = kr10.inverse(pose[None, :3, 3], pose[None, :3, :3], seed[None])
-        q = (q + np.pi) % (2 * np.pi) - np.pi
-        if reached and not any(np.abs(np.sin(0.5 * (q - other))).max() < 0.01 for other in found):
-            found.append(q)
+    seeds, found = np.random.default_rng(0).uniform(-np.pi, np.pi, size=(200, 6)), []
+    q, reached = kr10.inverse(*tool_at(kr10, np.tile(READY, (200, 1))), seeds)
+    for one in (q[reached] + np.pi) % (2 * np.pi) - np.pi:
+        if not any(np.abs(np.sin(0.5 * (one - other))).max() < 0.01 for other in found):
+            found.append(one)
     return np.array(found)
 
 
