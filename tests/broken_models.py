@@ -57,6 +57,21 @@ def reader(cls):
     return load
 
 
+def broken(name, **methods):
+    """A model with other methods."""
+    return type(name, (Springs,), methods)
+
+
+def predicting(name, change):
+    """A model whose predictions are what `change` makes of the (n, 3) right ones."""
+    return broken(name, predict=lambda self, q, wrench: change(Springs.predict(self, q, wrench)))
+
+
+def finding(name, found):
+    """A model whose fit finds these attributes besides, of itself, the rows and the seed."""
+    return broken(name, learned=lambda self, *given: vars(self).update(found(self, *given)))
+
+
 class ByPosition(Springs):
     def __init__(self, scale=1.0):
         super().__init__(scale=scale)
@@ -71,11 +86,6 @@ class ComputesEarly(Springs):
     def __init__(self, *, scale: float = 1.0):
         super().__init__(scale=scale)
         self.table_ = np.zeros(3)
-
-
-class LosesOption(Springs):
-    def get_params(self, deep=True):
-        return {}
 
 
 class ForeignAnnotation(Springs):
@@ -101,41 +111,9 @@ class CannotFit(Springs):
         raise RuntimeError("no licence")
 
 
-class WritesIntoTrain(Springs):
-    def learned(self, train, validation, seed):
-        train.q[:] = 0.0
-
-
 class ReturnsNothing(Springs):
     def fit(self, train, **options):
         super().fit(train, **options)
-
-
-def predicting(name, change):
-    """A model whose predictions are what `change` makes of the (n, 3) right ones."""
-
-    def predict(self, q, wrench):
-        return change(Springs.predict(self, q, wrench))
-
-    return type(name, (Springs,), {"predict": predict})
-
-
-WrongShape = predicting("WrongShape", lambda found: found[:, :2])
-NotANumber = predicting("NotANumber", lambda found: found * np.nan)
-Whole = predicting("Whole", lambda found: np.zeros_like(found, dtype=int))
-Millimetres = predicting("Millimetres", lambda found: 1e3 * found)
-Kilometres = predicting("Kilometres", lambda found: 1e-3 * found)
-CountsRows = predicting(
-    "CountsRows", lambda found: found * (1.0 + 0.01 * np.arange(len(found))[:, None])
-)
-Noisy = predicting(
-    "Noisy", lambda found: found + np.random.default_rng().normal(scale=1e-9, size=found.shape)
-)
-
-
-class LooksAtTheBatch(Springs):
-    def predict(self, q, wrench):
-        return super().predict(q, wrench - wrench.mean(axis=0))
 
 
 class WritesIntoWrench(Springs):
@@ -143,11 +121,6 @@ class WritesIntoWrench(Springs):
         found = super().predict(q, wrench)
         wrench *= 2.0
         return found
-
-
-class IgnoresSeed(Springs):
-    def learned(self, train, validation, seed):
-        self.compliance_ *= np.random.default_rng().uniform(0.9, 1.1)
 
 
 class Peeks(Springs):
@@ -192,11 +165,6 @@ class ForgetsRowsBesideValidation(ForgetsRows):
         return (seed, validation is None)
 
 
-class NeedsValidation(Springs):
-    def learned(self, train, validation, seed):
-        len(validation)
-
-
 class Remembers(Springs):
     def learned(self, train, validation, seed):
         self.compliance_ += 0.1 * getattr(self, "before_", 0.0)
@@ -207,26 +175,6 @@ class AnyRobot(Springs):
     def predict(self, q, wrench):
         check_is_fitted(self)
         return wrench @ self.compliance_
-
-
-class NoNumber(Springs):
-    def learned(self, train, validation, seed):
-        self.diagnostics_ = {"rank": "full"}
-
-
-class WidensWithTheBatch(Springs):
-    def half_width(self, wrench):
-        return np.abs(wrench).mean() * 1e-6
-
-
-class CountsIntervals(Springs):
-    def half_width(self, wrench):
-        return 1e-4 * (1.0 + np.arange(len(wrench))[:, None])
-
-
-class OverwritesOption(Springs):
-    def learned(self, train, validation, seed):
-        self.scale = np.float64(self.scale)
 
 
 class Narrows(Springs):
@@ -240,16 +188,45 @@ class LosesDigits(Springs):
         path.write_text(json.dumps([self.n_joints_, self.compliance_.round(9).tolist()]))
 
 
-class Talks(Springs):
-    def learned(self, train, validation, seed):
-        print("epoch 1")
-
-
 class SeedsEverybody(Springs):
     def learned(self, train, validation, seed):
         np.random.seed(0)  # noqa: NPY002
         random.random()
 
+
+LosesOption = broken("LosesOption", get_params=lambda self, deep=True: {})
+WritesIntoTrain = broken("WritesIntoTrain", learned=lambda self, train, *_: train.q.fill(0.0))
+NeedsValidation = broken("NeedsValidation", learned=lambda self, train, rows, seed: len(rows))
+Talks = broken("Talks", learned=lambda *_: print("epoch 1"))
+LooksAtTheBatch = broken(
+    "LooksAtTheBatch",
+    predict=lambda self, q, wrench: Springs.predict(self, q, wrench - wrench.mean(axis=0)),
+)
+WidensWithTheBatch = broken(
+    "WidensWithTheBatch", half_width=lambda self, wrench: np.abs(wrench).mean() * 1e-6
+)
+CountsIntervals = broken(
+    "CountsIntervals", half_width=lambda self, w: 1e-4 * (1.0 + np.arange(len(w))[:, None])
+)
+
+WrongShape = predicting("WrongShape", lambda found: found[:, :2])
+NotANumber = predicting("NotANumber", lambda found: found * np.nan)
+Whole = predicting("Whole", lambda found: np.zeros_like(found, dtype=int))
+Millimetres = predicting("Millimetres", lambda found: 1e3 * found)
+Kilometres = predicting("Kilometres", lambda found: 1e-3 * found)
+CountsRows = predicting(
+    "CountsRows", lambda found: found * (1.0 + 0.01 * np.arange(len(found))[:, None])
+)
+Noisy = predicting(
+    "Noisy", lambda found: found + np.random.default_rng().normal(scale=1e-9, size=found.shape)
+)
+
+IgnoresSeed = finding(
+    "IgnoresSeed",
+    lambda model, *_: {"compliance_": model.compliance_ * np.random.default_rng().uniform(0.9)},
+)
+NoNumber = finding("NoNumber", lambda *_: {"diagnostics_": {"rank": "full"}})
+OverwritesOption = finding("OverwritesOption", lambda model, *_: {"scale": np.float64(model.scale)})
 
 BROKEN = [
     (ByPosition, "the constructor takes keywords", "scale can be given without a name"),

@@ -1,14 +1,10 @@
 """What holds a model's version honest: numbers that every built-in model gave when they were made.
 
-A model's `version` stands in a cell's identity in place of its code, so whoever changes its numbers
-must raise it. `models/test_golden_numbers.py` fits every model anew, with few rows, small networks
-and five steps, and compares predictions and bounds of intervals, the plan of each training in every
-field, and what a few steps of the pre-training give. The numbers are made by
-
-    python tests/golden_numbers.py
-
-which refuses to write over numbers that changed while their version did not. Whoever changes what
-is fitted here, and no model, deletes the model's lines in the file first.
+`models/test_golden_numbers.py` fits every model anew, with few rows, small networks and five steps,
+and compares predictions, bounds of intervals, the plan of each training, and what a few steps of
+the pre-training give. `python tests/golden_numbers.py` makes the numbers, but does not write over
+those that changed while their version did not: whoever changes what is fitted here, and no model,
+deletes the model's lines in the file first.
 """
 
 from __future__ import annotations
@@ -172,11 +168,7 @@ VARIANTS: dict[str, tuple[Options, ...]] = {
 
 
 def made(key: str) -> dict[str, Any]:
-    """Return a model's golden numbers as they are now.
-
-    Its version, the library of its line with that one's version, the numbers of each variant, and
-    the plans of each recipe (of networks alone).
-    """
+    """Return a model's golden numbers as they are now, with the plans of a network's recipes."""
     if key == PRETRAINING_KEY:
         return {"version": PRETRAINING_VERSION, "library": "", "numbers": pretrained(), "plans": {}}
     info = model_info(key)
@@ -220,11 +212,7 @@ def fitted(key: str, options: Options) -> Any:
 
 
 def predicted(key: str, options: Options) -> list[float]:
-    """Return what a fit gives, m.
-
-    The deflections of the test rows, lower and upper bounds of intervals where they are the model's
-    own, and the last losses of each training.
-    """
+    """Return deflections of the test rows, bounds of own intervals, and last losses, m."""
     model, test = fitted(key, options), twin_data().samples.take(TEST)
     found = [model.predict(test.q, test.wrench)]
     if isinstance(model, PredictsInterval):
@@ -356,11 +344,7 @@ def same_everywhere() -> Iterator[None]:
 
 @contextlib.contextmanager
 def few_steps() -> Iterator[None]:
-    """As `same_everywhere`, and short where no option makes it so.
-
-    That is the fine-tuning of `dt-cnn`, and the search for more hyperparameters of a Gaussian
-    process than three.
-    """
+    """As `same_everywhere`, and short where no option makes it so."""
 
     def search(loss: Any, start: Any, **known: Any) -> Any:
         return minimize(
@@ -400,10 +384,7 @@ def changed(key: str, kept: Mapping[str, Any], now: Mapping[str, Any]) -> list[s
 def finding(key: str, kept: Mapping[str, Any], now: Mapping[str, Any]) -> str:
     """Return what is wrong with a model's kept numbers, and what to do; "" for nothing.
 
-    Args:
-        key: of the model.
-        kept: model -> what `made` returned once.
-        now: what it returns.
+    `kept` has what `made` returned once of each model, `now` is what it returns of this one.
     """
     if key not in kept:
         return f"no golden numbers of {key}: make them by `{COMMAND}`"

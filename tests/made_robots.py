@@ -2,9 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
-from stiff_protocols.contract.types import JointType, Robot
+from stiff_protocols.contract.types import FloatArray, JointType, Robot
+
+
+def chain(name: str, kinds: Sequence[JointType], placements: FloatArray, **others: Any) -> Robot:
+    """A robot without masses whose joints turn to 3 rad, where nothing else is said."""
+    n = len(kinds)
+    usual = {
+        "joint_names": tuple(f"j{i + 1}" for i in range(n)),
+        "lower": np.full(n, -3.0),
+        "upper": np.full(n, 3.0),
+        "masses": np.zeros(n),
+        "centres_of_mass": np.zeros((n, 3)),
+    }
+    about = {"name": name, "joint_types": tuple(kinds), "placements": placements}
+    return Robot(**(usual | about | others))
 
 
 def random_chain(rng: np.random.Generator, kinds: tuple[JointType, ...]) -> Robot:
@@ -15,18 +32,8 @@ def random_chain(rng: np.random.Generator, kinds: tuple[JointType, ...]) -> Robo
     placements[:, :3, :3] = [np.linalg.qr(rng.normal(size=(3, 3)))[0] for _ in range(n)]
     placements[:, :3, :3] *= np.linalg.det(placements[:, :3, :3])[:, None, None]
     axes = rng.normal(size=(n, 3))
-    return Robot(
-        name="chain",
-        joint_names=tuple(f"j{i}" for i in range(n)),
-        joint_types=kinds,
-        placements=placements,
-        axes=axes / np.linalg.norm(axes, axis=1, keepdims=True),
-        lower=np.full(n, -3.0),
-        upper=np.full(n, 3.0),
-        masses=np.zeros(n),
-        centres_of_mass=np.zeros((n, 3)),
-        tcp=rng.normal(size=3),
-    )
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    return chain("chain", kinds, placements, axes=axes, tcp=rng.normal(size=3))
 
 
 def planar_arm(n_joints: int, axis: tuple[float, float, float], mass: float = 0.0) -> Robot:
@@ -34,11 +41,10 @@ def planar_arm(n_joints: int, axis: tuple[float, float, float], mass: float = 0.
     placements = np.tile(np.eye(4), (n_joints, 1, 1))
     placements[1:, 0, 3] = 1.0
     along = np.array([1.0, 0.0, 0.0])
-    return Robot(
-        name="planar",
-        joint_names=tuple(f"j{i + 1}" for i in range(n_joints)),
-        joint_types=("revolute",) * n_joints,
-        placements=placements,
+    return chain(
+        "planar",
+        ("revolute",) * n_joints,
+        placements,
         axes=np.tile(axis, (n_joints, 1)),
         lower=np.full(n_joints, -np.pi),
         upper=np.full(n_joints, np.pi),
@@ -55,15 +61,14 @@ def seven_joint_arm() -> Robot:
     placements[:, 2, 3] = (0.15, 0.19, 0.21, 0.19, 0.21, 0.19, 0.081)
     along, across = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
     limits = np.deg2rad([170.0, 120.0, 170.0, 120.0, 170.0, 120.0, 175.0])
-    return Robot(
-        name="seven",
+    return chain(
+        "seven",
+        ("revolute",) * n,
+        placements,
         joint_names=tuple(f"J{i + 1}" for i in range(n)),
-        joint_types=("revolute",) * n,
-        placements=placements,
         axes=np.array([along, across, along, across, along, across, along]),
         lower=-limits,
         upper=limits,
         masses=np.full(n, 3.0),
-        centres_of_mass=np.zeros((n, 3)),
         tcp=np.array([0.05, 0.02, 0.12]),
     )

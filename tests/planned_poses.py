@@ -28,18 +28,11 @@ TESTED, CANDIDATES, SEEDS = 500, 2000, 5
 
 @dataclass(frozen=True)
 class Outcome:
-    """What poses gain after others.
+    """What poses gain after others."""
 
-    Attributes:
-        ratio: by how much more than random poses the plan lowers the mean variance of predictions.
-        lowered: share by which the plan lowers it.
-        errors: mean 3-D error [mm] on poses that nobody measured: before, with random poses, with
-            the plan.
-    """
-
-    ratio: float
-    lowered: float
-    errors: tuple[float, float, float]
+    ratio: float  # by how much more than random poses the plan lowers the mean variance
+    lowered: float  # share by which the plan lowers it
+    errors: tuple[float, float, float]  # mean 3-D, mm: before, with random poses, with the plan
 
 
 def outcome(twin: str, model: str, n_measured: int, n_new: int, seed: int) -> Outcome:
@@ -75,15 +68,8 @@ def row(twin: str, model: str, n_measured: int, n_new: int) -> list[str]:
     lowered = np.mean([one.lowered for one in found])
     errors = np.mean([one.errors for one in found], axis=0)
     times = f"{np.mean(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})"
-    poses = f"{n_measured} + {n_new}"
-    return [
-        f"`{twin}`",
-        f"`{model}`",
-        poses,
-        f"{lowered:.0%}",
-        times,
-        *(f"{e:.3f}" for e in errors),
-    ]
+    about = [f"`{twin}`", f"`{model}`", f"{n_measured} + {n_new}", f"{lowered:.0%}", times]
+    return [*about, *(f"{error:.3f}" for error in errors)]
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,25 +25,15 @@ MANIFEST = RunManifest("r", "bench run", "2026-01-01", "finished", {"numpy": "2"
 
 def result(**changes) -> CellResult:
     numbers = np.array([[1 / 3, 2e-17, -0.1]])
-    return CellResult(
-        **(
-            {
-                "cell": CELL,
-                "shown": SHOWN,
-                "run_id": "r",
-                "status": "ok",
-                "records": (
-                    ResultRecord("mae", "x", 1 / 3, "m"),
-                    ResultRecord("latency", "", 1e-5, "s"),
-                ),
-                "prediction": Prediction(np.array([4]), numbers, numbers * 7, None, numbers / 3),
-                "cost": Cost(1.5, 0.1, 1e-5, 1e5, None),
-                "diagnostics": {"k1": math.nan, "k2": math.inf, "k3": 0.1},
-                "warnings": ("careful",),
-            }
-            | changes
-        )
+    made = CellResult(
+        *(CELL, SHOWN, "r", "ok"),
+        (ResultRecord("mae", "x", 1 / 3, "m"), ResultRecord("latency", "", 1e-5, "s")),
+        Prediction(np.array([4]), numbers, numbers * 7, None, numbers / 3),
+        Cost(1.5, 0.1, 1e-5, 1e5, None),
+        diagnostics={"k1": math.nan, "k2": math.inf, "k3": 0.1},
+        warnings=("careful",),
     )
+    return replace(made, **changes)
 
 
 def failure(**changes) -> CellResult:

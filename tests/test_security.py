@@ -122,13 +122,10 @@ def test_samples_that_are_no_arrays_or_promise_too_many_are_damaged(content):
         stored_data(archived(members(stored_with()) | {"q.npy": content}))
 
 
-def test_an_archive_that_unpacks_to_too_much_is_refused(monkeypatch):
+def test_an_archive_or_a_blob_that_unpacks_to_too_much_is_refused(folder, monkeypatch):
     monkeypatch.setattr("stiff_bench.store.samples.LARGEST_BYTES", 100)
     with pytest.raises(DataError, match="unpacks to"):
         stored_data(stored_with())
-
-
-def test_a_blob_that_unpacks_to_too_much_is_refused(folder, monkeypatch):
     monkeypatch.setattr("stiff_bench.store.codec.LARGEST_BYTES", 100)
     with pytest.raises(StoreError, match="unpacks to more than"):
         read_results(folder)

@@ -108,7 +108,7 @@ PROTOCOLS = (
     ),
     ProtocolInfo(
         key="nested",
-        target="stiff_protocols.tuning.nested:Nested",
+        target="stiff_protocols.tuning.inner_search:Nested",
         summary="holdout with options tuned by cross-validation on the training part",
         reasoning=(
             "How well does a model do when nobody tunes it by hand? Each split chooses the "

@@ -6,13 +6,14 @@ import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, Literal
 
 from stiff_protocols.contract.errors import StiffBenchError
 
 Status = Literal["passed", "failed", "not applicable"]
-Subject = TypeVar("Subject")
-Question = TypeVar("Question", bound=Callable[[Any], str | None])
+Question = Callable[[Any], str | None]
+"""Of a subject; returns what there is to say, if anything. It raises NotApplicable, Failed, or
+whatever the checked thing raises, which is a failure too."""
 
 
 class NotApplicable(Exception):
@@ -23,7 +24,6 @@ class Failed(Exception):
     """The answer is no; `advice` says how to mend it, "" where the question's own does."""
 
     def __init__(self, reason: str, advice: str = "") -> None:
-        """Store both."""
         super().__init__(reason)
         self.advice = advice
 
@@ -32,7 +32,6 @@ class StageFailed(Exception):
     """A stage that several questions need ("fit", ...) failed with an error."""
 
     def __init__(self, stage: str, error: BaseException) -> None:
-        """Store both."""
         super().__init__(f"{stage} failed")
         self.stage, self.error = stage, error
 
@@ -50,33 +49,21 @@ class Check:
     advice: str = ""
 
     def __str__(self) -> str:
-        """Return one line."""
         parts = [self.name, self.reason, self.advice and f"to mend it: {self.advice}"]
         return "; ".join(part for part in parts if part)
 
 
-class Checklist(Generic[Subject]):
+class Checklist:
     """Questions about one kind of subject, in the order in which they are written down."""
 
     def __init__(self) -> None:
-        """Begin without a question."""
-        self._questions: list[tuple[str, str, Callable[[Subject], str | None]]] = []
+        self._questions: list[tuple[str, str, Question]] = []
 
-    def asks(self, name: str, advice: str) -> Callable[[Question], Question]:
-        """Return the decorator that adds a function to the questions.
+    def asks(self, name: str, advice: str) -> Callable[[Question], None]:
+        """Return the decorator of a question: what must hold, and how to mend it."""
+        return lambda question: self._questions.append((name, advice, question))
 
-        The function returns what there is to say, if anything, or raises: NotApplicable, Failed,
-        or whatever the checked thing raises, which is a failure too. `name` is what must hold,
-        `advice` how to mend it.
-        """
-
-        def add(question: Question) -> Question:
-            self._questions.append((name, advice, question))
-            return question
-
-        return add
-
-    def answers(self, subject: Subject) -> list[Check]:
+    def answers(self, subject: object) -> list[Check]:
         """Ask every question; never raises what a checked thing raises.
 
         The first question that meets a failed stage reports it; to the others it is not applicable.
@@ -101,13 +88,9 @@ class Checklist(Generic[Subject]):
 
 
 def _failed(name: str, error: BaseException, advice: str) -> Check:
-    own = error.advice if isinstance(error, Failed) else ""
-    return Check(name, "failed", _in_words(error), own or advice)
-
-
-def _in_words(error: BaseException) -> str:
     """Our own errors speak for themselves, others need type and place."""
     if isinstance(error, Failed | StiffBenchError):
-        return str(error)
+        return Check(name, "failed", str(error), getattr(error, "advice", "") or advice)
     place = traceback.extract_tb(error.__traceback__)[-1]
-    return f"raised {type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})"
+    where = f"{Path(place.filename).name}:{place.lineno}"
+    return Check(name, "failed", f"raised {type(error).__name__}: {error} ({where})", advice)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -39,7 +39,7 @@ MOST_UNEXPLAINED = 0.5  # of the squared deflection, by a robot that answers new
 SMALLEST_DEFLECTION, LARGEST_DEFLECTION = 1e-9, 1.0  # m
 
 MakeDataset = Callable[[], StiffnessDataset]
-_DATASET: Checklist[MakeDataset] = Checklist()
+_DATASET = Checklist()
 
 
 def check_dataset(make: MakeDataset) -> list[Check]:
@@ -69,8 +69,7 @@ def _same_numbers(make: MakeDataset) -> str:
 def _plausible_units(make: MakeDataset) -> str:
     """Look at sizes: values in deg or mm are too large, in km too small."""
     data = _loaded(make)
-    turning = [kind == "revolute" for kind in data.robot.joint_types]
-    angle = float(np.abs(data.samples.q[:, turning]).max(initial=0.0))
+    angle = float(np.abs(data.samples.q[:, data.robot.turns]).max(initial=0.0))
     wrench = float(np.abs(data.samples.wrench).max(initial=0.0))
     deflection = float(np.abs(data.samples.deflection).max(initial=0.0))
     if angle > LARGEST_ANGLE:
@@ -103,14 +102,13 @@ def _answers(make: MakeDataset) -> str:
     return f"{share:.1%} of the squared deflection is not in its answers"
 
 
-_PROTOCOL: Checklist[DividedRows] = Checklist()
+_PROTOCOL = Checklist()
 
 
 class DividedRows:
     """A protocol, told of the robot if it asks for one, and a small data set that it divides."""
 
     def __init__(self, make: Callable[[], EvaluationProtocol], data: BenchmarkData) -> None:
-        """Make the protocol."""
         self._data, self.protocol = data, make()
         if isinstance(self.protocol, DividesByRobot):
             self.protocol.use_robot(data.robot)
@@ -155,10 +153,14 @@ def _rows_exist(divided: DividedRows) -> str:
     splits = divided.splits()
     if not splits:
         raise Failed("there are no splits")
-    for split in splits:
-        if fault := fault_of_rows(split, len(divided.samples)):
-            raise Failed(f"{named(split)} {fault}")
+    _have_none(splits, lambda split: fault_of_rows(split, len(divided.samples)))
     return f"{len(splits)} splits"
+
+
+def _have_none(splits: Iterable[Split], fault_of: Callable[[Split], str]) -> None:
+    for split in splits:
+        if fault := fault_of(split):
+            raise Failed(f"{named(split)} {fault}")
 
 
 @_PROTOCOL.asks("splits have different indices", "number the splits of each condition 0, 1, 2, ...")
@@ -176,13 +178,9 @@ def _told_apart(divided: DividedRows) -> str:
     "reports_training = True if training rows are reported",
 )
 def _disjoint(divided: DividedRows) -> None:
-    declared = {
-        "selects_on_test": divided.protocol.selects_on_test,
-        "reports_training": reports_training(divided.protocol),
-    }
-    for split in divided.splits():
-        if leak := leak_of(split, **declared):
-            raise Failed(f"{named(split)} {leak}")
+    selects, reports = divided.protocol.selects_on_test, reports_training(divided.protocol)
+    leaks = partial(leak_of, selects_on_test=selects, reports_training=reports)
+    _have_none(divided.splits(), leaks)
 
 
 @_PROTOCOL.asks(
@@ -190,9 +188,7 @@ def _disjoint(divided: DividedRows) -> None:
 )
 def _sensor_errors_fit(divided: DividedRows) -> str:
     erring = [split for split in divided.splits() if split.wrench_error is not None]
-    for split in erring:
-        if fault := fault_of_sensor_errors(split):
-            raise Failed(f"{named(split)} {fault}")
+    _have_none(erring, fault_of_sensor_errors)
     if not erring:
         raise NotApplicable("adds no sensor errors")
     return f"{len(erring)} splits with sensor errors"

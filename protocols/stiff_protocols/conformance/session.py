@@ -36,8 +36,7 @@ class Session:
 
     Attributes:
         make: returns a new model.
-        robot: of the data.
-        train, validation, test: disjoint samples.
+        train, validation, test: disjoint samples of the robot.
         other: as many samples as `train`, most of them others.
         uses_validation: the model is one that chooses an epoch.
         load: reads a saved model, or None.
@@ -133,17 +132,22 @@ class Session:
 
     def predict_test(self, model: StiffnessModel) -> FloatArray:
         """Return the checked (n, 3) prediction [m] of the test rows."""
-        predicted = self.predict(model, self.test.q, self.test.wrench)
-        check_prediction(predicted, len(self.test))
+        return self.predict_checked(model, self.test.q, self.test.wrench)
+
+    def predict_checked(
+        self, model: StiffnessModel, q: FloatArray, wrench: FloatArray
+    ) -> FloatArray:
+        """Return the checked (n, 3) prediction [m]; see `predict`."""
+        predicted = self.predict(model, q, wrench)
+        check_prediction(predicted, len(q))
         return predicted
 
     def predict(self, model: StiffnessModel, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """Return what the model predicts from writable copies, and note what it does to them."""
         given = {"q": q.copy(), "wrench": wrench.copy()}
         predicted = np.asarray(self._watched(lambda: model.predict(**given)))
-        for name, array in (("q", q), ("wrench", wrench)):
-            if not np.array_equal(given[name], array):
-                self.overwritten.add(name)
+        before = {"q": q, "wrench": wrench}
+        self.overwritten |= {n for n in before if not np.array_equal(given[n], before[n])}
         return predicted
 
     def interval(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import inspect
 import typing
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -28,7 +29,7 @@ from stiff_protocols.contract.interfaces import (
     StiffnessModel,
 )
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, Samples
-from stiff_protocols.scoring.sanity import check_prediction, check_units
+from stiff_protocols.scoring.sanity import check_units
 
 __all__ = ["Check", "check_model"]
 
@@ -40,7 +41,7 @@ GROWN = 10.0
 COVERAGES = (0.5, 0.95)
 
 _MEND_SEED = "draw all chance from `seed`: rng = np.random.default_rng(seed)"
-_MODEL: Checklist[Session] = Checklist()
+_MODEL = Checklist()
 
 
 def check_model(
@@ -62,8 +63,7 @@ def check_model(
         load: reads a file that the model's `save` wrote (`stiff_models.load`); None: the round
             trip is not checked.
     """
-    session = Session(make, data, uses_validation=uses_validation, load=load)
-    return _MODEL.answers(session)
+    return _MODEL.answers(Session(make, data, uses_validation=uses_validation, load=load))
 
 
 @_MODEL.asks(
@@ -83,12 +83,10 @@ def _stores_options(session: Session) -> None:
     made = type(model)(**given)
     changed = [name for name, value in given.items() if getattr(made, name, None) is not value]
     early = [name for name in vars(made) if name.endswith("_") and not name.startswith("_")]
-    if changed or early:
-        raise Failed(
-            f"{', '.join(changed)} not stored as given"
-            if changed
-            else f"{', '.join(early)} is there before fit"
-        )
+    if changed:
+        raise Failed(f"{', '.join(changed)} not stored as given")
+    if early:
+        raise Failed(f"{', '.join(early)} is there before fit")
 
 
 @_MODEL.asks(
@@ -179,8 +177,7 @@ def _predicts(session: Session) -> str:
 @_MODEL.asks("predictions are in metres", "train.deflection is in m; predict the same unit")
 def _in_metres(session: Session) -> None:
     _ = session.prediction
-    predicted = session.predict(session.fitted, session.train.q, session.train.wrench)
-    check_prediction(predicted, len(session.train))
+    predicted = session.predict_checked(session.fitted, session.train.q, session.train.wrench)
     check_units(predicted, session.train.deflection)
 
 
@@ -189,12 +186,8 @@ def _in_metres(session: Session) -> None:
     "take means, scales and neighbours in fit from train, never in predict: that is a leak",
 )
 def _row_by_row(session: Session) -> None:
-    def predicted(q: FloatArray, wrench: FloatArray) -> FloatArray:
-        found = session.predict(session.fitted, q, wrench)
-        check_prediction(found, len(q))
-        return found
-
-    _see_no_neighbours("a row", session.prediction, predicted, session.test)
+    predict = partial(session.predict_checked, session.fitted)
+    _see_no_neighbours("a row", session.prediction, predict, session.test)
 
 
 @_MODEL.asks(
@@ -229,11 +222,9 @@ def _leaves_validation(session: Session) -> str:
     if session.uses_validation:
         _only_chooses_on_validation(session)
         return "they choose an epoch"
-    first, given = session.prediction, session.prediction_again(with_validation=True)
-    if not np.array_equal(first, given):
-        if not np.array_equal(first, session.prediction_again(with_validation=False)):
-            raise NotApplicable("no two of its fits are the same")
-        _same("fitted with validation rows, it", first, given)
+    _ = session.prediction
+    given = session.prediction_again(with_validation=True)
+    _same_unless_by_chance("fitted with validation rows, it", session, given)
     return ""
 
 
@@ -262,12 +253,9 @@ def _learns_from_its_rows(session: Session) -> None:
 @_MODEL.asks("a second fit forgets the first", "compute every attribute that ends in _ anew in fit")
 def _forgets(session: Session) -> None:
     """Fit one model to other rows first; it must then equal one that never saw them."""
-    first, refitted = session.prediction, session.prediction_after_refit()
-    if not np.array_equal(first, refitted):
-        again = session.prediction_again(with_validation=session.uses_validation)
-        if not np.array_equal(first, again):
-            raise NotApplicable("no two of its fits are the same")
-        _same("a model that was fitted to other rows before", first, refitted)
+    _ = session.prediction
+    refitted = session.prediction_after_refit()
+    _same_unless_by_chance("a model that was fitted to other rows before", session, refitted)
 
 
 @_MODEL.asks(
@@ -387,6 +375,16 @@ def _same(what: str, first: FloatArray, second: FloatArray) -> None:
     if not np.array_equal(first, second):
         far = float(np.abs(first - second).max())
         raise Failed(f"{what} differs by up to {1e3 * far:.3g} mm")
+
+
+def _same_unless_by_chance(what: str, session: Session, other: FloatArray) -> None:
+    """See that this is the first fit's prediction, where another like it gives the same."""
+    first = session.prediction
+    if np.array_equal(first, other):
+        return
+    if not np.array_equal(first, session.prediction_again(with_validation=session.uses_validation)):
+        raise NotApplicable("no two of its fits are the same")
+    _same(what, first, other)
 
 
 def _see_no_neighbours(

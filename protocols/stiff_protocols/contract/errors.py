@@ -15,12 +15,10 @@ class StiffBenchError(Exception):
     """
 
     def __init__(self, message: str = "", argument: str = "") -> None:
-        """Store the arguments."""
         super().__init__(message)
         self.argument = argument
 
     def __str__(self) -> str:
-        """Return the message, the argument's name before it."""
         return f"{self.argument} {super().__str__()}".lstrip()
 
     def as_typed(self) -> str:

@@ -138,8 +138,7 @@ class IdentifiedSprings(Identified):
 @lru_cache(32)
 def typical_joints(robot: Robot) -> FloatArray:
     """Return the (n_joints,) typical compliances of a robot's joints, up to one factor."""
-    turns = np.array([kind == "revolute" for kind in robot.joint_types])
-    typical = typical_compliance(robot.jacobian(spread_positions(robot))[:, :3], turns)
+    typical = typical_compliance(robot.jacobian(spread_positions(robot))[:, :3], robot.turns)
     typical.flags.writeable = False
     return typical
 
@@ -149,8 +148,7 @@ def spread_positions(robot: Robot) -> FloatArray:
 
     A slide without limits stands still.
     """
-    turns = np.array([kind == "revolute" for kind in robot.joint_types])
-    far = np.where(turns, np.pi, 0.0)
+    far = np.where(robot.turns, np.pi, 0.0)
     lower = np.where(np.isfinite(robot.lower), robot.lower, -far)
     upper = np.where(np.isfinite(robot.upper), robot.upper, far)
     return np.random.default_rng(0).uniform(lower, upper, (LEVER_POSES, robot.n_joints))

@@ -112,7 +112,6 @@ class ModelInfo(PluginInfo):
     library: str = ""
 
     def __post_init__(self) -> None:
-        """Check what a cell's identity is made of."""
         if type(self.version) is not int or self.version < 1:
             raise ConfigError(
                 f"{self.key!r}: version {self.version!r} is no positive integer (valid: 1, 2, ...)"

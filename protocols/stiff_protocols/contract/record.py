@@ -132,7 +132,6 @@ class Measures:
     """What the values of a cell are of (metric, axis and unit of each); many cells share one."""
 
     def __init__(self, names: Sequence[tuple[str, str, str]]) -> None:
-        """Store the names."""
         self.names = tuple(names)
         self._places: dict[str, dict[str, int]] = {}
 
@@ -148,22 +147,18 @@ class StoredRecords(Sequence[ResultRecord]):
     """Records that are made when somebody asks for one: a folder holds a million of them."""
 
     def __init__(self, measures: Measures, numbers: FloatArray) -> None:
-        """Store both."""
         self._measures, self._numbers = measures, numbers
 
     def __len__(self) -> int:
-        """Return how many there are."""
         return len(self._measures.names)
 
     def __getitem__(self, place: Any) -> Any:
-        """Return one, or those of a slice."""
         if isinstance(place, slice):
             return tuple(self)[place]
         metric, axis, unit = self._measures.names[place]
         return ResultRecord(metric, axis, float(self._numbers[place]), unit)
 
     def __eq__(self, other: object) -> bool:
-        """Compare the records with another sequence's."""
         return isinstance(other, Sequence) and tuple(self) == tuple(other)
 
     __hash__ = None  # type: ignore[assignment]

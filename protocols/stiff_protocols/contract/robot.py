@@ -101,7 +101,6 @@ class Robot:
     )
 
     def __post_init__(self) -> None:
-        """Freeze and check every array."""
         n = len(self.joint_names)
         if n == 0 or len(self.joint_types) != n:
             raise DataError(f"robot {self.name!r}: {n} joint names, {len(self.joint_types)} types")
@@ -125,6 +124,11 @@ class Robot:
         return len(self.joint_names)
 
     @property
+    def turns(self) -> BoolArray:
+        """(n_joints,) whether each joint is revolute."""
+        return np.array([kind == "revolute" for kind in self.joint_types])
+
+    @property
     def tcp_on_flange(self) -> FloatArray:
         """(3,) tool centre point in the frame of the robot description's last link, m.
 
@@ -134,18 +138,12 @@ class Robot:
         return np.asarray((lever @ self.flange[:3, :3]).round(9) + 0.0)
 
     def __repr__(self) -> str:
-        """Return name, joints with their limits, and where the TCP is at zero positions."""
         units = {"revolute": ("deg", np.degrees(1.0)), "prismatic": ("mm", 1000.0)}
-        limits = [
-            f"{name} {low * factor:.0f}..{high * factor:.0f} {unit}"
-            for name, low, high, (unit, factor) in zip(
-                self.joint_names,
-                self.lower,
-                self.upper,
-                (units[kind] for kind in self.joint_types),
-                strict=True,
-            )
-        ]
+        limits = []
+        joints = zip(self.joint_names, self.joint_types, self.lower, self.upper, strict=True)
+        for name, kind, low, high in joints:
+            unit, factor = units[kind]
+            limits.append(f"{name} {low * factor:.0f}..{high * factor:.0f} {unit}")
         (place,) = 1000.0 * self.tcp_position(np.zeros((1, self.n_joints)))
         tcp = ", ".join(f"{length:.1f}" for length in place)
         return (
@@ -210,7 +208,7 @@ class Robot:
     def jacobian_at(self, found: ChainPoses) -> FloatArray:
         """Return the `jacobian` where the robot stands as `forward` has returned."""
         axes = np.einsum("njab,jb->ajn", found.rotations, self.axes)  # (3, n_joints, n)
-        turns = np.array([kind == "revolute" for kind in self.joint_types])[:, None]
+        turns = self.turns[:, None]
         lever = (found.points[:, -1:] - found.points[:, :-1]).transpose(2, 1, 0)
         translation = np.where(turns, np.cross(axes, lever, axis=0), axes)
         return np.concatenate([translation, np.where(turns, axes, 0.0)]).transpose(2, 0, 1)
@@ -274,9 +272,9 @@ class Robot:
         centres = found.points[:, :-1] + carried
         weights = self.masses[:, None] * self.gravity  # (n_joints, 3) N
         torque = np.empty((len(axes), self.n_joints))
-        for joint, kind in enumerate(self.joint_types):
+        for joint, turns in enumerate(self.turns):
             force = np.broadcast_to(weights[joint:], centres[:, joint:].shape)
-            if kind == "revolute":
+            if turns:
                 force = np.cross(centres[:, joint:] - found.points[:, joint, None], force)
             torque[:, joint] = np.einsum("na,nka->n", axes[:, joint], force)
         return torque

@@ -35,7 +35,6 @@ class TrainingRange:
     torque: float
 
     def __post_init__(self) -> None:
-        """Freeze and check every array."""
         freeze(self, lower=(None,), upper=(None,))
         loads = frozen_array([self.force, self.torque], "largest force and torque", (2,))
         if self.lower.shape != self.upper.shape or (self.lower > self.upper).any():

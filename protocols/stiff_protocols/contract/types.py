@@ -80,7 +80,6 @@ class Samples:
     group: TextArray
 
     def __post_init__(self) -> None:
-        """Freeze and check every array."""
         freeze(self, q=(None, None))
         n = len(self.q)
         freeze(self, wrench=(n, 6), deflection=(n, 3))
@@ -92,11 +91,9 @@ class Samples:
             object.__setattr__(self, name, text)
 
     def __len__(self) -> int:
-        """Return the number of samples."""
         return len(self.q)
 
     def __repr__(self) -> str:
-        """Return how many there are, and how large loads and deflections are."""
         poses = len(np.unique(self.pose_id))
         return (
             f"Samples: {len(self)} at {poses} poses, {self.q.shape[1]} joints\n"
@@ -197,7 +194,6 @@ class Interval:
     coverage: float
 
     def __post_init__(self) -> None:
-        """Freeze and check the arrays."""
         freeze(self, lower=(None, 3), upper=(None, 3))
         if self.lower.shape != self.upper.shape or (self.lower > self.upper).any():
             raise DataError("an interval's lower bounds lie above its upper bounds")
@@ -225,7 +221,6 @@ class Prediction:
     known: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Freeze and check the arrays."""
         n = len(self.rows)
         freeze(self, predicted=(n, 3), measured=(n, 3))
         if self.reference is not None:
@@ -266,7 +261,6 @@ class BenchmarkData:
     under_load: Deflection | None = None
 
     def __post_init__(self) -> None:
-        """Check that samples, robot and what is known agree."""
         known = {
             name: frozen_array(array, name, (len(self.samples), 3))
             for name, array in self.known.items()

@@ -198,16 +198,13 @@ def follow(
         )
 
     some = spread(len(position))
-    best, least = 0, (np.inf, np.inf, np.inf)
-    for branch in range(len(starts) if len(starts) > 1 else 0):
+
+    def cost(branch: int) -> tuple[float, ...]:
         found = driven(branch, some)
-        cost = (
-            float((~found.ok).sum()),
-            float(breaks[branch].sum()),
-            float(np.linalg.norm(found.q.mean(axis=0) - near)),
-        )
-        if cost < least:
-            best, least = branch, cost
+        away = np.linalg.norm(found.q.mean(axis=0) - near)
+        return float((~found.ok).sum()), float(breaks[branch].sum()), float(away)
+
+    best = min(range(len(starts)), key=cost) if len(starts) > 1 else 0
     return driven(best, np.arange(len(position)))
 
 
@@ -229,7 +226,7 @@ def _configurations(robot: Robot, position: FloatArray, rotation: FloatArray) ->
 
     The nearest where none is reached. Turns of 360 deg are not different.
     """
-    turns = np.array([kind == "revolute" for kind in robot.joint_types])
+    turns = robot.turns
     lower = np.where(turns, -np.pi, np.clip(robot.lower, -2.0, 2.0))
     upper = np.where(turns, np.pi, np.clip(robot.upper, -2.0, 2.0))
     seeds = np.random.default_rng(0).uniform(lower, upper, size=(STARTS, robot.n_joints))
@@ -339,5 +336,4 @@ def _turns_to(near: FloatArray, robot: Robot, q: FloatArray) -> FloatArray:
     whole = np.rint((near - 0.5 * (low + high)) / (2.0 * np.pi))
     whole += (low + 2.0 * np.pi * whole < robot.lower - LIMIT_SLACK).astype(float)
     whole -= high + 2.0 * np.pi * whole > robot.upper + LIMIT_SLACK
-    turns = np.array([kind == "revolute" for kind in robot.joint_types])
-    return np.asarray(2.0 * np.pi * np.where(turns, whole, 0.0))
+    return np.asarray(2.0 * np.pi * np.where(robot.turns, whole, 0.0))

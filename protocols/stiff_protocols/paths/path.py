@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stiff_protocols.contract.arrays import FloatArray, IntArray, frozen_array
+from stiff_protocols.contract.arrays import FloatArray, IntArray, freeze, frozen_array
 from stiff_protocols.contract.errors import DataError
 
 SAME_ROTATION = 1e-6
@@ -33,20 +33,18 @@ class ToolPath:
     wrench: FloatArray
 
     def __post_init__(self) -> None:
-        """Freeze and check every array."""
         n = len(self.position)
-        for name, shape in {"position": (n, 3), "rotation": (n, 3, 3), "wrench": (n, 6)}.items():
-            object.__setattr__(self, name, frozen_array(getattr(self, name), name, shape))
+        freeze(self, position=(n, 3), rotation=(n, 3, 3), wrench=(n, 6))
         if n == 0:
             raise DataError(f"path {self.name!r} has no points")
         gram = self.rotation @ self.rotation.transpose(0, 2, 1)
         turns = np.abs(gram - np.eye(3)).max(axis=(1, 2)) < SAME_ROTATION
-        if not (turns & (np.linalg.det(self.rotation) > 0.0)).all():
-            row = int(np.argmin(turns & (np.linalg.det(self.rotation) > 0.0)))
+        turns &= np.linalg.det(self.rotation) > 0.0
+        if not turns.all():
+            row = int(np.argmin(turns))
             raise DataError(f"path {self.name!r}: rotation[{row}] is no rotation matrix")
 
     def __len__(self) -> int:
-        """Return the number of points."""
         return len(self.position)
 
     def take(self, rows: IntArray | slice) -> ToolPath:

@@ -19,6 +19,13 @@ from scipy import special
 from stiff_protocols.contract.errors import ConfigError, DataError
 from stiff_protocols.contract.types import FloatArray, frozen_array
 
+ROPE_M = 1e-5
+"""Region of practical equivalence, m: 0.01 mm, the repeatability of an optical tracker."""
+LEVEL = 0.05
+"""Probability of a false positive that a test allows."""
+MOST_EXACT = 50
+"""Up to so many differences the signed-rank test's p-value is counted: 2^50 signs are exact."""
+
 
 def ranked(values: ArrayLike) -> FloatArray:
     """Return the ranks within each row of (..., m): 1 is the smallest, ties share their mean rank.
@@ -26,25 +33,9 @@ def ranked(values: ArrayLike) -> FloatArray:
     A row that holds NaN has NaN ranks.
     """
     each = np.asarray(values, dtype=np.float64)
-    order = np.argsort(each, axis=-1)
-    ordered = np.take_along_axis(each, order, axis=-1)
-    begins = np.ones(each.shape, dtype=np.bool_)  # a run of ties, which may be of one alone
-    begins[..., 1:] = ordered[..., 1:] != ordered[..., :-1]
-    starts = np.flatnonzero(begins)
-    lengths = np.diff(starts, append=each.size)
-    of_runs = starts % each.shape[-1] + 0.5 * (lengths + 1)
-    ranks = np.empty_like(each)
-    np.put_along_axis(ranks, order, np.repeat(of_runs, lengths).reshape(each.shape), axis=-1)
-    ranks[np.isnan(each).any(axis=-1)] = np.nan
-    return ranks
-
-
-ROPE_M = 1e-5
-"""Region of practical equivalence, m: 0.01 mm, the repeatability of an optical tracker."""
-LEVEL = 0.05
-"""Probability of a false positive that a test allows."""
-MOST_EXACT = 50
-"""Up to so many differences the signed-rank test's p-value is counted: 2^50 signs are exact."""
+    mine, others = each[..., :, None], each[..., None, :]
+    ranks = (others < mine).sum(axis=-1) + 0.5 * ((others == mine).sum(axis=-1) + 1.0)
+    return np.where(np.isnan(each).any(axis=-1, keepdims=True), np.nan, ranks)
 
 
 def check_share(name: str, value: float) -> None:

@@ -145,9 +145,8 @@ def _nemenyi(ranks: FloatArray) -> FloatArray:
     """The p-values of the pairs, from the studentised range (Demsar 2006)."""
     n, m = ranks.shape
     first, second = np.triu_indices(m, 1)
-    sums = ranks.sum(axis=0)  # whole or half, so that many of their differences are the same
-    apart, of_pair = np.unique(np.abs(sums[first] - sums[second]), return_inverse=True)
-    return _of_pairs(_range_probability(apart / n / _rank_scale(n, m), m)[of_pair], m)
+    apart = np.abs(ranks.sum(axis=0)[first] - ranks.sum(axis=0)[second]) / n
+    return _of_pairs(_range_probability(apart / _rank_scale(n, m), m), m)
 
 
 def _conover(ranks: FloatArray) -> FloatArray | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from stiff_protocols.contract.types import Samples, Split
@@ -32,13 +32,11 @@ class CrossRobot(Holdout):
         """Return the one foreign source."""
         return (self.source,)
 
-    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
+    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> LazySplits:
         """Return `n_splits` (default 1) divisions, `holdout`'s of the same seed, under both."""
-        divisions = super().splits(samples, n_splits=n_splits, seed=seed)
 
-        def under_both() -> Iterator[Split]:
-            for division in divisions:
-                yield replace(division, condition=OWN)
-                yield replace(division, condition=f"source {self.source}", source=self.source)
+        def under_both(division: Split) -> Sequence[Split]:
+            foreign = replace(division, condition=f"source {self.source}", source=self.source)
+            return replace(division, condition=OWN), foreign
 
-        return LazySplits(under_both, 2 * len(divisions))
+        return super().splits(samples, n_splits=n_splits, seed=seed).each(under_both, 2)

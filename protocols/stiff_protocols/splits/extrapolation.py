@@ -82,14 +82,14 @@ class Extrapolation:
 class SpaceTransfer(Extrapolation):
     """Train on one group of the measurement plan, test on the others, and the other way round."""
 
-    def divisions(self, samples: Samples, seed: int) -> Iterator[Division]:
-        """Yield a condition for each group that is trained on; ConfigError for fewer than two."""
+    def divisions(self, samples: Samples, seed: int) -> list[Division]:
+        """Return a condition for each group that is trained on; ConfigError for fewer than two."""
         groups = list(dict.fromkeys(samples.group.tolist()))
         if len(groups) < 2:
             raise ConfigError(
                 f"space-transfer: all samples are of group {groups[0]!r}; {_NEEDS_GROUPS}"
             )
-        found = False
+        divisions = []
         for group in groups:
             others = " + ".join(other for other in groups if other != group)
             inside = samples.group == group
@@ -97,13 +97,13 @@ class SpaceTransfer(Extrapolation):
             shared = np.isin(samples.pose_id, samples.pose_id[~inside])
             train = np.flatnonzero(inside & ~shared)
             if len(train):
-                found = True
-                yield f"{group} -> {others}", train, np.flatnonzero(~inside)
-        if not found:
+                divisions.append((f"{group} -> {others}", train, np.flatnonzero(~inside)))
+        if not divisions:
             raise ConfigError(
                 f"space-transfer: every pose stands in several of the groups {', '.join(groups)}; "
                 f"{_NEEDS_GROUPS}"
             )
+        return divisions
 
 
 @dataclass(kw_only=True, eq=False)
@@ -126,16 +126,16 @@ class LoadExtrapolation(Extrapolation):
         A pose with loads on both sides keeps those of one side, which is drawn.
         """
         force = samples.wrench[:, :3]
-        measures = {"light -> heavy loads": _size(force), "other directions": _along(force)}
-        if self.by != "both":
-            name = "light -> heavy loads" if self.by == "size" else "other directions"
-            measures = {name: measures[name]}
-        for condition, measure in measures.items():
-            yield condition, *self._divide(samples, condition, measure, seed)
+        if self.by != "direction":
+            yield self._divided(
+                samples, "light -> heavy loads", np.linalg.norm(force, axis=1), seed
+            )
+        if self.by != "size":
+            yield self._divided(samples, "other directions", _along(force), seed)
 
-    def _divide(
+    def _divided(
         self, samples: Samples, condition: str, measure: FloatArray, seed: int
-    ) -> tuple[IntArray, IntArray]:
+    ) -> Division:
         """Return the rows below and above the quantile, no pose on both sides."""
         measure = measure.round(DECIMALS)
         different = np.unique(measure)
@@ -153,17 +153,12 @@ class LoadExtrapolation(Extrapolation):
         test = beyond & (~of_torn | of_tested)
         if not train.any() or not test.any():
             raise ConfigError(f"load-extrapolation: {condition}: too few poses to part the loads")
-        return np.flatnonzero(train), np.flatnonzero(test)
-
-
-def _size(force: FloatArray) -> FloatArray:
-    """Return the (n,) lengths of forces, N."""
-    return np.asarray(np.linalg.norm(force, axis=1))
+        return condition, np.flatnonzero(train), np.flatnonzero(test)
 
 
 def _along(force: FloatArray) -> FloatArray:
     """Return where (n, 3) forces point along the first principal axis of all directions."""
-    size = _size(force)[:, None]
+    size = np.linalg.norm(force, axis=1, keepdims=True)
     directions = np.divide(force, size, out=np.zeros_like(force), where=size > 0.0)
     centred = directions - directions.mean(axis=0)
     _, _, axes = np.linalg.svd(centred, full_matrices=False)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from itertools import islice
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain, islice
 from threading import Lock
-from typing import Any, TypeVar, overload
+from typing import TypeVar, overload
 
 import numpy as np
 
@@ -30,11 +30,9 @@ class LazySplits(Sequence[Split]):
         next(make())
 
     def __len__(self) -> int:
-        """Return how many there are."""
         return self._n
 
     def __iter__(self) -> Iterator[Split]:
-        """Compute them one by one."""
         return self._make()
 
     @overload
@@ -46,6 +44,10 @@ class LazySplits(Sequence[Split]):
         if isinstance(index, slice):
             return list(self)[index]
         return next(islice(self, range(self._n)[index], None))
+
+    def each(self, made_of: Callable[[Split], Iterable[Split]], times: int = 1) -> LazySplits:
+        """Return `times` as many: what `made_of` makes of each split."""
+        return LazySplits(lambda: chain.from_iterable(map(made_of, self)), times * len(self))
 
 
 Number = TypeVar("Number", int, float)
@@ -101,29 +103,6 @@ def indivisible(samples: Samples, why: str) -> ConfigError:
     """Return the error for samples that cannot be divided, with an option and what is valid."""
     n_poses = len(np.unique(samples.pose_id))
     return ConfigError(f"{len(samples)} samples of {n_poses} poses cannot be divided: {why}")
-
-
-def divided_by(
-    splitter: Any, samples: Samples, *, validation_fraction: float | None, seed: int
-) -> LazySplits:
-    """Return scikit-learn's divisions by pose, each with an inner validation part.
-
-    Args:
-        splitter: one of scikit-learn's group splitters.
-        samples: to be divided.
-        validation_fraction: of the training poses; None: the test rows are the validation rows.
-        seed: of the inner divisions.
-    """
-
-    def divided() -> Iterator[Split]:
-        divisions = enumerate(splitter.split(samples.q, groups=samples.pose_id))
-        for index, (train, test) in divisions:
-            if validation_fraction is None:
-                yield Split(index, np.sort(train), np.sort(test), np.sort(test))
-            else:
-                yield divided_inside(samples, index, train, test, validation_fraction, seed)
-
-    return LazySplits(divided, splitter.get_n_splits())
 
 
 def divided_inside(

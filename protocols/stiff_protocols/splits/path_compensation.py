@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -109,17 +109,14 @@ class PathCompensation(Holdout):
         left = stands - robot.tcp_position(samples.q)
         return np.asarray(samples.deflection - left)
 
-    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
+    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> LazySplits:
         """Return `n_splits` (default 1) divisions, `holdout`'s of the same seed, with all paths."""
         is_point = samples.group == PATH_GROUP
         measured, points = np.flatnonzero(~is_point), np.flatnonzero(is_point)
         divisions = super().splits(samples.take(measured), n_splits=n_splits, seed=seed)
-
-        def with_paths() -> Iterator[Split]:
-            for one in divisions:
-                yield Split(one.index, measured[one.train], measured[one.validation], points)
-
-        return LazySplits(with_paths, len(divisions))
+        return divisions.each(
+            lambda one: [Split(one.index, measured[one.train], measured[one.validation], points)]
+        )
 
 
 def _points(data: BenchmarkData) -> Samples:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Lt
@@ -13,7 +13,7 @@ from sklearn.model_selection import GroupKFold, GroupShuffleSplit
 
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import Samples, Split
-from stiff_protocols.splits.generators import LazySplits, divided_by, divided_inside, indivisible
+from stiff_protocols.splits.generators import LazySplits, divided_inside, indivisible
 
 Fraction = Annotated[float, Gt(0.0), Lt(1.0)]
 
@@ -33,7 +33,7 @@ class Holdout:
     test_fraction: Fraction = 0.2
     validation_fraction: Fraction = 0.2
 
-    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
+    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> LazySplits:
         """Return `n_splits` (default 1) divisions."""
         return _shuffled(samples, n_splits, self.test_fraction, self.validation_fraction, seed)
 
@@ -48,7 +48,7 @@ class RepeatedHoldout(Holdout):
 
     repetitions: Annotated[int, Ge(2)] = 15
 
-    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
+    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> LazySplits:
         """Return the divisions; the first ones are `holdout`'s of the same seed."""
         return super().splits(samples, n_splits=n_splits or self.repetitions, seed=seed)
 
@@ -68,7 +68,7 @@ class KFold:
     folds: Annotated[int, Ge(2)] = 5
     validation_fraction: Fraction = 0.2
 
-    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
+    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> LazySplits:
         """Return one division a part; ConfigError for another number or too few poses."""
         if n_splits not in (None, self.folds):
             raise ConfigError(
@@ -80,12 +80,8 @@ class KFold:
         if self.folds > n_poses:
             why = f"(valid: 2 to {n_poses})" if n_poses > 1 else "needs as many poses"
             raise indivisible(samples, f"folds={self.folds} {why}")
-        return divided_by(
-            GroupKFold(self.folds, shuffle=True, random_state=seed),
-            samples,
-            validation_fraction=self.validation_fraction,
-            seed=seed,
-        )
+        splitter = GroupKFold(self.folds, shuffle=True, random_state=seed)
+        return _divided_by(splitter, samples, self.validation_fraction, seed)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -111,17 +107,12 @@ class PaperHoldout:
         """Whether training rows are reported beside the test rows."""
         return self.read_on == "all"
 
-    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
+    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> LazySplits:
         """Return `n_splits` (default 1) divisions, the same ones for either reading."""
         divisions = _shuffled(samples, n_splits, self.test_fraction, None, seed)
         if not self.reports_training:
             return divisions
-
-        def read_on_all() -> Iterator[Split]:
-            for division in divisions:
-                yield replace(division, also_reported=division.train)
-
-        return LazySplits(read_on_all, len(divisions))
+        return divisions.each(lambda one: [replace(one, also_reported=one.train)])
 
 
 @dataclass(kw_only=True, eq=False)
@@ -137,7 +128,7 @@ class LeaveOneOut:
 
     validation_fraction: Fraction = 0.2
 
-    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
+    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> LazySplits:
         """Return one division a pose, in the order of the poses' first rows.
 
         Raises:
@@ -174,9 +165,24 @@ def _shuffled(
         why = f"leaves no pose to learn from (valid: at most {n_poses - 1}/{n_poses})"
         why = why if n_poses > 1 else "needs two poses"
         raise indivisible(samples, f"test_fraction={test_fraction:g} {why}")
-    return divided_by(
-        GroupShuffleSplit(n_splits or 1, test_size=test_fraction, random_state=seed),
-        samples,
-        validation_fraction=validation_fraction,
-        seed=seed,
-    )
+    splitter = GroupShuffleSplit(n_splits or 1, test_size=test_fraction, random_state=seed)
+    return _divided_by(splitter, samples, validation_fraction, seed)
+
+
+def _divided_by(
+    splitter: Any, samples: Samples, validation_fraction: float | None, seed: int
+) -> LazySplits:
+    """Return the divisions of a group splitter of scikit-learn's, each with a validation part.
+
+    Without a `validation_fraction` of the training poses, the test rows are the validation rows.
+    """
+
+    def divided() -> Iterator[Split]:
+        divisions = enumerate(splitter.split(samples.q, groups=samples.pose_id))
+        for index, (train, test) in divisions:
+            if validation_fraction is None:
+                yield Split(index, np.sort(train), np.sort(test), np.sort(test))
+            else:
+                yield divided_inside(samples, index, train, test, validation_fraction, seed)
+
+    return LazySplits(divided, splitter.get_n_splits())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -41,28 +41,24 @@ class SensorNoise(Holdout):
     noise: NonNegative = 1.0
     bias: NonNegative = 1.0
 
-    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
+    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> LazySplits:
         """Return `n_splits` (default 1) divisions, `holdout`'s of the same seed, at every level."""
         asked = numbers_in("sensor-noise.levels", self.levels, float, fewest=0)
         levels = sorted({level + 0.0 for level in asked})  # -0.0 is 0.0
+
+        def at_all_levels(split: Split) -> Iterator[Split]:
+            rng = np.random.default_rng([seed, split.index])
+            noise = rng.standard_normal((len(split.test), len(SENSOR)))
+            bias = rng.standard_normal(len(SENSOR))
+            unit: FloatArray = (self.noise * noise + self.bias * bias) * SENSOR  # (n_test, 6)
+            for level in levels:
+                error = level * unit
+                yield replace(
+                    split,
+                    condition=f"noise x{str(level).removesuffix('.0')}",
+                    # an error of nothing is none: the split is holdout's, and so is its hash
+                    wrench_error=error if error.any() else None,
+                )
+
         divisions = super().splits(samples, n_splits=n_splits, seed=seed)
-
-        def at_all_levels() -> Iterator[Split]:
-            for one in divisions:
-                yield from self._at_levels(one, levels, seed)
-
-        return LazySplits(at_all_levels, len(divisions) * len(levels))
-
-    def _at_levels(self, split: Split, levels: Sequence[float], seed: int) -> Iterator[Split]:
-        rng = np.random.default_rng([seed, split.index])
-        noise = rng.standard_normal((len(split.test), len(SENSOR)))
-        bias = rng.standard_normal(len(SENSOR))
-        unit: FloatArray = (self.noise * noise + self.bias * bias) * SENSOR  # (n_test, 6)
-        for level in levels:
-            error = level * unit
-            yield replace(
-                split,
-                condition=f"noise x{str(level).removesuffix('.0')}",
-                # an error of nothing is none: the split is holdout's, and so is its hash
-                wrench_error=error if error.any() else None,
-            )
+        return divisions.each(at_all_levels, len(levels))

@@ -1,4 +1,4 @@
-"""A model whose options are chosen in its own fit, by cross-validation on the training side.
+"""`nested`: a model's options are chosen in its own fit, by cross-validation on the training side.
 
 Whoever tries ten settings and reports the best test error has tuned on the test part. Here the
 training side is divided once more by pose: every candidate is fitted to the inner training parts
@@ -17,9 +17,10 @@ import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
+from annotated_types import Ge
 from sklearn.base import BaseEstimator, clone
 
 from stiff_protocols.contract.errors import (
@@ -39,10 +40,10 @@ from stiff_protocols.contract.interfaces import (
     StatesRegime,
     StiffnessModel,
 )
-from stiff_protocols.contract.plugin import Grid, Range, in_words
+from stiff_protocols.contract.plugin import DEFAULT_GRID, Grid, Range, in_words
 from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples, Split
 from stiff_protocols.scoring.sanity import check_prediction
-from stiff_protocols.splits.random_splits import KFold
+from stiff_protocols.splits.random_splits import Holdout, KFold
 
 if TYPE_CHECKING:
     from optuna import Trial
@@ -231,16 +232,15 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
         )
         found: dict[str, Tried] = {}  # a drawn candidate may come again
 
-        def error_of(params: Mapping[str, Any]) -> float:
+        def objective(trial: Trial) -> float:
+            params = {name: _value(trial, name, values) for name, values in self.grid.items()}
             words = in_words(params)
             if words not in found:
                 found[words] = self._tried(params, rows, parts, robot, validation is None, seed)
-            return found[words].error
+            error = found[words].error
+            return error if math.isfinite(error) else math.nan  # a failed trial teaches nothing
 
-        self._try(error_of, seed)
-        if self.search == "grid":  # the first of the grid wins a tie
-            order = dict.fromkeys(in_words(params) for params, _ in self._candidates())
-            found = {words: found[words] for words in order}
+        self._optimize(objective, seed)
         for words, score in found.items():
             if score.failure:
                 left_out = f"candidate {words} left out: {score.failure}"
@@ -273,25 +273,22 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
             return Tried(params, math.inf, f"{type(raised).__name__}: {raised}")
         return Tried(params, float(np.concatenate(distances).mean()))
 
-    def _try(self, error_of: Callable[[Mapping[str, Any]], float], seed: int) -> None:
-        """Ask for the error of every combination, or of those that TPE draws."""
+    def _optimize(self, objective: Callable[[Trial], float], seed: int) -> None:
+        """Try every combination in the order of the grid, or those that TPE draws."""
         require("tuning", "optuna")
         import optuna
 
-        def objective(trial: Trial) -> float:
-            error = error_of({name: _value(trial, name, v) for name, v in self.grid.items()})
-            return error if math.isfinite(error) else math.nan  # a failed trial teaches nothing
-
-        sampler: optuna.samplers.BaseSampler = optuna.samplers.TPESampler(seed=seed)
-        trials = self.trials
-        if self.search == "grid":
-            places = {n: range(len(v)) for n, v in self.grid.items() if not isinstance(v, Range)}
-            sampler = optuna.samplers.GridSampler(places, seed=seed)
-            trials = math.prod(map(len, places.values()))
         verbosity = optuna.logging.get_verbosity()
         optuna.logging.set_verbosity(optuna.logging.CRITICAL)
         try:
-            optuna.create_study(sampler=sampler).optimize(objective, n_trials=trials)
+            study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
+            trials = self.trials
+            if self.search == "grid":
+                sizes = [len(v) for v in self.grid.values() if not isinstance(v, Range)]
+                trials = math.prod(sizes)
+                for places in itertools.product(*map(range, sizes)):
+                    study.enqueue_trial(dict(zip(self.grid, places, strict=True)))
+            study.optimize(objective, n_trials=trials)
         finally:
             optuna.logging.set_verbosity(verbosity)
 
@@ -327,3 +324,34 @@ def _value(trial: Trial, name: str, values: Sequence[Any] | Range) -> Any:
         return trial.suggest_int(name, int(values.low), int(values.high), log=values.log)
     drawn = trial.suggest_float(name, values.low, values.high, log=values.log)
     return min(max(float(f"{drawn:.3g}"), values.low), values.high)
+
+
+@dataclass(kw_only=True, eq=False)
+class Nested(Holdout):
+    """`holdout`'s divisions; an inner cross-validation by pose chooses the options.
+
+    Attributes:
+        grid: candidates: the name of a grid of each model's catalogue line, or a TOML file
+            with a table a model. An option that was set stays as it was set.
+        search: "grid" tries every combination, "optuna" some that TPE draws; both need the
+            package optuna.
+        trials: number of candidates of search=optuna.
+        inner_folds: number of folds of the training poses.
+    """
+
+    grid: str = DEFAULT_GRID
+    search: Search = "grid"
+    trials: Annotated[int, Ge(1)] = 20
+    inner_folds: Annotated[int, Ge(2)] = 3
+
+    def tuned(self, model: StiffnessModel, grid: Grid) -> StiffnessModel:
+        """Return the model that chooses from `grid` in its own fit."""
+        search = InnerSearchWithIntervals if isinstance(model, PredictsInterval) else InnerSearch
+        return search(
+            model,
+            grid,
+            search=self.search,
+            trials=self.trials,
+            folds=self.inner_folds,
+            validation_fraction=self.validation_fraction,
+        )

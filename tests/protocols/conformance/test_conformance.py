@@ -7,7 +7,17 @@ import re
 import numpy as np
 import pytest
 
-from broken_models import BROKEN, BROKEN_CHOOSERS, CannotFit, Noisy, Springs, reader
+from broken_models import (
+    BROKEN,
+    BROKEN_CHOOSERS,
+    CannotFit,
+    Noisy,
+    Springs,
+    broken,
+    finding,
+    predicting,
+    reader,
+)
 from stiff_protocols.conformance.suite import check_model
 from stiff_protocols.contract.errors import DataError, NotSavable
 from stiff_protocols.contract.types import BenchmarkData
@@ -48,50 +58,35 @@ def test_when_fit_fails_the_questions_that_need_it_are_not_applicable(fanuc):
     assert set(reasons) == {"fit failed"} and len(reasons) > 10
 
 
-class Offset(Springs):
-    def predict(self, q, wrench):
-        return super().predict(q, wrench) + 1e-4
+def not_ours(self, path):
+    raise NotSavable("its weights are not ours")
 
 
-class Nominal(Springs):
-    def fit(self, train, **options):
-        super().fit(train, **options)
-        self.compliance_ = np.full((6, 3), 1e-6)
-        return self
-
-
-class Licensed(Springs):
-    def save(self, path):
-        raise NotSavable("its weights are not ours")
+OFFSET = predicting("Offset", lambda found: found + 1e-4)
+NOMINAL = finding("Nominal", lambda *_: {"compliance_": np.full((6, 3), 1e-6)})
+LICENSED = broken("Licensed", save=not_ours)
 
 
 @pytest.mark.parametrize(
     ("cls", "name", "reason"),
     [
-        (Offset, "no load, no deflection", "predicts up to 0.1 mm without load"),
-        (
-            Nominal,
-            "a fit learns from its own rows",
-            "predicts the same whatever rows it is fitted to",
-        ),
-        (Licensed, "save and load give the same numbers", "its weights are not ours"),
+        (OFFSET, "no load, no deflection", "predicts up to 0.1 mm without load"),
+        (NOMINAL, "a fit learns from its own rows", "predicts the same whatever rows it is fitted"),
+        (LICENSED, "save and load give the same numbers", "its weights are not ours"),
     ],
 )
 def test_what_a_model_may_do_is_said_and_no_failure(cls, name, reason, fanuc):
     checks = {c.name: c for c in check_model(cls, fanuc, uses_validation=False, load=print)}
-    assert (checks[name].status, checks[name].reason) == ("not applicable", reason)
+    assert checks[name].status == "not applicable" and checks[name].reason.startswith(reason)
 
 
-def test_a_constructor_that_raises_is_one_failure(fanuc):
+def test_a_constructor_that_raises_is_one_failure_and_too_few_samples_are_refused(fanuc):
     def refuse():
         raise SystemExit("no display")
 
     (failed,) = failures(refuse, fanuc)
     assert failed.name == "the constructor takes keywords and only stores them"
     assert "raised SystemExit: no display" in failed.reason
-
-
-def test_too_few_samples_are_refused(fanuc):
     few = BenchmarkData(fanuc.samples.take(np.arange(9)), fanuc.robot)
     with pytest.raises(DataError, match="9 samples are too few"):
         check_model(Springs, few, uses_validation=False)

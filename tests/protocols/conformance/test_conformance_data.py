@@ -1,4 +1,4 @@
-"""The conformance suite for fanuc sets and protocols."""
+"""The conformance suite for data sets and protocols."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_protocols.catalog import PROTOCOLS
 from stiff_protocols.conformance.data import check_dataset, check_protocol
-from stiff_protocols.contract.types import BenchmarkData, Split
+from stiff_protocols.contract.types import Split
 from stiff_protocols.splits.extrapolation import SpaceTransfer
 from stiff_protocols.splits.random_splits import Holdout, PaperHoldout
 
@@ -109,18 +109,14 @@ def test_a_protocol_that_breaks_a_rule_is_told_which(how, question, status, reas
 
 def test_a_data_set_in_mm_or_of_chance_fails(fanuc):
     class Loads:
-        factor = 1.0
-
         def load(self):
-            s = fanuc.samples
-            parts = (s.pose_id, s.load_id, s.group)
-            shaken = s.wrench * np.random.default_rng().uniform()
-            return BenchmarkData(
-                type(s)(s.q, shaken, s.deflection * self.factor, *parts), fanuc.robot
-            )
+            wrench = fanuc.samples.wrench * np.random.default_rng().uniform()
+            return replace(fanuc, samples=replace(fanuc.samples, wrench=wrench))
 
-    class InMillimetres(Loads):
-        factor = 1000.0
+    class InMillimetres:
+        def load(self):
+            deflection = 1000.0 * fanuc.samples.deflection
+            return replace(fanuc, samples=replace(fanuc.samples, deflection=deflection))
 
     *checks, answers = check_dataset(FanucR2000iC)
     assert all(check.status == "passed" for check in checks)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from stiff_protocols.contract.record import Cell
+from stiff_protocols.contract.record import READING_OPTION, Cell
 
 CELL = Cell(
     model="ft-mlp",
@@ -79,6 +79,22 @@ def test_every_field_of_a_cell_changes_its_key(name):
     """A field that comes to be later is tested here too, whatever it is called."""
     value = getattr(CELL, name)
     assert replace(CELL, **{name: CHANGED[type(value)](value)}).key != CELL.key
+
+
+NO_PART_OF_THE_SEED = {
+    **{"model": "gp", "model_params": {}, "model_version": "2", "scoring_version": 9},
+    **{"coverage": 0.5, "condition": "n = 20", "split_sha256": "23", "source_sha256": ""},
+    "protocol_params": CELL.protocol_params | {READING_OPTION: "all"},
+}
+
+
+def test_a_cell_has_the_seed_that_it_always_had():
+    """With another one every random model gives other numbers."""
+    assert CELL.model_seed == 2208388108
+    for name, value in NO_PART_OF_THE_SEED.items():
+        assert replace(CELL, **{name: value}).model_seed == CELL.model_seed, name
+    other = replace(CELL, dataset="my-robot-ü", rows_sha256="", seed=2**32 + 5)
+    assert other.model_seed == 3571893947
 
 
 @pytest.mark.parametrize("name", ["model_params", "dataset_params", "protocol_params"])

@@ -30,8 +30,5 @@ def test_the_message_names_what_is_missing_and_how_to_get_it(monkeypatch):
     assert "package onnx: pip install 'stiffbench[onnx]'" in missing("onnx")
     with pytest.raises(ConfigError, match=r"^an export needs .*stiffbench\[onnx\]"):
         require("an export", "onnx")
-
-
-def test_what_is_installed_is_not_missing():
     assert missing("pyarrow") == ""
     require("Parquet", "pyarrow")

@@ -87,23 +87,16 @@ def test_inverse_gives_positions_at_which_the_tcp_has_each_pose_it_reaches(kr10,
     np.testing.assert_allclose(stands.rotation[reached], wanted.rotation[reached], atol=2e-8)
 
 
-@pytest.mark.parametrize("wrong", ["position", "rotation", "not finite"])
-def test_inverse_refuses_poses_that_are_none(wrong, kr10):
-    position, rotation = np.zeros((2, 3)), np.stack([np.eye(3)] * 2)
-    if wrong == "not finite":
-        position[1, 2] = np.nan
-    poses = (
-        (position[:1] if wrong == "position" else position),
-        (rotation[:1] if wrong == "rotation" else rotation),
-    )
-    with pytest.raises(DataError, match="rotation" if wrong == "rotation" else "position"):
-        kr10.inverse(*poses, np.zeros((2, 6)))
-
-
-@pytest.mark.parametrize("method", ["forward", "jacobian", "gravity_torque", "tcp_position"])
-def test_wrong_number_of_joint_angles_is_refused(kr10, method):
-    with pytest.raises(DataError, match=r"\(2, 5\), expected \(n, 6\)"):
-        getattr(kr10, method)(np.zeros((2, 5)))
+def test_poses_and_numbers_of_joint_angles_that_are_none_are_refused(kr10):
+    position, rotation, seed = np.zeros((2, 3)), np.stack([np.eye(3)] * 2), np.zeros((2, 6))
+    for places, named in ((position[:1], "has shape"), (np.nan * position, "is nan")):
+        with pytest.raises(DataError, match=f"position.*{named}"):
+            kr10.inverse(places, rotation, seed)
+    with pytest.raises(DataError, match="rotation has shape"):
+        kr10.inverse(position, rotation[:1], seed)
+    for method in (kr10.forward, kr10.jacobian, kr10.gravity_torque, kr10.tcp_position):
+        with pytest.raises(DataError, match=r"\(2, 5\), expected \(n, 6\)"):
+            method(np.zeros((2, 5)))
 
 
 def test_robot_and_samples_print_in_five_lines_at_most(kr10):

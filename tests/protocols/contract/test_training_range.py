@@ -22,6 +22,9 @@ def test_training_samples_and_what_is_a_little_beyond_them_are_inside(samples):
     tenth = 0.09 * (known.upper - known.lower)
     ends = np.array([known.lower - tenth, known.upper + tenth])
     assert not any(known.extrapolates(ends, samples.wrench[:2]))
+    unturned = TrainingRange(known.lower, known.upper, force=100.0, torque=0.0)
+    wrench = np.array([[0.0, 0.0, -80.0, rounding, 0.0, 0.0] for rounding in (1e-9, 1.0)])
+    assert unturned.extrapolates(samples.q[:2], wrench) == ["", "load"]
 
 
 def test_each_joint_and_load_far_beyond_is_marked(samples):
@@ -36,12 +39,6 @@ def test_each_joint_and_load_far_beyond_is_marked(samples):
     heavy[0, :3] *= 5.0
     heavy[1, 3:] *= 30.0
     assert known.extrapolates(q[:3], heavy) == ["load", "load", ""]
-
-
-def test_rounding_of_a_load_that_was_none_in_training_is_no_extrapolation(samples):
-    known = TrainingRange(samples.q.min(axis=0), samples.q.max(axis=0), force=100.0, torque=0.0)
-    wrench = np.array([[0.0, 0.0, -80.0, 1e-9, 0.0, 0.0], [0.0, 0.0, -80.0, 1.0, 0.0, 0.0]])
-    assert known.extrapolates(samples.q[:2], wrench) == ["", "load"]
 
 
 def steady(q, wrench):
@@ -82,8 +79,8 @@ def test_an_interval_grows_with_the_load_and_the_way_beyond_the_range(joint, for
     ],
 )
 def test_a_range_that_is_none_is_refused(changed, named):
+    usual = {"lower": [0.0, 0.0], "upper": [1.0, 1.0], "force": 1.0, "torque": 1.0}
     with pytest.raises(DataError, match=named):
-        TrainingRange(**{"lower": [0.0, 0.0], "upper": [1.0, 1.0], "force": 1.0, "torque": 1.0}
-                      | changed)  # fmt: skip
+        TrainingRange(**usual | changed)
     with pytest.raises(DataError, match="2 joints"):
-        TrainingRange(np.zeros(2), np.ones(2), 1.0, 1.0).beyond(np.zeros((1, 6)), np.zeros((1, 6)))
+        TrainingRange(**usual).beyond(np.zeros((1, 6)), np.zeros((1, 6)))

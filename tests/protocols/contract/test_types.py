@@ -31,16 +31,13 @@ def test_wrong_shapes_and_values_are_refused_by_name(changes, message):
         make(**changes)
 
 
-def test_samples_cannot_be_written_and_do_not_share_memory_with_their_origin():
+def test_samples_are_read_only_copies_whose_rows_stay_together():
     q = np.zeros((2, 6))
     samples = make(q=q)
     q[0, 0] = 1.0
     assert samples.q[0, 0] == 0.0
     with pytest.raises(ValueError, match="read-only"):
         samples.deflection[0, 0] = 1.0
-
-
-def test_take_keeps_the_rows_together():
     taken = make(deflection=np.arange(6.0).reshape(2, 3)).take(np.array([1]))
     assert taken.pose_id.tolist() == ["1"]
     assert taken.deflection.tolist() == [[3.0, 4.0, 5.0]]

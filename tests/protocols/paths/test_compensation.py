@@ -115,9 +115,7 @@ def test_commands_beyond_limits_or_reach_are_left_uncorrected_with_the_reason(kr
     assert set(far.problem) == {OUT_OF_REACH}
 
 
-def test_prediction_of_another_shape_or_with_nan_is_refused(kr10, driven):
-    path, q = driven
-    with pytest.raises(DataError, match="prediction"):
-        compensate(lambda q, w: np.zeros((len(q), 2)), kr10, path, q)
-    with pytest.raises(DataError, match="nan"):
-        compensate(lambda q, w: np.full((len(q), 3), np.nan), kr10, path, q)
+@pytest.mark.parametrize(("row", "named"), [((0.0, 0.0), "prediction"), ([np.nan] * 3, "nan")])
+def test_prediction_of_another_shape_or_with_nan_is_refused(row, named, kr10, driven):
+    with pytest.raises(DataError, match=named):
+        compensate(lambda q, wrench: np.tile(row, (len(q), 1)), kr10, *driven)

@@ -57,15 +57,12 @@ def test_r2_agrees_with_scikit_learn_and_is_absent_where_nothing_varies(rng):
         assert found[axis] == pytest.approx(r2_score(measured[:, column], predicted[:, column]))
 
 
-def test_norm_is_the_mean_length_of_the_error_vector(prediction):
+def test_norm_and_relative_are_of_the_error_vectors_lengths(prediction):
     first, second = 5**0.5, 29**0.5  # of (-1, 2, 0) and (3, 2, -4)
     assert whole("norm", prediction) == pytest.approx((first + second) / 2)
     assert whole("norm-p95", prediction) == pytest.approx(first + 0.95 * (second - first))
-
-
-def test_relative_is_a_ratio_of_means_and_absent_without_any_deflection(prediction):
-    errors, sizes = 5**0.5 + 29**0.5, 26**0.5 + 17**0.5
-    assert whole("relative", prediction) == pytest.approx(errors / sizes)
+    sizes = 26**0.5 + 17**0.5  # a ratio of means; none without any deflection
+    assert whole("relative", prediction) == pytest.approx((first + second) / sizes)
     still = Prediction(prediction.rows, prediction.predicted, np.zeros((2, 3)))
     assert metric("relative").values(still) == {}
 

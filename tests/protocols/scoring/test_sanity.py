@@ -14,12 +14,9 @@ def measured(rng):
     return rng.normal(scale=1e-4, size=(40, 3))
 
 
-def test_predictions_in_mm_are_refused_with_the_question(measured):
+def test_predictions_a_thousand_times_too_large_or_too_small_are_refused(rng, measured):
     with pytest.raises(ModelError, match=r"about 1000 times larger .* are these mm\?"):
         check_units(1000.0 * measured, measured)
-
-
-def test_predictions_that_are_right_when_multiplied_by_a_thousand_are_refused(rng, measured):
     rough = measured + rng.normal(scale=5e-5, size=measured.shape)
     with pytest.raises(ModelError, match=r"times smaller .* expected m"):
         check_units(rough / 1000.0, measured)

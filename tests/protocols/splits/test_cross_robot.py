@@ -16,13 +16,8 @@ def test_each_of_holdouts_divisions_stands_under_both_conditions():
         of_it = [split for split in splits if split.condition == condition]
         assert [split.index for split in of_it] == [0, 1, 2]
         assert [split.sha256 for split in of_it] == [split.sha256 for split in divisions]
+        assert {split.source for split in of_it} == {"" if condition == OWN else "ur5-twin"}
     assert len(splits) == 6
-
-
-def test_one_condition_alone_has_a_foreign_source_and_the_protocol_announces_it():
-    protocol = CrossRobot(source="kr10-twin@specimen=3")
-    own, foreign = protocol.splits(unloaded(20, 2), n_splits=None, seed=0)
-    assert own.source == "" and foreign.source == "kr10-twin@specimen=3"
-    assert isinstance(protocol, NamesSources)
-    assert list(protocol.source_datasets()) == [foreign.source]
-    assert not isinstance(Holdout(), NamesSources)
+    protocol = CrossRobot()
+    assert isinstance(protocol, NamesSources) and not isinstance(Holdout(), NamesSources)
+    assert list(protocol.source_datasets()) == ["kr10-twin@specimen=9"]

@@ -63,12 +63,9 @@ def test_several_draws_learn_from_parts_of_a_group_and_test_the_same_rows():
     assert {tuple(split.test) for split in there} == {tuple(range(20, 40))}
 
 
-def test_space_transfer_without_groups_is_refused_with_the_one_there_is():
+def test_space_transfer_without_groups_or_between_groups_of_the_same_poses_is_refused():
     with pytest.raises(ConfigError, match="all samples are of group 'g0'; it needs at least two"):
         SpaceTransfer().splits(in_groups(10), n_splits=None, seed=0)
-
-
-def test_space_transfer_between_groups_of_the_same_poses_is_refused():
     samples = in_groups(5, 5)
     same = replace(samples, pose_id=np.tile(samples.pose_id[:5], 2))
     with pytest.raises(ConfigError, match="every pose stands in several of the groups g0, g1"):
@@ -82,22 +79,16 @@ def of_sizes(n):
     return samples_of(np.arange(1, n + 1)[:, None] * directions)
 
 
-def test_models_learn_from_light_loads_and_are_tested_under_the_heaviest():
+def test_models_learn_from_light_loads_or_some_directions_and_are_tested_under_the_others():
     samples = of_sizes(40)
-    (split,) = LoadExtrapolation(by="size").splits(samples, n_splits=None, seed=0)
-    assert split.condition == HEAVY + ALL_POSES
-    assert sorted(split.test) == list(range(28, 40))  # the heaviest 30 %
-    assert sorted(learned(split)) == list(range(28))
-    assert len(split.validation) == 6
-
-
-def test_models_learn_from_some_directions_and_are_tested_under_others():
-    samples = of_sizes(40)
-    (split,) = LoadExtrapolation(by="direction").splits(samples, n_splits=None, seed=0)
-    assert split.condition == TURNED + ALL_POSES
+    heavy, turned = LoadExtrapolation().splits(samples, n_splits=None, seed=0)
+    assert [heavy.condition, turned.condition] == [HEAVY + ALL_POSES, TURNED + ALL_POSES]
+    assert sorted(heavy.test) == list(range(28, 40))  # the heaviest 30 %
+    assert sorted(learned(heavy)) == list(range(28))
+    assert len(heavy.validation) == 6
     rise = samples.wrench[:, 2] / np.linalg.norm(samples.wrench[:, :3], axis=1)
-    assert len(split.test) == 12
-    assert rise[split.test].min() > rise[learned(split)].max()
+    assert len(turned.test) == 12
+    assert rise[turned.test].min() > rise[learned(turned)].max()
 
 
 def test_poses_with_light_and_heavy_loads_keep_those_of_one_side():

@@ -27,12 +27,9 @@ from stiff_protocols.splits.sensor_noise import SensorNoise
 BY_POSE = [Holdout(), RepeatedHoldout(), KFold(), LeaveOneOut()]
 
 
-def test_holdout_tests_a_fifth_of_the_poses_and_validates_on_a_fifth_of_the_rest():
+def test_holdout_tests_a_fifth_of_the_poses_and_leave_one_out_each_one_in_the_datas_order():
     (split,) = Holdout().splits(unloaded(150), n_splits=1, seed=0)
     assert [len(split.train), len(split.validation), len(split.test)] == [96, 24, 30]
-
-
-def test_leave_one_out_tests_every_pose_once_in_the_order_of_the_data():
     splits = LeaveOneOut().splits(unloaded(12), n_splits=None, seed=0)
     assert [int(split.test[0]) for split in splits] == list(range(12))
 
@@ -160,19 +157,15 @@ def test_a_split_that_cannot_be_used_or_leaks_is_found(splits, message):
     assert re.search(message, first_fault(splits, 10, selects_on_test=False))
 
 
-def test_splits_that_keep_the_rules_have_no_fault_and_selecting_on_test_can_be_declared():
+def test_splits_that_keep_the_rules_or_declare_what_they_do_have_no_fault():
     assert first_fault([split_of(), replace(split_of(), index=1)], 10, selects_on_test=False) == ""
     selecting = split_of(validation=np.arange(8, 10))
     assert first_fault([selecting], 10, selects_on_test=True) == ""
-
-
-def test_reporting_training_rows_can_be_declared_and_excuses_no_training_on_test_rows():
     declared = {"selects_on_test": False, "reports_training": True}
     reporting = split_of(also_reported=np.arange(8))
     assert first_fault([reporting], 10, **declared) == ""
-    assert "trains on 3 rows" in first_fault(
-        [replace(reporting, train=np.arange(9), also_reported=np.arange(8))], 10, **declared
-    )
+    training_on_test = replace(reporting, train=np.arange(9))
+    assert "trains on 3 rows" in first_fault([training_on_test], 10, **declared)
 
 
 def test_the_inner_part_is_that_of_scikit_learns_splitter():

@@ -83,7 +83,7 @@ def test_regions_are_the_same_for_every_seed(portal):
         np.testing.assert_array_equal(one.test, two.test)
 
 
-def test_fewer_positions_than_regions_are_refused_with_their_numbers(portal):
+def test_fewer_positions_than_regions_and_no_robot_are_refused(portal):
     samples = around_corners(2, loads=2)
     same = replace(samples, q=np.tile(CORNERS[0] + 1e-9 * np.arange(16)[:, None], (1, 1)))
     with pytest.raises(ConfigError, match="regions=4: the 8 poses have 1 different TCP positions"):
@@ -91,9 +91,6 @@ def test_fewer_positions_than_regions_are_refused_with_their_numbers(portal):
     with pytest.raises(ConfigError, match="regions=9: the 8 poses have 8 different TCP positions"):
         divided(portal, samples, regions=9)
     assert len(divided(portal, samples, regions=8)) == 8
-
-
-def test_without_a_robot_it_is_refused():
     with pytest.raises(ConfigError, match="the robot is not known; call use_robot before splits"):
         WorkspaceExtrapolation().splits(around_corners(4), n_splits=None, seed=0)
 
