@@ -115,7 +115,7 @@ def test_dann_carries_the_ramp_in_the_reversed_gradient_alone():
 
 def test_target_batches_are_as_long_as_the_sources_and_reach_every_row():
     made = objective("coral")
-    batches = [made._target_batch(16) for _ in range(20)]
+    batches = [OF_TARGET[made._target_rows(16)] for _ in range(20)]
     assert {len(batch) for batch in batches} == {16}
     seen = {tuple(row.tolist()) for batch in batches for row in batch}
     assert seen == {tuple(row.tolist()) for row in OF_TARGET}
