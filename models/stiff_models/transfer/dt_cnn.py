@@ -101,15 +101,8 @@ class DtCnn(PretrainedModel):
         if self.supervision == "fine-tune":
             # measured rows are few, and would move the statistics away from what the layers know
             self._cnn().freeze_statistics()
-            (self.fine_tuning_,) = self._learn_measured(train, None, FINE_TUNING, seed, "cv")
-
-    @property
-    def curves_(self) -> dict[str, FloatArray]:
-        """The curve of the training on the source, and of a fine-tuning."""
-        found = super().curves_
-        if self.supervision == "fine-tune":
-            found["fine-tuning"] = self.fine_tuning_.points
-        return found
+            (curve,) = self._learn_measured(train, None, FINE_TUNING, seed, "cv")
+            self.curves_["fine-tuning"] = curve.points
 
     def _objective(self, train: Samples, loss: Loss, seed: int) -> AlignedObjective | None:
         if not uses_target(self.alignment):

@@ -60,11 +60,6 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
         """Whether a pre-training serves all training parts of a robot."""
         return self.source_teacher == "vjm"
 
-    @property
-    def curves_(self) -> dict[str, FloatArray]:
-        """The pre-training's curve."""
-        return {"pre-training": self.history_.points}
-
     @abstractmethod
     def _recipe_plan(self, n_rows: int) -> TrainingPlan:
         """Return how the network learns so many simulated samples, but for `pretrain_steps`."""
@@ -81,7 +76,7 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
         else:
             trained, n_samples = self._learn_sum(train, origin, seed + self.pretrain_seed)
             residual = trained.judged["residual"]
-        self.history_ = trained.curve
+        self.curves_ = {"pre-training": trained.curve.points}
         self.source_errors_ = source_errors(residual)
         errors = zip(SOURCE_ERRORS, (1000.0 * self.source_errors_).tolist(), strict=True)
         self.diagnostics_ = {

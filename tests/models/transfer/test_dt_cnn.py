@@ -111,7 +111,7 @@ def test_fine_tuning_learns_every_weight_for_the_chosen_epochs_and_keeps_the_bat
     ]
     assert errors[0] < 0.9 * errors[1]
     assert (tuned.regime, source.regime) == ("", NO_TARGET_LABELS)
-    assert tuned.best_params_["epochs"] == tuned.fine_tuning_.best_step in (0, 6, 12)
+    assert tuned.best_params_["epochs"] == tuned.curves_["fine-tuning"][-1, 0] in (6, 12)
 
 
 def test_training_lowers_the_error_on_the_source(parts):
