@@ -138,8 +138,8 @@ def spring_regressor(
         wrench: (n, 6) N and N m at the TCP, base frame.
         springs: virtual springs a joint.
     """
-    twists = virtual_jacobian(robot, q).reshape(len(q), 6, -1)  # (n, 6, n_joints * 6)
-    return unit_deflections(twists[:, :, _chosen(robot, springs)], wrench)
+    joint, own = np.divmod(_chosen(robot, springs), 6)
+    return unit_deflections(virtual_jacobian(robot, q)[:, :, joint, own], wrench)
 
 
 def _chosen(robot: Robot, springs: Springs) -> list[int]:

@@ -61,16 +61,6 @@ def test_the_udtl_preset_is_the_literal_network(parts):
     assert not kinds(unpooled.network_) & {CellMaxPool, torch.nn.MaxPool1d}
 
 
-def test_without_alignment_one_pre_training_serves_every_training_part(
-    parts, monkeypatch, tmp_path, trainings
-):
-    monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path))
-    samples = parts[1]
-    for rows in (np.arange(0, 90), np.arange(3, 96)):
-        fit(parts, samples.take(rows), source_poses="paper")
-    assert trainings == ["pre-train"]
-
-
 def test_adabn_changes_only_the_batch_statistics(parts):
     differing = changed(fit(parts, alignment="none"), fit(parts, alignment="adabn"))
     assert differing == {
