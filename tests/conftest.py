@@ -91,17 +91,17 @@ def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture()
 def trainings(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The phase of each training that is really done, and not taken from the cache."""
-    from stiff_models.networks import network_model  # torch: few tests need it
+    """The phase of each pre-training that is really done, and not taken from the cache."""
+    from stiff_models.transfer import pretraining  # torch: few tests need it
 
     done: list[str] = []
-    real = network_model.train_network
+    real = pretraining.train_network
 
     def counted(*args: Any, **options: Any) -> Any:
         done.append(options["phase"])
         return real(*args, **options)
 
-    monkeypatch.setattr(network_model, "train_network", counted)
+    monkeypatch.setattr(pretraining, "train_network", counted)
     return done
 
 

@@ -246,7 +246,8 @@ def plans(key: str, recipe: str) -> list[dict[str, Any]]:
     def longest(samples: Any, lengths: Any, *_: Any) -> Any:
         return lengths[-1]
 
-    def seen(run: Any, plan: TrainingPlan, trainable: Trainable, phase: str, visits: Any) -> Curve:
+    def seen(run: Any, phase: str, visits: Any) -> Curve:
+        plan: TrainingPlan = run.plan
         steps = range(0, plan.steps, max(1, plan.steps // 20))
         rates = [round(plan.rate(step), 12) for step in steps]
         one = {"phase": phase, **asdict(plan), "rates": rates}
@@ -260,7 +261,7 @@ def plans(key: str, recipe: str) -> list[dict[str, Any]]:
     options |= {"supervision": "fine-tune"} if key == "dt-cnn" else {}
     with (
         same_everywhere(),
-        mock.patch.object(training, "_steps", seen),
+        mock.patch.object(training._Run, "steps", seen),
         mock.patch.object(network_model, "chosen_epochs", longest),
     ):
         fitted(key, options)

@@ -17,7 +17,7 @@ import pytest
 from hazard_outcomes import ALWAYS, ROWS, VARIANTS, expected
 from made_hazards import HAZARDS, Case
 
-import stiff_models.networks.network_model
+import stiff_models.transfer.pretraining
 import stiff_models.transfer.source
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.catalog import model_info
@@ -59,10 +59,8 @@ def small_source() -> Iterator[None]:
     """A source of few poses, trained on anew each time: looking for old ones takes longer."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stiff_models.transfer.source, "POSE_BUDGET", 16)
-        patch.setattr(stiff_models.networks.network_model, "training_digest", lambda *_, **__: "")
-        patch.setattr(
-            stiff_models.networks.network_model, "remembered", lambda _, compute: compute()
-        )
+        patch.setattr(stiff_models.transfer.pretraining, "training_digest", lambda *_, **__: "")
+        patch.setattr(stiff_models.transfer.pretraining, "remembered", lambda _, compute: compute())
         yield
 
 

@@ -11,7 +11,7 @@ from annotated_types import Ge, Gt
 from stiff_models.networks.network_model import NetworkModel, Selection
 from stiff_models.networks.training_plan import TrainingPlan
 from stiff_protocols.contract.errors import StiffBenchWarning
-from stiff_protocols.contract.types import FloatArray, Robot, Samples
+from stiff_protocols.contract.types import Robot, Samples
 
 Epochs = Annotated[int, Ge(0)]
 LearningRate = Annotated[float, Gt(0.0)]
@@ -33,11 +33,6 @@ class Mlp(NetworkModel):
     learning_rate: LearningRate = 1e-3
     training: Selection = "cv"
 
-    @property
-    def curves_(self) -> dict[str, FloatArray]:
-        """The training's curve."""
-        return {"training": self.history_.points}
-
     def chooses_epoch(self) -> bool:
         """Whether validation rows choose the epoch."""
         return self.training == "best"
@@ -45,8 +40,9 @@ class Mlp(NetworkModel):
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         self._start(robot, train.q, train.wrench, train.deflection, seed)
         plan = TrainingPlan(self.epochs, self.learning_rate, loss="mae", optimizer="adam")
-        (self.history_,) = self._learn_measured(train, validation, plan, seed, self.training)
-        if self.history_.best_step == 0 and len(self.history_.points):
+        (curve,) = self._learn_measured(train, validation, plan, seed, self.training)
+        self.curves_ = {"training": curve.points}
+        if curve.best_step == 0 and len(curve.points):
             warnings.warn(
                 f"none of {self.epochs} epochs was better on the validation rows than the "
                 "untrained network, which is kept; is a learning rate of "

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import copy
-import time
 from abc import abstractmethod
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
@@ -17,13 +15,12 @@ from annotated_types import Ge, Le
 
 from stiff_models.base import FittedModel
 from stiff_models.device import RunsOnDevice, torch_device
-from stiff_models.networks.cache import Trained, remembered, training_digest
 from stiff_models.networks.epochs import chosen_epochs, lengths_up_to
 from stiff_models.networks.features import AngleEncoding, Scaler, encode
 from stiff_models.networks.network import Activation, ChosenActivation, build_network
 from stiff_models.networks.torch_parts import EncodedNetwork
-from stiff_models.networks.training import Curve, Objective, Rows, Visits, train_network
-from stiff_models.networks.training_plan import Trainable, TrainingPlan
+from stiff_models.networks.training import Curve, Rows, Visits, train_network
+from stiff_models.networks.training_plan import TrainingPlan
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 
 Layers = Annotated[int, Ge(1), Le(20)]
@@ -31,9 +28,6 @@ Width = Annotated[int, Ge(1), Le(4096)]
 
 Selection = Literal["cv", "best", "normal"]
 """What chooses the number of epochs: cross-validation, the validation rows, or nothing."""
-
-Judge = Callable[[], dict[str, FloatArray]]
-"""Measures a network that was just trained."""
 
 PREDICTED_AT_ONCE = 1024  # rows: what the layers pass on stays in the processor's cache
 
@@ -87,63 +81,6 @@ class EncodedNetworkModel(RunsOnDevice, FittedModel):
 
     def _empty_module(self, name: str) -> torch.nn.Module:
         return self._new_network(len(self.input_scaler_.mean), seed=0)
-
-    def _pretrain(
-        self,
-        rows: Rows,
-        plan: TrainingPlan,
-        seed: int,
-        *,
-        judge: Judge,
-        trainable: Trainable | None = None,
-        objective: Objective | None = None,
-    ) -> Trained:
-        """Train the network in place, and measure it once with `judge`."""
-        start = time.perf_counter()
-        curve = train_network(
-            self.network_,
-            rows,
-            plan,
-            seed=seed,
-            phase="pre-train",
-            trainable=trainable,
-            objective=objective,
-        )
-        weights = {
-            name: tensor.cpu().numpy() for name, tensor in self.network_.state_dict().items()
-        }
-        return Trained(weights, curve, time.perf_counter() - start, judge())
-
-    def _pretrain_remembered(
-        self,
-        rows: Rows,
-        plan: TrainingPlan,
-        seed: int,
-        *,
-        judge: Judge,
-        trainable: Trainable | None = None,
-        objective: Objective | None = None,
-        extra: Iterable[torch.Tensor] = (),
-        about: str = "",
-    ) -> Trained:
-        """Train the network in place, or put in the weights of the same training done before.
-
-        What `judge` measures is kept with the weights. `extra` (tensors) and `about` say what
-        `objective` is made of; the other arguments are those of `train_network`.
-        """
-        compute = partial(
-            self._pretrain, rows, plan, seed, judge=judge, trainable=trainable, objective=objective
-        )
-        if plan.steps == 0:
-            return compute()
-        actors = [self] if objective is None else [self, objective]
-        tensors = (rows.inputs, rows.targets, *extra)
-        digest = training_digest(self.network_, plan, seed, tensors, actors=actors, about=about)
-        trained = remembered(digest, compute)
-        self.network_.load_state_dict(
-            {name: torch.from_numpy(array.copy()) for name, array in trained.weights.items()}
-        )
-        return trained
 
     def _learn_measured(
         self,

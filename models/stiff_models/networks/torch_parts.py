@@ -21,12 +21,11 @@ class TorchJacobian(torch.nn.Module):
     def __init__(self, robot: Robot) -> None:
         """Take the constants of `robot`."""
         super().__init__()
-        self.chain = Chain.of(robot)
+        self.chain = Chain.of(robot, _cos_sin)
 
     def forward(self, q: torch.Tensor) -> torch.Tensor:
         """Return (n, 6, n_joints): rows 0..2 translation [m/rad or m/m], rows 3..5 rotation."""
-        columns = self.chain.columns(q.unbind(dim=1), _cos_sin)
-        return torch.stack([_stacked([*move, *turn], q) for move, turn in columns], dim=2)
+        return _stacked(self.chain.jacobian(q.unbind(dim=1)), q).reshape(-1, 6, q.shape[1])
 
 
 def _cos_sin(angle: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -97,13 +96,13 @@ class VjmModule(torch.nn.Module):
     def __init__(self, robot: Robot, compliance: FloatArray) -> None:
         """Take the constants of `robot` and `compliance` (n_joints,), rad/(N m) or m/N."""
         super().__init__()
-        self.chain = Chain.of(robot)
+        self.chain = Chain.of(robot, _cos_sin)
         self.compliance: list[float] = compliance.tolist()
 
     def forward(self, q: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
         """Return the deflection."""
         components = q.unbind(dim=1), wrench.unbind(dim=1)
-        return _stacked(self.chain.deflection(self.compliance, *components, _cos_sin), q)
+        return _stacked(self.chain.deflection(*components, self.compliance), q)
 
 
 class SumOf(torch.nn.Module):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -22,9 +23,31 @@ RISEN = 10.0
 """So many times both the first loss and that of outputs of zero: the training has diverged."""
 ROWS_LOOKED_AT = 256  # at the end, for signs of divergence
 
-Objective = Callable[[float, torch.Tensor, torch.Tensor], torch.Tensor]
-"""Takes the progress of the training (0 at its first step, towards 1), inputs (n, n_features) and
-standardised targets (n, 3); returns the loss."""
+
+class Objective(ABC):
+    """What a training minimises in place of its plan's loss.
+
+    Attributes:
+        made_of: tensors that it is made of: a part of the training's identity.
+        about: its settings as text: another one.
+    """
+
+    made_of: Sequence[torch.Tensor]
+    about: str
+
+    def parameters(self) -> list[torch.nn.Parameter]:
+        """Return what is trained beside the network's own parameters."""
+        return []
+
+    @abstractmethod
+    def __call__(
+        self, progress: float, inputs: torch.Tensor, targets: torch.Tensor
+    ) -> torch.Tensor:
+        """Return the loss of a batch of inputs (n, n_features) and standardised targets (n, 3).
+
+        `progress` is that of the training, 0 at its first step, towards 1.
+        """
+
 
 Visits = Mapping[int, Callable[[], None]]
 """Number of steps -> what is called then."""
@@ -108,55 +131,8 @@ def train_network(
     with kind.in_force(), torch.random.fork_rng():
         torch.manual_seed(seed)  # what layers draw: dropout
         run = _Run(network, rows, plan, trainable, held_out, seed, objective, kind.bfloat16)
-        curve = _steps(run, plan, trainable, phase, visits)
+        curve = run.steps(phase, visits)
     network.eval()
-    return curve
-
-
-def _steps(
-    run: _Run,
-    plan: TrainingPlan,
-    trainable: Trainable,
-    phase: str,
-    visits: Visits,
-) -> Curve:
-    origin = [each.detach().clone() for each in trainable.rates] if trainable.pull else []
-    too_high = f"a learning rate of {plan.learning_rate:g} is too high here"
-
-    def finite(loss: torch.Tensor, steps: int) -> float:
-        value = loss.item()
-        if not math.isfinite(value):
-            raise ModelError(f"{phase}: the loss is {value} after {steps} steps; {too_high}")
-        return value
-
-    report(phase, 0, plan.steps)
-    run.network.train()
-    first = loss = torch.tensor(0.0)
-    for step in range(plan.steps):
-        run.visited(visits, step)
-        loss = run.step(step)
-        first = loss if step == 0 else first
-        if origin:
-            pull_back(origin, trainable, plan.learning_rate * plan.rate(step))
-        if (step + 1) % REPORT_EVERY == 0 or step + 1 == plan.steps:
-            value = finite(loss, step + 1)
-            run.points.append((step + 1, value, run.validation_loss))
-            report(phase, step + 1, plan.steps, value)
-    run.visited(visits, plan.steps)
-    curve = run.finish()
-    if plan.steps:
-        inputs, targets = run.rows.inputs[:ROWS_LOOKED_AT], run.rows.targets[:ROWS_LOOKED_AT]
-        outputs = run.predicted(inputs)
-        last = max(loss.item(), finite(run.loss(outputs, targets), plan.steps))
-        of_zeros = run.loss(torch.zeros_like(targets), targets).item()  # which predict the mean
-        finding = ""
-        if last > RISEN * max(first.item(), of_zeros):
-            finding = f"the loss rose from {first.item():.3g} to {last:.3g}"
-        elif _varies(inputs) and _varies(targets) and not _varies(outputs):
-            # units that a step too far has pushed below zero for every row stay there for ever
-            finding = "the network gives every row the same output"
-        if finding:
-            warnings.warn(f"{phase}: {finding}; {too_high}", StiffBenchWarning, stacklevel=4)
     return curve
 
 
@@ -174,88 +150,119 @@ class _Run:
         objective: Objective | None,
         bfloat16: bool,
     ) -> None:
-        self.network = network
-        self.plan = plan
-        self.device = rows.inputs.device
-        self.bfloat16 = bfloat16
-        self.objective = objective
-        self.tail, before = (
-            _split_at_first_moving(network, trainable)
-            if objective is None
-            else (network, torch.nn.Sequential())
-        )
-        self.rows = _through(before, rows)
-        self.validation = None if validation is None else _through(before, validation)
+        self.network, self.plan, self.trainable = network, plan, trainable
+        self.device, self.bfloat16, self.objective = rows.inputs.device, bfloat16, objective
+        if objective is None:
+            frozen, self.tail = _split_at_first_moving(network, trainable)
+        else:
+            frozen, self.tail = torch.nn.Sequential(), network
+        with torch.no_grad():  # through the frozen part once, instead of once a step
+            self.rows = Rows(frozen(rows.inputs), rows.targets)
+            self.validation = (
+                None if validation is None else Rows(frozen(validation.inputs), validation.targets)
+            )
         self.loss = loss_function(plan.loss)
         self.optimizers = optimizers(
-            self.tail, plan, trainable, self.rows.inputs, bfloat16=self.bfloat16
+            self.tail, plan, trainable, self.rows.inputs, bfloat16=bfloat16
         )
         self.highest = [[g["lr"] for g in opt.param_groups] for opt in self.optimizers]
         self.generator = torch.Generator().manual_seed(seed)
         self.order = torch.empty(0, dtype=torch.int64)
         self.kept = [tensor.detach() for tensor in trainable.rates]
-        self.points: list[tuple[float, float, float]] = []
         self.validation_loss = math.nan
         self.best_step, self.best_loss = 0, math.inf
         self.best_weights: list[torch.Tensor] = []
+
+    def steps(self, phase: str, visits: Visits) -> Curve:
+        plan, points = self.plan, []
+        origin = [tensor.clone() for tensor in self.kept] if self.trainable.pull else []
+        too_high = f"a learning rate of {plan.learning_rate:g} is too high here"
+
+        def finite(loss: torch.Tensor, steps: int) -> float:
+            value = loss.item()
+            if not math.isfinite(value):
+                raise ModelError(f"{phase}: the loss is {value} after {steps} steps; {too_high}")
+            return value
+
+        report(phase, 0, plan.steps)
+        self.network.train()
+        first = loss = torch.tensor(0.0)
+        for step in range(plan.steps):
+            self._visit(visits, step)
+            loss = self.step(step)
+            first = loss if step == 0 else first
+            if origin:
+                pull_back(origin, self.trainable, plan.learning_rate * plan.rate(step))
+            if (step + 1) % REPORT_EVERY == 0 or step + 1 == plan.steps:
+                value = finite(loss, step + 1)
+                points.append((step + 1, value, self.validation_loss))
+                report(phase, step + 1, plan.steps, value)
+        self._visit(visits, plan.steps)
+        if self.validation is not None:
+            self._judge(plan.steps, self._predicted(self.validation.inputs))
+            torch._foreach_copy_(self.kept, self.best_weights)
+        if plan.steps:
+            inputs, targets = self.rows.inputs[:ROWS_LOOKED_AT], self.rows.targets[:ROWS_LOOKED_AT]
+            outputs = self._predicted(inputs)
+            last = max(loss.item(), finite(self.loss(outputs, targets), plan.steps))
+            of_zeros = self.loss(torch.zeros_like(targets), targets).item()  # the mean's
+            finding = ""
+            if last > RISEN * max(first.item(), of_zeros):
+                finding = f"the loss rose from {first.item():.3g} to {last:.3g}"
+            elif _varies(inputs) and _varies(targets) and not _varies(outputs):
+                # units that a step too far has pushed below zero for every row stay there for ever
+                finding = "the network gives every row the same output"
+            if finding:
+                warnings.warn(f"{phase}: {finding}; {too_high}", StiffBenchWarning, stacklevel=4)
+        curve = np.array(points, dtype=np.float64).reshape(-1, 3)
+        if self.validation is None:
+            return Curve(curve, plan.steps, math.nan)
+        return Curve(curve, self.best_step, self.best_loss)
 
     def step(self, step: int) -> torch.Tensor:
         for optimizer, highest in zip(self.optimizers, self.highest, strict=True):
             for group, rate in zip(optimizer.param_groups, highest, strict=True):
                 group["lr"] = rate * self.plan.rate(step)
             optimizer.zero_grad(set_to_none=True)
-        loss = self._gradients(step)
+        loss = self._loss(step)
+        loss.backward()  # type: ignore[no-untyped-call]
         for optimizer in self.optimizers:
             optimizer.step()
         return loss.detach()
 
-    def _gradients(self, step: int) -> torch.Tensor:
-        """Set the gradients of a batch's loss and return that loss."""
+    def _loss(self, step: int) -> torch.Tensor:
         inputs, targets = self._batch()
         low = self.bfloat16 and step < (1.0 - FULL_PRECISION_END) * self.plan.steps
         if self.objective is not None:
             with self._autocast(low):
-                loss = self.objective(step / self.plan.steps, inputs, targets)
-        else:
-            n = len(targets)
-            if self.validation is not None:  # one pass serves both
-                inputs = torch.cat([inputs, self.validation.inputs])
-            with self._autocast(low):
-                outputs: torch.Tensor = self.tail(inputs)
-            outputs = outputs.float()
-            if self.validation is not None:
-                self._judge(step, outputs[n:].detach())
-            loss = self.loss(outputs[:n], targets)
-        loss.backward()  # type: ignore[no-untyped-call]
-        return loss
+                return self.objective(step / self.plan.steps, inputs, targets)
+        n = len(targets)
+        if self.validation is not None:  # one pass serves both
+            inputs = torch.cat([inputs, self.validation.inputs])
+        with self._autocast(low):
+            outputs: torch.Tensor = self.tail(inputs)
+        outputs = outputs.float()
+        if self.validation is not None:
+            self._judge(step, outputs[n:].detach())
+        return self.loss(outputs[:n], targets)
 
     def _autocast(self, low: bool) -> torch.autocast:
         return torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=low)
 
-    def predicted(self, inputs: torch.Tensor) -> torch.Tensor:
+    @torch.no_grad()
+    def _predicted(self, inputs: torch.Tensor) -> torch.Tensor:
         """Return the outputs as a prediction has them: dropout off, batch statistics fixed."""
         self.network.eval()
-        with torch.no_grad():
-            outputs: torch.Tensor = self.tail(inputs)
+        outputs: torch.Tensor = self.tail(inputs)
         self.network.train()
         return outputs
 
-    def visited(self, visits: Visits, step: int) -> None:
-        """Call what is to be called after so many steps."""
+    @torch.no_grad()
+    def _visit(self, visits: Visits, step: int) -> None:
         if step in visits:
             self.network.eval()
-            with torch.no_grad():
-                visits[step]()
+            visits[step]()
             self.network.train()
-
-    def finish(self) -> Curve:
-        """Judge the last weights, put the best ones back, and return what happened."""
-        points = np.array(self.points, dtype=np.float64).reshape(-1, 3)
-        if self.validation is None:
-            return Curve(points, self.plan.steps, math.nan)
-        self._judge(self.plan.steps, self.predicted(self.validation.inputs))
-        torch._foreach_copy_(self.kept, self.best_weights)
-        return Curve(points, self.best_step, self.best_loss)
 
     def _batch(self) -> tuple[torch.Tensor, torch.Tensor]:
         batch = self.plan.batch
@@ -282,23 +289,13 @@ def _varies(values: torch.Tensor) -> bool:
 
 def _split_at_first_moving(
     network: torch.nn.Module, trainable: Trainable
-) -> tuple[torch.nn.Module, torch.nn.Sequential]:
-    """Return the part from the first moving layer on, and the frozen part before it.
+) -> tuple[torch.nn.Module, torch.nn.Module]:
+    """Return the frozen part before the first layer that moves, and the part from there on.
 
     A network that is no plain sequence, or has batch statistics, stays whole.
     """
-    if not isinstance(network, torch.nn.Sequential) or [*network.buffers()]:
-        return network, torch.nn.Sequential()
-    for index, module in enumerate(network):
-        if any(parameter in trainable.rates for parameter in module.parameters()):
-            modules = list(network)
-            return torch.nn.Sequential(*modules[index:]), torch.nn.Sequential(*modules[:index])
+    if isinstance(network, torch.nn.Sequential) and not [*network.buffers()]:
+        for index, module in enumerate(network):
+            if any(parameter in trainable.rates for parameter in module.parameters()):
+                return network[:index], network[index:]
     return torch.nn.Sequential(), network
-
-
-def _through(part: torch.nn.Sequential, rows: Rows) -> Rows:
-    """Pass rows through the frozen part once, instead of once a step."""
-    if len(part) == 0:
-        return rows
-    with torch.no_grad():
-        return Rows(part(rows.inputs), rows.targets)

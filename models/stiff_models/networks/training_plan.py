@@ -74,6 +74,5 @@ class Trainable:
 
 def loss_function(name: Loss) -> Callable[[torch.Tensor, torch.Tensor], torch.Tensor]:
     """Return the loss of (n, 3) outputs and targets."""
-    if name == "huber":
-        return torch.nn.HuberLoss(delta=HUBER_DELTA)
-    return torch.nn.MSELoss() if name == "mse" else torch.nn.L1Loss()
+    huber = torch.nn.HuberLoss(delta=HUBER_DELTA)
+    return {"huber": huber, "mse": torch.nn.MSELoss(), "mae": torch.nn.L1Loss()}[name]

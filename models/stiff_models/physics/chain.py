@@ -8,8 +8,9 @@ cost nothing, and most of a robot's constants are.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain, product
 from typing import Any, Self
 
 import numpy as np
@@ -26,7 +27,6 @@ Column = tuple[Vector, Vector]
 """Column of a Jacobian: translation [m/rad or m/m] and rotation of the TCP by one joint."""
 
 CosSin = Callable[[Component], tuple[Component, Component]]
-"""Returns the cosine and the sine of an angle [rad]."""
 
 ORIGIN: Vector = (0.0, 0.0, 0.0)
 AXES: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -71,14 +71,19 @@ class Chain:
         links: base to tip.
         tcp: tool centre point in the last joint's frame, m.
         gravity: acceleration in the base frame, m/s2.
+        cos_sin: returns the cosine and the sine of an angle [rad].
+
+    In the methods `q` holds one component a joint, rad or m, and `compliance` one a joint,
+    rad/(N m) or m/N.
     """
 
     links: tuple[Link, ...]
     tcp: Vector
     gravity: Vector
+    cos_sin: CosSin
 
     @classmethod
-    def of(cls, robot: Robot) -> Self:
+    def of(cls, robot: Robot, cos_sin: CosSin) -> Self:
         """Rewrite a robot."""
         links = []
         basis = np.eye(3)  # the previous joint's z-aligned frame, seen from its own URDF frame
@@ -94,10 +99,11 @@ class Chain:
                 )
             )
             basis = aligned
-        return cls(tuple(links), (basis.T @ robot.tcp).tolist(), robot.gravity.tolist())
+        tcp, gravity = (basis.T @ robot.tcp).tolist(), robot.gravity.tolist()
+        return cls(tuple(links), tcp, gravity, cos_sin)
 
-    def frames(self, q: Sequence[Component], cos_sin: CosSin) -> Iterator[Frame]:
-        """Yield every joint's moved frame; `q` holds one component a joint, rad or m."""
+    def frames(self, q: Sequence[Component]) -> Iterator[Frame]:
+        """Yield every joint's moved frame."""
         frame = Frame(ORIGIN, AXES)
         for link, position in zip(self.links, q, strict=True):
             origin = frame.point(link.offset)
@@ -105,7 +111,7 @@ class Chain:
             if link.prismatic:
                 origin = _plus(origin, _scaled(position, z))
             else:
-                cosine, sine = cos_sin(position)
+                cosine, sine = self.cos_sin(position)
                 x, y = (
                     _plus(_scaled(cosine, x), _scaled(sine, y)),
                     _minus(_scaled(cosine, y), _scaled(sine, x)),
@@ -113,24 +119,38 @@ class Chain:
             frame = Frame(origin, (x, y, z))
             yield frame
 
-    def columns(self, q: Sequence[Component], cos_sin: CosSin) -> list[Column]:
-        """Return the columns of the Jacobian at the TCP, base frame.
+    def jacobian(self, q: Sequence[Component]) -> list[Component]:
+        """Return the 6 x n_joints components of the Jacobian at the TCP, base frame, row by row.
 
-        A revolute joint's is ``[z x (p - o); z]`` and a prismatic one's ``[z; 0]``, with the
+        A revolute joint's column is ``[z x (p - o); z]`` and a prismatic one's ``[z; 0]``, with the
         joint's axis z and origin o, and the TCP p.
         """
-        frames = list(self.frames(q, cos_sin))
-        tcp = frames[-1].point(self.tcp)
+        return _by_rows(self._columns(q))
+
+    def virtual_jacobian(self, q: Sequence[Component]) -> list[Component]:
+        """Return the 6 x n_joints x 6 components of the virtual joints' Jacobian, row by row."""
+        return _by_rows(chain.from_iterable(self._virtual_columns(q)))
+
+    def compliance_matrix(
+        self, q: Sequence[Component], compliance: Sequence[Component]
+    ) -> list[Component]:
+        """Return the 3 x 6 components of ``J_v diag(c) J^T``, row by row."""
+        columns = self._columns(q)
+        turned = [_scaled(c, move) for c, (move, _) in zip(compliance, columns, strict=True)]
         return [
-            (frame.axes[2], ORIGIN)
-            if link.prismatic
-            else (_cross(frame.axes[2], _minus(tcp, frame.origin)), frame.axes[2])
-            for link, frame in zip(self.links, frames, strict=True)
+            _dot([move[row] for move in turned], [(*move, *turn)[k] for move, turn in columns])
+            for row, k in product(range(3), range(6))
         ]
 
-    def virtual_columns(self, q: Sequence[Component], cos_sin: CosSin) -> list[list[Column]]:
+    def _columns(self, q: Sequence[Component]) -> list[Column]:
+        return [
+            own[5 if link.prismatic else 2]  # along or about z
+            for link, own in zip(self.links, self._virtual_columns(q), strict=True)
+        ]
+
+    def _virtual_columns(self, q: Sequence[Component]) -> list[list[Column]]:
         """Return, joint by joint, those of turns about and slides along the moved frame's axes."""
-        frames = list(self.frames(q, cos_sin))
+        frames = list(self.frames(q))
         tcp = frames[-1].point(self.tcp)
         return [
             [(_cross(axis, _minus(tcp, frame.origin)), axis) for axis in frame.axes]
@@ -138,36 +158,21 @@ class Chain:
             for frame in frames
         ]
 
-    def compliance_matrix(
-        self, compliance: Sequence[Component], q: Sequence[Component], cos_sin: CosSin
-    ) -> list[list[Component]]:
-        """Return the 3 x 6 components of ``J_v diag(c) J^T``."""
-        columns = self.columns(q, cos_sin)
-        turned = [_scaled(c, move) for c, (move, _) in zip(compliance, columns, strict=True)]
-        return [
-            [
-                _dot([move[row] for move in turned], [(*move, *turn)[k] for move, turn in columns])
-                for k in range(6)
-            ]
-            for row in range(3)
-        ]
-
     def deflection(
         self,
-        compliance: Sequence[Component],
         q: Sequence[Component],
         wrench: Sequence[Component],
-        cos_sin: CosSin,
+        compliance: Sequence[Component],
     ) -> Vector:
         """Return ``J_v diag(c) J^T w`` [m], base frame, without the Jacobian: three sweeps.
 
         The TCP is carried to the base, the wrench from there to the tip, and the deflection back
         to the base, each in the frame of the joint that is reached. There a joint's torque is
-        ``m_z + (p x f)_z``, and its turn moves the TCP by ``(-p_y, p_x, 0)``. Units of the
-        components: rad/(N m) or m/N, rad or m, N and N m at the TCP.
+        ``m_z + (p x f)_z``, and its turn moves the TCP by ``(-p_y, p_x, 0)``. `wrench` holds N and
+        N m at the TCP, base frame.
         """
         motions = [
-            (0.0, 0.0) if link.prismatic else cos_sin(position)
+            (0.0, 0.0) if link.prismatic else self.cos_sin(position)
             for link, position in zip(self.links, q, strict=True)
         ]
         arms = []  # the TCP in each joint's frame before its motion; of a slide, x and y count
@@ -201,7 +206,7 @@ class Chain:
             moved = _out_of(link.axes, moved)
         return moved
 
-    def gravity_torque(self, q: Sequence[Component], cos_sin: CosSin) -> list[Component]:
+    def gravity_torque(self, q: Sequence[Component]) -> list[Component]:
         """Return the torque [N m] (force [N]) of the links' weights on each joint.
 
         A joint bears the weights beyond it: ``z . (sum_l m_l (r_l - o) x g)``, with the centres
@@ -209,7 +214,7 @@ class Chain:
         """
         torques = []
         mass, first_moment = 0.0, ORIGIN  # of all that a joint carries, kg and kg m, base frame
-        frames = list(self.frames(q, cos_sin))
+        frames = list(self.frames(q))
         for link, frame in reversed(list(zip(self.links, frames, strict=True))):
             mass += link.mass
             first_moment = _plus(first_moment, _scaled(link.mass, frame.point(link.centre)))
@@ -228,6 +233,10 @@ def _basis_with_z(axis: FloatArray) -> FloatArray:
     x_axis = np.cross(helper, axis)
     x_axis /= np.linalg.norm(x_axis)
     return np.stack([x_axis, np.cross(axis, x_axis), axis], axis=1)
+
+
+def _by_rows(columns: Iterable[Column]) -> list[Component]:
+    return list(chain.from_iterable(zip(*((*move, *turn) for move, turn in columns), strict=True)))
 
 
 def _turned(vector: Vector, motion: tuple[Component, Component]) -> Vector:

@@ -100,12 +100,13 @@ class FullVjm(FittedModel):
 
 def spring_units(robot: Robot, springs: Springs) -> dict[str, str]:
     """Return the units of the stiffnesses by the springs' names, in `spring_regressor`'s order."""
-    kinds = _TURNS + _SLIDES
-    return {
-        f"{name} {kinds[k]}": stiffness_unit("revolute" if kinds[k] in _TURNS else "prismatic")
-        for name, columns in zip(robot.joint_names, _columns(robot, springs), strict=True)
-        for k in columns
-    }
+    kinds = [(name, "revolute") for name in _TURNS] + [(name, "prismatic") for name in _SLIDES]
+    units = [
+        (f"{joint} {name}", stiffness_unit(kind))
+        for joint in robot.joint_names
+        for name, kind in kinds
+    ]
+    return dict(units[k] for k in _chosen(robot, springs))
 
 
 @lru_cache(32)
@@ -121,8 +122,7 @@ def typical_springs(robot: Robot, springs: Springs) -> FloatArray:
     for joint, kind in enumerate(robot.joint_types):
         turn = kind == "revolute"
         typical[joint, 2 if turn else 5] = own[joint, 0 if turn else 1]
-    rows = zip(typical, _columns(robot, springs), strict=True)
-    found = np.concatenate([row[columns] for row, columns in rows])
+    found = typical.ravel()[_chosen(robot, springs)]
     found.flags.writeable = False
     return found
 
@@ -138,20 +138,18 @@ def spring_regressor(
         wrench: (n, 6) N and N m at the TCP, base frame.
         springs: virtual springs a joint.
     """
-    twists = virtual_jacobian(robot, q)  # (n, 6, n_joints, 6)
-    rows = np.concatenate(
-        [twists[:, :, joint, columns] for joint, columns in enumerate(_columns(robot, springs))],
-        axis=2,
-    )
-    return unit_deflections(rows, wrench)
+    joint, own = np.divmod(_chosen(robot, springs), 6)
+    return unit_deflections(virtual_jacobian(robot, q)[:, :, joint, own], wrench)
 
 
-def _columns(robot: Robot, springs: Springs) -> list[list[int]]:
-    """Return, joint by joint, which virtual joints of `virtual_jacobian` have springs."""
-    turns, slides = [0, 1, 2], [3, 4, 5]
-    if springs == 6:
-        return [turns + slides] * robot.n_joints
-    return [turns if kind == "revolute" else slides for kind in robot.joint_types]
+def _chosen(robot: Robot, springs: Springs) -> list[int]:
+    """Return which virtual joints have springs, of `virtual_jacobian`'s six a joint in a row."""
+    return [
+        6 * joint + k
+        for joint, kind in enumerate(robot.joint_types)
+        for k in range(6)
+        if springs == 6 or (k < 3) == (kind == "revolute")
+    ]
 
 
 def ridge(scaled: FloatArray, target: FloatArray) -> FloatArray:

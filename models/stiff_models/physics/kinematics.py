@@ -8,17 +8,19 @@ Jacobians at the TCP. `q` with another number of joints than the robot is a Data
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import numpy as np
 
-from stiff_models.physics.chain import Chain, Column, Component
+from stiff_models.physics.chain import Chain, Component
 from stiff_models.physics.straight_line import Program, half_angle, tape_with
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray, Robot
 
-PROGRAMS_KEPT = 32  # a program of each kind and robot; a few hundred steps each
+Formula = Callable[..., Sequence[Component]]
+"""A method of `Chain`."""
+PROGRAMS_KEPT = 160  # one a formula and robot; a few hundred steps each
 
 
 def jacobian(robot: Robot, q: FloatArray) -> FloatArray:
@@ -29,7 +31,7 @@ def jacobian(robot: Robot, q: FloatArray) -> FloatArray:
     """
     q = robot.checked_positions(q)
     columns = np.empty((6, robot.n_joints, len(q)))
-    _jacobian_program(robot).run([q], columns.reshape(6 * robot.n_joints, len(q)))
+    _run(Chain.jacobian, robot, [q], columns.reshape(6 * robot.n_joints, len(q)))
     return columns.transpose(2, 0, 1)
 
 
@@ -46,7 +48,7 @@ def virtual_jacobian(robot: Robot, q: FloatArray) -> FloatArray:
     """
     q = robot.checked_positions(q)
     columns = np.empty((6, robot.n_joints, 6, len(q)))
-    _virtual_program(robot).run([q], columns.reshape(36 * robot.n_joints, len(q)))
+    _run(Chain.virtual_jacobian, robot, [q], columns.reshape(36 * robot.n_joints, len(q)))
     return columns.transpose(3, 0, 1, 2)
 
 
@@ -86,28 +88,6 @@ def unit_deflections(rows: FloatArray, wrench: FloatArray) -> FloatArray:
     return np.asarray(rows[:, :3] * joint_torque(rows, wrench)[:, None, :])
 
 
-@lru_cache(PROGRAMS_KEPT)
-def _jacobian_program(robot: Robot) -> Program:
-    tape, (q,) = tape_with(robot.n_joints)
-    return Program.of(tape, _rows(Chain.of(robot).columns(q, half_angle)))
-
-
-@lru_cache(PROGRAMS_KEPT)
-def _virtual_program(robot: Robot) -> Program:
-    tape, (q,) = tape_with(robot.n_joints)
-    columns = Chain.of(robot).virtual_columns(q, half_angle)
-    return Program.of(tape, _rows(column for joint in columns for column in joint))
-
-
-def _rows(columns: Iterable[Column]) -> list[Component]:
-    """Return the components of a Jacobian row by row."""
-    return [
-        component
-        for row in zip(*((*move, *turn) for move, turn in columns), strict=True)
-        for component in row
-    ]
-
-
 def _cross(out: FloatArray, a: FloatArray, b: FloatArray) -> None:
     """Write the cross product of two (3, n) arrays; `numpy.cross` is several times slower."""
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -123,7 +103,7 @@ def gravity_torque(robot: Robot, q: FloatArray) -> FloatArray:
     """
     q = robot.checked_positions(q)
     torque = np.empty((robot.n_joints, len(q)))
-    _gravity_program(robot).run([q], torque)
+    _run(Chain.gravity_torque, robot, [q], torque)
     return np.ascontiguousarray(torque.T)
 
 
@@ -142,7 +122,7 @@ def joint_deflection(
     if wrench.shape != (len(q), 6):
         raise DataError(f"wrench has shape {wrench.shape}, expected ({len(q)}, 6)")
     deflection = np.empty((len(q), 3))
-    _deflection_program(robot).run([q, wrench], deflection.T, springs)
+    _run(Chain.deflection, robot, [q, wrench], deflection.T, springs)
     return deflection
 
 
@@ -150,7 +130,7 @@ def compliance_matrix(robot: Robot, compliance: FloatArray, q: FloatArray) -> Fl
     """Return ``J_v diag(c) J^T``, (n, 3, 6) m/N, then m/(N m), base frame, as above."""
     q = robot.checked_positions(q)
     matrix = np.empty((len(q), 18))
-    _compliance_program(robot).run([q], matrix.T, _checked_springs(robot, compliance))
+    _run(Chain.compliance_matrix, robot, [q], matrix.T, _checked_springs(robot, compliance))
     return matrix.reshape(-1, 3, 6)
 
 
@@ -164,20 +144,19 @@ def _checked_springs(robot: Robot, compliance: FloatArray) -> list[float]:
     return values
 
 
-@lru_cache(PROGRAMS_KEPT)
-def _deflection_program(robot: Robot) -> Program:
-    tape, (q, wrench, compliance) = tape_with(robot.n_joints, 6, robot.n_joints)
-    return Program.of(tape, Chain.of(robot).deflection(compliance, q, wrench, half_angle))
+def _run(
+    formula: Formula,
+    robot: Robot,
+    columns: Sequence[FloatArray],
+    out: FloatArray,
+    shared: Sequence[float] = (),
+) -> None:
+    """Compute a formula of the robot's chain; the other arguments are those of `Program.run`."""
+    sizes = [array.shape[1] for array in columns] + ([len(shared)] if len(shared) else [])
+    _program(formula, robot, *sizes).run(columns, out, shared)
 
 
 @lru_cache(PROGRAMS_KEPT)
-def _compliance_program(robot: Robot) -> Program:
-    tape, (q, compliance) = tape_with(robot.n_joints, robot.n_joints)
-    matrix = Chain.of(robot).compliance_matrix(compliance, q, half_angle)
-    return Program.of(tape, [component for row in matrix for component in row])
-
-
-@lru_cache(PROGRAMS_KEPT)
-def _gravity_program(robot: Robot) -> Program:
-    tape, (q,) = tape_with(robot.n_joints)
-    return Program.of(tape, Chain.of(robot).gravity_torque(q, half_angle))
+def _program(formula: Formula, robot: Robot, *sizes: int) -> Program:
+    tape, inputs = tape_with(*sizes)
+    return Program.of(tape, formula(Chain.of(robot, half_angle), *inputs))

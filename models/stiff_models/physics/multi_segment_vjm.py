@@ -72,23 +72,16 @@ def search_breakpoints(finest: FloatArray, target: FloatArray, start: IntArray) 
     for _ in range(MAX_SWEEPS):
         before = best
         for joint, number in np.ndindex(start.shape):
-            for trial in _moves(chosen, joint, number, n_finest - 1):
+            around = [-1, *chosen[joint], n_finest - 1]
+            for candidate in range(around[number] + 1, around[number + 2]):
+                trial = chosen.copy()
+                trial[joint, number] = candidate
                 error = residual(trial)
                 if error < best * (1.0 - WORTH):
                     best, chosen = error, trial
         if best == before:
             break
     return chosen
-
-
-def _moves(chosen: IntArray, joint: int, number: int, n_candidates: int) -> list[IntArray]:
-    around = [-1, *chosen[joint], n_candidates]
-    moves = []
-    for candidate in range(around[number] + 1, around[number + 2]):
-        trial = chosen.copy()
-        trial[joint, number] = candidate
-        moves.append(trial)
-    return moves
 
 
 FIRST_SHARE = 0.25  # of the training torques lie below the first breakpoint

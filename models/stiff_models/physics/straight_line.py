@@ -22,12 +22,8 @@ Operand = int | str
 """Number of a value (the inputs, then every step's), or a constant as text."""
 
 
-@dataclass(frozen=True)
-class Step:
-    """One operation on one or two operands."""
-
-    function: np.ufunc
-    operands: tuple[Operand, ...]
+Step = tuple[np.ufunc, tuple[Operand, ...]]
+"""One operation on one or two operands."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +41,7 @@ class Tape:
     def value(self, function: np.ufunc, *operands: Operand) -> Symbol:
         """Return the symbol of a step, which is written unless it stands there."""
         new = self.n_inputs + len(self.steps)
-        return Symbol(self, self.steps.setdefault(Step(function, operands), new))
+        return Symbol(self, self.steps.setdefault((function, operands), new))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -164,11 +160,11 @@ class Program:
             if not result.negative and result.number >= tape.n_inputs
         }
         needed = _needed(tape, kept)
-        last = {operand: i for i, (_, step) in enumerate(needed) for operand in step.operands}
+        last = {operand: i for i, (_, (_, each)) in enumerate(needed) for operand in each}
         steps: list[tuple[np.ufunc, tuple[int, ...]]] = []
-        for i, (number, step) in enumerate(needed):
-            operands = [place_of(operand) for operand in step.operands]
-            for operand in set(step.operands) - kept:
+        for i, (number, (function, operands)) in enumerate(needed):
+            found = [place_of(operand) for operand in operands]
+            for operand in set(operands) - kept:
                 if last[operand] == i and isinstance(operand, int) and operand >= tape.n_inputs:
                     unread.append(places[operand])
             if number in own:
@@ -178,7 +174,7 @@ class Program:
             else:
                 places[number] = first_other + len(others)
                 others.append(None)
-            steps.append((step.function, (*operands, places[number])))
+            steps.append((function, (*found, places[number])))
         for place, result in enumerate(results, start=tape.n_inputs):
             operand, negative = _operand(result)
             if place_of(operand) != place:
@@ -228,5 +224,5 @@ def _needed(tape: Tape, results: set[int]) -> list[tuple[int, Step]]:
     for step, number in reversed(tape.steps.items()):
         if number in wanted:
             found.append((number, step))
-            wanted.update(operand for operand in step.operands if isinstance(operand, int))
+            wanted.update(operand for operand in step[1] if isinstance(operand, int))
     return found[::-1]

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Protocol, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from annotated_types import Ge, Gt
@@ -19,17 +19,6 @@ from stiff_protocols.contract.types import AXES, FloatArray, Interval, Robot, Sa
 
 FEWEST_POSES = 10
 """Fewer are not divided: two of eight poses hold no standard deviation."""
-
-
-class AxisProcess(Protocol):
-    """What predicts the deflection along an axis, standardised."""
-
-    @property
-    def noise(self) -> float:
-        """Variance of a measured output's own error."""
-
-    def between(self, inputs: FloatArray, others: FloatArray) -> FloatArray:
-        """Return the (n, m) covariance at two sets of inputs, noise excluded."""
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -50,7 +39,7 @@ class GaussianProcessModel(StandardisedModel):
         instrument_noise_mm: standard deviation of a measured deflection an axis, mm, as the data
             card or the instrument's data sheet has it: the least noise that is looked for. Without
             it the likelihood finds 2e-5 mm in few samples. What repeats differ by is found there.
-        processes_: one an axis.
+        processes_: one `GaussianProcess` an axis, or what predicts as it does.
         calibration_: (3,) what the standard deviations of each axis are multiplied by.
     """
 
@@ -88,7 +77,7 @@ class GaussianProcessModel(StandardisedModel):
                 except ModelError:  # too few poses are left for the physics
                     continue
             error = copy.predict(left_out.q, left_out.wrench) - left_out.deflection
-            yield error / copy._deviations_in_m(left_out.q, left_out.wrench)
+            yield error / copy._deviations(left_out.q, left_out.wrench)
 
     def _for_a_fold(self) -> Self:
         """Return an unfitted copy that is fitted sooner: one search is enough there."""
@@ -98,11 +87,11 @@ class GaussianProcessModel(StandardisedModel):
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         inputs, targets = self._standardised(robot, train)
         start, search = self._start(inputs.shape[1]), self._search(seed)
-        self.processes_ = tuple(
+        self.processes_: tuple[Any, ...] = tuple(
             GaussianProcess.of(search.likeliest(start, inputs, axis, least=least), inputs, axis)
             for axis, least in zip(targets.T, self._least_noise(), strict=True)
         )
-        self.diagnostics_ = noise_in_mm(self.processes_, self.output_scaler_.scale)
+        self.diagnostics_ = self._noise_in_mm()
 
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
         """Return the central interval of each axis' predictive normal, its noise included.
@@ -112,7 +101,7 @@ class GaussianProcessModel(StandardisedModel):
         """
 
         def within(q: FloatArray, wrench: FloatArray) -> Interval:
-            deviation = self._deviations_in_m(q, wrench) * self.calibration_
+            deviation = self._deviations(q, wrench) * self.calibration_
             deviation = np.maximum(deviation, self._instrument_noise)
             return normal_interval(self._predict(q, wrench), deviation, coverage)
 
@@ -125,33 +114,33 @@ class GaussianProcessModel(StandardisedModel):
         first = self._inputs(self.robot_, *self._checked(q, wrench))
         second = self._inputs(self.robot_, *self._checked(other_q, other_wrench))
         scale = (self.calibration_ * self.output_scaler_.scale)[:, None, None] ** 2
-        return np.stack([one.between(first, second) for one in self._of_axes()]) * scale
+        return np.stack([one.between(first, second) for one in self.processes_]) * scale
 
     def noise_variance(self) -> FloatArray:
         """Return (3,) the variance of a measured deflection's own error, m²."""
-        noise = np.array([one.noise for one in self._of_axes()])
+        noise = np.array([one.noise for one in self.processes_])
         noise *= (self.calibration_ * self.output_scaler_.scale) ** 2
         return np.asarray(np.maximum(noise, self._instrument_noise**2))
 
-    def _of_axes(self) -> Sequence[AxisProcess]:
-        """Return what predicts each axis."""
-        return self.processes_
-
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        return self.output_scaler_.undo(self._means(self._inputs(self.robot_, q, wrench)))
-
-    def _means(self, inputs: FloatArray) -> FloatArray:
-        """The predictive means (n, 3), standardised."""
-        return np.stack([process.mean(inputs) for process in self.processes_], axis=1)
-
-    def _deviations(self, inputs: FloatArray) -> FloatArray:
-        """The predictive standard deviations (n, 3), standardised."""
-        return np.stack([process.deviation(inputs) for process in self.processes_], axis=1)
-
-    def _deviations_in_m(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """The predictive standard deviations (n, 3) m, before their calibration."""
         inputs = self._inputs(self.robot_, q, wrench)
-        return np.asarray(self._deviations(inputs) * self.output_scaler_.scale)
+        means = np.stack([process.mean(inputs) for process in self.processes_], axis=1)
+        return self.output_scaler_.undo(means)
+
+    def _deviations(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the predictive standard deviations (n, 3) m, before their calibration."""
+        inputs = self._inputs(self.robot_, q, wrench)
+        found = np.stack([process.deviation(inputs) for process in self.processes_], axis=1)
+        return np.asarray(found * self.output_scaler_.scale)
+
+    def _noise_in_mm(self) -> dict[str, float]:
+        """Return the standard deviation of each axis' noise, by name and unit."""
+        return {
+            f"noise {axis.upper()} [mm]": float(np.sqrt(process.noise) * size * 1e3)
+            for axis, process, size in zip(
+                AXES, self.processes_, self.output_scaler_.scale, strict=True
+            )
+        }
 
     def _least_noise(self) -> FloatArray:
         """The (3,) variance of the instrument, standardised."""
@@ -175,11 +164,3 @@ class GaussianProcessModel(StandardisedModel):
             noise=0.1 if noise else 0.0,
             jitter=1e-10 if noise else 1e-8,
         )
-
-
-def noise_in_mm(processes: Iterable[GaussianProcess], scale: FloatArray) -> dict[str, float]:
-    """Standard deviation of each axis' noise; `scale` (3,) m is what targets were divided by."""
-    return {
-        f"noise {axis.upper()} [mm]": float(np.sqrt(process.covariance.noise) * size * 1e3)
-        for axis, process, size in zip(AXES, processes, scale, strict=True)
-    }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Self
 
@@ -10,7 +9,7 @@ import numpy as np
 from annotated_types import Ge
 
 from stiff_models.regressors.gaussian_process import Covariance, GaussianProcess, Search
-from stiff_models.regressors.gp import AxisProcess, GaussianProcessModel, noise_in_mm
+from stiff_models.regressors.gp import GaussianProcessModel
 from stiff_models.transfer.source import PoseDesign, WrenchDesign, drawn_from
 from stiff_models.transfer.source_model import SourceModel
 from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
@@ -28,6 +27,11 @@ class CoKriging:
         """Scale between the fidelities."""
         return self.delta.rho
 
+    @property
+    def noise(self) -> float:
+        """Variance of a measured output's own error."""
+        return self.delta.noise
+
     def mean(self, inputs: FloatArray) -> FloatArray:
         """Return the (n,) predicted high fidelity."""
         return self.rho * self.low.mean(inputs) + self.delta.mean(inputs)
@@ -43,11 +47,6 @@ class CoKriging:
         As in `deviation`, rho counts as known.
         """
         return self.rho**2 * self.low.between(inputs, others) + self.delta.between(inputs, others)
-
-    @property
-    def noise(self) -> float:
-        """Variance of a measured output's own error."""
-        return self.delta.noise
 
 
 def fit_co_kriging(
@@ -94,7 +93,7 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
     def _for_a_fold(self) -> Self:
         copy = super()._for_a_fold()
         # simulated samples of nearly the same springs: the search is over after a few steps
-        copy._low_starts = tuple(level.low.covariance for level in self.levels_)
+        copy._low_starts = tuple(level.low.covariance for level in self.processes_)
         return copy
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
@@ -111,7 +110,7 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
         cheap_inputs = self._inputs(robot, q, wrench)
         cheap = self.output_scaler_.apply(teacher(q, wrench))
         lows = self._low_starts or (self._start(inputs.shape[1], noise=False),) * len(AXES)
-        self.levels_ = tuple(
+        levels = tuple(
             fit_co_kriging(
                 lows[axis],
                 self._start(inputs.shape[1]),
@@ -122,16 +121,6 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
             )
             for axis, least in enumerate(self._least_noise())
         )
-        self.diagnostics_ = {
-            **{f"rho {a.upper()}": c.rho for a, c in zip(AXES, self.levels_, strict=True)},
-            **noise_in_mm([level.delta for level in self.levels_], self.output_scaler_.scale),
-        }
-
-    def _means(self, inputs: FloatArray) -> FloatArray:
-        return np.stack([level.mean(inputs) for level in self.levels_], axis=1)
-
-    def _deviations(self, inputs: FloatArray) -> FloatArray:
-        return np.stack([level.deviation(inputs) for level in self.levels_], axis=1)
-
-    def _of_axes(self) -> Sequence[AxisProcess]:
-        return self.levels_
+        self.processes_ = levels
+        rho = {f"rho {a.upper()}": one.rho for a, one in zip(AXES, levels, strict=True)}
+        self.diagnostics_ = rho | self._noise_in_mm()

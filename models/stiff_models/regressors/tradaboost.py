@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Ge
@@ -72,14 +72,8 @@ class Rows:
         return Rows(self.inputs[chosen], self.outputs[chosen], self.n_source)
 
 
-@dataclass(frozen=True, eq=False)
-class Step:
-    """A step of the first stage.
-
-    Attributes:
-        weights: (n,) of the rows, which together are 1.
-        error: of the cross-validation on the target; NaN where its rows cannot be divided.
-    """
+class Step(NamedTuple):
+    """Weights of the rows (n,), whose sum is 1, and the error of `cross_validated` with them."""
 
     weights: FloatArray
     error: float

@@ -19,11 +19,10 @@ import numpy as np
 import torch
 from annotated_types import Ge
 
-from stiff_models.networks.cache import Trained
-from stiff_models.networks.network_model import Judge, NetworkModel
+from stiff_models.networks.network_model import NetworkModel
 from stiff_models.networks.training import Rows
-from stiff_models.networks.training_plan import HUBER_DELTA, TrainingPlan, loss_function
-from stiff_models.transfer.alignment import ramp, reverse_gradient
+from stiff_models.networks.training_plan import HUBER_DELTA, Loss, TrainingPlan, loss_function
+from stiff_models.transfer.alignment import TargetObjective, ramp, reverse_gradient
 from stiff_models.transfer.mlp_pretrained import PRETRAINING
 from stiff_models.transfer.pretraining import PretrainedModel
 from stiff_protocols.contract.types import Robot, Samples
@@ -64,8 +63,8 @@ class TwoRegressors(torch.nn.Module):
         return apart.abs().mean()
 
 
-class AdversarialObjective:
-    """Callable for `train_network`: both regressors' loss - weight * lambda * disagreement.
+class AdversarialObjective(TargetObjective):
+    """Both regressors' loss - weight * lambda * disagreement.
 
     The loss is of the source batch, and of measured rows where there are `labels`; the Huber loss
     is divided by its width, as in `AlignedObjective`. The disagreement is on as many target rows
@@ -83,18 +82,18 @@ class AdversarialObjective:
         seed: int,
     ) -> None:
         """Store the parts; `target` is (n, n_inputs), `labels` (n, 3) standardised or None."""
-        self.network, self.target, self.labels = network, target, labels
-        self.weight = weight
+        super().__init__(target, seed=seed)
+        self.network, self.labels, self.weight = network, labels, weight
+        self.made_of = (target,) if labels is None else (target, labels)
+        self.about = f"adversarial {weight!r}"
         self.loss = loss_function("huber")
-        self.generator = torch.Generator().manual_seed(seed)
 
     def __call__(
         self, progress: float, inputs: torch.Tensor, targets: torch.Tensor
     ) -> torch.Tensor:
         """Return the loss of a source batch (n, n_inputs) with its (n, 3) standardised outputs."""
         loss = self._learned(self.network.extractor(inputs), targets)
-        chosen = torch.randperm(len(self.target), generator=self.generator)[: len(inputs)]
-        chosen = chosen.to(self.target.device)
+        chosen = self._target_rows(len(inputs))
         # what two regressors differ by is lost in low precision
         with torch.autocast(inputs.device.type, enabled=False):
             features = self.network.extractor(self.target[chosen])
@@ -142,22 +141,11 @@ class Adann2R(PretrainedModel, NetworkModel):
         apart = 1000.0 * self._disagreement(self._measured_rows(train))
         self.diagnostics_["disagreement on the target [mm]"] = apart
 
-    def _trained_on_source(
-        self, rows: Rows, plan: TrainingPlan, train: Samples, seed: int, judge: Judge
-    ) -> Trained:
+    def _objective(self, train: Samples, loss: Loss, seed: int) -> AdversarialObjective:
         measured = self._measured_rows(train)
         labels = measured.targets if self.supervision == "labels" else None
-        objective = AdversarialObjective(
+        return AdversarialObjective(
             self._two(), measured.inputs, labels, weight=self.adversarial_weight, seed=seed
-        )
-        return self._pretrain_remembered(
-            rows,
-            plan,
-            seed,
-            judge=judge,
-            objective=objective,
-            extra=(measured.inputs, *(() if labels is None else (labels,))),
-            about=f"adversarial {self.adversarial_weight!r}",
         )
 
     def _disagreement(self, rows: Rows) -> float:

@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 import torch
 
+from stiff_models.networks.training import Objective
 from stiff_models.networks.training_plan import HUBER_DELTA, Loss, loss_function
 from stiff_models.transfer.cnn import WIDTH, Cnn
 
@@ -47,15 +48,16 @@ def build_discriminator(n_features: int, *, seed: int) -> torch.nn.Sequential:
     """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        modules: list[torch.nn.Module] = []
-        for n_inputs in (n_features, DISCRIMINATOR_WIDTH):
-            modules += [
-                torch.nn.Linear(n_inputs, DISCRIMINATOR_WIDTH),
-                torch.nn.ReLU(),
-                torch.nn.Dropout(DISCRIMINATOR_DROPOUT),
-            ]
-        modules.append(torch.nn.Linear(DISCRIMINATOR_WIDTH, 1))
-        return torch.nn.Sequential(*modules)
+        return torch.nn.Sequential(
+            *_discriminator_layer(n_features),
+            *_discriminator_layer(DISCRIMINATOR_WIDTH),
+            torch.nn.Linear(DISCRIMINATOR_WIDTH, 1),
+        )
+
+
+def _discriminator_layer(n_inputs: int) -> list[torch.nn.Module]:
+    layer, dropout = torch.nn.Linear(n_inputs, DISCRIMINATOR_WIDTH), DISCRIMINATOR_DROPOUT
+    return [layer, torch.nn.ReLU(), torch.nn.Dropout(dropout)]
 
 
 def domain_loss(
@@ -245,6 +247,9 @@ class _SmoothSvd(torch.autograd.Function):
 
 Alignment = Literal["none", "adabn", "mk-mmd", "jmmd", "coral", "dann", "rsd", "dare-gram"]
 
+DISTANCES = {"mk-mmd": mk_mmd, "coral": coral, "rsd": rsd, "dare-gram": dare_gram}
+"""Those of the features alone."""
+
 SOURCE_ONLY = 1 / 6  # share of the training before alignment starts: UDTL's epoch 50 of 300
 RSD_TRADE_OFF = 1e-3  # published weight of the representation subspace distance
 
@@ -264,8 +269,22 @@ def ramp(progress: float) -> float:
     return 2.0 / (1.0 + math.exp(-10.0 * aligned)) - 1.0
 
 
-class AlignedObjective:
-    """Callable for `train_network`: loss of the source batch + weight * lambda * distance.
+class TargetObjective(Objective):
+    """Base of the objectives that see inputs of the target, (n, n_inputs)."""
+
+    def __init__(self, target: torch.Tensor, *, seed: int) -> None:
+        """Store them; `seed` is of their batches."""
+        self.target = target
+        self.generator = torch.Generator().manual_seed(seed)
+
+    def _target_rows(self, n: int) -> torch.Tensor:
+        """Draw the numbers of `n` rows of the target, or of all where there are fewer."""
+        chosen = torch.randperm(len(self.target), generator=self.generator)[:n]
+        return chosen.to(self.target.device)
+
+
+class AlignedObjective(TargetObjective):
+    """Loss of the source batch + weight * lambda * distance.
 
     A step takes the source batch and as many target rows, or all of them where there are fewer,
     in one pass through the network: both domains share the batch statistics, as in UDTL. The loss
@@ -285,20 +304,18 @@ class AlignedObjective:
         loss: Loss,
         seed: int,
     ) -> None:
-        """Store the parts; `target` is (n, n_inputs), `seed` of its batches and a discriminator."""
-        self.network = network
-        self.target = target
-        self.alignment = alignment
-        self.weight = weight
+        """Store the parts; `seed` is of the target's batches and of a discriminator."""
+        super().__init__(target, seed=seed)
+        self.network, self.alignment, self.weight = network, alignment, weight
+        self.made_of, self.about = (target,), f"{alignment} {weight!r}"
         self.loss = loss_function(loss)
         self.unit = HUBER_DELTA if loss == "huber" else 1.0
         self.discriminator = (
             build_discriminator(WIDTH, seed=seed).to(target.device) if alignment == "dann" else None
         )
-        self.generator = torch.Generator().manual_seed(seed)
 
     def parameters(self) -> list[torch.nn.Parameter]:
-        """Return what must be trained beside the network's own parameters."""
+        """Return those of the discriminator."""
         return [] if self.discriminator is None else list(self.discriminator.parameters())
 
     def __call__(
@@ -308,7 +325,8 @@ class AlignedObjective:
         if progress < SOURCE_ONLY:
             return self.loss(self.network(inputs).float(), targets) / self.unit
         n = len(inputs)
-        features = self.network.bottleneck(torch.cat([inputs, self._target_batch(n)]))
+        both = torch.cat([inputs, self.target[self._target_rows(n)]])
+        features = self.network.bottleneck(both)
         outputs = self.network.head(features).float()
         loss = self.loss(outputs[:n], targets) / self.unit
         # distances subtract near equals: never in low precision
@@ -325,15 +343,9 @@ class AlignedObjective:
             return domain_loss(self.discriminator, source, target, strength=strength)
         if self.alignment == "jmmd":
             return strength * jmmd((source, outputs[:n]), (target, outputs[n:]))
-        if self.alignment == "coral":
-            return strength * coral(source, target)
-        if self.alignment == "mk-mmd":
-            return strength * mk_mmd(source, target)
-        rows = min(len(source), len(target), PAPER_ROWS)
         if self.alignment == "rsd":
-            return strength * RSD_TRADE_OFF * rsd(source[:rows], target[:rows])
-        return strength * dare_gram(source[:rows], target[:rows])
-
-    def _target_batch(self, n: int) -> torch.Tensor:
-        chosen = torch.randperm(len(self.target), generator=self.generator)[:n]
-        return self.target[chosen.to(self.target.device)]
+            strength *= RSD_TRADE_OFF
+        if self.alignment in ("rsd", "dare-gram"):
+            rows = min(len(source), len(target), PAPER_ROWS)
+            source, target = source[:rows], target[:rows]
+        return strength * DISTANCES[self.alignment](source, target)

@@ -13,11 +13,8 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge
 
-from stiff_models.networks.cache import Trained
 from stiff_models.networks.features import Scaler
-from stiff_models.networks.network_model import Judge
-from stiff_models.networks.training import Rows
-from stiff_models.networks.training_plan import Trainable, TrainingPlan
+from stiff_models.networks.training_plan import Loss, TrainingPlan
 from stiff_models.transfer.alignment import AlignedObjective, Alignment, uses_target
 from stiff_models.transfer.cnn import Cnn, Pool, adapt_statistics, build_cnn
 from stiff_models.transfer.pretraining import PretrainedModel
@@ -104,42 +101,22 @@ class DtCnn(PretrainedModel):
         if self.supervision == "fine-tune":
             # measured rows are few, and would move the statistics away from what the layers know
             self._cnn().freeze_statistics()
-            (self.fine_tuning_,) = self._learn_measured(train, None, FINE_TUNING, seed, "cv")
+            (curve,) = self._learn_measured(train, None, FINE_TUNING, seed, "cv")
+            self.curves_["fine-tuning"] = curve.points
 
-    @property
-    def curves_(self) -> dict[str, FloatArray]:
-        """The curve of the training on the source, and of a fine-tuning."""
-        found = super().curves_
-        if self.supervision == "fine-tune":
-            found["fine-tuning"] = self.fine_tuning_.points
-        return found
-
-    def _trained_on_source(
-        self, rows: Rows, plan: TrainingPlan, train: Samples, seed: int, judge: Judge
-    ) -> Trained:
+    def _objective(self, train: Samples, loss: Loss, seed: int) -> AlignedObjective | None:
         if not uses_target(self.alignment):
-            return super()._trained_on_source(rows, plan, train, seed, judge)
+            return None
         target = self._inputs(train.q, train.wrench)
         if self.alignment == "coral" and len(target) < 2:
             raise ModelError("alignment 'coral' compares covariances: 2 training samples or more")
-        objective = AlignedObjective(
+        return AlignedObjective(
             self._cnn(),
             target,
             alignment=self.alignment,
             weight=self.alignment_weight,
-            loss=plan.loss,
+            loss=loss,
             seed=seed,
-        )
-        moving = [*self.network_.parameters(), *objective.parameters()]
-        return self._pretrain_remembered(
-            rows,
-            plan,
-            seed,
-            judge=judge,
-            trainable=Trainable(dict.fromkeys(moving, 1.0)),
-            objective=objective,
-            extra=(target,),
-            about=f"{self.alignment} {self.alignment_weight!r}",
         )
 
     def _take_statistics(self, q: FloatArray, wrench: FloatArray, deflection: FloatArray) -> None:

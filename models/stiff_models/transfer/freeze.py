@@ -18,13 +18,16 @@ Written as in ``freeze=layers:1,2``. Hidden layers count from 1; ``out`` is the 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from stiff_protocols.contract.errors import ConfigError
 
 DISCRIMINATIVE_FACTOR = 2.6
-_PLAIN = ("full", "head", "gradual", "discriminative", "l2sp", "lp-ft", "bias")
-VALID = f"layers:1,2 (hidden layers from 1, out), first:k, last:k, lora:r, {', '.join(_PLAIN)}"
+VALID = (
+    "layers:1,2 (hidden layers from 1, out), first:k, last:k, lora:r, full, head, gradual, "
+    "discriminative, l2sp, lp-ft, bias"
+)
 
 
 @dataclass(frozen=True)
@@ -62,27 +65,26 @@ def stages(
         return (Stage(epochs, dict.fromkeys(chosen, 1.0)),)
     if name == "lora" and argument.isdecimal() and int(argument) > 0:
         return (Stage(epochs, dict.fromkeys(range(out), 1.0), rank=int(argument)),)
-    if argument or freeze not in _PLAIN:
+    falling = {layer: DISCRIMINATIVE_FACTOR ** (layer - out) for layer in everything}
+    plain = {
+        "full": (Stage(epochs, everything),),
+        "head": (Stage(epochs, {out: 1.0}),),
+        "bias": (Stage(epochs, everything, biases_only=True),),
+        "l2sp": (Stage(epochs, everything, pull=l2sp_alpha),),
+        "discriminative": (Stage(epochs, falling),),
+        "lp-ft": (Stage(epochs // 2, {out: 1.0}), Stage(epochs - epochs // 2, everything)),
+        "gradual": tuple(_gradual(out, epochs, unfreeze_every)),
+    }
+    if argument or freeze not in plain:
         raise ConfigError(f"freeze={freeze!r}: no such strategy (valid: {VALID})")
-    if freeze == "head":
-        return (Stage(epochs, {out: 1.0}),)
-    if freeze == "bias":
-        return (Stage(epochs, everything, biases_only=True),)
-    if freeze == "l2sp":
-        return (Stage(epochs, everything, pull=l2sp_alpha),)
-    if freeze == "discriminative":
-        falling = {layer: DISCRIMINATIVE_FACTOR ** (layer - out) for layer in everything}
-        return (Stage(epochs, falling),)
-    if freeze == "lp-ft":
-        return (Stage(epochs // 2, {out: 1.0}), Stage(epochs - epochs // 2, everything))
-    if freeze == "gradual":
-        result, left = [], epochs
-        for lowest in range(out, -1, -1):
-            length = left if lowest == 0 else min(unfreeze_every, left)
-            result.append(Stage(length, dict.fromkeys(range(lowest, out + 1), 1.0)))
-            left -= length
-        return tuple(result)
-    return (Stage(epochs, everything),)
+    return plain[freeze]
+
+
+def _gradual(out: int, epochs: int, unfreeze_every: int) -> Iterator[Stage]:
+    for lowest in range(out, -1, -1):
+        length = epochs if lowest == 0 else min(unfreeze_every, epochs)
+        yield Stage(length, dict.fromkeys(range(lowest, out + 1), 1.0))
+        epochs -= length
 
 
 def _layers(freeze: str, name: str, argument: str, hidden_layers: int) -> list[int]:

@@ -25,7 +25,7 @@ from stiff_models.networks.training import Curve, Rows, Visits, train_network
 from stiff_models.networks.training_plan import Trainable, TrainingPlan
 from stiff_models.transfer.freeze import Stage, stages
 from stiff_models.transfer.mlp_pretrained import MlpPretrained, Recipe
-from stiff_protocols.contract.types import FloatArray, Robot, Samples
+from stiff_protocols.contract.types import Robot, Samples
 
 _FAST = TrainingPlan(steps=400, learning_rate=1e-4, loss="mae", optimizer="adam")
 FINE_TUNING: dict[Recipe, TrainingPlan] = {
@@ -83,7 +83,10 @@ class FtMlp(MlpPretrained):
         super()._fit(train, robot, None, seed)
         self.source_network_ = copy.deepcopy(self.network_)
         plan = self._fine_tuning_plan()
-        self.fine_tuning_ = self._learn_measured(train, validation, plan, seed, self.training)
+        curves = self._learn_measured(train, validation, plan, seed, self.training)
+        for number, curve in enumerate(curves, start=1):
+            stage = "" if len(curves) == 1 else f" {number}"
+            self.curves_[f"fine-tuning{stage}"] = curve.points
         learned = np.abs(self.predict(train.q, train.wrench) - train.deflection)
         self.diagnostics_ |= {
             "training MAE [mm]": float(learned.mean()) * 1000.0,  # of all axes together
@@ -131,15 +134,6 @@ class FtMlp(MlpPretrained):
 
     def _n_stages(self) -> int:
         return len(self._stages(epochs=1))
-
-    @property
-    def curves_(self) -> dict[str, FloatArray]:
-        """The pre-training's curve and that of each stage of the fine-tuning."""
-        found = super().curves_
-        for number, curve in enumerate(self.fine_tuning_, start=1):
-            stage = "" if len(self.fine_tuning_) == 1 else f" {number}"
-            found[f"fine-tuning{stage}"] = curve.points
-        return found
 
     def _fine_tuning_plan(self) -> TrainingPlan:
         plan = FINE_TUNING[self.recipe]

@@ -9,8 +9,11 @@ which nearly all training parts of a robot share.
 
 from __future__ import annotations
 
+import time
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -20,9 +23,9 @@ from annotated_types import Ge
 from stiff_models.device import torch_device
 from stiff_models.networks.cache import Trained, remembered, training_digest
 from stiff_models.networks.features import NO_DEFLECTION, Scaler, encode
-from stiff_models.networks.network_model import EncodedNetworkModel, Judge
-from stiff_models.networks.training import Rows
-from stiff_models.networks.training_plan import TrainingPlan
+from stiff_models.networks.network_model import EncodedNetworkModel
+from stiff_models.networks.training import Objective, Rows, train_network
+from stiff_models.networks.training_plan import Loss, Trainable, TrainingPlan
 from stiff_models.transfer.source import SourceDomain, simulate
 from stiff_models.transfer.source_model import SourceModel
 from stiff_protocols.contract.types import AXES, BenchmarkData, FloatArray, Robot, Samples
@@ -57,11 +60,6 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
         """Whether a pre-training serves all training parts of a robot."""
         return self.source_teacher == "vjm"
 
-    @property
-    def curves_(self) -> dict[str, FloatArray]:
-        """The pre-training's curve."""
-        return {"pre-training": self.history_.points}
-
     @abstractmethod
     def _recipe_plan(self, n_rows: int) -> TrainingPlan:
         """Return how the network learns so many simulated samples, but for `pretrain_steps`."""
@@ -78,7 +76,7 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
         else:
             trained, n_samples = self._learn_sum(train, origin, seed + self.pretrain_seed)
             residual = trained.judged["residual"]
-        self.history_ = trained.curve
+        self.curves_ = {"pre-training": trained.curve.points}
         self.source_errors_ = source_errors(residual)
         errors = zip(SOURCE_ERRORS, (1000.0 * self.source_errors_).tolist(), strict=True)
         self.diagnostics_ = {
@@ -101,17 +99,53 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
             return {"residual": np.stack(residual)}
 
         plan = self._pretraining_plan(len(rows))
-        return self._trained_on_source(rows, plan, train, seed, judge), len(domain)
+        objective = self._objective(train, plan.loss, seed)
+        tensors, about = [rows.inputs, rows.targets], ""
+        actors: list[object] = [self]
+        if objective is not None:
+            tensors += objective.made_of
+            about = objective.about
+            actors.append(objective)
+        compute = partial(self._pretrain, rows, plan, seed, judge, objective)
+        digest = training_digest(self.network_, plan, seed, tensors, actors=actors, about=about)
+        trained = remembered(digest, compute) if plan.steps else compute()
+        self.network_.load_state_dict(
+            {name: torch.from_numpy(array.copy()) for name, array in trained.weights.items()}
+        )
+        return trained, len(domain)
 
-    def _trained_on_source(
-        self, rows: Rows, plan: TrainingPlan, train: Samples, seed: int, judge: Judge
+    def _objective(self, train: Samples, loss: Loss, seed: int) -> Objective | None:
+        """Return what is minimised on the source in place of its loss; `train` is the target's."""
+        return None
+
+    def _pretrain(
+        self,
+        rows: Rows,
+        plan: TrainingPlan,
+        seed: int,
+        judge: Callable[[], dict[str, FloatArray]],
+        objective: Objective | None = None,
     ) -> Trained:
-        """Train the network on rows of the source; `train` is the target's."""
-        return self._pretrain_remembered(rows, plan, seed, judge=judge)
+        """Train the network in place, and measure it once with `judge`."""
+        start = time.perf_counter()
+        moving = [*self.network_.parameters(), *(objective.parameters() if objective else ())]
+        curve = train_network(
+            self.network_,
+            rows,
+            plan,
+            seed=seed,
+            phase="pre-train",
+            trainable=Trainable(dict.fromkeys(moving, 1.0)),
+            objective=objective,
+        )
+        state = self.network_.state_dict()
+        weights = {name: tensor.cpu().numpy() for name, tensor in state.items()}
+        return Trained(weights, curve, time.perf_counter() - start, judge())
 
     def _learn_parts(self, origin: BenchmarkData) -> tuple[Trained, int, FloatArray]:
         """Train an output a joint and axis, or find them trained, and add the joints up."""
         robot, seed = origin.robot, self.pretrain_seed
+        self.robot_ = robot
         compliance = self._source_compliance(origin.samples, robot)
         reference = power_of_four(compliance)
         design = self._design(origin.samples, robot, seed)
@@ -123,7 +157,7 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
 
         def compute() -> Trained:
             learn, test = divided(simulate(robot, reference, design), seed)
-            self._start(robot, learn.q, learn.wrench, learn.deflection, seed)
+            self._take_statistics(learn.q, learn.wrench, learn.deflection)
             self.network_ = network
             scale = self.output_scaler_.scale[:, None]  # of all joints together: what counts
             mean = learn.parts.mean(axis=0)  # (3, n_joints)
@@ -136,19 +170,17 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
                 for part in some_of(learn, test):
                     outputs = self._outputs(part.q, part.wrench).reshape(part.parts.shape)
                     residual.append(outputs * scale + mean - part.parts)
+                scaled = targets.reshape(learn.parts.shape)
                 return {
                     "residual": np.stack(residual).astype(np.float32),
                     "mean": mean,
                     "scale": scale,
-                    "covariance": np.einsum(
-                        "nai,naj->aij", *[targets.reshape(learn.parts.shape)] * 2
-                    )
-                    / len(learn),
+                    "covariance": np.einsum("nai,naj->aij", scaled, scaled) / len(learn),
                     "input_mean": self.input_scaler_.mean,
                     "input_scale": self.input_scaler_.scale,
                 }
 
-            return self._pretrain(rows, plan, seed, judge=judge)
+            return self._pretrain(rows, plan, seed, judge)
 
         geometry = (robot.placements, robot.axes, robot.tcp)
         digest = training_digest(
@@ -160,7 +192,6 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
             about=f"an output a joint, {self.angle_encoding}, {robot.joint_types}",
         )
         trained = remembered(digest, compute) if plan.steps else compute()
-        self.robot_ = robot
         weights = compliance / np.where(reference > 0.0, reference, 1.0)
         self._add_up(trained, weights)
         return trained, n_samples, trained.judged["residual"] @ weights

@@ -202,12 +202,8 @@ def _poses(
     moving = upper > lower
     # every moving joint gets the same number of values, as many as the budget of poses allows
     n_values = int(POSE_BUDGET ** (1.0 / moving.sum())) if moving.any() else 1
-    return _grid(
-        [
-            np.linspace(low, high, n_values) if moves else np.array([low])
-            for low, high, moves in zip(lower, upper, moving, strict=True)
-        ]
-    )
+    counts = np.where(moving, n_values, 1)
+    return _grid([np.linspace(*axis) for axis in zip(lower, upper, counts, strict=True)])
 
 
 def _wrenches(

@@ -11,7 +11,7 @@ import zipfile
 import numpy as np
 import pytest
 import torch
-from model_files import changed, opened, saved_model
+from model_files import archived, changed, opened, saved_model
 from sklearn.base import BaseEstimator
 from sklearn.linear_model import LinearRegression
 from sklearn.preprocessing import FunctionTransformer
@@ -94,16 +94,16 @@ def test_what_no_file_can_hold_is_refused_by_its_types_name(value, name, tmp_pat
     assert not list(tmp_path.iterdir())
 
 
-def test_an_unfitted_model_is_refused(tmp_path):
-    with pytest.raises(NotFittedError):
-        save(Mlp(), tmp_path / "model.stiff")
-
-
-def test_a_strangers_model_is_refused(tmp_path):
-    model = Stranger()
-    model.robot_ = twin_data().robot
-    with pytest.raises(ModelError, match=r"Stranger is no model that stiffbench ships.*own means"):
-        save(model, tmp_path / "model.stiff")
+def test_what_is_not_fitted_not_ours_or_has_no_folder_is_refused(tmp_path):
+    stranger = Stranger()
+    stranger.robot_ = twin_data().robot
+    for model, path, error, message in (
+        (Mlp(), "model", NotFittedError, "call fit before save"),
+        (stranger, "model", ModelError, r"Stranger is no model that stiffbench.*own means"),
+        (quick_model("vjm"), "none/model", StoreError, "cannot be written"),
+    ):
+        with pytest.raises(error, match=message):
+            save(model, tmp_path / path)
 
 
 def test_a_network_of_another_machines_gpu_runs_on_what_is_here(tmp_path, monkeypatch):
@@ -115,48 +115,30 @@ def test_a_network_of_another_machines_gpu_runs_on_what_is_here(tmp_path, monkey
         assert load(tmp_path / "model.stiff").device == loaded
 
 
-def test_a_folder_that_is_not_there_is_refused(tmp_path):
-    with pytest.raises(StoreError, match="cannot be written"):
-        quick_model("vjm").save(tmp_path / "none" / "model.stiff")
-
-
 def test_files_that_are_none_or_damaged_are_refused_in_one_line(tmp_path):
     path, other = tmp_path / "model.stiff", tmp_path / "other.stiff"
     quick_model("mlp").save(path)
     whole = path.read_bytes()
     flipped = bytearray(whole)
     flipped[-5] ^= 1
-    contents = {
-        "text": b"no model at all",
-        "empty": b"",
-        "cut": whole[:-100],
-        "cut head": whole[:50],
-        "flipped": bytes(flipped),
-    }
-    for name, content in contents.items():
+    bomb = {"schema.json": bytes(2**20)}
+    for content, said in (
+        (b"no model at all", "no model file, or a damaged one"),
+        (b"", "no model file, or a damaged one"),
+        (whole[:-100], "no model file, or a damaged one"),
+        (whole[:50], "no model file, or a damaged one"),
+        (bytes(flipped), ""),
+        (archived({"weight.npy": bytes(3)}), "no model file of stiffbench's"),
+        (archived(bomb, zipfile.ZIP_DEFLATED), r"file of \d+ bytes unpacks to 1048576"),
+    ):
         other.write_bytes(content)
-        with pytest.raises(DataError, match=r"other\.stiff: ") as refused:
+        with pytest.raises(DataError, match=rf"other\.stiff: .*{said}") as refused:
             load(other)
-        assert "\n" not in str(refused.value), name
+        assert "\n" not in str(refused.value)
     with pytest.raises(DataError, match="No such file"):
         load(tmp_path / "none.stiff")
     with pytest.raises(DataError, match="Is a directory"):
         load(tmp_path)
-
-
-def test_an_archive_of_somebody_else_is_refused(tmp_path):
-    path = tmp_path / "weights.npz"
-    np.savez(path, weight=np.zeros(3))
-    with pytest.raises(DataError, match="no model file of stiffbench's"):
-        load(path)
-
-
-def test_an_archive_that_unpacks_to_more_than_it_takes_is_refused(tmp_path):
-    path = tmp_path / "model.stiff"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("schema.json", bytes(2**20))
-    with pytest.raises(DataError, match=r"file of \d+ bytes unpacks to 1048576"):
-        load(path)
 
 
 def fitted(**nodes):

@@ -1,4 +1,4 @@
-"""The batched Jacobian and the links' weights against Pinocchio and finite differences."""
+"""Jacobians, the links' weights and joint springs against Pinocchio and products of Jacobians."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ import pytest
 
 from made_robots import random_chain
 from stiff_models.physics.kinematics import (
+    compliance_matrix,
     gravity_torque,
     jacobian,
+    joint_deflection,
     kinematic_hessian,
     virtual_jacobian,
 )
@@ -127,3 +129,40 @@ def test_gravity_torque_opposes_pinocchios_generalised_gravity(gravity, kr10, kr
     truth = [-pin.computeGeneralizedGravity(model, model.createData(), pose) for pose in q]
     found = gravity_torque(replace(kr10, gravity=np.array(gravity)), q)
     np.testing.assert_allclose(found, truth, atol=1e-10)
+
+
+KINDS = [
+    ("revolute",) * 6,
+    ("prismatic", "revolute", "prismatic", "revolute", "revolute"),
+    ("revolute", "revolute", "prismatic"),
+    ("prismatic",),
+    ("prismatic", "prismatic"),
+    ("revolute",) * 7,
+]
+
+
+@pytest.mark.parametrize("kinds", KINDS, ids=lambda kinds: "".join(kind[0] for kind in kinds))
+def test_deflection_and_compliance_matrix_are_the_product_of_the_jacobians(kinds, rng):
+    robot = random_chain(rng, kinds)
+    compliance = rng.uniform(0.1, 1.0, size=robot.n_joints)
+    compliance[1:2] = 0.0  # one joint is rigid where there are several
+    q, wrench = rng.uniform(-3, 3, size=(60, robot.n_joints)), rng.normal(size=(60, 6))
+    rows = jacobian(robot, q)
+    matrices = (rows[:, :3] * compliance) @ rows.transpose(0, 2, 1)
+    for found, truth in (
+        (compliance_matrix(robot, compliance, q), matrices),
+        (joint_deflection(robot, compliance, q, wrench), (matrices @ wrench[..., None])[..., 0]),
+    ):
+        np.testing.assert_allclose(found, truth, rtol=0, atol=1e-13 * np.abs(truth).max())
+
+
+def test_springs_and_wrenches_of_another_number_are_refused(kr10):
+    q, wrench = np.zeros((2, 6)), np.zeros((2, 6))
+    for refused in (
+        lambda: joint_deflection(kr10, np.ones(5), q, wrench),
+        lambda: compliance_matrix(kr10, np.ones(5), q),
+    ):
+        with pytest.raises(DataError, match=r"compliance has shape \(5,\), expected \(6,\)"):
+            refused()
+    with pytest.raises(DataError, match=r"wrench has shape \(3, 6\), expected \(2, 6\)"):
+        joint_deflection(kr10, np.ones(6), q, np.zeros((3, 6)))

@@ -136,7 +136,7 @@ def test_its_simulated_samples_come_from_the_one_source_builder(twin):
     model = MultiFidelityGp(source_samples=16, restarts=0, **options)
     few = twin.samples.take(np.arange(0, 150, 8))
     soft = MultiFidelityGp(**model.get_params() | {"nominal_stiffness": ",".join(["1e3"] * 6)})
-    own, other = (m.fit(few, robot=twin.robot).levels_[0].low for m in (model, soft))
+    own, other = (m.fit(few, robot=twin.robot).processes_[0].low for m in (model, soft))
     assert len(own.rows) == 16 + len(few)
     # the low fidelity is the softer robot's: what it predicts at the same rows is larger
     rows = own.rows / np.sqrt(5.0) * own.covariance.lengths

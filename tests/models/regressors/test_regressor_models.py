@@ -11,7 +11,7 @@ from sklearn.exceptions import ConvergenceWarning
 from made_samples import samples_with
 from stiff_models.regressors.baselines import MeanModel, ZeroModel
 from stiff_models.regressors.gp import GaussianProcessModel
-from stiff_models.regressors.regressor_model import NearestNeighbours, told_as_ours
+from stiff_models.regressors.regressor_model import told_as_ours
 from stiff_protocols.contract.errors import StiffBenchWarning
 
 
@@ -30,13 +30,6 @@ def test_zero_predicts_no_deflection_and_mean_the_training_mean(twin):
     np.testing.assert_array_equal(zero.predict(test.q, test.wrench), np.zeros((20, 3)))
     np.testing.assert_array_equal(
         mean.predict(test.q, test.wrench), np.tile(train.deflection.mean(axis=0), (20, 1))
-    )
-
-
-def test_one_neighbour_gives_a_training_row_back(twin):
-    model = NearestNeighbours(neighbours=1).fit(twin.samples, robot=twin.robot)
-    np.testing.assert_allclose(
-        model.predict(twin.samples.q, twin.samples.wrench), twin.samples.deflection, atol=1e-15
     )
 
 

@@ -61,16 +61,6 @@ def test_the_udtl_preset_is_the_literal_network(parts):
     assert not kinds(unpooled.network_) & {CellMaxPool, torch.nn.MaxPool1d}
 
 
-def test_without_alignment_one_pre_training_serves_every_training_part(
-    parts, monkeypatch, tmp_path, trainings
-):
-    monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path))
-    samples = parts[1]
-    for rows in (np.arange(0, 90), np.arange(3, 96)):
-        fit(parts, samples.take(rows), source_poses="paper")
-    assert trainings == ["pre-train"]
-
-
 def test_adabn_changes_only_the_batch_statistics(parts):
     differing = changed(fit(parts, alignment="none"), fit(parts, alignment="adabn"))
     assert differing == {
@@ -111,7 +101,7 @@ def test_fine_tuning_learns_every_weight_for_the_chosen_epochs_and_keeps_the_bat
     ]
     assert errors[0] < 0.9 * errors[1]
     assert (tuned.regime, source.regime) == ("", NO_TARGET_LABELS)
-    assert tuned.best_params_["epochs"] == tuned.fine_tuning_.best_step in (0, 6, 12)
+    assert tuned.best_params_["epochs"] == tuned.curves_["fine-tuning"][-1, 0] in (6, 12)
 
 
 def test_training_lowers_the_error_on_the_source(parts):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -20,7 +18,6 @@ from stiff_models.transfer.source import (
     source_design,
 )
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.splits.random_splits import Holdout
 
 COMPLIANCE = 1 / np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])
 
@@ -87,21 +84,6 @@ def test_a_range_is_the_samples_own_where_that_is_round():
     lower, upper = load_ranges(np.array([[100.0, 40.0, -20.0, 0, 0, 0], [80.0, 0.3, -60, 0, 0, 0]]))
     np.testing.assert_allclose(lower, [50.0, 0.0, -100.0, 0, 0, 0])
     np.testing.assert_allclose(upper, [100.0, 50.0, -20.0, 0, 0, 0])
-
-
-def test_no_test_row_shapes_the_source(twin):
-    (split,) = Holdout().splits(twin.samples, n_splits=1, seed=0)
-    rng, samples = np.random.default_rng(0), twin.samples
-    moved = {name: getattr(samples, name).copy() for name in ("q", "wrench", "deflection")}
-    for array in moved.values():
-        array[split.test] = 9.0 * rng.normal(size=array[split.test].shape)
-    model = model_with(source_wrenches="data")
-    first, second = (
-        model._simulated(data.take(split.train), twin.robot, 0)
-        for data in (samples, replace(samples, **moved))
-    )
-    for name in ("q", "wrench", "parts"):
-        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
 
 
 @pytest.mark.parametrize("wrenches", ["uniform", "sobol"])
