@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource
@@ -16,9 +16,6 @@ from stiff_bench.tables.units import MM, percent
 from stiff_protocols.scoring.bootstrap import pose_errors, resampled_means
 from stiff_protocols.scoring.metrics import norm_errors
 from stiff_protocols.scoring.paired import LEVEL
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 MOST_MODELS = 12
 HEAD_INCH, ROW_INCH = 0.55, 0.17
@@ -44,21 +41,17 @@ def scores_figure(errors: pd.DataFrame) -> Figure:
 
 def gather(source: FigureSource) -> Prepared:
     """Take the errors of the models to compare, and draw their poses again and again."""
-    compared = source.compared(source.case(), MOST_MODELS)
+    compared = source.compared(MOST_MODELS)
     pose_id = read_data(source.folder, compared.case.name.data_sha256).samples.pose_id
     tested = compared.tested
     by_pose = [pose_errors(pose_id[one.rows], norm_errors(one)[:, None]) for one in tested.values()]
     low, high = np.quantile(resampled_means(by_pose), [LEVEL / 2, 1 - LEVEL / 2], axis=0)
-    errors = pd.DataFrame(
-        {"mean": [one.mean.item() for one in by_pose], "low": low, "high": high}, index=[*tested]
-    )
+    mean = [one.mean.item() for one in by_pose]
+    errors = pd.DataFrame({"mean": mean, "low": low, "high": high}, index=[*tested])
     caption = (
         "Mean 3-D error of the test samples of all splits, the best model first; bars: "
         f"{percent(1 - LEVEL)} bootstrap intervals over poses, with the fitted models held fixed. "
         f"{compared.setting}"
     )
-    return Prepared(
-        "Mean error by model",
-        caption,
-        partial(scores_figure, errors.sort_values("mean", kind="stable")),
-    )
+    paint = partial(scores_figure, errors.sort_values("mean", kind="stable"))
+    return Prepared("Mean error by model", caption, paint)

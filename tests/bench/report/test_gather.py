@@ -34,8 +34,9 @@ def results(tmp_path):
 
 def blocks_of(folder, **choice):
     asked = Selection(**choice)
-    part = gather.part_of(StoredResults.read(folder), asked, sort_key(asked.metric, asked.axis))
-    return {block.heading: block for block in part.blocks}
+    key = sort_key(asked.metric, asked.axis)
+    blocks = gather.blocks_of(StoredResults.read(folder), asked, key)
+    return {block.heading: block for block in blocks}
 
 
 def test_every_model_stands_in_ranks_pairs_and_scores(results):
