@@ -118,11 +118,7 @@ def _shared(errors: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
 
 def gather(source: FigureSource) -> Prepared:
     """Take the models that have every draw of every size on the data sets of a robot type."""
-    cases = [
-        one
-        for one in source.newest
-        if size_of(one) and any(found.done for found in one.competitors.values())
-    ]
+    cases = [one for one in source.newest if size_of(one)]
     if not cases:
         raise StoreError(f"{source.folder}: no result of {_NEEDS}", "results")
     protocol = max(cases, key=lambda one: one.newest_run).name.protocol

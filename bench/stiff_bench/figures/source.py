@@ -133,10 +133,8 @@ class FigureSource:
     def case(self, has: Has, needs: str, *, most_first: bool = False) -> Case:
         """Return the case to draw: fair before others, then the one with most models.
 
-        Args:
-            has: whether a result has what the figure shows.
-            needs: what that is, for the error, with the command that makes it.
-            most_first: the one with most such models, fair or not.
+        `needs` says what its results must have, with the command that makes it. With `most_first`
+        it is the one with most models, fair or not.
 
         Raises:
             StoreError: no case has such a result of the models asked for.
@@ -166,11 +164,7 @@ class FigureSource:
     ) -> Compared:
         """Return the models to draw: those asked for, or `most` of the best and the linear one.
 
-        Args:
-            most: how many models.
-            has: whether a result has what the figure shows.
-            what: that is, for the error.
-            made_by: the command that makes it.
+        `what` says what their results must have, and `made_by` which command makes it.
 
         Raises:
             StoreError: no result has it, or there is no split on which all models have it.
@@ -178,11 +172,8 @@ class FigureSource:
         case = self.case(has, "; ".join(filter(None, (what, made_by))))
         able = [name for name in self.names([case]) if any(map(has, case.results(name)))]
         names = able if self.models else _best(case, able, most)
-        slots = [
-            slot
-            for slot in case.shared_slots(names)
-            if all(has(case.competitors[name].done[slot]) for name in names)
-        ]
+        shared = case.shared_slots(names)
+        slots = [at for at in shared if all(has(case.competitors[n].done[at]) for n in names)]
         if not slots:
             raise StoreError(
                 f"{self.folder}: {case.name.text}: {', '.join(names)}: no split on which all have "

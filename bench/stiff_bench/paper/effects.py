@@ -103,12 +103,8 @@ def ratio_table(
 ) -> Table:
     """Return a row a model of errors relative to the VJM's, the best on one column first.
 
-    Args:
-        errors: of each model on each data set.
-        columns: what stands above a column -> its data sets; without results it is left out.
-        best_on: the column that sorts the models.
-        notes: of this table.
-        apart: columns on which no note says the VJM's own error.
+    A column, what stands above it -> its data sets, is left out without results. A note says the
+    VJM's own errors, but for columns that stand `apart`.
     """
     ratios, vjm = relative(errors, columns), errors.T[REFERENCE_MODEL]
     heads = [head for head in ratios if head not in apart]

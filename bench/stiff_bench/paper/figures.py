@@ -65,11 +65,7 @@ def figure_4(_: PaperResults) -> Prepared:
 
 
 def _regression(number: int, methods: Sequence[str], results: PaperResults) -> Prepared:
-    """Take the methods' test samples on the splits that all have.
-
-    Raises:
-        StoreError: a method has no result.
-    """
+    """Take the test samples of the methods, each of which has a result, on shared splits."""
     method_of = {METHODS[method].name: method for method in methods}
     found = results.on_shared_splits(method_of, PROTOCOL)
     lacking = [*found.missing, *found.failures]
@@ -100,11 +96,7 @@ def _published_mae(table: str, method: str) -> tuple[float, ...]:
 
 
 def figure_6(results: PaperResults) -> Prepared:
-    """Take the fine-tunings that move one hidden layer, or two adjacent ones.
-
-    Raises:
-        StoreError: there is none of one kind.
-    """
+    """Take the fine-tunings that move one hidden layer, or two adjacent ones; some of each."""
     moving = (*study.SINGLE_LAYERS, *study.ADJACENT_PAIRS)
     found = results.on_shared_splits((*(unfrozen(one).name for one in moving), VJM.name), PROTOCOL)
     tuned = [one for name, of in found.results.items() if name != VJM.name for one in of]
@@ -152,11 +144,7 @@ def _draw_strategies(
 
 
 def figure_5(results: PaperResults) -> Prepared:
-    """Take the networks of Figure 5 that the folder has, and the pre-trainings by activation.
-
-    Raises:
-        StoreError: a depth has fewer than two widths, or no activation has a training curve.
-    """
+    """Take the networks of Figure 5 that the folder has, and the pre-trainings by activation."""
     names = [pretrained(layers=d, width=width).name for width in study.WIDTHS for d in WIDTH_DEPTHS]
     found = results.of_models(names, PROTOCOL)
     n_widths = variants.errors_on_source(found.each).groupby("depth")["width"].nunique()

@@ -75,11 +75,7 @@ _REDUCTION_NOTE = (
 
 
 def table_10(results: PaperResults) -> list[Table]:
-    """Return the errors of the paper's methods, and by how much FT-MLP errs less than the VJM.
-
-    Raises:
-        StoreError: the folder has none of them in any reading.
-    """
+    """Return the errors of the paper's methods, and by how much FT-MLP errs less than the VJM."""
     published, claimed = published_errors("table_10"), claimed_reductions()
     old, new = published[OLD], published[NEW]
     of_paper = {
@@ -185,11 +181,7 @@ _TABLE_9_NOTE = (
 
 
 def table_9(results: PaperResults) -> list[Table]:
-    """Return the errors of the fine-tuned network on training and validation part.
-
-    Raises:
-        StoreError: the folder has none of its results.
-    """
+    """Return the errors of the fine-tuned network on training and validation part."""
     protocol = study.PAPER_PROTOCOL.name
     of_paper: Places = {
         ((label, LENGTH), column): float(line[printed_name(column)])
@@ -222,9 +214,6 @@ def _on_both_parts(
     """Return errors on validation part and training part, and what they are of.
 
     The training part is that of the same fits, which are stored read on all samples.
-
-    Raises:
-        StoreError: the folder has none of the results on the test part.
     """
     models = _models(trainings)
     tested = results.on_shared_splits(models, study.PAPER_PROTOCOL.name)

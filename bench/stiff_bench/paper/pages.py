@@ -110,15 +110,9 @@ def write_study(
 ) -> Iterator[Path]:
     """Write FOLDER.csv, figures into FOLDER/figures and the page FOLDER.md; yield each file.
 
-    Args:
-        folder: its results are in FOLDER/runs.
-        title: of the page.
-        about: what must be known of the study.
-        text_as: returns its tables in a format.
-        command: that made them.
-        n_missing: how many of the study's cells are not stored.
-        figures: that can be drawn.
-        missing: figures that cannot -> why.
+    The results are in FOLDER/runs, of which `n_missing` are not computed; `about` is what must be
+    known of them, `text_as` returns their tables in a format. `missing` has figures that cannot be
+    drawn -> why.
 
     Raises:
         StoreError: nothing is stored, a file cannot be written, or a stored one is damaged.

@@ -161,12 +161,9 @@ class PaperResults(StoredResults):
 
 
 def named_results(folder: Path | None, what: str, *, made_of: str) -> PaperResults:
-    """Return the results of a folder; None: where `bench reproduce` puts them.
+    """Return the results that something is made of; no folder: where `bench reproduce` puts them.
 
-    Args:
-        folder: that was named.
-        what: is made of them.
-        made_of: why it needs none of them, such as "is fitted here"; "": it does.
+    `made_of` says why it needs none of them, such as "is fitted here"; "": it does.
 
     Raises:
         StoreError: as `PaperResults.of`.

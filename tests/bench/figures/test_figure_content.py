@@ -23,32 +23,25 @@ from stiff_protocols.scoring.metrics import absolute_errors
 NET = {"name": "net"}  # the same model, whatever its options
 
 
-def some_samples(n: int = 20) -> Prediction:
+def some_samples(n: int) -> Prediction:
     rng = np.random.default_rng(0)
     measured = rng.normal(size=(n, 3)) * 1e-3
     return Prediction(np.arange(n), measured + rng.normal(size=(n, 3)) * 1e-4, measured)
 
 
-def test_a_regression_diagram_has_millimetres_true_across_and_predicted_up():
-    samples = some_samples()
-    figure = regression_figure([Series("a", samples)])
-    for axis, axes in enumerate(figure.axes):
+def test_a_regression_diagram_has_mm_true_across_predicted_up_lines_and_the_papers_error():
+    """The lines hold 95 % of the samples."""
+    samples = some_samples(200)
+    figure = regression_figure([Series("a", samples, (0.07e-3, 0.08e-3, 0.09e-3))])
+    for axis, (axes, published) in enumerate(
+        zip(figure.axes, ("0.070", "0.080", "0.090"), strict=True)
+    ):
         points = next(line for line in axes.get_lines() if line.get_marker() == "o")
         np.testing.assert_allclose(points.get_xdata(), samples.measured[:, axis] * 1e3)
         np.testing.assert_allclose(points.get_ydata(), samples.predicted[:, axis] * 1e3)
-
-
-def test_a_regression_diagrams_lines_hold_95_percent_of_the_samples():
-    samples = some_samples(200)
-    axes = regression_figure([Series("a", samples)]).axes[2]
-    heights = sorted(line.get_xy1()[1] for line in axes.get_lines() if hasattr(line, "get_xy1"))
-    half = np.quantile(absolute_errors(samples)[:, 2], 0.95) * 1e3
-    np.testing.assert_allclose(heights, [-half, 0.0, half])
-
-
-def test_a_published_error_stands_beside_ours():
-    figure = regression_figure([Series("a", some_samples(), (0.07e-3, 0.08e-3, 0.09e-3))])
-    for axes, published in zip(figure.axes, ("0.070", "0.080", "0.090"), strict=True):
+        heights = sorted(line.get_xy1()[1] for line in axes.get_lines() if hasattr(line, "get_xy1"))
+        half = np.quantile(absolute_errors(samples)[:, axis], 0.95) * 1e3
+        np.testing.assert_allclose(heights, [-half, 0.0, half])
         assert f"(paper {published})" in axes.get_title(loc="left")
 
 
@@ -127,7 +120,8 @@ def errors_of(folder, **asked):
     return errors
 
 
-def test_a_learning_curve_is_the_geometric_mean_with_students_interval(tmp_path):
+def test_a_learning_curve_is_the_geometric_mean_with_students_interval_of_three_or_more(tmp_path):
+    assert np.isnan(learning_curves._interval(pd.Series([1.0, 2.0]))).all()
     learned(tmp_path)
     (axes,) = FIGURES["learning-curves"](FigureSource.of(tmp_path)).draw().axes
     mean = np.e / np.array(SIZES)  # mm; of e^0, e^1 and e^2
@@ -139,10 +133,6 @@ def test_a_learning_curve_is_the_geometric_mean_with_students_interval(tmp_path)
         np.isclose([band.max(), band.min()], [mean[0] * reach, mean[-1] / reach]).all()
         for band in bands
     )
-
-
-def test_two_data_sets_make_a_learning_curve_without_an_interval():
-    assert np.isnan(learning_curves._interval(pd.Series([1.0, 2.0]))).all()
 
 
 def test_a_data_set_that_lacks_a_size_is_no_part_of_a_learning_curve(tmp_path):
