@@ -57,18 +57,10 @@ def learning_figure(panels: Mapping[str, pd.DataFrame], names: Sequence[str]) ->
 def _draw(axes: Axes, errors: pd.DataFrame, names: Sequence[str]) -> None:
     # first of all: seaborn then averages logarithms, so that the mean is the geometric one
     axes.set(xscale="log", yscale="log")
-    seaborn.lineplot(
-        (errors.clip(lower=LEAST) * MM).melt(ignore_index=False).reset_index(),
-        x="size",
-        y="value",
-        hue="model",
-        style="model",
-        errorbar=_interval,
-        err_kws={"alpha": 0.15, "linewidth": 0.0},
-        legend=False,
-        ax=axes,
-        **style.seaborn_looks(names),
-    )
+    shown = (errors.clip(lower=LEAST) * MM).melt(ignore_index=False).reset_index()
+    about = {"x": "size", "y": "value", "hue": "model", "style": "model", "legend": False}
+    band = {"errorbar": _interval, "err_kws": {"alpha": 0.15, "linewidth": 0.0}}
+    seaborn.lineplot(shown, ax=axes, **about, **band, **style.seaborn_looks(names))
     axes.set(xlabel="training poses", ylabel="")
     axes.set_xticks(errors.columns, map(str, errors.columns))
     axes.xaxis.set_minor_locator(NullLocator())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -64,13 +65,9 @@ def _painted(found: Compensation, interval: Interval | None) -> Figure:
         along.plot(distance[rows], size[rows], color=look.color, marker=marker)
     if interval is not None:
         width = 0.5 * MM * np.linalg.norm(interval.upper - interval.lower, axis=1)
-        along.fill_between(
-            *(distance[rows], 0.0, width[rows]),
-            color=blue.color,
-            alpha=0.2,
-            linewidth=0,
-            label=f"half-width of the {interval.coverage:.0%} interval",
-        )
+        band: dict[str, Any] = {"color": blue.color, "alpha": 0.2, "linewidth": 0}
+        label = f"half-width of the {interval.coverage:.0%} interval"
+        along.fill_between(distance[rows], 0.0, width[rows], **band, label=label)
     along.set(xlabel="distance along the path [mm]", ylabel="predicted path error [mm]")
     along.set_ylim(bottom=0.0)
     means = f"Mean {size_before.mean():.3g} mm before, {size_after.mean():.1g} mm after"

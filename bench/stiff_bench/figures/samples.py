@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -73,14 +74,8 @@ def _draw_axis(axes: Axes, one: Series, axis: int, look: style.Look) -> None:
     axes.axline((0.0, 0.0), slope=1.0, color=style.REFERENCE_COLOR, linewidth=0.8, zorder=1.5)
     for offset in (half, -half):
         axes.axline((0.0, offset), slope=1.0, **look.connected(), linewidth=0.7)
-    axes.plot(
-        *(x, y),
-        **look.points(),
-        markersize=3.4 if len(x) < _MANY else 2.4,
-        alpha=0.65,
-        markeredgewidth=0.0,
-        rasterized=len(x) > 10 * _MANY,
-    )
+    size, dense = 3.4 if len(x) < _MANY else 2.4, len(x) > 10 * _MANY
+    axes.plot(x, y, **look.points(), ms=size, alpha=0.65, mew=0.0, rasterized=dense)
     name = AXES[axis]
     axes.set(xlabel=f"deflection d{name} [mm]", ylabel=f"predicted d{name} [mm]")
     published = f" (paper {one.published[axis] * MM:.3f})" if one.published else ""
@@ -114,15 +109,9 @@ def errors_figure(models: Mapping[str, pd.DataFrame]) -> Figure:
     for axis, (by_sample, distribution) in zip(AXES, grid, strict=True):
         for (name, errors), look in zip(models.items(), style.looks(len(models)), strict=True):
             error, dense = errors[axis] * MM, len(errors) > _MANY
-            by_sample.plot(
-                *(errors.index, error),
-                **look.points(),
-                markersize=1.5 if dense else 3.0,
-                markeredgewidth=0.0,
-                alpha=0.7,
-                rasterized=dense,
-                label=style.short(name),
-            )
+            points = look.points() | {"ms": 1.5 if dense else 3.0, "mew": 0.0, "alpha": 0.7}
+            label = style.short(name)
+            by_sample.plot(errors.index, error, **points, rasterized=dense, label=label)
             by_sample.axhline(float(error.mean()), **look.connected(), linewidth=0.9)
             distribution.ecdf(error, **look.connected())
         by_sample.set(ylabel=f"|error of d{axis}| [mm]", ylim=(0.0, None))
@@ -161,17 +150,11 @@ def workspace_figure(models: Mapping[str, Places]) -> Figure:
         order = np.argsort(error, kind="stable")  # the worst are drawn last, on top
         x, y, z = place[order].T
         many = len(error) > _MANY
+        size, edge = (4.0, 0.0) if many else (11.0, 0.25)
+        colors: dict[str, Any] = {"c": error[order] * MM, "norm": scale, "cmap": "viridis_r"}
+        looks: dict[str, Any] = {"s": size, "edgecolors": "0.3", "linewidths": edge}
         for axes, across, up in ((side, np.hypot(x, y), z), (above, x, y)):
-            points = axes.scatter(
-                *(across, up),
-                c=error[order] * MM,
-                norm=scale,
-                cmap="viridis_r",
-                s=4.0 if many else 11.0,
-                edgecolors="0.3",
-                linewidths=0.0 if many else 0.25,
-                rasterized=many,
-            )
+            points = axes.scatter(across, up, **colors, **looks, rasterized=many)
             axes.set_aspect("equal", adjustable="datalim")
             axes.locator_params(nbins=5)
         side.set_title(f"{style.short(name, style.PANEL_LETTERS)}\nfrom the side", loc="left")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -25,14 +26,9 @@ def scores_figure(errors: pd.DataFrame) -> Figure:
     """Draw a row a model: columns "mean", "low" and "high", m, the best model first."""
     figure = new_figure(COLUMN_INCH, HEAD_INCH + ROW_INCH * len(errors))
     axes, found = figure.subplots(), errors * MM
-    axes.errorbar(
-        *(found["mean"], range(len(found))),
-        xerr=[found["mean"] - found["low"], found["high"] - found["mean"]],
-        fmt="o",
-        color="black",
-        capsize=2.0,
-        elinewidth=0.8,
-    )
+    reach = [found["mean"] - found["low"], found["high"] - found["mean"]]
+    look: dict[str, Any] = {"fmt": "o", "color": "black", "capsize": 2.0, "elinewidth": 0.8}
+    axes.errorbar(found["mean"], range(len(found)), xerr=reach, **look)
     axes.set_yticks(range(len(found)), [short(name) for name in found.index])
     axes.invert_yaxis()
     axes.set(xlabel="mean 3-D error [mm]", xlim=(0.0, None))

@@ -188,18 +188,11 @@ def sweep_figure(errors: pd.DataFrame) -> Figure:
     draw_lines(lines, errors)
     lines.legend(title="hidden layers")
     mean = errors.pivot_table(index="depth", columns="width", values="error")
-    n_widths = len(mean.columns)
-    seaborn.heatmap(
-        mean,
-        ax=heat,
-        cmap="viridis_r",
-        norm=LogNorm(np.nanmin(mean), np.nanmax(mean)),
-        annot=n_widths <= MOST_NUMBERS,
-        fmt=".2g",
-        annot_kws={"size": 6.5 if n_widths < 7 else 5.5},
-        linewidths=0.5,
-        cbar=False,
-    )
+    n_widths, scale = len(mean.columns), LogNorm(np.nanmin(mean), np.nanmax(mean))
+    size = 6.5 if n_widths < 7 else 5.5
+    numbers = {"annot": n_widths <= MOST_NUMBERS, "fmt": ".2g", "annot_kws": {"size": size}}
+    look = {"cmap": "viridis_r", "norm": scale, "linewidths": 0.5, "cbar": False}
+    seaborn.heatmap(mean, ax=heat, **look, **numbers)
     heat.grid(visible=False)
     heat.set(xlabel="nodes per layer", ylabel="hidden layers")
     heat.tick_params(axis="y", labelrotation=0)

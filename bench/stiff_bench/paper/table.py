@@ -85,29 +85,19 @@ def paper_table(
     `headings` are of the columns that name a row, `rows` the labels under them; the unit is of all
     numbers.
     """
-    columns = [
-        Column(
-            name,
-            unit=unit,
-            format=f".{group.decimals}f",
-            group=group.label,
-            about=group.about,
-            marks_shown=False,
-        )
-        for group in groups
-        for name in group.columns
+    columns = [Column(heading, "text") for heading in headings]
+    for one in groups:
+        form, about = f".{one.decimals}f", one.about
+        columns += [
+            Column(name, "number", unit, form, one.label, about, marks_shown=False)
+            for name in one.columns
+        ]
+    cells = [
+        [*row, *(one.numbers.get((row, name)) for one in groups for name in one.columns)]
+        for row in rows
     ]
-    return Table(
-        title=f"Table {number}. {caption} [{unit}]",
-        columns=[*(Column(heading, "text") for heading in headings), *columns],
-        rows=[
-            [*row, *(one.numbers.get((row, name)) for one in groups for name in one.columns)]
-            for row in rows
-        ],
-        notes=list(notes),
-        unit=unit,
-        about={"table": number},
-    )
+    title = f"Table {number}. {caption} [{unit}]"
+    return Table(title, columns, cells, list(notes), unit, about={"table": number})
 
 
 def printed_name(column: str) -> str:
