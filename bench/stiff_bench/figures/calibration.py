@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource
@@ -20,9 +20,6 @@ from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.scoring.metrics import METRICS
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 MOST_MODELS = 8
 LEVELS = "0.5, 0.8, 0.9, 0.95"
 
@@ -31,45 +28,37 @@ def calibration_figure(held: pd.DataFrame) -> Figure:
     """Draw a line a model: a row is a nominal coverage, a column a model, both 0..1."""
     figure = new_figure(COLUMN_INCH, COLUMN_INCH)
     axes, found = figure.subplots(), 100.0 * held
-    least = min(held.index.min(), held.min(axis=None)) * 100.0 - 3.0
+    limits = min(held.index.min(), held.min(axis=None)) * 100.0 - 3.0, 101.0
     axes.axline((90.0, 90.0), slope=1.0, color=REFERENCE_COLOR, linewidth=0.8)
     for look, name in zip(looks(len(found.columns)), found.columns, strict=True):
         line = found[name].dropna()
         axes.plot(
             100.0 * line.index, line, marker=look.marker, label=short(name), **look.connected()
         )
-    axes.set(
-        xlabel="nominal coverage [%]",
-        ylabel="test samples inside [%]",
-        xlim=(least, 101.0),
-        ylim=(least, 101.0),
-        aspect="equal",
-    )
+    axes.set(xlabel="nominal coverage [%]", ylabel="test samples inside [%]")
+    axes.set(xlim=limits, ylim=limits, aspect="equal")
     axes.legend(loc="upper left")
     return figure
 
 
 def gather(source: FigureSource) -> Prepared:
     """Take the results with intervals, of every coverage that was run."""
-    case = source.case(_has_interval, needs="intervals: `bench run --metric coverage` makes them")
-    compared = source.compared(case, MOST_MODELS, _has_interval, "intervals")
+    made_by = "`bench run --metric coverage` makes them"
+    compared = source.compared(MOST_MODELS, _has_interval, "intervals", made_by)
     # of each split the case has the newest coverage alone, which other figures show
     each = filter(_has_interval, read_results(source.folder))
     of_split = grouped(each, _whatever_coverage)
-    held = {
-        name: _held(
-            [of_split[_whatever_coverage(one)] for one in case.results(name, compared.slots)]
-        )
-        for name in compared.models
-    }
+    held = {}
+    for name in compared.models:
+        splits = compared.case.results(name, compared.slots)
+        held[name] = _held([of_split[_whatever_coverage(one)] for one in splits])
     caption = (
         "Share of the test samples of all splits inside their intervals, mean of X, Y and Z, over "
         "the share that should be; on the diagonal the intervals hold, below it they are too "
         f"narrow. A point a coverage (`bench run --coverage`, such as {LEVELS}). {compared.setting}"
     )
-    return Prepared(
-        "Coverage of the intervals", caption, partial(calibration_figure, pd.DataFrame(held))
-    )
+    paint = partial(calibration_figure, pd.DataFrame(held))
+    return Prepared("Coverage of the intervals", caption, paint)
 
 
 def _held(splits: Sequence[Sequence[CellResult]]) -> pd.Series:

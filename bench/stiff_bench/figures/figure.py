@@ -6,14 +6,13 @@ import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeVar
+from typing import Literal, TypeVar
+
+from matplotlib.figure import Figure
 
 from stiff_bench.figures.style import DOTS_PER_INCH, STYLE
 from stiff_bench.tables.picture_file import drawing, save_figure, write_picture
 from stiff_protocols.contract.errors import StiffBenchError
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)

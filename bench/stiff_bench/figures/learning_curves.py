@@ -5,35 +5,26 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+import seaborn
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 from scipy import stats
 
 from stiff_bench.analysis.collected import Case
 from stiff_bench.analysis.critical_difference import family_of
 from stiff_bench.analysis.leaderboard import presentation
+from stiff_bench.figures import style
 from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource, between, marks_in, mean_length, with_linear
-from stiff_bench.figures.style import (
-    looks,
-    name_panels,
-    new_panels,
-    plain_numbers,
-    seaborn_looks,
-    share_legend,
-    short,
-)
 from stiff_bench.store.names import grouped
 from stiff_bench.tables.units import MM, counted
 from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.splits.sample_efficiency import condition_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 LEVEL = 0.95
 FEWEST_FOR_INTERVAL = 3
@@ -50,49 +41,37 @@ def learning_figure(panels: Mapping[str, pd.DataFrame], names: Sequence[str]) ->
     """Draw `errors_of` each type of robot against training poses, both logarithmic."""
     n_columns = 2 if len(panels) == 1 else 3
     legend = LEGEND_LINE_INCH * -(-len(names) // n_columns)
-    figure, grid = new_panels(len(panels), PANEL_INCH, legend)
+    figure, grid = style.new_panels(len(panels), PANEL_INCH, legend)
     for axes, (title, errors) in zip(grid, panels.items(), strict=True):
         _draw(axes, errors, names)
-        axes.set_title(short(title), loc="left")
+        axes.set_title(style.short(title), loc="left")
     for axes in grid[::3]:
         axes.set_ylabel("mean 3-D error [mm]")
-    for name, look in zip(names, looks(len(names)), strict=True):
-        grid[0].plot([], [], color=look.color, marker=look.marker, label=short(name))
-    name_panels(grid)
-    share_legend(figure, grid[:1], below=True, ncols=n_columns)
+    for name, look in zip(names, style.looks(len(names)), strict=True):
+        grid[0].plot([], [], color=look.color, marker=look.marker, label=style.short(name))
+    style.name_panels(grid)
+    style.share_legend(figure, grid[:1], below=True, ncols=n_columns)
     return figure
 
 
 def _draw(axes: Axes, errors: pd.DataFrame, names: Sequence[str]) -> None:
-    import seaborn
-    from matplotlib.ticker import NullLocator
-
     # first of all: seaborn then averages logarithms, so that the mean is the geometric one
     axes.set(xscale="log", yscale="log")
-    seaborn.lineplot(
-        (errors.clip(lower=LEAST) * MM).melt(ignore_index=False).reset_index(),
-        x="size",
-        y="value",
-        hue="model",
-        style="model",
-        errorbar=_interval,
-        err_kws={"alpha": 0.15, "linewidth": 0.0},
-        legend=False,
-        ax=axes,
-        **seaborn_looks(names),
-    )
+    shown = (errors.clip(lower=LEAST) * MM).melt(ignore_index=False).reset_index()
+    about = {"x": "size", "y": "value", "hue": "model", "style": "model", "legend": False}
+    band = {"errorbar": _interval, "err_kws": {"alpha": 0.15, "linewidth": 0.0}}
+    seaborn.lineplot(shown, ax=axes, **about, **band, **style.seaborn_looks(names))
     axes.set(xlabel="training poses", ylabel="")
     axes.set_xticks(errors.columns, map(str, errors.columns))
     axes.xaxis.set_minor_locator(NullLocator())
-    plain_numbers(axes.yaxis)
+    style.plain_numbers(axes.yaxis)
 
 
 def _interval(values: pd.Series) -> tuple[float, float]:
     """Return Student's interval of the mean; NaN of few values."""
     if len(values) < FEWEST_FOR_INTERVAL:
         return np.nan, np.nan
-    error = float(np.std(values, ddof=1)) / np.sqrt(len(values))
-    low, high = stats.t.interval(LEVEL, len(values) - 1, float(np.mean(values)), error)
+    low, high = stats.t.interval(LEVEL, len(values) - 1, np.mean(values), stats.sem(values))
     return float(low), float(high)
 
 
@@ -131,11 +110,7 @@ def _shared(errors: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
 
 def gather(source: FigureSource) -> Prepared:
     """Take the models that have every draw of every size on the data sets of a robot type."""
-    cases = [
-        one
-        for one in source.newest
-        if size_of(one) and any(found.done for found in one.competitors.values())
-    ]
+    cases = [one for one in source.newest if size_of(one)]
     if not cases:
         raise StoreError(f"{source.folder}: no result of {_NEEDS}", "results")
     protocol = max(cases, key=lambda one: one.newest_run).name.protocol

@@ -3,47 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from stiff_bench.figures import style
 from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource
-from stiff_bench.figures.style import (
-    COLUMN_INCH,
-    REFERENCE_COLOR,
-    Look,
-    looks,
-    name_panels,
-    new_panels,
-    plain_numbers,
-    share_legend,
-    short,
-)
 from stiff_bench.store.names import grouped
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import BoolArray, FloatArray
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 MOST_MODELS = 4
 PANEL_INCH, LEGEND_LINE_INCH = 2.3, 0.16
 DASHED = (0, (3, 1.2))
-_NEEDS = "a training curve; `bench run --model ft-mlp` makes one"
 
 
-@dataclass(frozen=True, eq=False)
-class LossCurve:
-    """One training.
+class LossCurve(NamedTuple):
+    """One training of a model: its phase, such as "fine-tuning", and losses.
 
-    Attributes:
-        name: of the model.
-        phase: of its training, such as "fine-tuning".
-        points: (n, 3) step, training loss, validation loss (NaN: none).
+    `points` are (n, 3): step, training loss, validation loss (NaN: none).
     """
 
     name: str
@@ -60,17 +42,17 @@ def losses_figure(curves: Sequence[LossCurve]) -> Figure:
     """Draw a panel for each phase; models are colours, training solid, validation dashed."""
     phases = grouped(sorted(curves, key=_order), lambda curve: curve.phase)
     names = list(dict.fromkeys(curve.name for curve in curves))
-    look = dict(zip(names, looks(len(names)), strict=True))
-    figure, panels = new_panels(len(phases), PANEL_INCH, LEGEND_LINE_INCH * (len(names) + 3))
+    look = dict(zip(names, style.looks(len(names)), strict=True))
+    legend = LEGEND_LINE_INCH * (len(names) + 3)
+    figure, panels = style.new_panels(len(phases), PANEL_INCH, legend)
     for axes, (phase, members) in zip(panels, phases.items(), strict=True):
         draw_losses(axes, members, look)
         axes.set_title(phase, loc="left")
     if any(curve.is_judged for curve in curves):
-        panels[0].plot([], [], color=REFERENCE_COLOR, label="training part")
-        panels[0].plot([], [], color=REFERENCE_COLOR, linestyle=DASHED, label="validation part")
-    name_panels(panels)
-    wide = figure.get_size_inches()[0] > COLUMN_INCH
-    share_legend(figure, panels, below=True, ncols=4 if wide else 2)
+        for line, part in (("-", "training"), (DASHED, "validation")):
+            panels[0].plot([], [], color=style.REFERENCE_COLOR, ls=line, label=f"{part} part")
+    style.name_panels(panels)
+    style.share_legend(figure, panels, below=True, ncols=4 if len(panels) > 1 else 2)
     return figure
 
 
@@ -79,28 +61,19 @@ def _order(curve: LossCurve) -> tuple[int, str]:
     return (curve.phase.startswith("fine") - curve.phase.startswith("pre"), curve.phase)
 
 
-def draw_losses(
-    axes: Axes, curves: Sequence[LossCurve], look: Mapping[str, Look] | None = None
-) -> None:
-    """Draw curves of one phase, one a name; ringed: the least validation loss that is stored."""
-    look = look or dict(zip([one.name for one in curves], looks(len(curves)), strict=True))
+def draw_losses(axes: Axes, curves: Sequence[LossCurve], look: Mapping[str, style.Look]) -> None:
+    """Draw curves of one phase; ringed: the least validation loss that is stored."""
     for curve in curves:
         step, train, validation = curve.points.T
-        shown: dict[str, Any] = {"color": look[curve.name].color, "marker": look[curve.name].marker}
-        axes.plot(step, train, **shown, markevery=0.3, linewidth=1.0, label=short(curve.name))
+        drawn = look[curve.name]
+        shown: dict[str, Any] = {"color": drawn.color, "marker": drawn.marker, "linewidth": 1.0}
+        axes.plot(step, train, **shown, markevery=0.3, label=style.short(curve.name))
         if curve.is_judged:
-            axes.plot(
-                *(step, validation),
-                **shown,
-                linestyle=DASHED,
-                linewidth=1.0,
-                markevery=[least_at(validation)],
-                markersize=5.0,
-                markeredgecolor="black",
-            )
+            ring: dict[str, Any] = {"markevery": [least_at(validation)], "markersize": 5.0}
+            axes.plot(step, validation, **shown, ls=DASHED, **ring, markeredgecolor="black")
     axes.set(xscale="log", yscale="log", xlabel="iterations", ylabel="loss [standardised]")
     for axis in (axes.xaxis, axes.yaxis):
-        plain_numbers(axis, (1.0,))
+        style.plain_numbers(axis, (1.0,))
 
 
 def has_place(losses: FloatArray) -> BoolArray:
@@ -122,19 +95,17 @@ def curves_of(result: CellResult, name: str) -> list[LossCurve]:
     ]
 
 
-def has_curves(result: CellResult) -> bool:
-    """Say whether a result has a curve to draw."""
-    return bool(curves_of(result, result.shown.model))
-
-
 def gather(source: FigureSource) -> Prepared:
     """Take the curves of the first split on which all of the models to compare have one."""
-    case = source.case(has_curves, needs=_NEEDS)
-    compared = source.compared(case, MOST_MODELS, has_curves, "a training curve")
+    made_by = "`bench run --model ft-mlp` makes one"
+    compared = source.compared(
+        MOST_MODELS, lambda one: curves_of(one, ""), "a training curve", made_by
+    )
+    of_models = compared.case.competitors
     curves = [
         curve
         for name in compared.models
-        for curve in curves_of(case.competitors[name].done[compared.slots[0]], name)
+        for curve in curves_of(of_models[name].done[compared.slots[0]], name)
     ]
     caption = (
         "Loss on standardised outputs, first split with curves of all models; ring: least "

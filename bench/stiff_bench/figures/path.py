@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from stiff_bench.figures.figure import Prepared
-from stiff_bench.figures.style import PAGE_INCH, looks, new_figure
+from stiff_bench.figures.style import PAGE_INCH, looks, new_figure, share_legend
 from stiff_bench.tables.units import MM
-from stiff_protocols.contract.types import FloatArray, Interval
+from stiff_protocols.contract.types import Interval
 from stiff_protocols.paths.compensation import Compensation
 from stiff_protocols.paths.inverse import spread
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 HEIGHT_INCH = 2.9
 MOST_POINTS, ARROWS = 2_000, 40
@@ -35,66 +34,46 @@ def path_picture(name: str, found: Compensation, interval: Interval | None) -> P
 
 
 def _painted(found: Compensation, interval: Interval | None) -> Figure:
-    from mpl_toolkits.mplot3d.art3d import Line3DCollection
-
     place, before, after = MM * found.wanted, MM * found.before, MM * found.after
     rows, arrows = spread(len(place), MOST_POINTS), spread(len(place), ARROWS)
-    extent = max(float(np.ptp(place, axis=0).max()), 1.0)
-    largest = float(np.linalg.norm(before, axis=1).max())
+    size_before, size_after = (np.linalg.norm(one, axis=1) for one in (before, after))
+    extent, largest = max(float(np.ptp(place, axis=0).max()), 1.0), float(size_before.max())
     times = _round_number(SHOWN_SHARE * extent / largest) if largest > 0.0 else 1.0
     blue, orange = looks(2)
 
     figure = new_figure(PAGE_INCH, HEIGHT_INCH)
     space = figure.add_subplot(1, 2, 1, projection="3d")
     space.plot(*place[rows].T, color="0.75", linewidth=2.6, label="wanted")
-    moved = place + times * before
+    moved, corrected = place + times * before, place + times * after
     space.plot(*moved[rows].T, color=orange.color, linewidth=0.8, label="without correction")
-    space.add_collection3d(
-        Line3DCollection(
-            np.stack([place[arrows], moved[arrows]], axis=1), colors=orange.color, linewidths=0.5
-        )
-    )
-    corrected = place + times * after
+    vectors = np.stack([place[arrows], moved[arrows]], axis=1)
+    space.add_collection3d(Line3DCollection(vectors, colors=orange.color, linewidths=0.5))
     space.plot(*corrected[rows].T, color=blue.color, label="corrected")
     drawn = np.concatenate([place[rows], moved[rows], corrected[rows]])
     low, high = drawn.min(axis=0), drawn.max(axis=0)
     half = 0.5 * np.maximum(high - low, 0.4 * extent)
-    middle = 0.5 * (low + high)
-    for axis, centre, room in zip("xyz", middle, half, strict=True):
-        getattr(space, f"set_{axis}lim")(centre - room, centre + room)
-        getattr(space, f"set_{axis}label")(f"{axis} [mm]")
+    for axis, centre, room in zip("xyz", 0.5 * (low + high), half, strict=True):
+        space.set(**{f"{axis}lim": (centre - room, centre + room), f"{axis}label": f"{axis} [mm]"})
         space.locator_params(axis=axis, nbins=4)
     space.set_box_aspect(half, zoom=0.82)  # room for the labels
     space.set_title(f"(a) Path, errors times {times:g}", loc="left")
 
     along = figure.add_subplot(1, 2, 2)
-    steps = np.linalg.norm(np.diff(place, axis=0), axis=1)
-    distance = np.r_[0.0, np.cumsum(steps)]
-    sizes = {"without correction": (before, orange), "corrected": (after, blue)}
+    distance = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(place, axis=0), axis=1))]
     marker = "o" if len(place) == 1 else ""
-    for name, (vectors, look) in sizes.items():
-        size = np.linalg.norm(vectors, axis=1)
-        along.plot(distance[rows], size[rows], color=look.color, marker=marker, label=name)
+    for size, look in ((size_before, orange), (size_after, blue)):
+        along.plot(distance[rows], size[rows], color=look.color, marker=marker)
     if interval is not None:
         width = 0.5 * MM * np.linalg.norm(interval.upper - interval.lower, axis=1)
+        band: dict[str, Any] = {"color": blue.color, "alpha": 0.2, "linewidth": 0}
         label = f"half-width of the {interval.coverage:.0%} interval"
-        along.fill_between(
-            distance[rows], 0.0, width[rows], color=blue.color, alpha=0.2, linewidth=0, label=label
-        )
+        along.fill_between(distance[rows], 0.0, width[rows], **band, label=label)
     along.set(xlabel="distance along the path [mm]", ylabel="predicted path error [mm]")
     along.set_ylim(bottom=0.0)
-    along.set_title(
-        f"(b) Mean {_mean(before):.3g} mm before, {_mean(after):.1g} mm after", loc="left"
-    )
-    handles, names = space.get_legend_handles_labels()
-    if interval is not None:
-        handles, names = [*handles, along.collections[-1]], [*names, label]
-    figure.legend(handles, names, loc="outside lower center", ncols=4)
+    means = f"Mean {size_before.mean():.3g} mm before, {size_after.mean():.1g} mm after"
+    along.set_title(f"(b) {means}", loc="left")
+    share_legend(figure, [space, along], below=True)
     return figure
-
-
-def _mean(vectors: FloatArray) -> float:
-    return float(np.linalg.norm(vectors, axis=1).mean())
 
 
 def _round_number(factor: float) -> float:

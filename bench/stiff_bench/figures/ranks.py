@@ -6,9 +6,11 @@ import textwrap
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from pandas import DataFrame, Series
 
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.critical_difference import RankAnalysis, of_robots
@@ -20,10 +22,6 @@ from stiff_bench.figures.style import PAGE_INCH, new_figure
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.extras import require
 from stiff_protocols.scoring.paired import LEVEL
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 METRIC = "norm"
 MOST = 3
@@ -41,7 +39,12 @@ def ranks_figure(analyses: Sequence[RankAnalysis], measure: str = "") -> Figure:
 
     `measure` is what the ranks are of, on which kind of data; "" where a caption says it.
     """
-    heights = [HEAD_INCH + LINE_INCH * _n_lines(one) for one in analyses]
+    # beneath an axis are labels on two sides, and bars
+    n_lines = [
+        len(one.outcome.groups if one.outcome else ()) + (len(one.models) + 1) // 2
+        for one in analyses
+    ]
+    heights = [HEAD_INCH + LINE_INCH * n for n in n_lines]
     figure = new_figure(PAGE_INCH, sum(heights))
     panels = figure.subplots(len(analyses), 1, squeeze=False, height_ratios=heights)[:, 0]
     for axes, analysis in zip(panels, analyses, strict=True):
@@ -53,14 +56,7 @@ def ranks_figure(analyses: Sequence[RankAnalysis], measure: str = "") -> Figure:
     return figure
 
 
-def _n_lines(analysis: RankAnalysis) -> int:
-    """Return how many lines of labels and bars a diagram has beneath its axis."""
-    n_bars = 0 if analysis.outcome is None else len(analysis.outcome.groups)
-    return n_bars + (len(analysis.models) + 1) // 2
-
-
 def _draw(analysis: RankAnalysis, ax: Axes) -> None:
-    from pandas import DataFrame, Series
     from scikit_posthocs import critical_difference_diagram
 
     outcome, names = analysis.outcome, list(analysis.models)
@@ -86,6 +82,12 @@ def _draw(analysis: RankAnalysis, ax: Axes) -> None:
     ax.text(end, CD_LINE, f"  critical difference {outcome.critical_difference:.2f}", va="center")
 
 
+def _prepared(analyses: Sequence[RankAnalysis], measure: str = "", caption: str = "") -> Prepared:
+    require("a diagram of ranks", "scikit_posthocs")
+    paint = partial(ranks_figure, analyses, measure)
+    return Prepared("Critical differences of mean ranks", caption, paint)
+
+
 def save_diagrams(analyses: Sequence[RankAnalysis], measure: str, path: Path) -> None:
     """Draw all analyses of a section that have an outcome, one at least, as PNG, PDF or SVG.
 
@@ -93,9 +95,7 @@ def save_diagrams(analyses: Sequence[RankAnalysis], measure: str, path: Path) ->
         ConfigError: the suffix is not known, or scikit-posthocs is not installed.
         StoreError: the file cannot be written.
     """
-    require("a diagram of ranks", "scikit_posthocs")
-    drawn = [one for one in analyses if one.outcome is not None]
-    Prepared("", "", partial(ranks_figure, drawn, measure)).save(path)
+    _prepared([one for one in analyses if one.outcome is not None], measure).save(path)
 
 
 def gather(source: FigureSource) -> Prepared:
@@ -105,24 +105,21 @@ def gather(source: FigureSource) -> Prepared:
         ConfigError: there are too few robots or models for a critical difference, or
             scikit-posthocs is not installed.
     """
-    require("a diagram of ranks", "scikit_posthocs")
     key = sort_key(METRIC, None)
     stored = StoredResults(source.folder, source.cases)
     section = build_leaderboard(stored, models=source.models, key=key).sections[0]
-    found, fair = section.analyses, section.cases
-    ranked = [one for one in found if one.outcome is not None]
+    ranked = [one for one in section.analyses if one.outcome is not None]
     if not ranked:
-        reasons = "; ".join(dict.fromkeys(one.why_none for one in found))
+        reasons = "; ".join(dict.fromkeys(one.why_none for one in section.analyses))
         raise ConfigError(
             f"{source.folder}: there is no critical difference to draw: it {reasons}", "results"
         )
     drawn = ranked[:MOST]
     shown_here = {name for one in drawn for name in one.models}
     more = f" First {MOST} of {len(ranked)} blocks; `bench leaderboard` has all."
-    kinds = " and ".join(section.kinds)
     caption = (
-        f"Mean ranks over robots by {key.text}, {kinds} data; left is better. Models joined by a "
-        f"bar do not differ significantly (Nemenyi, {LEVEL:g})."
-        f"{marks_in([one.case for one in fair], shown_here)}{more * (len(ranked) > MOST)}"
+        f"Mean ranks over robots by {key.text}, {' and '.join(section.kinds)} data; left is "
+        f"better. Models joined by a bar do not differ significantly (Nemenyi, {LEVEL:g})."
+        f"{marks_in([one.case for one in section.cases], shown_here)}{more * (len(ranked) > MOST)}"
     )
-    return Prepared("Critical differences of mean ranks", caption, partial(ranks_figure, drawn))
+    return _prepared(drawn, caption=caption)

@@ -5,42 +5,34 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
 
+from stiff_bench.figures import style
 from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource
-from stiff_bench.figures.style import (
-    COLUMN_INCH,
-    PAGE_INCH,
-    PANEL_LETTERS,
-    REFERENCE_COLOR,
-    Look,
-    looks,
-    name_panels,
-    new_figure,
-    share_legend,
-    short,
-)
 from stiff_bench.store.database import read_data
 from stiff_bench.tables.units import MM, percent
 from stiff_protocols.contract.types import AXES, FloatArray, Prediction
 from stiff_protocols.scoring.metrics import absolute_errors, norm_errors
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 MOST_MODELS = 3
 SHARE = 0.95
 LINES_NOTE = (
     f"Grey: identity; coloured: identity ± {percent(SHARE)} quantile of the absolute error."
 )
-ROW_INCH = 2.8
+ROW_INCH, ERRORS_INCH, VIEWS_INCH = 2.8, 4.95, 4.3
 MARGIN = 0.05  # of the span, at each end
 _MANY = 400  # points beyond which they are drawn smaller, and as pixels
+TOP_SHARE = 0.95
+"""Of all errors lie below the end of the colours: one outlier would leave the others one colour."""
+Places = tuple[FloatArray, FloatArray]
+"""(n, 3) where the unloaded TCP is, m, base frame, and the (n,) length of the error there, m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,58 +52,48 @@ class Series:
 
 def regression_figure(series: Sequence[Series]) -> Figure:
     """Draw a row of three panels a model; at least one model, of at least one sample."""
-    figure = new_figure(PAGE_INCH, ROW_INCH * len(series))
+    figure = style.new_figure(style.PAGE_INCH, ROW_INCH * len(series))
     grid = figure.subplots(len(series), 3, squeeze=False)
-    of_all = [np.stack([one.tested.measured, one.tested.predicted]) * MM for one in series]
-    values = np.concatenate(of_all, axis=1).reshape(-1, 3)  # (n, 3)
-    margin = MARGIN * np.ptp(values, axis=0) + 1e-9
-    limits = np.stack([values.min(axis=0) - margin, values.max(axis=0) + margin], axis=1)  # (3, 2)
-    for one, look, row in zip(series, looks(len(series)), grid, strict=True):
+    values = np.concatenate([(one.tested.measured, one.tested.predicted) for one in series], axis=1)
+    low, high = MM * values.min(axis=(0, 1)), MM * values.max(axis=(0, 1))
+    margin = MARGIN * (high - low) + 1e-9
+    limits = np.stack([low - margin, high + margin], axis=1)  # (3, 2)
+    for one, look, row in zip(series, style.looks(len(series)), grid, strict=True):
         for axis, axes in enumerate(row):
             _draw_axis(axes, one, axis, look)
             axes.set(xlim=limits[axis], ylim=limits[axis], aspect="equal")
             axes.locator_params(nbins=5)
-    name_panels(list(grid.flat))
+    style.name_panels(list(grid.flat))
     return figure
 
 
-def _draw_axis(axes: Axes, one: Series, axis: int, look: Look) -> None:
+def _draw_axis(axes: Axes, one: Series, axis: int, look: style.Look) -> None:
     x, y = one.tested.measured[:, axis] * MM, one.tested.predicted[:, axis] * MM
     error = absolute_errors(one.tested)[:, axis] * MM
     half = float(np.quantile(error, SHARE))
-    axes.axline((0.0, 0.0), slope=1.0, color=REFERENCE_COLOR, linewidth=0.8, zorder=1.5)
+    axes.axline((0.0, 0.0), slope=1.0, color=style.REFERENCE_COLOR, linewidth=0.8, zorder=1.5)
     for offset in (half, -half):
         axes.axline((0.0, offset), slope=1.0, **look.connected(), linewidth=0.7)
-    axes.plot(
-        *(x, y),
-        **look.points(),
-        markersize=3.4 if len(x) < _MANY else 2.4,
-        alpha=0.65,
-        markeredgewidth=0.0,
-        rasterized=len(x) > 10 * _MANY,
-    )
+    size, dense = 3.4 if len(x) < _MANY else 2.4, len(x) > 10 * _MANY
+    axes.plot(x, y, **look.points(), ms=size, alpha=0.65, mew=0.0, rasterized=dense)
     name = AXES[axis]
     axes.set(xlabel=f"deflection d{name} [mm]", ylabel=f"predicted d{name} [mm]")
     published = f" (paper {one.published[axis] * MM:.3f})" if one.published else ""
-    heading = f"d{name}, {short(one.name, PANEL_LETTERS)}\nMAE {error.mean():.3f} mm{published}"
-    axes.set_title(heading, loc="left")
+    heading = f"d{name}, {style.short(one.name, style.PANEL_LETTERS)}"
+    axes.set_title(f"{heading}\nMAE {error.mean():.3f} mm{published}", loc="left")
 
 
 def regression(source: FigureSource) -> Prepared:
     """Take the test samples of the models to compare."""
-    compared = source.compared(source.case(), MOST_MODELS)
+    compared = source.compared(MOST_MODELS)
     series = [Series(name, tested) for name, tested in compared.tested.items()]
     caption = (
         "Predicted against true deflection of the TCP, base frame, of the "
         f"{len(series[0].tested.rows)} test samples of all splits together. {compared.setting} "
         f"{LINES_NOTE}"
     )
-    return Prepared(
-        "Predicted against true deflection", caption, partial(regression_figure, series)
-    )
-
-
-ERRORS_INCH = 4.95
+    title = "Predicted against true deflection"
+    return Prepared(title, caption, partial(regression_figure, series))
 
 
 def errors_by_row(tested: Prediction) -> pd.DataFrame:
@@ -121,82 +103,61 @@ def errors_by_row(tested: Prediction) -> pd.DataFrame:
 
 def errors_figure(models: Mapping[str, pd.DataFrame]) -> Figure:
     """Draw, for each axis, each model's `errors_by_row`, their mean, and their distribution."""
-    figure = new_figure(PAGE_INCH, ERRORS_INCH)
+    figure = style.new_figure(style.PAGE_INCH, ERRORS_INCH)
     grid = figure.subplots(3, 2, width_ratios=(2.4, 1.0))
     last = max(1, *(int(errors.index.max()) for errors in models.values()))
-    for axis, (by_sample, distribution) in enumerate(grid):
-        for (name, errors), look in zip(models.items(), looks(len(models)), strict=True):
-            error, dense = errors[AXES[axis]] * MM, len(errors) > _MANY
-            by_sample.plot(
-                *(errors.index, error),
-                **look.points(),
-                markersize=1.5 if dense else 3.0,
-                markeredgewidth=0.0,
-                alpha=0.7,
-                rasterized=dense,
-                label=short(name),
-            )
+    for axis, (by_sample, distribution) in zip(AXES, grid, strict=True):
+        for (name, errors), look in zip(models.items(), style.looks(len(models)), strict=True):
+            error, dense = errors[axis] * MM, len(errors) > _MANY
+            points = look.points() | {"ms": 1.5 if dense else 3.0, "mew": 0.0, "alpha": 0.7}
+            label = style.short(name)
+            by_sample.plot(errors.index, error, **points, rasterized=dense, label=label)
             by_sample.axhline(float(error.mean()), **look.connected(), linewidth=0.9)
             distribution.ecdf(error, **look.connected())
-        by_sample.set(ylabel=f"|error of d{AXES[axis]}| [mm]", ylim=(0.0, None))
+        by_sample.set(ylabel=f"|error of d{axis}| [mm]", ylim=(0.0, None))
         by_sample.set_xlim(-0.02 * last, 1.02 * last)
         distribution.set(ylabel="share of samples", ylim=(0.0, 1.03), xlim=(0.0, None))
         for axes in (by_sample, distribution):
-            axes.set_title(f"d{AXES[axis]}", loc="left")
+            axes.set_title(f"d{axis}", loc="left")
         distribution.locator_params(axis="x", nbins=5)
     grid[-1, 0].set_xlabel("sample number")
     grid[-1, 1].set_xlabel("|error| [mm]")
-    name_panels(list(grid.flat))
-    share_legend(figure, [grid[0, 0]])
+    style.name_panels(list(grid.flat))
+    style.share_legend(figure, [grid[0, 0]])
     return figure
 
 
 def sample_errors(source: FigureSource) -> Prepared:
     """Take the errors of the models to compare, averaged over the splits that test a sample."""
-    compared = source.compared(source.case(), MOST_MODELS)
+    compared = source.compared(MOST_MODELS)
     models = {name: errors_by_row(tested) for name, tested in compared.tested.items()}
-    n_rows = len(models[compared.models[0]])
     caption = (
-        f"Absolute error of each of the {n_rows} tested samples, mean over the splits that test it "
-        "(left; lines: means), and its cumulative distribution (right). "
-        f"{compared.setting}"
+        f"Absolute error of each of the {len(models[compared.models[0]])} tested samples, mean "
+        "over the splits that test it (left; lines: means), and its cumulative distribution "
+        f"(right). {compared.setting}"
     )
     return Prepared("Error of every test sample", caption, partial(errors_figure, models))
 
 
-VIEWS_INCH = 4.3
-TOP_SHARE = 0.95
-"""Of all errors lie below the end of the colours: one outlier would leave the others one colour."""
-Places = tuple[FloatArray, FloatArray]
-"""(n, 3) where the unloaded TCP is, m, base frame, and the (n,) length of the error there, m."""
-
-
 def workspace_figure(models: Mapping[str, Places]) -> Figure:
     """Draw each model's poses from the side and from above, colours being errors."""
-    from matplotlib.colors import Normalize
-
     everything = np.concatenate([error for _, error in models.values()]) * MM
     scale = Normalize(0.0, float(np.quantile(everything, TOP_SHARE)) or 1e-6)
-    figure = new_figure(COLUMN_INCH if len(models) == 1 else PAGE_INCH, VIEWS_INCH)
+    width = style.COLUMN_INCH if len(models) == 1 else style.PAGE_INCH
+    figure = style.new_figure(width, VIEWS_INCH)
     grid = figure.subplots(2, len(models), squeeze=False)
     for (name, (place, error)), (side, above) in zip(models.items(), grid.T, strict=True):
         order = np.argsort(error, kind="stable")  # the worst are drawn last, on top
         x, y, z = place[order].T
         many = len(error) > _MANY
+        size, edge = (4.0, 0.0) if many else (11.0, 0.25)
+        colors: dict[str, Any] = {"c": error[order] * MM, "norm": scale, "cmap": "viridis_r"}
+        looks: dict[str, Any] = {"s": size, "edgecolors": "0.3", "linewidths": edge}
         for axes, across, up in ((side, np.hypot(x, y), z), (above, x, y)):
-            points = axes.scatter(
-                *(across, up),
-                c=error[order] * MM,
-                norm=scale,
-                cmap="viridis_r",
-                s=4.0 if many else 11.0,
-                edgecolors="0.3",
-                linewidths=0.0 if many else 0.25,
-                rasterized=many,
-            )
+            points = axes.scatter(across, up, **colors, **looks, rasterized=many)
             axes.set_aspect("equal", adjustable="datalim")
             axes.locator_params(nbins=5)
-        side.set_title(f"{short(name, PANEL_LETTERS)}\nfrom the side", loc="left")
+        side.set_title(f"{style.short(name, style.PANEL_LETTERS)}\nfrom the side", loc="left")
         side.set_xlabel("distance from the base's z axis [m]")
         above.set_title("from above", loc="left")
         above.set_xlabel("x [m]")
@@ -204,7 +165,7 @@ def workspace_figure(models: Mapping[str, Places]) -> Figure:
         axes.tick_params(labelleft=False)
     grid[0, 0].set_ylabel("z [m]")
     grid[1, 0].set_ylabel("y [m]")
-    name_panels(list(grid.flat))
+    style.name_panels(list(grid.flat))
     bar = figure.colorbar(points, ax=grid, extend="max", shrink=0.6, aspect=30)
     bar.set_label("3-D error [mm]")
     bar.outline.set_visible(False)
@@ -213,7 +174,7 @@ def workspace_figure(models: Mapping[str, Places]) -> Figure:
 
 def workspace(source: FigureSource) -> Prepared:
     """Take the errors by pose of the models to compare."""
-    compared = source.compared(source.case(), MOST_MODELS)
+    compared = source.compared(MOST_MODELS)
     stored = read_data(source.folder, compared.case.name.data_sha256)
     _, pose = np.unique(stored.samples.pose_id, return_inverse=True)
     if compared.case.has_paths:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource
@@ -17,9 +18,6 @@ from stiff_protocols.scoring.bootstrap import pose_errors, resampled_means
 from stiff_protocols.scoring.metrics import norm_errors
 from stiff_protocols.scoring.paired import LEVEL
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 MOST_MODELS = 12
 HEAD_INCH, ROW_INCH = 0.55, 0.17
 
@@ -28,14 +26,9 @@ def scores_figure(errors: pd.DataFrame) -> Figure:
     """Draw a row a model: columns "mean", "low" and "high", m, the best model first."""
     figure = new_figure(COLUMN_INCH, HEAD_INCH + ROW_INCH * len(errors))
     axes, found = figure.subplots(), errors * MM
-    axes.errorbar(
-        *(found["mean"], range(len(found))),
-        xerr=[found["mean"] - found["low"], found["high"] - found["mean"]],
-        fmt="o",
-        color="black",
-        capsize=2.0,
-        elinewidth=0.8,
-    )
+    reach = [found["mean"] - found["low"], found["high"] - found["mean"]]
+    look: dict[str, Any] = {"fmt": "o", "color": "black", "capsize": 2.0, "elinewidth": 0.8}
+    axes.errorbar(found["mean"], range(len(found)), xerr=reach, **look)
     axes.set_yticks(range(len(found)), [short(name) for name in found.index])
     axes.invert_yaxis()
     axes.set(xlabel="mean 3-D error [mm]", xlim=(0.0, None))
@@ -44,21 +37,17 @@ def scores_figure(errors: pd.DataFrame) -> Figure:
 
 def gather(source: FigureSource) -> Prepared:
     """Take the errors of the models to compare, and draw their poses again and again."""
-    compared = source.compared(source.case(), MOST_MODELS)
+    compared = source.compared(MOST_MODELS)
     pose_id = read_data(source.folder, compared.case.name.data_sha256).samples.pose_id
     tested = compared.tested
     by_pose = [pose_errors(pose_id[one.rows], norm_errors(one)[:, None]) for one in tested.values()]
     low, high = np.quantile(resampled_means(by_pose), [LEVEL / 2, 1 - LEVEL / 2], axis=0)
-    errors = pd.DataFrame(
-        {"mean": [one.mean.item() for one in by_pose], "low": low, "high": high}, index=[*tested]
-    )
+    mean = [one.mean.item() for one in by_pose]
+    errors = pd.DataFrame({"mean": mean, "low": low, "high": high}, index=[*tested])
     caption = (
         "Mean 3-D error of the test samples of all splits, the best model first; bars: "
         f"{percent(1 - LEVEL)} bootstrap intervals over poses, with the fitted models held fixed. "
         f"{compared.setting}"
     )
-    return Prepared(
-        "Mean error by model",
-        caption,
-        partial(scores_figure, errors.sort_values("mean", kind="stable")),
-    )
+    paint = partial(scores_figure, errors.sort_values("mean", kind="stable"))
+    return Prepared("Mean error by model", caption, paint)

@@ -27,6 +27,9 @@ from stiff_protocols.contract.record import CellResult, Presentation
 from stiff_protocols.contract.types import Prediction
 from stiff_protocols.scoring.metrics import norm_errors
 
+Has = Callable[[CellResult], object]
+"""What is true of a result that has what a figure shows."""
+
 
 def between(counts: Collection[int], thing: str) -> str:
     """Return "5 splits", or "1 to 5 splits" where not all are equal."""
@@ -58,14 +61,14 @@ def marks_in(cases: Iterable[Case], models: Collection[str]) -> str:
 
 def setting(case: Case, models: Collection[str], n_splits: Collection[int]) -> str:
     """Return data, protocol, splits and seed of some models, and what must be read with them."""
-    shown = presentation(case)
-    data = f"{case.name.dataset} ({kind_label(shown.kind, shown.task)})"
-    protocol = " | ".join(filter(None, (case.name.protocol, case.name.condition)))
-    with_them = marks_in([case], models)
-    splits = between(n_splits, "split")
+    name, shown = case.name, presentation(case)
+    protocol = " | ".join(filter(None, (name.protocol, name.condition)))
     paths = " Of tool paths: error without correction as deflection, removed error as prediction."
-    with_them += paths * case.has_paths
-    return f"{data}, {protocol}, {splits}, seed {case.name.seed}.{with_them}"
+    return (
+        f"{name.dataset} ({kind_label(shown.kind, shown.task)}), {protocol}, "
+        f"{between(n_splits, 'split')}, seed {name.seed}.{marks_in([case], models)}"
+        f"{paths * case.has_paths}"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,48 +112,38 @@ class FigureSource:
         tests = tuple(case for case in newest if not presentation(case).reports_training)
         return tests or newest
 
-    def names(self, cases: Iterable[Case] | None = None) -> list[str]:
-        """Return the models asked for, or all, that have a result in these cases, or in any.
+    def names(self, cases: Sequence[Case]) -> list[str]:
+        """Return the models asked for, or all, that have a result in these cases.
 
         Raises:
             ConfigError: a word has no results in the folder.
         """
-        looked_at = self.newest if cases is None else tuple(cases)
         known, asked = competitor_names(self.cases), dict[str, None]()
         for word in self.models:
             found = [name for name in known if stands_for(word, name)]
             asked |= dict.fromkeys(found or [competitor_meant(word, self.cases)])
-        done = {name for one in looked_at for name, found in one.competitors.items() if found.done}
+        done = {name for one in cases for name, found in one.competitors.items() if found.done}
         return [name for name in (asked or known) if name in done]
 
-    def results(self, case: Case, has: Callable[[CellResult], bool]) -> list[CellResult]:
+    def results(self, case: Case, has: Has) -> list[CellResult]:
         """Return the results of a case, of the models asked for, that have what is shown."""
         each = (one for name in self.names([case]) for one in case.results(name))
         return [one for one in each if has(one)]
 
-    def case(
-        self,
-        has: Callable[[CellResult], bool] = lambda _: True,
-        *,
-        needs: str = "a result",
-        most_first: bool = False,
-    ) -> Case:
+    def case(self, has: Has, needs: str, *, most_first: bool = False) -> Case:
         """Return the case to draw: fair before others, then the one with most models.
 
-        Args:
-            has: whether a result has what the figure shows.
-            needs: what that is, for the error, with the command that makes it.
-            most_first: the one with most such models, fair or not.
+        `needs` says what its results must have, with the command that makes it. With `most_first`
+        it is the one with most models, fair or not.
 
         Raises:
             StoreError: no case has such a result of the models asked for.
         """
-        models = self.names()
+        models = self.names(self.newest)
 
         def n_found(one: Case) -> int:
-            return sum(
-                any(map(has, one.results(name))) for name in models if name in one.competitors
-            )
+            there = [name for name in models if name in one.competitors]
+            return sum(any(map(has, one.results(name))) for name in there)
 
         def preference(one: Case) -> tuple[int, bool, bool, int, int, int, str]:
             n = n_found(one)
@@ -167,34 +160,24 @@ class FigureSource:
         return best
 
     def compared(
-        self,
-        case: Case,
-        most: int,
-        has: Callable[[CellResult], bool] = lambda _: True,
-        what: str = "a result",
+        self, most: int, has: Has = lambda _: True, what: str = "a result", made_by: str = ""
     ) -> Compared:
         """Return the models to draw: those asked for, or `most` of the best and the linear one.
 
-        Args:
-            case: of the models.
-            most: how many.
-            has: whether a result has what the figure shows.
-            what: that is, for the error.
+        `what` says what their results must have, and `made_by` which command makes it.
 
         Raises:
-            StoreError: there is no split on which all have it.
+            StoreError: no result has it, or there is no split on which all models have it.
         """
+        case = self.case(has, "; ".join(filter(None, (what, made_by))))
         able = [name for name in self.names([case]) if any(map(has, case.results(name)))]
         names = able if self.models else _best(case, able, most)
-        slots = [
-            slot
-            for slot in case.shared_slots(names)
-            if all(has(case.competitors[name].done[slot]) for name in names)
-        ]
-        if not names or not slots:
+        shared = case.shared_slots(names)
+        slots = [at for at in shared if all(has(case.competitors[n].done[at]) for n in names)]
+        if not slots:
             raise StoreError(
-                f"{self.folder}: {case.name.text}: {', '.join(names) or 'no model'}: "
-                f"no split on which all have {what}; as many splits of each make them",
+                f"{self.folder}: {case.name.text}: {', '.join(names)}: no split on which all have "
+                f"{what}; as many splits of each make them",
                 "results",
             )
         about = setting(case, names, [len(slots)])
@@ -214,8 +197,7 @@ class Compared:
         case: the results.
         models: their names, best first unless they were asked for.
         slots: the splits that all of them have.
-        setting: data, protocol, splits, seed, marks of models, and which models and data are left
-            out.
+        setting: data, protocol, splits, seed, marks of models, and what is left out.
     """
 
     case: Case
@@ -240,8 +222,7 @@ def _best(case: Case, names: Sequence[str], most: int) -> list[str]:
     """Return the best of the models that have most splits, and the linear one."""
     n_done = {name: len(case.competitors[name].done) for name in names}
     complete = [name for name in names if n_done[name] == max(n_done.values())]
-    ordered = sorted(complete, key=lambda name: mean_length(case.results(name)))
-    return with_linear(ordered, most)
+    return with_linear(sorted(complete, key=lambda one: mean_length(case.results(one))), most)
 
 
 def with_linear(ordered: Sequence[str], most: int) -> list[str]:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from itertools import count, takewhile
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource, setting
@@ -22,9 +21,6 @@ from stiff_models.physics.kinematics import gravity_torque
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 ROW_INCH, HEAD_INCH = 1.75, 0.3
 _POINTS = 200
 _SHARES = (0.5, 0.95)
@@ -33,25 +29,9 @@ _NEEDS = (
     f"springs in segments; `bench run --model {REFERENCE_MODEL} --model vjm-multisegment` makes "
     "them"
 )
-
-
-@dataclass(frozen=True, eq=False)
-class Spring:
-    """An odd, piecewise linear spring.
-
-    Attributes:
-        breakpoints: (n_segments - 1,) torques where slopes change, N m (N), ascending.
-        compliance: (n_segments,) rad/(N m) (m/N); the prior's where it was not identifiable.
-    """
-
-    breakpoints: FloatArray
-    compliance: FloatArray
-
-    def deflection(self, torque: FloatArray) -> FloatArray:
-        """Return the (n,) deflection [rad or m] under non-negative torques [N m or N]."""
-        edges = np.concatenate([[0.0], self.breakpoints, [np.inf]])
-        parts = np.clip(torque[:, None], edges[:-1], edges[1:]) - edges[:-1]
-        return np.asarray((np.where(parts > 0.0, parts * self.compliance, 0.0)).sum(axis=1))
+Spring = tuple[FloatArray, FloatArray]
+"""Torques where an odd, piecewise linear spring bends, N m (N), and the stiffness of each segment,
+N m/rad (N/m); the prior's where it was not identifiable."""
 
 
 def springs_figure(
@@ -67,12 +47,12 @@ def springs_figure(
         top = float(torque[:, joint].max()) or 1.0
         at = np.linspace(0.0, top, _POINTS)
         springs = [_spring(one.diagnostics, data, joint) for one in results]
-        curves = np.array([1e3 * one.deflection(at) for one in springs])
+        curves = np.array([1e3 * _deflection(at, spring) for spring in springs])
         median = np.median(curves, axis=0)
         axes.plot(at, curves.T, color=blue.color, linewidth=0.5, alpha=0.45)
         model = short(results[0].shown.model)
         axes.plot(at, median, color=blue.color, linewidth=1.6, label=model)
-        bends = np.median([one.breakpoints for one in springs], axis=0)
+        bends = np.median([bends for bends, _ in springs], axis=0)
         bends = bends[bends < top]
         heights = np.interp(bends, at, median)
         axes.plot(bends, heights, **blue.points(), markersize=4.5, label="breakpoint", zorder=4)
@@ -95,17 +75,15 @@ def springs_figure(
 
 def gather(source: FigureSource) -> Prepared:
     """Take the springs that were identified on each split."""
-    data = cache(partial(read_data, source.folder))
 
     def is_segmented(result: CellResult) -> bool:
-        found = result.diagnostics
-        return bool(found) and _stiffness(data(result.cell.data_sha256), 0, segment=1) in found
+        return any(name.startswith("breakpoint ") for name in result.diagnostics)
 
-    case = source.case(is_segmented, needs=_NEEDS)
+    case = source.case(is_segmented, _NEEDS)
     results = source.results(case, is_segmented)
     model = results[0].shown.model
     results = [one for one in results if one.shown.model == model]
-    stored = data(case.name.data_sha256)
+    stored = read_data(source.folder, case.name.data_sha256)
     torque, of_what = _torques(stored, results[0])
     linear = case.results(REFERENCE_MODEL) if REFERENCE_MODEL in case.competitors else ()
     caption = (
@@ -114,32 +92,38 @@ def gather(source: FigureSource) -> Prepared:
         f"({of_what}) that {_SHARES[0]:.0%} and {_SHARES[1]:.0%} of the samples stay below; a "
         f"panel ends at the largest. {setting(case, [model], [len(results)])}"
     )
-    return Prepared(
-        "Torque and deflection of each joint",
-        caption,
-        partial(springs_figure, stored, np.abs(torque), results, linear),
-    )
+    paint = partial(springs_figure, stored, np.abs(torque), results, linear)
+    return Prepared("Torque and deflection of each joint", caption, paint)
 
 
-def _stiffness(data: StoredData, joint: int, *, segment: int | None = None) -> str:
+def _stiffness(data: StoredData, joint: int, segment: str = "") -> str:
     """Return the diagnostic that has the stiffness of a joint, or of a segment of its spring."""
     unit = "Nm/rad" if data.torque_units[joint] == "Nm" else "N/m"
-    part = "" if segment is None else f" segment {segment}"
-    return f"stiffness {data.joint_names[joint]}{part} [{unit}]"
+    return f"stiffness {data.joint_names[joint]}{segment} [{unit}]"
 
 
 def _spring(found: Mapping[str, float], data: StoredData, joint: int) -> Spring:
     name, unit = data.joint_names[joint], data.torque_units[joint]
-    stiffness = _numbered(found, lambda number: _stiffness(data, joint, segment=number))
-    for k in np.flatnonzero(np.isnan(stiffness)):
-        stiffness[k] = found.get(f"prior {_stiffness(data, joint, segment=int(k) + 1)}", np.nan)
+    segments = _numbered(found, lambda number: _stiffness(data, joint, f" segment {number}"))
+    stiffness = [
+        found.get(f"prior {key}", np.nan) if np.isnan(found[key]) else found[key]
+        for key in segments
+    ]
     bends = _numbered(found, lambda number: f"breakpoint {name} {number} [{unit}]")
-    return Spring(bends, 1.0 / stiffness)
+    return np.array([found[key] for key in bends]), np.array(stiffness)
 
 
-def _numbered(found: Mapping[str, float], name: Callable[[int], str]) -> FloatArray:
-    """Return the diagnostics of the numbers 1, 2, ... as far as they are there."""
-    return np.array([found[name(k)] for k in takewhile(lambda k: name(k) in found, count(1))])
+def _numbered(found: Mapping[str, float], name: Callable[[int], str]) -> list[str]:
+    """Return the names of the numbers 1, 2, ... as far as they are there."""
+    return list(takewhile(found.__contains__, map(name, count(1))))
+
+
+def _deflection(torque: FloatArray, spring: Spring) -> FloatArray:
+    """Return a spring's (n,) deflection [rad or m] under rising torques from 0 on [N m or N]."""
+    bends, stiffness = spring
+    nodes = np.array([0.0, *bends, max(torque[-1], *bends)])
+    heights = np.cumsum(np.diff(nodes) / stiffness)
+    return np.asarray(np.interp(torque, nodes, [0.0, *heights]))
 
 
 def _torques(stored: StoredData, result: CellResult) -> tuple[FloatArray, str]:

@@ -5,22 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from string import ascii_lowercase
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
-    from matplotlib.figure import Figure
+import seaborn
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
-
-def plain_numbers(axis: Axis, steps: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
-    """Write 0.1, 0.2, 0.5, 1 on a logarithmic axis, or other steps of each decade."""
-    from matplotlib.ticker import LogLocator, NullFormatter
-
-    axis.set_major_locator(LogLocator(subs=steps))
-    axis.set_major_formatter("{x:g}")
-    axis.set_minor_formatter(NullFormatter())
-
+from stiff_bench.console import one_line
 
 COLUMN_INCH, PAGE_INCH = 3.46, 7.09
 """One column of a journal (88 mm), and both (180 mm)."""
@@ -75,16 +68,11 @@ class Look:
 
 def looks(n: int) -> list[Look]:
     """Return `n` looks; beyond eight, colours come again with other markers."""
-    import seaborn
-
-    palette, n_colors = seaborn.color_palette("colorblind").as_hex(), len(_ORDER)
+    palette = seaborn.color_palette("colorblind").as_hex()
+    shifted = [(number, (number + number // len(_ORDER)) % len(_ORDER)) for number in range(n)]
     return [
-        Look(
-            color=palette[_ORDER[number % n_colors]],
-            marker=_MARKERS[(number + number // n_colors) % len(_MARKERS)],
-            line=_LINES[(number + number // n_colors) % len(_LINES)],
-        )
-        for number in range(n)
+        Look(palette[_ORDER[number % len(_ORDER)]], _MARKERS[other], _LINES[other])
+        for number, other in shifted
     ]
 
 
@@ -103,8 +91,6 @@ def seaborn_looks(names: Sequence[Any]) -> dict[str, Any]:
 
 def new_figure(width: float, height: float) -> Figure:
     """Return an empty figure; sizes in inches."""
-    from matplotlib.figure import Figure
-
     return Figure(figsize=(width, height), layout="constrained")
 
 
@@ -137,6 +123,13 @@ def share_legend(
     figure.legend(list(handles.values()), list(handles), loc=place, ncols=ncols, **spacing)
 
 
+def plain_numbers(axis: Axis, steps: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
+    """Write 0.1, 0.2, 0.5, 1 on a logarithmic axis, or other steps of each decade."""
+    axis.set_major_locator(LogLocator(subs=steps))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
+
+
 MOST_LETTERS = 34
 """Of a name in a legend or on an axis."""
 PANEL_LETTERS = 22
@@ -145,8 +138,6 @@ PANEL_LETTERS = 22
 
 def short(name: str, most: int = MOST_LETTERS) -> str:
     """Return a name that fits a legend: no unprintable sign, a long one without its middle."""
-    from stiff_bench.console import one_line
-
     text = one_line(name)
     if len(text) <= most:
         return text

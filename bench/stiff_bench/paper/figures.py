@@ -6,79 +6,40 @@ one unfrozen layer against two.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from stiff_bench.figures import losses, style, variants
 from stiff_bench.figures.figure import Figures, Prepared
-from stiff_bench.figures.losses import (
-    DASHED,
-    LossCurve,
-    curves_of,
-    draw_losses,
-    has_place,
-    least_at,
-)
+from stiff_bench.figures.losses import DASHED
 from stiff_bench.figures.samples import LINES_NOTE, Series, regression_figure
 from stiff_bench.figures.source import between, marks
-from stiff_bench.figures.style import (
-    REFERENCE_COLOR,
-    looks,
-    name_panels,
-    new_panels,
-    plain_numbers,
-    share_legend,
-)
-from stiff_bench.figures.variants import (
-    KINDS,
-    draw_lines,
-    draw_strategies,
-    errors_on_source,
-    layers_of,
-    mean_error,
-    strategies,
-)
+from stiff_bench.paper import study
 from stiff_bench.paper.method_tables import METHODS, NEW, OLD
+from stiff_bench.paper.network_tables import ON_SOURCE
 from stiff_bench.paper.results import REPRODUCE, Found, PaperResults, named_results
-from stiff_bench.paper.study import (
-    ACTIVATIONS,
-    ADJACENT_PAIRS,
-    BASE_LAYERS,
-    BASE_WIDTH,
-    DATASET,
-    DEPTH_WIDTH,
-    EARLY_STEPS,
-    FT_MLP,
-    PAPER_PROTOCOL,
-    SEED,
-    SINGLE_LAYERS,
-    VJM,
-    WIDTH_DEPTHS,
-    WIDTHS,
-    pretrained,
-    unfrozen,
-)
-from stiff_bench.plan.options import Choice
-from stiff_bench.plan.registry import build_registry
-from stiff_bench.plan.request import loaded
+from stiff_bench.paper.study import DATASET, FT_MLP, SEED, VJM, WIDTH_DEPTHS, pretrained, unfrozen
+from stiff_bench.paper.tables import fitted_vjm
 from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_bench.tables.published import published_errors, published_lines
 from stiff_bench.tables.units import MM
-from stiff_protocols.contract.errors import StiffBenchWarning, StoreError
+from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import AXES, Prediction
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 DATA = f"{DATASET}, simulated: the paper's measurements are not public"
+PROTOCOL = study.PAPER_PROTOCOL.name
 _REGRESSION = "Predicted against true deflection"
+PANEL_INCH = 2.7
+FEWEST_WIDTHS = 2
+QUANTITIES = ("MAE", "STDE")
 
 
 def _setting(found: Found, of: str = "", *others: Found) -> str:
@@ -86,18 +47,12 @@ def _setting(found: Found, of: str = "", *others: Found) -> str:
     n_splits = between([len(results) for results in found.results.values()], "split")
     with_them = marks(results[0].shown for results in found.results.values())
     absent = "".join(f" {note}" for one in (found, *others) for note in one.absences())
-    protocol = PAPER_PROTOCOL.name
-    return f"Data: {DATA}; {protocol}, {n_splits}{of}, seed {SEED}.{with_them}{absent}"
+    return f"Data: {DATA}; {PROTOCOL}, {n_splits}{of}, seed {SEED}.{with_them}{absent}"
 
 
 def figure_4(_: PaperResults) -> Prepared:
     """Fit the VJM to all samples and predict them: no stored result is needed."""
-    registry = build_registry()
-    data = loaded(Choice.of(registry.datasets[DATASET]))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StiffBenchWarning)
-        model = registry.model(VJM.key).load()().fit(data.samples, robot=data.robot, seed=SEED)
-    samples = data.samples
+    samples, model = fitted_vjm()
     predicted = model.predict(samples.q, samples.wrench)
     tested = Prediction(np.arange(len(samples)), predicted, samples.deflection)
     caption = (
@@ -105,33 +60,25 @@ def figure_4(_: PaperResults) -> Prepared:
         f"samples that are shown (no split). Data: {DATA}. {LINES_NOTE} In brackets: the paper's "
         "MAE (its Table 2)."
     )
-    series = [Series(VJM.key, tested, _published_mae("table_2", OLD))]
-    return Prepared(
-        f"{_REGRESSION}, VJM fitted to them", caption, partial(regression_figure, series)
-    )
+    paint = partial(regression_figure, [Series(VJM.key, tested, _published_mae("table_2", OLD))])
+    return Prepared(f"{_REGRESSION}, VJM fitted to them", caption, paint)
 
 
 def _regression(number: int, methods: Sequence[str], results: PaperResults) -> Prepared:
-    """Take the methods' test samples on the splits that all have.
-
-    Raises:
-        StoreError: a method has no result.
-    """
+    """Take the test samples of the methods, each of which has a result, on shared splits."""
     method_of = {METHODS[method].name: method for method in methods}
-    found = results.on_shared_splits(method_of, PAPER_PROTOCOL.name)
+    found = results.on_shared_splits(method_of, PROTOCOL)
     lacking = [*found.missing, *found.failures]
     if lacking:
         why = "; ".join(found.failures.values()) or "not run"
         raise StoreError(
             f"{results.folder}: no result of {', '.join(lacking)} on {DATASET} under "
-            f"{PAPER_PROTOCOL.name}: {why}; {REPRODUCE} makes it",
+            f"{PROTOCOL}: {why}; {REPRODUCE} makes it",
             "results",
         )
     series = [
-        Series(
-            method_of[name], pooled_prediction(results), _published_mae("table_10", method_of[name])
-        )
-        for name, results in found.results.items()
+        Series(method, pooled_prediction(found.results[name]), _published_mae("table_10", method))
+        for name, method in method_of.items()
     ]
     models = " and ".join(f"{method} ({name})" for name, method in method_of.items())
     caption = (
@@ -148,97 +95,77 @@ def _published_mae(table: str, method: str) -> tuple[float, ...]:
     return tuple(values["mae", axis] / MM for axis in AXES)
 
 
-PANEL_INCH = 2.7
-
-
 def figure_6(results: PaperResults) -> Prepared:
-    """Take the fine-tunings that move one hidden layer, or two adjacent ones.
-
-    Raises:
-        StoreError: there is none of one kind.
-    """
-    names = [unfrozen(layers).name for layers in (*SINGLE_LAYERS, *ADJACENT_PAIRS)]
-    found = results.on_shared_splits((*names, VJM.name), PAPER_PROTOCOL.name)
+    """Take the fine-tunings that move one hidden layer, or two adjacent ones; some of each."""
+    moving = (*study.SINGLE_LAYERS, *study.ADJACENT_PAIRS)
+    found = results.on_shared_splits((*(unfrozen(one).name for one in moving), VJM.name), PROTOCOL)
     tuned = [one for name, of in found.results.items() if name != VJM.name for one in of]
-    errors = strategies(tuned)
-    for kind in KINDS[:2]:
+    errors = variants.strategies(tuned)
+    for kind in variants.KINDS[:2]:
         if kind not in set(errors["kind"]):
             raise StoreError(
-                f"{results.folder}: no result of {FT_MLP.key} under {PAPER_PROTOCOL.name} that "
+                f"{results.folder}: no result of {FT_MLP.key} under {PROTOCOL} that "
                 f"moves {kind}; {REPRODUCE} makes it",
                 "results",
             )
-    linear = [mean_error(one) for one in found.results.get(VJM.name, ())]
+    linear = [variants.mean_error(one) for one in found.results.get(VJM.name, ())]
     caption = (
         f"The paper's Figure 6: {FT_MLP.key} with one hidden layer unfrozen (dashed) or two. (a) "
         "Validation loss of the fine-tuning, first split; mark: least of the stored epochs. (b) "
         "MAE of the test part at the epoch that was kept, all axes together; symbol: mean over the "
         f"splits, bars: splits. {_setting(found)}"
     )
-    first = [
-        next(one for one in tuned if layers_of(one) == name) for name in errors["layers"].unique()
-    ]
-    mean_linear = float(np.mean(linear)) if linear else None
-    paint = partial(_draw_strategies, first, errors, mean_linear)
+    first = {variants.layers_of(one): one for one in reversed(tuned)}
+    curves = {layers: first[layers] for layers in errors["layers"].unique()}
+    paint = partial(_draw_strategies, curves, errors, linear)
     return Prepared("One unfrozen layer against two", caption, paint)
 
 
 def _draw_strategies(
-    first: Sequence[CellResult], errors: pd.DataFrame, linear: float | None
+    first: dict[str, CellResult], errors: pd.DataFrame, linear: Sequence[float]
 ) -> Figure:
-    figure, (left, right) = new_panels(2, PANEL_INCH, 0.0)
-    for result, look in zip(first, looks(len(first)), strict=True):
+    figure, (left, right) = style.new_panels(2, PANEL_INCH, 0.0)
+    for (layers, result), look in zip(first.items(), style.looks(len(first)), strict=True):
         step, _, loss = result.curves.get("fine-tuning", np.full((1, 3), np.nan)).T
-        if has_place(loss).any():
-            pair, best = "+" in layers_of(result), least_at(loss)
-            left.plot(
-                *(step, loss),
-                **look.points() | {"linestyle": "-" if pair else DASHED},
-                markevery=[best],
-                markersize=4.5,
-                label=f"layer{'s' * pair} {layers_of(result)}",
-            )
-            left.plot(step[best], loss[best], **look.points(), markersize=4.5, zorder=4.0)
+        if losses.has_place(loss).any():
+            pair, best = "+" in layers, losses.least_at(loss)
+            points = look.points() | {"markersize": 4.5}
+            line = points | {"linestyle": "-" if pair else DASHED, "markevery": [best]}
+            left.plot(step, loss, **line, label=f"layer{'s' * pair} {layers}")
+            left.plot(step[best], loss[best], **points, zorder=4.0)
     left.set(xscale="log", yscale="log", xlabel="epochs", ylabel="validation loss [standardised]")
-    plain_numbers(left.xaxis)
-    plain_numbers(left.yaxis, (1.0, 1.5, 2.0, 3.0, 5.0, 7.0))  # often less than a decade
+    style.plain_numbers(left.xaxis)
+    style.plain_numbers(left.yaxis, (1.0, 1.5, 2.0, 3.0, 5.0, 7.0))  # often less than a decade
     if left.lines:
-        share_legend(figure, [left], below=True)
-    draw_strategies(right, errors, linear)
-    name_panels([left, right])
+        style.share_legend(figure, [left], below=True)
+    variants.draw_strategies(right, errors, linear)
+    style.name_panels([left, right])
     return figure
 
 
-FEWEST_WIDTHS = 2
-QUANTITIES = ("MAE", "STDE")
-
-
 def figure_5(results: PaperResults) -> Prepared:
-    """Take the networks of Figure 5 that the folder has, and the pre-trainings by activation.
-
-    Raises:
-        StoreError: a depth has fewer than two widths, or no activation has a training curve.
-    """
-    names = [pretrained(layers=d, width=width).name for width in WIDTHS for d in WIDTH_DEPTHS]
-    found = results.of_models(names, PAPER_PROTOCOL.name)
-    n_widths = errors_on_source(found.each).groupby("depth")["width"].nunique()
+    """Take the networks of Figure 5 that the folder has, and the pre-trainings by activation."""
+    names = [pretrained(layers=d, width=width).name for width in study.WIDTHS for d in WIDTH_DEPTHS]
+    found = results.of_models(names, PROTOCOL)
+    n_widths = variants.errors_on_source(found.each).groupby("depth")["width"].nunique()
     few = [str(depth) for depth in WIDTH_DEPTHS if n_widths.get(depth, 0) < FEWEST_WIDTHS]
     if few:
         raise StoreError(
             f"{results.folder}: fewer than {FEWEST_WIDTHS} widths of {', '.join(few)} "
-            f"hidden layers have results under {PAPER_PROTOCOL.name}; {REPRODUCE} makes them"
+            f"hidden layers have results under {PROTOCOL}; {REPRODUCE} makes them"
             + "".join(f"; {reason}" for reason in found.failures.values()),
             "results",
         )
-    stopped = [pretrained(layers=d, width=DEPTH_WIDTH, stopped_early=True) for d in WIDTH_DEPTHS]
+    width = study.DEPTH_WIDTH
+    stopped = [pretrained(layers=d, width=width, stopped_early=True) for d in WIDTH_DEPTHS]
     stopped.append(pretrained(stopped_early=True))
-    early = results.of_models([one.name for one in stopped], PAPER_PROTOCOL.name)
-    activations = {pretrained(activation=kind).name: kind for kind in reversed(ACTIVATIONS)}
-    trained = results.on_shared_splits(activations, PAPER_PROTOCOL.name)
+    early = results.of_models([one.name for one in stopped], PROTOCOL)
+    activations = {pretrained(activation=kind).name: kind for kind in reversed(study.ACTIVATIONS)}
+    trained = results.on_shared_splits(activations, PROTOCOL)
     curves = [
         curve
         for name, (first, *_) in trained.results.items()
-        for curve in curves_of(first, activations[name])
+        for curve in losses.curves_of(first, activations[name])
     ]
     if not curves:
         raise StoreError(
@@ -250,9 +177,9 @@ def figure_5(results: PaperResults) -> Prepared:
         "The paper's Figure 5: (a) MAE and (b) STDE of pre-trained networks on the simulated "
         "pre-training data, all axes together. Solid: test part (30 %), with a band over the "
         "splits; dashed: training part. Hollow stars: the paper's test part (its Tables 6 and 7); "
-        f"hollow circles: ours stopped after {EARLY_STEPS} steps of plain Adam. (c) Pre-training "
-        f"loss of {BASE_LAYERS} x {BASE_WIDTH} nodes by activation, first split (Huber loss of "
-        "standardised targets; the paper's is the mean square). "
+        f"hollow circles: ours stopped after {study.EARLY_STEPS} steps of plain Adam. (c) "
+        f"Pre-training loss of {study.BASE_LAYERS} x {study.BASE_WIDTH} nodes by activation, first "
+        "split (Huber loss of standardised targets; the paper's is the mean square). "
         f"{_setting(found, ' a network', early, trained)}"
     )
     paint = partial(_draw_networks, found.each, early.each, curves)
@@ -262,53 +189,48 @@ def figure_5(results: PaperResults) -> Prepared:
 def _published_on_source(quantity: str) -> pd.DataFrame:
     """Return what the paper's Tables 6 and 7 say of networks of our depths: depth, width, error."""
     column = f"test_{quantity.lower()}_mm"
-    of_depth = [
-        (int(line["layers"]), DEPTH_WIDTH, float(line[column]))
-        for line in published_lines("table_6")
-        if int(line["layers"]) in WIDTH_DEPTHS
-    ]
+    by_depth = {line["layers"]: float(line[column]) for line in published_lines("table_6")}
     by_activation = {line["activation"]: float(line[column]) for line in published_lines("table_7")}
-    rows = [*of_depth, (BASE_LAYERS, BASE_WIDTH, by_activation["relu"])]
+    rows = [(depth, study.DEPTH_WIDTH, by_depth[str(depth)]) for depth in WIDTH_DEPTHS]
+    rows.append((study.BASE_LAYERS, study.BASE_WIDTH, by_activation["relu"]))
     return pd.DataFrame(rows, columns=["depth", "width", "error"])
 
 
 def _draw_networks(
-    networks: list[CellResult], early: list[CellResult], curves: list[LossCurve]
+    networks: list[CellResult], early: list[CellResult], curves: list[losses.LossCurve]
 ) -> Figure:
-    figure, panels = new_panels(3, PANEL_INCH, 0.0)
+    figure, panels = style.new_panels(3, PANEL_INCH, 0.0)
+    thin = {"errorbar": None, "markers": False, "linestyle": DASHED, "linewidth": 0.8}
     for axes, quantity in zip(panels, QUANTITIES, strict=False):
-        draw_lines(axes, errors_on_source(networks, quantity), legend=False)
-        thin = {"errorbar": None, "markers": False, "linestyle": DASHED, "linewidth": 0.8}
-        draw_lines(axes, errors_on_source(networks, quantity, "training"), legend=False, **thin)
+        test, training = ON_SOURCE[f"test {quantity}"], ON_SOURCE[f"train {quantity}"]
+        errors_on = variants.errors_on_source
+        variants.draw_lines(axes, errors_on(networks, test), legend=False)
+        variants.draw_lines(axes, errors_on(networks, training), legend=False, **thin)
         _mark(axes, _published_on_source(quantity), "*", 6.0)
-        of_early = errors_on_source(early, quantity).groupby(["depth", "width"], as_index=False)
-        _mark(axes, of_early.mean(), "o", 4.0)
+        _mark(axes, errors_on(early, test).groupby(["depth", "width"], as_index=False).mean(), "o")
         axes.set_ylabel(f"pre-training {quantity} [mm]")
-    for depth, look in zip(WIDTH_DEPTHS, looks(len(WIDTH_DEPTHS)), strict=True):
-        panels[0].plot([], [], color=look.color, marker=look.marker, label=f"{depth} hidden layers")
-    panels[0].plot([], [], color=REFERENCE_COLOR, linestyle=DASHED, label="training part")
+    legend = panels[0]
+    for depth, look in zip(WIDTH_DEPTHS, style.looks(len(WIDTH_DEPTHS)), strict=True):
+        legend.plot([], [], color=look.color, marker=look.marker, label=f"{depth} hidden layers")
+    legend.plot([], [], color=style.REFERENCE_COLOR, linestyle=DASHED, label="training part")
     for marker, size, label in (("*", 6.0, "paper"), ("o", 4.0, "stopped early")):
-        panels[0].plot([], [], marker, ms=size, color=REFERENCE_COLOR, mfc="white", label=label)
-    draw_losses(panels[2], curves)
+        legend.plot([], [], marker, ms=size, color=style.REFERENCE_COLOR, mfc="white", label=label)
+    names = [curve.name for curve in curves]
+    losses.draw_losses(panels[2], curves, dict(zip(names, style.looks(len(names)), strict=True)))
     panels[2].legend()
     for axes, title in zip(panels, (*QUANTITIES, "pre-training"), strict=True):
         axes.set_title(title, loc="left")
-    name_panels(panels)
-    share_legend(figure, panels[:1], below=True, ncols=6)
+    style.name_panels(panels)
+    style.share_legend(figure, [legend], below=True, ncols=6)
     return figure
 
 
-def _mark(axes: Axes, errors: pd.DataFrame, marker: str, size: float) -> None:
+def _mark(axes: Axes, errors: pd.DataFrame, marker: str, size: float = 4.0) -> None:
     """Draw errors to hold ours against, hollow, in the depths' colours."""
-    for depth, look in zip(WIDTH_DEPTHS, looks(len(WIDTH_DEPTHS)), strict=True):
-        of_depth = errors[errors["depth"] == depth]
-        axes.plot(
-            *(of_depth["width"], of_depth["error"], marker),
-            color=look.color,
-            markersize=size,
-            markerfacecolor="white",
-            markeredgewidth=0.8,
-        )
+    for depth, look in zip(WIDTH_DEPTHS, style.looks(len(WIDTH_DEPTHS)), strict=True):
+        found = errors[errors["depth"] == depth]
+        hollow: dict[str, Any] = {"color": look.color, "ms": size, "mfc": "white", "mew": 0.8}
+        axes.plot(found["width"], found["error"], marker, **hollow)
 
 
 FIGURES: Figures[PaperResults] = {

@@ -5,20 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from stiff_bench.paper import study
 from stiff_bench.paper.results import FULL, Found, PaperResults
-from stiff_bench.paper.study import (
-    ACTIVATIONS,
-    ALL_PAIRS,
-    ALL_SINGLES,
-    BASE_LAYERS,
-    BASE_WIDTH,
-    DEPTH_WIDTH,
-    DEPTHS,
-    EARLY_STEPS,
-    PAPER_PROTOCOL,
-    pretrained,
-    unfrozen,
-)
 from stiff_bench.paper.table import (
     COMPARE,
     PUBLISHED_DECIMALS,
@@ -26,10 +14,11 @@ from stiff_bench.paper.table import (
     Labels,
     Numbers,
     Places,
+    mean_numbers,
     paper_table,
     printed_name,
 )
-from stiff_bench.tables.metric_table import mark_of, mean_over, pooled_prediction
+from stiff_bench.tables.metric_table import mark_of, pooled_prediction
 from stiff_bench.tables.published import published_lines
 from stiff_bench.tables.table import Table
 from stiff_bench.tables.units import MM, counted
@@ -40,7 +29,8 @@ Models = Mapping[Labels, str]
 """Row -> model."""
 Networks = Mapping[str, Mapping[str, Any]]
 """Row -> arguments of `pretrained`."""
-_ON_SOURCE = {
+PROTOCOL = study.PAPER_PROTOCOL.name
+ON_SOURCE = {
     "train MAE": "source training MAE [mm]",
     "train STDE": "source training STDE [mm]",
     "test MAE": "source test MAE [mm]",
@@ -51,8 +41,8 @@ _ON_TARGET = ("validation MAE", "validation STDE")
 EARLY = "ours, stopped early"
 _SOURCE_NOTES = (
     COMPARE,
-    f"Stopped early: {EARLY_STEPS} steps of plain Adam, chosen afterwards to be near the MAEs of "
-    "the paper's Table 6: compare the order, not the errors.",
+    f"Stopped early: {study.EARLY_STEPS} steps of plain Adam, chosen afterwards to be near the "
+    "MAEs of the paper's Table 6: compare the order, not the errors.",
 )
 _TARGET_NOTES = (
     "Ours alone, simulated, not comparable in absolute terms; the numbers of the paper's Table 8 "
@@ -64,14 +54,15 @@ _TARGET_NOTES = (
 
 def table_6(results: PaperResults) -> list[Table]:
     """Return the errors of pre-trained networks by depth; errors as in `on_shared_splits`."""
-    networks: Networks = {str(depth): {"layers": depth, "width": DEPTH_WIDTH} for depth in DEPTHS}
-    return _on_source(6, "layers", f"Hidden layers of {DEPTH_WIDTH} nodes each", networks, results)
+    width = study.DEPTH_WIDTH
+    networks: Networks = {str(depth): {"layers": depth, "width": width} for depth in study.DEPTHS}
+    return _on_source(6, "layers", f"Hidden layers of {width} nodes each", networks, results)
 
 
 def table_7(results: PaperResults) -> list[Table]:
     """Return the errors of pre-trained networks by activation; errors as in `on_shared_splits`."""
-    networks: Networks = {kind: {"activation": kind} for kind in ACTIVATIONS}
-    caption = f"Activation, {BASE_LAYERS} x {BASE_WIDTH} nodes"
+    networks: Networks = {kind: {"activation": kind} for kind in study.ACTIVATIONS}
+    caption = f"Activation, {study.BASE_LAYERS} x {study.BASE_WIDTH} nodes"
     return _on_source(7, "activation", caption, networks, results)
 
 
@@ -79,24 +70,25 @@ def _on_source(
     number: int, heading: str, caption: str, networks: Networks, results: PaperResults
 ) -> list[Table]:
     """Return a table of pre-trained networks, a row each."""
-    columns = tuple(_ON_SOURCE)
     published: Places = {
         ((line[heading],), column): float(line[printed_name(column)])
         for line in published_lines(f"table_{number}")
-        for column in columns
+        for column in ON_SOURCE
     }
-    ours: Models = {(label,): pretrained(**given).name for label, given in networks.items()}
+    ours: Models = {(row,): study.pretrained(**given).name for row, given in networks.items()}
     early: Models = {
-        (label,): pretrained(**given, stopped_early=True).name for label, given in networks.items()
+        (row,): study.pretrained(**given, stopped_early=True).name
+        for row, given in networks.items()
     }
-    labels = {model: label for (label,), model in ours.items()}
-    labels |= {model: f"{label} ({EARLY})" for (label,), model in early.items()}
-    found = results.on_shared_splits(labels, PAPER_PROTOCOL.name)
+    labels = {model: row for (row,), model in ours.items()}
+    labels |= {model: f"{row} ({EARLY})" for (row,), model in early.items()}
+    found = results.on_shared_splits(labels, PROTOCOL)
     of_ours, of_early = (_numbers(found, models, _source_errors) for models in (ours, early))
+    columns = tuple(ON_SOURCE)
     groups = [
-        Group.published(columns, published),
-        Group.ours(PAPER_PROTOCOL.name, columns, 5, of_ours),
-        Group.ours(PAPER_PROTOCOL.name, columns, PUBLISHED_DECIMALS, of_early, EARLY),
+        Group.published(published),
+        Group(f"ours, {PROTOCOL}", columns, 5, of_ours, PROTOCOL),
+        Group(EARLY, columns, PUBLISHED_DECIMALS, of_early, PROTOCOL),
     ]
     caption += ": errors on the simulated pre-training data, all axes together"
     stored = [found.about, *found.absences(labels=labels), results.provenance([found])]
@@ -107,19 +99,19 @@ def _on_source(
 def _source_errors(result: CellResult) -> Mapping[str, float]:
     """Return the errors on both parts of the source domain that were reported."""
     found = result.diagnostics
-    return {column: found[name] for column, name in _ON_SOURCE.items() if name in found}
+    return {column: found[name] for column, name in ON_SOURCE.items() if name in found}
 
 
 def table_8(results: PaperResults) -> list[Table]:
     """Return the errors of fine-tuned networks by layers; errors as in `on_shared_splits`."""
     models: Models = {
-        (counted(len(layers), "layer"), " + ".join(layers)): unfrozen(layers).name
-        for layers in (*ALL_SINGLES, *ALL_PAIRS)
+        (counted(len(layers), "layer"), " + ".join(layers)): study.unfrozen(layers).name
+        for layers in (*study.ALL_SINGLES, *study.ALL_PAIRS)
     }
     labels = {model: " ".join(row) for row, model in models.items()}
-    found = results.on_shared_splits(labels, PAPER_PROTOCOL.name)
+    found = results.on_shared_splits(labels, PROTOCOL)
     numbers = _numbers(found, models, _target_errors)
-    groups = [Group.ours(PAPER_PROTOCOL.name, _ON_TARGET, PUBLISHED_DECIMALS, numbers)]
+    groups = [Group(f"ours, {PROTOCOL}", _ON_TARGET, PUBLISHED_DECIMALS, numbers, PROTOCOL)]
     rows = [row for row, model in models.items() if model not in found.missing]
     caption = "Unfrozen layers of the fine-tuned network"
     stored = [found.about, *found.absences(FULL, labels), results.provenance([found])]
@@ -134,17 +126,12 @@ def _target_errors(result: CellResult) -> Mapping[str, float]:
 
 
 def _numbers(
-    found: Found,
-    models: Models,
-    errors: Callable[[CellResult], Mapping[str, float]],
+    found: Found, models: Models, errors: Callable[[CellResult], Mapping[str, float]]
 ) -> Numbers:
     """Return the means over the splits of the errors, by column, that all splits have."""
-    numbers = {}
+    numbers = Numbers()
     for row, model in models.items():
         of_model = found.results.get(model, ())
-        each = [errors(result) for result in of_model]
-        for column in each[0] if each else ():
-            if all(column in of_split for of_split in each):
-                values = [of_split[column] for of_split in each]
-                numbers[row, column] = mean_over(values, mark_of(of_model[0].shown))
+        each = [{(row, name): value for name, value in errors(one).items()} for one in of_model]
+        numbers |= mean_numbers(each, mark_of(of_model[0].shown) if of_model else "")
     return numbers

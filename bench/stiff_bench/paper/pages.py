@@ -89,9 +89,7 @@ def write_leaderboard(output: Path, command: str, n_missing: int) -> Iterator[Pa
     asked = {name: FIGURES[name] for name in OF_LEADERBOARD}
     figures, missing = can_be_drawn(asked, FigureSource.of(runs))
     return write_study(
-        runs.parent,
-        "Leaderboard",
-        _ABOUT_LEADERBOARD,
+        *(runs.parent, "Leaderboard", _ABOUT_LEADERBOARD),
         lambda fmt: render_leaderboard(board, fmt, command),
         command=command,
         n_missing=n_missing,
@@ -113,15 +111,9 @@ def write_study(
 ) -> Iterator[Path]:
     """Write FOLDER.csv, figures into FOLDER/figures and the page FOLDER.md; yield each file.
 
-    Args:
-        folder: its results are in FOLDER/runs.
-        title: of the page.
-        about: what must be known of the study.
-        text_as: returns its tables in a format.
-        command: that made them.
-        n_missing: how many of the study's cells are not stored.
-        figures: that can be drawn.
-        missing: figures that cannot -> why.
+    The results are in FOLDER/runs, of which `n_missing` are not computed; `about` is what must be
+    known of them, `text_as` returns their tables in a format. `missing` has figures that cannot be
+    drawn -> why.
 
     Raises:
         StoreError: nothing is stored, a file cannot be written, or a stored one is damaged.
@@ -149,12 +141,10 @@ def provenance(folder: Path, command: str, n_missing: int) -> Iterator[str]:
             "version was raised since; `bench show MODEL` has it)"
         )
     yield markdown_text(sources(folder, runs, Counter(one.run_id for one in results)))
-    machines = Counter(
-        f"{known.get('processor', 'unknown processor')}, {known.get('cores', '?')} cores, "
-        f"{known.get('platform', 'unknown platform')}, Python {known.get('python', '?')}, "
-        f"torch {known.get('torch', '?')}"
-        for known in (run.environment for run in runs)
-    )
+    unknown = {"processor": "unknown processor", "platform": "unknown platform"}
+    unknown |= dict.fromkeys(("cores", "python", "torch"), "?")
+    about = "{processor}, {cores} cores, {platform}, Python {python}, torch {torch}"
+    machines = Counter(about.format_map(unknown | dict(run.environment)) for run in runs)
     for machine, n_runs in machines.items():
         yield f"{markdown_text(machine)}: {counted(n_runs, 'run')} (`{folder.name}/{FILE}`)"
 

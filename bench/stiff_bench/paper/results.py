@@ -55,14 +55,10 @@ class Found:
         splits = f"{counted(n_splits, 'split')}{spread}"
         return f"Ours: {DATASET}, {self.protocol}, {splits}, seed {SEED}.{with_them}"
 
-    def absences(
-        self, remedy: str = REPRODUCE, labels: Mapping[str, str] | None = None
-    ) -> Iterator[str]:
-        """Yield what is not there, and what makes it.
+    def absences(self, remedy: str = REPRODUCE, labels: Mapping[str, str] = {}) -> Iterator[str]:
+        """Yield what is not there, and the command that makes it.
 
-        Args:
-            remedy: the command that makes what is missing.
-            labels: model -> what it is called in the table, if not so.
+        `labels` say what models are called in the table, if not by their names.
         """
         if self.n_left_out:
             yield (
@@ -72,7 +68,7 @@ class Found:
         for reason in self.failures.values():
             yield f"No numbers: {reason}."
         if self.missing:
-            names = [(labels or {}).get(model, model) for model in self.missing]
+            names = [labels.get(model, model) for model in self.missing]
             more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
             first = f"{', '.join(names[:MOST_NAMES])}{more}"
             yield f"Without a result under {self.protocol}: {first}; {remedy} makes it."
@@ -165,12 +161,9 @@ class PaperResults(StoredResults):
 
 
 def named_results(folder: Path | None, what: str, *, made_of: str) -> PaperResults:
-    """Return the results of a folder; None: where `bench reproduce` puts them.
+    """Return the results that something is made of; no folder: where `bench reproduce` puts them.
 
-    Args:
-        folder: that was named.
-        what: is made of them.
-        made_of: why it needs none of them, such as "is fitted here"; "": it does.
+    `made_of` says why it needs none of them, such as "is fitted here"; "": it does.
 
     Raises:
         StoreError: as `PaperResults.of`.

@@ -68,14 +68,10 @@ def pretrained(
     activation: Activation = "relu",
     stopped_early: bool = False,
 ) -> Variant:
-    """Return a network that learns the source domain alone.
+    """Return a network that learns the source domain alone, of some hidden layers.
 
-    Args:
-        layers: how many hidden ones.
-        width: nodes a hidden layer.
-        activation: of the hidden layers.
-        stopped_early: it is trained as the paper's recipe says (plain Adam, mean squared error),
-            but for `EARLY_STEPS` alone, after which the MAEs of Table 6 are near the paper's.
+    One stopped early is trained as the paper's recipe says (plain Adam, mean squared error), but
+    for `EARLY_STEPS` alone, after which the MAEs of Table 6 are near the paper's.
     """
     given = {"activation": activation, "layers": layers, "width": width}
     usual = {"activation": "relu", "layers": BASE_LAYERS, "width": BASE_WIDTH}
@@ -88,9 +84,8 @@ def pretrained(
 def unfrozen(layers: Sequence[str]) -> Variant:
     """Return the fine-tuned network whose `layers` move, such as ("1", "2", "out")."""
     freeze = f"layers:{','.join(layers)}"
-    return (
-        Variant("ft-mlp", {**FT_MLP.options, "freeze": freeze}) if freeze != BEST_PAIR else FT_MLP
-    )
+    options = {**FT_MLP.options, "freeze": freeze}
+    return Variant("ft-mlp", options) if freeze != BEST_PAIR else FT_MLP
 
 
 HIDDEN_LAYERS = tuple(str(number) for number in range(1, BASE_LAYERS + 1))
@@ -132,12 +127,9 @@ class StudyRun:
 def paper_study(*, full: bool) -> tuple[StudyRun, ...]:
     """Return what the paper's tables and figures need.
 
-    Args:
-        full: five splits, every width, every pair of layers; otherwise one split, and a coarse
-            choice of both.
+    Full: five splits, every width, every pair of layers; else one split, and some of both.
     """
-    splits = 5 if full else 1
-    widths = WIDTHS if full else QUICK_WIDTHS
+    splits, widths = (5, WIDTHS) if full else (1, QUICK_WIDTHS)
     layers = (*ALL_SINGLES, *ALL_PAIRS) if full else (*SINGLE_LAYERS, *ADJACENT_PAIRS)
 
     def run(models: Sequence[Variant], *protocols: Variant) -> StudyRun:
@@ -184,10 +176,9 @@ MEASURED = Variant("fanuc-r2000ic")
 
 
 def leaderboard_study(keys: Sequence[str]) -> tuple[StudyRun, ...]:
-    """Return what the committed leaderboard needs.
+    """Return what the committed leaderboard needs: all models that are shipped.
 
-    Args:
-        keys: of all models that are shipped; the costly networks among them are shortened.
+    The costly networks among these keys are shortened.
     """
     models = tuple(Variant(key, _SHORTENED.get(key, {})) for key in keys)
     return (

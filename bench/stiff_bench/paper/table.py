@@ -7,14 +7,16 @@ from dataclasses import dataclass
 from typing import Literal
 
 from stiff_bench.paper.study import DATASET, SEED
+from stiff_bench.tables.metric_table import mean_over
 from stiff_bench.tables.table import Column, Quantity, Table
 
 Labels = tuple[str, ...]
 """Of a row: one under each row heading."""
-Places = Mapping[tuple[Labels, str], float]
-"""(row, column) -> value."""
-Numbers = Mapping[tuple[Labels, str], Quantity]
-"""(row, column) -> number of one group of columns; a missing one is a dash."""
+Place = tuple[Labels, str]
+"""Row and column."""
+Places = Mapping[Place, float]
+Numbers = dict[Place, Quantity]
+"""Of one group of columns; a missing one is a dash."""
 Unit = Literal["mm", "10^3 Nm/rad", "%"]
 PUBLISHED, PUBLISHED_DECIMALS = "published", 4
 SIMULATED = f"{DATASET} (simulated)"
@@ -33,37 +35,40 @@ class Group:
         columns: as the paper heads them.
         decimals: to print.
         numbers: of the group.
-        data: what the numbers come from.
         protocol: that our models were tested by; "" for none.
-        seed: of the run; None: there was none.
+        data: what the numbers come from.
     """
 
     label: str
     columns: Labels
     decimals: int
     numbers: Numbers
-    data: str = SIMULATED
     protocol: str = ""
-    seed: int | None = None
+    data: str = SIMULATED
 
     @classmethod
-    def published(
-        cls,
-        columns: Labels,
-        values: Places,
-        decimals: int = PUBLISHED_DECIMALS,
-    ) -> Group:
+    def published(cls, values: Places, decimals: int = PUBLISHED_DECIMALS) -> Group:
         """Return the paper's columns."""
+        columns = tuple(dict.fromkeys(column for _, column in values))
         numbers = {place: Quantity(value, n=1) for place, value in values.items()}
-        return cls(PUBLISHED, columns, decimals, numbers, "KR10 (measured)")
+        return cls(PUBLISHED, columns, decimals, numbers, data="KR10 (measured)")
 
-    @classmethod
-    def ours(
-        cls, protocol: str, columns: Labels, decimals: int, numbers: Numbers, label: str = ""
-    ) -> Group:
-        """Return columns of models that were tested by a protocol."""
-        label = label or f"ours, {protocol}"
-        return cls(label, columns, decimals, numbers, SIMULATED, protocol, SEED)
+    @property
+    def about(self) -> dict[str, object]:
+        """Facts on each column, for csv and json."""
+        return {
+            "group": self.label,
+            "source": PUBLISHED if self.label == PUBLISHED else "ours",
+            "data": self.data,
+            "protocol": self.protocol,
+            "seed": SEED if self.protocol else None,
+        }
+
+
+def mean_numbers(each: Sequence[Places], mark: str = "") -> Numbers:
+    """Return the means over splits, or specimens, at the places that all of them have."""
+    shared = [at for at in (each[0] if each else ()) if all(at in one for one in each)]
+    return {at: mean_over([one[at] for one in each], mark) for at in shared}
 
 
 def paper_table(
@@ -75,48 +80,24 @@ def paper_table(
     groups: Sequence[Group],
     notes: Iterable[str],
 ) -> Table:
-    """Return a table.
+    """Return the table of a number in the paper.
 
-    Args:
-        number: in the paper.
-        caption: what is shown; the unit is not said there.
-        unit: of all its numbers.
-        headings: of the columns that name a row.
-        rows: labels of each.
-        groups: of the other columns.
-        notes: what must be read with it.
+    `headings` are of the columns that name a row, `rows` the labels under them; the unit is of all
+    numbers.
     """
     columns = [Column(heading, "text") for heading in headings]
-    for group in groups:
-        about = {
-            "group": group.label,
-            "source": PUBLISHED if group.label == PUBLISHED else "ours",
-            "data": group.data,
-            "protocol": group.protocol,
-            "seed": group.seed,
-        }
+    for one in groups:
+        form, about = f".{one.decimals}f", one.about
         columns += [
-            Column(
-                name,
-                unit=unit,
-                format=f".{group.decimals}f",
-                group=group.label,
-                about=about,
-                marks_shown=False,
-            )
-            for name in group.columns
+            Column(name, "number", unit, form, one.label, about, marks_shown=False)
+            for name in one.columns
         ]
-    return Table(
-        title=f"Table {number}. {caption} [{unit}]",
-        columns=columns,
-        rows=[
-            [*row, *(one.numbers.get((row, name)) for one in groups for name in one.columns)]
-            for row in rows
-        ],
-        notes=list(notes),
-        unit=unit,
-        about={"table": number},
-    )
+    cells = [
+        [*row, *(one.numbers.get((row, name)) for one in groups for name in one.columns)]
+        for row in rows
+    ]
+    title = f"Table {number}. {caption} [{unit}]"
+    return Table(title, columns, cells, list(notes), unit, about={"table": number})
 
 
 def printed_name(column: str) -> str:

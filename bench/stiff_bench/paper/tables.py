@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,17 +17,24 @@ from stiff_bench.paper.method_tables import ROWS_10, table_9, table_10
 from stiff_bench.paper.network_tables import table_6, table_7, table_8
 from stiff_bench.paper.results import PaperResults, named_results
 from stiff_bench.paper.study import DATASET, VJM
-from stiff_bench.paper.table import COMPARE, PUBLISHED, Group, Numbers, Places, Unit, paper_table
+from stiff_bench.paper.table import (
+    COMPARE,
+    PUBLISHED,
+    Group,
+    Places,
+    Unit,
+    mean_numbers,
+    paper_table,
+)
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.request import loaded
-from stiff_bench.tables.metric_table import mean_over
 from stiff_bench.tables.published import published_errors, published_lines, published_stiffness
 from stiff_bench.tables.table import Cell, Column, Table
 from stiff_bench.tables.units import MM
 from stiff_datasets.twin.calibrate import VjmFigures
 from stiff_protocols.contract.errors import unknown_name
-from stiff_protocols.contract.types import AXES
+from stiff_protocols.contract.types import AXES, Samples
 
 NEEDS_NO_RESULTS = {
     **dict.fromkeys((1, 4, 5), "is the paper's alone"),
@@ -36,11 +44,7 @@ NEEDS_NO_RESULTS = {
 
 
 def build(number: int, results: PaperResults) -> list[Table]:
-    """Return a table of the paper beside ours, in one part or two.
-
-    Args:
-        number: of the table in the paper.
-        results: that ours come from, but for a table of `NEEDS_NO_RESULTS`.
+    """Return a table of the paper beside ours, made of results if it needs any.
 
     Raises:
         ConfigError: the paper has no table of that number.
@@ -70,6 +74,25 @@ _VJM_NOTES = (
 )
 
 
+def fitted_vjm(specimen: int = 0) -> tuple[Samples, Any]:
+    """Return all samples of a robot of the type, and the VJM fitted to them."""
+    registry = build_registry()
+    data = loaded(Choice.of(registry.datasets[DATASET], {"specimen": specimen}))
+    model = registry.model(VJM.key).load()().fit(data.samples, robot=data.robot)
+    return data.samples, model
+
+
+@cache
+def _vjm_figures() -> tuple[VjmFigures, ...]:
+    """Return the figures of the VJM on the samples that it is fitted to, specimen by specimen."""
+    figures = list[VjmFigures]()
+    for samples, model in map(fitted_vjm, SPECIMENS):
+        error = model.predict(samples.q, samples.wrench) - samples.deflection
+        names = [f"stiffness {joint} [Nm/rad]" for joint in published_stiffness()]
+        figures.append(VjmFigures.of(error, np.array([model.diagnostics_[one] for one in names])))
+    return tuple(figures)
+
+
 def _table_2(_: PaperResults) -> list[Table]:
     """Return the VJM's errors by axis, on the samples it was fitted to."""
     # a row of Table 10, axis and error, is a row and a column here
@@ -96,20 +119,6 @@ def _table_3(_: PaperResults) -> list[Table]:
     return _vjm_table(3, caption, "10^3 Nm/rad", "joint", 2, published, ours)
 
 
-@cache
-def _vjm_figures() -> tuple[VjmFigures, ...]:
-    """Return the figures of the VJM on the samples that it is fitted to, specimen by specimen."""
-    registry, found = build_registry(), list[VjmFigures]()
-    for number in SPECIMENS:
-        data = loaded(Choice.of(registry.datasets[DATASET], {"specimen": number}))
-        samples = data.samples
-        model = registry.model(VJM.key).load()().fit(samples, robot=data.robot)
-        error = model.predict(samples.q, samples.wrench) - samples.deflection
-        names = [f"stiffness {joint} [Nm/rad]" for joint in data.robot.joint_names]
-        found.append(VjmFigures.of(error, np.array([model.diagnostics_[name] for name in names])))
-    return tuple(found)
-
-
 def _vjm_table(
     number: int,
     caption: str,
@@ -120,16 +129,14 @@ def _vjm_table(
     ours: list[Places],
 ) -> list[Table]:
     """Return the paper's VJM beside ours of each specimen."""
-    columns = tuple(dict.fromkeys(column for _, column in published))
-
-    def over(specimens: list[Places]) -> Numbers:
-        return {at: mean_over([one[at] for one in specimens], _IN_SAMPLE) for at in published}
-
+    of_paper = Group.published(published, decimals)
+    first, of_all = (mean_numbers(one, _IN_SAMPLE) for one in (ours[:1], ours))
     label = f"ours, specimens {SPECIMENS[0]} to {SPECIMENS[-1]}"
+    specimens = f"{DATASET}@specimen=0..4 (simulated)"
     groups = [
-        Group.published(columns, published, decimals),
-        Group(f"ours, {DATASET}", columns, decimals, over(ours[:1])),
-        Group(label, columns, decimals, over(ours), f"{DATASET}@specimen=0..4 (simulated)"),
+        of_paper,
+        Group(f"ours, {DATASET}", of_paper.columns, decimals, first),
+        Group(label, of_paper.columns, decimals, of_all, data=specimens),
     ]
     rows = dict.fromkeys(row for row, _ in published)
     return [paper_table(number, caption, unit, (heading,), rows, groups, _VJM_NOTES)]
@@ -138,11 +145,8 @@ def _vjm_table(
 def _published_table(number: int, caption: str, n_texts: int, note: str) -> list[Table]:
     """Return a table that holds nothing of ours, as it was typed.
 
-    Args:
-        number: in the paper.
-        caption: what it shows.
-        n_texts: so many of the first columns are no numbers.
-        note: what was decided where the paper is silent or contradicts itself.
+    So many of the first columns are no numbers; the note says what was decided where the paper is
+    silent or contradicts itself.
     """
     lines = published_lines(f"table_{number}")
     texts, numbers = [*lines[0]][:n_texts], [*lines[0]][n_texts:]

@@ -7,23 +7,22 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup, escape
 
 from stiff_bench.console import printable
 from stiff_bench.store.names import OPTION_MARK
 from stiff_bench.tables.table import Cell, Column, Table, natural_order, quantity
 from stiff_protocols.contract.errors import StoreError
 
-if TYPE_CHECKING:
-    from markupsafe import Markup
 
-
-@dataclass(frozen=True)
-class Picture:
+class Picture(NamedTuple):
     """A figure of the page: its file, such as of "image/svg+xml", and the command that draws it."""
 
     title: str
@@ -33,8 +32,7 @@ class Picture:
     command: str
 
 
-@dataclass(frozen=True)
-class Fold:
+class Fold(NamedTuple):
     """A text that is folded away: a log, or a list of versions."""
 
     summary: str
@@ -52,14 +50,6 @@ class Block:
     folds: Sequence[Fold] = ()
     notes: Sequence[str] = ()
     command: str = ""
-
-
-@dataclass(frozen=True)
-class Part:
-    """All about one folder of results."""
-
-    folder: str
-    blocks: Sequence[Block]
 
 
 _HERE = Path(__file__).parent
@@ -121,9 +111,7 @@ def page_table(table: Table) -> PageTable:
     styles = [
         _style(column, [row[number] for row in rows]) for number, column in enumerate(table.columns)
     ]
-    cells = [
-        [_page_cell(*each) for each in zip(table.columns, row, styles, strict=True)] for row in rows
-    ]
+    cells = [[*map(_page_cell, table.columns, row, styles)] for row in rows]
     by_sign = any(column.by_sign for column in table.columns)
     return PageTable(styles, cells, notes, len(rows) > FEW_ROWS and not by_sign)
 
@@ -144,15 +132,12 @@ def _page_cell(column: Column, cell: Cell, style: str) -> PageCell:
     return PageCell(text, order, style + tone * column.by_sign)
 
 
-def render_page(parts: Sequence[Part], command: str) -> str:
-    """Return the page as HTML: a part a folder of results, and the command that makes it.
+def render_page(parts: Mapping[str, Sequence[Block]], command: str) -> str:
+    """Return the page as HTML: folder of results -> what it says of it; the command that makes it.
 
     All texts are escaped, and nothing but the two scripts and the style of this package can act in
     it: its content security policy names them by their hashes and allows no request.
     """
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-    from markupsafe import Markup
-
     scripts = [_widget_code(), (_HERE / "page.js").read_text(encoding="utf-8")]
     style = (_HERE / "page.css").read_text(encoding="utf-8")
     environment = Environment(
@@ -182,8 +167,6 @@ def _visible(value: Any) -> Any:
 
 def _breakable(name: str) -> Markup:
     """Let a name with options break before one of them rather than inside a word."""
-    from markupsafe import Markup, escape
-
     return Markup("<wbr>@").join(map(escape, printable(name).split(OPTION_MARK)))
 
 
@@ -192,13 +175,9 @@ def _source(picture: Picture) -> str:
 
 
 def _policy(scripts: list[str], style: str) -> str:
-    allowed = " ".join(map(_hash, scripts))
+    digests = (hashlib.sha256(text.encode()).digest() for text in (*scripts, style))
+    *of_scripts, of_style = (f"'sha256-{base64.b64encode(one).decode()}'" for one in digests)
     return (
-        f"default-src 'none'; img-src data:; script-src {allowed}; style-src {_hash(style)}; "
-        "base-uri 'none'; form-action 'none'"
+        f"default-src 'none'; img-src data:; script-src {' '.join(of_scripts)}; "
+        f"style-src {of_style}; base-uri 'none'; form-action 'none'"
     )
-
-
-def _hash(text: str) -> str:
-    digest = hashlib.sha256(text.encode()).digest()
-    return f"'sha256-{base64.b64encode(digest).decode()}'"

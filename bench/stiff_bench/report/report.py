@@ -26,7 +26,7 @@ from stiff_bench.analysis.leaderboard_tables import section_tables
 from stiff_bench.analysis.sort_key import SortKey, sort_key
 from stiff_bench.figures.catalog import FIGURES
 from stiff_bench.figures.source import FigureSource
-from stiff_bench.report.page import Block, Part, Picture, render_page
+from stiff_bench.report.page import Block, Picture, render_page
 from stiff_bench.report.pairs import pair_table
 from stiff_bench.report.runs import failure_block, run_block
 from stiff_bench.report.scores import Asked, data_block, score_block
@@ -41,12 +41,10 @@ from stiff_protocols.contract.plugin import kind_label
 
 @dataclass(frozen=True)
 class Selection:
-    """Which cases and models a page shows, and what it ranks by.
+    """Which cases and models a page shows, and what it ranks by: words of the command line.
 
-    Attributes:
-        models, datasets, protocols: words of the command line; none named means all.
-        metric, axis: what is ranked by; no axis: the mean over them.
-        seed: of the draws of poses.
+    No model, data set or protocol means all; no axis: the mean over them. The seed is that of the
+    draws of poses.
     """
 
     models: tuple[str, ...] = ()
@@ -58,17 +56,18 @@ class Selection:
 
     def command(self, *words: str, folder: Path, ranked: bool = False) -> str:
         """Return a command line that begins with `words`; `ranked`: it ranks, and draws poses."""
-        options = {"results": (str(folder),), "model": self.models, "dataset": self.datasets}
-        options["protocol"] = self.protocols
+        options = [("results", str(folder)), *(("model", one) for one in self.models)]
+        options += [("dataset", one) for one in self.datasets]
+        options += [("protocol", one) for one in self.protocols]
         if ranked:
-            options["metric"] = (self.metric,) if self.metric != "norm" else ()
-            options["axis"] = (self.axis,) if self.axis is not None else ()
-            options["seed"] = (str(self.seed),) if self.seed else ()
-        pairs = ((f"--{name}", value) for name, values in options.items() for value in values)
-        return shlex.join(["bench", *words, *(word for pair in pairs for word in pair)])
+            options += [("metric", self.metric)] * (self.metric != "norm")
+            options += [("axis", self.axis)] if self.axis else []
+            options += [("seed", str(self.seed))] * (self.seed != 0)
+        given = (word for name, value in options for word in (f"--{name}", value))
+        return shlex.join(["bench", *words, *given])
 
 
-def part_of(stored: StoredResults, choice: Selection, key: SortKey) -> Part:
+def blocks_of(stored: StoredResults, choice: Selection, key: SortKey) -> list[Block]:
     """Return all that the page says of one folder.
 
     Raises:
@@ -96,19 +95,16 @@ def part_of(stored: StoredResults, choice: Selection, key: SortKey) -> Part:
     data_of = functools.cache(functools.partial(read_data, folder))
     pictures = _pictures(FigureSource(folder, chosen, choice.models), choice)
     first = pictures.pop(FIRST_FIGURE, None)
-    return Part(
-        str(folder),
-        [
-            _summary(_verdict(board) if board is not None else why_none, asked, data_of),
-            data_block(chosen, data_of),
-            *([Block("Error by model", pictures=[first])] if first is not None else []),
-            *(_ranking(board, folder, choice) if board is not None else ()),
-            score_block(asked, key.metric.key),
-            *([Block("Figures", pictures=[*pictures.values()])] if pictures else []),
-            failure_block(asked),
-            run_block(stored.runs, chosen, board.provenance if board is not None else ()),
-        ],
-    )
+    return [
+        _summary(_verdict(board) if board else why_none, asked, data_of),
+        data_block(chosen, data_of),
+        *([Block("Error by model", pictures=[first])] if first else []),
+        *(_ranking(board, folder, choice) if board else ()),
+        score_block(asked, key.metric.key),
+        *([Block("Figures", pictures=[*pictures.values()])] if pictures else []),
+        failure_block(asked),
+        run_block(stored.runs, chosen, board.provenance if board else ()),
+    ]
 
 
 def _verdict(board: Leaderboard) -> str:
@@ -146,11 +142,10 @@ def _verdict(board: Leaderboard) -> str:
 
 def _summary(verdict: str, asked: Asked, data_of: Callable[[str], StoredData]) -> Block:
     cases, competitors = [*asked], [one for of_case in asked.values() for one in of_case]
-    shown = [presentation(case) for case in cases]
     n_results = sum(len(one.done) for one in competitors)
     failures = [failure for one in competitors for failure in one.failures.values()]
     n_skipped = sum(failure.status == "skipped" for failure in failures)
-    kinds = dict.fromkeys(kind_label(one.kind, one.task) for one in shown)
+    kinds = dict.fromkeys(kind_label(one.kind, one.task) for one in map(presentation, cases))
     n_models = len({one.name for one in competitors})
     return Block(
         "Summary",
@@ -216,6 +211,6 @@ def write_report(folders: Sequence[Path], choice: Selection, output: Path, comma
         if folder.resolve() in {other.resolve() for other in folders[:number]}:
             raise ConfigError(f"{folder}: is named twice", "results")
     key = sort_key(choice.metric, choice.axis)
-    parts = [part_of(StoredResults.read(folder), choice, key) for folder in folders]
+    parts = {str(one): blocks_of(StoredResults.read(one), choice, key) for one in folders}
     with written_whole(output) as temporary:
         temporary.write_text(render_page(parts, command), encoding="utf-8", newline="\n")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import chain
 
 from stiff_bench.analysis.collected import Case, case_name_of
@@ -72,20 +72,20 @@ def _row(run: RunManifest, n_results: int) -> list[Cell]:
 
 def _environments(runs: Sequence[RunManifest]) -> list[Fold]:
     """Return each environment once, with the runs that had it."""
-    found: dict[str, list[str]] = {}
-    for run in runs:
-        parts = [_lines(run.environment)]
-        parts += [f"machine {name}\n{_lines(one)}" for name, one in sorted(run.machines.items())]
-        found.setdefault("\n\n".join(parts), []).append(run.run_id)
     folds = []
-    for text, names in [*found.items()][:MOST_ENVIRONMENTS]:
-        more = f" and {counted(len(names) - 1, 'more run')}" if len(names) > 1 else ""
-        folds.append(Fold(f"Versions and machine of {names[0]}{more}", text))
+    for text, same in [*grouped(runs, _environment).items()][:MOST_ENVIRONMENTS]:
+        more = f" and {counted(len(same) - 1, 'more run')}" if len(same) > 1 else ""
+        folds.append(Fold(f"Versions and machine of {same[0].run_id}{more}", text))
     return folds
 
 
-def _lines(environment: Mapping[str, str]) -> str:
-    return "\n".join(f"{name}: {value}" for name, value in environment.items())
+def _environment(run: RunManifest) -> str:
+    of_machines = {"": run.environment}
+    of_machines |= {f"machine {name}\n": one for name, one in sorted(run.machines.items())}
+    return "\n\n".join(
+        head + "\n".join(f"{name}: {value}" for name, value in about.items())
+        for head, about in of_machines.items()
+    )
 
 
 MOST_LOGS = 40

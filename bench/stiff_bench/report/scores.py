@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from operator import itemgetter
 
 from stiff_bench.analysis.collected import Case, Competitor
 from stiff_bench.analysis.leaderboard import in_order, presentation
 from stiff_bench.report.page import Block, Fold
-from stiff_bench.store.names import labels, natural_key
+from stiff_bench.store.names import grouped, labels, natural_key
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.fit_notes import model_notes
 from stiff_bench.tables.metric_table import (
@@ -40,11 +41,12 @@ def score_block(asked: Asked, metric: str) -> Block:
     shown = [
         (case, competitor) for case in sorted(asked, key=in_order) for competitor in asked[case]
     ]
-    notes: dict[str, list[str]] = {}
-    for case, competitor in shown:
-        if competitor.done:
-            for note in model_notes(case.results(competitor.name)):
-                notes.setdefault(note, []).append(called[case.name])
+    notes = [
+        (note, called[case.name])
+        for case, competitor in shown
+        if competitor.done
+        for note in model_notes(case.results(competitor.name))
+    ]
     table = Table(
         "Scores, mean ± standard deviation over splits",
         [
@@ -71,13 +73,13 @@ def _cells(case: Case, competitor: Competitor, metrics: Sequence[Metric]) -> lis
     ]
 
 
-def _fit_notes(notes: Mapping[str, Sequence[str]]) -> list[Fold]:
-    """Return what fits reported, in a fold; nothing where they reported nothing."""
+def _fit_notes(notes: Sequence[tuple[str, str]]) -> list[Fold]:
+    """Return what fits reported, and where first, in a fold; nothing where they did not."""
     if not notes:
         return []
     lines = [
-        f"{places[0]}{f' and {len(places) - 1} more' if len(places) > 1 else ''}: {note}"
-        for note, places in notes.items()
+        f"{places[0][1]}{f' and {len(places) - 1} more' if len(places) > 1 else ''}: {note}"
+        for note, places in grouped(notes, itemgetter(0)).items()
     ]
     more = f"; the first {MOST_NOTES} are shown" if len(lines) > MOST_NOTES else ""
     summary = f"What the fits reported: {counted(len(lines), 'note')}{more}"

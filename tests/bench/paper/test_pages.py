@@ -14,41 +14,23 @@ from stiff_bench.paper.study import DT_CNN
 from stiff_bench.store.database import stored_results
 from stiff_models.catalog import MODELS
 
-pytestmark = pytest.mark.xdist_group("paper")  # writing it takes seconds
 
-
-@pytest.fixture(scope="module")
-def paper(tmp_path_factory):
-    """A folder where of all models the VJM and DT-CNN alone were run."""
-    output = tmp_path_factory.mktemp("output")
-    made = MadeResults(output / "paper" / "runs")
+@pytest.mark.slow
+def test_the_papers_page_names_what_was_made_how_and_what_cannot_be_made_with_its_reason(tmp_path):
+    """Of all models the VJM and DT-CNN alone were run."""
+    made = MadeResults(tmp_path / "paper" / "runs")
     keys = []
     for protocol in ("paper-holdout", "holdout"):
         for model, error in (("vjm", 0.2), (DT_CNN.name, 0.3)):
             keys += made.add(model, [error], dataset="kr10-twin", protocol=protocol)
     made.add_run("run-1", keys)
-    return output, [*write_paper(output, "bench reproduce --quick", 39)]
-
-
-@pytest.mark.slow
-def test_every_file_that_is_named_is_there_and_the_page_comes_last(paper):
-    output, files = paper
+    files = [*write_paper(tmp_path, "bench reproduce --quick", 39)]
     assert all(path.stat().st_size for path in files)
-    assert files[-1] == output / "paper" / "README.md"
+    assert files[-1] == tmp_path / "paper" / "README.md"
     assert {path.suffix for path in files} == {".md", ".csv", ".tex", ".png", ".pdf"}
-
-
-@pytest.mark.slow
-def test_the_page_shows_every_picture_that_was_written_and_no_other(paper):
-    output, files = paper
     page = files[-1].read_text()
-    shown = {output / "paper" / name for name in re.findall(r"!\[.*?\]\((.*?)\)", page)}
+    shown = {tmp_path / "paper" / name for name in re.findall(r"!\[.*?\]\((.*?)\)", page)}
     assert shown == {path for path in files if path.suffix == ".png"} != set()
-
-
-@pytest.mark.slow
-def test_the_page_names_command_and_numbers_and_what_cannot_be_made_with_its_reason(paper):
-    page = paper[1][-1].read_text()
     assert "made by `bench reproduce --quick`" in page
     assert "not finished: 39 fits not computed" in page
     for number in (2, 3, 10):

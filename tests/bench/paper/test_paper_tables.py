@@ -92,8 +92,11 @@ def notes(tables):
     return " ".join(note for table in tables for note in table.notes)
 
 
-def test_table_6_has_the_errors_on_the_source_that_the_networks_report(runs):
+def test_tables_6_and_7_have_the_errors_on_the_source_that_the_networks_report(runs):
+    """Those stopped early have columns of their own."""
     runs.of(pretrained(layers=3, width=100).name, [0.1, 0.3])
+    runs.of(pretrained(activation="tanh").name, [0.1])
+    runs.of(pretrained(activation="tanh", stopped_early=True).name, [0.4])
     (part,) = build(6, runs.read)
     assert [row for (row,) in labels(part)] == ["2", "3", "4", "5", "6"]
     assert values(part, "published", ("3",))["test MAE"].value == 0.2186
@@ -102,11 +105,6 @@ def test_table_6_has_the_errors_on_the_source_that_the_networks_report(runs):
     assert ours["test STDE"].spread == pytest.approx(statistics.stdev([0.4, 1.2]))
     assert ours["train MAE"].n == 2
     assert set(values(part, OURS, ("2",)).values()) == {None}
-
-
-def test_networks_stopped_early_have_columns_of_their_own(runs):
-    runs.of(pretrained(activation="tanh").name, [0.1])
-    runs.of(pretrained(activation="tanh", stopped_early=True).name, [0.4])
     (part,) = (table := build(7, runs.read))
     assert values(part, OURS, ("tanh",))["train MAE"].value == pytest.approx(0.1)
     assert values(part, EARLY, ("tanh",))["train MAE"].value == pytest.approx(0.4)
@@ -120,9 +118,8 @@ def test_table_8_is_ours_alone_and_has_the_layers_that_were_run(runs):
     assert labels(part) == [("1 layer", "3"), ("2 layers", "1 + out")]
     assert {column.group for column in part.columns} == {"", OURS}
     assert "Ours alone" in notes(table)
-    assert "1 layer 1, 1 layer 2" in notes(table) and "`bench reproduce --full` makes it" in notes(
-        table
-    )
+    said = notes(table)
+    assert "1 layer 1, 1 layer 2" in said and "`bench reproduce --full` makes it" in said
 
 
 def test_table_9_has_every_error_on_both_parts_of_the_fits_that_are_read_on_all_samples(runs):
@@ -234,29 +231,25 @@ def test_what_is_stored_under_a_name_without_defaults_is_found_by_its_options(ru
 
 
 def test_only_splits_that_all_models_have_count_and_a_note_says_how_many_do_not(runs):
+    """A protocol without results leaves its columns empty, and says so."""
     runs.of(VJM.name, [0.1, 0.2, 0.3])
     runs.of(FT_MLP.name, [0.4])
-    errors, _ = (table := build(10, runs.read))
+    errors, reductions = (table := build(10, runs.read))
     vjm = values(errors, TESTED, ("Z", "MAE"))["VJM"]
     assert (vjm.value, vjm.n) == (pytest.approx(0.1), 1)
     assert "Left out: 2 splits of paper-holdout" in notes(table)
+    assert set(values(errors, FAIRLY, ("Z", "MAE")).values()) == {None}
+    assert set(values(reductions, FAIRLY, ("Z", "MAE")).values()) == {None}
+    assert "nothing to print of kr10-twin under holdout" in notes(table)
 
 
 def test_a_model_that_failed_is_a_row_of_dashes_with_its_reason(runs):
     runs.of(FT_MLP_LAST_EPOCH.name, failed=[0])
-    runs.of(FT_MLP.name, [0.3])
+    runs.of(FT_MLP.name, [0.00123])
     table = build(9, runs.read)
-    row = ("normal (last epoch)", "Z")
-    assert set(values(table[0], OURS, row).values()) == {None}
+    assert set(values(table[0], OURS, ("normal (last epoch)", "Z")).values()) == {None}
     assert "failed: it broke" in notes(table)
-
-
-def test_a_protocol_without_results_leaves_its_columns_empty_and_says_so(runs):
-    runs.of(VJM.name, [0.1], FAIR)
-    errors, reductions = (table := build(10, runs.read))
-    assert set(values(errors, TESTED, ("Z", "MAE")).values()) == {None}
-    assert set(values(reductions, FAIRLY, ("Z", "MAE")).values()) == {None}
-    assert "nothing to print of kr10-twin under paper-holdout" in notes(table)
+    assert "| 0.00123 |" in re.sub(" +", " ", render(table, "github", ""))  # the digits ours need
 
 
 @pytest.mark.parametrize("number", sorted(set(TABLES) - NEEDS_NO_RESULTS.keys()))
@@ -310,11 +303,6 @@ def test_every_table_with_ours_says_that_ours_cannot_be_compared_in_absolute_ter
         if number not in NEEDS_NO_RESULTS:
             assert "paper-holdout, 1 split" in said
             assert f"of {runs.folder}" in said  # how many results of which version
-
-
-def test_table_9_has_the_digits_that_ours_need(runs):
-    runs.of(FT_MLP_LAST_EPOCH.name, [0.00121])
-    assert "| 0.00121 |" in re.sub(" +", " ", render(build(9, runs.read), "github", ""))
 
 
 @pytest.mark.slow

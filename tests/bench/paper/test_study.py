@@ -74,21 +74,18 @@ def test_the_results_of_every_model_of_the_paper_are_found_again(tmp_path):
         assert len(set(found.failures.values())) == len(asked)  # nobody has another's
 
 
-def test_the_full_study_has_the_papers_depths_widths_activations_and_every_pair_of_layers():
-    models = {name for run in paper_study(full=True) for name in different(run.models)}
-    assert {pretrained(layers=depth, width=100).name for depth in DEPTHS} <= models
-    assert len(WIDTHS) == 19 and {pretrained(layers=3, width=n).name for n in WIDTHS} <= models
-    assert {pretrained(layers=d, width=400).name for d in WIDTH_DEPTHS} <= models
-    assert pretrained(activation="tanh").name in models
-    assert len(ALL_PAIRS) == 10 and {unfrozen(pair).name for pair in ALL_PAIRS} <= models
-    assert {run.splits for run in paper_study(full=True)} == {5}
-
-
-def test_the_quick_study_is_a_part_of_the_full_one_on_one_split():
-    quick, full = (
-        {m for r in paper_study(full=f) for m in different(r.models)} for f in (False, True)
+def test_the_full_study_has_what_the_paper_varies_and_the_quick_one_a_part_of_it_on_one_split():
+    full, quick = (
+        {name for run in paper_study(full=whole) for name in different(run.models)}
+        for whole in (True, False)
     )
     assert quick < full
+    assert {pretrained(layers=depth, width=100).name for depth in DEPTHS} <= full
+    assert len(WIDTHS) == 19 and {pretrained(layers=3, width=n).name for n in WIDTHS} <= full
+    assert {pretrained(layers=d, width=400).name for d in WIDTH_DEPTHS} <= full
+    assert pretrained(activation="tanh").name in full
+    assert len(ALL_PAIRS) == 10 and {unfrozen(pair).name for pair in ALL_PAIRS} <= full
+    assert {run.splits for run in paper_study(full=True)} == {5}
     assert {run.splits for run in paper_study(full=False)} == {1}
 
 

@@ -34,8 +34,9 @@ def results(tmp_path):
 
 def blocks_of(folder, **choice):
     asked = Selection(**choice)
-    part = gather.part_of(StoredResults.read(folder), asked, sort_key(asked.metric, asked.axis))
-    return {block.heading: block for block in part.blocks}
+    key = sort_key(asked.metric, asked.axis)
+    blocks = gather.blocks_of(StoredResults.read(folder), asked, key)
+    return {block.heading: block for block in blocks}
 
 
 def test_every_model_stands_in_ranks_pairs_and_scores(results):
@@ -74,20 +75,15 @@ def test_identified_stiffnesses_stand_with_the_data(results):
     assert [row[2] for row in stiffnesses.texts()] == ["1,100 ± 141"] * 2
 
 
-def test_runs_stand_with_their_commit_and_command(results):
+def test_runs_stand_with_commit_command_and_results_also_of_one_without_a_manifest(results):
+    results.add("vjm", [0.1, 0.2], "other", run_id="run-lost")
     provenance = blocks_of(results.folder)["Provenance"]
-    (row,) = provenance.tables[0].texts()
+    row, lost = provenance.tables[0].texts()
     assert row[0] == "run-1"
     assert {"9.9", "0123456789ab", "finished"} <= set(row)
+    assert (lost[0], lost[5]) == ("a run without a manifest", "2")
     assert provenance.folds[0].text == "bench run"
     assert "commit: 0123456789abcdef" in provenance.folds[1].text
-
-
-def test_results_of_a_run_without_a_manifest_are_counted(results):
-    results.add("vjm", [0.1, 0.2], "other", run_id="run-lost")
-    rows = blocks_of(results.folder)["Provenance"].tables[0].texts()
-    assert [row[0] for row in rows] == ["run-1", "a run without a manifest"]
-    assert rows[1][5] == "2"
 
 
 def test_failures_stand_with_reason_cause_and_log_and_alike_ones_together(results):
@@ -119,19 +115,17 @@ def test_a_failure_that_a_newer_run_repeats_counts_once(results, old, new, n_fai
     assert len(blocks["Failed and skipped"].tables[0].rows) == n_failed
 
 
-def test_missing_samples_cost_what_needs_them_and_nothing_else(results):
+def test_what_cannot_be_ranked_has_scores_and_a_reason(results):
+    """One model alone, or samples that are missing."""
+    blocks = blocks_of(results.folder, models=("vjm",))
+    assert "nothing to rank" in blocks["Summary"].texts[0]
+    assert "Leaderboard" not in blocks and "Pairs of models" not in blocks
+    assert len(blocks["Scores"].tables[0].rows) == 2
     change(results.folder, "DELETE FROM data")
     blocks = blocks_of(results.folder)
     assert blocks["Summary"].texts[0].startswith("No ranking: ")
     assert "Leaderboard" not in blocks
     assert len(blocks["Scores"].tables[0].rows) == 6
-
-
-def test_one_model_alone_has_scores_and_no_ranks(results):
-    blocks = blocks_of(results.folder, models=("vjm",))
-    assert "nothing to rank" in blocks["Summary"].texts[0]
-    assert "Leaderboard" not in blocks and "Pairs of models" not in blocks
-    assert len(blocks["Scores"].tables[0].rows) == 2
 
 
 def test_choices_narrow_everything_and_stand_in_the_commands(results):
