@@ -18,9 +18,9 @@ from stiff_bench.console import say
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.request import RunPlan, plan_run
 from stiff_bench.plan.words import RobotWords, choices
-from stiff_bench.run.execution import IN_THIS_PROCESS, Execution, chosen_execution
+from stiff_bench.run.execution import IN_THIS_PROCESS, Execution
 from stiff_bench.run.progress import display
-from stiff_bench.run.runner import run_cells
+from stiff_bench.run.runner import chosen_execution, run_cells
 from stiff_bench.store.database import ResultStore
 from stiff_bench.tables.render import render
 from stiff_protocols.contract.errors import ConfigError
@@ -49,7 +49,7 @@ class Run:
 
     def forecast(self) -> Tables:
         """Return `foreseen` as a table and a sentence."""
-        found, jobs = self.foreseen(), self.execution.executor.at_once
+        found, jobs = self.foreseen(), self.execution.at_once
         tables = [forecast_table(found, jobs)]
         text_as = partial(render, tables, command=self.plans[0].command)
         return Tables(lambda: tables, text_as, forecast_line(found[-1], jobs))

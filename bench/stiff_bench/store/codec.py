@@ -339,7 +339,7 @@ class CellReader:
         """
         sha256, *columns, text, packed, _ = row
         _check_types(*map(type, columns))
-        measures, numbers = self._measures[text], np.frombuffer(packed)
+        measures, numbers = self._measures[text], np.frombuffer(packed or b"")
         try:
             if checksum(columns, measures.text, numbers[measures.order]) != sha256:
                 raise DataError("its checksum does not match its content")
