@@ -121,14 +121,8 @@ def run_cells(
 ) -> Finished:
     """Compute the cells that have no result yet, store each as it ends, and return them all.
 
-    The run's manifest is written first and completed at the end, also when it is interrupted.
-
-    Args:
-        tasks: the cells; a cell that several parts of a study need stands here once.
-        command: the command line, for the manifest.
-        store: where results are, and go.
-        execution: how they are computed.
-        display: shows progress.
+    The run's manifest, with the command, is written first and completed at the end, also when the
+    run is interrupted. A cell that several parts of a study need stands once in `tasks`.
 
     Raises:
         StoreError: a result cannot be written.

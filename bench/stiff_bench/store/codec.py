@@ -343,7 +343,7 @@ class CellReader:
         try:
             if checksum(columns, measures.text, numbers[measures.order]) != sha256:
                 raise DataError("its checksum does not match its content")
-        except TypeError as error:
+        except (TypeError, IndexError) as error:  # bytes for a text, a text for a measure
             raise DataError(str(error)) from error
         content = dict(zip(COLUMNS, columns, strict=True))
         content["metrics"] = StoredRecords(measures, numbers)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing, suppress
 from itertools import chain, count
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from stiff_bench.store import database
 from stiff_bench.store.codec import CellReader, marks, write_row
@@ -32,14 +32,12 @@ MOST_ROWS = 100_000
 def fault_of(folder: Path) -> str | None:
     """Return why SQLite cannot read a folder's file through; None where it can."""
     path = folder / FILE
-    with told_in_one_line(path, "read"):
-        try:
+    try:
+        with told_in_one_line(path, "read"):
             with closing(sqlite3.connect(path, timeout=database.BUSY_S)) as db:
                 (said,) = db.execute("PRAGMA quick_check(1)").fetchone()
-        except (UnicodeDecodeError, sqlite3.DatabaseError) as error:
-            if isinstance(error, sqlite3.Error) and type(error) is not sqlite3.DatabaseError:
-                raise
-            return str(error)
+    except DamagedFile as error:
+        return str(error.__cause__)
     return None if said == "ok" else " ".join(said.split())
 
 
@@ -52,21 +50,19 @@ def salvage(source: Path, target: Path, report: OnDamage, keep: Path | None = No
         report: is told of every row that is lost and can still be named.
         keep: where the damaged file is copied first; None: nowhere.
     """
-    with told_in_one_line(target, "written"):
-        scratch = target.parent / f".{target.name}.{os.getpid()}"
-        scratch.mkdir()
-        try:
-            with (
-                writing(scratch) as new,
-                closing(sqlite3.connect(file_uri(source), uri=True)) as old,
-            ):
-                for key in _copied(old, new):
-                    report(DamagedFile(source, f"cell {key}: cannot be read", key=key))
-            if keep is not None:
-                shutil.copyfile(source, keep)
-            (scratch / FILE).replace(target)
-        finally:
-            shutil.rmtree(scratch, ignore_errors=True)
+    with (
+        told_in_one_line(target, "written"),
+        TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.") as scratch,
+    ):
+        with (
+            writing(Path(scratch)) as new,
+            closing(sqlite3.connect(file_uri(source), uri=True)) as old,
+        ):
+            for key in _copied(old, new):
+                report(DamagedFile(source, f"cell {key}: cannot be read", key=key))
+        if keep is not None:
+            shutil.copyfile(source, keep)
+        Path(scratch, FILE).replace(target)
 
 
 def _copied(old: sqlite3.Connection, new: sqlite3.Connection) -> Iterator[str]:

@@ -141,11 +141,7 @@ class ResultStore:
             write_run(db, manifest)
 
     def write_data(self, data: BenchmarkData) -> None:
-        """Store the samples that results belong to, once; damaged or older ones are replaced.
-
-        Raises:
-            StoreError: they are too many, or cannot be written.
-        """
+        """Store the samples that results belong to, once; damaged or older ones are replaced."""
         with suppress(StoreError):
             if read_data(self.folder, data.sha256).geometry is not None:
                 return

@@ -199,6 +199,8 @@ def test_a_folder_without_a_file_or_whose_tables_are_still_to_be_made_holds_noth
         "UPDATE value SET value = NULL",
         "DELETE FROM value WHERE measure = 1",
         "UPDATE measure SET axis = 'y' WHERE id = 1",
+        "DELETE FROM measure WHERE id = 1",
+        "UPDATE value SET measure = '1,2' WHERE measure = 1",
         "UPDATE cell SET fit_s = fit_s + 1e-9",
         "UPDATE cell SET prediction = x'00'",
         "UPDATE cell SET key = '0123456789abcdef01234567'",
