@@ -61,14 +61,13 @@ class DaskCluster(Execution):
 
     def __post_init__(self) -> None:
         """Check the words; nothing is started yet."""
-        local = re.fullmatch(r"local:0*([1-9]\d*)", self.words)
-        if not local and not re.fullmatch(r"(tcp|tls)://[^/:]+:\d+", self.words):
-            raise ConfigError(
-                f"--dask {self.words!r}: no cluster (valid: tcp://HOST:PORT, local:N)"
-            )
+        found = re.fullmatch(r"local:0*([1-9]\d*)|(?:tcp|tls)://[^/:]+:\d+", self.words)
+        if not found:
+            valid = "(valid: tcp://HOST:PORT, local:N)"
+            raise ConfigError(f"--dask {self.words!r}: no cluster {valid}")
         self._said = f"--dask {self.words}"
-        self._address = "" if local else self.words
-        self.at_once = int(local[1]) if local else 1
+        self._address = "" if found[1] else self.words
+        self.at_once = int(found[1] or 1)
 
     def results(
         self, tasks: Iterable[CellTask], run_id: str, display: Display
