@@ -26,8 +26,9 @@ from stiff_bench.plan.options import Chosen
 from stiff_bench.plan.registry import Kind, Registry
 from stiff_bench.plan.request import RunPlan, plan_run, robot_of_results
 from stiff_bench.plan.words import chosen, held_data
-from stiff_bench.run.execution import Execution, chosen_execution
+from stiff_bench.run.execution import Execution
 from stiff_bench.run.progress import Display, display
+from stiff_bench.run.runner import chosen_execution
 from stiff_bench.store.database import mean_seconds, read_data
 from stiff_bench.store.names import grouped
 from stiff_bench.store.samples import StoredData
@@ -167,7 +168,7 @@ def sensitivities(
         execution = chosen_execution(one.plan, registry, threads=threads, jobs=jobs)
         with display() as shown:
             cells = one.tasks * (1 + draws * len(mistakes))
-            shown.begin(cells, 0, mean_seconds(folder), execution.executor.at_once)
+            shown.begin(cells, 0, mean_seconds(folder), execution.at_once)
             found.append(_of_fits(one, execution, shown, mistakes, draws, question))
     left_out = tuple(f"not computed: {why}." for why in whys)
     return [replace(found[0], notes=(*found[0].notes, *left_out)), *found[1:]]
@@ -205,7 +206,7 @@ class _Fits:
         """Return each model's mean 3-D error [m] where it is fitted to and tested on other data."""
         done = {}
         tasks = [replace(task, data=data) for task in self.tasks]
-        for result in execution.executor.results(tasks, "", shown):
+        for result in execution.results(tasks, "", shown):
             if result.status != "ok":
                 raise ModelError(
                     f"{result.shown.model} on {self.case.name.text}: {result.why_none} (without "

@@ -19,7 +19,7 @@ from stiff_bench.api.results import Results
 from stiff_bench.api.run import Run
 from stiff_bench.plan.options import Chosen
 from stiff_bench.plan.request import plan_run
-from stiff_bench.run.execution import chosen_execution
+from stiff_bench.run.runner import chosen_execution
 from stiff_protocols.contract.errors import ConfigError
 
 

@@ -14,8 +14,8 @@ from stiff_bench.console import say
 from stiff_bench.paper import study
 from stiff_bench.paper.effects import write_effects, write_transfer
 from stiff_bench.paper.pages import write_leaderboard, write_paper
-from stiff_bench.run.execution import chosen_execution
 from stiff_bench.run.machine import usable_cores
+from stiff_bench.run.runner import chosen_execution
 from stiff_bench.store.database import ResultStore
 from stiff_models.catalog import MODELS
 

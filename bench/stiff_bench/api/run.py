@@ -18,9 +18,9 @@ from stiff_bench.console import say
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.request import RunPlan, plan_run
 from stiff_bench.plan.words import RobotWords, choices
-from stiff_bench.run.execution import IN_THIS_PROCESS, Execution, chosen_execution
+from stiff_bench.run.execution import IN_THIS_PROCESS, Execution
 from stiff_bench.run.progress import display
-from stiff_bench.run.runner import run_cells
+from stiff_bench.run.runner import chosen_execution, run_cells
 from stiff_bench.store.database import ResultStore
 from stiff_bench.tables.render import render
 from stiff_protocols.contract.errors import ConfigError
@@ -45,7 +45,7 @@ class Run:
         Raises:
             StiffBenchError: the data cannot be loaded or divided.
         """
-        plan, jobs = self.plans[0], self.execution.executor.at_once
+        plan, jobs = self.plans[0], self.execution.at_once
         found = forecast(cell_tasks(*self.plans), plan.output, rerun=self.execution.rerun)
         tables = [forecast_table(found, jobs)]
         text_as = partial(render, tables, command=plan.command)

@@ -38,14 +38,11 @@ from stiff_protocols.splits.generators import LazySplits
 def check_source(word: str, source: BenchmarkData, dataset: str, target: BenchmarkData) -> None:
     """See that a source fits a target and holds none of its samples.
 
-    Args:
-        word: names the source.
-        source: whose VJM makes the source domain, identified on all of its samples.
-        dataset: names the target.
-        target: what models are fine-tuned and tested on.
+    All samples of the source, which `word` names, identify the VJM that makes the source domain;
+    on the target, `dataset`, models are fine-tuned and tested.
 
     Raises:
-        ConfigError: the joints are others, or samples are the target's: these are tested.
+        ConfigError: the joints are others, or samples are the target's.
     """
     if source.robot.joint_types != target.robot.joint_types:
         raise ConfigError(
@@ -271,10 +268,9 @@ def _divided(
     if fault:
         raise ConfigError(f"protocol {choice.info.key!r}: {fault}")
     if unknown := first_of_source.keys() - {"", *plan.sources}:
-        raise ConfigError(
-            f"protocol {choice.info.key!r}: a split's source is {min(unknown)!r}, which its "
-            f"source_datasets does not return (valid: {', '.join(plan.sources) or 'none'})"
-        )
+        why = f"a split's source is {min(unknown)!r}, which its source_datasets does not return"
+        valid = ", ".join(plan.sources) or "none"
+        raise ConfigError(f"protocol {choice.info.key!r}: {why} (valid: {valid})")
     return splits, n_splits, first_of_source
 
 

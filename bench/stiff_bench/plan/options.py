@@ -76,14 +76,9 @@ def options_of(cls: type) -> Mapping[str, Option]:
 
 
 def parse_option(said: str, key: str, cls: type, name: str, text: str) -> Any:
-    """Turn the text of an option's value into a value of the option's type.
+    """Turn the text of a value into one of an option's type.
 
-    Args:
-        said: what the user wrote, for messages.
-        key: of the catalogue line.
-        cls: its class.
-        name: of the option.
-        text: the value.
+    `said` is what the user wrote, for messages; `key` is of the catalogue line, `cls` its class.
 
     Raises:
         ConfigError: there is no such option, or its value is wrong.
@@ -110,9 +105,8 @@ def parse_option(said: str, key: str, cls: type, name: str, text: str) -> Any:
     except ValidationError as error:
         own = (one["ctx"]["error"] for one in error.errors() if one["type"] == "value_error")
         why = "".join(f": {reason}" for reason in own)  # pydantic's words are for programmers
-        raise ConfigError(
-            f"{said}: {text!r} is no valid {name}{why} (valid: {option.type_text})"
-        ) from None
+        wrong = f"{said}: {text!r} is no valid {name}{why}"
+        raise ConfigError(f"{wrong} (valid: {option.type_text})") from None
     if isinstance(value, float) and not math.isfinite(value):
         raise ConfigError(f"{said}: {text!r} is not finite (valid: {option.type_text})")
     if isinstance(value, int) and not -(2**63) <= value < 2**63:
@@ -139,10 +133,8 @@ def _descriptions(cls: type) -> dict[str, str]:
     found = {}
     for base in reversed(cls.__mro__):
         doc = inspect.cleandoc(vars(base).get("__doc__") or "")
-        for section in re.findall(
-            r"^(?:Attributes|Args):\n((?:[ ]{4}.*\n?|\n)+)", doc, re.MULTILINE
-        ):
-            for name, text in re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", section, re.MULTILINE):
+        for section in re.findall(r"^(?:Attributes|Args):\n((?: {4}.*\n?|\n)+)", doc, re.M):
+            for name, text in re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", section, re.M):
                 found[name] = " ".join(text.split())
     return found
 
@@ -172,17 +164,15 @@ class Choice(Generic[Info]):
         results from before it keep their keys and seeds.
         """
         defaults = {name: option.default for name, option in options_of(self.cls).items()}
-        merged = {**defaults, **self.params}
         later = getattr(self.cls, "added_later", ())
-        found = {
-            name: value
-            for name, value in merged.items()
-            if name not in self.context and not (name in later and value == defaults[name])
-        }
-        for name, value in found.items():
+        found = {}
+        for name, value in {**defaults, **self.params}.items():
+            if name in self.context or (name in later and value == defaults[name]):
+                continue
             plain = isinstance(value, str | int | float | type(None))
             if not plain or (isinstance(value, float) and not math.isfinite(value)):
-                found[name] = str(value)  # JSON has no infinity and no NaN
+                value = str(value)  # JSON has no infinity and no NaN
+            found[name] = value
         return found
 
     @classmethod

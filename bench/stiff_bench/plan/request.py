@@ -80,22 +80,17 @@ def plan_run(
         ConfigError: an option or a value is wrong.
     """
     scored = tuple(metric(key) for key in dict.fromkeys(metrics))
-    plan = RunPlan(
-        models=_different([_on_device(choice, device) for choice in asked.models]),
-        datasets=_different(asked.datasets),
-        protocols=_different(asked.protocols),
-        metrics=scored,
-        splits=splits,
-        seed=seed,
-        output=output,
-        command=command,
-        coverage=_coverage(coverage, scored),
-    )
-    for model in plan.models:
+    coverage = _coverage(coverage, scored)
+    models = _different([_on_device(choice, device) for choice in asked.models])
+    for model in models:
         check_model(model)
-    for dataset in plan.datasets:
+    datasets, protocols = _different(asked.datasets), _different(asked.protocols)
+    for dataset in datasets:
         _made(dataset, "load")
-    return replace(plan, sources=_sources(plan.protocols, registry))
+    sources = _sources(protocols, registry)
+    return RunPlan(
+        *(models, datasets, protocols, scored, splits, seed, output, command, coverage, sources)
+    )
 
 
 def _different(choices: Sequence[Choice[Info]]) -> tuple[Choice[Info], ...]:
@@ -115,9 +110,8 @@ def _sources(
                 found[word] = chosen_dataset(word, (), registry)
                 _made(found[word], "load")
             except ConfigError as error:
-                raise ConfigError(
-                    f"{protocol.name}: source {word!r}: {error}", "protocol"
-                ) from error
+                why = f"{protocol.name}: source {word!r}: {error}"
+                raise ConfigError(why, "protocol") from error
     return found
 
 
@@ -167,10 +161,8 @@ def _coverage(asked: float | None, metrics: Sequence[Metric]) -> float | None:
         require("a metric of intervals", "crepes")  # before the models are fitted
         return coverage
     if asked is not None:
-        raise ConfigError(
-            f"{asked:g}: no metric of this run needs intervals; add the metric coverage or width",
-            "coverage",
-        )
+        why = "no metric of this run needs intervals; add the metric coverage or width"
+        raise ConfigError(f"{asked:g}: {why}", "coverage")
     return None
 
 

@@ -29,10 +29,7 @@ def written_grids(
 ) -> Mapping[str, Mapping[str, Any]]:
     """Return each model key's grid as it is written, for those that have one.
 
-    Args:
-        name: of a grid, or a path that ends in .toml.
-        said: what the user set, for messages.
-        models: of the run.
+    `name` is a grid's, or a path that ends in .toml; `said` is what the user set, for messages.
 
     Raises:
         ConfigError: there is none for any of the models, or the file cannot be read.
@@ -63,10 +60,7 @@ def _read(path: Path, said: str, keys: set[str]) -> dict[str, dict[str, Any]]:
 def checked_grid(said: str, model: Choice[ModelInfo], written: Mapping[str, Any]) -> Grid:
     """Return the candidates of a model's options, with the options' types.
 
-    Args:
-        said: where it is written, for messages.
-        model: whose options.
-        written: option -> list of values, Range, or mapping of a range's fields.
+    `written` has option -> list of values, Range, or mapping of a range's fields.
 
     Raises:
         ConfigError: an option is unknown, or a value is wrong.
@@ -90,9 +84,8 @@ def _candidates(
     if isinstance(written, list | tuple) and written:
         return tuple(value(each) for each in written)
     wrong = ConfigError(f"{said} is {written!r} (valid: {VALID})")
-    if not isinstance(written, Mapping):
-        raise wrong
-    if not {"low", "high"} <= set(written) <= {"low", "high", "log"}:
+    ends = {"low", "high"}
+    if not (isinstance(written, Mapping) and ends <= written.keys() <= ends | {"log"}):
         raise wrong
     low, high, log = value(written["low"]), value(written["high"]), written.get("log", False)
     if {type(low), type(high)} - {int, float} or type(log) is not bool:
@@ -126,11 +119,7 @@ class TunedChoice(Choice[ModelInfo]):
         return {**super().identity, **candidates}
 
     def make(self) -> Any:
-        """Return a new object that chooses.
-
-        Raises:
-            ConfigError: the model's constructor refuses.
-        """
+        """Return a new object that chooses."""
         return self.tuner.tuned(super().make(), self.grid)
 
 
@@ -143,7 +132,7 @@ def tuned_models(
         ConfigError: a grid or a file holds nothing for these models, names no option, or holds a
             value that is wrong or does not fit the others.
     """
-    found: dict[str, list[TunedChoice]] = {}
+    found = {}
     for protocol in protocols:
         tuner = protocol.make()
         if isinstance(tuner, TunesModels):

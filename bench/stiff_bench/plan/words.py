@@ -82,9 +82,7 @@ def parse_settings(
 ) -> dict[str, dict[str, Any]]:
     """Turn ``KEY.option=value`` words into checked values by key and option.
 
-    Args:
-        settings: the words.
-        classes: every key of the run and its class.
+    `classes` has every key of the run and its class.
 
     Raises:
         ConfigError: a word is malformed, names what is not in the run, or its value is wrong.
@@ -147,18 +145,12 @@ def chosen(
     infos = {key: registry.find(key, kind) for kind, of in parts.items() for _, key, _ in of}
     classes = {key: info.load() for key, info in infos.items()}
     params = parse_settings(settings, classes)
-    return {
-        kind: [
-            Choice(
-                infos[key],
-                classes[key],
-                params[key] | _own_options(kind, word, key, own, classes[key]),
-                {},
-            )
-            for word, key, own in of
-        ]
-        for kind, of in parts.items()
-    }
+    found: dict[Kind, list[Choice[Any]]] = {kind: [] for kind in words}
+    for kind, of in parts.items():
+        for word, key, own in of:
+            options = params[key] | _own_options(kind, word, key, own, classes[key])
+            found[kind].append(Choice(infos[key], classes[key], options, {}))
+    return found
 
 
 def chosen_dataset(word: str, settings: Sequence[str], registry: Registry) -> Choice[DatasetInfo]:
@@ -203,10 +195,8 @@ def choices(
     keys = {choice.info.key for of_kind in found.values() for choice in of_kind}
     for path in data:
         if path.name in keys:
-            raise ConfigError(
-                f"--data {path}: something else in this run is called {path.name!r}; give a file "
-                "once, or rename it"
-            )
+            why = f"something else in this run is called {path.name!r}"
+            raise ConfigError(f"--data {path}: {why}; give a file once, or rename it")
         keys.add(path.name)
         found["dataset"].append(own_file(path, robot, no_torque))
     return Chosen(found["model"], found["dataset"], found["protocol"])

@@ -152,9 +152,9 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
             shift = removed - predicted
             interval = Interval(interval.lower + shift, interval.upper + shift, interval.coverage)
         predicted = removed
-    prediction = Prediction(
-        *(reported, predicted, measured, interval, reference), _known(task, wrench)
-    )
+    known = _known(task, wrench)
+    prediction = Prediction(reported, predicted, measured, interval, reference, known)
+    n_calibrated = len(intervals.residuals_) if isinstance(intervals, SplitConformal) else 0
     return CellResult(
         cell=task.cell,
         shown=task.shown,
@@ -163,9 +163,7 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
         records=metric_records(prediction, cost),
         prediction=prediction,
         cost=cost,
-        calibration_samples=(
-            len(intervals.residuals_) if isinstance(intervals, SplitConformal) else 0
-        ),
+        calibration_samples=n_calibrated,
         diagnostics=diagnostics,
         n_train=len(_training_rows(task)),
         n_labels=len(train),

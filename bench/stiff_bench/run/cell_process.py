@@ -130,9 +130,8 @@ def computed_content(work: Work, folder: Path) -> tuple[Content, bool]:
     os.truncate(folder / LOG, 0)
     if work.limits.timeout_s is not None:
         faulthandler.dump_traceback_later(LAST_WORDS * work.limits.timeout_s)
-    content: Content
     try:
-        content = {"result": cell_content(_result(work, folder))}
+        content: Content = {"result": cell_content(_result(work, folder))}
     except BaseException as error:  # such as a plugin that cannot be imported here
         content = {"cause": type(error).__name__, "reason": short(said_by(error))}
     faulthandler.cancel_dump_traceback_later()

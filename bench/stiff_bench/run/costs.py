@@ -16,12 +16,6 @@ from stiff_protocols.contract.interfaces import StiffnessModel
 from stiff_protocols.contract.types import FloatArray
 
 
-class _Highest:
-    """The highest peak before the kernel was last told to forget it, bytes."""
-
-    seen = 0
-
-
 def peak_memory_bytes() -> int:
     """Return the largest resident memory of this process so far; 0 where it is not known."""
     if sys.platform == "win32":
@@ -29,21 +23,24 @@ def peak_memory_bytes() -> int:
     import resource
 
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return max(_Highest.seen, peak if sys.platform == "darwin" else peak * 1024)
+    return max(MemoryMeter.highest, peak if sys.platform == "darwin" else peak * 1024)
 
 
 class MemoryMeter:
     """Says how far the resident memory of this process rises; on Linux alone."""
 
+    highest = 0
+    """Peak before the kernel was last told to forget it, bytes."""
+
     def __init__(self) -> None:
         """Start anew: the kernel forgets the peak so far, which `peak_memory_bytes` remembers."""
         self._start: int | None = None
-        _Highest.seen = peak_memory_bytes()
+        MemoryMeter.highest = peak_memory_bytes()
         try:
             Path("/proc/self/clear_refs").write_text("5")  # proc(5): resets VmHWM
             self._start = _status("VmRSS")
         except OSError:
-            return
+            pass
 
     def rise(self) -> int | None:
         """Return the peak since the start above the start, bytes; None where it is not known."""
@@ -76,11 +73,8 @@ def latency(model: StiffnessModel, q: FloatArray, wrench: FloatArray) -> float:
 def throughput(model: StiffnessModel, q: FloatArray, wrench: FloatArray, predict_s: float) -> float:
     """Return how many rows a second a large call predicts, larger and larger up to 1,024 rows.
 
-    Args:
-        model: fitted.
-        q: (n, n_joints) rows, which are repeated to make the call large.
-        wrench: (n, 6).
-        predict_s: what predicting these rows took; a slow model is not asked for more.
+    The (n, n_joints) and (n, 6) rows are repeated. Predicting them once took `predict_s`; a slow
+    model is not asked for more.
     """
     seconds, times = predict_s, 1
     enough = -(-ROWS_AT_ONCE // len(q))

@@ -10,8 +10,9 @@ import logging
 import multiprocessing
 import re
 import time
-from collections.abc import Generator, Iterable, Mapping
+from collections.abc import Generator, Iterable
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -26,6 +27,7 @@ import stiff_protocols
 from stiff_bench.console import say
 from stiff_bench.plan.cells import CellTask
 from stiff_bench.run.cell_process import Limits, Work
+from stiff_bench.run.execution import Execution
 from stiff_bench.run.isolate import Crash, compute_isolated, result_of, work_of
 from stiff_bench.run.machine import pin_threads
 from stiff_bench.run.progress import Display
@@ -40,10 +42,11 @@ SECONDS_BETWEEN_LOOKS = 0.01
 SECONDS_BETWEEN_COUNTS = 1.0
 
 
-class DaskCluster:
+@dataclass(eq=False, kw_only=True)
+class DaskCluster(Execution):
     """Computes cells on a cluster.
 
-    Args:
+    Attributes:
         words: "tcp://HOST:PORT" of a scheduler, or "local:N" workers of our own.
         limits: of every cell's process.
         output: folder for what workers of our own write.
@@ -52,24 +55,24 @@ class DaskCluster:
         ConfigError: the words name no cluster.
     """
 
-    def __init__(self, words: str, limits: Limits, output: Path) -> None:
+    words: str
+    limits: Limits
+    output: Path
+
+    def __post_init__(self) -> None:
         """Check the words; nothing is started yet."""
-        local = re.fullmatch(r"local:0*([1-9]\d*)", words)
-        if not local and not re.fullmatch(r"(tcp|tls)://[^/:]+:\d+", words):
-            raise ConfigError(f"--dask {words!r}: no cluster (valid: tcp://HOST:PORT, local:N)")
-        self._said, self._limits, self._output = f"--dask {words}", limits, output
-        self._address = "" if local else words
-        self.at_once = int(local[1]) if local else 1
-        self.machines: Mapping[str, Mapping[str, str]] = {}
+        found = re.fullmatch(r"local:0*([1-9]\d*)|(?:tcp|tls)://[^/:]+:\d+", self.words)
+        if not found:
+            valid = "(valid: tcp://HOST:PORT, local:N)"
+            raise ConfigError(f"--dask {self.words!r}: no cluster {valid}")
+        self._said = f"--dask {self.words}"
+        self._address = "" if found[1] else self.words
+        self.at_once = int(found[1] or 1)
 
     def results(
         self, tasks: Iterable[CellTask], run_id: str, display: Display
     ) -> Generator[CellResult, None, None]:
-        """Yield the result of every cell as it ends.
-
-        Raises:
-            ConfigError: there is no scheduler, or it has gone.
-        """
+        """Yield the result of every cell as it ends."""
         waiting = iter(tasks)
         task = next(waiting, None)
         if task is None:
@@ -87,7 +90,7 @@ class DaskCluster:
                         say(f"{self._said}: there is no worker; waiting for one")
                 while task is not None and len(given) < n_workers:
                     display.start(task)
-                    work = work_of(task, run_id, self._limits, fresh=True)
+                    work = work_of(task, run_id, self.limits, fresh=True)
                     given[client.submit(compute_beside_worker, work, code, pure=False)] = task
                     task = next(waiting, None)
                 time.sleep(SECONDS_BETWEEN_LOOKS)
@@ -100,7 +103,7 @@ class DaskCluster:
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters, we say
         how: dict[str, Any] = {"address": self._address, "timeout": SECONDS_TO_CONNECT}
         if not self._address:
-            scratch = stack.enter_context(TemporaryDirectory(dir=self._output, prefix=".dask-"))
+            scratch = stack.enter_context(TemporaryDirectory(dir=self.output, prefix=".dask-"))
             how = {"n_workers": self.at_once, "threads_per_worker": 1, "local_directory": scratch}
             how["dashboard_address"] = ":0"
         try:
@@ -118,7 +121,7 @@ class DaskCluster:
         goes_on = "the same command goes on where this run stopped"
         if future.status == "finished":
             worker, machine, found = future.result(timeout=SECONDS_TO_CONNECT)
-            self.machines = {**self.machines, worker: machine}
+            self.machines[worker] = machine
             return found  # type: ignore[no-any-return]
         if future.status != "error":
             raise ConfigError(f"{self._said}: the scheduler has gone; {goes_on}")

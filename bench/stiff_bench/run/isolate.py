@@ -15,10 +15,10 @@ import sys
 import tempfile
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Mapping, Set
+from collections.abc import Callable, Generator, Iterable, Set
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from multiprocessing import connection
 from pathlib import Path
@@ -40,6 +40,7 @@ from stiff_bench.run.cell_process import (
     begin_process,
     computed_content,
 )
+from stiff_bench.run.execution import Execution
 from stiff_bench.run.progress import Display
 from stiff_bench.store.codec import Content, cell_result
 from stiff_models.catalog import REFERENCE_MODEL, model_info
@@ -108,14 +109,10 @@ def _pickled(data: BenchmarkData) -> bytes:
 
 
 class CellProcess:
-    """Where one cell at a time is computed.
-
-    Args:
-        scratch: folder for the files of the processes.
-    """
+    """Where one cell at a time is computed."""
 
     def __init__(self, scratch: Path) -> None:
-        """Start nothing yet."""
+        """Start nothing yet; the processes' files will lie in a folder below `scratch`."""
         self.future: Future[tuple[Content, bool]] = Future()
         self._scratch, self._heard = scratch, b""
         self._start: float | None = None
@@ -200,9 +197,8 @@ class CellProcess:
             self.end()
             self.begin(lambda: self._work)
             return None
-        mebibytes, most = taken / 2**20, limits.memory_bytes / 2**20
-        said = f"took {mebibytes:.0f} MiB, more than --memory {most:.0f} MiB"
-        return self._crash(OUT_OF_MEMORY, said)
+        most = f"--memory {limits.memory_bytes / 2**20:.0f} MiB"
+        return self._crash(OUT_OF_MEMORY, f"took {taken / 2**20:.0f} MiB, more than {most}")
 
     def _ended(self, exit_code: int) -> Crash:
         """Return what became of a process with this exit code (negative: a signal's number)."""
@@ -213,10 +209,8 @@ class CellProcess:
                 cause += ", or its server was killed"
             said = f"its process ended after {seconds:.1f} s without a result ({cause})"
             return self._crash(cause, said, innocent=exit_code == _SERVER_GONE)
-        try:
-            name = signal.Signals(-exit_code).name
-        except ValueError:
-            name = f"signal {-exit_code}"
+        known = {one.value: one.name for one in signal.Signals}
+        name = known.get(-exit_code, f"signal {-exit_code}")
         hint = ", as the system does where memory runs out" if name == "SIGKILL" else ""
         return self._crash(name, f"its process was ended by {name} after {seconds:.1f} s{hint}")
 
@@ -316,21 +310,17 @@ def compute_isolated(work: Work, wanted: Callable[[], bool]) -> CellResult | Cra
     return None
 
 
-@dataclass
-class LocalProcesses:
+@dataclass(eq=False, kw_only=True)
+class LocalProcesses(Execution):
     """Computes cells in processes on this machine, some side by side.
 
     Attributes:
-        at_once: how many.
         limits: of each.
         strangers: keys of the models that are not ours, of which each cell gets a fresh process.
-        machines: no others take part.
     """
 
-    at_once: int
     limits: Limits
     strangers: Set[str] = frozenset()
-    machines: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     def results(
         self, tasks: Iterable[CellTask], run_id: str, display: Display

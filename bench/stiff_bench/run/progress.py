@@ -41,13 +41,9 @@ class Display:
     def begin(
         self, missing: Sequence[CellTask], n_cached: int, seconds: Mapping[str, float], at_once: int
     ) -> None:
-        """Cells are about to be computed, `at_once` side by side, beside those that are there.
+        """Cells that are `missing` are about to be computed, `at_once` side by side.
 
-        Args:
-            missing: these.
-            n_cached: how many are there.
-            seconds: model with its options -> mean time of its stored fits, s.
-            at_once: as far as that is known.
+        `n_cached` others are there; `seconds` has the mean time of a model's stored fits, s.
         """
         models = [task.shown.model for task in missing]
         self._known = seconds.keys() >= {*models}

@@ -9,18 +9,22 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import Literal
+from typing import Any, Literal
 
 from stiff_bench.console import say
 from stiff_bench.plan.cells import CellTask
+from stiff_bench.plan.registry import OURS, Registry
+from stiff_bench.plan.request import RunPlan
+from stiff_bench.run.cell_process import Limits
 from stiff_bench.run.costs import peak_memory_bytes
 from stiff_bench.run.execution import COUNTING, Execution, Rerun
-from stiff_bench.run.isolate import OUT_OF_MEMORY, TIMED_OUT
+from stiff_bench.run.isolate import OUT_OF_MEMORY, TIMED_OUT, LocalProcesses
 from stiff_bench.run.progress import Display
 from stiff_bench.run.provenance import environment
 from stiff_bench.store.damage import repair
 from stiff_bench.store.database import DamagedFile, ResultStore, mean_seconds, stored_results
-from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.errors import ConfigError, StoreError
+from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.record import CellResult, RunManifest
 
 _OWN_WORDS = (TIMED_OUT, OUT_OF_MEMORY)
@@ -55,11 +59,57 @@ class Finished:
                 causes[result.cause or "error"] += 1
         numbered = [f"{number} {cause}" for cause, number in causes.most_common()]
         why = {"failed": f" ({', '.join(causes if len(causes) == 1 else numbered)})"}
-        words = [f"{counts['ok']} ok"]
-        for status in ("failed", *_OWN_WORDS, "skipped", "cached"):
-            if counts[status]:
-                words.append(f"{counts[status]} {status}{why.get(status, '')}")
-        return ", ".join(words)
+        shown = ("failed", *_OWN_WORDS, "skipped", "cached")
+        words = [f"{counts[word]} {word}{why.get(word, '')}" for word in shown if counts[word]]
+        return ", ".join([f"{counts['ok']} ok", *words])
+
+
+def chosen_execution(
+    plan: RunPlan,
+    registry: Registry,
+    *,
+    threads: int,
+    jobs: int | None = None,
+    isolate: bool | None = None,
+    timeout: float | None = None,
+    memory: int | None = None,
+    dask: str = "",
+    rerun: Rerun = "missing",
+) -> Execution:
+    """Return how a plan is executed, from the options of the command line.
+
+    Cells are isolated where several run at once, a limit is to hold, or a stranger's model is run.
+
+    Raises:
+        ConfigError: two options contradict each other, or there is no such cluster.
+    """
+    jobs = jobs or 1
+    limits = Limits(threads, timeout, memory)
+    reasons = {
+        f"--jobs {jobs}": jobs > 1,
+        f"--dask {dask}": dask,
+        "--timeout": timeout is not None,
+        "--memory": memory is not None,
+    }
+    needed = [reason for reason, holds in reasons.items() if holds]
+    if isolate is False and needed:
+        raise ConfigError(f"--no-isolate: {needed[0]} needs a process for each fit")
+    if dask and jobs > 1:
+        raise ConfigError(f"--jobs {jobs}: the cluster of --dask says how many run at once")
+    keys = {one.info.key for one in plan.models}
+    strangers = {key for key in keys if registry.origins.get(key, OURS) != OURS}
+    isolated = bool(needed) or (bool(strangers) if isolate is None else isolate)
+    facts = {"jobs": str(jobs), "isolated": str(isolated).lower()}
+    facts |= {"threads": str(threads), "dask": dask}
+    how: dict[str, Any] = {"rerun": rerun, "facts": facts}
+    if dask:
+        require(f"--dask {dask}", "distributed")
+        from stiff_bench.run.dask_cluster import DaskCluster
+
+        return DaskCluster(words=dask, limits=limits, output=plan.output, **how)
+    if isolated:
+        return LocalProcesses(at_once=jobs, limits=limits, strangers=strangers, **how)
+    return Execution(**how)
 
 
 def run_cells(
@@ -71,14 +121,8 @@ def run_cells(
 ) -> Finished:
     """Compute the cells that have no result yet, store each as it ends, and return them all.
 
-    The run's manifest is written first and completed at the end, also when it is interrupted.
-
-    Args:
-        tasks: the cells; a cell that several parts of a study need stands here once.
-        command: the command line, for the manifest.
-        store: where results are, and go.
-        execution: how they are computed.
-        display: shows progress.
+    The run's manifest, with the command, is written first and completed at the end, also when the
+    run is interrupted. A cell that several parts of a study need stands once in `tasks`.
 
     Raises:
         StoreError: a result cannot be written.
@@ -100,14 +144,13 @@ def run_cells(
                 cached.add(task.cell.key)
                 display.end(other)
 
-    seconds = mean_seconds(store.folder)
-    display.begin(missing, len(cached), seconds, execution.executor.at_once)
+    display.begin(missing, len(cached), mean_seconds(store.folder), execution.at_once)
     with _described(tasks, command, store, execution) as run_id:
         sets = {task.cell.data_sha256: task.data for task in tasks}
         sets |= {one.cell.source_sha256: one.source for one in tasks if one.source is not None}
         for data in sets.values():
             store.write_data(data)
-        with closing(execution.executor.results(waiting(), run_id, display)) as ended:
+        with closing(execution.results(waiting(), run_id, display)) as ended:
             for result in ended:
                 store.write_cell(result)
                 found[result.cell.key] = result
@@ -129,12 +172,12 @@ def _stored(tasks: Sequence[CellTask], store: ResultStore, rerun: Rerun) -> dict
         damaged.append(error.key)
 
     repair(store.folder, note)
-    found: dict[str, CellResult] = {}
-    for result in stored_results(store.folder, wanted.keys(), note):
-        if result.status in COUNTING[rerun]:
-            found[result.cell.key] = _as_asked(result, wanted[result.cell.key])
-    if damaged:
-        store.remove(filter(None, damaged))
+    found = {
+        result.cell.key: _as_asked(result, wanted[result.cell.key])
+        for result in stored_results(store.folder, wanted.keys(), note)
+        if result.status in COUNTING[rerun]
+    }
+    store.remove(filter(None, damaged))
     return found
 
 
@@ -161,19 +204,18 @@ def _described(
     )
     store.write_manifest(manifest)
 
-    def completed(status: Literal["finished", "interrupted"]) -> RunManifest:
-        return replace(
-            manifest,
-            status=status,
-            wall_s=time.perf_counter() - started,
-            peak_memory_bytes=peak_memory_bytes(),
-            machines=execution.executor.machines,
-        )
+    def complete(status: Literal["finished", "interrupted"]) -> None:
+        measured: dict[str, Any] = {
+            "wall_s": time.perf_counter() - started,
+            "peak_memory_bytes": peak_memory_bytes(),
+        }
+        machines = execution.machines
+        store.write_manifest(replace(manifest, status=status, machines=machines, **measured))
 
     try:
         yield manifest.run_id
     except BaseException:
         with suppress(StoreError):  # what stopped the run is what is to be said
-            store.write_manifest(completed("interrupted"))
+            complete("interrupted")
         raise
-    store.write_manifest(completed("finished"))
+    complete("finished")

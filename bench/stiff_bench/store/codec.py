@@ -1,4 +1,4 @@
-"""A cell's result as plain content, and back: what the database holds and a cell's process sends.
+"""A cell's result as plain content, which a cell's process sends, and as rows of the database.
 
 Numbers are in SI units at full precision. Texts hold what is for people or has no fixed shape, as
 strict JSON; arrays are float64 in little-endian order, compressed with zlib.
@@ -9,10 +9,12 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import sqlite3
 import zlib
+from array import array
 from collections.abc import Sequence
 from dataclasses import fields
-from functools import lru_cache
+from functools import cache, lru_cache, partial
 from operator import itemgetter
 from typing import Any, TypeVar
 
@@ -20,29 +22,28 @@ import numpy as np
 import orjson
 
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.record import Cell, CellResult, Cost, Presentation
+from stiff_protocols.contract.record import (
+    Cell,
+    CellResult,
+    Cost,
+    Measures,
+    Presentation,
+    StoredRecords,
+)
 from stiff_protocols.contract.types import KNOWN, FloatArray, Interval, Prediction
 
 _T = TypeVar("_T")
 Content = dict[str, Any]
 """Name of a column -> str, int, float, bytes or None; "metrics" -> the records."""
 
-_OF_CELL = {
-    "model_key": "model",
-    "dataset_key": "dataset",
-    "protocol_key": "protocol",
-    **{
-        name: name
-        for name in (
-            *("model_params", "dataset_params", "protocol_params", "condition", "split_index"),
-            *("seed", "coverage", "data_sha256", "split_sha256", "rows_sha256", "source_sha256"),
-            *("model_version", "scoring_version"),
-        )
-    },
-}
-"""Column -> field of `Cell`; `model`, `dataset` and `protocol` are names with options."""
-_PARAMS = ("model_params", "dataset_params", "protocol_params")
 _NAMES = ("model", "dataset", "protocol")
+_PARAMS = tuple(f"{name}_params" for name in _NAMES)
+_SAME = (
+    *(*_PARAMS, "condition", "split_index", "seed", "coverage", "data_sha256", "split_sha256"),
+    *("rows_sha256", "source_sha256", "model_version", "scoring_version"),
+)
+_OF_CELL = {f"{name}_key": name for name in _NAMES} | {name: name for name in _SAME}
+"""Column -> field of `Cell`; the columns of `_NAMES` are names with options."""
 _SHOWN = tuple(item.name for item in fields(Presentation) if item.name not in _NAMES)
 _COST = Cost._fields
 _PLAIN = ("run_id", "status", "n_splits", "n_train", "calibration_samples", "cause", "failure")
@@ -51,7 +52,21 @@ COLUMNS = (
     *("shown", "about", "prediction_arrays", "prediction", "curves"),
 )
 """In the order of the table, beside the checksum."""
-REALS = ("coverage", "fit_s", "predict_s", "latency_s", "throughput_per_s")
+_REALS = ("coverage", "fit_s", "predict_s", "latency_s", "throughput_per_s")
+COLUMN_TYPES = dict.fromkeys(COLUMNS, "TEXT") | {
+    **dict.fromkeys(("split_index", "seed", "scoring_version", "n_splits", "n_train"), "INTEGER"),
+    **dict.fromkeys(("calibration_samples", "memory_bytes"), "INTEGER"),
+    **dict.fromkeys(_REALS, "REAL"),
+    **dict.fromkeys(("prediction", "curves"), "BLOB"),
+}
+"""As SQLite has them; it does not enforce them."""
+_TYPES = {"TEXT": str, "INTEGER": int, "REAL": float, "BLOB": bytes}
+_OPTIONAL = {*_REALS, "memory_bytes", "prediction_arrays", "prediction", "curves"}
+_N_BLOBS = 2
+_SELECT = f"""SELECT sha256, {", ".join(COLUMNS)},
+    (SELECT group_concat(measure) FROM value WHERE cell = id),
+    (SELECT packed(ifnull(CAST(value AS REAL), 0)) FROM value WHERE cell = id), id FROM cell"""
+"""Values as text and bytes; a value that is none becomes 0, which fails the checksum."""
 _INTEGER, _FLOAT = np.dtype("<i8"), np.dtype("<f8")
 _ARRAYS = ("predicted", "measured", "reference", "lower", "upper", *KNOWN)
 
@@ -80,7 +95,7 @@ def cell_content(result: CellResult) -> Content:
     for name, value in content.items():
         if type(value) is str:
             content[name] = storable(value)
-        elif name in REALS and value is not None:
+        elif name in _REALS and value is not None:
             content[name] = float(value)  # as it comes back
     return content
 
@@ -228,19 +243,15 @@ def _unpacked(blob: bytes) -> bytes:
     return content
 
 
-def checksum(
-    columns: Sequence[Any], names: bytes, values: FloatArray, blobs: Sequence[bytes | None]
-) -> str:
-    """Return the SHA-256 of a cell's content.
+def checksum(columns: Sequence[Any], names: bytes, values: FloatArray) -> str:
+    """Return the SHA-256 of a cell's columns, names of its values as JSON, and (n,) values.
 
-    Args:
-        columns: all that is text or number, in the order of `COLUMNS`.
-        names: JSON of metric, axis and unit of each value, in their order.
-        values: (n,) of the metrics.
-        blobs: the last columns.
+    Raises:
+        TypeError: there are bytes in the place of a text.
     """
-    parts = [orjson.dumps(columns), names, values.tobytes()]
-    return hashlib.sha256(b"\0".join([*parts, *(blob or b"" for blob in blobs)])).hexdigest()
+    plain, blobs = columns[:-_N_BLOBS], columns[-_N_BLOBS:]
+    parts = [orjson.dumps(plain), names, values.tobytes(), *(blob or b"" for blob in blobs)]
+    return hashlib.sha256(b"\0".join(parts)).hexdigest()
 
 
 def json_text(content: Any) -> str:
@@ -251,3 +262,113 @@ def json_text(content: Any) -> str:
 def storable(text: str) -> str:
     """Return a text with a question mark for what is no character, as a file's name may hold."""
     return text if text.isascii() else text.encode(errors="replace").decode()
+
+
+def marks(entries: Sequence[object]) -> str:
+    """Return "(?, ?)": a place in a statement for each entry."""
+    return f"({', '.join('?' * len(entries))})"
+
+
+def fetched(
+    db: sqlite3.Connection, query: str, values: Sequence[object] = ()
+) -> list[tuple[Any, ...]]:
+    """Return all rows; bytes that are no text are left to the rows' checksums to find."""
+    try:
+        return db.execute(query, values).fetchall()
+    except sqlite3.OperationalError as error:
+        if "decode" not in str(error):
+            raise
+    db.text_factory = partial(str, encoding="utf-8", errors="surrogateescape")
+    return db.execute(query, values).fetchall()
+
+
+@cache  # most rows are alike
+def _check_types(*types: type) -> None:
+    """Raise a DataError where a row has not the types of its columns."""
+    for name, found in zip(COLUMNS, types, strict=True):
+        known = _TYPES[COLUMN_TYPES[name]]
+        if found is not known and not (found is type(None) and name in _OPTIONAL):
+            raise DataError(f"{name} holds {found.__name__}, expected {known.__name__}")
+
+
+class _Measures(Measures):
+    """With what a checksum needs of them."""
+
+    def __init__(self, names: Sequence[tuple[str, str, str]]) -> None:
+        """Put them in order: by name, since another file has other numbers for them."""
+        super().__init__(names)
+        self.order = np.array(sorted(range(len(names)), key=names.__getitem__), dtype=np.int64)
+        self.text = orjson.dumps(sorted(names))
+
+
+_NO_NAME = ("", "", "")  # of a measure that the file has lost
+
+
+class _Packed:
+    """Numbers of a group of rows as bytes: an aggregate of SQLite's."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        numbers = array("d")
+        self.step, self.finalize = numbers.append, numbers.tobytes
+
+
+class CellReader:
+    """Reads the cells of one file; those that have values of the same measures share these."""
+
+    def __init__(self) -> None:
+        """Know no measure yet."""
+        self._measures: dict[str | None, _Measures] = {None: _Measures(())}
+
+    def rows(
+        self, db: sqlite3.Connection, where: str, values: Sequence[object]
+    ) -> list[tuple[Any, ...]]:
+        """Return the rows of some cells, for `result`; a row's last entry is its number."""
+        db.create_aggregate("packed", 1, _Packed)  # type: ignore[arg-type]  # of bytes, too
+        rows = fetched(db, f"{_SELECT} {where}", values)
+        for text in {row[-3] for row in rows} - self._measures.keys():
+            names = {str(row[0]): row[1:] for row in db.execute("SELECT * FROM measure")}
+            self._measures[text] = _Measures([names.get(n, _NO_NAME) for n in text.split(",")])
+        return rows
+
+    def result(self, row: Sequence[Any]) -> CellResult:
+        """Return the result in a row.
+
+        Raises:
+            DataError: it is not what was stored.
+        """
+        sha256, *columns, text, packed, _ = row
+        _check_types(*map(type, columns))
+        measures, numbers = self._measures[text], np.frombuffer(packed or b"")
+        try:
+            if checksum(columns, measures.text, numbers[measures.order]) != sha256:
+                raise DataError("its checksum does not match its content")
+        except (TypeError, IndexError) as error:  # bytes for a text, a text for a measure
+            raise DataError(str(error)) from error
+        content = dict(zip(COLUMNS, columns, strict=True))
+        content["metrics"] = StoredRecords(measures, numbers)
+        return cell_result(content)
+
+
+def write_row(db: sqlite3.Connection, result: CellResult) -> None:
+    """Put a cell into the file in the place of an older state of it."""
+    content = cell_content(result)
+    there = db.execute("SELECT id, status FROM cell WHERE key = ?", (content["key"],)).fetchone()
+    if there is not None:
+        if there[1] == "ok" and result.status != "ok":
+            return
+        db.execute("DELETE FROM cell WHERE id = ?", (there[0],))
+    named = [(metric, axis, unit) for metric, axis, _, unit in content["metrics"]]
+    measures = _Measures(named)
+    values = np.array([metric[2] for metric in content["metrics"]], dtype=np.float64)
+    columns = [content[name] for name in COLUMNS]
+    row = (checksum(columns, measures.text, values[measures.order]), *columns)
+    insert = f"INSERT INTO cell (sha256, {', '.join(COLUMNS)}) VALUES {marks(row)}"
+    number = db.execute(insert, row).lastrowid
+    known = {row[1:]: row[0] for row in db.execute("SELECT * FROM measure")}
+    for measure in named:
+        if measure not in known:
+            insert = f"INSERT INTO measure (metric, axis, unit) VALUES {marks(measure)}"
+            known[measure] = db.execute(insert, measure).lastrowid
+    rows = [(number, known[m], value) for m, value in zip(named, values.tolist(), strict=True)]
+    db.executemany("INSERT INTO value VALUES (?, ?, ?)", rows)

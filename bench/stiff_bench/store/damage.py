@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing, suppress
 from itertools import chain, count
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryDirectory
 
 from stiff_bench.store import database
+from stiff_bench.store.codec import CellReader, marks, write_row
 from stiff_bench.store.database import (
     FILE,
     DamagedFile,
@@ -21,7 +21,6 @@ from stiff_bench.store.database import (
     told_in_one_line,
     writing,
 )
-from stiff_bench.store.rows import SELECT_CELLS, StoredValues, checked_row, marks, write_row
 from stiff_protocols.contract.errors import DataError
 
 _DAMAGES = (sqlite3.Error, UnicodeDecodeError)
@@ -31,20 +30,14 @@ MOST_ROWS = 100_000
 
 
 def fault_of(folder: Path) -> str | None:
-    """Return why SQLite cannot read a folder's file through; None where it can.
-
-    Raises:
-        StoreError: it cannot be opened.
-    """
+    """Return why SQLite cannot read a folder's file through; None where it can."""
     path = folder / FILE
-    with told_in_one_line(path, "read"):
-        try:
+    try:
+        with told_in_one_line(path, "read"):
             with closing(sqlite3.connect(path, timeout=database.BUSY_S)) as db:
                 (said,) = db.execute("PRAGMA quick_check(1)").fetchone()
-        except (UnicodeDecodeError, sqlite3.DatabaseError) as error:
-            if isinstance(error, sqlite3.Error) and type(error) is not sqlite3.DatabaseError:
-                raise
-            return str(error)
+    except DamagedFile as error:
+        return str(error.__cause__)
     return None if said == "ok" else " ".join(said.split())
 
 
@@ -56,25 +49,20 @@ def salvage(source: Path, target: Path, report: OnDamage, keep: Path | None = No
         target: to write; it may be `source`, which is then replaced.
         report: is told of every row that is lost and can still be named.
         keep: where the damaged file is copied first; None: nowhere.
-
-    Raises:
-        StoreError: the target cannot be written.
     """
-    with told_in_one_line(target, "written"):
-        scratch = target.parent / f".{target.name}.{os.getpid()}"
-        scratch.mkdir()
-        try:
-            with (
-                writing(scratch) as new,
-                closing(sqlite3.connect(file_uri(source), uri=True)) as old,
-            ):
-                for key in _copied(old, new):
-                    report(DamagedFile(source, f"cell {key}: cannot be read", key=key))
-            if keep is not None:
-                shutil.copyfile(source, keep)
-            (scratch / FILE).replace(target)
-        finally:
-            shutil.rmtree(scratch, ignore_errors=True)
+    with (
+        told_in_one_line(target, "written"),
+        TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.") as scratch,
+    ):
+        with (
+            writing(Path(scratch)) as new,
+            closing(sqlite3.connect(file_uri(source), uri=True)) as old,
+        ):
+            for key in _copied(old, new):
+                report(DamagedFile(source, f"cell {key}: cannot be read", key=key))
+        if keep is not None:
+            shutil.copyfile(source, keep)
+        Path(scratch, FILE).replace(target)
 
 
 def _copied(old: sqlite3.Connection, new: sqlite3.Connection) -> Iterator[str]:
@@ -84,35 +72,31 @@ def _copied(old: sqlite3.Connection, new: sqlite3.Connection) -> Iterator[str]:
     except _DAMAGES:
         return  # not even its tables can be found
     for table in ("run", "data"):
-        for row in _readable_rows(old, table, f"SELECT * FROM {table}"):
+        for number in _row_numbers(old, table):
             with suppress(*_DAMAGES):  # of one key a damaged file may have two
-                new.execute(f"INSERT INTO {table} VALUES {marks(row)}", row)
+                for row in old.execute(f"SELECT * FROM {table} WHERE rowid = ?", (number,)):
+                    new.execute(f"INSERT INTO {table} VALUES {marks(row)}", row)
     kept: set[str] = set()
-    known = StoredValues()
-    for row in _readable_rows(old, "cell", SELECT_CELLS):
-        with suppress(*_DAMAGES, DataError, KeyError):
-            result = checked_row(row, known.values(old, [row[0]]))
-            write_row(new, result)
-            kept.add(result.cell.key)
+    cells = CellReader()
+    for number in _row_numbers(old, "cell"):
+        with suppress(*_DAMAGES, DataError):
+            for row in cells.rows(old, "WHERE id = ?", (number,)):
+                result = cells.result(row)
+                write_row(new, result)
+                kept.add(result.cell.key)
     with suppress(*_DAMAGES):  # the index of keys has pages of its own
         for (key,) in old.execute("SELECT key FROM cell INDEXED BY cell_key").fetchall():
             if key not in kept:
                 yield str(key)
 
 
-def _readable_rows(db: sqlite3.Connection, table: str, select: str) -> Iterator[tuple[Any, ...]]:
-    """Yield every row that can be read, found by its number: a broken page ends other searches."""
+def _row_numbers(db: sqlite3.Connection, table: str) -> range:
+    """Return all numbers that rows may have: a broken page ends other ways to find them."""
     try:
         (last,) = db.execute(f"SELECT max(rowid) FROM {table}").fetchone()
     except _DAMAGES:
         last = MOST_ROWS
-    for number in range(1, (last or 0) + 1):
-        try:
-            row = db.execute(f"{select} WHERE rowid = ?", (number,)).fetchone()
-        except _DAMAGES:
-            continue
-        if row is not None:
-            yield row
+    return range(1, (last or 0) + 1)
 
 
 def repair(folder: Path, report: OnDamage) -> None:
@@ -120,17 +104,9 @@ def repair(folder: Path, report: OnDamage) -> None:
 
     Of a file that SQLite cannot read through, the readable rows go to a new one; the old one is
     kept as ``results.sqlite.damaged``. Manifests that are not what was stored are deleted.
-
-    Args:
-        folder: of the results.
-        report: is told what was damaged.
-
-    Raises:
-        StoreError: the folder cannot be written, or another command uses it for a minute.
     """
     path = folder / FILE
-    fault = fault_of(folder)
-    if fault is not None:
+    if (fault := fault_of(folder)) is not None:
         endings = chain([""], (f"-{number}" for number in count(2)))
         aside = (path.with_name(f"{FILE}.damaged{ending}") for ending in endings)
         kept = next(name for name in aside if not name.exists())
@@ -138,9 +114,7 @@ def repair(folder: Path, report: OnDamage) -> None:
         salvage(path, path, report, keep=kept)
     lost: list[DamagedFile] = []
     read_manifests(folder, lost.append)
-    if lost:
-        with writing(folder) as db:
-            names = [(error.run_id,) for error in lost]
-            db.executemany("DELETE FROM run WHERE run_id = ?", names)
     for error in lost:
+        with writing(folder) as db:
+            db.execute("DELETE FROM run WHERE run_id = ?", (error.run_id,))
         report(error)

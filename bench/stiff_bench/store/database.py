@@ -5,7 +5,7 @@
     run      a row a run: command, environment, the keys of the cells it was asked for (JSON)
     data     a row a data set: its samples, joint torques and TCP positions (samples.py)
     cell     a row a cell: what it is, which run computed it, its status and cost; texts in JSON;
-             predictions and curves as blobs (codec.py, rows.py)
+             predictions and curves as blobs (codec.py)
     measure  metric, axis and unit of a value
     value    a row a value: cell, measure, value in SI units
     metric   a view for people: every value beside its cell's names
@@ -29,14 +29,13 @@ from typing import Any
 
 import orjson
 
-from stiff_bench.store.codec import json_text, storable
-from stiff_bench.store.rows import (
+from stiff_bench.store.codec import (
     COLUMN_TYPES,
-    SELECT_CELLS,
-    StoredValues,
-    checked_row,
+    CellReader,
     fetched,
+    json_text,
     marks,
+    storable,
     write_row,
 )
 from stiff_bench.store.samples import StoredData, data_content, stored_data
@@ -115,7 +114,6 @@ class ResultStore:
         self.folder = folder
         try:
             make_folder(folder)
-            has_results(folder)  # or one of an older format, which is refused
             with writing(folder):
                 pass
         except DamagedFile:
@@ -143,11 +141,7 @@ class ResultStore:
             write_run(db, manifest)
 
     def write_data(self, data: BenchmarkData) -> None:
-        """Store the samples that results belong to, once; damaged or older ones are replaced.
-
-        Raises:
-            StoreError: they are too many, or cannot be written.
-        """
+        """Store the samples that results belong to, once; damaged or older ones are replaced."""
         with suppress(StoreError):
             if read_data(self.folder, data.sha256).geometry is not None:
                 return
@@ -168,19 +162,8 @@ class ResultStore:
 
 
 def has_results(folder: Path) -> bool:
-    """Say whether there is a file of results.
-
-    Raises:
-        StoreError: the folder holds results of an older format.
-    """
-    if (folder / FILE).exists():
-        return True
-    if any(any((folder / name).glob("*.*")) for name in ("cells", "packs")):
-        raise StoreError(
-            f"{folder}: holds results of an older stiffbench (files in cells/ or packs/), which "
-            "this one does not read; give a new folder and run again"
-        )
-    return False
+    """Say whether there is a file of results."""
+    return (folder / FILE).exists()
 
 
 def why_no_results(folder: Path) -> str:
@@ -191,11 +174,7 @@ def why_no_results(folder: Path) -> str:
 
 
 def read_results(folder: Path) -> list[CellResult]:
-    """Return every cell of a folder, failed and skipped ones too, in the order of their keys.
-
-    Raises:
-        StoreError: the folder is none of ours, or something in it is damaged.
-    """
+    """Return every cell of a folder, failed and skipped ones too, in the order of their keys."""
     return sorted(stored_results(folder), key=lambda one: one.cell.key)
 
 
@@ -210,48 +189,37 @@ def stored_results(
         report: is told of damaged rows, which are left out; default: the first is raised.
 
     Raises:
-        StoreError: the folder is none of ours, the file is damaged as a whole, or a row is and
-            nobody asked for a report.
+        StoreError: the file is of another format, damaged as a whole, or cannot be read.
     """
     asked = sorted(keys or ())
     last = 0
-    known = StoredValues()
+    cells = CellReader()
     while keys is None or asked:
         with reading(folder) as db:
             if keys is None:
-                query = f"{SELECT_CELLS} WHERE id > ? ORDER BY id LIMIT {AT_ONCE}"
-                rows = fetched(db, query, (last,))
+                rows = cells.rows(db, f"WHERE id > ? ORDER BY id LIMIT {AT_ONCE}", (last,))
             else:
                 some, asked = asked[:AT_ONCE], asked[AT_ONCE:]
-                rows = fetched(db, f"{SELECT_CELLS} WHERE key IN {marks(some)}", some)
-            values = known.values(db, [row[0] for row in rows])
+                rows = cells.rows(db, f"WHERE key IN {marks(some)}", some)
         for row in rows:
             try:
-                yield checked_row(row, values)
+                yield cells.result(row)
             except DataError as error:
-                report(DamagedFile(folder / FILE, f"cell {row[2]}: {error}", key=str(row[2])))
+                report(DamagedFile(folder / FILE, f"cell {row[1]}: {error}", key=str(row[1])))
         if keys is None:
             if len(rows) < AT_ONCE:
                 return
-            last = rows[-1][0]
+            last = rows[-1][-1]
 
 
 def stored_statuses(folder: Path) -> dict[str, str]:
-    """Return which cells are stored: key -> "ok", "failed" or "skipped".
-
-    Raises:
-        StoreError: the folder is none of ours, or its file is damaged.
-    """
+    """Return which cells are stored: key -> "ok", "failed" or "skipped"."""
     with reading(folder) as db:
         return dict(fetched(db, "SELECT key, status FROM cell"))
 
 
 def mean_seconds(folder: Path) -> dict[str, float]:
-    """Return model, with its options -> mean wall time of a stored fit and its predictions, s.
-
-    Raises:
-        StoreError: the folder is none of ours, or its file is damaged.
-    """
+    """Return model, with its options -> mean wall time of a stored fit and its predictions, s."""
     query = "SELECT model, avg(fit_s + predict_s) FROM cell WHERE status = 'ok' GROUP BY model"
     with reading(folder) as db:
         return {model: seconds for model, seconds in fetched(db, query) if seconds is not None}
@@ -260,12 +228,7 @@ def mean_seconds(folder: Path) -> dict[str, float]:
 def read_manifests(folder: Path, report: OnDamage = _raise) -> list[RunManifest]:
     """Return every run's manifest of a folder, in the order of their names.
 
-    Args:
-        folder: of the results.
-        report: is told of damaged manifests, which are left out; default: the first is raised.
-
-    Raises:
-        StoreError: the folder is none of ours, or something in it is damaged.
+    `report` is told of damaged manifests, which are left out; default: the first is raised.
     """
     with reading(folder) as db:
         rows = fetched(db, f"SELECT sha256, {', '.join(_RUN)} FROM run ORDER BY run_id")
@@ -314,15 +277,13 @@ def reading(folder: Path) -> Iterator[sqlite3.Connection]:
                 yield db
                 return
         with closing(sqlite3.connect(":memory:")) as db:
-            _make_tables(db)
+            execute_each(db, _SCHEMA)
             yield db
 
 
 @contextmanager
 def writing(folder: Path, other: Path | None = None) -> Iterator[sqlite3.Connection]:
-    """Give a connection in a transaction, which is on the disk when the block ends.
-
-    After an exception nothing of the block is there.
+    """Give a connection in a transaction, which is on the disk when the block ends, whole or not.
 
     Args:
         folder: of the results; its file is made if there is none.
@@ -343,7 +304,7 @@ def writing(folder: Path, other: Path | None = None) -> Iterator[sqlite3.Connect
             db.execute("BEGIN IMMEDIATE")
             try:
                 if not _has_tables(db):
-                    _make_tables(db)
+                    execute_each(db, _SCHEMA)
                 _check_format(path, db)
                 yield db
             except BaseException:
@@ -357,8 +318,9 @@ def _has_tables(db: sqlite3.Connection) -> bool:
     return bool(db.execute("SELECT count(*) FROM main.sqlite_schema").fetchone()[0])
 
 
-def _make_tables(db: sqlite3.Connection) -> None:
-    for statement in _SCHEMA.split(";\n"):
+def execute_each(db: sqlite3.Connection, statements: str) -> None:
+    """Execute statements in the transaction, which `executescript` would end."""
+    for statement in statements.split(";\n"):
         db.execute(statement)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
@@ -16,6 +17,7 @@ from stiff_bench.store.database import (
     FILE,
     DamagedFile,
     ResultStore,
+    execute_each,
     has_results,
     read_data,
     read_manifests,
@@ -198,18 +200,22 @@ def merge(folders: Sequence[Path], output: Path, allow: Collection[Kind]) -> Mer
         damaged = [line for one in every for line in one.damaged]
         for one in surveys:
             damaged += _join(one, output)
-    best, n_other_numbers = _best([there, *surveys])
+    best: dict[str, Record] = {}
+    numbers: defaultdict[str, set[int]] = defaultdict(set)
+    for one in (there, *surveys):
+        for key, record in one.records.items():
+            best[key] = max(best.get(key, record), record, key=lambda each: each[:2])
+            if record.ok:
+                numbers[key].add(record.numbers)
+    n_taken = {
+        one.folder: sum(best[key] is record for key, record in one.records.items())
+        for one in surveys
+    }
     return Merged(
         n_cells=len(best),
         n_there=len(there.records),
-        taken={
-            one.folder: (
-                len(one.records),
-                sum(best[key] is record for key, record in one.records.items()),
-            )
-            for one in surveys
-        },
-        n_other_numbers=n_other_numbers,
+        taken={one.folder: (len(one.records), n_taken[one.folder]) for one in surveys},
+        n_other_numbers=sum(len(different) > 1 for different in numbers.values()),
         damaged=tuple(dict.fromkeys(damaged)),
         disagreements=tuple(found.values()),
     )
@@ -229,20 +235,6 @@ def _inputs(folders: Sequence[Path], output: Path) -> list[Path]:
     return list(different.values())
 
 
-def _best(surveys: Sequence[FolderSurvey]) -> tuple[dict[str, Record], int]:
-    """Return key -> the record that counts, and how many cells have other numbers elsewhere."""
-    best: dict[str, Record] = {}
-    differing: set[str] = set()
-    for one in surveys:
-        for key, record in one.records.items():
-            other = best.setdefault(key, record)
-            if record[:2] > other[:2]:
-                best[key] = record
-            if record.ok and other.ok and record.numbers != other.numbers:
-                differing.add(key)
-    return best, len(differing)
-
-
 def _join(one: FolderSurvey, output: Path) -> list[str]:
     """Copy cells, data sets and manifests as one transaction; return a line for what is damaged.
 
@@ -258,12 +250,9 @@ def _join(one: FolderSurvey, output: Path) -> list[str]:
         query = "SELECT count(*) FROM taken WHERE key NOT IN (SELECT key FROM other.cell)"
         (n_lost,) = db.execute(query).fetchone()
         if n_lost:
-            raise StoreError(
-                f"{one.folder}: {n_lost} of its results cannot be read any more; give the same "
-                "command again"
-            )
-        for statement in _JOIN_CELLS.split(";\n"):
-            db.execute(statement)
+            lost = f"{n_lost} of its results cannot be read any more"
+            raise StoreError(f"{one.folder}: {lost}; give the same command again")
+        execute_each(db, _JOIN_CELLS)
         copy = "INSERT OR REPLACE INTO main.data SELECT * FROM other.data WHERE sha256 = ?"
         db.executemany(copy, [(sha256,) for sha256 in data])
         for run in one.runs:

@@ -122,12 +122,8 @@ def counting(results: Sequence[CellResult], coverages: Sequence[float], runs: Ru
 
     The newest run's, also where that failed and an older run's cell, of another key, did not; but a
     model that was skipped on some machine does not lose what another machine computed. Results
-    differ in their intervals alone, and those with intervals stand before those without.
-
-    Args:
-        results: at least one.
-        coverages: of intervals, in the order of preference.
-        runs: of the folder.
+    differ in their intervals alone: those with intervals stand before those without, by the order
+    of their coverages in `coverages`.
     """
     if len(results) == 1:
         return results[0]

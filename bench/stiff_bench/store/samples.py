@@ -138,6 +138,13 @@ def _stored(found: Mapping[str, Any]) -> StoredData:
     types = found["joint_types"]
     if len(types) != len(joint_names):
         raise DataError(f"{len(types)} joint_types for {len(joint_names)} joint_names")
+    tcp_on_flange = geometry = None
+    if "tcp_on_flange" in found:
+        tcp_on_flange = frozen_array(found["tcp_on_flange"], "tcp_on_flange", (3,))
+    if f"{_OF_ROBOT}tcp" in found:
+        arrays = {name: found[f"{_OF_ROBOT}{name}"] for name in _ROBOT_ARRAYS}
+        joint_types: Any = tuple(str(kind) for kind in types)
+        geometry = Robot(str(found["robot"]), joint_names, joint_types=joint_types, **arrays)
     return StoredData(
         samples=samples,
         torque=frozen_array(found["torque"], "torque", (len(samples), len(joint_names))),
@@ -145,21 +152,8 @@ def _stored(found: Mapping[str, Any]) -> StoredData:
         robot=str(found["robot"]),
         tcp=frozen_array(found["tcp"], "tcp", (len(samples), 3)),
         torque_units=tuple("N" if kind == "prismatic" else "Nm" for kind in types),
-        tcp_on_flange=(
-            frozen_array(found["tcp_on_flange"], "tcp_on_flange", (3,))
-            if "tcp_on_flange" in found
-            else None
-        ),
-        geometry=_geometry(found, joint_names) if f"{_OF_ROBOT}tcp" in found else None,
-    )
-
-
-def _geometry(found: Mapping[str, Any], joint_names: tuple[str, ...]) -> Robot:
-    return Robot(
-        name=str(found["robot"]),
-        joint_names=joint_names,
-        joint_types=tuple(str(kind) for kind in found["joint_types"]),  # type: ignore[misc]
-        **{name: found[f"{_OF_ROBOT}{name}"] for name in _ROBOT_ARRAYS},
+        tcp_on_flange=tcp_on_flange,
+        geometry=geometry,
     )
 
 

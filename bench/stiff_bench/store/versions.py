@@ -17,10 +17,7 @@ LIBRARIES = ("numpy", "scipy", "scikit-learn", "torch", "pin")
 def sources(folder: Path, runs: Sequence[RunManifest], n_results: Mapping[str, int]) -> str:
     """Return a line that names the versions and commits that made results of a folder.
 
-    Args:
-        folder: of the results.
-        runs: whose manifests the folder holds.
-        n_results: run id -> how many of its results are shown.
+    `n_results` says of a run's id how many of its results are shown.
     """
     versions = {run.run_id: version_of_run(run) for run in runs}
     counts: Counter[str] = Counter()
@@ -38,9 +35,7 @@ def differing_libraries(
 ) -> Iterator[str]:
     """Yield a line for each library that models were computed with different versions of.
 
-    Args:
-        runs: whose manifests the folder holds.
-        run_ids: model -> the runs that computed its results.
+    `run_ids` says of a model which runs computed its results.
     """
     known = {run.run_id: run.environment for run in runs}
     for library in LIBRARIES:

@@ -79,8 +79,8 @@ def computed():
         registry = build_registry()
         registry.add(hostile_models.MODELS, "a stranger's")
         tasks = list(cell_tasks(planned(registry, models=models, **plan)))
-        executor = LocalProcesses(jobs, limits or Limits(), strangers)
-        return tasks, executor.results(iter(tasks), "r", display or Seen())
+        how = LocalProcesses(at_once=jobs, limits=limits or Limits(), strangers=strangers)
+        return tasks, how.results(iter(tasks), "r", display or Seen())
 
     return compute
 

@@ -6,11 +6,9 @@ import random
 import re
 import resource
 import signal
-import time
 from dataclasses import replace
 from pathlib import Path
 
-import psutil
 import pytest
 
 import hostile_models
@@ -201,29 +199,6 @@ def test_a_run_that_is_stopped_at_any_moment_goes_on_with_what_is_missing(
     assert summary_of(done.stderr) == f"{N_CELLS - stored} ok, {stored} cached"
     assert bytes_of_results(tmp_path / "out") == reference
     assert [path.name for path in (tmp_path / "out").iterdir()] == [FILE]
-
-
-@pytest.mark.slow
-def test_a_cell_whose_process_is_killed_is_a_failure_of_that_cell_alone(tmp_path):
-    words = ["run", "--plugin", str(PLUGIN), "--model", "Good", "--model", "Hangs"]
-    with started(*words, "--splits", "2", "--output", "out", cwd=tmp_path) as command:
-        for split in range(2):
-            wait_until(lambda n=2 * split + 1: n_stored(tmp_path / "out") >= n)
-            time.sleep(1.0)
-            kill_a_cell(command.pid)
-        _, said = command.communicate(timeout=60)
-    assert command.returncode == 1 and summary_of(said) == "2 ok, 2 failed (SIGKILL)"
-
-
-def kill_a_cell(pid: int) -> None:
-    """Kill a process that the server of a run's processes has forked."""
-    (cell,) = [
-        cell
-        for server in psutil.Process(pid).children()
-        if "forkserver" in " ".join(server.cmdline())
-        for cell in server.children()
-    ]
-    cell.kill()
 
 
 @pytest.mark.slow
