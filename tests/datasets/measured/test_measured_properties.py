@@ -36,7 +36,7 @@ few = settings(
 many = settings(few, max_examples=60)
 
 LIMIT = {"revolute": np.deg2rad(350.0), "prismatic": 3.0}
-NAMES = st.text(min_size=1, max_size=8).map(str.strip).filter(lambda name: name.isprintable())
+NAMES = st.text(st.characters(exclude_categories=("C", "Z")), min_size=1, max_size=8)  # printable
 ODD_NAMES = st.sampled_from(["a,b", '"', '"a" b', "P 1", "NA", "nan", "été", "姿勢1", "'", "#"])
 FORMATS = st.sampled_from([repr, "{:.16e}".format, "{:+.17g}".format, "{:.30g}".format])
 
@@ -74,10 +74,12 @@ def tables(draw):
     largest = [350.0 if kind == "revolute" else 3000.0 for kind in robot.joint_types]
     write = draw(FORMATS)
     cells = []
-    poses = (NAMES.filter(bool) | ODD_NAMES).filter(lambda name: not name.startswith("#"))
+    poses = (NAMES | ODD_NAMES).filter(lambda name: not name.startswith("#"))
     for pose in draw(st.lists(poses, min_size=1, max_size=6, unique=True)):
         q = {n: write(draw(st.floats(-top, top))) for n, top in zip(joints, largest, strict=True)}
-        loads = st.lists(NAMES.filter(bool) | ODD_NAMES, min_size=1, max_size=3, unique=True)
+        for name in [name for name in joints if name.endswith("deg")][:1]:
+            q[name] = write(draw(st.floats(6.4, 350.0)))  # or they would look like radians
+        loads = st.lists(NAMES | ODD_NAMES, min_size=1, max_size=3, unique=True)
         for load in draw(loads):
             row = {"pose_id": pose, "load_id": load, "group": draw(ODD_NAMES), **q}
             for name in WRENCH_COLUMNS:
@@ -86,8 +88,6 @@ def tables(draw):
                 row[name] = write(draw(st.floats(-50.0, 50.0)))
             cells.append(row)
     cells[0]["dx_mm"] = write(draw(st.floats(0.01, 50.0)))  # or it would look like metres
-    angles = [float(row[n]) for row in cells for n in joints if n.endswith("deg")]
-    assume(len(cells) < 5 or not angles or max(map(abs, angles)) > 6.3)  # or like radians
     return Table(robot, cells)
 
 
