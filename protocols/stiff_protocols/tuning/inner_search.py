@@ -241,6 +241,9 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
             return error if math.isfinite(error) else math.nan  # a failed trial teaches nothing
 
         self._optimize(objective, seed)
+        if self.search == "grid":  # the sampler shuffles; the first of the grid wins a tie
+            order = dict.fromkeys(in_words(params) for params, _ in self._candidates())
+            found = {words: found[words] for words in order}
         for words, score in found.items():
             if score.failure:
                 left_out = f"candidate {words} left out: {score.failure}"
@@ -274,21 +277,22 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
         return Tried(params, float(np.concatenate(distances).mean()))
 
     def _optimize(self, objective: Callable[[Trial], float], seed: int) -> None:
-        """Try every combination in the order of the grid, or those that TPE draws."""
+        """Try every combination, or those that TPE draws."""
         require("tuning", "optuna")
         import optuna
 
         verbosity = optuna.logging.get_verbosity()
         optuna.logging.set_verbosity(optuna.logging.CRITICAL)
         try:
-            study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
+            sampler: optuna.samplers.BaseSampler = optuna.samplers.TPESampler(seed=seed)
             trials = self.trials
             if self.search == "grid":
-                sizes = [len(v) for v in self.grid.values() if not isinstance(v, Range)]
-                trials = math.prod(sizes)
-                for places in itertools.product(*map(range, sizes)):
-                    study.enqueue_trial(dict(zip(self.grid, places, strict=True)))
-            study.optimize(objective, n_trials=trials)
+                places = {
+                    n: range(len(v)) for n, v in self.grid.items() if not isinstance(v, Range)
+                }
+                sampler = optuna.samplers.GridSampler(places, seed=seed)
+                trials = math.prod(map(len, places.values()))
+            optuna.create_study(sampler=sampler).optimize(objective, n_trials=trials)
         finally:
             optuna.logging.set_verbosity(verbosity)
 
