@@ -22,6 +22,7 @@ import pandas as pd
 from stiff_datasets.measured.load_file import interval_columns
 from stiff_datasets.measured.sample_checks import (
     FULL_TURN_RAD,
+    LARGEST_NUMBER,
     NO_TORQUE,
     Problem,
     cell_problem,
@@ -183,7 +184,8 @@ def path_table(
     Raises:
         DataError: the file is wrongly headed, or a value is none; the message names file, row,
             column, value and what is valid.
-        ConfigError: `load` is given and the file has loads, or `frame` is missing or without use.
+        ConfigError: `load` is no load, or is given and the file has loads, or `frame` is missing
+            or without use.
     """
     base = np.eye(4) if frame is None else frame_matrix(frame)
     joints = joint_columns(robot)
@@ -198,6 +200,10 @@ def path_table(
         valid = f"{','.join(POSITION_COLUMNS)} with {','.join(ANGLE_COLUMNS)} or "
         valid += f"{','.join(QUATERNION_COLUMNS)}; or {','.join(joints)}"
         raise problems_error(path, [Problem(f"header: more than one of these: {both}", valid)], "")
+    for number in () if load is None else load:
+        if not abs(number) <= LARGEST_NUMBER:  # neither is nan
+            valid = f"numbers within +-{LARGEST_NUMBER:g} N and N m"
+            raise ConfigError(f"{number:g}: no load of a robot (valid: {valid})", "load")
     if load is not None and found & {*WRENCH_COLUMNS}:
         raise ConfigError(f"{path} has loads of its own (valid: one of both)", "load")
     places = joints if by_joints else (*POSITION_COLUMNS, *angles)

@@ -390,6 +390,7 @@ def test_a_bad_path_is_refused_with_its_row_and_what_is_valid(rows, parts, refus
         (("--tool", "0,0,200"), ["--tool", "six finite numbers"]),
         (("--load", LOAD), ["--load", "loads of its own"]),
         (("--load", "0,0,inf,0,0,0"), ["--load", "six finite numbers"]),
+        (("--load", "0,0,1e9,0,0,0"), ["--load", "1e+09", "1e+06"]),
         (("--start", "0,0,0"), ["--start", "3 joint positions", "the 6 of"]),
         (("--coverage", "0.9"), ["--coverage", "no intervals"]),
         (("--tolerance", "0"), ["--tolerance", "1e-05"]),
