@@ -10,8 +10,8 @@ import logging
 import multiprocessing
 import re
 import time
-from collections.abc import Generator, Iterable
-from contextlib import ExitStack, suppress
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
@@ -40,6 +40,7 @@ from stiff_protocols.contract.source_code import code_below
 SECONDS_TO_CONNECT = 10.0
 SECONDS_BETWEEN_LOOKS = 0.01
 SECONDS_BETWEEN_COUNTS = 1.0
+GOES_ON = "the same command goes on where this run stopped"
 
 
 @dataclass(eq=False, kw_only=True)
@@ -84,7 +85,8 @@ class DaskCluster(Execution):
             client = self._connected(stack)
             while task is not None or given:
                 if time.monotonic() - counted >= SECONDS_BETWEEN_COUNTS:
-                    every = client.scheduler_info(n_workers=-1)["workers"]  # some count five
+                    with self._scheduler_may_go():
+                        every = client.scheduler_info(n_workers=-1)["workers"]  # some count five
                     before, n_workers, counted = n_workers, len(every), time.monotonic()
                     if n_workers == 0 != before:
                         say(f"{self._said}: there is no worker; waiting for one")
@@ -96,7 +98,8 @@ class DaskCluster(Execution):
                 time.sleep(SECONDS_BETWEEN_LOOKS)
                 for future in [future for future in given if future.done()]:
                     with suppress(TimeoutError):  # its worker has gone with it: Dask makes it anew
-                        found = self._outcome(future)
+                        with self._scheduler_may_go():
+                            found = self._outcome(future)
                         yield result_of(given.pop(future), run_id, found)
 
     def _connected(self, stack: ExitStack) -> Client:
@@ -111,27 +114,37 @@ class DaskCluster(Execution):
         except (OSError, ValueError) as error:
             raise ConfigError(f"{self._said}: no scheduler answers there ({error})") from error
 
+    @contextmanager
+    def _scheduler_may_go(self) -> Iterator[None]:
+        """Turn a lost connection, which Dask may notice only now, into our error."""
+        try:
+            yield
+        except TimeoutError:
+            raise
+        except OSError as error:
+            raise ConfigError(f"{self._said}: the scheduler has gone; {GOES_ON}") from error
+
     def _outcome(self, future: Future) -> CellResult | Crash:
         """Return what became of a cell.
 
         Raises:
-            ConfigError: the scheduler has gone, or a worker computes otherwise than we would.
+            ConfigError: a worker computes otherwise than we would.
+            OSError: the scheduler has gone.
             TimeoutError: its worker has gone, with the result.
         """
-        goes_on = "the same command goes on where this run stopped"
         if future.status == "finished":
             worker, machine, found = future.result(timeout=SECONDS_TO_CONNECT)
             self.machines[worker] = machine
             return found  # type: ignore[no-any-return]
         if future.status != "error":
-            raise ConfigError(f"{self._said}: the scheduler has gone; {goes_on}")
+            raise ConnectionError
         error = future.exception()
         if isinstance(error, KilledWorker):
             n_workers = error.allowed_failures + 1
             return Crash("killed its workers", f"{n_workers} workers ended while they computed it")
         raise ConfigError(
             f"{self._said}: a worker cannot run this stiffbench: {type(error).__name__}: {error}; "
-            f"stop it, and {goes_on}"
+            f"stop it, and {GOES_ON}"
         )
 
 
