@@ -89,7 +89,16 @@ def plan_run(
         _made(dataset, "load")
     sources = _sources(protocols, registry)
     return RunPlan(
-        *(models, datasets, protocols, scored, splits, seed, output, command, coverage, sources)
+        models=models,
+        datasets=datasets,
+        protocols=protocols,
+        metrics=scored,
+        splits=splits,
+        seed=seed,
+        output=output,
+        command=command,
+        coverage=coverage,
+        sources=sources,
     )
 
 
