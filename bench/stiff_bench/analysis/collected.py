@@ -99,10 +99,14 @@ class Case:
     left_out: tuple[str, ...]
 
     @property
+    def shown(self) -> Presentation:
+        """What stands beside the numbers; what it says of the model is of any of the models."""
+        return next(iter(self.competitors.values())).shown
+
+    @property
     def measured_sha256(self) -> str:
         """Hash of the data set, without points of tool paths that the protocol added to it."""
-        shown = next(iter(self.competitors.values())).shown
-        return shown.measured_sha256 or self.name.data_sha256
+        return self.shown.measured_sha256 or self.name.data_sha256
 
     @property
     def has_paths(self) -> bool:

@@ -39,7 +39,6 @@ from stiff_bench.store.versions import sources
 from stiff_bench.tables.metric_table import TRAINING_MARK, mark_of
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import STIFFNESS, kind_label
-from stiff_protocols.contract.record import Presentation
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.paired import LEVEL, ranked
 
@@ -87,7 +86,7 @@ class Section:
     @property
     def kinds(self) -> tuple[str, ...]:
         """Kinds of the data, e.g. ("simulated",)."""
-        return tuple(dict.fromkeys(presentation(one.case).kind for one in self.cases))
+        return tuple(dict.fromkeys(one.case.shown.kind for one in self.cases))
 
     @property
     def models(self) -> tuple[str, ...]:
@@ -138,7 +137,7 @@ def build_leaderboard(
         usable = [
             case
             for case in of_newest_data(cases)
-            if presentation(case).task == STIFFNESS and not presentation(case).reports_training
+            if case.shown.task == STIFFNESS and not case.shown.reports_training
         ]
         names = chosen_models(usable, models)
         n_run = {case: sum(name in case.competitors for name in names) for case in usable}
@@ -161,7 +160,7 @@ def build_leaderboard(
         sections = tuple(
             _section(part, names, selects)
             for selects in (False, True)
-            if (part := [f for f in scored if presentation(f.case).selects_on_test == selects])
+            if (part := [f for f in scored if f.case.shown.selects_on_test == selects])
         )
     run_ids = Counter(
         result.run_id for one in scored for model in one.scores for result in one.results[model]
@@ -170,14 +169,9 @@ def build_leaderboard(
     return Leaderboard(key, sections, tuple(notes), made_by)
 
 
-def presentation(case: Case) -> Presentation:
-    """Return what stands beside a case's numbers; what is said of the model is any model's."""
-    return next(iter(case.competitors.values())).shown
-
-
 def caveats_of(cases: Iterable[Case]) -> list[str]:
     """Return what must be read with the protocols and the data sets of cases, each once."""
-    shown = [presentation(case) for case in cases]
+    shown = [case.shown for case in cases]
     caveats = [caveat for one in shown for caveat in one.caveats]
     return [*filter(None, dict.fromkeys([*(one.warning for one in shown), *caveats]))]
 
@@ -198,10 +192,10 @@ def _data_notes(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> 
     for line in same_name_other_data(cases, data_of):
         yield f"{line.removesuffix('.')}, those of the newest run count, the others are left out."
     yield from left_out_notes(cases)
-    others = {c.name.dataset: presentation(c) for c in cases if presentation(c).task != STIFFNESS}
+    others = {c.name.dataset: c.shown for c in cases if c.shown.task != STIFFNESS}
     for dataset, shown in sorted(others.items()):
         yield f"{dataset} is left out: it is {kind_label(shown.kind, shown.task)}."
-    for protocol in sorted({c.name.protocol for c in cases if presentation(c).reports_training}):
+    for protocol in sorted({c.name.protocol for c in cases if c.shown.reports_training}):
         yield f"{protocol} is left out: {TRAINING_MARK}."
 
 

@@ -17,7 +17,6 @@ from stiff_bench.analysis.leaderboard import (
     Section,
     and_more,
     caveats_of,
-    presentation,
 )
 from stiff_bench.analysis.ranking import ScoredCase, complete_models, times_like_best
 from stiff_bench.analysis.sort_key import SortKey
@@ -118,13 +117,13 @@ def _several(numbers: Collection[object], thing: str) -> list[str]:
 
 def _rank_notes(section: Section, board: Leaderboard) -> Iterator[str]:
     """Yield what must be read with the ranks, most important first."""
-    shown = [presentation(scored.case) for scored in section.cases]
+    shown = [scored.case.shown for scored in section.cases]
     yield from dict.fromkeys(one.warning for one in shown if one.warning)
     if "measured" in section.kinds and len(section.kinds) > 1:
         simulated = dict.fromkeys(
             family_of(scored.name)
             for scored in section.cases
-            if presentation(scored.case).kind != "measured"
+            if scored.case.shown.kind != "measured"
         )
         yield f"Simulated, not measured: {', '.join(simulated)}."
     called = labels(scored.case.name for scored in section.cases)

@@ -77,8 +77,9 @@ class Model:
     def fit(self, data: Dataset | BenchmarkData, *, seed: int = 0) -> Self:
         """Fit the model to all samples of a data set.
 
-        A model that chooses its epoch gets a fifth of the poses to choose by and learns from the
-        others, as in a benchmark; every other model learns from all.
+        As in a benchmark, a model that chooses its epoch on validation rows (``training="best"``)
+        gets a fifth of the poses for that; every other one learns from all, the networks with as
+        many epochs as cross-validation finds best.
 
         Args:
             data: samples and their robot.
@@ -244,7 +245,9 @@ class Model:
         return [*lines, *(f"- {name}: {value:.4g}" for name, value in numbers.items())]
 
     def save(self, file: Path | str) -> None:
-        """Write the fitted model to a new file, which `load_model` and `bench predict` read.
+        """Write the fitted model to a file, which `load_model` and `bench predict` read.
+
+        A file that is there is replaced.
 
         The file of a plugin's model holds the hash of the plugin's code, and is read only where
         the plugin is named.

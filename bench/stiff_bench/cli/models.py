@@ -39,7 +39,8 @@ model_file_option = click.option(
 def fit(output: Path, seed: int, **words: Any) -> None:
     """Fit a model to all samples of a data set and save it.
 
-    A network chooses its epoch on a fifth of the poses and trains on the others, as in `bench run`.
+    As in `bench run`, a network finds its number of epochs by cross-validation and then learns
+    from every sample; with `training=best`, a fifth of the poses chooses the epoch instead.
     """
     from stiff_bench.api.run import model_and_data
 

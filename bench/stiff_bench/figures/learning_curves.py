@@ -16,7 +16,6 @@ from scipy import stats
 
 from stiff_bench.analysis.collected import Case
 from stiff_bench.analysis.critical_difference import family_of
-from stiff_bench.analysis.leaderboard import presentation
 from stiff_bench.figures import style
 from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource, between, marks_in, mean_length, with_linear
@@ -117,7 +116,7 @@ def gather(source: FigureSource) -> Prepared:
     of_protocol = [one for one in cases if one.name.protocol == protocol]
     names = source.names(of_protocol)
     families = {
-        f"{family} ({presentation(members[0]).kind})": errors_of(names, members)
+        f"{family} ({members[0].shown.kind})": errors_of(names, members)
         for family, members in sorted(grouped(of_protocol, lambda one: family_of(one.name)).items())
     }
     models = names if source.models else _best(families.values())

@@ -15,7 +15,7 @@ from stiff_bench.analysis.collected import (
     competitor_names,
     stands_for,
 )
-from stiff_bench.analysis.leaderboard import of_newest_data, presentation
+from stiff_bench.analysis.leaderboard import of_newest_data
 from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import Slot
 from stiff_bench.tables.metric_table import mark_of, pooled_prediction
@@ -61,7 +61,7 @@ def marks_in(cases: Iterable[Case], models: Collection[str]) -> str:
 
 def setting(case: Case, models: Collection[str], n_splits: Collection[int]) -> str:
     """Return data, protocol, splits and seed of some models, and what must be read with them."""
-    name, shown = case.name, presentation(case)
+    name, shown = case.name, case.shown
     protocol = " | ".join(filter(None, (name.protocol, name.condition)))
     paths = " Of tool paths: error without correction as deflection, removed error as prediction."
     return (
@@ -109,7 +109,7 @@ class FigureSource:
         Those whose reported rows hold training rows are shown where there are no others alone.
         """
         newest = tuple(of_newest_data(self.cases))
-        tests = tuple(case for case in newest if not presentation(case).reports_training)
+        tests = tuple(case for case in newest if not case.shown.reports_training)
         return tests or newest
 
     def names(self, cases: Sequence[Case]) -> list[str]:
@@ -147,7 +147,7 @@ class FigureSource:
 
         def preference(one: Case) -> tuple[int, bool, bool, int, int, int, str]:
             n = n_found(one)
-            fair = not presentation(one).selects_on_test
+            fair = not one.shown.selects_on_test
             whole = not one.name.condition  # not one of many sizes or directions
             plain = -len(one.name.dataset)  # "kr10-twin" before its specimens
             first = n if most_first else min(n, 1)

@@ -20,7 +20,6 @@ from stiff_bench.analysis.leaderboard import (
     Leaderboard,
     build_leaderboard,
     caveats_of,
-    presentation,
 )
 from stiff_bench.analysis.leaderboard_tables import section_tables
 from stiff_bench.analysis.sort_key import SortKey, sort_key
@@ -145,7 +144,7 @@ def _summary(verdict: str, asked: Asked, data_of: Callable[[str], StoredData]) -
     n_results = sum(len(one.done) for one in competitors)
     failures = [failure for one in competitors for failure in one.failures.values()]
     n_skipped = sum(failure.status == "skipped" for failure in failures)
-    kinds = dict.fromkeys(kind_label(one.kind, one.task) for one in map(presentation, cases))
+    kinds = dict.fromkeys(kind_label(one.kind, one.task) for one in (case.shown for case in cases))
     n_models = len({one.name for one in competitors})
     return Block(
         "Summary",

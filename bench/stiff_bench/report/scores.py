@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from operator import itemgetter
 
 from stiff_bench.analysis.collected import Case, Competitor
-from stiff_bench.analysis.leaderboard import in_order, presentation
+from stiff_bench.analysis.leaderboard import in_order
 from stiff_bench.report.page import Block, Fold
 from stiff_bench.store.names import grouped, labels, natural_key
 from stiff_bench.store.samples import StoredData
@@ -96,7 +96,7 @@ def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> B
     for sha256, case in sorted(
         of_data.items(), key=lambda item: (natural_key(item[1].name.dataset), item[0])
     ):
-        shown = presentation(case)
+        shown = case.shown
         try:
             data = data_of(case.name.data_sha256)
             n_poses = len(set(data.measured.pose_id))

@@ -278,8 +278,7 @@ def softness(data: Reading, compliance: FloatArray) -> float:
         compliance: (n_joints,) rad/(N m), m/N.
     """
     torque = np.abs(data.robot.gravity_torque(data.q[:1000]))
-    revolute = [kind == "revolute" for kind in data.robot.joint_types]
-    sag = (torque.max(axis=0) * compliance)[revolute]
+    sag = (torque.max(axis=0) * compliance)[data.robot.turns]
     return float(sag.max(initial=0.0) / USUAL_SAG)
 
 
@@ -496,7 +495,7 @@ def _axes(data: Reading) -> dict[str, Reading]:
 def _joints(data: Reading) -> dict[str, Reading]:
     names, q = data.robot.joint_names, data.q
     numbers = np.arange(len(names))
-    revolute = np.array([kind == "revolute" for kind in data.robot.joint_types])
+    revolute = data.robot.turns
     read = {  # text -> (n, n_joints) joint positions, rad or m
         f"joint {name} looks as if it had the opposite sign": np.where(numbers == i, -q, q)
         for i, name in enumerate(names)

@@ -293,7 +293,7 @@ def wrench_problems(sheet: Sheet, wrench: FloatArray) -> Iterator[Problem]:
 
 def radian_problems(q_file: FloatArray, robot: Robot) -> Iterator[Problem]:
     """Say whether (n, n_joints) `q_file`, in deg, look like radians."""
-    angles = q_file[:, [kind == "revolute" for kind in robot.joint_types]]
+    angles = q_file[:, robot.turns]
     small = angles.size > 0 and (np.abs(angles) <= FULL_TURN_RAD).all() and np.ptp(angles) > 0.0
     if len(q_file) >= 5 and small:
         yield Problem(

@@ -187,7 +187,7 @@ def all_columns(robot: Robot) -> tuple[str, ...]:
 
 def file_units(robot: Robot) -> FloatArray:
     """Return (n_joints,) how many of the file's units make one rad or one m."""
-    return np.array([DEG_PER_RAD if k == "revolute" else MM_PER_M for k in robot.joint_types])
+    return np.where(robot.turns, DEG_PER_RAD, MM_PER_M)
 
 
 def _split(header: str) -> tuple[str, str]:

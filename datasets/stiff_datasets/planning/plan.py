@@ -145,11 +145,10 @@ def unmeasured(pool: MeasurementPlan, measured: Samples, robot: Robot) -> Measur
         measured: samples of the same robot.
         robot: whose revolute joints are back where they were after a turn.
     """
-    turns = np.array(robot.joint_types) == "revolute"
     is_new = np.ones(len(pool.q), dtype=bool)
     for q in np.unique(measured.q, axis=0):
         off = pool.q - q
-        off = np.where(turns, (off + np.pi) % (2.0 * np.pi) - np.pi, off)
+        off = np.where(robot.turns, (off + np.pi) % (2.0 * np.pi) - np.pi, off)
         is_new &= np.abs(off).max(axis=1) >= APART
     return pool.take(np.flatnonzero(is_new))
 

@@ -112,5 +112,5 @@ def _drawn_ranges(robot: Robot) -> tuple[FloatArray, FloatArray]:
     lower = np.where(endless, -np.pi, robot.lower)
     upper = np.where(endless, np.pi, robot.upper)
     middle, half = (lower + upper) / 2.0, (upper - lower) / 2.0
-    wide = (np.array(robot.joint_types) == "revolute") & (half > np.pi)
+    wide = robot.turns & (half > np.pi)
     return np.where(wide, middle - np.pi, lower), np.where(wide, middle + np.pi, upper)

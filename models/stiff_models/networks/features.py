@@ -27,8 +27,7 @@ def encode(
     """
     if angle_encoding == "raw":
         return np.hstack([q, wrench])
-    turning = np.array([kind == "revolute" for kind in robot.joint_types])
-    angles, slides = q[:, turning], q[:, ~turning]
+    angles, slides = q[:, robot.turns], q[:, ~robot.turns]
     return np.hstack([np.sin(angles), np.cos(angles), slides, wrench])
 
 

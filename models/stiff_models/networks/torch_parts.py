@@ -64,8 +64,8 @@ class EncodedNetwork(torch.nn.Module):
         super().__init__()
         self.network = network
         self.raw = angle_encoding == "raw"
-        self.turning = [i for i, kind in enumerate(robot.joint_types) if kind == "revolute"]
-        self.sliding = [i for i, kind in enumerate(robot.joint_types) if kind != "revolute"]
+        self.turning = robot.turns.nonzero()[0].tolist()
+        self.sliding = (~robot.turns).nonzero()[0].tolist()
         for name, values in (
             ("mean", input_scaler.mean),
             ("scale", input_scaler.scale),

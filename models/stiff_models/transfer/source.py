@@ -133,7 +133,7 @@ def joint_ranges(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     Angles are rounded to 15 degrees, slides as loads are.
     """
     lower, upper = q.min(axis=0), q.max(axis=0)
-    slides = np.array([kind == "prismatic" for kind in robot.joint_types])
+    slides = ~robot.turns
     slid = _outwards(lower[slides], upper[slides])
     lower = ANGLE_STEP * np.floor(lower / ANGLE_STEP + ROUNDING)
     upper = ANGLE_STEP * np.ceil(upper / ANGLE_STEP - ROUNDING)
