@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import functools
 import gc
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
-from stiff_bench.store.database import DamagedFile, read_manifests, stored_results, why_no_results
+from stiff_bench.store.database import (
+    DamagedFile,
+    read_data,
+    read_manifests,
+    read_results,
+    why_no_results,
+)
 from stiff_bench.store.names import OPTION_MARK, SHORT, CaseName, Variant, grouped, labels
 from stiff_bench.store.newest import (
     Runs,
@@ -89,6 +96,7 @@ class Case:
             begins with its time.
         cell: one of its cells; the options of data set and protocol are the same in all.
         left_out: which results do not count, and why.
+        every: all results, those that do not count too.
     """
 
     name: CaseName
@@ -97,6 +105,7 @@ class Case:
     newest_run: str
     cell: Cell
     left_out: tuple[str, ...]
+    every: tuple[CellResult, ...] = field(repr=False, compare=False)
 
     @property
     def shown(self) -> Presentation:
@@ -145,8 +154,13 @@ class StoredResults:
     cases: tuple[Case, ...]
     runs: tuple[RunManifest, ...] = ()
 
+    @functools.cached_property
+    def data_of(self) -> Callable[[str], StoredData]:
+        """Reads the data set of a hash, each once; StoreError: it is damaged."""
+        return functools.cache(functools.partial(read_data, self.folder))
+
     @classmethod
-    def read(cls, folder: Path) -> StoredResults:
+    def read(cls, folder: Path, where_from: str = " (valid: an output of `bench run`)") -> Self:
         """Read every result of a folder and sort them into cases.
 
         Where results contradict each other, those of the newest run count: see `newest.py`.
@@ -158,14 +172,12 @@ class StoredResults:
         with no_garbage_collection():
             try:
                 manifests = tuple(read_manifests(folder))
-                # in the order of their keys, whichever was stored first
-                results = sorted(stored_results(folder), key=lambda one: one.cell.key)
+                results = read_results(folder)
             except DamagedFile as error:
                 remedy = "; the `bench run` that made it computes it again" if error.key else ""
                 raise StoreError(f"{error}{remedy}") from error
             if not results:
-                why = why_no_results(folder)
-                raise StoreError(f"{folder}: {why} (valid: an output of `bench run`)", "results")
+                raise StoreError(f"{folder}: {why_no_results(folder)}{where_from}", "results")
             runs = Runs.of(manifests)
             cases = [_case(found, runs) for found in grouped(results, _names_and_data).values()]
             return cls(folder, tuple(cases), manifests)
@@ -231,6 +243,7 @@ def _case(found: Sequence[CellResult], runs: Runs) -> Case:
         newest_run=runs.run_of(in_order[0]),
         cell=results[0].cell,
         left_out=tuple(left_out),
+        every=tuple(found),
     )
 
 

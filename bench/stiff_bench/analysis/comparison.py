@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -31,7 +30,6 @@ from stiff_bench.analysis.verdict import (
     estimates_over_splits,
 )
 from stiff_bench.analysis.where import Where, where_better
-from stiff_bench.store.database import read_data
 from stiff_bench.store.names import CaseName, grouped, labels, natural_key
 from stiff_bench.store.samples import StoredData
 from stiff_bench.store.versions import differing_libraries, sources
@@ -334,7 +332,7 @@ def compare_folder(
     chosen = under(conditions, chosen)
     called = labels(one.name for one in chosen)
     run = {name: [called[one.name] for one in chosen if name in one.competitors] for name in (a, b)}
-    data_of = functools.cache(functools.partial(read_data, folder))
+    data_of = stored.data_of
     comparisons, shared, notes = [], [], []
     for case in chosen:
         if not {a, b} <= case.competitors.keys():

@@ -15,7 +15,7 @@ from stiff_bench.analysis.where import Place
 from stiff_bench.store.names import label_parts, labels
 from stiff_bench.tables.metric_table import mark_of, setting
 from stiff_bench.tables.render import render
-from stiff_bench.tables.table import Cell, Column, Name, Quantity, Table, text_columns
+from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table, text_columns
 from stiff_bench.tables.units import MM, PRINTED, counted, marked, percent
 
 VERDICTS: dict[Verdict, str] = {
@@ -158,10 +158,10 @@ def _notes(report: Report) -> Iterator[str]:
 
 def _estimates(report: Report) -> Table:
     """Return what each method says of each error in each case."""
-    rows: list[list[Cell]] = []
+    rows: list[list[Entry]] = []
     for one in report.comparisons:
         name = one.name
-        about: list[Cell] = [
+        about: list[Entry] = [
             *(name.dataset, name.protocol, name.condition, name.seed, one.n_splits),
             *(name.data_sha256, name.source_sha256, one.selects_on_test),
             *(mark_of(one.a), mark_of(one.b), one.a.task),
@@ -204,7 +204,7 @@ def _number_columns(report: Report) -> list[Column]:
     ]
 
 
-def _numbers(means: tuple[float, float], estimate: Estimate) -> list[Cell]:
+def _numbers(means: tuple[float, float], estimate: Estimate) -> list[Entry]:
     """Return the cells of `_number_columns`."""
     (a, b), posterior = means, estimate.posterior
     return [

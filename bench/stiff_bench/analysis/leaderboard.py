@@ -32,7 +32,6 @@ from stiff_bench.analysis.ranking import (
     times_like_best,
 )
 from stiff_bench.analysis.sort_key import SortKey
-from stiff_bench.store.database import read_data
 from stiff_bench.store.names import CaseName, labels, natural_key
 from stiff_bench.store.samples import StoredData
 from stiff_bench.store.versions import sources
@@ -72,16 +71,22 @@ class Section:
 
     Attributes:
         selects_on_test: their protocols let models pick the epoch on the test part.
-        ranked: by mean rank, then name.
         unranked: the others by name -> case -> why it has no result there.
         analyses: over data sets, the one over all protocols first.
     """
 
     selects_on_test: bool
     cases: tuple[ScoredCase, ...]
-    ranked: tuple[RankedModel, ...]
     unranked: Mapping[str, Mapping[CaseName, str]]
     analyses: tuple[RankAnalysis, ...]
+
+    @functools.cached_property
+    def ranked(self) -> tuple[RankedModel, ...]:
+        """Models with a score in every case, by mean rank, then name; of one alone none."""
+        names = complete_models(self.cases)
+        if len(names) < 2:
+            return ()
+        return tuple(_ranked([one.ranking(names) for one in self.cases], self.analyses[0]))
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -132,7 +137,7 @@ def build_leaderboard(
         StoreError: samples are damaged, or two models share no split.
     """
     cases = chosen_cases(stored.cases, datasets=datasets, protocols=protocols)
-    data_of = functools.cache(functools.partial(read_data, stored.folder))
+    data_of = stored.data_of
     with no_garbage_collection():
         usable = [
             case
@@ -212,17 +217,13 @@ def and_more(things: Sequence[object]) -> str:
 
 def _section(scored: list[ScoredCase], names: Sequence[str], selects_on_test: bool) -> Section:
     complete = complete_models(scored)
-    analyses = rank_analyses(scored)
-    models: list[RankedModel] = []
-    if len(complete) > 1:
-        models = _ranked([one.ranking(complete) for one in scored], analyses[0])
     unranked = {
         name: {one.name: one.missing[name] for one in scored if name in one.missing}
         for name in names
-        if name not in {model.name for model in models}
+        if not (name in complete and len(complete) > 1)
         and any(name in one.case.competitors for one in scored)
     }
-    return Section(selects_on_test, tuple(scored), tuple(models), unranked, tuple(analyses))
+    return Section(selects_on_test, tuple(scored), unranked, tuple(rank_analyses(scored)))
 
 
 def _ranked(rankings: Sequence[Ranking], over_datasets: RankAnalysis) -> list[RankedModel]:

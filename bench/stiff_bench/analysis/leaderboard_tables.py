@@ -23,7 +23,7 @@ from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.store.names import CaseName, grouped, labels
 from stiff_bench.tables.metric_table import SELECTION_MARK, number_format
 from stiff_bench.tables.render import render
-from stiff_bench.tables.table import Cell, Column, Name, Quantity, Table, text_columns
+from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table, text_columns
 from stiff_bench.tables.units import PRINTED, counted, percent
 from stiff_protocols.contract.record import Cost
 from stiff_protocols.scoring.metrics import METRICS
@@ -62,7 +62,7 @@ def _ranks(section: Section, board: Leaderboard) -> Table:
     n_cases = len(section.cases)
     better = "larger" if board.key.sign < 0.0 else "smaller"
     apart = f" | {SELECTION_MARK}s: not a fair comparison" if section.selects_on_test else ""
-    rows: list[list[Cell]] = [
+    rows: list[list[Entry]] = [
         [
             *(Name(model.name, section.mark_under(model.name)), place, model.mean_rank),
             Quantity(low=model.low, high=model.high) if np.isfinite(model.low) else None,
@@ -236,7 +236,7 @@ def _scores_of(section: Section, scored: Sequence[ScoredCase], key: SortKey) -> 
 
 def _analyses(section: Section, board: Leaderboard) -> Table:
     """Return a row for each analysis that has an outcome."""
-    rows: list[list[Cell]] = []
+    rows: list[list[Entry]] = []
     types = set()
     for analysis in section.analyses:
         if (outcome := analysis.outcome) is None:
@@ -357,8 +357,8 @@ _COSTS = {
 
 def _details(section: Section, board: Leaderboard) -> list[Table]:
     """Return each model's score in each case, and ranks and pairs of each analysis."""
-    ranks: list[list[Cell]] = []
-    pairs: list[list[Cell]] = []
+    ranks: list[list[Entry]] = []
+    pairs: list[list[Entry]] = []
     for one in section.analyses:
         if (outcome := one.outcome) is None:
             continue
@@ -397,7 +397,7 @@ def _scores(section: Section, board: Leaderboard) -> Table:
     """Return each model's score in each case, or why it has none."""
     metric = board.key.metric
     unit, factor = PRINTED[metric.unit]
-    rows: list[list[Cell]] = []
+    rows: list[list[Entry]] = []
     for scored in section.cases:
         name = scored.name
         place = (

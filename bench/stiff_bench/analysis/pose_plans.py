@@ -17,7 +17,7 @@ from stiff_bench.plan.options import Choice
 from stiff_bench.run.whole_fit import whole_fit
 from stiff_bench.tables.published import published_stiffness
 from stiff_bench.tables.render import plain_text
-from stiff_bench.tables.table import Cell, Column, Table
+from stiff_bench.tables.table import Column, Entry, Table
 from stiff_bench.tables.units import MM, counted, percent
 from stiff_datasets.measured.identifiability import (
     DEFLECTION_NOISE,
@@ -141,7 +141,7 @@ def first_plan(robot: Robot, papers: ChainModel | None, how: PlanOptions) -> Pos
         seed=how.seed,
     )
     judged = (gain.plan, gain.random_mean, gain.random_best)
-    rows: list[list[Cell]] = [
+    rows: list[list[Entry]] = [
         ["condition number", *(each.condition for each in judged)],
         ["log det of information", *(each.log_det for each in judged)],
     ]
@@ -159,7 +159,7 @@ def first_plan(robot: Robot, papers: ChainModel | None, how: PlanOptions) -> Pos
     return PosePlan(plan, gain, _table(names, rows, ".2f"), [finding], rest)
 
 
-def _table(names: Sequence[str], rows: Sequence[Sequence[Cell]], spec: str) -> Table:
+def _table(names: Sequence[str], rows: Sequence[Sequence[Entry]], spec: str) -> Table:
     return Table("", [Column("", "text"), *(Column(name, format=spec) for name in names)], rows)
 
 
@@ -269,7 +269,7 @@ def next_plan(
     gain = variance_gain(design, chosen, len(pool.q), seed=how.seed)
     variances = np.array(gain)
     half = ndtri(0.5 + LEVEL / 2.0) * np.sqrt(variances + design.noise)
-    rows: list[list[Cell]] = [
+    rows: list[list[Entry]] = [
         [name, *(float(one) if np.isfinite(one) else None for one in values * MM)]
         for name, values in (
             ("standard error of a prediction [mm]", np.sqrt(variances)),
@@ -363,7 +363,7 @@ def curve_text(measured: Measured, n_new: int, seed: int) -> list[str]:
     law, more = curve.law, sorted({now + n_new, 2 * now})
     sizes = [*map(str, errors.sizes), *(f"{size}*" for size in (now, *more))]
     values = [*errors.mean, *map(law, (now, *more))]
-    row: list[Cell] = ["mean 3-D error [mm]", *(float(value) * MM for value in values)]
+    row: list[Entry] = ["mean 3-D error [mm]", *(float(value) * MM for value in values)]
     columns = [Column("training poses", "text"), *(Column(size, format=".4f") for size in sizes)]
     steps = ", ".join(
         f"with {size - now} more poses about {law(size) * MM:.3f} mm ({low:.3f} to {high:.3f} mm)"

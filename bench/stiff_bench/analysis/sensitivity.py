@@ -40,12 +40,11 @@ from stiff_bench.tables.metric_table import (
     setting,
 )
 from stiff_bench.tables.render import render
-from stiff_bench.tables.table import Cell, Column, Quantity, Table
+from stiff_bench.tables.table import Column, Entry, Quantity, Table
 from stiff_bench.tables.units import MM, PRINTED, counted, marked
 from stiff_datasets.measured.perturbations import Draw, Perturbations
 from stiff_protocols.contract.errors import ConfigError, DataError, ModelError
-from stiff_protocols.contract.record import Cell as StoredCell
-from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.record import Cell, CellResult
 from stiff_protocols.contract.types import BenchmarkData, BoolArray, FloatArray
 from stiff_protocols.scoring.paired import ranked
 
@@ -288,7 +287,7 @@ def _fits_of(folder: Path, case: Case, models: Sequence[str], registry: Registry
     return _Fits(case, stored, data, plan, tasks, [*dict.fromkeys(notes)])
 
 
-def _version(cell: StoredCell) -> tuple[object, ...]:
+def _version(cell: Cell) -> tuple[object, ...]:
     return cell.model_version, cell.scoring_version, dict(cell.model_params)
 
 
@@ -370,7 +369,7 @@ def sensitivity_table(found: Sensitivity) -> Table:
     ranks = ranked(first)
     shares = [None] * (3 + len(found.pairs))
     placed = [Quantity(MM * e, mark=_mark(r)) for e, r in zip(first.tolist(), ranks, strict=True)]
-    rows: list[list[Cell]] = [["none", *placed, *ranks, *shares]]
+    rows: list[list[Entry]] = [["none", *placed, *ranks, *shares]]
     for one in found.mistakes:
         held = one.pairs_held
         of_pairs = [Quantity(share=(int(held[:, i, j].sum()), draws)) for i, j in found.pairs]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from stiff_bench.api.tables import Tables, Text
 from stiff_bench.plan.registry import Registry, build_registry
 from stiff_bench.tables.render import plain_text, render
-from stiff_bench.tables.table import Cell, Column, Table
+from stiff_bench.tables.table import Column, Entry, Table
 from stiff_bench.tables.units import PRINTED, marked
 from stiff_protocols.contract.plugin import (
     DatasetInfo,
@@ -78,7 +78,7 @@ def list_metrics() -> Tables:
     from stiff_protocols.contract.types import AXES
     from stiff_protocols.scoring.metrics import METRICS
 
-    rows: list[list[Cell]] = []
+    rows: list[list[Entry]] = []
     for item in METRICS.values():
         values = "x, y, z" if item.axes == AXES else "one"
         rows.append([item.key, PRINTED[item.unit][0], item.direction, values, item.meaning])
@@ -88,11 +88,11 @@ def list_metrics() -> Tables:
 _KEY = ("key", "what it is")
 
 
-def _rows(known: Mapping[str, PluginInfo]) -> list[list[Cell]]:
+def _rows(known: Mapping[str, PluginInfo]) -> list[list[Entry]]:
     return [[info.key, marked(info.summary, info.missing())] for info in known.values()]
 
 
-def _listed(what: str, headers: Sequence[str], rows: Sequence[Sequence[Cell]]) -> Tables:
+def _listed(what: str, headers: Sequence[str], rows: Sequence[Sequence[Entry]]) -> Tables:
     table = _table(headers, rows, what)
 
     def text_as(fmt: str) -> str:
@@ -102,7 +102,7 @@ def _listed(what: str, headers: Sequence[str], rows: Sequence[Sequence[Cell]]) -
     return Tables(lambda: [table], text_as)
 
 
-def _table(headers: Sequence[str], rows: Sequence[Sequence[Cell]], title: str = "") -> Table:
+def _table(headers: Sequence[str], rows: Sequence[Sequence[Entry]], title: str = "") -> Table:
     return Table(title, [Column(name, "text") for name in headers], rows)
 
 

@@ -21,7 +21,7 @@ from stiff_bench.plan.request import check_model
 from stiff_bench.run.progress import display
 from stiff_bench.run.whole_fit import whole_fit
 from stiff_bench.tables.render import plain_text
-from stiff_bench.tables.table import Cell, Column, Quantity, Table
+from stiff_bench.tables.table import Column, Entry, Quantity, Table
 from stiff_bench.tables.units import percent
 from stiff_datasets.measured.extrapolation import Extrapolation
 from stiff_protocols.contract.errors import (
@@ -336,7 +336,7 @@ def blamed_on(model_file: Path | None, but: tuple[()] | type[Exception] = ()) ->
 
 def _springs_table(springs: IdentifiedSprings) -> Table:
     """Return the stiffness of each spring with its interval."""
-    rows: list[list[Cell]] = []
+    rows: list[list[Entry]] = []
     for name, unit, compliance, known, (low, high) in zip(
         springs.names,
         springs.units,

@@ -16,7 +16,7 @@ from stiff_bench.paper.effects import write_effects, write_transfer
 from stiff_bench.paper.pages import write_leaderboard, write_paper
 from stiff_bench.run.machine import usable_cores
 from stiff_bench.run.runner import chosen_execution
-from stiff_bench.store.database import ResultStore
+from stiff_bench.store.database import ResultStore, stored_statuses
 from stiff_models.catalog import MODELS
 
 What = Literal["paper", "leaderboard", "effects", "transfer"]
@@ -62,7 +62,8 @@ class Reproduction(Run):
         Raises:
             StoreError: a file cannot be written, or a stored one is damaged.
         """
-        missing = study.n_missing(self.plans)
+        stored = stored_statuses(self.plans[0].output)
+        missing = sum(task.cell.key not in stored for task in self.tasks)
         return WRITERS[self.what](self.output, self.plans[0].command, missing)
 
 

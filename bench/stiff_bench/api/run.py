@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from stiff_bench.api.model import Model
 from stiff_bench.api.results import Results
 from stiff_bench.api.tables import Tables
 from stiff_bench.console import say
-from stiff_bench.plan.cells import cell_tasks
+from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.plan.request import RunPlan, plan_run
 from stiff_bench.plan.words import RobotWords, choices
 from stiff_bench.run.execution import IN_THIS_PROCESS, Execution
@@ -39,6 +39,15 @@ class Run:
     plans: Sequence[RunPlan]
     execution: Execution = IN_THIS_PROCESS
 
+    @cached_property
+    def tasks(self) -> list[CellTask]:
+        """Every cell of the plans.
+
+        Raises:
+            StiffBenchError: the data cannot be loaded or divided.
+        """
+        return list(cell_tasks(*self.plans))
+
     def forecast(self) -> Tables:
         """Return what would be computed of each model, and how long all takes, in a sentence.
 
@@ -46,7 +55,7 @@ class Run:
             StiffBenchError: the data cannot be loaded or divided.
         """
         plan, jobs = self.plans[0], self.execution.at_once
-        found = forecast(cell_tasks(*self.plans), plan.output, rerun=self.execution.rerun)
+        found = forecast(self.tasks, plan.output, rerun=self.execution.rerun)
         tables = [forecast_table(found, jobs)]
         text_as = partial(render, tables, command=plan.command)
         return Tables(lambda: tables, text_as, forecast_line(found[-1], jobs))
@@ -57,7 +66,7 @@ class Run:
         Raises:
             StiffBenchError: the data cannot be loaded or divided, or the output not written.
         """
-        plan, tasks = self.plans[0], list(cell_tasks(*self.plans))
+        plan, tasks = self.plans[0], self.tasks
         store = ResultStore(plan.output)
         for warning in dict.fromkeys(task.shown.warning for task in tasks if task.shown.warning):
             say(f"warning: {warning}")

@@ -9,7 +9,7 @@ import numpy as np
 
 from stiff_bench.store.samples import load_torque
 from stiff_bench.tables.render import plain_text
-from stiff_bench.tables.table import Cell, Column, Quantity, Table
+from stiff_bench.tables.table import Column, Entry, Quantity, Table
 from stiff_bench.tables.units import MM
 from stiff_models.physics.kinematics import gravity_torque
 from stiff_protocols.contract.errors import DataError
@@ -62,7 +62,7 @@ def _counts(data: BenchmarkData) -> Table:
     groups = [f"{names[i]} ({counts[i]})" for i in np.argsort(first)]
     more = f" and {len(groups) - MOST_GROUPS} more" if len(groups) > MOST_GROUPS else ""
     span = f"{loads.min()}" if loads.min() == loads.max() else f"{loads.min()} to {loads.max()}"
-    rows: list[list[Cell]] = [
+    rows: list[list[Entry]] = [
         ["robot", f"{data.robot.name}, {data.robot.n_joints} joints"],
         ["samples", str(len(samples))],
         ["poses", str(len(loads))],
@@ -83,7 +83,7 @@ def _sizes(data: BenchmarkData) -> Table:
         "|deflection| [mm]": np.linalg.norm(samples.deflection, axis=1) * MM,
         **{f"|d{a}| [mm]": np.abs(samples.deflection[:, i]) * MM for i, a in enumerate(AXES)},
     }
-    rows: list[list[Cell]] = [
+    rows: list[list[Entry]] = [
         [name, *(float(of(size)) for of in (np.min, np.median, np.mean, np.max))]
         for name, size in sizes.items()
     ]
@@ -93,7 +93,7 @@ def _sizes(data: BenchmarkData) -> Table:
 
 def _lie(data: BenchmarkData) -> Table:
     force, torque = data.samples.wrench[:, :3], data.samples.wrench[:, 3:]
-    rows: list[list[Cell]] = []
+    rows: list[list[Entry]] = []
     for name, vectors in (
         ("force directions", directions(force)),
         ("forces about their mean", about_mean(force)),
@@ -116,7 +116,7 @@ def _joints(data: BenchmarkData) -> Table:
     """Return each joint's range of positions and torques, and its limits."""
     robot, on_joints = data.robot, load_torque(data)
     weights = gravity_torque(robot, data.samples.q) if robot.masses.any() else None
-    rows: list[list[Cell]] = []
+    rows: list[list[Entry]] = []
     for i, (name, kind) in enumerate(zip(robot.joint_names, robot.joint_types, strict=True)):
         factor, units = (MM, "mm, N") if kind == "prismatic" else (180.0 / np.pi, "deg, N m")
         limits = factor * np.array([robot.lower[i], robot.upper[i]])

@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource
 from stiff_bench.figures.style import COLUMN_INCH, REFERENCE_COLOR, looks, new_figure, short
-from stiff_bench.store.database import read_results
 from stiff_bench.store.names import grouped
 from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_protocols.contract.record import CellResult
@@ -45,8 +44,8 @@ def gather(source: FigureSource) -> Prepared:
     """Take the results with intervals, of every coverage that was run."""
     made_by = "`bench run --metric coverage` makes them"
     compared = source.compared(MOST_MODELS, _has_interval, "intervals", made_by)
-    # of each split the case has the newest coverage alone, which other figures show
-    each = filter(_has_interval, read_results(source.folder))
+    # of each split its competitors have the newest coverage alone, which other figures show
+    each = filter(_has_interval, compared.case.every)
     of_split = grouped(each, _whatever_coverage)
     held = {}
     for name in compared.models:

@@ -17,9 +17,9 @@ from stiff_bench.paper.study import METRICS, VJM
 from stiff_bench.paper.table import (
     COMPARE,
     Group,
+    GroupNumbers,
     Labels,
-    Numbers,
-    Places,
+    Published,
     mean_numbers,
     paper_table,
     printed_name,
@@ -88,7 +88,7 @@ def table_10(results: PaperResults) -> list[Table]:
     of_errors, of_reductions = [Group.published(of_paper)], [Group.published(reductions, 1)]
     shown, absent, has_recipe = list[Found](), list[StoreError](), False
     for reading, protocol in READINGS.items():
-        errors, reduced, methods = Numbers(), Numbers(), tuple(METHODS)
+        errors, reduced, methods = GroupNumbers(), GroupNumbers(), tuple(METHODS)
         try:
             shown.append(results.on_shared_splits(_models(METHODS), protocol))
         except StoreError as error:
@@ -129,9 +129,9 @@ def _models(methods: Mapping[str, Variant]) -> list[str]:
     return [model.name for model in methods.values()]
 
 
-def _of_methods(found: Found, methods: Mapping[str, Variant]) -> tuple[Numbers, Numbers]:
+def _of_methods(found: Found, methods: Mapping[str, Variant]) -> tuple[GroupNumbers, GroupNumbers]:
     """Return the errors of the methods under a protocol, and FT-MLP's reductions of the VJM's."""
-    errors, reductions = Numbers(), Numbers()
+    errors, reductions = GroupNumbers(), GroupNumbers()
     of_old = [_errors_by_axis(one) for one in found.results.get(VJM.name, ())]
     for method, model in methods.items():
         if model.name not in found.results:
@@ -149,7 +149,7 @@ def _of_methods(found: Found, methods: Mapping[str, Variant]) -> tuple[Numbers, 
     return errors, reductions
 
 
-def _in_column(column: str, values: Mapping[Labels, float]) -> Places:
+def _in_column(column: str, values: Mapping[Labels, float]) -> Published:
     return {(row, column): value for row, value in values.items()}
 
 
@@ -183,7 +183,7 @@ _TABLE_9_NOTE = (
 def table_9(results: PaperResults) -> list[Table]:
     """Return the errors of the fine-tuned network on training and validation part."""
     protocol = study.PAPER_PROTOCOL.name
-    of_paper: Places = {
+    of_paper: Published = {
         ((label, LENGTH), column): float(line[printed_name(column)])
         for label, line in zip(TRAININGS, published_lines("table_9"), strict=True)
         for column in COLUMNS_9
@@ -210,7 +210,7 @@ def table_9(results: PaperResults) -> list[Table]:
 
 def _on_both_parts(
     results: PaperResults, trainings: Mapping[str, Variant]
-) -> tuple[list[Found], Numbers]:
+) -> tuple[list[Found], GroupNumbers]:
     """Return errors on validation part and training part, and what they are of.
 
     The training part is that of the same fits, which are stored read on all samples.
@@ -218,7 +218,7 @@ def _on_both_parts(
     models = _models(trainings)
     tested = results.on_shared_splits(models, study.PAPER_PROTOCOL.name)
     read = results.of_models(models, study.READ_ON_ALL.name)
-    numbers = Numbers()
+    numbers = GroupNumbers()
     for label, model in trainings.items():
         validated = tested.results.get(model.name, ())
         held_out = {one.cell.split_sha256: pooled_prediction([one]).rows for one in validated}
@@ -231,7 +231,7 @@ def _on_both_parts(
     return [tested, read], numbers
 
 
-def _on_part(training: str, part: str, result: CellResult, without: ArrayLike = ()) -> Places:
+def _on_part(training: str, part: str, result: CellResult, without: ArrayLike = ()) -> Published:
     """Return means and deviations of the errors [mm] of a result, but for some of its rows."""
     prediction = pooled_prediction([result])
     chosen = ~np.isin(prediction.rows, without)

@@ -11,9 +11,9 @@ from stiff_bench.paper.table import (
     COMPARE,
     PUBLISHED_DECIMALS,
     Group,
+    GroupNumbers,
     Labels,
-    Numbers,
-    Places,
+    Published,
     mean_numbers,
     paper_table,
     printed_name,
@@ -70,7 +70,7 @@ def _on_source(
     number: int, heading: str, caption: str, networks: Networks, results: PaperResults
 ) -> list[Table]:
     """Return a table of pre-trained networks, a row each."""
-    published: Places = {
+    published: Published = {
         ((line[heading],), column): float(line[printed_name(column)])
         for line in published_lines(f"table_{number}")
         for column in ON_SOURCE
@@ -127,9 +127,9 @@ def _target_errors(result: CellResult) -> Mapping[str, float]:
 
 def _numbers(
     found: Found, models: Models, errors: Callable[[CellResult], Mapping[str, float]]
-) -> Numbers:
+) -> GroupNumbers:
     """Return the means over the splits of the errors, by column, that all splits have."""
-    numbers = Numbers()
+    numbers = GroupNumbers()
     for row, model in models.items():
         of_model = found.results.get(model, ())
         each = [{(row, name): value for name, value in errors(one).items()} for one in of_model]

@@ -85,9 +85,10 @@ def write_leaderboard(output: Path, command: str, n_missing: int) -> Iterator[Pa
         ConfigError: there is nothing to compare.
     """
     runs = output / "leaderboard" / "runs"
-    board = build_leaderboard(StoredResults.read(runs), key=sort_key("norm", None))
+    stored = StoredResults.read(runs)
+    board = build_leaderboard(stored, key=sort_key("norm", None))
     asked = {name: FIGURES[name] for name in OF_LEADERBOARD}
-    figures, missing = can_be_drawn(asked, FigureSource.of(runs))
+    figures, missing = can_be_drawn(asked, FigureSource(runs, stored.cases))
     return write_study(
         *(runs.parent, "Leaderboard", _ABOUT_LEADERBOARD),
         lambda fmt: render_leaderboard(board, fmt, command),

@@ -11,7 +11,6 @@ from stiff_bench.analysis.collected import StoredResults, competitor_meant
 from stiff_bench.figures.source import marks
 from stiff_bench.paper import PAPER_RESULTS
 from stiff_bench.paper.study import DATASET, SEED
-from stiff_bench.store.database import has_results, why_no_results
 from stiff_bench.store.newest import slot_of
 from stiff_bench.store.versions import sources
 from stiff_bench.tables.units import counted
@@ -86,11 +85,7 @@ class PaperResults(StoredResults):
             StoreError: it holds no results, and `bench reproduce` makes them; or a file of it is
                 damaged.
         """
-        if not has_results(folder):
-            why = why_no_results(folder)
-            raise StoreError(f"{folder}: {why}; {REPRODUCE} makes the results", "results")
-        stored = StoredResults.read(folder)
-        return cls(folder, stored.cases, stored.runs)
+        return cls.read(folder, f"; {REPRODUCE} makes the results")
 
     def of_models(self, models: Iterable[str], protocol: str) -> Found:
         """Return the results of models, which name defaults too, each on its own splits.

@@ -11,11 +11,9 @@ from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Any, Literal
 
-from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.options import Choice, Chosen
 from stiff_bench.plan.registry import Registry
 from stiff_bench.plan.request import RunPlan, plan_run
-from stiff_bench.store.database import stored_statuses
 from stiff_bench.store.names import Variant
 
 DATASET = "kr10-twin"
@@ -265,13 +263,3 @@ def study_plans(
         plan_run(run.chosen(registry), registry, splits=run.splits, command=command, **common)
         for run in runs
     )
-
-
-def n_missing(plans: Sequence[RunPlan]) -> int:
-    """Return how many cells have neither a result nor a failure in the plans' folder.
-
-    Raises:
-        StiffBenchError: a data set cannot be loaded or divided.
-    """
-    stored = stored_statuses(plans[0].output)
-    return sum(task.cell.key not in stored for task in cell_tasks(*plans))

@@ -12,10 +12,10 @@ from stiff_bench.tables.table import Column, Quantity, Table
 
 Labels = tuple[str, ...]
 """Of a row: one under each row heading."""
-Place = tuple[Labels, str]
+Position = tuple[Labels, str]
 """Row and column."""
-Places = Mapping[Place, float]
-Numbers = dict[Place, Quantity]
+Published = Mapping[Position, float]
+GroupNumbers = dict[Position, Quantity]
 """Of one group of columns; a missing one is a dash."""
 Unit = Literal["mm", "10^3 Nm/rad", "%"]
 PUBLISHED, PUBLISHED_DECIMALS = "published", 4
@@ -42,12 +42,12 @@ class Group:
     label: str
     columns: Labels
     decimals: int
-    numbers: Numbers
+    numbers: GroupNumbers
     protocol: str = ""
     data: str = SIMULATED
 
     @classmethod
-    def published(cls, values: Places, decimals: int = PUBLISHED_DECIMALS) -> Group:
+    def published(cls, values: Published, decimals: int = PUBLISHED_DECIMALS) -> Group:
         """Return the paper's columns."""
         columns = tuple(dict.fromkeys(column for _, column in values))
         numbers = {place: Quantity(value, n=1) for place, value in values.items()}
@@ -65,7 +65,7 @@ class Group:
         }
 
 
-def mean_numbers(each: Sequence[Places], mark: str = "") -> Numbers:
+def mean_numbers(each: Sequence[Published], mark: str = "") -> GroupNumbers:
     """Return the means over splits, or specimens, at the places that all of them have."""
     shared = [at for at in (each[0] if each else ()) if all(at in one for one in each)]
     return {at: mean_over([one[at] for one in each], mark) for at in shared}

@@ -16,23 +16,22 @@ import numpy as np
 from stiff_bench.paper.method_tables import ROWS_10, table_9, table_10
 from stiff_bench.paper.network_tables import table_6, table_7, table_8
 from stiff_bench.paper.results import PaperResults, named_results
-from stiff_bench.paper.study import DATASET, VJM
+from stiff_bench.paper.study import DATASET
 from stiff_bench.paper.table import (
     COMPARE,
     PUBLISHED,
     Group,
-    Places,
+    Published,
     Unit,
     mean_numbers,
     paper_table,
 )
-from stiff_bench.plan.options import Choice
-from stiff_bench.plan.registry import build_registry
-from stiff_bench.plan.request import loaded
 from stiff_bench.tables.published import published_errors, published_lines, published_stiffness
-from stiff_bench.tables.table import Cell, Column, Table
+from stiff_bench.tables.table import Column, Entry, Table
 from stiff_bench.tables.units import MM
 from stiff_datasets.twin.calibrate import VjmFigures
+from stiff_datasets.twin.kr10_twin import Kr10Twin
+from stiff_models.physics.vjm import fitted_physics
 from stiff_protocols.contract.errors import unknown_name
 from stiff_protocols.contract.types import AXES, Samples
 
@@ -76,10 +75,8 @@ _VJM_NOTES = (
 
 def fitted_vjm(specimen: int = 0) -> tuple[Samples, Any]:
     """Return all samples of a robot of the type, and the VJM fitted to them."""
-    registry = build_registry()
-    data = loaded(Choice.of(registry.datasets[DATASET], {"specimen": specimen}))
-    model = registry.model(VJM.key).load()().fit(data.samples, robot=data.robot)
-    return data.samples, model
+    data = Kr10Twin(specimen=specimen).load()
+    return data.samples, fitted_physics("vjm", data.samples, data.robot)
 
 
 @cache
@@ -98,8 +95,8 @@ def _table_2(_: PaperResults) -> list[Table]:
     # a row of Table 10, axis and error, is a row and a column here
     places = {((axis,), error): place for (axis, error), place in ROWS_10.items()}
     values = published_errors("table_2")["VJM"]
-    published: Places = {at: values[place] for at, place in places.items()}
-    ours: list[Places] = [
+    published: Published = {at: values[place] for at, place in places.items()}
+    ours: list[Published] = [
         {at: getattr(one, key)[AXES.index(axis)] * MM for at, (key, axis) in places.items()}
         for one in _vjm_figures()
     ]
@@ -109,10 +106,10 @@ def _table_2(_: PaperResults) -> list[Table]:
 
 def _table_3(_: PaperResults) -> list[Table]:
     """Return the identified joint stiffnesses."""
-    published: Places = {
+    published: Published = {
         ((joint,), "stiffness"): value / KILO for joint, value in published_stiffness().items()
     }
-    ours: list[Places] = [
+    ours: list[Published] = [
         dict(zip(published, (one.stiffness / KILO).tolist(), strict=True)) for one in _vjm_figures()
     ]
     caption = "VJM: joint stiffness identified on all samples"
@@ -125,8 +122,8 @@ def _vjm_table(
     unit: Unit,
     heading: str,
     decimals: int,
-    published: Places,
-    ours: list[Places],
+    published: Published,
+    ours: list[Published],
 ) -> list[Table]:
     """Return the paper's VJM beside ours of each specimen."""
     of_paper = Group.published(published, decimals)
@@ -153,7 +150,7 @@ def _published_table(number: int, caption: str, n_texts: int, note: str) -> list
     columns = [Column(name, "text") for name in texts]
     for name, _, unit in (name.partition("_") for name in numbers):  # begin_deg
         columns.append(Column(name, unit=unit, format="g", about={"source": PUBLISHED}))
-    rows: list[list[Cell]] = [
+    rows: list[list[Entry]] = [
         [
             *(line[name] for name in texts),
             *(float(line[name]) if line[name] else None for name in numbers),

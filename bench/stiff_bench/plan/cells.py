@@ -132,11 +132,18 @@ def cell_tasks(*plans: RunPlan) -> Iterator[CellTask]:
             grid of options to choose from is wrong.
     """
     seen: set[str] = set()
+    held: dict[str, BenchmarkData] = {}  # plans of one study share their data sets
+
+    def once(choice: Choice[DatasetInfo]) -> BenchmarkData:
+        if choice.name not in held:
+            held[choice.name] = loaded(choice)
+        return held[choice.name]
+
     for plan in plans:
         tuned = tuned_models(plan.protocols, plan.models)
-        sources = {word: loaded(choice) for word, choice in plan.sources.items()}
+        sources = {word: once(choice) for word, choice in plan.sources.items()}
         for dataset in plan.datasets:
-            data = loaded(dataset)
+            data = once(dataset)
             for word, source in sources.items():
                 check_source(word, source, dataset.name, data)
             for protocol in plan.protocols:

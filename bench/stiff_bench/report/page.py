@@ -18,7 +18,7 @@ from markupsafe import Markup, escape
 
 from stiff_bench.console import printable
 from stiff_bench.store.names import OPTION_MARK
-from stiff_bench.tables.table import Cell, Column, Table, natural_order, quantity
+from stiff_bench.tables.table import Column, Entry, Table, natural_order, quantity
 from stiff_protocols.contract.errors import StoreError
 
 
@@ -116,13 +116,13 @@ def page_table(table: Table) -> PageTable:
     return PageTable(styles, cells, notes, len(rows) > FEW_ROWS and not by_sign)
 
 
-def _style(column: Column, cells: Sequence[Cell]) -> str:
+def _style(column: Column, cells: Sequence[Entry]) -> str:
     if column.kind == "number":
         return "number"
     return "long" if any(len(column.text(cell)) > _LONG for cell in cells) else "text"
 
 
-def _page_cell(column: Column, cell: Cell, style: str) -> PageCell:
+def _page_cell(column: Column, cell: Entry, style: str) -> PageCell:
     text = column.text(cell)
     if style != "number":
         return PageCell(text, natural_order(text), "" if style == "long" else style)

@@ -7,7 +7,7 @@ from itertools import permutations
 
 from stiff_bench.analysis.leaderboard import Leaderboard, Section
 from stiff_bench.analysis.verdict import Verdict
-from stiff_bench.tables.table import Cell, Column, Name, Quantity, Table
+from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
 
 MOST_PAIRS = 10_000
 """So many comparisons are computed for a section: some seconds."""
@@ -20,7 +20,7 @@ def pair_table(section: Section, board: Leaderboard) -> Table:
     counts, n_left_out = _counts(section)
     models = [name for name in section.models if any(name in pair for pair in counts)]
     numbers = [str(number) for number in range(1, len(models) + 1)]
-    rows: list[list[Cell]] = [
+    rows: list[list[Entry]] = [
         [
             Name(f"{number} {row}", section.mark_under(row)),
             *(_difference(counts.get((row, column))) for column in models),

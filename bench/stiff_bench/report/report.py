@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import shlex
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -29,7 +28,6 @@ from stiff_bench.report.page import Block, Picture, render_page
 from stiff_bench.report.pairs import pair_table
 from stiff_bench.report.runs import failure_block, run_block
 from stiff_bench.report.scores import Asked, data_block, score_block
-from stiff_bench.store.database import read_data
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.metric_table import SELECTION_MARK, number_format
 from stiff_bench.tables.units import PRINTED, counted
@@ -82,8 +80,8 @@ def blocks_of(stored: StoredResults, choice: Selection, key: SortKey) -> list[Bl
             f"data set of these has results under a protocol of these in {folder}"
         )
     board, why_none = None, ""
+    shown = StoredResults(folder, chosen, stored.runs)
     try:  # scores need neither other models nor samples
-        shown = StoredResults(folder, chosen, stored.runs)
         board = build_leaderboard(shown, models=choice.models, key=key, seed=choice.seed)
     except (ConfigError, StoreError) as error:
         why_none = f"No ranking: {str(error).removesuffix('.')}."
@@ -91,7 +89,7 @@ def blocks_of(stored: StoredResults, choice: Selection, key: SortKey) -> list[Bl
         case: [one for name, one in case.competitors.items() if asked_for(name, choice.models)]
         for case in chosen
     }
-    data_of = functools.cache(functools.partial(read_data, folder))
+    data_of = shown.data_of
     pictures = _pictures(FigureSource(folder, chosen, choice.models), choice)
     first = pictures.pop(FIRST_FIGURE, None)
     return [

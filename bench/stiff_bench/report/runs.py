@@ -12,7 +12,7 @@ from stiff_bench.report.scores import Asked
 from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import slot_of
 from stiff_bench.store.versions import NO_MANIFEST
-from stiff_bench.tables.table import Cell, Column, Table
+from stiff_bench.tables.table import Column, Entry, Table
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.record import CellResult, RunManifest
 
@@ -33,7 +33,7 @@ def run_block(
         for result in competitor.done.values()
     )
     newest = sorted(runs, key=lambda run: run.run_id, reverse=True)
-    rows: list[list[Cell]] = [_row(run, counts.pop(run.run_id, 0)) for run in newest]
+    rows: list[list[Entry]] = [_row(run, counts.pop(run.run_id, 0)) for run in newest]
     if counts:
         rows.append([NO_MANIFEST, *[None] * 4, counts.total(), *[None] * 6])
     notes = [*provenance]
@@ -55,7 +55,7 @@ def run_block(
     )
 
 
-def _row(run: RunManifest, n_results: int) -> list[Cell]:
+def _row(run: RunManifest, n_results: int) -> list[Entry]:
     about = run.environment
     changed = "+" if about.get("dirty") == "true" else ""
     machines = f" and {counted(len(run.machines), 'other machine')}" if run.machines else ""

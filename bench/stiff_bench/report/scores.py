@@ -20,7 +20,7 @@ from stiff_bench.tables.metric_table import (
     metric_columns,
     metric_values,
 )
-from stiff_bench.tables.table import Cell, Column, Name, Quantity, Table
+from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
 from stiff_bench.tables.units import counted
 from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
@@ -60,7 +60,7 @@ def score_block(asked: Asked, metric: str) -> Block:
     return Block("Scores", tables=[table], folds=_fit_notes(notes))
 
 
-def _cells(case: Case, competitor: Competitor, metrics: Sequence[Metric]) -> list[Cell]:
+def _cells(case: Case, competitor: Competitor, metrics: Sequence[Metric]) -> list[Entry]:
     name = case.name
     results = case.results(competitor.name)
     n_asked = max(competitor.n_asked, len(competitor.done) + len(competitor.failures))
@@ -92,7 +92,7 @@ def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> B
     `data_of` returns the samples with a hash; it raises StoreError where they are not stored.
     """
     of_data = {case.measured_sha256: case for case in cases}
-    rows: list[list[Cell]] = []
+    rows: list[list[Entry]] = []
     for sha256, case in sorted(
         of_data.items(), key=lambda item: (natural_key(item[1].name.dataset), item[0])
     ):
@@ -100,7 +100,7 @@ def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> B
         try:
             data = data_of(case.name.data_sha256)
             n_poses = len(set(data.measured.pose_id))
-            size: list[Cell] = [data.robot, _tcp(data), len(data.measured), n_poses]
+            size: list[Entry] = [data.robot, _tcp(data), len(data.measured), n_poses]
         except StoreError:
             size = [None, None, None, None]
         rows.append([case.name.dataset, kind_label(shown.kind, shown.task), *size, sha256])

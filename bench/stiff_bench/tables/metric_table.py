@@ -15,7 +15,7 @@ import numpy as np
 from stiff_bench.store.names import grouped
 from stiff_bench.tables.fit_notes import number_notes, outcome_notes, size_notes
 from stiff_bench.tables.published import MARK, NOTE, published_errors
-from stiff_bench.tables.table import Cell, Column, Name, Quantity, Table
+from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
 from stiff_bench.tables.units import PRINTED, counted, percent
 from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
@@ -69,7 +69,7 @@ def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
     }
     notes += [f"[{MARK}]: {NOTE}."] if published else []
     kind, n_splits = kind_label(shown.kind, shown.task), len({r.cell.split_index for r in group})
-    facts: dict[str, Cell] = {
+    facts: dict[str, Entry] = {
         **{"dataset": shown.dataset, "kind": kind},
         **{"protocol": shown.protocol, "condition": cell.condition},
         **{"splits": n_splits, "seed": cell.seed, "source": "ours"},
@@ -166,7 +166,7 @@ def metric_columns(metrics: Sequence[Metric]) -> list[Column]:
     ]
 
 
-def metric_cells(values: Mapping[tuple[str, str], Cell], metrics: Sequence[Metric]) -> list[Cell]:
+def metric_cells(values: Mapping[tuple[str, str], Entry], metrics: Sequence[Metric]) -> list[Entry]:
     """Return the values of a row in the order of `metric_columns`."""
     return [values.get((metric.key, axis)) for metric, axis in _places(metrics)]
 

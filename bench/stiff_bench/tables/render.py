@@ -18,7 +18,7 @@ from typing import Any, TypeGuard
 from tabulate import tabulate
 
 from stiff_bench.console import one_line
-from stiff_bench.tables.table import VALUE_FIELDS, Cell, Column, Quantity, Table, quantity
+from stiff_bench.tables.table import VALUE_FIELDS, Column, Entry, Quantity, Table, quantity
 
 
 def render(
@@ -190,7 +190,7 @@ def _line(cells: Iterable[str]) -> str:
     return rf"{'{}' if joined.startswith('[') else ''}{joined} \\"
 
 
-def _column_type(column: Column, cells: Sequence[Cell]) -> str:
+def _column_type(column: Column, cells: Sequence[Entry]) -> str:
     """Return "l" for texts, "S" with room for the digits of plain numbers, "r" for all else."""
     if column.kind == "text":
         return "l"
@@ -226,7 +226,7 @@ def _digits(value: float | None, column: Column) -> tuple[int, int]:
     return len(whole), len(decimals)
 
 
-def _latex_cell(column: Column, cell: Cell, kind: str) -> str:
+def _latex_cell(column: Column, cell: Entry, kind: str) -> str:
     if not kind.startswith("S"):
         return latex_text(column.text(cell))
     found = quantity(cell)

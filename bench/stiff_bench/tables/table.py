@@ -57,11 +57,11 @@ class Quantity:
         return None if self.share is None else float(self.share[0])
 
 
-Cell = str | int | float | Name | Quantity | None
+Entry = str | int | float | Name | Quantity | None
 """A float is a quantity with a value alone; None prints as a dash."""
 
 
-def quantity(cell: Cell) -> Quantity | None:
+def quantity(cell: Entry) -> Quantity | None:
     """Return a cell's number, or why there is none; None where the cell is a text or empty."""
     if isinstance(cell, int | float):
         return Quantity(cell)
@@ -99,7 +99,7 @@ class Column:
     marks_shown: bool = True
     by_sign: bool = False
 
-    def text(self, cell: Cell) -> str:
+    def text(self, cell: Entry) -> str:
         """Return one of its cells for people, a dash where there is none."""
         found = quantity(cell)
         if found is None:
@@ -156,7 +156,7 @@ class Table:
 
     title: str
     columns: Sequence[Column]
-    rows: Sequence[Sequence[Cell]]
+    rows: Sequence[Sequence[Entry]]
     notes: Sequence[str] = ()
     unit: str = ""
     about: Mapping[str, object] = field(default_factory=dict)
@@ -207,7 +207,7 @@ class Table:
                 yield {**self.about, **texts, **value}
 
 
-def _value(column: Column, cell: Cell) -> dict[str, object]:
+def _value(column: Column, cell: Entry) -> dict[str, object]:
     """Return a number field by field; None where it has none."""
     found = quantity(cell) or Quantity(status=str(cell or ""))
     part, whole = found.share or (None, None)

@@ -44,31 +44,43 @@ _DATASET = Checklist()
 
 def check_dataset(make: MakeDataset) -> list[Check]:
     """Check what a data set loads, twice; `make` returns a new one with its options."""
-    return _DATASET.answers(make)
+    return _DATASET.answers(LoadedData(make))
 
 
-def _loaded(make: MakeDataset) -> BenchmarkData:
-    data = make().load()
-    if not isinstance(data, BenchmarkData):
-        raise Failed(f"load returned {type(data).__name__}, expected BenchmarkData")
-    return data
+class LoadedData:
+    """What a data set loads, once for all questions but the one that loads it again."""
+
+    def __init__(self, make: MakeDataset) -> None:
+        self._make = make
+
+    @cached_property
+    def data(self) -> BenchmarkData:
+        """The first that it loaded."""
+        return self.again()
+
+    def again(self) -> BenchmarkData:
+        """Return what a new one loads."""
+        data = self._make().load()
+        if not isinstance(data, BenchmarkData):
+            raise Failed(f"load returned {type(data).__name__}, expected BenchmarkData")
+        return data
 
 
 @_DATASET.asks(
     "loading twice gives the same samples",
     "draw all chance from an option `seed`, and return BenchmarkData(samples, robot)",
 )
-def _same_numbers(make: MakeDataset) -> str:
-    first, second = _loaded(make), _loaded(make)
+def _same_numbers(loaded: LoadedData) -> str:
+    first, second = loaded.data, loaded.again()
     if first.sha256 != second.sha256:
         raise Failed(f"sha256 {first.sha256[:12]} and {second.sha256[:12]}")
     return f"{len(first.samples)} samples of {first.robot.name}, sha256 {first.sha256[:12]}"
 
 
 @_DATASET.asks("values are in rad, N, N m and m", "convert units where the file is read")
-def _plausible_units(make: MakeDataset) -> str:
+def _plausible_units(loaded: LoadedData) -> str:
     """Look at sizes: values in deg or mm are too large, in km too small."""
-    data = _loaded(make)
+    data = loaded.data
     angle = float(np.abs(data.samples.q[:, data.robot.turns]).max(initial=0.0))
     wrench = float(np.abs(data.samples.wrench).max(initial=0.0))
     deflection = float(np.abs(data.samples.deflection).max(initial=0.0))
@@ -85,9 +97,9 @@ def _plausible_units(make: MakeDataset) -> str:
     "a robot that answers new poses is the one that was measured",
     "under_load(q, wrench) returns the (n, 3) deflection [m] of that robot, the same at each call",
 )
-def _answers(make: MakeDataset) -> str:
+def _answers(loaded: LoadedData) -> str:
     """Ask it for the measured poses: what is not noise must come back."""
-    data = _loaded(make)
+    data = loaded.data
     if data.under_load is None:
         raise NotApplicable("answers no new poses")
     q, wrench, measured = data.samples.q, data.samples.wrench, data.samples.deflection
@@ -121,11 +133,15 @@ class DividedRows:
         with _stage("with_paths", "whose robot answers new poses"):
             return self.protocol.with_paths(self._data).samples
 
-    def splits(self, samples: Samples | None = None) -> Sequence[Split]:
+    @cached_property
+    def splits(self) -> Sequence[Split]:
+        """The divisions of these samples."""
+        return self.divide(self.samples)
+
+    def divide(self, samples: Samples) -> Sequence[Split]:
         """Return the divisions of these samples or others; StageFailed where there are none."""
-        chosen = self.samples if samples is None else samples
         with _stage("splits", "that it can divide"):
-            return self.protocol.splits(chosen, n_splits=None, seed=0)
+            return self.protocol.splits(samples, n_splits=None, seed=0)
 
 
 @contextmanager
@@ -150,7 +166,7 @@ def check_protocol(make: Callable[[], EvaluationProtocol], data: BenchmarkData) 
 )
 def _rows_exist(divided: DividedRows) -> str:
     """See that every part holds row numbers, and training and test part some."""
-    splits = divided.splits()
+    splits = divided.splits
     if not splits:
         raise Failed("there are no splits")
     _have_none(splits, lambda split: fault_of_rows(split, len(divided.samples)))
@@ -165,7 +181,7 @@ def _have_none(splits: Iterable[Split], fault_of: Callable[[Split], str]) -> Non
 
 @_PROTOCOL.asks("splits have different indices", "number the splits of each condition 0, 1, 2, ...")
 def _told_apart(divided: DividedRows) -> str:
-    splits = divided.splits()
+    splits = divided.splits
     if fault := fault_of_numbers((split.condition, split.index) for split in splits):
         raise Failed(fault)
     conditions = {split.condition for split in splits}
@@ -180,14 +196,14 @@ def _told_apart(divided: DividedRows) -> str:
 def _disjoint(divided: DividedRows) -> None:
     selects, reports = divided.protocol.selects_on_test, reports_training(divided.protocol)
     leaks = partial(leak_of, selects_on_test=selects, reports_training=reports)
-    _have_none(divided.splits(), leaks)
+    _have_none(divided.splits, leaks)
 
 
 @_PROTOCOL.asks(
     "sensor errors are those of the test rows", "give wrench_error the shape (n_test, 6), N and N m"
 )
 def _sensor_errors_fit(divided: DividedRows) -> str:
-    erring = [split for split in divided.splits() if split.wrench_error is not None]
+    erring = [split for split in divided.splits if split.wrench_error is not None]
     _have_none(erring, fault_of_sensor_errors)
     if not erring:
         raise NotApplicable("adds no sensor errors")
@@ -198,7 +214,7 @@ def _sensor_errors_fit(divided: DividedRows) -> str:
     "tool paths are tested and never learned from", "give the rows of PATH_GROUP to the test part"
 )
 def _paths_are_tested(divided: DividedRows) -> str:
-    splits = divided.splits()
+    splits = divided.splits
     points = np.flatnonzero(divided.samples.group == PATH_GROUP)
     if not len(points):
         raise NotApplicable("adds no tool paths")
@@ -210,7 +226,7 @@ def _paths_are_tested(divided: DividedRows) -> str:
 
 @_PROTOCOL.asks("every row is used", "return splits that can be concatenated")
 def _covers(divided: DividedRows) -> None:
-    used = [rows for s in divided.splits() for rows in (s.train, s.validation, s.test)]
+    used = [rows for s in divided.splits for rows in (s.train, s.validation, s.test)]
     left_out = len(divided.samples) - len(np.unique(np.concatenate(used)))
     if left_out:
         raise NotApplicable(f"leaves out {left_out} of {len(divided.samples)} rows")
@@ -218,7 +234,7 @@ def _covers(divided: DividedRows) -> None:
 
 @_PROTOCOL.asks("the same seed gives the same splits", "draw all chance from `seed`")
 def _same_splits(divided: DividedRows) -> None:
-    first, second = (_hashes(divided.splits()) for _ in range(2))
+    first, second = _hashes(divided.splits), _hashes(divided.divide(divided.samples))
     if first != second:
         raise Failed("the same seed gave other splits")
 
@@ -229,7 +245,7 @@ def _same_splits(divided: DividedRows) -> None:
 def _blind_to_deflections(divided: DividedRows) -> None:
     """Divide the same samples with each other's deflections."""
     turned = replace(divided.samples, deflection=divided.samples.deflection[::-1])
-    if _hashes(divided.splits()) != _hashes(divided.splits(turned)):
+    if _hashes(divided.splits) != _hashes(divided.divide(turned)):
         raise Failed("other deflections gave other splits")
 
 
@@ -239,7 +255,7 @@ def _keeps_poses(divided: DividedRows) -> None:
     samples = divided.samples
     pairs = np.array([f"P{row // 2}" for row in range(len(samples))])
     pose_id = np.where(samples.group == PATH_GROUP, samples.pose_id, pairs)
-    splits = divided.splits(replace(samples, pose_id=pose_id))
+    splits = divided.divide(replace(samples, pose_id=pose_id))
     selects = divided.protocol.selects_on_test  # its validation rows are test rows, as it says
     learned = [s.train if selects else np.r_[s.train, s.validation] for s in splits]
     parted = sum(

@@ -18,7 +18,7 @@ from stiff_bench.report.page import (
     page_table,
     render_page,
 )
-from stiff_bench.tables.table import Cell, Column, Name, Quantity, Table, natural_order
+from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table, natural_order
 
 HOSTILE = (
     "</script><script>hacked()</script><img src=http://evil.example onerror=hacked()>'\"&{{7*7}}"
@@ -147,7 +147,7 @@ def test_a_picture_is_carried_inside(plain):
     assert base64.b64decode(body) == b"<svg>plain</svg>"
 
 
-def orders(*cells: Cell, **about: str) -> list[str]:
+def orders(*cells: Entry, **about: str) -> list[str]:
     """What the cells of a column of numbers are sorted by."""
     table = Table("t", [Column("x", **about)], [[cell] for cell in cells])
     return [row[0].order for row in page_table(table).rows]
