@@ -22,22 +22,21 @@ from stiff_datasets.measured.data_checks import (
     residuals_and_outliers,
     warning,
 )
-from stiff_datasets.measured.hypotheses import (
+from stiff_datasets.measured.diagnosis import (
     CLEARLY,
     UNUSUAL,
     Diagnosis,
     Fit,
-    Reading,
     clearly_negative,
-    compliances,
     diagnose,
-    reading,
     softness,
 )
+from stiff_datasets.measured.hypotheses import Reading, compliances, reading
 from stiff_datasets.measured.sample_checks import LIMIT_SLACK, Problem, check_sheet
 from stiff_datasets.measured.sample_files import MM_PER_M, file_units, joint_columns, read_sheet
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.identification import Identified, identify, typical_joints
+from stiff_protocols.contract.robot import STANDARD_GRAVITY
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 
 EXPLAINS_LITTLE = 0.85
@@ -45,7 +44,7 @@ EXPLAINS_LITTLE = 0.85
 OTHER_UNITS = {
     1 / 1000: "the deflections in m",
     1 / 16: "the deflections in cm or inch",
-    9.81: "the forces and torques in kg and kg m",
+    STANDARD_GRAVITY: "the forces and torques in kg and kg m",
     1000.0: "the forces in kN or the deflections in micrometres",
 }
 """Error that makes a robot look so many times as compliant as it is."""
