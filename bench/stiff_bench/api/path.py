@@ -17,7 +17,7 @@ from stiff_bench.console import say
 from stiff_bench.plan.words import RobotWords
 from stiff_bench.run.progress import display
 from stiff_bench.tables.picture_file import check_suffix
-from stiff_datasets.measured.extrapolation import Extrapolation
+from stiff_datasets.measured.extrapolation import RowsBeyond
 from stiff_datasets.measured.path_file import (
     LoadFrame,
     PathTable,
@@ -205,7 +205,7 @@ def compensate_path(
     for oddity in about.oddities:
         say(f"warning: {oddity}")
     seed = _seed(about, robot, start)
-    seen = Extrapolation(known, robot)
+    seen = RowsBeyond(known, robot)
     parts: list[Compensation] = []
     intervals: list[Interval] = []
     lines: list[IntArray] = []
