@@ -8,7 +8,7 @@ PROTOCOLS = (
     ProtocolInfo(
         key="holdout",
         target="stiff_protocols.splits.random_splits:Holdout",
-        summary="80/20 by pose; validation poses of the training part choose the epoch",
+        summary="80/20 by pose; validation poses of the training part may choose the epoch",
         reasoning=(
             "How well does a model do at new poses among the ones that were measured? One split "
             "says little: use --splits, or repeated-holdout."

@@ -23,7 +23,7 @@ from stiff_bench.run.whole_fit import whole_fit
 from stiff_bench.tables.render import plain_text
 from stiff_bench.tables.table import Column, Entry, Quantity, Table
 from stiff_bench.tables.units import percent
-from stiff_datasets.measured.extrapolation import Extrapolation
+from stiff_datasets.measured.extrapolation import RowsBeyond
 from stiff_protocols.contract.errors import (
     ConfigError,
     DataError,
@@ -111,7 +111,7 @@ class Model:
         self.check_fitted()
         predicted = np.asarray(self.fitted.predict(q, wrench))
         if not self._has_warned:
-            seen = Extrapolation(self.training_range, self.fitted.robot_)
+            seen = RowsBeyond(self.training_range, self.fitted.robot_)
             seen.of(np.asarray(q), np.asarray(wrench))
             self._has_warned = bool(seen.warning)
             if seen.warning:
@@ -169,7 +169,7 @@ class Model:
             predicted = frozen_array(
                 model.predict(table.q, table.wrench), "the prediction", (len(table.q), 3)
             )
-            seen = Extrapolation(self.training_range, model.robot_)
+            seen = RowsBeyond(self.training_range, model.robot_)
             extrapolates = seen.of(table.q, table.wrench)
         write_predictions(Path(output), table, predicted, extrapolates, interval)
         if seen.warning:

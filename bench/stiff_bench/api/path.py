@@ -17,7 +17,7 @@ from stiff_bench.console import say
 from stiff_bench.plan.words import RobotWords
 from stiff_bench.run.progress import display
 from stiff_bench.tables.picture_file import check_suffix
-from stiff_datasets.measured.extrapolation import Extrapolation
+from stiff_datasets.measured.extrapolation import RowsBeyond
 from stiff_datasets.measured.path_file import (
     LoadFrame,
     PathTable,
@@ -39,6 +39,7 @@ from stiff_datasets.measured.sample_files import (
 from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning, unknown_name
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.progress import report
+from stiff_protocols.contract.robot import STANDARD_GRAVITY
 from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot
 from stiff_protocols.paths.compensation import MAX_ITERATIONS, TOLERANCE_M, Compensation, compensate
 from stiff_protocols.paths.example import drivable_path
@@ -123,7 +124,7 @@ def example_path(
     if load is None:
         if payload is None:
             raise ConfigError(f"of {arm.name} is not known; give one, in N and N m", "load")
-        load = (0.0, 0.0, -0.25 * payload * 9.81, 0.0, 0.0, 0.0)
+        load = (0.0, 0.0, -0.25 * payload * STANDARD_GRAVITY, 0.0, 0.0, 0.0)
     path = drivable_path(arm, shape, size / MM_PER_M, points, wrench=load)
     write_path(output, path, tool_of(arm, None))
     return f"{output}: {shape} of {points} points for {arm.name}, base frame"
@@ -204,7 +205,7 @@ def compensate_path(
     for oddity in about.oddities:
         say(f"warning: {oddity}")
     seed = _seed(about, robot, start)
-    seen = Extrapolation(known, robot)
+    seen = RowsBeyond(known, robot)
     parts: list[Compensation] = []
     intervals: list[Interval] = []
     lines: list[IntArray] = []

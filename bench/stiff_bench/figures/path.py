@@ -14,7 +14,7 @@ from stiff_bench.figures.style import PAGE_INCH, looks, new_figure, share_legend
 from stiff_bench.tables.units import MM
 from stiff_protocols.contract.types import Interval
 from stiff_protocols.paths.compensation import Compensation
-from stiff_protocols.paths.inverse import spread
+from stiff_protocols.paths.inverse import evenly_spaced
 
 HEIGHT_INCH = 2.9
 MOST_POINTS, ARROWS = 2_000, 40
@@ -35,7 +35,7 @@ def path_picture(name: str, found: Compensation, interval: Interval | None) -> P
 
 def _painted(found: Compensation, interval: Interval | None) -> Figure:
     place, before, after = MM * found.wanted, MM * found.before, MM * found.after
-    rows, arrows = spread(len(place), MOST_POINTS), spread(len(place), ARROWS)
+    rows, arrows = evenly_spaced(len(place), MOST_POINTS), evenly_spaced(len(place), ARROWS)
     size_before, size_after = (np.linalg.norm(one, axis=1) for one in (before, after))
     extent, largest = max(float(np.ptp(place, axis=0).max()), 1.0), float(size_before.max())
     times = _round_number(SHOWN_SHARE * extent / largest) if largest > 0.0 else 1.0

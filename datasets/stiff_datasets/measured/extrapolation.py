@@ -8,7 +8,7 @@ from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import FloatArray, Robot
 
 
-class Extrapolation:
+class RowsBeyond:
     """What of rows lies beyond a model's training range.
 
     Attributes:

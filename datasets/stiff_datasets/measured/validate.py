@@ -6,6 +6,7 @@ import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 from typing import Literal
 
@@ -22,22 +23,21 @@ from stiff_datasets.measured.data_checks import (
     residuals_and_outliers,
     warning,
 )
-from stiff_datasets.measured.hypotheses import (
+from stiff_datasets.measured.diagnosis import (
     CLEARLY,
     UNUSUAL,
     Diagnosis,
     Fit,
-    Reading,
     clearly_negative,
-    compliances,
     diagnose,
-    reading,
     softness,
 )
+from stiff_datasets.measured.hypotheses import Reading, compliances, reading
 from stiff_datasets.measured.sample_checks import LIMIT_SLACK, Problem, check_sheet
 from stiff_datasets.measured.sample_files import MM_PER_M, file_units, joint_columns, read_sheet
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.identification import Identified, identify, typical_joints
+from stiff_protocols.contract.robot import STANDARD_GRAVITY
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 
 EXPLAINS_LITTLE = 0.85
@@ -45,7 +45,7 @@ EXPLAINS_LITTLE = 0.85
 OTHER_UNITS = {
     1 / 1000: "the deflections in m",
     1 / 16: "the deflections in cm or inch",
-    9.81: "the forces and torques in kg and kg m",
+    STANDARD_GRAVITY: "the forces and torques in kg and kg m",
     1000.0: "the forces in kN or the deflections in micrometres",
 }
 """Error that makes a robot look so many times as compliant as it is."""
@@ -217,16 +217,12 @@ def _spring_findings(
     names = data.robot.joint_names
     found = _identified(data, pose)
     unknown = [name for name, known in zip(names, found.known, strict=True) if not known]
-    if unknown:
-        yield warning(
-            f"the stiffness of joint {', '.join(unknown)} cannot be identified: the samples do not "
-            "tell it from noise or from another joint; models take the prior's"
-        )
     condition = "" if unknown else f", condition number {found.condition:.3g}"
     yield fact("identifiable", f"rank {found.rank} of {len(names)} joint springs{condition}")
     residual_mm, odd = residuals_and_outliers(data)
     odd &= best is None  # else every row is wrong
-    compliance = _identified(data.take(~odd), pose[~odd]).compliance
+    usual = data.take(~odd)
+    compliance = _identified(usual, pose[~odd]).compliance
     stiffness = {
         name: f"{name} {1.0 / each:.2g}" if each else f"{name} inf"
         for name, each in zip(names, compliance, strict=True)
@@ -235,12 +231,17 @@ def _spring_findings(
     yield fact("k [Nm/rad, N/m]", ", ".join(known) or "none")
     if unknown:
         yield fact("k of the prior", ", ".join(stiffness[name] for name in unknown))
-    negative = clearly_negative(data.take(~odd))
-    least = compliances(data.take(~odd))
-    rigid = [name for i, name in enumerate(names) if negative[i] and not least[i]]
-    if rigid:
-        yield warning(f"infinite or negative stiffness: {', '.join(rigid)}")
-    if not best:
+    if not best:  # else these would be its effects
+        rigid = clearly_negative(usual) & (compliances(usual) == 0.0)
+        vague = [*compress(names, ~found.known & ~rigid)]
+        if vague:
+            yield warning(
+                f"the stiffness of joint{'s' * (len(vague) > 1)} {', '.join(vague)} cannot be "
+                "identified: the samples do not tell it from noise or from another joint; models "
+                "take the prior's"
+            )
+        if rigid.any():
+            yield warning(f"infinite or negative stiffness: {', '.join(compress(names, rigid))}")
         yield from _unit_findings(data, compliance)
     worst = np.argsort(-residual_mm)[:LARGEST_SHOWN]
     listed = ", ".join(f"row {lines[i]} {residual_mm[i]:.3g}" for i in worst)

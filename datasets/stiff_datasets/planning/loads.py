@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 
+from stiff_protocols.contract.robot import STANDARD_GRAVITY
 from stiff_protocols.contract.types import FloatArray
 
 
@@ -43,7 +44,6 @@ TABLE_5_PAYLOAD_KG = 10.0
 SCATTER = 0.05
 """Of the line's loads, a component: 5 N and 0.5 N m beside 100 N and 10 N m; assumption."""
 LIGHTEST = 0.2  # of the payload; a lighter load would drown in the tracker's noise
-G = 9.81  # m/s2
 
 
 def line_wrenches(n: int, payload_kg: float, rng: np.random.Generator) -> FloatArray:
@@ -57,7 +57,7 @@ def line_wrenches(n: int, payload_kg: float, rng: np.random.Generator) -> FloatA
     wrench += rng.normal(size=wrench.shape) * SCATTER * np.repeat([100.0, 10.0], 3)
     wrench *= scale
     size = np.linalg.norm(wrench[:, :3], axis=1, keepdims=True)
-    return np.asarray(wrench * np.minimum(1.0, payload_kg * G / size))
+    return np.asarray(wrench * np.minimum(1.0, payload_kg * STANDARD_GRAVITY / size))
 
 
 def omni_forces(
@@ -65,7 +65,7 @@ def omni_forces(
 ) -> FloatArray:
     """Return (n, 3) forces [N] of every direction, a fifth to `heaviest` of the payload."""
     direction = rng.normal(size=(n, 3))
-    size = rng.uniform(LIGHTEST, heaviest, size=(n, 1)) * payload_kg * G
+    size = rng.uniform(LIGHTEST, heaviest, size=(n, 1)) * payload_kg * STANDARD_GRAVITY
     return np.asarray(direction / np.linalg.norm(direction, axis=1, keepdims=True) * size)
 
 

@@ -25,12 +25,13 @@ from stiff_datasets.measured.sample_files import (
     write_table,
 )
 from stiff_datasets.planning.design import Design
-from stiff_datasets.planning.loads import G, stream
+from stiff_datasets.planning.loads import stream
 from stiff_datasets.planning.poses import Poses, paper_poses
 from stiff_datasets.planning.reachable import CLEARANCE, LOWEST_HEIGHT, keeps_clear, reachable_poses
 from stiff_datasets.robots.robot import ChainModel, robot_of
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.files import check_new_file
+from stiff_protocols.contract.robot import STANDARD_GRAVITY
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples, TextArray
 
 PAPER_ROBOT = "kr10_r1100_2"
@@ -198,7 +199,7 @@ def _forces(n: int, payload_kg: float, seed: int) -> FloatArray:
         raise ConfigError(f"payload_kg is {payload_kg:g}, expected a number above 0")
     direction = stream("plan forces", seed).normal(size=(n, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    return np.hstack([FORCE_SHARE * payload_kg * G * direction, np.zeros((n, 3))])
+    return np.hstack([FORCE_SHARE * payload_kg * STANDARD_GRAVITY * direction, np.zeros((n, 3))])
 
 
 def _rounded_inside(values: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:

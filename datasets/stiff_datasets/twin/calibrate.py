@@ -68,7 +68,7 @@ ERRORS = ("mae", "stde", "me")
 
 
 @dataclass(frozen=True)
-class Search:
+class CalibrationSearch:
     """How a calibration is searched, and in which ranges.
 
     Attributes:
@@ -91,13 +91,13 @@ class Search:
 
 SEARCHES = {
     # lost motion: "about 1", a factor of two either way
-    1: Search(
+    1: CalibrationSearch(
         stiffest_structure=(*(3e6,) * 3, *(1e6,) * 3),
         lost_motion=(0.5, 2.0),
         noise=Noise(),
         seeds=(range(10), range(10, 20)),
     ),
-    2: Search(
+    2: CalibrationSearch(
         stiffest_structure=(1e7,) * 6,
         lost_motion=(0.25, 3.0),
         noise=Noise(tracker_m=1.5e-5, tail=2.0),
@@ -256,7 +256,7 @@ def _start(number: int) -> TwinConstants:
     return start.model_copy(update={"name": name, "noise": search.noise, "joint": tuple(joints)})
 
 
-def _bounds(search: Search) -> tuple[FloatArray, FloatArray]:
+def _bounds(search: CalibrationSearch) -> tuple[FloatArray, FloatArray]:
     """Return the lower and upper bounds of the free constants.
 
     Joint by joint: number of the gear size, log10 of the structure, tilting ratio, lost motion.

@@ -36,9 +36,11 @@ class GaussianProcessModel(StandardisedModel):
         restarts: searches for the hyperparameters from random starts, after the first.
         search_rows: training rows that the search uses at most (drawn at random); the
             process itself always learns from all of them.
-        instrument_noise_mm: standard deviation of a measured deflection an axis, mm, as the data
-            card or the instrument's data sheet has it: the least noise that is looked for. Without
-            it the likelihood finds 2e-5 mm in few samples. What repeats differ by is found there.
+        instrument_noise_mm: the least standard deviation of a measured deflection an axis, mm, that
+            is looked for; the default is a laser tracker's, of one reading. Data cards and data
+            sheets give it a reading; a deflection has two, so its own is sqrt(2) times as large.
+            Without it the likelihood finds 2e-5 mm in few samples. What repeats differ by is found
+            there.
         processes_: one `GaussianProcess` an axis, or what predicts as it does.
         calibration_: (3,) what the standard deviations of each axis are multiplied by.
     """
@@ -47,7 +49,7 @@ class GaussianProcessModel(StandardisedModel):
     ard: bool = True
     restarts: Annotated[int, Ge(0)] = 1
     search_rows: Annotated[int, Ge(2)] = 1000
-    instrument_noise_mm: Annotated[float, Gt(0.0)] = 0.01  # a laser tracker's
+    instrument_noise_mm: Annotated[float, Gt(0.0)] = 0.01
 
     def fit(
         self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0

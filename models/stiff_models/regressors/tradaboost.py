@@ -56,7 +56,7 @@ class Boosted:
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class Domains:
     """Samples of both domains: `inputs` (n, n_features), `outputs` (n,), the source's first."""
 
     inputs: FloatArray
@@ -67,19 +67,19 @@ class Rows:
         """Return the number of rows."""
         return len(self.inputs)
 
-    def take(self, chosen: IntArray) -> Rows:
+    def take(self, chosen: IntArray) -> Domains:
         """Return these rows; the source's must be among them, and first."""
-        return Rows(self.inputs[chosen], self.outputs[chosen], self.n_source)
+        return Domains(self.inputs[chosen], self.outputs[chosen], self.n_source)
 
 
-class Step(NamedTuple):
+class Reweighting(NamedTuple):
     """Weights of the rows (n,), whose sum is 1, and the error of `cross_validated` with them."""
 
     weights: FloatArray
     error: float
 
 
-def adaboost_r2(learner: Any, rows: Rows, weights: FloatArray, rounds: int) -> Boosted:
+def adaboost_r2(learner: Any, rows: Domains, weights: FloatArray, rounds: int) -> Boosted:
     """Boost a learner `rounds` times, or until its weighted error is 1/2 (or none at all).
 
     The (n,) weights of the source's rows stay as they are, and so does the sum of the target's.
@@ -104,7 +104,7 @@ def adaboost_r2(learner: Any, rows: Rows, weights: FloatArray, rounds: int) -> B
     return Boosted(tuple(learners), np.array(votes))
 
 
-def learned(learner: Any, rows: Rows, weights: FloatArray) -> Any:
+def learned(learner: Any, rows: Domains, weights: FloatArray) -> Any:
     """Return a copy of the learner, fitted with weights that are 1 on average.
 
     Rows without weight are left out: a learner may keep every row that it is given.
@@ -114,15 +114,15 @@ def learned(learner: Any, rows: Rows, weights: FloatArray) -> Any:
     return clone(learner).fit(rows.inputs[used], rows.outputs[used], sample_weight=shares)
 
 
-def relative_errors(fitted: Any, rows: Rows) -> FloatArray:
+def relative_errors(fitted: Any, rows: Domains) -> FloatArray:
     """Return the (n,) absolute errors, divided by the largest of them."""
     errors = np.abs(fitted.predict(rows.inputs) - rows.outputs)
     return np.asarray(errors / (errors.max() or 1.0))
 
 
 def steps_of(
-    learner: Any, rows: Rows, groups: TextArray, *, steps: int, rounds: int, folds: int
-) -> Iterator[Step]:
+    learner: Any, rows: Domains, groups: TextArray, *, steps: int, rounds: int, folds: int
+) -> Iterator[Reweighting]:
     """Yield the steps of the first stage; `groups` (n_target,) are never parted by a fold.
 
     The target's share of the weight grows evenly, from its share of the rows to all of it.
@@ -133,10 +133,10 @@ def steps_of(
         if number:
             weights = reweighted(learner, rows, weights, share)
         error = cross_validated(learner, rows, weights, groups, rounds=rounds, folds=folds)
-        yield Step(weights, error)
+        yield Reweighting(weights, error)
 
 
-def reweighted(learner: Any, rows: Rows, weights: FloatArray, share: float) -> FloatArray:
+def reweighted(learner: Any, rows: Domains, weights: FloatArray, share: float) -> FloatArray:
     """Return (n,) weights of which the target has a larger `share`; the source's rows fade."""
     errors = relative_errors(learned(learner, rows, weights), rows)
     of_source, of_target = np.split(weights, [rows.n_source])
@@ -164,7 +164,7 @@ def faded(weights: FloatArray, errors: FloatArray, total: float) -> FloatArray:
 
 
 def cross_validated(
-    learner: Any, rows: Rows, weights: FloatArray, groups: TextArray, *, rounds: int, folds: int
+    learner: Any, rows: Domains, weights: FloatArray, groups: TextArray, *, rounds: int, folds: int
 ) -> float:
     """Return the mean absolute error on target rows that the boosted learner did not see.
 
@@ -220,7 +220,7 @@ class TrAdaBoost(SourceModel, StandardisedModel):
         self.diagnostics_: dict[str, float] = {}
         boosted = []
         for axis, name in enumerate(AXES):
-            rows = Rows(both, outputs[:, axis], len(drawn))
+            rows = Domains(both, outputs[:, axis], len(drawn))
             how = {"steps": self.steps, "rounds": self.rounds, "folds": self.folds}
             steps = list(steps_of(learner, rows, train.pose_id, **how))
             best = int(np.nan_to_num([step.error for step in steps], nan=np.inf).argmin())

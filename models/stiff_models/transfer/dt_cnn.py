@@ -1,8 +1,8 @@
-"""`dt-cnn`: deep transfer of a 1x1-convolution network by aligning source and target features.
+"""`dt-cnn`: a 1x1-convolution network pre-trained on simulated samples; alignment on request.
 
-The method of Zhao et al. (UDTL, IEEE TIM 2021; github.com/ZhaoZhibin/UDTL) for regression: the
-network learns the simulated source domain and, from one sixth of the training on, also to give
-unlabelled target inputs the features of the source.
+With an `alignment` it is the method of Zhao et al. (UDTL, IEEE TIM 2021;
+github.com/ZhaoZhibin/UDTL) for regression: the network learns the simulated source domain and,
+from one sixth of the training on, also to give unlabelled target inputs the features of the source.
 """
 
 from __future__ import annotations

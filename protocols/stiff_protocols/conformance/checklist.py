@@ -11,7 +11,7 @@ from typing import Any, Literal
 from stiff_protocols.contract.errors import StiffBenchError
 
 Status = Literal["passed", "failed", "not applicable"]
-Question = Callable[[Any], str | None]
+CheckFunction = Callable[[Any], str | None]
 """Of a subject; returns what there is to say, if anything. It raises NotApplicable, Failed, or
 whatever the checked thing raises, which is a failure too."""
 
@@ -57,9 +57,9 @@ class Checklist:
     """Questions about one kind of subject, in the order in which they are written down."""
 
     def __init__(self) -> None:
-        self._questions: list[tuple[str, str, Question]] = []
+        self._questions: list[tuple[str, str, CheckFunction]] = []
 
-    def asks(self, name: str, advice: str) -> Callable[[Question], None]:
+    def asks(self, name: str, advice: str) -> Callable[[CheckFunction], None]:
         """Return the decorator of a question: what must hold, and how to mend it."""
         return lambda question: self._questions.append((name, advice, question))
 

@@ -18,6 +18,7 @@ from stiff_protocols.conformance.checklist import Failed, StageFailed
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.interfaces import PredictsInterval, StiffnessModel
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, Interval, Samples
+from stiff_protocols.paths.inverse import evenly_spaced
 from stiff_protocols.scoring.sanity import check_prediction
 
 FEWEST_ROWS, MOST_ROWS = 10, 48
@@ -66,8 +67,7 @@ class Session:
             )
         self.make, self.load, self.robot = make, load, data.robot
         self.uses_validation = uses_validation
-        every = np.linspace(0, len(data.samples) - 1, min(len(data.samples), MOST_ROWS))
-        rows = np.random.default_rng(0).permutation(np.unique(every.astype(np.int64)))
+        rows = np.random.default_rng(0).permutation(evenly_spaced(len(data.samples), MOST_ROWS))
         n_train, n_validation = (
             int(len(rows) * share) for share in (TRAIN_SHARE, VALIDATION_SHARE)
         )

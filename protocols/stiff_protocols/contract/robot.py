@@ -17,7 +17,8 @@ from stiff_protocols.contract.errors import DataError
 
 JointType = Literal["revolute", "prismatic"]
 
-GRAVITY = (0.0, 0.0, -9.81)  # (3,) m/s2, base frame; Pinocchio's default
+STANDARD_GRAVITY = 9.81
+"""m/s2, rounded as Pinocchio's default is."""
 
 REACHED_M, REACHED_RAD = 1e-8, 1e-8
 """How near inverse kinematics comes to the pose that was asked for."""
@@ -95,7 +96,7 @@ class Robot:
     masses: FloatArray
     centres_of_mass: FloatArray
     tcp: FloatArray
-    gravity: FloatArray = field(default_factory=lambda: np.array(GRAVITY))
+    gravity: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, -STANDARD_GRAVITY]))
     flange: FloatArray = field(
         default_factory=lambda: np.eye(4), metadata={"shapes_no_result": True}
     )

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.robot import Robot
-from stiff_protocols.paths.inverse import follow, spread
+from stiff_protocols.paths.inverse import evenly_spaced, follow
 from stiff_protocols.paths.path import ToolPath, shaped
 
 PLACES = ((0.6, 0.4), (0.5, 0.3), (0.7, 0.4), (0.5, 0.6), (0.4, 0.3))
@@ -28,7 +28,7 @@ def drivable_path(
     reach = np.linalg.norm(robot.placements[1:, :3, 3], axis=1).sum()
     outwards = robot.axes[-1] * (-1.0 if robot.axes[-1] @ robot.tcp < 0.0 else 1.0)
     down, _ = Rotation.align_vectors([[0.0, 0.0, -1.0]], [outwards])  # where the last joint points
-    some = spread(n_points)
+    some = evenly_spaced(n_points)
     for x, z in PLACES:
         driven: list[tuple[float, ToolPath]] = []
         for angle in (0.0, 90.0, 180.0, 270.0):

@@ -197,7 +197,7 @@ def follow(
             near=near if start is None else None,
         )
 
-    some = spread(len(position))
+    some = evenly_spaced(len(position))
 
     def cost(branch: int) -> tuple[float, ...]:
         found = driven(branch, some)
@@ -208,10 +208,11 @@ def follow(
     return driven(best, np.arange(len(position)))
 
 
-def spread(n: int, most: int = COMPARED_AT) -> IntArray:
-    """Return at most so many of n rows, evenly spread, first and last among them.
+def evenly_spaced(n: int, most: int = COMPARED_AT) -> IntArray:
+    """Return at most so many of n rows, first and last among them.
 
-    By default those at which configurations are compared.
+    By default those at which configurations are compared. Rounding instead of truncating would
+    compare others, and change results that are stored.
     """
     return np.unique(np.linspace(0, n - 1, most).astype(np.int64))
 

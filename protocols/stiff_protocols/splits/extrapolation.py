@@ -42,7 +42,7 @@ class Extrapolation:
 
     Attributes:
         train_fraction: of the training poses, drawn anew in each of several splits.
-        validation_fraction: of the training poses, chooses the epoch.
+        validation_fraction: of the training poses, may choose the epoch.
     """
 
     selects_on_test = False

@@ -20,11 +20,13 @@ Fraction = Annotated[float, Gt(0.0), Lt(1.0)]
 
 @dataclass(kw_only=True, eq=False)
 class Holdout:
-    """Random 80/20 division by pose; a fifth of the training side chooses the epoch.
+    """Random 80/20 division by pose; a fifth of the training side may choose the epoch.
+
+    By default networks choose it by cross-validation and learn from the whole training side.
 
     Attributes:
         test_fraction: of all poses.
-        validation_fraction: of the training side's poses, chooses the epoch.
+        validation_fraction: of the training side's poses, may choose the epoch.
     """
 
     selects_on_test = False
@@ -59,7 +61,7 @@ class KFold:
 
     Attributes:
         folds: number of folds; --splits cannot change it.
-        validation_fraction: of the training side's poses, chooses the epoch.
+        validation_fraction: of the training side's poses, may choose the epoch.
     """
 
     selects_on_test = False
@@ -120,7 +122,7 @@ class LeaveOneOut:
     """Each pose is tested once; the metrics are computed over the predictions of all poses.
 
     Attributes:
-        validation_fraction: of the training side's poses, chooses the epoch.
+        validation_fraction: of the training side's poses, may choose the epoch.
     """
 
     selects_on_test = False

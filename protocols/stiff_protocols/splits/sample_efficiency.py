@@ -28,7 +28,7 @@ class SampleEfficiency:
         sizes: numbers of measured poses, separated by commas; those that reach beyond the
             training side become one with all of it.
         test_fraction: of all poses, rounded down (30 of 151, as in the source paper).
-        validation_fraction: of a subset's poses, chooses the epoch.
+        validation_fraction: of a subset's poses, may choose the epoch.
     """
 
     selects_on_test = False

@@ -48,7 +48,7 @@ from stiff_protocols.splits.random_splits import Holdout, KFold
 if TYPE_CHECKING:
     from optuna import Trial
 
-Search = Literal["grid", "optuna"]
+SearchMethod = Literal["grid", "optuna"]
 """grid: every combination of the values; optuna: some that TPE draws, from ranges too."""
 
 
@@ -96,7 +96,7 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
         search: "grid" tries every combination, "optuna" some that TPE draws.
         trials: how many are drawn.
         folds: inner parts, by pose.
-        validation_fraction: of an inner training part's poses, chooses the epoch.
+        validation_fraction: of an inner training part's poses, may choose the epoch.
         scores_: every candidate, in the order of the grid, or in which they were drawn.
         best_params_: the chosen options, the first of equally good ones.
         model_: the fitted model with them.
@@ -106,7 +106,7 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
     model: StiffnessModel
     grid: Grid
     _: KW_ONLY
-    search: Search = "grid"
+    search: SearchMethod = "grid"
     trials: int = 20
     folds: int = 3
     validation_fraction: float = 0.2
@@ -344,7 +344,7 @@ class Nested(Holdout):
     """
 
     grid: str = DEFAULT_GRID
-    search: Search = "grid"
+    search: SearchMethod = "grid"
     trials: Annotated[int, Ge(1)] = 20
     inner_folds: Annotated[int, Ge(2)] = 3
 

@@ -118,6 +118,26 @@ def test_no_test_deflection_is_read_before_the_last_prediction_nor_changes_one(
     assert_the_same(*as_it_is_and_with_other_test_deflections(task, options, computed_under_seal))
 
 
+@pytest.mark.usefixtures("small_source")
+@pytest.mark.parametrize("key", ["mlp-pretrained", "ft-mlp", "dt-cnn"])
+def test_no_test_pose_or_load_shapes_the_pre_training_that_splits_share(
+    key, tasks, trainings, monkeypatch, tmp_path
+):
+    monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path))
+    task = tasks(key, "holdout")[0]
+    task = replace(task, model=replace(task.model, params=model_info(key).quick))
+    samples, test = task.data.samples, task.split.test
+    q, wrench = samples.q.copy(), samples.wrench.copy()
+    q[test] *= 3.0
+    wrench[test] *= 3.0
+    elsewhere = replace(task.data, samples=replace(samples, q=q, wrench=wrench))
+    found = []
+    for data in (task.data, elsewhere):
+        found.append(computed(replace(task, data=data)).diagnostics)
+        assert trainings == ["pre-train"]  # the first one serves both
+    assert "source test MAE [mm]" in found[0] and found[0] == found[1]
+
+
 def test_an_ensemble_that_chooses_no_epoch_takes_nothing_from_the_papers_test_rows(tasks):
     task = tasks("deep-ensemble", "paper-holdout")[0]
     assert_the_same(

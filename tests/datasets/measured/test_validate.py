@@ -17,6 +17,7 @@ from stiff_datasets.robots.robot import shipped_robot
 from stiff_models.physics.vjm import identify_joints, joint_deflection
 from stiff_protocols.contract.types import Robot, Samples
 
+KR10_STIFFNESS = np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])  # N m/rad
 TOOL = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 
 
@@ -199,7 +200,10 @@ def test_repeats_that_differ_are_found(fanucs, rng):
 
 def test_joints_that_cannot_be_identified_are_named(twin, tmp_path):
     robot = shipped_robot("kr10_r1100_2", tcp=(0.0, 0.0, 0.08))  # on the axis of A6
-    report = Measurement(twin.samples, robot, tmp_path / "my.csv").report()
+    wrench = twin.samples.wrench * [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
+    deflection = joint_deflection(robot, 1.0 / KR10_STIFFNESS, twin.samples.q, wrench)
+    measured = Measurement(twin.samples, robot, tmp_path / "my.csv")
+    report = measured.report(wrench=wrench, deflection=deflection)
     assert only(report.warnings, "the stiffness of joint A6 cannot be identified")
     assert "rank 5 of 6" in only(report.facts, "identifiable").message
 
@@ -210,14 +214,28 @@ def test_validate_and_the_vjm_name_the_same_joints(seed, kr10, tmp_path):
     q = np.tile(rng.uniform(-1.0, 1.0, 6), (40, 1))
     q[:, :2] = rng.uniform(-1.0, 0.0, (40, 2))  # A1 and A2 move
     wrench = np.tile([0.0, 0.0, -60.0, 0.0, 0.0, 0.0], (40, 1))
-    stiffness = np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])
-    deflection = joint_deflection(kr10, 1.0 / stiffness, q, wrench)
+    deflection = joint_deflection(kr10, 1.0 / KR10_STIFFNESS, q, wrench)
     samples = samples_with(q, wrench, deflection + rng.normal(scale=1e-4, size=(40, 3)))
     report = Measurement(samples, kr10, tmp_path / "my.csv").report()
     names = identify_joints(kr10, samples).unidentifiable
-    assert 0 < len(names) < 6
-    assert only(report.warnings, f"the stiffness of joint {', '.join(names)} cannot be identified")
+    assert 1 < len(names) < 6
+    assert only(report.warnings, f"the stiffness of joints {', '.join(names)} cannot be identified")
     assert all(f"{name} " in only(report.facts, "k of the prior").message for name in names)
+
+
+@pytest.mark.parametrize("joint", [0, 4, 5])
+def test_a_negative_stiffness_is_called_negative_and_not_unidentifiable(joint, twin, tmp_path):
+    stiffness = np.where(np.arange(6) == joint, -KR10_STIFFNESS, KR10_STIFFNESS)
+    samples, robot = twin.samples, twin.robot
+    deflection = joint_deflection(robot, 1.0 / stiffness, samples.q, samples.wrench)
+    report = Measurement(samples, robot, tmp_path / "my.csv").report(deflection=deflection)
+    (found,) = report.warnings
+    assert found.message == f"infinite or negative stiffness: {robot.joint_names[joint]}"
+
+
+def test_what_a_named_mistake_does_to_the_springs_is_no_finding_of_its_own(measurement):
+    (found,) = measurement.report(wrench=-measurement.samples.wrench).warnings
+    assert "the wrench looks as if it had the opposite sign" in found.message
 
 
 def test_every_error_is_listed_and_there_is_no_other_finding(fanucs):

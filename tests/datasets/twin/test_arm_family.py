@@ -10,12 +10,13 @@ import pytest
 from tabulate import tabulate
 
 from command_line import bench_here
-from stiff_datasets.planning.loads import G, hook_wrenches, stream
+from stiff_datasets.planning.loads import hook_wrenches, stream
 from stiff_datasets.robots.shipped import ROBOTS
 from stiff_datasets.twin.constants import shipped_constants, specimen_beams
 from stiff_datasets.twin.robot_twin import ARMS, ArmFamily
 from stiff_datasets.twin.twin import DigitalTwin
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.robot import STANDARD_GRAVITY
 
 NUMBERS = range(len(ARMS))
 CLASSES = [  # lighter than kg: structure over K2, tilting ratio, wall over diameter
@@ -70,7 +71,7 @@ def deflections(data, constants):
     for one, twin in zip(data, constants, strict=True):
         robot, q = twin.robot(), one.samples.q
         beams = specimen_beams(twin, robot, 0, asked=True)
-        weight = np.tile([0.0, 0.0, -twin.payload_kg * G], (len(q), 1))
+        weight = np.tile([0.0, 0.0, -twin.payload_kg * STANDARD_GRAVITY], (len(q), 1))
         wrench = hook_wrenches(weight, robot.forward(q).rotation @ np.array(twin.hook_m))
         moved = DigitalTwin(robot, twin.springs, beams=beams).readings(q, wrench)
         found.append(np.linalg.norm(moved, axis=1) * 1000)
@@ -97,10 +98,10 @@ def test_ten_robots_have_151_poses_inside_the_limits_and_loads_to_80_percent(dat
         samples, robot = one.samples, one.robot
         assert len(set(samples.pose_id)) == len(samples) == 151
         assert (samples.q > robot.lower - 1e-5).all() and (samples.q < robot.upper + 1e-5).all()
-        share = np.linalg.norm(samples.wrench[:, :3], axis=1) / (twin.payload_kg * G)
+        share = np.linalg.norm(samples.wrench[:, :3], axis=1) / (twin.payload_kg * STANDARD_GRAVITY)
         assert 0.19 < share.min() < 0.25 and 0.75 < share.max() < 0.85  # the sensor is 3 % off
         direction = samples.wrench[:, :3] / share[:, None]
-        assert np.abs(direction.mean(axis=0)).max() < 0.2 * twin.payload_kg * G
+        assert np.abs(direction.mean(axis=0)).max() < 0.2 * twin.payload_kg * STANDARD_GRAVITY
 
 
 def test_makers_payloads_and_names_differ(constants):
@@ -126,7 +127,7 @@ def test_a_gears_rated_torque_is_near_the_joints_static_torque(number, data, con
     axes = np.einsum("njab,jb->nja", stands.rotations, robot.axes)
     lever = np.linalg.norm(np.cross(axes, hook[:, None] - stands.points[:, :-1]), axis=2)
     weight = [np.abs(pin.computeGeneralizedGravity(model, frames, angles)) for angles in q]
-    largest = (np.array(weight) + twin.payload_kg * G * lever).max(axis=0)
+    largest = (np.array(weight) + twin.payload_kg * STANDARD_GRAVITY * lever).max(axis=0)
     ratio = np.array([joint.springs.gear.rated_Nm for joint in twin.joint]) / largest
     assert (ratio > 0.5).all() and (ratio < 4).all()  # 14 is the smallest size
 

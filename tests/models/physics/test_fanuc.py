@@ -14,15 +14,34 @@ from stiff_models.physics.vjm import VirtualJointModel, identify_joints
 from stiff_protocols.splits.random_splits import LeaveOneOut
 
 
-@pytest.mark.filterwarnings("ignore:joint stiffness not identifiable")  # of 42 samples
+def _family(model, mae_mm, tolerance, *, unknown="none"):
+    """A family, its figures, and the springs (regular expression) that 42 samples cannot tell."""
+    named = f"joint stiffness not identifiable from the training samples. {unknown} .regressor"
+    return pytest.param(
+        model, mae_mm, tolerance, marks=pytest.mark.filterwarnings(f"ignore:{named}")
+    )
+
+
 @pytest.mark.parametrize(
     ("family", "mae_mm", "tolerance"),
     [
-        (VirtualJointModel, [0.211, 0.161, 0.130], 0.002),
-        (FullVjm, [0.121, 0.136, 0.126], 0.002),
-        (partial(MultiSegmentVjm, gravity=False), [0.205, 0.150, 0.129], 0.006),
-        (MultiSegmentVjm, [0.202, 0.143, 0.128], 0.002),  # by the springs of test_fanuc_r2000ic.py
-        (partial(FullVjm, solver="ridge"), [0.130, 0.104, 0.093], 0.001),
+        _family(VirtualJointModel, [0.211, 0.161, 0.130], 0.002, unknown="J6"),
+        _family(FullVjm, [0.121, 0.136, 0.126], 0.002),
+        # 0.005 mm more in X than by plain least squares: two or three of the twelve slopes are not
+        # identifiable and take the prior's
+        _family(
+            partial(MultiSegmentVjm, gravity=False),
+            [0.205, 0.150, 0.129],
+            0.006,
+            unknown="(J2 segment 1, )?J4 segment 1, (J5 segment 1, )?J6 segment 2",
+        ),
+        _family(  # by the springs of test_fanuc_r2000ic.py
+            MultiSegmentVjm,
+            [0.202, 0.143, 0.128],
+            0.002,
+            unknown="J4 segment 1, (J6 segment 1, )?J6 segment 2",
+        ),
+        _family(partial(FullVjm, solver="ridge"), [0.130, 0.104, 0.093], 0.001),
     ],
 )
 def test_leave_one_out_gives_the_independent_figures(family, mae_mm, tolerance):

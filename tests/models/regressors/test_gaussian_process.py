@@ -205,10 +205,11 @@ def sixty_degrees_off(train, test):
     [
         GaussianProcessModel(restarts=0, ard=False),
         VjmGp(restarts=0, ard=False),
+        pytest.param(MultiFidelityGp(restarts=0), marks=pytest.mark.slow),
         SplitConformal(VirtualJointModel()),
         SplitConformal(NearestNeighbours()),
     ],
-    ids=["gp", "vjm-gp", "vjm", "knn"],
+    ids=["gp", "vjm-gp", "mf-gp", "vjm", "knn"],
 )
 def test_intervals_hold_beyond_the_training_range(model, beyond, parts, real_robot):
     robot, train, _, test = parts

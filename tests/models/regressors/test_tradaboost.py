@@ -11,7 +11,7 @@ from made_samples import samples_with
 from stiff_models.physics.kinematics import joint_deflection
 from stiff_models.regressors.tradaboost import (
     Boosted,
-    Rows,
+    Domains,
     TrAdaBoost,
     adaboost_r2,
     cross_validated,
@@ -38,7 +38,7 @@ def rows_with(shift):
     inputs = np.vstack([SOURCE, TARGET])
     outputs = truth(inputs)
     outputs[:N_SOURCE] += shift
-    return Rows(inputs, outputs, N_SOURCE)
+    return Domains(inputs, outputs, N_SOURCE)
 
 
 def all_steps(rows, steps=6, rounds=2):
@@ -110,7 +110,7 @@ def test_boosting_raises_target_rows_by_their_error_and_leaves_the_source_alone(
 
 
 def test_a_learner_without_error_ends_the_boosting():
-    rows = Rows(SOURCE, np.ones(N_SOURCE), N_SOURCE - 10)
+    rows = Domains(SOURCE, np.ones(N_SOURCE), N_SOURCE - 10)
     weights = np.full(N_SOURCE, 1.0 / N_SOURCE)
     boosted = adaboost_r2(TREE, rows, weights, rounds=5)
     assert len(boosted.learners) == 1
@@ -149,7 +149,7 @@ def test_a_source_that_is_off_everywhere_does_no_harm():
 def test_rows_of_a_pose_are_never_in_two_folds():
     outputs = np.where(np.arange(N_TARGET) % 2, 5.0, -5.0)
     twice = np.repeat(np.arange(N_TARGET), 2)
-    rows = Rows(TARGET[twice], outputs[twice], 0)
+    rows = Domains(TARGET[twice], outputs[twice], 0)
     weights = np.full(len(rows), 1.0 / len(rows))
     memory = DecisionTreeRegressor(random_state=0)
     by_pose, by_row = (

@@ -27,10 +27,10 @@ SMALL = {"device": "cpu", "source_poses": "sobol", "width": 16, "pretrain_steps"
 NOMINAL = {"source_stiffness": "nominal", "nominal_stiffness": "5e4,6e4,5e4,2e3,9e3,1e3"}
 
 
-def two_regressors(layers=4, width=8):
+def two_regressors(layers=4, width=8, seed=0):
     networks = (
-        build_network(7, layers=layers, width=width, activation="relu", seed=seed)
-        for seed in (0, 1)
+        build_network(7, layers=layers, width=width, activation="relu", seed=each)
+        for each in (seed, seed + 1)
     )
     return TwoRegressors(*networks)
 
@@ -92,22 +92,27 @@ def test_labels_of_the_target_are_learned_like_those_of_the_source():
     torch.testing.assert_close(loss, both)
 
 
-def test_adversarial_training_brings_the_regressors_together_on_the_target():
+def test_adversarial_training_brings_the_regressors_together_on_the_target_not_to_the_truth():
     """The target has an input that never moves in the source, and of which nothing depends."""
     inputs, target = normal(400, 7, 6), normal(60, 7, 7)
     inputs[:, 0], target[:, 0] = 0.0, 3.0
-    rows = Rows(inputs, torch.sin(inputs[:, 1:4]) + inputs[:, 4:7])
+    truth, true_of_target = (torch.sin(x[:, 1:4]) + x[:, 4:7] for x in (inputs, target))
     plan = TrainingPlan(80, 1e-2, "huber", "adam", batch=100, schedule="linear")
-    apart = []
-    for weight in (0.0, 0.3):
-        network = two_regressors(width=16)
-        aim = objective(network, weight=weight, target=target)
-        train_network(network, rows, plan, seed=0, phase="train", objective=aim)
-        with torch.no_grad():
-            apart.append(network.disagreement(network.extractor(target)).item())
-            learned = (network(inputs) - rows.targets).abs().mean()
-        assert learned < 0.5 * rows.targets.abs().mean()
-    assert apart[1] < 0.7 * apart[0]
+    apart, error = np.empty((2, 4)), np.empty((2, 4))
+    for i, weight in enumerate((0.0, 0.3)):
+        for start in range(4):
+            network = two_regressors(width=16, seed=2 * start)
+            aim = objective(network, weight=weight, target=target)
+            rows = Rows(inputs, truth)
+            train_network(network, rows, plan, seed=0, phase="train", objective=aim)
+            with torch.no_grad():
+                apart[i, start] = network.disagreement(network.extractor(target))
+                error[i, start] = (network(target) - true_of_target).abs().mean()
+                learned = (network(inputs) - truth).abs().mean()
+            assert learned < 0.5 * truth.abs().mean()
+    assert (apart[1] < 0.9 * apart[0]).all() and apart[1].mean() < 0.7 * apart[0].mean()
+    # they agree, and are no nearer to the truth: 0.55 and 0.64 on average, worse in two of four
+    assert 1.0 < error[1].mean() / error[0].mean() < 1.5
 
 
 @pytest.fixture()

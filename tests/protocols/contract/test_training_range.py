@@ -68,6 +68,17 @@ def test_an_interval_grows_with_the_load_and_the_way_beyond_the_range(joint, for
     np.testing.assert_allclose(middle - found.lower[:, 0], [half, 1e-3])
 
 
+def test_of_an_unusual_torque_the_mark_is_of_the_torque_and_the_width_of_force_and_torque():
+    known = TrainingRange(np.zeros(2), np.ones(2), force=140.0, torque=0.0)  # the FANUC's
+    inside = np.full((2, 2), 0.5)
+    wrench = np.array([[60.0, 0, 0, 0, 0, 40.0], [120.0, 0, 0, 0, 0, 40.0]])
+    assert known.extrapolates(inside, wrench) == ["load", "load"]
+    found, usual = known.widened(steady, inside, wrench), steady(inside, wrench)
+    # 60 N + 40 N m / 1 m is no larger a load than 140 N; 120 N + 40 N m is 8 / 7 of it
+    reached = (found.upper - found.lower)[:, 0] / (usual.upper - usual.lower)[:, 0]
+    np.testing.assert_allclose(reached, [1.0, (8 / 7 * 1.0 + 8 / 7 * 10.0 - 10.0)], rtol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("changed", "named"),
     [
