@@ -114,5 +114,5 @@ def reproduce(
         say("writing tables and figures")
         status = int(any(result.status == "failed" for result in results.cells))
     for path in asked.write():
-        click.echo(path)
+        print_text(str(path))
     return status

@@ -20,7 +20,7 @@ from stiff_bench.cli.options import (
     several_keys,
 )
 from stiff_bench.cli.refusals import Commands
-from stiff_bench.console import warnings_said
+from stiff_bench.console import print_text, warnings_said
 
 model_file_option = click.option(
     "--model", type=FILE, required=True, metavar="FILE", help="Model file of `bench fit`."
@@ -55,7 +55,7 @@ def fit(output: Path, seed: int, **words: Any) -> None:
         *(f"- {line}" for line in (*data.choice.info.caveats, model.note) if line),
         "- Errors on new poses: `bench run`.",
     ]
-    click.echo("\n".join(lines))
+    print_text("\n".join(lines))
 
 
 @click.command()
@@ -92,7 +92,7 @@ def predict(model: Path, loads: Path, output: Path, coverage: float | None) -> N
     with warnings_said():
         rows = found.predict_file(loads, output, coverage=coverage)
     number = "1 row" if rows == 1 else f"{rows} rows"
-    click.echo(f"{output}: {number} predicted by {found.name}, robot {found.fitted.robot_.name}")
+    print_text(f"{output}: {number} predicted by {found.name}, robot {found.fitted.robot_.name}")
 
 
 @click.command()
@@ -105,7 +105,7 @@ def export(model: Path, output: Path) -> None:
     found = load_model(model)
     found.export(output)
     robot = found.fitted.robot_
-    click.echo(
+    print_text(
         f"{output}: {found.name}, robot {robot.name}; inputs q (n, {robot.n_joints}) rad or m, "
         "wrench (n, 6) N and N m at the TCP; output deflection (n, 3) m; base frame, float64"
     )
@@ -129,7 +129,7 @@ def check(key: str, dataset: str, settings: tuple[str, ...]) -> int:
     from stiff_bench.api import catalog
 
     checked = catalog.check(key, dataset=dataset, settings=settings)
-    click.echo(repr(checked))
+    print_text(repr(checked))
     return 0 if checked.kept else 1
 
 
@@ -145,4 +145,4 @@ def model(name: str, output: Path) -> None:
     """Write a small working model and its test."""
     from stiff_bench.api.catalog import new_model
 
-    click.echo(new_model(name, output))
+    print_text(new_model(name, output))

@@ -8,7 +8,7 @@ import click
 
 from stiff_bench.cli.options import FILE, output_option
 from stiff_bench.cli.refusals import Commands
-from stiff_bench.console import say
+from stiff_bench.console import print_text, say
 
 
 @click.command()
@@ -56,7 +56,7 @@ def info() -> None:
     """Print folder and content of the cache."""
     from stiff_bench.api.cache import cache_info
 
-    click.echo(str(cache_info()))
+    print_text(str(cache_info()))
 
 
 @cache.command()
@@ -65,4 +65,4 @@ def clear() -> None:
     from stiff_bench.api.cache import clear_cache
 
     deleted = clear_cache()
-    click.echo(f"deleted: {deleted}" if deleted.entries else f"nothing to delete: {deleted}")
+    print_text(f"deleted: {deleted}" if deleted.entries else f"nothing to delete: {deleted}")
