@@ -40,7 +40,13 @@ from stiff_protocols.contract.interfaces import (
 from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.source_code import code_of
 from stiff_protocols.contract.training_range import TrainingRange
-from stiff_protocols.contract.types import BenchmarkData, FloatArray, Prediction, frozen_array
+from stiff_protocols.contract.types import (
+    BenchmarkData,
+    FloatArray,
+    Prediction,
+    check_coverage,
+    frozen_array,
+)
 from stiff_protocols.scoring.metrics import metric_records
 
 if TYPE_CHECKING:
@@ -149,7 +155,8 @@ class Model:
 
         Raises:
             NotFittedError: `fit` was not called.
-            ConfigError: intervals are asked for and the model has none of its own.
+            ConfigError: intervals are asked for and the model has none of its own, or the coverage
+                does not lie between 0 and 1.
             DataError: the loads cannot be read, or the model that was read from a file is broken.
             StoreError: the output cannot be written, or exists.
         """
@@ -201,12 +208,15 @@ class Model:
             raise NotFittedError(f"{self.name}: call fit first")
 
     def check_coverage(self, coverage: float | None) -> None:
-        """See that the model has intervals, where some are asked for.
+        """See that the model has intervals of this coverage, where some are asked for.
 
         Raises:
-            ConfigError: it has none of its own.
+            ConfigError: it has none of its own, or the coverage is no probability.
         """
-        if coverage is not None and not isinstance(self.fitted, PredictsInterval):
+        if coverage is None:
+            return
+        check_coverage(coverage)
+        if not isinstance(self.fitted, PredictsInterval):
             raise ConfigError(
                 f"{coverage:g}: {self.choice.info.key} has no intervals of its own "
                 "(those of `bench run` come from samples that were held out)",

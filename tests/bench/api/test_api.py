@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -280,6 +281,16 @@ def test_intervals_that_a_model_does_not_have_are_refused_by_the_arguments_name(
     twin.frame().to_csv(tmp_path / "loads.csv")
     with pytest.raises(ConfigError, match=r"^coverage 0\.9: vjm"):
         model.predict_file(tmp_path / "loads.csv", tmp_path / "out.csv", coverage=0.9)
+
+
+@pytest.mark.parametrize("coverage", [0.0, 1.0, 1.5, float("nan")])
+def test_a_coverage_that_is_no_probability_is_refused_before_anything_is_predicted(
+    coverage, twin, tmp_path
+):
+    model = sb.make_model("gp", ard=False, restarts=0, search_rows=20).fit(twin)
+    for call in (model.predict_file, partial(sb.compensate_path, model)):
+        with pytest.raises(ConfigError, match=rf"^coverage {coverage:g}: must lie between 0 and 1"):
+            call(tmp_path / "none.csv", tmp_path / "out.csv", coverage=coverage)
 
 
 def test_results_that_nobody_keeps_leave_no_folder(twin):
