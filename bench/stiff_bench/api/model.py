@@ -20,9 +20,8 @@ from stiff_bench.plan.registry import OURS
 from stiff_bench.plan.request import check_model
 from stiff_bench.run.progress import display
 from stiff_bench.run.whole_fit import whole_fit
+from stiff_bench.tables.fit_notes import springs_table
 from stiff_bench.tables.render import plain_text
-from stiff_bench.tables.table import Column, Entry, Quantity, Table
-from stiff_bench.tables.units import percent
 from stiff_datasets.measured.extrapolation import Extrapolation
 from stiff_protocols.contract.errors import (
     ConfigError,
@@ -51,11 +50,6 @@ from stiff_protocols.scoring.metrics import metric_records
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-    from stiff_protocols.contract.identification import IdentifiedSprings
-
-SPRING_INTERVAL = 0.9
-
 
 class Model:
     """A stiffness model: the benchmarked one, with what `fit` learned.
@@ -249,7 +243,7 @@ class Model:
         numbers, lines = self.diagnostics, []
         if isinstance(self.fitted, IdentifiesSprings):
             springs = self.fitted.springs_
-            lines = ["", plain_text(_springs_table(springs)), ""]
+            lines = ["", plain_text(springs_table(springs)), ""]
             of_springs = springs.report()
             numbers = {key: numbers[key] for key in numbers if key not in of_springs}
         return [*lines, *(f"- {name}: {value:.4g}" for name, value in numbers.items())]
@@ -342,34 +336,3 @@ def blamed_on(model_file: Path | None, but: tuple[()] | type[Exception] = ()) ->
             raise
         kind = "" if isinstance(error, StiffBenchError) else f"{type(error).__name__}: "
         raise DataError(f"{model_file}: its model cannot predict: {kind}{error}") from error
-
-
-def _springs_table(springs: IdentifiedSprings) -> Table:
-    """Return the stiffness of each spring with its interval."""
-    rows: list[list[Entry]] = []
-    for name, unit, compliance, known, (low, high) in zip(
-        springs.names,
-        springs.units,
-        springs.compliance.tolist(),
-        springs.known,
-        springs.interval(SPRING_INTERVAL).tolist(),
-        strict=True,
-    ):
-        stiffness = Quantity(1.0 / compliance) if compliance else Quantity(status="rigid")
-        label = f"{name} [{unit}]" if known else f"{name} [{unit}], not identifiable: prior"
-        rows.append([label, stiffness, Quantity(low=low, high=high)])
-    return Table(
-        "",
-        [
-            Column("spring", "text"),
-            Column("stiffness", format=".4g"),
-            Column(f"{percent(SPRING_INTERVAL)} interval", format=".4g"),
-        ],
-        rows,
-        [
-            f"rank {springs.rank}, condition number {springs.condition:.4g}. Springs take up what "
-            "the model lacks,",
-            "such as bearings that tilt: the intervals hold the samples' noise, not the joints' "
-            "own stiffness.",
-        ],
-    )
