@@ -14,6 +14,7 @@ import numpy as np
 from stiff_bench.api.catalog import registry
 from stiff_bench.api.data import Dataset, choice_of
 from stiff_bench.api.results import metric_line
+from stiff_bench.api.tables import Text
 from stiff_bench.console import say
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import OURS
@@ -50,6 +51,7 @@ from stiff_protocols.scoring.metrics import metric_records
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
 
 class Model:
     """A stiffness model: the benchmarked one, with what `fit` learned.
@@ -178,8 +180,8 @@ class Model:
             warnings.warn(warning, StiffBenchWarning, stacklevel=2)
         return len(extrapolates)
 
-    def export(self, file: Path | str) -> None:
-        """Write a network as ONNX: inputs q [rad or m], wrench [N, N m]; output deflection [m].
+    def export(self, file: Path | str) -> Text:
+        """Write a network as ONNX, and return its inputs and output with units and frame.
 
         Raises:
             NotFittedError: `fit` was not called.
@@ -191,6 +193,11 @@ class Model:
         from stiff_models.networks.onnx_export import export_onnx
 
         export_onnx(self.fitted, Path(file))
+        robot = self.fitted.robot_
+        return Text(
+            f"{file}: {self.name}, robot {robot.name}; inputs q (n, {robot.n_joints}) rad or m, "
+            "wrench (n, 6) N and N m at the TCP; output deflection (n, 3) m; base frame, float64"
+        )
 
     def check_fitted(self) -> None:
         """See that it is fitted.
@@ -247,6 +254,18 @@ class Model:
             of_springs = springs.report()
             numbers = {key: numbers[key] for key in numbers if key not in of_springs}
         return [*lines, *(f"- {name}: {value:.4g}" for name, value in numbers.items())]
+
+    def report(self, data: Dataset, seed: int) -> Text:
+        """Return what was fitted to which data, what the fit found, and the data's caveats."""
+        info = data.choice.info
+        lines = [
+            f"{self.name}, fitted to {data.name} ({info.label}, {len(data)} samples), robot "
+            f"{data.robot.name}, seed {seed}",
+            *self.learned,
+            *(f"- {line}" for line in (*info.caveats, self.note) if line),
+            "- Errors on new poses: `bench run`.",
+        ]
+        return Text("\n".join(lines))
 
     def save(self, file: Path | str) -> None:
         """Write the fitted model to a file, which `load_model` and `bench predict` read.
