@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 import stiffbench as sb
+from stiff_bench.figures.catalog import FIGURES
+from stiff_bench.paper.figures import FIGURES as PAPERS
 from stiff_datasets.measured.sample_files import sample_table, write_table
 from stiff_protocols.contract.errors import (
     ConfigError,
@@ -362,3 +364,13 @@ def test_robots_come_from_descriptions_and_by_name(kr10):
     shipped = sb.Robot.shipped("kr10-r1100-2")
     np.testing.assert_array_equal(robot.tcp, shipped.tcp)
     np.testing.assert_array_equal(robot.placements, kr10.placements)
+
+
+def test_every_robot_that_the_api_gives_is_a_robot_of_the_api(kr10, twin):
+    for robot in (sb.Robot.shipped("ur5"), twin.robot, kr10):
+        assert isinstance(robot, sb.Robot)
+    assert not isinstance("ur5", sb.Robot)
+
+
+def test_the_docstring_of_figure_names_every_figure():
+    assert all(f'"{name}"' in sb.figure.__doc__ for name in (*FIGURES, *PAPERS))
