@@ -42,7 +42,7 @@ def cache() -> None:
 @cache.command()
 def info() -> None:
     """Print folder and content of the cache."""
-    from stiff_bench.api.cache import cache_info
+    from stiff_bench.api.process import cache_info
 
     print_text(str(cache_info()))
 
@@ -50,7 +50,7 @@ def info() -> None:
 @cache.command()
 def clear() -> None:
     """Delete every pre-trained network; the next run trains anew."""
-    from stiff_bench.api.cache import clear_cache
+    from stiff_bench.api.process import clear_cache
 
     deleted = clear_cache()
     print_text(f"deleted: {deleted}" if deleted.entries else f"nothing to delete: {deleted}")
