@@ -48,6 +48,13 @@ def test_an_issue_form_asks_questions_that_must_be_answered(form):
     assert any(item.get("validations", {}).get("required") for item in questions)
 
 
+def test_the_fitted_attributes_that_the_form_of_a_model_asks_for_are_in_the_contract():
+    form = (TOP / ".github" / "ISSUE_TEMPLATE" / "new_model.yml").read_text("utf-8")
+    contract = TOP / "protocols" / "stiff_protocols" / "contract" / "interfaces.py"
+    named = set(re.findall(r"`(\w+_)`", form))
+    assert named and named <= set(re.findall(r"\b(\w+_): ", contract.read_text("utf-8")))
+
+
 def test_the_engines_rooms_are_described_in_the_order_of_their_imports():
     page = (TOP / "bench" / "README.md").read_text("utf-8")
     lines = [line for line in page.splitlines() if line.startswith("| `")]

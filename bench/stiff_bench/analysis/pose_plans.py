@@ -27,6 +27,7 @@ from stiff_datasets.measured.identifiability import (
 from stiff_datasets.measured.load_file import Loads, read_loads
 from stiff_datasets.planning.design import Criterion, Design, ProcessDesign, SpringDesign
 from stiff_datasets.planning.plan import (
+    FORCE_SHARE,
     MeasurementPlan,
     candidate_plan,
     chosen_plan,
@@ -41,7 +42,8 @@ from stiff_datasets.planning.plan_gain import (
     variance_gain,
 )
 from stiff_datasets.robots.robot import ChainModel
-from stiff_models.catalog import REFERENCE_MODEL, model_info
+from stiff_models.catalog import REFERENCE_MODEL
+from stiff_models.physics.vjm import fitted_physics
 from stiff_protocols.contract.errors import (
     ConfigError,
     DataError,
@@ -62,6 +64,8 @@ WORKSPACE_POSES = 500
 """Random loads that stand for all that the robot can reach."""
 FEWEST_FOR_PROCESS = 10
 """Poses; the length scales of a kernel that was fitted to fewer mean nothing."""
+LEAST_LEFT = 0.1
+"""Share of the variance; where less is left, every plan removes nearly all, as random ones do."""
 LEAST_EXPLAINED = 0.5
 """Share of the squared deflection that joint springs explain of a file of the robot named."""
 
@@ -105,6 +109,42 @@ class PosePlan:
     table: Table
     findings: list[str]
     rest: Sequence[str] = ()
+
+    def report(
+        self,
+        file: Path,
+        robot: Robot,
+        robot_words: str,
+        measured: Measured | None = None,
+        curve: Sequence[str] = (),
+    ) -> str:
+        """Return what the plan gains, and what to do with its file.
+
+        Args:
+            file: that holds the plan.
+            robot: that will be measured.
+            robot_words: options of a command that name the robot.
+            measured: what the plan goes on from; None: nothing is measured.
+            curve: lines of the learning curve.
+        """
+        size = np.linalg.norm(self.plan.wrench[0, :3])
+        after = f" after those of {measured.file}" if measured else ""
+        append = f"append the rows to {measured.file}; " if measured else ""
+        lines = [
+            f"{file}: {counted(len(self.plan.q), 'pose')} of {robot.name}{after}, one suggested "
+            f"force each ({size:.1f} N at the TCP, {FORCE_SHARE:.0%} of the payload)",
+            "",
+            plain_text(self.table),
+            "",
+            *self.findings,
+            *(["", *curve, ""] if curve else []),
+            "Checked: joint limits, the arm's centre line against base column and ground. Not "
+            "checked: shape of links and tool, surroundings. Approach each pose slowly.",
+            "Replace the suggested wrench by the actual one and fill in dx_mm, dy_mm, dz_mm; "
+            f"{append}then: bench data validate {measured.file if measured else file}{robot_words}",
+            *self.rest,
+        ]
+        return "\n".join(lines)
 
 
 def first_plan(robot: Robot, papers: ChainModel | None, how: PlanOptions) -> PosePlan:
@@ -199,8 +239,7 @@ class Measured:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                choice: Choice[ModelInfo] = Choice.of(model_info(REFERENCE_MODEL))
-                return whole_fit(choice, self.samples, self.robot)[0]
+                return fitted_physics("vjm", self.samples, self.robot)
         except StiffBenchError as error:
             raise DataError(f"{self.file}: {error}") from error
 
@@ -291,15 +330,20 @@ def _findings(measured: Measured, gain: VarianceGain, place: str) -> list[str]:
     springs, model = not measured.is_process, measured.model
     predicting = REFERENCE_MODEL if springs else model.name
     lines = [f"Predictions of {predicting}, an axis, over the workspace: {place}."]
-    if np.isfinite(gain.before):
+    if min(gain.plan, gain.random_mean) > LEAST_LEFT * gain.before:
         lowered = 1.0 - gain.plan / gain.before
         lines.append(
             f"The plan lowers their mean variance by {lowered:.0%}, {gain.ratio:.2f} times as much "
             "as random poses."
         )
-    else:
-        unknown = ", ".join(measured.springs.springs_.unidentifiable)
-        lines.append(f"Not identifiable from the measured poses: {unknown}.")
+    elif np.isfinite(gain.random_mean):
+        by_plan, by_random = MM * np.sqrt([gain.plan, gain.random_mean])
+        lines.append(
+            f"The plan leaves a standard error of {by_plan:.4f} mm, random poses "
+            f"{by_random:.4f} mm."
+        )
+    if springs and (unknown := measured.springs.springs_.unidentifiable):
+        lines.append(f"Not identifiable from the measured poses: {', '.join(unknown)}.")
     if springs and model.info.key != REFERENCE_MODEL:
         lines.append(
             f"{model.name} does not say what it would learn from a pose: the poses are chosen for "

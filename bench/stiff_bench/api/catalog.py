@@ -25,7 +25,7 @@ from stiff_protocols.contract.plugin import (
 )
 
 if TYPE_CHECKING:
-    from stiff_bench.model_tools.plugins import Checklist
+    from stiff_bench.model_tools.plugins import CheckResults
     from stiff_bench.plan.options import Option
 
 
@@ -154,7 +154,9 @@ def _default(option: Option) -> str:
     return "none" if option.default is None else str(option.default)
 
 
-def check(key: str, *, dataset: str = "fanuc-r2000ic", settings: Sequence[str] = ()) -> Checklist:
+def check(
+    key: str, *, dataset: str = "fanuc-r2000ic", settings: Sequence[str] = ()
+) -> CheckResults:
     """Check that a model, data set or protocol keeps its contract.
 
     Args:
@@ -163,7 +165,7 @@ def check(key: str, *, dataset: str = "fanuc-r2000ic", settings: Sequence[str] =
         settings: options of both, such as "knn.neighbours=3".
 
     Returns:
-        A checklist that prints itself; it is `kept` where nothing failed.
+        Each check with its outcome, which print themselves; `kept` says that nothing failed.
 
     Raises:
         ConfigError: a key, option or value is wrong, or it cannot be used here.

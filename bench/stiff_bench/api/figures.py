@@ -30,7 +30,8 @@ def figure(
 
     Args:
         name: "scores", "regression", "errors", "losses", "sweep", "freezing", "learning-curves",
-            "workspace", "springs", "ranks", or the source paper's "4", "5", "6", "8" or "9".
+            "workspace", "springs", "calibration", "ranks", or the source paper's "4", "5", "6", "8"
+            or "9".
         results: that it shows, or their folder; None: where `bench run` stores them, and for the
             paper's figures `bench reproduce`.
         models: names, or keys that stand for all variants; none: those that it is clear with.

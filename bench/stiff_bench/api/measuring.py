@@ -7,20 +7,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-
 from stiff_bench.analysis import pose_plans
 from stiff_bench.api.model import model_choice
 from stiff_bench.api.tables import Text
 from stiff_bench.plan.request import loaded
 from stiff_bench.plan.words import RobotWords, measured_file
 from stiff_bench.run.progress import display
-from stiff_bench.tables.render import plain_text
-from stiff_bench.tables.units import counted
 from stiff_datasets.measured import registered, ur5_pose_error
 from stiff_datasets.measured import validate as validation
 from stiff_datasets.planning.design import Criterion
-from stiff_datasets.planning.plan import FORCE_SHARE, check_plan_file, write_plan
+from stiff_datasets.planning.plan import check_plan_file, write_plan
 from stiff_datasets.robots.shipped import DEFAULT_ROBOT as DEFAULT_ROBOT
 from stiff_datasets.robots.shipped import named_robot
 from stiff_datasets.twin import simulate as simulation
@@ -96,35 +92,19 @@ def plan_poses(
     if payload is None:
         raise ConfigError(f"of {arm.name} is not known; give it, in kg", "payload")
     how = pose_plans.PlanOptions(poses, criterion, candidates, payload, clearance, seed)
-    name, step, curve = arm.name, "", []
     if after is None:
         with display():
             found = pose_plans.first_plan(arm, chain if words.is_papers else None, how)
+        measured, curve = None, []
     else:
-        name, step = f"{name} after those of {after}", f"append the rows to {after}; "
         file = measured_file(Path(after), arm, no_torque=no_torque)
         fitted = model_choice(model or REFERENCE_MODEL, {})
         measured = pose_plans.Measured(str(after), loaded(file).samples, arm, fitted)
         with display():
             found = pose_plans.next_plan(measured, how, workspace)
-            curve = ["", *pose_plans.curve_text(measured, len(found.plan.q), seed)]
+            curve = pose_plans.curve_text(measured, len(found.plan.q), seed)
     write_plan(output, found.plan, arm)
-    size = np.linalg.norm(found.plan.wrench[0, :3])
-    lines = [
-        f"{output}: {counted(len(found.plan.q), 'pose')} of {name}, one suggested force each "
-        f"({size:.1f} N at the TCP, {FORCE_SHARE:.0%} of the payload)",
-        "",
-        plain_text(found.table),
-        "",
-        *found.findings,
-        "Checked: joint limits, the arm's centre line against base column and ground. Not checked: "
-        "shape of links and tool, surroundings. Approach each pose slowly.",
-        "Replace the suggested wrench by the actual one and fill in dx_mm, dy_mm, dz_mm; "
-        f"{step}then: bench data validate {after or output}{words.text}",
-        *found.rest,
-        *curve,
-    ]
-    return Text("\n".join(lines))
+    return Text(found.report(output, arm, words.text, measured, curve))
 
 
 def validate(

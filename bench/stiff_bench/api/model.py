@@ -14,15 +14,15 @@ import numpy as np
 from stiff_bench.api.catalog import registry
 from stiff_bench.api.data import Dataset, choice_of
 from stiff_bench.api.results import metric_line
+from stiff_bench.api.tables import Text
 from stiff_bench.console import say
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import OURS
 from stiff_bench.plan.request import check_model
 from stiff_bench.run.progress import display
 from stiff_bench.run.whole_fit import whole_fit
+from stiff_bench.tables.fit_notes import springs_table
 from stiff_bench.tables.render import plain_text
-from stiff_bench.tables.table import Column, Entry, Quantity, Table
-from stiff_bench.tables.units import percent
 from stiff_datasets.measured.extrapolation import RowsBeyond
 from stiff_protocols.contract.errors import (
     ConfigError,
@@ -40,15 +40,17 @@ from stiff_protocols.contract.interfaces import (
 from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.source_code import code_of
 from stiff_protocols.contract.training_range import TrainingRange
-from stiff_protocols.contract.types import BenchmarkData, FloatArray, Prediction, frozen_array
+from stiff_protocols.contract.types import (
+    BenchmarkData,
+    FloatArray,
+    Prediction,
+    check_coverage,
+    frozen_array,
+)
 from stiff_protocols.scoring.metrics import metric_records
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-    from stiff_protocols.contract.identification import IdentifiedSprings
-
-SPRING_INTERVAL = 0.9
 
 
 class Model:
@@ -149,7 +151,8 @@ class Model:
 
         Raises:
             NotFittedError: `fit` was not called.
-            ConfigError: intervals are asked for and the model has none of its own.
+            ConfigError: intervals are asked for and the model has none of its own, or the coverage
+                does not lie between 0 and 1.
             DataError: the loads cannot be read, or the model that was read from a file is broken.
             StoreError: the output cannot be written, or exists.
         """
@@ -177,8 +180,8 @@ class Model:
             warnings.warn(warning, StiffBenchWarning, stacklevel=2)
         return len(extrapolates)
 
-    def export(self, file: Path | str) -> None:
-        """Write a network as ONNX: inputs q [rad or m], wrench [N, N m]; output deflection [m].
+    def export(self, file: Path | str) -> Text:
+        """Write a network as ONNX, and return its inputs and output with units and frame.
 
         Raises:
             NotFittedError: `fit` was not called.
@@ -190,6 +193,11 @@ class Model:
         from stiff_models.networks.onnx_export import export_onnx
 
         export_onnx(self.fitted, Path(file))
+        robot = self.fitted.robot_
+        return Text(
+            f"{file}: {self.name}, robot {robot.name}; inputs q (n, {robot.n_joints}) rad or m, "
+            "wrench (n, 6) N and N m at the TCP; output deflection (n, 3) m; base frame, float64"
+        )
 
     def check_fitted(self) -> None:
         """See that it is fitted.
@@ -201,12 +209,15 @@ class Model:
             raise NotFittedError(f"{self.name}: call fit first")
 
     def check_coverage(self, coverage: float | None) -> None:
-        """See that the model has intervals, where some are asked for.
+        """See that the model has intervals of this coverage, where some are asked for.
 
         Raises:
-            ConfigError: it has none of its own.
+            ConfigError: it has none of its own, or the coverage is no probability.
         """
-        if coverage is not None and not isinstance(self.fitted, PredictsInterval):
+        if coverage is None:
+            return
+        check_coverage(coverage)
+        if not isinstance(self.fitted, PredictsInterval):
             raise ConfigError(
                 f"{coverage:g}: {self.choice.info.key} has no intervals of its own "
                 "(those of `bench run` come from samples that were held out)",
@@ -239,10 +250,22 @@ class Model:
         numbers, lines = self.diagnostics, []
         if isinstance(self.fitted, IdentifiesSprings):
             springs = self.fitted.springs_
-            lines = ["", plain_text(_springs_table(springs)), ""]
+            lines = ["", plain_text(springs_table(springs)), ""]
             of_springs = springs.report()
             numbers = {key: numbers[key] for key in numbers if key not in of_springs}
         return [*lines, *(f"- {name}: {value:.4g}" for name, value in numbers.items())]
+
+    def report(self, data: Dataset, seed: int) -> Text:
+        """Return what was fitted to which data, what the fit found, and the data's caveats."""
+        info = data.choice.info
+        lines = [
+            f"{self.name}, fitted to {data.name} ({info.label}, {len(data)} samples), robot "
+            f"{data.robot.name}, seed {seed}",
+            *self.learned,
+            *(f"- {line}" for line in (*info.caveats, self.note) if line),
+            "- Errors on new poses: `bench run`.",
+        ]
+        return Text("\n".join(lines))
 
     def save(self, file: Path | str) -> None:
         """Write the fitted model to a file, which `load_model` and `bench predict` read.
@@ -332,34 +355,3 @@ def blamed_on(model_file: Path | None, but: tuple[()] | type[Exception] = ()) ->
             raise
         kind = "" if isinstance(error, StiffBenchError) else f"{type(error).__name__}: "
         raise DataError(f"{model_file}: its model cannot predict: {kind}{error}") from error
-
-
-def _springs_table(springs: IdentifiedSprings) -> Table:
-    """Return the stiffness of each spring with its interval."""
-    rows: list[list[Entry]] = []
-    for name, unit, compliance, known, (low, high) in zip(
-        springs.names,
-        springs.units,
-        springs.compliance.tolist(),
-        springs.known,
-        springs.interval(SPRING_INTERVAL).tolist(),
-        strict=True,
-    ):
-        stiffness = Quantity(1.0 / compliance) if compliance else Quantity(status="rigid")
-        label = f"{name} [{unit}]" if known else f"{name} [{unit}], not identifiable: prior"
-        rows.append([label, stiffness, Quantity(low=low, high=high)])
-    return Table(
-        "",
-        [
-            Column("spring", "text"),
-            Column("stiffness", format=".4g"),
-            Column(f"{percent(SPRING_INTERVAL)} interval", format=".4g"),
-        ],
-        rows,
-        [
-            f"rank {springs.rank}, condition number {springs.condition:.4g}. Springs take up what "
-            "the model lacks,",
-            "such as bearings that tilt: the intervals hold the samples' noise, not the joints' "
-            "own stiffness.",
-        ],
-    )

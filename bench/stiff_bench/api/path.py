@@ -2,90 +2,28 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import closing
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
-import numpy as np
-
+from stiff_bench.analysis.path_correction import (
+    CorrectedPath,
+    PathModel,
+    PathOptions,
+    corrected_path,
+)
 from stiff_bench.api.model import Model, blamed_on
-from stiff_bench.console import say
 from stiff_bench.plan.words import RobotWords
-from stiff_bench.run.progress import display
 from stiff_bench.tables.picture_file import check_suffix
-from stiff_datasets.measured.extrapolation import RowsBeyond
-from stiff_datasets.measured.path_file import (
-    LoadFrame,
-    PathTable,
-    corrected_table,
-    overview,
-    path_problems,
-    path_table,
-    tool_of,
-    write_path,
-)
-from stiff_datasets.measured.sample_checks import Problem, problems_error
-from stiff_datasets.measured.sample_files import (
-    MM_PER_M,
-    Sheet,
-    file_units,
-    read_sheets,
-    write_table,
-)
-from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning, unknown_name
+from stiff_datasets.measured.path_file import LoadFrame, tool_of, write_path
+from stiff_datasets.measured.sample_files import MM_PER_M
+from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.files import check_new_file
-from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
-from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot
-from stiff_protocols.paths.compensation import MAX_ITERATIONS, TOLERANCE_M, Compensation, compensate
+from stiff_protocols.paths.compensation import MAX_ITERATIONS, TOLERANCE_M
 from stiff_protocols.paths.example import drivable_path
-from stiff_protocols.paths.inverse import Branch, refuse_redundant
 from stiff_protocols.paths.path import SHAPES
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
-BLOCK = 2_000
-"""Points that are read, corrected and written at once; progress is shown after each block."""
-
-
-@dataclass(frozen=True, eq=False)
-class CorrectedPath:
-    """A path and the commands that put the loaded tool on it; its file has more columns.
-
-    Attributes:
-        name: of the path.
-        found: points, commands and predicted deflections.
-        interval: of the deflections at the commands; None where none was asked for.
-    """
-
-    name: str
-    found: Compensation
-    interval: Interval | None
-
-    @property
-    def error_before(self) -> FloatArray:
-        """(n,) predicted distance from the path without correction, m."""
-        return np.asarray(np.linalg.norm(self.found.before, axis=1))
-
-    @property
-    def error_after(self) -> FloatArray:
-        """(n,) predicted distance from the path with the commands, m."""
-        return np.asarray(np.linalg.norm(self.found.after, axis=1))
-
-    def __repr__(self) -> str:
-        """Return how many points were corrected, and the predicted errors."""
-        before, after = MM_PER_M * self.error_before, MM_PER_M * self.error_after
-        done = int(self.found.converged.sum())
-        return (
-            f"{done} of {len(before)} points corrected; predicted path error before "
-            f"{before.mean():.4g} mm mean, {before.max():.4g} mm largest, after "
-            f"{after.mean():.2g} mm mean, {after.max():.2g} mm largest"
-        )
 
 
 def example_path(
@@ -188,106 +126,26 @@ def compensate_path(
     if figure is not None:
         check_suffix(Path(figure))
         check_new_file(Path(figure))
-    fitted, robot = model.fitted, model.fitted.robot_
     model.check_coverage(coverage)
-    refuse_redundant(robot)
-    path, known = Path(path), model.training_range
-    sheet, n = overview(path, BLOCK)
-    read = partial(
-        path_table,
-        robot=robot,
-        tool=tool_of(robot, tool),
-        load=load,
-        load_frame=load_frame,
-        frame=frame,
+    corrected = corrected_path(
+        Path(path),
+        PathModel(model.fitted, model.training_range, partial(blamed_on, model.file)),
+        output,
+        PathOptions(
+            tool=tool,
+            frame=frame,
+            load=load,
+            load_frame=load_frame,
+            start=start,
+            tolerance=tolerance,
+            iterations=iterations,
+            on_failure=on_failure,
+            coverage=coverage,
+        ),
     )
-    about = read(sheet)
-    for oddity in about.oddities:
-        say(f"warning: {oddity}")
-    seed = _seed(about, robot, start)
-    seen = RowsBeyond(known, robot)
-    parts: list[Compensation] = []
-    intervals: list[Interval] = []
-    lines: list[IntArray] = []
-
-    def predict(at: FloatArray, wrench: FloatArray) -> FloatArray:
-        with blamed_on(model.file):
-            return np.asarray(fitted.predict(at, wrench))
-
-    def left(found: Compensation, rows: IntArray) -> str:
-        """Say how many points were not corrected, and why not the first; "" where all were."""
-        if found.converged.all():
-            return ""
-        first = np.argmin(found.converged)
-        problem = Problem(
-            f"{found.problem[first]} after {found.iterations[first]} iterations, contraction "
-            f"{found.contraction[first]:.3g}",
-            f"below 1, and {tolerance:g} mm within {iterations} iterations",
-            int(rows[first]),
-            about.pose_columns,
-        )
-        number = int((~found.converged).sum())
-        return f"{path}: {number} of {n} points cannot be corrected, first {problem}"
-
-    def corrected(sheets: Iterable[Sheet]) -> Iterator[DataFrame]:
-        branch = Branch(robot, seed)
-        if seed is None and about.q is None:
-            near = None if known is None else 0.5 * (known.lower + known.upper)
-            branch = Branch.along(robot, about.some, near)
-        for sheet in sheets:
-            table = read(sheet, about=about)
-            driven, wrench = branch.driven(table.path, table.q), table.path.wrench
-            if problems := path_problems(table, robot, driven):
-                raise problems_error(path, problems, "mend this one first")
-            found = compensate(
-                predict,
-                robot,
-                table.path,
-                driven.q,
-                tolerance_m=tolerance / MM_PER_M,
-                max_iterations=iterations,
-            )
-            if on_failure == "stop" and (text := left(found, table.lines)):
-                raise ModelError(f"{text}; on-failure keep leaves such points uncorrected")
-            if coverage is not None:
-                with blamed_on(model.file):
-                    intervals.append(fitted.predict_interval(found.q, wrench, coverage))
-            parts.append(found)
-            lines.append(table.lines)
-            extrapolates = seen.of(found.q, wrench)
-            yield corrected_table(table, robot, found, extrapolates, *intervals[-1:])
-            if seen.n_rows < n:
-                report("points corrected", seen.n_rows, n)
-
-    with display(), closing(read_sheets(path, BLOCK)) as sheets:
-        write_table(output, corrected(sheets))
-    found, interval = Compensation.joined(parts), None
-    if coverage is not None:
-        lower, upper = ([getattr(one, end) for one in intervals] for end in ("lower", "upper"))
-        interval = Interval(np.concatenate(lower), np.concatenate(upper), coverage)
     if figure is not None:
         from stiff_bench.figures.path import path_picture
 
-        path_picture(about.path.name, found, interval).save(Path(figure))
-    if not seen.ends[1, -2:].any():
-        say(f"warning: {path}: every load is zero, so there is nothing to correct")
-    for warning, column in (
-        (left(found, np.concatenate(lines)), "uncorrected"),
-        (seen.warning, "extrapolates"),
-    ):
-        if warning:
-            warnings.warn(f"{warning}; see the column {column}", StiffBenchWarning, stacklevel=2)
-    return CorrectedPath(about.path.name, found, interval)
-
-
-def _seed(about: PathTable, robot: Robot, start: Sequence[float] | None) -> FloatArray | None:
-    """Return the (n_joints,) joint positions, rad or m, that were asked for to begin with."""
-    if start is None:
-        return None
-    if about.q is not None:
-        raise ConfigError("the path has joint angles, which choose the configuration", "start")
-    if len(start) != robot.n_joints:
-        raise ConfigError(
-            f"{len(start)} joint positions (valid: the {robot.n_joints} of {robot.name})", "start"
-        )
-    return np.asarray(start) / file_units(robot)
+        picture = path_picture(corrected.name, corrected.found, corrected.interval)
+        picture.save(Path(figure))
+    return corrected

@@ -1,10 +1,14 @@
-"""What a process of the command line is told before libraries are loaded: threads and folders."""
+"""What a process is told before libraries are loaded, and the cache that processes share."""
 
 from __future__ import annotations
 
 import os
+from typing import TYPE_CHECKING
 
 from stiff_bench.run.machine import keep_libraries_in_our_cache, pin_threads, threads_asked_for
+
+if TYPE_CHECKING:
+    from stiff_models.networks.cache import CacheInfo
 
 
 def prepare() -> None:
@@ -22,3 +26,17 @@ def pinned(number: int | None = None) -> int:
     threads = number or threads_asked_for()
     pin_threads(threads)
     return threads
+
+
+def cache_info() -> CacheInfo:
+    """Return how many pre-trained networks the cache holds, and where."""
+    from stiff_models.networks import cache
+
+    return cache.cache_info()
+
+
+def clear_cache() -> CacheInfo:
+    """Delete every pre-trained network, and return what there was."""
+    from stiff_models.networks import cache
+
+    return cache.clear_cache()

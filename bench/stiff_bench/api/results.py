@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from stiff_bench.store.merging import Kind, Merged
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Ranks(Tables):
     """A leaderboard's tables.
 
@@ -36,12 +36,11 @@ class Ranks(Tables):
         board: the ranks as numbers.
     """
 
-    board: Leaderboard | None = None
+    board: Leaderboard
 
     @property
     def why_no_diagrams(self) -> str:
         """Why no critical-difference diagram can be drawn; "" where one can."""
-        assert self.board is not None
         analyses = self.board.sections[0].analyses
         found = any(one.outcome is not None for one in analyses)
         return "" if found else f"no critical difference: it {analyses[0].why_none}"
@@ -57,7 +56,6 @@ class Ranks(Tables):
 
         if why := self.why_no_diagrams:
             raise ConfigError(f"{file}: {why}")
-        assert self.board is not None
         first = self.board.sections[0]
         kinds = " and ".join(first.kinds)
         save_diagrams(first.analyses, f"{self.board.key.text} ({kinds})", Path(file))

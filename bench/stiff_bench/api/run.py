@@ -76,42 +76,87 @@ class Run:
         return Results(plan.output, metrics, plan.command, finished)
 
 
-_CHOSEN = ("models", "datasets", "protocols", "settings", "data", "no_torque")
-_HOW = ("jobs", "isolate", "timeout", "memory", "threads", "dask", "rerun")
-
-
-def run_of_words(**words: Any) -> Run:
-    """Return the run that the options of `bench run` ask for.
+def run_of_words(
+    *,
+    models: Sequence[str],
+    datasets: Sequence[str],
+    protocols: Sequence[str],
+    settings: Sequence[str],
+    data: Sequence[Path],
+    no_torque: bool,
+    robot: str | None,
+    urdf: Path | None,
+    tcp: Sequence[float] | None,
+    metrics: Sequence[str],
+    coverage: float | None,
+    splits: int | None,
+    seed: int,
+    device: str,
+    output: Path,
+    command: str,
+    **how: Any,
+) -> Run:
+    """Return the run that the options of `bench run` ask for; `how` is of `chosen_execution`.
 
     Raises:
         ConfigError: an option or a value is wrong.
     """
-    how = _taken(words, _HOW)
-    plan = _plan_of_words(words)
+    asked = choices(
+        registry(),
+        models=models,
+        datasets=datasets,
+        protocols=protocols,
+        settings=settings,
+        data=data,
+        no_torque=no_torque,
+        robot=RobotWords(robot, urdf, tcp),
+    )
+    plan = plan_run(
+        asked,
+        registry(),
+        output=output,
+        metrics=metrics,
+        splits=splits,
+        seed=seed,
+        device=device,
+        command=command,
+        coverage=coverage,
+    )
     return Run([plan], chosen_execution(plan, registry(), **how))
 
 
-def model_and_data(output: Path, **words: Any) -> tuple[Model, Dataset]:
+def model_and_data(
+    output: Path,
+    *,
+    models: Sequence[str],
+    datasets: Sequence[str],
+    settings: Sequence[str],
+    data: Sequence[Path],
+    no_torque: bool,
+    robot: str | None,
+    urdf: Path | None,
+    tcp: Sequence[float] | None,
+    device: str,
+) -> tuple[Model, Dataset]:
     """Return the model and the data set that the options of `bench fit` ask for.
 
     Raises:
         ConfigError: an option or a value is wrong, or they name several.
         StoreError: the output cannot be written, or exists.
     """
-    if len(words["datasets"]) + len(words["data"]) != 1:
+    if len(datasets) + len(data) != 1:
         raise ConfigError("give one of --dataset KEY and --data FILE.csv")
-    plan = _plan_of_words({**words, "output": output})
+    asked = choices(
+        registry(),
+        models=models,
+        datasets=datasets,
+        settings=settings,
+        data=data,
+        no_torque=no_torque,
+        robot=RobotWords(robot, urdf, tcp),
+    )
+    plan = plan_run(asked, registry(), output=output, device=device)
     if len(plan.models) != 1:
         raise ConfigError(f"--model: {len(plan.models)} models; a file holds one model")
     check_new_file(output)
     return Model(plan.models[0]), Dataset(plan.datasets[0])
-
-
-def _plan_of_words(words: dict[str, Any]) -> RunPlan:
-    robot = RobotWords(**_taken(words, ("robot", "urdf", "tcp")))
-    asked = choices(registry(), robot=robot, **_taken(words, _CHOSEN))
-    return plan_run(asked, registry(), **words)
-
-
-def _taken(words: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
-    return {name: words.pop(name) for name in names if name in words}

@@ -1,4 +1,4 @@
-"""The `bench data` commands: words in, one function of `data_tools` called."""
+"""The `bench data` commands: words in, one function of `api/` called."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from stiff_bench.cli.options import (
     tcp_option,
 )
 from stiff_bench.cli.refusals import Commands
+from stiff_bench.console import print_text
 
 
 @click.group(cls=Commands)
@@ -47,7 +48,7 @@ def info(key: str, output: Path, **words: Any) -> None:
     """
     from stiff_bench.api.data import dataset_of_words
 
-    click.echo(dataset_of_words(key, **words).describe(output))
+    print_text(dataset_of_words(key, **words).describe(output))
 
 
 @data.command()
@@ -112,7 +113,7 @@ def plan(**words: Any) -> None:
     """
     from stiff_bench.api.measuring import plan_poses
 
-    click.echo(plan_poses(**words))
+    print_text(plan_poses(**words))
 
 
 @data.command()
@@ -127,9 +128,9 @@ def validate(file: Path, no_torque: bool, **robot: Any) -> int:
     from stiff_bench.api import measuring
 
     report = measuring.validate(file, no_torque=no_torque, **robot)
-    click.echo(repr(report))
+    print_text(repr(report))
     if all(word is None for word in robot.values()):
-        click.echo(f"Robot: {measuring.DEFAULT_ROBOT}, the default (--robot, --urdf).")
+        print_text(f"Robot: {measuring.DEFAULT_ROBOT}, the default (--robot, --urdf).")
     return ("ok", "suspicious", "invalid").index(report.verdict)
 
 
@@ -166,7 +167,7 @@ def simulate(**words: Any) -> None:
     """Write a simulated data set of any size."""
     from stiff_bench.api import measuring
 
-    click.echo(measuring.simulate(**words))
+    print_text(measuring.simulate(**words))
 
 
 @data.command()
@@ -180,7 +181,7 @@ def fetch(key: str, source: Path | None) -> None:
     from stiff_bench.api import measuring
 
     for path in measuring.fetch(source):
-        click.echo(f"{key}: {path}")
+        print_text(f"{key}: {path}")
 
 
 @data.command()
@@ -196,4 +197,4 @@ def register(key: str, file: Path, **words: Any) -> None:
     """
     from stiff_bench.api import measuring
 
-    click.echo(measuring.register(key, file, **words))
+    print_text(measuring.register(key, file, **words))

@@ -10,12 +10,14 @@ import click
 from stiff_bench.api import RESULTS
 from stiff_bench.cli.options import (
     FILE,
+    FORMATS,
     case_options,
     command_line,
     execution_options,
     models_option,
     picture,
 )
+from stiff_bench.cli.run import say_summary, show_plan
 from stiff_bench.console import print_text, say
 
 
@@ -80,6 +82,7 @@ def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) 
 )
 @click.option("--write-only", is_flag=True, help="Write from stored results alone.")
 @execution_options("the number of cores")
+@click.option("--format", "fmt", type=FORMATS, default="github", help="Format of the --plan.")
 def reproduce(
     what: Literal["paper", "leaderboard", "effects", "transfer"],
     quick: bool | None,
@@ -87,6 +90,7 @@ def reproduce(
     output: Path,
     write_only: bool,
     plan_only: bool,
+    fmt: str,
     **how: Any,
 ) -> int:
     """Make the paper's tables and figures again, or another study.
@@ -97,7 +101,6 @@ def reproduce(
     cores the leaderboard and transfer take about 2 hours each, effects half an hour.
     """
     from stiff_bench.api.reproduction import reproduction
-    from stiff_bench.cli.run import say_summary, show_plan
 
     if what != "paper" and quick is not None:
         raise click.UsageError(f"--quick and --full are of the paper; {what} has one size")
@@ -106,7 +109,7 @@ def reproduce(
     how |= {"paper_recipe": paper_recipe, "command": command_line()}
     asked = reproduction(what, full=quick is False, output=output, **how)
     if plan_only:
-        return show_plan(asked, "github")
+        return show_plan(asked, fmt)
     status = 0
     if not write_only:
         results = asked.compute()
@@ -114,5 +117,5 @@ def reproduce(
         say("writing tables and figures")
         status = int(any(result.status == "failed" for result in results.cells))
     for path in asked.write():
-        click.echo(path)
+        print_text(str(path))
     return status

@@ -19,8 +19,7 @@ from stiff_bench.cli.options import (
     settings_option,
     several_keys,
 )
-from stiff_bench.cli.refusals import Commands
-from stiff_bench.console import warnings_said
+from stiff_bench.console import print_text, warnings_said
 
 model_file_option = click.option(
     "--model", type=FILE, required=True, metavar="FILE", help="Model file of `bench fit`."
@@ -48,14 +47,7 @@ def fit(output: Path, seed: int, **words: Any) -> None:
     with warnings_said():
         model.fit(data, seed=seed)
     model.save(output)
-    lines = [
-        f"{output}: {model.name}, fitted to {data.name} ({data.choice.info.label}, "
-        f"{len(data)} samples), robot {data.robot.name}, seed {seed}",
-        *model.learned,
-        *(f"- {line}" for line in (*data.choice.info.caveats, model.note) if line),
-        "- Errors on new poses: `bench run`.",
-    ]
-    click.echo("\n".join(lines))
+    print_text(f"{output}: {model.report(data, seed)}")
 
 
 @click.command()
@@ -92,7 +84,7 @@ def predict(model: Path, loads: Path, output: Path, coverage: float | None) -> N
     with warnings_said():
         rows = found.predict_file(loads, output, coverage=coverage)
     number = "1 row" if rows == 1 else f"{rows} rows"
-    click.echo(f"{output}: {number} predicted by {found.name}, robot {found.fitted.robot_.name}")
+    print_text(f"{output}: {number} predicted by {found.name}, robot {found.fitted.robot_.name}")
 
 
 @click.command()
@@ -102,47 +94,4 @@ def export(model: Path, output: Path) -> None:
     """Write a saved network as ONNX."""
     from stiff_bench.api.model import load_model
 
-    found = load_model(model)
-    found.export(output)
-    robot = found.fitted.robot_
-    click.echo(
-        f"{output}: {found.name}, robot {robot.name}; inputs q (n, {robot.n_joints}) rad or m, "
-        "wrench (n, 6) N and N m at the TCP; output deflection (n, 3) m; base frame, float64"
-    )
-
-
-@click.command()
-@click.argument("key")
-@click.option(
-    "--dataset",
-    default="fanuc-r2000ic",
-    metavar="KEY",
-    help="Data set that a model or protocol is checked on.",
-)
-@settings_option
-@plugin_option
-def check(key: str, dataset: str, settings: tuple[str, ...]) -> int:
-    """Check that a model, data set or protocol meets its contract.
-
-    Exit status: 0 nothing failed, 1 a check failed, 2 it cannot be checked.
-    """
-    from stiff_bench.api import catalog
-
-    checked = catalog.check(key, dataset=dataset, settings=settings)
-    click.echo(repr(checked))
-    return 0 if checked.kept else 1
-
-
-@click.group(cls=Commands)
-def new() -> None:
-    """Write the first files of a plugin."""
-
-
-@new.command()
-@click.argument("name")
-@click.option("--output", type=FILE, default=Path(), metavar="DIR", help="Folder to write to.")
-def model(name: str, output: Path) -> None:
-    """Write a small working model and its test."""
-    from stiff_bench.api.catalog import new_model
-
-    click.echo(new_model(name, output))
+    print_text(load_model(model).export(output))

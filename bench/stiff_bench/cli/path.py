@@ -20,7 +20,7 @@ from stiff_bench.cli.options import (
     robot_options,
 )
 from stiff_bench.cli.refusals import Commands
-from stiff_bench.console import warnings_said
+from stiff_bench.console import print_text, warnings_said
 
 FRAME = Numbers("six finite numbers, x,y,z in mm and a,b,c in deg", 6)
 load_option = click.option(
@@ -61,7 +61,7 @@ def example(**words: Any) -> None:
     """
     from stiff_bench.api.path import example_path
 
-    click.echo(example_path(**words))
+    print_text(example_path(**words))
 
 
 @path.command()
@@ -134,4 +134,4 @@ def compensate(model: Path, points: Path, output: Path, **words: Any) -> None:
     found = load_model(model)
     with warnings_said():
         corrected = compensate_path(found, points, output, **words)
-    click.echo(f"{output}: {corrected!r} ({found.name}, robot {found.fitted.robot_.name})")
+    print_text(f"{output}: {corrected!r} ({found.name}, robot {found.fitted.robot_.name})")

@@ -8,7 +8,7 @@ import click
 
 from stiff_bench.cli.options import FILE, output_option
 from stiff_bench.cli.refusals import Commands
-from stiff_bench.console import say
+from stiff_bench.console import print_text, say
 
 
 @click.command()
@@ -29,20 +29,8 @@ def merge(folders: tuple[Path, ...], output: Path, allow: tuple[str, ...]) -> in
     from stiff_bench.api import results
 
     merged = results.merge(folders, output, allow=allow)  # type: ignore[arg-type]
-    for line in merged.disagreements:
-        say(f"merged all the same: {line}")
-    for line in merged.damaged:
-        say(f"left out: {line}")
-    for folder, (n_cells, n_taken) in merged.taken.items():
-        others = "" if n_taken == n_cells else "; the others are stored or newer in another folder"
-        say(f"{folder}: {n_taken} of {n_cells} results taken{others}")
-    if merged.n_other_numbers:
-        say(
-            f"warning: {merged.n_other_numbers} results have other numbers in another folder "
-            "(other rounding?); those of the newest run count"
-        )
-    left_out = f", {len(merged.damaged)} damaged rows left out" if merged.damaged else ""
-    say(f"{merged.n_cells} results in {output}, {merged.n_there} of them from before{left_out}")
+    for line in merged.report:
+        say(line)
     return 1 if merged.damaged else 0
 
 
@@ -54,15 +42,15 @@ def cache() -> None:
 @cache.command()
 def info() -> None:
     """Print folder and content of the cache."""
-    from stiff_bench.api.cache import cache_info
+    from stiff_bench.api.process import cache_info
 
-    click.echo(str(cache_info()))
+    print_text(str(cache_info()))
 
 
 @cache.command()
 def clear() -> None:
     """Delete every pre-trained network; the next run trains anew."""
-    from stiff_bench.api.cache import clear_cache
+    from stiff_bench.api.process import clear_cache
 
     deleted = clear_cache()
-    click.echo(f"deleted: {deleted}" if deleted.entries else f"nothing to delete: {deleted}")
+    print_text(f"deleted: {deleted}" if deleted.entries else f"nothing to delete: {deleted}")

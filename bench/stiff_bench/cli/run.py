@@ -1,10 +1,83 @@
-"""What `bench run` and `bench reproduce` print of a run."""
+"""`bench run`, and what it and `bench reproduce` print of a run."""
 
 from __future__ import annotations
 
-from stiff_bench.api.results import Results
-from stiff_bench.api.run import Run
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from stiff_bench.api import RESULTS
+from stiff_bench.cli.options import (
+    FILE,
+    PROBABILITY,
+    WholeRange,
+    command_line,
+    data_options,
+    device_option,
+    execution_options,
+    format_option,
+    plugin_option,
+    seed_option,
+    settings_option,
+    several_keys,
+)
 from stiff_bench.console import print_text, say
+
+if TYPE_CHECKING:
+    from stiff_bench.api.results import Results
+    from stiff_bench.api.run import Run
+
+
+@click.command()
+@several_keys(
+    "--model",
+    "models",
+    help="A model, KEY@OPTION=VALUE for one with its own options, or 'all'; may be repeated.",
+)
+@several_keys(
+    "--dataset",
+    "datasets",
+    help="A data set, such as kr10-twin@specimen=3; may be repeated.  [default: kr10-twin]",
+)
+@several_keys(
+    "--protocol",
+    "protocols",
+    default=("holdout",),
+    help="A protocol, such as kfold@folds=10; may be repeated.",
+)
+@several_keys(
+    "--metric",
+    "metrics",
+    help="A metric of `bench list metrics`; may be repeated.  [default: mae, stde, me; of tool "
+    "paths norm, norm-p95, norm-max, removed]",
+)
+@click.option(
+    "--coverage", type=PROBABILITY, help="Coverage of prediction intervals.  [default: 0.9]"
+)
+@click.option(
+    "--splits", type=WholeRange(1, 10_000), help="Number of splits.  [default: the protocol's]"
+)
+@seed_option
+@settings_option
+@data_options
+@plugin_option
+@device_option
+@execution_options("1")
+@click.option(
+    "--output", type=FILE, default=RESULTS, metavar="DIR", help="Folder that stores the results."
+)
+@format_option
+@click.option("--verbose", is_flag=True, help="Print what fits report, such as stiffnesses.")
+def run(fmt: str, plan_only: bool, verbose: bool, **words: Any) -> int:
+    """Fit and test models; print a table per data set and protocol.
+
+    A fit is one model, trained and tested on one split. The VJM is run beside every model. Each
+    result is stored in --output at once; the same command again computes what is missing.
+    """
+    from stiff_bench.api.run import run_of_words
+
+    asked = run_of_words(**words, command=command_line())
+    return show_plan(asked, fmt) if plan_only else execute(asked, fmt, verbose=verbose)
 
 
 def execute(run: Run, fmt: str, *, verbose: bool = False) -> int:

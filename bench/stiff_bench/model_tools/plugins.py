@@ -34,7 +34,7 @@ _WIDTH = 100
 
 
 @dataclass(frozen=True, repr=False)
-class Checklist:
+class CheckResults:
     """What was checked.
 
     Attributes:
@@ -69,7 +69,7 @@ class Checklist:
         return "\n".join([*lines, "", ", ".join(counts)])
 
 
-def checklist(key: str, dataset: str, settings: Sequence[str], registry: Registry) -> Checklist:
+def checklist(key: str, dataset: str, settings: Sequence[str], registry: Registry) -> CheckResults:
     """Return the checklist of `bench check KEY`.
 
     Models and protocols are checked on the data set; settings are ``KEY.option=value`` words.
@@ -83,7 +83,7 @@ def checklist(key: str, dataset: str, settings: Sequence[str], registry: Registr
         choice = chosen_dataset(key, settings, registry)
         _refuse_missing(choice)
         with display():
-            return Checklist(_named(choice), check_dataset(choice.make))
+            return CheckResults(_named(choice), check_dataset(choice.make))
     subject, on = _with_data(info, dataset, settings, registry)
     _refuse_missing(subject)
     with display():
@@ -99,7 +99,7 @@ def checklist(key: str, dataset: str, settings: Sequence[str], registry: Registr
                 )
         else:
             checks = check_protocol(subject.make, data)
-    return Checklist(f"{_named(subject)} on {_named(on)}", checks)
+    return CheckResults(f"{_named(subject)} on {_named(on)}", checks)
 
 
 def _refuse_missing(choice: Choice[Any]) -> None:

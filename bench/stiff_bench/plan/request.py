@@ -24,7 +24,7 @@ from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.interfaces import ChecksParams, NamesSources
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
 from stiff_protocols.contract.record import Cell
-from stiff_protocols.contract.types import BenchmarkData, Robot
+from stiff_protocols.contract.types import BenchmarkData, Robot, check_coverage
 from stiff_protocols.scoring.metrics import Metric, metric
 
 DEFAULT_COVERAGE = 0.9
@@ -165,8 +165,7 @@ def _coverage(asked: float | None, metrics: Sequence[Metric]) -> float | None:
     """Return the intervals' coverage where a metric needs intervals: they cost a second fit."""
     if any(metric.needs_interval for metric in metrics):
         coverage = DEFAULT_COVERAGE if asked is None else asked
-        if not 0.0 < coverage < 1.0:
-            raise ConfigError(f"{coverage:g}: must lie between 0 and 1", "coverage")
+        check_coverage(coverage)
         require("a metric of intervals", "crepes")  # before the models are fitted
         return coverage
     if asked is not None:

@@ -159,18 +159,38 @@ class Merged:
     """What became of a merge.
 
     Attributes:
+        output: the folder that was merged into.
         n_cells, n_there: of the output, now and before.
         taken: folder -> how many cells it holds, and how many were taken from it.
         n_other_numbers: cells of which several folders have results with different numbers.
         damaged, disagreements: a line for each row that was left out, or difference allowed.
     """
 
+    output: Path
     n_cells: int
     n_there: int
     taken: dict[Path, tuple[int, int]]
     n_other_numbers: int
     damaged: tuple[str, ...]
     disagreements: tuple[str, ...]
+
+    @property
+    def report(self) -> list[str]:
+        """What became of it, in lines."""
+        lines = [f"merged all the same: {line}" for line in self.disagreements]
+        lines += [f"left out: {line}" for line in self.damaged]
+        for folder, (n_cells, n_taken) in self.taken.items():
+            line = f"{folder}: {n_taken} of {n_cells} results taken"
+            others = "; the others are stored or newer in another folder"
+            lines.append(line if n_taken == n_cells else f"{line}{others}")
+        if self.n_other_numbers:
+            lines.append(
+                f"warning: {self.n_other_numbers} results have other numbers in another folder "
+                "(other rounding?); those of the newest run count"
+            )
+        left_out = f", {len(self.damaged)} damaged rows left out" if self.damaged else ""
+        total = f"{self.n_cells} results in {self.output}, {self.n_there} of them from before"
+        return [*lines, f"{total}{left_out}"]
 
 
 def merge(folders: Sequence[Path], output: Path, allow: Collection[Kind]) -> Merged:
@@ -212,6 +232,7 @@ def merge(folders: Sequence[Path], output: Path, allow: Collection[Kind]) -> Mer
         for one in surveys
     }
     return Merged(
+        output=output,
         n_cells=len(best),
         n_there=len(there.records),
         taken={one.folder: (len(one.records), n_taken[one.folder]) for one in surveys},

@@ -1,4 +1,4 @@
-"""What stands beneath a table of what a model's fits reported: numbers, choices, warnings."""
+"""What models' fits reported: the notes beneath a table, and a fit's springs as a table."""
 
 from __future__ import annotations
 
@@ -8,9 +8,13 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from stiff_bench.tables.table import Column, Entry, Quantity, Table
 from stiff_bench.tables.units import percent
+from stiff_protocols.contract.identification import IdentifiedSprings
 from stiff_protocols.contract.plugin import in_words
 from stiff_protocols.contract.record import CellResult
+
+SPRING_INTERVAL = 0.9
 
 
 def size_notes(results: Sequence[CellResult]) -> list[str]:
@@ -91,3 +95,33 @@ def outcome_notes(results: Sequence[CellResult]) -> list[str]:
 
 def _times(n: int, results: Sequence[CellResult]) -> str:
     return f" ({n} of {len(results)} splits)" if len(results) > 1 else ""
+
+
+def springs_table(springs: IdentifiedSprings) -> Table:
+    """Return the stiffness of each spring with its interval."""
+    rows: list[list[Entry]] = []
+    for name, unit, compliance, known, (low, high) in zip(
+        springs.names,
+        springs.units,
+        springs.compliance.tolist(),
+        springs.known,
+        springs.interval(SPRING_INTERVAL).tolist(),
+        strict=True,
+    ):
+        stiffness = Quantity(1.0 / compliance) if compliance else Quantity(status="rigid")
+        label = f"{name} [{unit}]" if known else f"{name} [{unit}], not identifiable: prior"
+        rows.append([label, stiffness, Quantity(low=low, high=high)])
+    return Table(
+        "",
+        [
+            Column("spring", "text"),
+            Column("stiffness", format=".4g"),
+            Column(f"{percent(SPRING_INTERVAL)} interval", format=".4g"),
+        ],
+        rows,
+        [
+            f"rank {springs.rank}, condition number {springs.condition:.4g}",
+            "Springs take up what the model lacks, such as bearings that tilt: the intervals hold "
+            "the samples' noise, not the joints' own stiffness.",
+        ],
+    )

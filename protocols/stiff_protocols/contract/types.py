@@ -22,7 +22,7 @@ from stiff_protocols.contract.arrays import (
     freeze,
     frozen_array,
 )
-from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.errors import ConfigError, DataError
 from stiff_protocols.contract.robot import JointType, Robot
 
 __all__ = [
@@ -40,6 +40,7 @@ __all__ = [
     "Samples",
     "Split",
     "TextArray",
+    "check_coverage",
     "frozen_array",
 ]
 
@@ -197,6 +198,16 @@ class Interval:
         freeze(self, lower=(None, 3), upper=(None, 3))
         if self.lower.shape != self.upper.shape or (self.lower > self.upper).any():
             raise DataError("an interval's lower bounds lie above its upper bounds")
+
+
+def check_coverage(coverage: float) -> None:
+    """See that a nominal coverage is a probability that an interval can have.
+
+    Raises:
+        ConfigError: it is not between 0 and 1.
+    """
+    if not 0.0 < coverage < 1.0:
+        raise ConfigError(f"{coverage:g}: must lie between 0 and 1", "coverage")
 
 
 @dataclass(frozen=True, eq=False)

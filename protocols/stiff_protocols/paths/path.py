@@ -60,9 +60,8 @@ def shaped(
     *,
     rotation: ArrayLike,
     wrench: ArrayLike,
-    plane: ArrayLike | None = None,
 ) -> ToolPath:
-    """Return a path of one of the `SHAPES`.
+    """Return a path of one of the `SHAPES`, along the axes of the base.
 
     Args:
         shape: its name.
@@ -72,17 +71,14 @@ def shaped(
             equal distances.
         rotation: (3, 3) orientation of the last joint's frame, held along the path.
         wrench: (6,), or (n_points, 6), at the TCP, N and N m, base frame.
-        plane: (3, 3) rotation whose first two columns span the plane, base frame; None: the
-            horizontal one.
     """
     if not (np.isfinite(size) and size > 0.0):
         raise DataError(f"{shape}: size is {size:g}, expected m, above 0")
     outline = SHAPES[shape](n_points)
     n = len(outline)
-    axes = np.eye(3) if plane is None else frozen_array(plane, "plane", (3, 3))
     return ToolPath(
         shape,
-        frozen_array(centre, "centre", (3,)) + size * outline @ axes.T,
+        frozen_array(centre, "centre", (3,)) + size * outline,
         np.broadcast_to(frozen_array(rotation, "rotation", (3, 3)), (n, 3, 3)),
         np.broadcast_to(np.asarray(wrench, dtype=np.float64), (n, 6)),
     )
@@ -101,14 +97,14 @@ def _circle(n_points: int) -> FloatArray:
 
 
 def _line(n_points: int) -> FloatArray:
-    """Along the plane's first axis."""
+    """Along the x axis."""
     return _along(0.5 * np.array([[-1, 0, 0], [1, 0, 0]]), n_points)
 
 
 def _iso9283(n_points: int) -> FloatArray:
     """Straight through the five test points of ISO 9283.
 
-    They lie in a diagonal plane of a cube along the axes of the plane: P1 in the middle, P2 to P5 a
+    They lie in a diagonal plane of a cube along the axes of the base: P1 in the middle, P2 to P5 a
     tenth of the plane's diagonal from its corners. The path is P1, P2, P3, P4, P5 and P1 again. The
     standard's cycle has the same points; it drives from point to point.
     """

@@ -5,12 +5,15 @@ from __future__ import annotations
 import gc
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import stiffbench as sb
+from stiff_bench.figures.catalog import FIGURES
+from stiff_bench.paper.figures import FIGURES as PAPERS
 from stiff_datasets.measured.sample_files import sample_table, write_table
 from stiff_protocols.contract.errors import (
     ConfigError,
@@ -282,6 +285,16 @@ def test_intervals_that_a_model_does_not_have_are_refused_by_the_arguments_name(
         model.predict_file(tmp_path / "loads.csv", tmp_path / "out.csv", coverage=0.9)
 
 
+@pytest.mark.parametrize("coverage", [0.0, 1.0, 1.5, float("nan")])
+def test_a_coverage_that_is_no_probability_is_refused_before_anything_is_predicted(
+    coverage, twin, tmp_path
+):
+    model = sb.make_model("gp", ard=False, restarts=0, search_rows=20).fit(twin)
+    for call in (model.predict_file, partial(sb.compensate_path, model)):
+        with pytest.raises(ConfigError, match=rf"^coverage {coverage:g}: must lie between 0 and 1"):
+            call(tmp_path / "none.csv", tmp_path / "out.csv", coverage=coverage)
+
+
 def test_results_that_nobody_keeps_leave_no_folder(twin):
     results = sb.evaluate("zero", twin, splits=1)
     folder = results.folder
@@ -351,3 +364,13 @@ def test_robots_come_from_descriptions_and_by_name(kr10):
     shipped = sb.Robot.shipped("kr10-r1100-2")
     np.testing.assert_array_equal(robot.tcp, shipped.tcp)
     np.testing.assert_array_equal(robot.placements, kr10.placements)
+
+
+def test_every_robot_that_the_api_gives_is_a_robot_of_the_api(kr10, twin):
+    for robot in (sb.Robot.shipped("ur5"), twin.robot, kr10):
+        assert isinstance(robot, sb.Robot)
+    assert not isinstance("ur5", sb.Robot)
+
+
+def test_the_docstring_of_figure_names_every_figure():
+    assert all(f'"{name}"' in sb.figure.__doc__ for name in (*FIGURES, *PAPERS))

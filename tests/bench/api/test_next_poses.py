@@ -56,8 +56,10 @@ def test_the_next_poses_lower_the_interval_more_than_random_ones_and_a_curve_say
     assert ratio > 1.2
     table = pd.read_csv(tmp_path / "next.csv")
     assert len(table) == 6 and table["dx_mm"].isna().all()
-    sentence = done.stdout.splitlines()[-1]
-    assert "extrapolation" in sentence
+    lines = done.stdout.splitlines()
+    (place,) = (number for number, line in enumerate(lines) if "extrapolation" in line)
+    sentence = lines[place]
+    assert any("append the rows to my.csv" in line for line in lines[place + 1 :])
     now, *later = (float(one) for one in re.findall(r"(?:is|about) ([\d.]+) mm", sentence))
     assert re.findall(r"with (\d+) more poses", sentence) == ["6", "20"]
     assert now >= later[0] >= later[1] > 0.0
@@ -107,9 +109,22 @@ def test_a_plan_and_what_was_measured_of_it_are_one_file(tmp_path, measured, ur5
     assert len(sb.read_samples(tmp_path / "both.csv", robot="ur5")) == 17
 
 
-def test_joints_that_the_measured_poses_do_not_identify_are_named(tmp_path, measured):
-    done = bench_here(*UR5, "--after", measured(1), "--poses", "6", cwd=tmp_path)
-    assert "Not identifiable from the measured poses: shoulder_pan, " in done.stdout, done.stderr
+@pytest.mark.parametrize(("n_poses", "named"), [(1, "shoulder_pan, shoulder_lift"), (2, "elbow")])
+def test_joints_that_the_measured_poses_do_not_identify_are_named(
+    n_poses, named, tmp_path, measured
+):
+    done = bench_here(*UR5, "--after", measured(n_poses), "--poses", "6", cwd=tmp_path)
+    line = re.search("Not identifiable from the measured poses: .*", done.stdout)
+    assert line and named in line[0], done.stderr
+
+
+def test_plans_that_remove_nearly_all_of_the_variance_are_compared_by_what_they_leave(
+    tmp_path, measured
+):
+    done = bench_here(*UR5, "--after", measured(2), "--poses", "6", cwd=tmp_path)
+    _, plan, random, _ = lowered(done.stdout)
+    sentence = f"leaves a standard error of {plan:.4f} mm, random poses {random:.4f} mm"
+    assert sentence in done.stdout and "times as much" not in done.stdout
 
 
 def test_springs_that_explain_little_raise_the_question_of_the_robot(tmp_path, measured):

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from command_line import BENCH
 from stiff_bench.cli.main import bench
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.transfer.mlp_pretrained import MlpPretrained
@@ -39,3 +43,12 @@ def test_switched_off_it_says_so(monkeypatch):
     monkeypatch.setenv("STIFFBENCH_CACHE", "off")
     assert said("info") == "the cache is switched off (STIFFBENCH_CACHE=off)"
     assert said("clear").startswith("nothing to delete: the cache is switched off")
+
+
+def test_a_reader_that_has_left_is_no_failure(folder):
+    read, write = os.pipe()
+    os.close(read)
+    command = [BENCH, "cache", "info"]
+    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, timeout=120, check=False)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (0, b"")

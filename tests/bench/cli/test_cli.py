@@ -137,6 +137,19 @@ def test_list_and_show_answer(tmp_path):
     assert "caveat" in bench_here("show", "fanuc-r2000ic", cwd=tmp_path).stdout
 
 
+@pytest.mark.parametrize("kind", ["models", "datasets", "protocols", "metrics"])
+def test_a_list_comes_in_every_format_with_the_same_rows(kind, tmp_path):
+    def listed(*words):
+        return bench_here("list", kind, *words, cwd=tmp_path).stdout
+
+    keys = [row["key"] for row in csv.DictReader(listed("--format", "csv").splitlines())]
+    (table,) = json.loads(listed("--format", "json"))["tables"]
+    assert len(keys) == len(table["rows"]) == listed("--format", "html").count("<tr>") - 1
+    plain = listed()
+    assert listed("--format", "github") == plain
+    assert [line.split()[0] for line in plain.splitlines() if line.split()[0] in keys] == keys
+
+
 def test_help_loads_nothing_heavy(tmp_path):
     code = (
         "import sys, stiff_bench.cli.main as cli\n"

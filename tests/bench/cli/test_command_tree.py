@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterator
 
 import click
+import matplotlib.font_manager  # noqa: F401  # it writes its cache where it is first imported
 import pytest
 
 import stiffbench as sb

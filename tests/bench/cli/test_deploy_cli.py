@@ -64,6 +64,9 @@ def test_a_fit_prints_a_row_a_spring_and_says_which_the_samples_cannot_tell(tmp_
     assert [row[:12] for row in rows] == [f"J{j} segment {k}" for j in range(1, 7) for k in (1, 2)]
     assert 0 < sum("not identifiable" in row for row in rows) < len(rows)
     assert "stiffness J1" not in text  # said once
+    notes = text.splitlines()[text.splitlines().index(rows[-1]) + 1 :]
+    assert notes[0].startswith("rank ") and notes[1].startswith("Springs ")
+    assert notes[1].endswith(".")  # a sentence a line
 
 
 def test_predictions_are_written_to_standard_output(vjm_file, tmp_path, monkeypatch):

@@ -98,6 +98,8 @@ def test_a_plan_says_what_would_be_computed_and_writes_nothing(small, tmp_path):
     assert status == 0
     assert "| all " in out and "bench: 3 fits, 0 cached, 3 to compute; time unknown" in err
     assert not (tmp_path / "out").exists()
+    in_csv = called("--plan", "--format", "csv", "--output", str(tmp_path))[1]
+    assert "all" in {row["model"] for row in csv.DictReader(in_csv.splitlines())}
     assert "bench: 6 fits" in called("--plan", "--full", "--output", str(tmp_path))[2]
 
 

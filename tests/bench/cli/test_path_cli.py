@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 
 import stiffbench as sb
 from command_line import assert_refused, bench_here
-from stiff_bench.api.path import CorrectedPath, compensate_path, example_path
+from stiff_bench.analysis.path_correction import CorrectedPath
+from stiff_bench.api.path import compensate_path, example_path
 from stiff_datasets.measured.path_file import path_table, tool_of
 from stiff_datasets.measured.sample_files import read_sheet
 from stiff_datasets.robots.shipped import ROBOTS
@@ -271,7 +272,7 @@ def test_a_path_is_corrected_in_blocks_as_in_one(square, vjm, tmp_path, monkeypa
     else:
         pd.read_csv(square).to_parquet(path)
     for block in (1000, 7):
-        monkeypatch.setattr("stiff_bench.api.path.BLOCK", block)
+        monkeypatch.setattr("stiff_bench.analysis.path_correction.BLOCK", block)
         output = tmp_path / f"c{block}{ending}"
         with pytest.warns(UserWarning, match="extrapolation in 39 of 41 rows: q6 8"):
             commands.append(compensate_path(vjm, path, output).found)
@@ -302,7 +303,7 @@ WRISTS = [f"0,-60,90,0,{angle},0,0,0,-9" for angle in (30, 31, 32, 33, 34, -35)]
 def test_what_is_wrong_behind_the_first_block_is_found_with_its_row(
     rows, parts, corrected, monkeypatch, tmp_path
 ):
-    monkeypatch.setattr("stiff_bench.api.path.BLOCK", 2)
+    monkeypatch.setattr("stiff_bench.analysis.path_correction.BLOCK", 2)
     with pytest.raises(DataError) as refused:
         corrected("\n".join([*rows, ""]))
     assert all(part in str(refused.value) for part in parts)
@@ -310,7 +311,7 @@ def test_what_is_wrong_behind_the_first_block_is_found_with_its_row(
 
 
 def test_a_file_is_judged_as_a_whole_where_its_first_block_says_little(corrected, monkeypatch):
-    monkeypatch.setattr("stiff_bench.api.path.BLOCK", 2)
+    monkeypatch.setattr("stiff_bench.analysis.path_correction.BLOCK", 2)
     near = ROW.replace("700,0,400", "1,0,1")
     rows = [near, near, near.replace("1,0,1", "20,0,1"), near]
     found, _ = corrected("\n".join([HEADER, *rows, ""]), frame=(699.0, 0.0, 399.0, 0.0, 0.0, 0.0))

@@ -1,0 +1,266 @@
+"""A tool path that is corrected for the deflection that a model predicts, block by block."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, closing
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+
+from stiff_bench.console import say
+from stiff_bench.run.progress import display
+from stiff_datasets.measured.extrapolation import RowsBeyond
+from stiff_datasets.measured.path_file import (
+    LoadFrame,
+    PathTable,
+    corrected_table,
+    overview,
+    path_problems,
+    path_table,
+    tool_of,
+)
+from stiff_datasets.measured.sample_checks import Problem, problems_error
+from stiff_datasets.measured.sample_files import (
+    MM_PER_M,
+    Sheet,
+    file_units,
+    read_sheets,
+    write_table,
+)
+from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
+from stiff_protocols.contract.progress import report
+from stiff_protocols.contract.training_range import TrainingRange
+from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot
+from stiff_protocols.paths.compensation import Compensation, compensate
+from stiff_protocols.paths.inverse import Branch, refuse_redundant
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+BLOCK = 2_000
+"""Points that are read, corrected and written at once; progress is shown after each block."""
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectedPath:
+    """A path and the commands that put the loaded tool on it; its file has more columns.
+
+    Attributes:
+        name: of the path.
+        found: points, commands and predicted deflections.
+        interval: of the deflections at the commands; None where none was asked for.
+    """
+
+    name: str
+    found: Compensation
+    interval: Interval | None
+
+    @property
+    def error_before(self) -> FloatArray:
+        """(n,) predicted distance from the path without correction, m."""
+        return np.asarray(np.linalg.norm(self.found.before, axis=1))
+
+    @property
+    def error_after(self) -> FloatArray:
+        """(n,) predicted distance from the path with the commands, m."""
+        return np.asarray(np.linalg.norm(self.found.after, axis=1))
+
+    def __repr__(self) -> str:
+        """Return how many points were corrected, and the predicted errors."""
+        before, after = MM_PER_M * self.error_before, MM_PER_M * self.error_after
+        done = int(self.found.converged.sum())
+        return (
+            f"{done} of {len(before)} points corrected; predicted path error before "
+            f"{before.mean():.4g} mm mean, {before.max():.4g} mm largest, after "
+            f"{after.mean():.2g} mm mean, {after.max():.2g} mm largest"
+        )
+
+
+@dataclass(frozen=True)
+class PathOptions:
+    """How a path is read and corrected: the arguments of `stiffbench.compensate_path`."""
+
+    tool: Sequence[float] | None
+    frame: Sequence[float] | None
+    load: Sequence[float] | None
+    load_frame: LoadFrame
+    start: Sequence[float] | None
+    tolerance: float
+    iterations: int
+    on_failure: Literal["stop", "keep"]
+    coverage: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class PathModel:
+    """What a path is corrected with.
+
+    Attributes:
+        fitted: the model.
+        training_range: of its samples; None: it is not known.
+        blamed: a context for each call of the model, which says whose fault an error is.
+    """
+
+    fitted: Any
+    training_range: TrainingRange | None
+    blamed: Callable[[], AbstractContextManager[None]]
+
+    @property
+    def robot(self) -> Robot:
+        """That it was fitted for."""
+        robot: Robot = self.fitted.robot_
+        return robot
+
+    def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the (n, 3) deflection, m; arguments as of a model's `predict`."""
+        with self.blamed():
+            return np.asarray(self.fitted.predict(q, wrench))
+
+    def interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
+        """Return where the deflections lie with this probability."""
+        with self.blamed():
+            interval: Interval = self.fitted.predict_interval(q, wrench, coverage)
+        return interval
+
+
+class _Block(NamedTuple):
+    """Points that were read and corrected at once, with the numbers of their lines."""
+
+    lines: IntArray
+    found: Compensation
+    interval: Interval | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Correction:
+    """What the blocks of a file share.
+
+    Attributes:
+        read: makes a table of a sheet.
+        about: what is known of the whole file.
+        n_points: in the file.
+        seen: of the blocks so far, what lies beyond the training range.
+    """
+
+    file: Path
+    model: PathModel
+    how: PathOptions
+    read: Callable[..., PathTable]
+    about: PathTable
+    n_points: int
+    seen: RowsBeyond
+
+    def tables(
+        self, sheets: Iterable[Sheet], seed: FloatArray | None, done: list[_Block]
+    ) -> Iterator[DataFrame]:
+        """Correct block after block, append each to `done`, and yield its rows of the output."""
+        robot, known, how = self.model.robot, self.model.training_range, self.how
+        branch = Branch(robot, seed)
+        if seed is None and self.about.q is None:
+            near = None if known is None else 0.5 * (known.lower + known.upper)
+            branch = Branch.along(robot, self.about.some, near)
+        for sheet in sheets:
+            table = self.read(sheet, about=self.about)
+            driven, wrench = branch.driven(table.path, table.q), table.path.wrench
+            if problems := path_problems(table, robot, driven):
+                raise problems_error(self.file, problems, "mend this one first")
+            found = compensate(
+                self.model.predict,
+                robot,
+                table.path,
+                driven.q,
+                tolerance_m=how.tolerance / MM_PER_M,
+                max_iterations=how.iterations,
+            )
+            if how.on_failure == "stop" and (text := self.failures(found, table.lines)):
+                raise ModelError(f"{text}; on-failure keep leaves such points uncorrected")
+            interval = None
+            if how.coverage is not None:
+                interval = self.model.interval(found.q, wrench, how.coverage)
+            done.append(_Block(table.lines, found, interval))
+            extrapolates = self.seen.of(found.q, wrench)
+            yield corrected_table(table, robot, found, extrapolates, interval)
+            if self.seen.n_rows < self.n_points:
+                report("points corrected", self.seen.n_rows, self.n_points)
+
+    def failures(self, found: Compensation, lines: IntArray) -> str:
+        """Say how many points were not corrected, and why not the first; "" where all were."""
+        if found.converged.all():
+            return ""
+        first = np.argmin(found.converged)
+        problem = Problem(
+            f"{found.problem[first]} after {found.iterations[first]} iterations, contraction "
+            f"{found.contraction[first]:.3g}",
+            f"below 1, and {self.how.tolerance:g} mm within {self.how.iterations} iterations",
+            int(lines[first]),
+            self.about.pose_columns,
+        )
+        number = int((~found.converged).sum())
+        points = f"{number} of {self.n_points} points"
+        return f"{self.file}: {points} cannot be corrected, first {problem}"
+
+
+def corrected_path(file: Path, model: PathModel, output: Path, how: PathOptions) -> CorrectedPath:
+    """Correct the path in a file, write the commands, and warn of what is odd.
+
+    Raises:
+        ConfigError: an option is wrong.
+        DataError: the path cannot be read, or not be driven.
+        ModelError: a point cannot be corrected.
+        StoreError: the output cannot be written.
+    """
+    robot = model.robot
+    refuse_redundant(robot)
+    sheet, n_points = overview(file, BLOCK)
+    read = partial(
+        path_table,
+        robot=robot,
+        tool=tool_of(robot, how.tool),
+        load=how.load,
+        load_frame=how.load_frame,
+        frame=how.frame,
+    )
+    about, seen = read(sheet), RowsBeyond(model.training_range, robot)
+    for oddity in about.oddities:
+        say(f"warning: {oddity}")
+    seed = _seed(about, robot, how.start)
+    work = _Correction(file, model, how, read, about, n_points, seen)
+    blocks: list[_Block] = []
+    with display(), closing(read_sheets(file, BLOCK)) as sheets:
+        write_table(output, work.tables(sheets, seed, blocks))
+    lines, found = np.concatenate([one.lines for one in blocks]), [one.found for one in blocks]
+    whole, interval = Compensation.joined(found), None
+    if how.coverage is not None:
+        lower, upper = (
+            np.concatenate([getattr(one.interval, end) for one in blocks])
+            for end in ("lower", "upper")
+        )
+        interval = Interval(lower, upper, how.coverage)
+    if not seen.ends[1, -2:].any():
+        say(f"warning: {file}: every load is zero, so there is nothing to correct")
+    for warning, column in (
+        (work.failures(whole, lines), "uncorrected"),
+        (seen.warning, "extrapolates"),
+    ):
+        if warning:
+            text = f"{warning}; see the column {column}"
+            warnings.warn(text, StiffBenchWarning, stacklevel=3)  # of who calls `compensate_path`
+    return CorrectedPath(about.path.name, whole, interval)
+
+
+def _seed(about: PathTable, robot: Robot, start: Sequence[float] | None) -> FloatArray | None:
+    """Return the (n_joints,) joint positions, rad or m, that were asked for to begin with."""
+    if start is None:
+        return None
+    if about.q is not None:
+        raise ConfigError("the path has joint angles, which choose the configuration", "start")
+    if len(start) != robot.n_joints:
+        raise ConfigError(
+            f"{len(start)} joint positions (valid: the {robot.n_joints} of {robot.name})", "start"
+        )
+    return np.asarray(start) / file_units(robot)

@@ -1,0 +1,74 @@
+"""What can be named, checked and begun: words in, one function of `api/catalog.py` called."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from stiff_bench.cli.options import FILE, format_option, plugin_option, settings_option
+from stiff_bench.cli.refusals import Commands
+from stiff_bench.console import print_text
+
+
+@click.command("list")
+@click.argument(
+    "kind", metavar="KIND", type=click.Choice(["models", "datasets", "protocols", "metrics"])
+)
+@plugin_option
+@format_option
+def list_(kind: str, fmt: str) -> None:
+    """List what can be named.
+
+    KIND is models, datasets, protocols or metrics.
+    """
+    from stiff_bench.api import catalog
+
+    print_text(getattr(catalog, f"list_{kind}")().text_as(fmt))
+
+
+@click.command()
+@click.argument("key")
+@plugin_option
+def show(key: str) -> None:
+    """Explain a model, data set or protocol, with its options."""
+    from stiff_bench.api import catalog
+
+    print_text(catalog.show(key))
+
+
+@click.command()
+@click.argument("key")
+@click.option(
+    "--dataset",
+    default="fanuc-r2000ic",
+    metavar="KEY",
+    help="Data set that a model or protocol is checked on.",
+)
+@settings_option
+@plugin_option
+def check(key: str, dataset: str, settings: tuple[str, ...]) -> int:
+    """Check that a model, data set or protocol meets its contract.
+
+    Exit status: 0 nothing failed, 1 a check failed, 2 it cannot be checked.
+    """
+    from stiff_bench.api import catalog
+
+    checked = catalog.check(key, dataset=dataset, settings=settings)
+    print_text(repr(checked))
+    return 0 if checked.kept else 1
+
+
+@click.group(cls=Commands)
+def new() -> None:
+    """Write the first files of a plugin."""
+
+
+@new.command()
+@click.argument("name")
+@click.option("--output", type=FILE, default=Path(), metavar="DIR", help="Folder to write to.")
+def model(name: str, output: Path) -> None:
+    """Write a small working model and its test."""
+    from stiff_bench.api.catalog import new_model
+
+    print_text(new_model(name, output))
