@@ -100,7 +100,7 @@ class MadeResults:
                 tested = np.asarray(tested if tests is None else tests[index])
                 done = self._done(cell, presentation, run_id, data, tested, errors_mm[index])
                 result = replace(done, n_train=n_train or len(data.samples) - len(tested))
-            self._store.write_cell(replace(result, n_splits=n_splits))
+            self._store.write_cells([replace(result, n_splits=n_splits)])
             keys.append(cell.key)
         return keys
 

@@ -196,11 +196,6 @@ def no_garbage_collection() -> Iterator[None]:
             gc.enable()
 
 
-def collect(folder: Path) -> list[Case]:
-    """Return the cases of a folder: see `StoredResults.read`."""
-    return list(StoredResults.read(folder).cases)
-
-
 def case_name_of(result: CellResult) -> CaseName:
     """Return the name of the case that a result belongs to."""
     cell = result.cell

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from stiff_bench.analysis.collected import (
     Case,
+    StoredResults,
     chosen_cases,
-    collect,
     competitor_meant,
     competitor_names,
     stands_for,
@@ -99,7 +99,8 @@ class FigureSource:
             StoreError: it holds no results, or a file of it is damaged.
             ConfigError: a name has no results.
         """
-        chosen = chosen_cases(collect(folder), datasets=datasets, protocols=protocols)
+        every = StoredResults.read(folder).cases
+        chosen = chosen_cases(every, datasets=datasets, protocols=protocols)
         return cls(folder, tuple(chosen), tuple(models))
 
     @cached_property

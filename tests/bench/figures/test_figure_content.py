@@ -74,7 +74,9 @@ def test_a_calibration_has_a_point_for_each_coverage_that_every_split_has(tmp_pa
             shift = np.where(np.arange(len(result.prediction.rows)) % 2, 1.0, 0.0)[:, None]
             old = result.prediction.interval
             moved = Interval(old.lower + shift, old.upper + shift, 0.5)
-            store.write_cell(replace(result, prediction=replace(result.prediction, interval=moved)))
+            store.write_cells(
+                [replace(result, prediction=replace(result.prediction, interval=moved))]
+            )
     axes = FIGURES["calibration"](FigureSource.of(tmp_path)).draw().axes[0]
     lines = {one.get_label(): one.get_xydata() for one in axes.get_lines() if one.get_marker()}
     np.testing.assert_allclose(lines["gp"], [[50.0, 50.0], [80.0, 100.0]])

@@ -65,7 +65,7 @@ def test_the_results_of_every_model_of_the_paper_are_found_again(tmp_path):
     store = ResultStore(tmp_path)
     models = {name for run in runs for name in different(run.models)}
     for task in cell_tasks(*study_of(runs, tmp_path)):
-        store.write_cell(unfinished(task, "r", task.cell.key))
+        store.write_cells([unfinished(task, "r", task.cell.key)])
     stored = PaperResults.of(tmp_path)
     for protocol in (PAPER_PROTOCOL.name, READ_ON_ALL.name, FAIR_PROTOCOL.name):
         asked = {n for r in runs for n in different(r.models) if protocol in different(r.protocols)}

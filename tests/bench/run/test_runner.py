@@ -333,5 +333,5 @@ def test_an_option_that_is_infinite_can_be_stored(tasks_of, tmp_path):
     key = "sklearn:linear_model.RANSACRegressor"  # stop_score=inf
     task = tasks_of((key,), "fanuc-r2000ic")[0]
     store = ResultStore(tmp_path)
-    store.write_cell(computed(task))
+    store.write_cells([computed(task)])
     assert store.result(task.cell.key).cell.model_params["stop_score"] == "inf"
