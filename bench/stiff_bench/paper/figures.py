@@ -67,7 +67,7 @@ def figure_4(_: PaperResults) -> Prepared:
 def _regression(number: int, methods: Sequence[str], results: PaperResults) -> Prepared:
     """Take the test samples of the methods, each of which has a result, on shared splits."""
     method_of = {METHODS[method].name: method for method in methods}
-    found = results.on_shared_splits(method_of, PROTOCOL)
+    found = results.on_shared_splits([METHODS[method] for method in methods], PROTOCOL)
     lacking = [*found.missing, *found.failures]
     if lacking:
         why = "; ".join(found.failures.values()) or "not run"
@@ -98,7 +98,7 @@ def _published_mae(table: str, method: str) -> tuple[float, ...]:
 def figure_6(results: PaperResults) -> Prepared:
     """Take the fine-tunings that move one hidden layer, or two adjacent ones; some of each."""
     moving = (*study.SINGLE_LAYERS, *study.ADJACENT_PAIRS)
-    found = results.on_shared_splits((*(unfrozen(one).name for one in moving), VJM.name), PROTOCOL)
+    found = results.on_shared_splits((*map(unfrozen, moving), VJM), PROTOCOL)
     tuned = [one for name, of in found.results.items() if name != VJM.name for one in of]
     errors = variants.strategies(tuned)
     for kind in variants.KINDS[:2]:
@@ -145,8 +145,8 @@ def _draw_strategies(
 
 def figure_5(results: PaperResults) -> Prepared:
     """Take the networks of Figure 5 that the folder has, and the pre-trainings by activation."""
-    names = [pretrained(layers=d, width=width).name for width in study.WIDTHS for d in WIDTH_DEPTHS]
-    found = results.of_models(names, PROTOCOL)
+    swept = [pretrained(layers=d, width=width) for width in study.WIDTHS for d in WIDTH_DEPTHS]
+    found = results.of_models(swept, PROTOCOL)
     n_widths = variants.errors_on_source(found.each).groupby("depth")["width"].nunique()
     few = [str(depth) for depth in WIDTH_DEPTHS if n_widths.get(depth, 0) < FEWEST_WIDTHS]
     if few:
@@ -159,13 +159,14 @@ def figure_5(results: PaperResults) -> Prepared:
     width = study.DEPTH_WIDTH
     stopped = [pretrained(layers=d, width=width, stopped_early=True) for d in WIDTH_DEPTHS]
     stopped.append(pretrained(stopped_early=True))
-    early = results.of_models([one.name for one in stopped], PROTOCOL)
-    activations = {pretrained(activation=kind).name: kind for kind in reversed(study.ACTIVATIONS)}
-    trained = results.on_shared_splits(activations, PROTOCOL)
+    early = results.of_models(stopped, PROTOCOL)
+    by_activation = {kind: pretrained(activation=kind) for kind in reversed(study.ACTIVATIONS)}
+    trained = results.on_shared_splits(by_activation.values(), PROTOCOL)
     curves = [
         curve
-        for name, (first, *_) in trained.results.items()
-        for curve in losses.curves_of(first, activations[name])
+        for kind, model in by_activation.items()
+        for first in trained.results.get(model.name, ())[:1]
+        for curve in losses.curves_of(first, kind)
     ]
     if not curves:
         raise StoreError(
