@@ -137,6 +137,17 @@ def test_a_learning_curve_is_the_geometric_mean_with_students_interval_of_three_
     )
 
 
+def test_the_size_is_the_number_of_poses_that_is_stored(tmp_path):
+    """Not one that is tried out: results of an older stiffbench alone, as the others here, do."""
+    made, store = MadeResults(tmp_path), ResultStore(tmp_path)
+    for size in SIZES:
+        about = EFFICIENCY | {"condition": f"n = {size}", "n_train": 1}
+        for model in ("vjm", "gp"):
+            (key,) = made.add(model, [0.1], **about)
+            store.write_cells([replace(store.result(key), n_poses=size)])
+    assert list(errors_of(tmp_path).columns) == list(SIZES)
+
+
 def test_a_data_set_that_lacks_a_size_is_no_part_of_a_learning_curve(tmp_path):
     made = learned(tmp_path)
     made.add("vjm", [9.0], dataset="twin@specimen=4", condition="n = 5", **EFFICIENCY)
