@@ -101,14 +101,14 @@ def figure_6(results: PaperResults) -> Prepared:
     found = results.on_shared_splits((*map(unfrozen, moving), VJM), PROTOCOL)
     tuned = [one for name, of in found.results.items() if name != VJM.name for one in of]
     errors = variants.strategies(tuned)
-    for kind in variants.KINDS[:2]:
+    for kind in (variants.SINGLE, variants.PAIR):
         if kind not in set(errors["kind"]):
             raise StoreError(
                 f"{results.folder}: no result of {FT_MLP.key} under {PROTOCOL} that "
                 f"moves {kind}; {REPRODUCE} makes it",
                 "results",
             )
-    linear = [variants.mean_error(one) for one in found.results.get(VJM.name, ())]
+    linear = [variants.mean_absolute_error_mm(one) for one in found.results.get(VJM.name, ())]
     caption = (
         f"The paper's Figure 6: {FT_MLP.key} with one hidden layer unfrozen (dashed) or two. (a) "
         "Validation loss of the fine-tuning, first split; mark: least of the stored epochs. (b) "
@@ -125,10 +125,11 @@ def _draw_strategies(
     first: dict[str, CellResult], errors: pd.DataFrame, linear: Sequence[float]
 ) -> Figure:
     figure, (left, right) = style.new_panels(2, PANEL_INCH, 0.0)
+    kinds = dict(zip(errors["layers"], errors["kind"], strict=True))
     for (layers, result), look in zip(first.items(), style.looks(len(first)), strict=True):
         step, _, loss = result.curves.get("fine-tuning", np.full((1, 3), np.nan)).T
         if losses.has_place(loss).any():
-            pair, best = "+" in layers, losses.least_at(loss)
+            pair, best = kinds[layers] == variants.PAIR, losses.least_at(loss)
             points = look.points() | {"markersize": 4.5}
             line = points | {"linestyle": "-" if pair else DASHED, "markevery": [best]}
             left.plot(step, loss, **line, label=f"layer{'s' * pair} {layers}")
