@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from stiff_bench.figures.variants import SOURCE_MAE
 from stiff_bench.paper import study
 from stiff_bench.paper.results import FULL, Found, PaperResults
 from stiff_bench.paper.table import (
@@ -34,7 +35,7 @@ PROTOCOL = study.PAPER_PROTOCOL.name
 ON_SOURCE = {
     "train MAE": "source training MAE [mm]",
     "train STDE": "source training STDE [mm]",
-    "test MAE": "source test MAE [mm]",
+    "test MAE": SOURCE_MAE,
     "test STDE": "source test STDE [mm]",
 }
 """Column -> what a pre-trained network reports."""
