@@ -65,9 +65,6 @@ class PaperRuns(MadeResults):
         )
 
     def of(self, model, errors_mm=(), protocol=PAPER, **words):
-        """Write a model's cells; a variant's options keep their types, as in a run."""
-        if isinstance(model, Variant):
-            model, words = model.name, {"options": model.options, **words}
         return self.add(model, errors_mm, "kr10-twin", protocol, **words)
 
     @property
